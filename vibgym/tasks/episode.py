@@ -1,8 +1,8 @@
-"""Episodes: how the parts stand to their goals and to one another, and what a step is worth. One compiled pass over the worlds.
+"""Episodes of all worlds: errors to the goals, distances between parts, success and reward, in one compiled pass.
 
-Every part has a goal: a rectangle for its centre, which is a point for a pose and may be the whole plane, and a heading, where
-it counts. It is done within the tolerances, slowly enough, and far enough from the others. A task sets these numbers and says
-which reward terms it has and how much they weigh; the kernels know no tasks.
+Every part has a goal: a rectangle for its centre (a point for a pose, or the whole plane) and a heading where it counts. A part
+is done if it is within the tolerances, slow enough and far enough from the others. A task sets these limits and the weights of
+the reward terms (:class:`Rules`); the kernels do not depend on the task.
 """
 
 from __future__ import annotations
@@ -22,25 +22,24 @@ APPROACH_SCALE = 0.010  # m
 TURN_SCALE = 1.0  # rad
 ALIGNMENT_SCALE = 0.15  # rad
 TOUCHING = 1e-4
-"""Pairs closer than this are counted as touching, m."""
+"""m, distance below which a pair of parts counts as touching."""
 
 QUANTITIES = (
     "distance", "approach", "turn", "alignment", "inside", "within", "clearance", "time", "success", "fallen", "good", "faulty"
 )  # fmt: skip
-"""What reward terms may count, each at most 1 in magnitude; changes are those since the last step, all means are over the
-parts.
+"""Quantities of reward terms, each at most 1 in magnitude. Changes are those since the last step, means are over the parts.
 
-- distance: by how much the mean distance has shrunk, per 100 mm; approach: the same of tanh(mean distance / 10 mm)
-- turn: by how much the mean heading error has shrunk, per rad; alignment: the same of tanh(heading error / 0.15 rad)
+- distance: decrease of the mean distance, per 100 mm; approach: decrease of tanh(mean distance / 10 mm)
+- turn: decrease of the mean heading error, per rad; alignment: decrease of tanh(mean heading error / 0.15 rad)
 - inside: change of the share of parts whose centre is at its goal
-- within: 1 if all parts are where and as they should be
-- clearance: change of the mean of min(distance to the nearest part / what is asked, 1)
+- within: 1 if all parts are within their limits
+- clearance: change of the mean of min(distance to the nearest part / required distance, 1)
 - time: -1, success: 1, fallen: -1 if a part has fallen
 - good, faulty: 1 if a part has left as it should, -1 if it has left otherwise, where parts arrive and leave (:mod:`.flow`)
 
-A part's own terms count the same of that part alone: its distance, its heading error, whether it is inside, and within, and
-its distance to the nearest; -1 for fallen if it is the one; time and success as they are. So the mean of the parts' terms is
-the world's where that is linear in the parts: not for approach, alignment, within and fallen, nor at the bound of a term.
+The terms of one part count the same quantities of that part alone; fallen is -1 for the part that has fallen, and time and
+success are those of the world. The mean of the parts' terms is therefore the world's term where this is linear in the parts:
+not for approach, alignment, within and fallen, nor at the bound of a term.
 """
 (DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN, GOOD, FAULTY) = range(
     len(QUANTITIES)
@@ -48,13 +47,11 @@ the world's where that is linear in the parts: not for approach, alignment, with
 
 
 class Rules(NamedTuple):
-    """What the kernels know of the task."""
+    """Limits and reward weights of a task."""
 
     zone: np.ndarray  # (parts, 4) m: x_low, y_low, x_high, y_high of each part's rectangle, about its goal
     tolerance: np.ndarray  # (parts, 2) m from the rectangle, and rad, which is infinite where headings do not count
-    asked: (
-        np.ndarray
-    )  # (parts,) bool, of which anything is asked: others are done, unless they fall, and count no errors
+    asked: np.ndarray  # (parts,) bool, parts with a goal; others are done unless they fall, and have no errors
     heading_period: np.ndarray  # (parts,) rad; headings that differ by it are the same; 0: headings are not wrapped
     limit: np.ndarray  # (LIMITS,)
     term: np.ndarray  # (terms,) int64 index among QUANTITIES of each reward term
@@ -64,22 +61,22 @@ class Rules(NamedTuple):
 LIMITS = ("slow", "apart", "far", "hold", "periods")
 """- slow: m/s, speed below which a part is done
 - apart: m, distance to the nearest other part above which a part is done; -inf where it does not count
-- far: m, taken as the distance where there is no other part
-- hold: periods in a row with all parts done; periods: of a step
+- far: m, distance reported where there is no other part
+- hold: consecutive periods with all parts done for success; periods: of a step
 """
 SLOW, APART, FAR, HOLD, PERIODS = range(len(LIMITS))
 AWAY, TURNED = range(2)  # of Rules.tolerance
 
 
 PREVIEW = 4
-"""Oscillation periods ahead of which the state observation tells where a moving goal will be, one after the other."""
+"""Number of periods ahead for which the state observation includes the pose of a moving goal."""
 
 MOTION = 3 * (1 + PREVIEW)
-"""Numbers of a goal's motion, see :attr:`Episode.motion`."""
+"""Length of :attr:`Episode.motion` of one part."""
 
 EVENTS = ("stays", "good", "tilted", "close", "wrong", "lost")
-"""What becomes of a part where parts arrive and leave: it stays; it leaves good, tilted, too close to another, through the
-wrong gate; or it has fallen."""
+"""Events of a part where parts arrive and leave: it stays; it leaves good, tilted, too close to another, or through the wrong
+gate; or it has fallen (lost)."""
 STAYS, LEFT_GOOD, TILTED, TOO_CLOSE, WRONG, LOST = range(len(EVENTS))
 
 NO_PATHS = np.zeros((0, 0, 0, 0))
@@ -93,30 +90,28 @@ class Start(NamedTuple):
     present: np.ndarray  # (n, parts) bool
     goal: np.ndarray  # (n, parts, 3) goal poses; zeros for tasks without
     paths: np.ndarray = NO_PATHS  # (n, parts, rows, 6) along which goals move, see vibgym.tasks.route; else empty
-    key: np.ndarray = (
-        NO_KEY  # (n, 2) int64 of the random numbers of parts that arrive, see vibgym.tasks.flow; else empty
-    )
+    key: np.ndarray = NO_KEY  # (n, 2) int64, key of the random numbers of arrivals, see vibgym.tasks.flow; else empty
 
 
 class Relations(NamedTuple):
-    """How the parts stand to their goals and to one another, by true or by measured poses."""
+    """Errors to the goals and distances between parts, from true or measured poses."""
 
-    # (worlds, parts, 3) goal minus pose, to the nearest point of the rectangle: m, m, rad; 0 of absent ones
+    # (worlds, parts, 3) goal, or nearest point of its rectangle, minus pose: m, m, rad; 0 for absent parts
     error: np.ndarray
     gap: np.ndarray  # (worlds, parts) m, to the nearest other part; negative: overlap
-    neighbour: np.ndarray  # (worlds, parts) int64, which that is; -1: none
+    neighbour: np.ndarray  # (worlds, parts) int64, index of the nearest other part; -1: none
 
 
 class Episode(NamedTuple):
-    """Progress of every world's episode, changed in place; what is one number a world stands together, see the properties."""
+    """Progress of every world's episode, changed in place. Scalars per world share an array; the properties name them."""
 
     goal: np.ndarray  # (worlds, parts, 3) m, m, rad; zeros where the task has zones or none
     # (worlds, parts, MOTION): velocity of the goal (m/s, m/s, rad/s), and its pose 1, 2, ... PREVIEW periods ahead minus the
     # present one (m, m, rad); (worlds, parts, 0) for tasks whose goals stay
     motion: np.ndarray
-    present: np.ndarray  # (worlds, parts) bool, for the whole episode, unless parts arrive and leave
+    present: np.ndarray  # (worlds, parts) bool; constant unless parts arrive and leave
     arrived: np.ndarray  # (worlds, parts) bool, parts that have arrived in this step
-    event: np.ndarray  # (worlds, parts) int64, what has become of parts that have left in this step, of EVENTS
+    event: np.ndarray  # (worlds, parts) int64 index of EVENTS, of parts that have left in this step
     done: np.ndarray  # (worlds, parts) bool
     number: np.ndarray  # (worlds, NUMBERS)
     count: np.ndarray  # (worlds, COUNTS) int64
@@ -134,12 +129,12 @@ class Episode(NamedTuple):
 
     @property
     def position_error(self) -> np.ndarray:
-        """(worlds,) m, largest distance of a part to its goal, or what the smallest gap lacks."""
+        """(worlds,) m, largest distance of a part to its goal, or shortfall of the smallest gap if that is larger."""
         return self.number[:, POSITION_ERROR]
 
     @property
     def heading_error(self) -> np.ndarray:
-        """(worlds,) rad, the largest, magnitude; 0 where headings do not count."""
+        """(worlds,) rad, largest magnitude of a heading error; 0 where headings do not count."""
         return self.number[:, HEADING_ERROR]
 
     @property
@@ -149,12 +144,12 @@ class Episode(NamedTuple):
 
     @property
     def parts_done(self) -> np.ndarray:
-        """(worlds,) int64."""
+        """(worlds,) int64, number of parts done."""
         return self.count[:, PARTS_DONE]
 
     @property
     def touching(self) -> np.ndarray:
-        """(worlds,) int64, pairs of parts in touch."""
+        """(worlds,) int64, pairs of touching parts."""
         return self.count[:, IN_TOUCH]
 
     @property
@@ -173,34 +168,35 @@ class Episode(NamedTuple):
         return self.flag[:, ENDED]
 
 
-class Judged(NamedTuple):
-    """All that the kernels need, pinned in memory."""
+class Context(NamedTuple):
+    """Arguments of the scoring kernels, pinned in memory."""
 
     relations: Relations
     episode: Episode
     rules: Rules
     hulls: Hulls
-    placed: np.ndarray  # scratch: as hulls.corner; (4,) see score_worlds; (QUANTITIES,)
-    before: np.ndarray
-    quantity: np.ndarray
-    fits: np.ndarray  # scratch: (parts,) bool, which are where and as they should be, be it on the floor
+    placed: np.ndarray  # scratch: corners of the placed hulls, as hulls.corner
+    before: np.ndarray  # scratch: (4,) first columns of Episode.number before the step
+    quantity: np.ndarray  # scratch: (QUANTITIES,)
+    fits: np.ndarray  # scratch: (parts,) bool, parts within their limits, whether or not they have fallen
 
 
-JUDGED: Layout[Judged] = Layout("JUDGED", __name__)
-judged_at = JUDGED.at
+CONTEXT: Layout[Context] = Layout("CONTEXT", __name__)
+context_at = CONTEXT.at
 
-# Columns of Episode.number: mean distance (m), mean heading error (rad), share of the parts at the goal and mean share of the
-# clearance are what the next step is held against.
+# Columns of Episode.number. The next step is compared with the first four: mean distance (m), mean heading error (rad), share
+# of the parts at the goal, mean share of the required clearance.
 MEAN_DISTANCE, MEAN_TURN, SHARE_INSIDE, SHARE_CLEAR, POSITION_ERROR, HEADING_ERROR, SMALLEST_GAP, REWARD = range(8)
-# Columns of Episode.part_number, which a part's next step is held against: distance (m), tanh of it over its scale, heading
-# error (rad), tanh likewise, 1 at the goal, share of the clearance.
+# Columns of Episode.part_number, with which a part's next step is compared: distance (m), tanh of it over its scale, heading
+# error (rad), tanh likewise, 1 at the goal, share of the required clearance.
 PART_AWAY, PART_NEAR, PART_TURN, PART_ALIGNED, PART_INSIDE, PART_CLEAR = range(6)
-PARTS_DONE, IN_TOUCH, HELD = range(3)  # of Episode.count; HELD: periods in a row with all parts done
-DOWN, SUCCEEDED, ENDED, BARRED = range(4)  # of Episode.flag; BARRED: no success yet, or never, see vibgym.tasks.follow
+PARTS_DONE, IN_TOUCH, HELD = range(3)  # of Episode.count; HELD: consecutive periods with all parts done
+# Columns of Episode.flag. BARRED: success is not possible yet, or no longer, see vibgym.tasks.follow.
+DOWN, SUCCEEDED, ENDED, BARRED = range(4)
 
 
 def new_relations(worlds: int, parts: int) -> Relations:
-    """Arrays for ``worlds`` worlds."""
+    """Allocate relations."""
     return Relations(
         error=np.zeros((worlds, parts, 3)),
         gap=np.zeros((worlds, parts)),
@@ -209,7 +205,7 @@ def new_relations(worlds: int, parts: int) -> Relations:
 
 
 def new_episode(worlds: int, parts: int, terms: int, motion: int = 0) -> Episode:
-    """Arrays for ``worlds`` worlds, with so many numbers for the motion of every goal."""
+    """Allocate an episode with ``terms`` reward terms and ``motion`` numbers for the motion of every goal."""
     return Episode(
         goal=np.zeros((worlds, parts, 3)),
         motion=np.zeros((worlds, parts, motion)),
@@ -235,7 +231,7 @@ def _limited(value):
 
 @borrowing
 def wrapped(difference, period):
-    """An angle's equivalent in [-period / 2, period / 2]; the angle itself for a period of 0."""
+    """Return an angle's equivalent in [-period / 2, period / 2]; the angle itself for a period of 0."""
     if period > 0.0:
         return difference - period * math.floor(difference / period + 0.5)
     return difference
@@ -243,10 +239,10 @@ def wrapped(difference, period):
 
 @borrowing
 def misses_goal(difference, position_tolerance, heading_tolerance, heading_period, result):
-    """Whether poses miss their goals, by goal minus pose.
+    """Compute whether poses miss their goals.
 
     Args:
-        difference: (n, 2) m, or (n, 3) with the heading, rad.
+        difference: (n, 2) goal minus pose, m, or (n, 3) with the heading, rad.
         result: (n,) bool, overwritten.
     """
     for k in range(difference.shape[0]):
@@ -256,14 +252,18 @@ def misses_goal(difference, position_tolerance, heading_tolerance, heading_perio
 
 
 @borrowing
-def relate_gaps(all_of, pose, gone, world):
-    """Nearest neighbours in one world; parts that are gone are out of the way.
+def relate_gaps(context, pose, gone, world):
+    """Compute the nearest neighbours in one world; parts that are ``gone`` are ignored.
 
     Returns:
         The smallest gap, m, and the number of touching pairs.
     """
-    parts, hulls, placed, far = pose.shape[1], all_of.hulls, all_of.placed, all_of.rules.limit[FAR]
-    here, gap, neighbour = all_of.episode.present[world], all_of.relations.gap[world], all_of.relations.neighbour[world]
+    parts, hulls, placed, far = pose.shape[1], context.hulls, context.placed, context.rules.limit[FAR]
+    here, gap, neighbour = (
+        context.episode.present[world],
+        context.relations.gap[world],
+        context.relations.neighbour[world],
+    )
     for i in range(parts):
         gap[i], neighbour[i] = far, -1
         if parts > 1 and here[i] and not gone[world, i]:
@@ -290,10 +290,10 @@ def relate_gaps(all_of, pose, gone, world):
 
 
 @borrowing
-def relate_world(all_of, pose, gone, world):
-    """How the parts of one world stand to their goals and to one another; returns the smallest gap and the touching pairs."""
-    rules, goal, present, error = all_of.rules, all_of.episode.goal, all_of.episode.present, all_of.relations.error
-    clearance, touching = relate_gaps(all_of, pose, gone, world)
+def relate_world(context, pose, gone, world):
+    """Compute the relations of one world; returns the smallest gap, m, and the number of touching pairs."""
+    rules, goal, present, error = context.rules, context.episode.goal, context.episode.present, context.relations.error
+    clearance, touching = relate_gaps(context, pose, gone, world)
     for i in range(pose.shape[1]):
         ex, ey, turn = 0.0, 0.0, 0.0
         if present[world, i]:
@@ -307,16 +307,16 @@ def relate_world(all_of, pose, gone, world):
 
 
 @borrowing
-def judge_world(all_of, mean_velocity, fallen, world, clearance, touching):
-    """Which parts of one world are done, and its errors.
+def evaluate_world(context, mean_velocity, fallen, world, clearance, touching):
+    """Compute the errors of one world and which parts are done.
 
     Args:
         clearance, touching: from :func:`relate_world`.
 
     Returns:
-        Whether all parts are done, and whether all are where and as they should be, be it on the floor.
+        Whether all parts are done, and whether all are within their limits, fallen or not.
     """
-    relations, episode, rules, limit = all_of.relations, all_of.episode, all_of.rules, all_of.rules.limit
+    relations, episode, rules, limit = context.relations, context.episode, context.rules, context.rules.limit
     number = episode.number[world]
     apart = limit[APART]
     error, clear = max(apart - clearance, 0.0), 0.0
@@ -339,7 +339,7 @@ def judge_world(all_of, mean_velocity, fallen, world, clearance, touching):
         fitting = away <= rules.tolerance[i, AWAY] and turned <= rules.tolerance[i, TURNED] and slow and gap > apart
         fitting = fitting or not rules.asked[i]
         fit += fitting
-        all_of.fits[i] = fitting
+        context.fits[i] = fitting
         if fallen[world, i]:
             down = True
         elif fitting:
@@ -355,13 +355,13 @@ def judge_world(all_of, mean_velocity, fallen, world, clearance, touching):
 
 
 @borrowing
-def reward_world(all_of, within, world):
-    """Reward terms of one world and their sum.
+def reward_world(context, within, world):
+    """Compute the reward terms of one world and their sum.
 
     Args:
-        within: whether all parts are where and as they should be.
+        within: whether all parts are within their limits.
     """
-    rules, episode, before, quantity = all_of.rules, all_of.episode, all_of.before, all_of.quantity
+    rules, episode, before, quantity = context.rules, context.episode, context.before, context.quantity
     now, flag = episode.number[world], episode.flag[world]
     quantity[DISTANCE] = _limited((before[MEAN_DISTANCE] - now[MEAN_DISTANCE]) / DISTANCE_SCALE)
     quantity[APPROACH] = math.tanh(before[MEAN_DISTANCE] / APPROACH_SCALE) - math.tanh(
@@ -386,12 +386,9 @@ def reward_world(all_of, within, world):
 
 
 @borrowing
-def reward_part(all_of, world, part):
-    """Reward terms of one part and their sum, against what its numbers were; the numbers are brought up to date.
-
-    A step that starts an episode leaves no terms, see :func:`score_worlds`.
-    """
-    rules, episode, relations, quantity = all_of.rules, all_of.episode, all_of.relations, all_of.quantity
+def reward_part(context, world, part):
+    """Compute the reward terms of one part and their sum from the change of ``part_number``, which is updated."""
+    rules, episode, relations, quantity = context.rules, context.episode, context.relations, context.quantity
     before, apart = episode.part_number[world, part], rules.limit[APART]
     ex, ey, turned = relations.error[world, part, 0], relations.error[world, part, 1], relations.error[world, part, 2]
     away, turned = math.sqrt(ex * ex + ey * ey), abs(turned)
@@ -403,7 +400,7 @@ def reward_part(all_of, world, part):
     quantity[TURN] = _limited((before[PART_TURN] - turned) / TURN_SCALE)
     quantity[ALIGNMENT] = before[PART_ALIGNED] - aligned
     quantity[INSIDE] = inside - before[PART_INSIDE]
-    quantity[WITHIN] = 1.0 if all_of.fits[part] else 0.0
+    quantity[WITHIN] = 1.0 if context.fits[part] else 0.0
     quantity[CLEARANCE] = clear - before[PART_CLEAR]
     quantity[TIME] = -1.0
     quantity[SUCCESS] = 1.0 if episode.flag[world, SUCCEEDED] else 0.0
@@ -421,14 +418,14 @@ def reward_part(all_of, world, part):
 
 
 @borrowing
-def reward_parts(all_of, fallen, starting, world):
-    """Reward terms of every part of one world: zeros of absent ones, and of all where an episode starts."""
-    episode = all_of.episode
+def reward_parts(context, fallen, starting, world):
+    """Compute the reward terms of every part of one world: zero for absent parts, and for all where an episode starts."""
+    episode = context.episode
     for i in range(fallen.shape[1]):
         here = episode.present[world, i]
         episode.part_fallen[world, i] = here and fallen[world, i]
         if here:
-            reward_part(all_of, world, i)
+            reward_part(context, world, i)
         if starting or not here:
             episode.part_reward[world, i] = 0.0
             for k in range(episode.part_terms.shape[2]):
@@ -436,44 +433,44 @@ def reward_parts(all_of, fallen, starting, world):
 
 
 @borrowing
-def relate_worlds(judged, worlds, pose, gone):
-    """Bring the relations of some worlds up to date.
+def relate_worlds(address, worlds, pose, gone):
+    """Update the relations of some worlds.
 
     Args:
-        judged: address of a pinned :class:`Judged`, whose relations are overwritten.
+        address: of a pinned :class:`Context`, whose relations are overwritten.
         worlds: (n,) index.
-        pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts that are out of the way.
+        pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts to ignore.
     """
-    all_of = judged_at(judged)
+    context = context_at(address)
     for k in range(worlds.shape[0]):
-        relate_world(all_of, pose, gone, worlds[k])
+        relate_world(context, pose, gone, worlds[k])
 
 
 @borrowing
-def score_worlds(state, judged, starting, worlds):
-    """Score one step of some worlds against the one before, or start their episodes, whose goals and parts are set.
+def score_worlds(state, address, starting, worlds):
+    """Score one step of some worlds relative to the previous one, or start their episodes, whose goals and parts are set.
 
     Args:
         state: address of the pinned true state.
-        judged: address of a pinned :class:`Judged`, whose relations and episode are changed.
+        address: of a pinned :class:`Context`, whose relations and episode are changed.
         starting: whether their episodes start.
         worlds: (n,) index.
     """
-    true, all_of = state_at(state), judged_at(judged)
-    episode, limit, before = all_of.episode, all_of.rules.limit, all_of.before
+    true, context = state_at(state), context_at(address)
+    episode, limit, before = context.episode, context.rules.limit, context.before
     for k in range(worlds.shape[0]):
         world = worlds[k]
         number, count, flag = episode.number, episode.count, episode.flag
         for i in range(4):
             before[i] = number[world, i]
-        clearance, touching = relate_world(all_of, true.pose, true.fallen, world)
-        complete, within = judge_world(all_of, true.mean_velocity, true.fallen, world, clearance, touching)
+        clearance, touching = relate_world(context, true.pose, true.fallen, world)
+        complete, within = evaluate_world(context, true.mean_velocity, true.fallen, world, clearance, touching)
         if starting:
             count[world, HELD], flag[world, SUCCEEDED], flag[world, ENDED] = 0, False, False
             number[world, REWARD] = 0.0
             for term in range(episode.terms.shape[1]):
                 episode.terms[world, term] = 0.0
-            reward_parts(all_of, true.fallen, True, world)
+            reward_parts(context, true.fallen, True, world)
             continue
         sound = not (flag[world, DOWN] or true.diverged[world])
         count[world, HELD] = (
@@ -481,5 +478,5 @@ def score_worlds(state, judged, starting, worlds):
         )
         flag[world, SUCCEEDED] = count[world, HELD] >= limit[HOLD]
         flag[world, ENDED] = flag[world, SUCCEEDED] or not sound
-        reward_world(all_of, within, world)
-        reward_parts(all_of, true.fallen, False, world)
+        reward_world(context, within, world)
+        reward_parts(context, true.fallen, False, world)

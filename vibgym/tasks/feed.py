@@ -175,7 +175,7 @@ class FlowScoring(Scoring):
             warm_up=warm_up,
             period=surface.period,
             inlet=inlet,
-            judged=self._judged.record,
+            context=self._context.record,
         )
         self.players, self.rewarded, self.changed = self._flow.pool, self._flow.there, self._flow.changed
         self._pinned = self._with_scratch()
@@ -205,7 +205,7 @@ class FlowScoring(Scoring):
         shared = self._flow.inlet
         scratch = {name: getattr(shared, name).copy() for name in ("numbers", "order", "chance", "pose")}
         inlet = shared._replace(**scratch)
-        return Pinned(FLOW, self._flow._replace(inlet=inlet, judged=self.judged(self.relations).record))
+        return Pinned(FLOW, self._flow._replace(inlet=inlet, context=self.context(self.relations).record))
 
 
 def new_inlet(surface: Surface, parts: Sequence[Part], low: float, high: float, together: int, length: float) -> Inlet:

@@ -37,7 +37,7 @@ from vibgym.tasks.episode import (
     TOO_CLOSE,
     TURNED,
     WRONG,
-    Judged,
+    Context,
     relate_world,
     reward_part,
 )
@@ -81,7 +81,7 @@ def shuffle_waiting(inlet, key, tried, waiting):
 
 
 @borrowing
-def find_place(inlet, hulls, placed, key, tried, present, pose):
+def find_free_pose(inlet, hulls, placed, key, tried, present, pose):
     """Look for room for the part ``order[0]``; its pose is left in ``inlet.pose``.
 
     Args:
@@ -115,10 +115,10 @@ def find_place(inlet, hulls, placed, key, tried, present, pose):
 
 
 @borrowing
-def pile_up(inlet, hulls, placed, key, tried, present, pose):
+def draw_heap(inlet, hulls, placed, key, tried, present, pose):
     """Pile the parts ``order[:inlet.heap]`` up, if their room is free; their poses are left in ``inlet.pose``.
 
-    Args: as for :func:`find_place`.
+    Args: as for :func:`find_free_pose`.
 
     Returns:
         Whether it is.
@@ -136,7 +136,7 @@ def pile_up(inlet, hulls, placed, key, tried, present, pose):
 
 
 @borrowing
-def deliver(inlet, hulls, placed, key, tried, waiting, present, pose):
+def draw_arrivals(inlet, hulls, placed, key, tried, waiting, present, pose):
     """Let parts arrive that wait for it.
 
     Args:
@@ -149,8 +149,8 @@ def deliver(inlet, hulls, placed, key, tried, waiting, present, pose):
     if shuffle_waiting(inlet, key, tried, waiting) < inlet.heap:
         return 0
     if inlet.heap > 1:
-        return inlet.heap if pile_up(inlet, hulls, placed, key, tried, present, pose) else 0
-    return 1 if find_place(inlet, hulls, placed, key, tried, present, pose) else 0
+        return inlet.heap if draw_heap(inlet, hulls, placed, key, tried, present, pose) else 0
+    return 1 if find_free_pose(inlet, hulls, placed, key, tried, present, pose) else 0
 
 
 LEFT, TRANSIT, ON_TABLE, STEPS = len(EVENTS), len(EVENTS) + 1, len(EVENTS) + 2, len(EVENTS) + 3
@@ -184,7 +184,7 @@ class Flow(NamedTuple):
     warm_up: int  # periods that do not count
     period: float  # s
     inlet: Inlet
-    judged: Judged
+    context: Context
 
 
 FLOW: Layout[Flow] = Layout("FLOW", __name__)
@@ -202,9 +202,9 @@ def gate_of(flow, x, y):
 
 
 @borrowing
-def would_pass(flow, world, part):
+def is_straight_and_apart(flow, world, part):
     """Whether a part is straight and far enough from the others to leave, by relations that are up to date."""
-    relations, rules = flow.judged.relations, flow.judged.rules
+    relations, rules = flow.context.relations, flow.context.rules
     return abs(relations.error[world, part, 2]) <= rules.tolerance[part, TURNED] and (
         relations.gap[world, part] >= flow.spacing
     )
@@ -222,18 +222,18 @@ def event_of(flow, state, world, part):
     flow.last[world, gate] = flow.clock[world]
     if gate != flow.kind[part]:
         return WRONG
-    judged = flow.judged
-    if abs(judged.relations.error[world, part, 2]) > judged.rules.tolerance[part, TURNED]:
+    context = flow.context
+    if abs(context.relations.error[world, part, 2]) > context.rules.tolerance[part, TURNED]:
         return TILTED
-    if judged.relations.gap[world, part] < flow.spacing or since < flow.headway:
+    if context.relations.gap[world, part] < flow.spacing or since < flow.headway:
         return TOO_CLOSE
     return LEFT_GOOD
 
 
 @borrowing
-def judge_parts(flow, state, world):
+def evaluate_parts(flow, state, world):
     """Say what becomes of every part of a world, and reward it."""
-    episode, done = flow.judged.episode, 0
+    episode, done = flow.context.episode, 0
     total = episode.terms[world]
     slots = 0
     for k in range(total.shape[0]):
@@ -243,16 +243,16 @@ def judge_parts(flow, state, world):
         flow.there[world, part], episode.arrived[world, part] = here, False
         episode.event[world, part] = event_of(flow, state, world, part) if here else STAYS
         episode.part_fallen[world, part] = episode.event[world, part] == LOST
-        flow.judged.fits[part] = here and would_pass(flow, world, part)
+        flow.context.fits[part] = here and is_straight_and_apart(flow, world, part)
         at_own = gate_of(flow, flow.gate[flow.kind[part], 0], state.pose[world, part, 1]) == flow.kind[part]
-        episode.done[world, part] = flow.judged.fits[part] and at_own
+        episode.done[world, part] = flow.context.fits[part] and at_own
         done += episode.done[world, part]
         slots += flow.pool[world, part]
         episode.part_reward[world, part] = 0.0
         for k in range(total.shape[0]):
             episode.part_terms[world, part, k] = 0.0
         if here:
-            reward_part(flow.judged, world, part)
+            reward_part(flow.context, world, part)
             for k in range(total.shape[0]):
                 total[k] += episode.part_terms[world, part, k]
     reward = 0.0
@@ -264,32 +264,32 @@ def judge_parts(flow, state, world):
 
 
 @borrowing
-def take_away(flow, state, world, part):
+def remove_part(flow, state, world, part):
     """Take a part off the table."""
     for k in range(3):
         state.pose[world, part, k] = flow.away[k]
         state.velocity[world, part, k] = state.mean_velocity[world, part, k] = 0.0
     state.pushed[world, part, 0] = state.pushed[world, part, 1] = 0.0
     state.fallen[world, part], state.sticking[world, part] = True, False
-    flow.judged.episode.present[world, part] = flow.judged.episode.done[world, part] = False
+    flow.context.episode.present[world, part] = flow.context.episode.done[world, part] = False
 
 
 @borrowing
-def put_down(flow, state, world, part, pose):
+def place_part(flow, state, world, part, pose):
     """Put a part on the table at a pose (3,), where it slides in place."""
     for k in range(3):
         state.pose[world, part, k] = pose[k]
         state.velocity[world, part, k], state.mean_velocity[world, part, k] = flow.idle[world, part, k], 0.0
     state.fallen[world, part] = state.sticking[world, part] = state.doubtful[world, part] = False
-    episode = flow.judged.episode
+    episode = flow.context.episode
     episode.present[world, part] = episode.arrived[world, part] = True
     flow.age[world, part] = 0
 
 
 @borrowing
-def let_go(flow, state, world):
+def remove_leaving(flow, state, world):
     """Take parts off the table that leave in this step, and count them; returns whether there are any."""
-    event, counts, tally = flow.judged.episode.event, flow.clock[world] > flow.warm_up, flow.tally[world]
+    event, counts, tally = flow.context.episode.event, flow.clock[world] > flow.warm_up, flow.tally[world]
     some = False
     for part in range(event.shape[1]):
         flow.changed[world, part] = event[world, part] != STAYS
@@ -300,38 +300,38 @@ def let_go(flow, state, world):
                 if event[world, part] != LOST:
                     tally[LEFT] += 1
                     tally[TRANSIT] += flow.age[world, part]
-            take_away(flow, state, world, part)
+            remove_part(flow, state, world, part)
     return some
 
 
 @borrowing
-def let_in(flow, state, world, most):
+def add_waiting(flow, state, world, most):
     """Let up to ``most`` parts, or heaps, arrive; returns how many parts have come."""
-    inlet, judged, pose, arrivals = flow.inlet, flow.judged, state.pose[world], 0
-    present, placed, hulls = judged.episode.present[world], judged.placed, judged.hulls
-    waiting = judged.fits
+    inlet, context, pose, arrivals = flow.inlet, flow.context, state.pose[world], 0
+    present, placed, hulls = context.episode.present[world], context.placed, context.hulls
+    waiting = context.fits
     for _ in range(most):
         for part in range(present.shape[0]):  # who has left in this step comes later
             waiting[part] = flow.pool[world, part] and not present[part] and not flow.changed[world, part]
             if present[part]:
                 place_hulls(hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], placed)
-        count = deliver(inlet, hulls, placed, flow.key[world], flow.tried[world], waiting, present, pose)
+        count = draw_arrivals(inlet, hulls, placed, flow.key[world], flow.tried[world], waiting, present, pose)
         flow.tried[world] += 1
         if count == 0:
             break
         for k in range(count):
-            put_down(flow, state, world, inlet.order[k], inlet.pose[inlet.order[k]])
+            place_part(flow, state, world, inlet.order[k], inlet.pose[inlet.order[k]])
         arrivals += count
     for part in range(present.shape[0]):
-        if judged.episode.arrived[world, part]:
+        if context.episode.arrived[world, part]:
             flow.changed[world, part] = True
     return arrivals
 
 
 @borrowing
-def note_rates(flow, world):
+def update_rates(flow, world):
     """Bring rates and means up to date."""
-    tally, rate, present = flow.tally[world], flow.rate[world], flow.judged.episode.present
+    tally, rate, present = flow.tally[world], flow.rate[world], flow.context.episode.present
     if flow.clock[world] <= flow.warm_up:
         return
     tally[STEPS] += 1
@@ -345,22 +345,22 @@ def note_rates(flow, world):
 
 
 @borrowing
-def look_round(flow, state, world):
+def update_relations(flow, state, world):
     """Bring the relations of a world up to date, and what ``info`` says of them."""
-    clearance, touching = relate_world(flow.judged, state.pose, state.fallen, world)
-    episode = flow.judged.episode
+    clearance, touching = relate_world(flow.context, state.pose, state.fallen, world)
+    episode = flow.context.episode
     episode.number[world, SMALLEST_GAP], episode.count[world, IN_TOUCH] = clearance, touching
 
 
 @borrowing
-def welcome(flow, state, world):
+def begin_arrived(flow, state, world):
     """After arrivals: relations, and what the rewards of those who have come will be held against."""
-    episode = flow.judged.episode
-    look_round(flow, state, world)
+    episode = flow.context.episode
+    update_relations(flow, state, world)
     for part in range(state.fallen.shape[1]):
         if episode.arrived[world, part]:
             episode.event[world, part] = STAYS
-            reward_part(flow.judged, world, part)
+            reward_part(flow.context, world, part)
             episode.part_reward[world, part] = 0.0
             for k in range(episode.part_terms.shape[2]):
                 episode.part_terms[world, part, k] = 0.0
@@ -377,7 +377,7 @@ def begin_flow(state, flow, worlds, pools):
         flow: address of a pinned :class:`Flow`.
     """
     true, all_of = state_at(state), flow_at(flow)
-    episode, parts = all_of.judged.episode, pools.shape[1]
+    episode, parts = all_of.context.episode, pools.shape[1]
     for k in range(worlds.shape[0]):
         world, begun = worlds[k], 0
         all_of.clock[world] = all_of.tried[world] = 0
@@ -395,7 +395,7 @@ def begin_flow(state, flow, worlds, pools):
                 episode.present[world, part] = episode.arrived[world, part] = True
                 begun += 1
             else:
-                take_away(all_of, true, world, part)
+                remove_part(all_of, true, world, part)
         for gate in range(all_of.last.shape[1]):
             all_of.last[world, gate] = -all_of.headway
         for column in range(all_of.tally.shape[1]):
@@ -410,8 +410,8 @@ def begin_flow(state, flow, worlds, pools):
         for term in range(episode.terms.shape[1]):
             episode.terms[world, term] = 0.0
         if begun == 0:
-            let_in(all_of, true, world, parts)
-        welcome(all_of, true, world)
+            add_waiting(all_of, true, world, parts)
+        begin_arrived(all_of, true, world)
 
 
 @borrowing
@@ -423,12 +423,12 @@ def score_flow(state, flow, periods, worlds):
         all_of.clock[world] += periods
         for part in range(true.fallen.shape[1]):
             all_of.age[world, part] += periods
-        look_round(all_of, true, world)
-        judge_parts(all_of, true, world)
-        gone = let_go(all_of, true, world)
-        if let_in(all_of, true, world, periods) > 0:
-            welcome(all_of, true, world)
+        update_relations(all_of, true, world)
+        evaluate_parts(all_of, true, world)
+        gone = remove_leaving(all_of, true, world)
+        if add_waiting(all_of, true, world, periods) > 0:
+            begin_arrived(all_of, true, world)
         elif gone:
-            look_round(all_of, true, world)
-        note_rates(all_of, world)
-        all_of.judged.episode.flag[world, ENDED] = true.diverged[world]
+            update_relations(all_of, true, world)
+        update_rates(all_of, world)
+        all_of.context.episode.flag[world, ENDED] = true.diverged[world]

@@ -168,13 +168,13 @@ pursuit_at = PURSUIT.at
 
 
 @borrowing
-def place_goals(all_of, world):
+def place_goals(record, world):
     """Put the goals of one world where its clock says, with their motion."""
-    episode, motion, period = all_of.episode, all_of.motion, all_of.period
-    time = all_of.clock[world] * period
-    waiting = all_of.error[world, LEFT] > 0.0
+    episode, motion, period = record.episode, record.motion, record.period
+    time = record.clock[world] * period
+    waiting = record.error[world, LEFT] > 0.0
     for i in range(episode.goal.shape[1]):
-        path, goal, reported = all_of.path[world, i], episode.goal[world, i], episode.motion[world, i]
+        path, goal, reported = record.path[world, i], episode.goal[world, i], episode.motion[world, i]
         # The tolerance makes the last sample of a path of a whole number of periods its end, despite rounding.
         if episode.present[world, i] and time < route.duration(path[0]) - 1e-9 * period:
             waiting = True
@@ -182,7 +182,7 @@ def place_goals(all_of, world):
         for axis in range(3):
             goal[axis], reported[axis] = motion[axis], motion[3 + axis]
         for ahead in range(1, PREVIEW + 1):
-            route.motion_at(path, (all_of.clock[world] + ahead) * period, motion)
+            route.motion_at(path, (record.clock[world] + ahead) * period, motion)
             for axis in range(3):
                 reported[3 * ahead + axis] = motion[axis] - goal[axis]
     episode.flag[world, BARRED] = waiting
@@ -195,48 +195,48 @@ def begin_pursuit(pursuit, worlds):
     Args:
         pursuit: address of a pinned :class:`Pursuit`.
     """
-    all_of = pursuit_at(pursuit)
+    record = pursuit_at(pursuit)
     for k in range(worlds.shape[0]):
         world = worlds[k]
-        all_of.clock[world], all_of.looks[world] = 0, 0
-        for i in range(all_of.squares.shape[1]):
-            all_of.squares[world, i] = 0.0
+        record.clock[world], record.looks[world] = 0, 0
+        for i in range(record.squares.shape[1]):
+            record.squares[world, i] = 0.0
         for i in range(3):
-            all_of.error[world, i] = 0.0
-        place_goals(all_of, world)
+            record.error[world, i] = 0.0
+        place_goals(record, world)
 
 
 @borrowing
 def move_goals(pursuit, worlds):
     """Move the goals of ``worlds`` (n,) on by one step."""
-    all_of = pursuit_at(pursuit)
+    record = pursuit_at(pursuit)
     for k in range(worlds.shape[0]):
         world = worlds[k]
-        all_of.clock[world] += all_of.periods
-        place_goals(all_of, world)
+        record.clock[world] += record.periods
+        place_goals(record, world)
 
 
 @borrowing
-def note_errors(pursuit, worlds):
+def record_errors(pursuit, worlds):
     """Note how far the parts of ``worlds`` (n,) are from their goals at a step's end, by relations that are up to date."""
-    all_of = pursuit_at(pursuit)
-    error, tolerance, present = all_of.relations.error, all_of.rules.tolerance, all_of.episode.present
+    record = pursuit_at(pursuit)
+    error, tolerance, present = record.relations.error, record.rules.tolerance, record.episode.present
     for k in range(worlds.shape[0]):
         world = worlds[k]
-        all_of.looks[world] += 1
-        worst, noted = 0.0, all_of.error[world]
+        record.looks[world] += 1
+        worst, noted = 0.0, record.error[world]
         for i in range(error.shape[1]):
             if not present[world, i]:
                 continue
             ex, ey = error[world, i, 0], error[world, i, 1]
             square = ex * ex + ey * ey
             away = math.sqrt(square)
-            all_of.squares[world, i] += square
-            worst = max(worst, all_of.squares[world, i])
+            record.squares[world, i] += square
+            worst = max(worst, record.squares[world, i])
             noted[LARGEST] = max(noted[LARGEST], away)
             if away > tolerance[i, AWAY] or abs(error[world, i, 2]) > tolerance[i, TURNED]:
                 noted[LEFT] = 1.0
-        noted[RMS] = math.sqrt(worst / all_of.looks[world])
+        noted[RMS] = math.sqrt(worst / record.looks[world])
 
 
 class PursuitScoring(Scoring):
@@ -298,7 +298,7 @@ class PursuitScoring(Scoring):
 
     def stages(self) -> list[Stage]:
         pursuit = self._with_scratch()
-        return [bound(move_goals, pursuit), *super().stages(), bound(note_errors, pursuit)]
+        return [bound(move_goals, pursuit), *super().stages(), bound(record_errors, pursuit)]
 
     def _with_scratch(self) -> Pinned[Pursuit]:
         """What one thread needs."""

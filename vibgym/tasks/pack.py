@@ -121,11 +121,11 @@ class PatternScoring(FreeScoring):
         return [*super().stages(), self._note()]
 
     def _note(self) -> Stage:
-        return bound(note_pattern, self.relations.error, self.episode.present, self.pattern_error)
+        return bound(update_pattern_error, self.relations.error, self.episode.present, self.pattern_error)
 
 
 @borrowing
-def note_pattern(error, present, pattern_error, worlds):
+def update_pattern_error(error, present, pattern_error, worlds):
     """Root of the mean square distances of the present parts of ``worlds`` (n,) to their goals, m.
 
     Args:

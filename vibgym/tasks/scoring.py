@@ -17,10 +17,10 @@ from vibgym import checks
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.core.records import STATE, State
 from vibgym.tasks.episode import (
-    JUDGED,
+    CONTEXT,
     QUANTITIES,
+    Context,
     Episode,
-    Judged,
     Relations,
     Start,
     new_episode,
@@ -60,15 +60,15 @@ class Scoring:
         self.episode = new_episode(worlds, parts, len(self._rules.term), motion)
         self.players = self.rewarded = self.episode.present
         self.changed = self.episode.arrived
-        self._judged = self.judged(self.relations)
+        self._context = self.context(self.relations)
         self._everyone = np.arange(worlds)
 
-    def judged(self, relations: Relations) -> Pinned[Judged]:
+    def context(self, relations: Relations) -> Pinned[Context]:
         """What kernels need to bring such relations up to date, in one thread at a time; see :meth:`relating`."""
         hulls = self._task.hulls
         fits = np.zeros(self.episode.done.shape[1], dtype=bool)
         scratch = np.zeros(hulls.corner.shape), np.zeros(4), np.zeros(len(QUANTITIES)), fits
-        return Pinned(JUDGED, Judged(relations, self.episode, self._rules, hulls, *scratch))
+        return Pinned(CONTEXT, Context(relations, self.episode, self._rules, hulls, *scratch))
 
     def own_state(self) -> dict[str, np.ndarray]:
         """Live arrays that a snapshot has to hold besides the episodes and their relations."""
@@ -89,7 +89,7 @@ class Scoring:
     def begin(self, worlds: np.ndarray, start: Start) -> None:
         """Start the episodes of ``worlds`` (index array), whose parts have been put down."""
         self.episode.goal[worlds], self.episode.present[worlds] = start.goal, start.present
-        score_worlds(self._state.address, self._judged.address, True, worlds)
+        score_worlds(self._state.address, self._context.address, True, worlds)
 
     def score(self) -> None:
         """Score one step of every world against the one before."""
@@ -101,14 +101,14 @@ class Scoring:
 
         It has working arrays of its own: those of several calls of this may be at work at the same time, on different worlds.
         """
-        return [bound(score_worlds, self._state, self.judged(self.relations), False)]
+        return [bound(score_worlds, self._state, self.context(self.relations), False)]
 
     def relating(self, relations: Relations) -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
         """What brings relations to other poses than the true ones up to date; as with :meth:`stages`.
 
         It is called with an index array of worlds, poses (worlds, parts, 3), and which parts are out of the way.
         """
-        return bound(relate_worlds, self.judged(relations))
+        return bound(relate_worlds, self.context(relations))
 
 
 WORST = "fallen"
