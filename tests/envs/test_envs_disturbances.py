@@ -118,10 +118,7 @@ def test_a_toppled_part_ends_the_episode_as_a_fallen_one():
         ({"rate": 1.0, "tilt_deg": [3, 1]}, "randomize['disturbance']['tilt'][1]"),
         ({"rate": 1.0, "tilt_deg": [1, 50]}, "randomize['disturbance']['tilt'][1]"),
         ({"rate": 1.0, "tilt_deg": "much"}, "randomize['disturbance'].tilt_deg"),
-        (
-            {"rate": 1.0, "tilt_deg": 3, "spin": 1},
-            "randomize['disturbance']",
-        ),
+        ({"rate": 1.0, "tilt_deg": 3, "spin": 1}, "randomize['disturbance']"),
     ],
 )
 def test_bad_settings(value, message):
@@ -133,10 +130,4 @@ def test_bad_settings(value, message):
 def test_tilts_that_topple_are_refused():
     tall = {"shape": "rectangle", "length": 0.02, "width": 0.02, "friction": 0.2, "height": 0.09, "name": "tall"}
     with pytest.raises(ValueError, match=r"randomize\['disturbance'\]\['tilt'\]"):
-        VibgymVectorEnv(
-            "Align",
-            num_envs=1,
-            model="tilting",
-            parts=[tall],
-            randomize={"disturbance": {"rate": 1, "tilt_deg": [1, 30]}},
-        )
+        batch("tilting", 1, parts=[tall], randomize={"disturbance": {"rate": 1, "tilt_deg": [1, 30]}})

@@ -1,11 +1,9 @@
 """The layout table against the observations that it describes."""
 
-import math
-
 import numpy as np
 import pytest
 
-from tests.envs.helpers import batch, single
+from tests.envs.helpers import batch
 from vibgym.envs.features import Layout
 
 CASES = [
@@ -43,13 +41,3 @@ def test_quantities_come_back_in_si_units(task, settings):
         near = there & (truth.gap < 0.1)
         assert layout.quantity(seen, "gap")[near][:, 0] == pytest.approx(truth.gap[near], abs=1e-4)
         assert (layout.numbers(seen, "present")[..., 0] == there).all()
-
-
-def test_scales_are_the_documented_ones():
-    rows = {row.name: row for row in single("Rotate").unwrapped.observation_layout}
-    assert rows["element"].scale == pytest.approx((0.013, 0.013))
-    assert rows["position"].scale == pytest.approx((0.416, 0.104))
-    assert rows["way"].scale == pytest.approx((0.832, 0.832))
-    assert rows["way_coarse"].scale == (0.05, 0.05) and rows["way_fine"].scale == (0.005, 0.005)
-    assert rows["turn"].scale == pytest.approx((2 * math.pi,)) and rows["turn_fine"].scale == (0.05,)
-    assert rows["velocity"].scale == pytest.approx((2.7e-3 * 2 * math.pi * 25,) * 2)

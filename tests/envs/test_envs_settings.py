@@ -66,15 +66,9 @@ def test_make_imports_the_package_in_a_fresh_process():
 
 
 STICKY = {"horizontal_amplitude": 4e-4}
-BAD = [  # of names of actions, observations and machines that there are not: see tests/contracts
+BAD = [  # fields of surface and part: see tests/test_config.py; unknown names: see tests/contracts
     ({"surface": "table"}, "surface"),
-    ({"surface": 3}, "surface"),
-    ({"surface": {"rows": 0}}, "rows"),
     ({"surface": {"rows": 2.5}}, r"surface\.rows"),
-    ({"surface": {"colour": "red"}}, "colour"),
-    ({"surface": {"element_size": float("nan")}}, "surface.element_size"),
-    ({"surface": {"element_size_mm": "wide"}}, r"surface\.element_size_mm"),
-    ({"surface": {"max_amplitude": 1e-3}}, "max_amplitude"),
     ({"surface": {"rows": 2, "columns": 2}}, "parts"),  # too small for the part
     ({"surface": STICKY, "model": "averaged"}, "model"),  # covers permanent sliding only
     ({"surface": {"horizontal_amplitude": 0.0}, "model": "averaged"}, "model"),
@@ -82,12 +76,7 @@ BAD = [  # of names of actions, observations and machines that there are not: se
     ({"parts": []}, "parts"),
     ({"parts": ["aluminium_block", "steel_block"]}, "parts"),
     ({"parts": ["gold_block"]}, "parts"),
-    ({"parts": [7]}, "parts"),
     ({"parts": 7}, "parts"),
-    ({"parts": [{"shape": "cube", "friction": 0.5}]}, r"parts\.shape"),
-    ({"parts": [{"shape": "disc", "friction": 0.5}]}, r"parts\.radius"),
-    ({"parts": [{"shape": "disc", "radius": -1.0, "friction": 0.5}]}, "radius"),
-    ({"parts": [{"shape": "disc", "radius": 0.02}]}, r"parts\.friction"),
     ({"parts": [{"shape": "disc", "radius": 0.02, "friction": 5.0}], "model": "averaged"}, "model"),
     ({"model": "tilted"}, "model"),
     ({"actuators": {"kind": "prototype", "dead_zone": 1.0}}, r"actuators\.dead_zone"),
@@ -116,13 +105,21 @@ BAD_OF_SEVERAL = [
     ({"model": "averaged"}, "model"),
     ({"colour": "red"}, r"keyword arguments"),
 ]
-FAULTS = [*(("Align", *each) for each in BAD), *(("Sort", *each) for each in BAD_OF_SEVERAL)]
+OF_OTHER_TASKS = [
+    ("Align", {"walls": ["left"]}), ("Align", {"slots": 3}), ("Align", {"start": "crowded"}), ("Align", {"zones": {}}),
+    ("Singulate", {"start": "crowded"}), ("Singulate", {"zones": {}}), ("Align", {"paths": {"speed": 0.1}}),
+]  # fmt: skip
+FAULTS = [
+    *(("Align", *each) for each in BAD),
+    *(("Sort", *each) for each in BAD_OF_SEVERAL),
+    *((task, settings, next(iter(settings))) for task, settings in OF_OTHER_TASKS),
+]
 
 
 @pytest.mark.parametrize("task, settings, name", FAULTS, ids=lambda each: str(each)[:50])
 def test_bad_settings_are_one_error_that_names_them(task, settings, name):
     for make in (lambda: single(task, **settings), lambda: batch(task, 2, **settings)):
-        with pytest.raises(ValueError, match=f"{name}") as error:
+        with pytest.raises(ValueError, match=name) as error:
             make()
         assert "\n" not in str(error.value)
 
@@ -152,32 +149,14 @@ def test_bad_render_modes(mode):
     ("max_episode_steps", 0), ("max_episode_steps", 2.5), ("render_mode", "human"),
 ])  # fmt: skip
 def test_bad_settings_of_a_batch(name, value):
-    with pytest.raises(ValueError, match=f"{name}"):
+    with pytest.raises(ValueError, match=name):
         VibgymVectorEnv("Align", **{"num_envs": 2, name: value})
 
 
 def test_unknown_tasks_are_refused():
     for make in (VibgymEnv, VibgymVectorEnv):
-        with pytest.raises(
-            ValueError,
-            match="task",
-        ):
+        with pytest.raises(ValueError, match="task"):
             make("Juggle")
-
-
-@pytest.mark.parametrize("task, settings", [
-    ("Align", {"walls": ["left"]}), ("Align", {"slots": 3}), ("Align", {"start": "crowded"}), ("Align", {"zones": {}}),
-    ("Singulate", {"start": "crowded"}), ("Singulate", {"zones": {}}), ("Align", {"paths": {"speed": 0.1}}),
-])  # fmt: skip
-def test_settings_of_other_tasks_are_refused(task, settings):
-    with pytest.raises(ValueError, match=rf"{next(iter(settings))}"):
-        single(task, **settings)
-
-
-def test_unknown_keywords_are_refused():
-    for make in (VibgymEnv, VibgymVectorEnv):
-        with pytest.raises(ValueError, match="colour"):
-            make("Align", colour="red")
 
 
 def test_the_record_of_options():
@@ -186,11 +165,7 @@ def test_the_record_of_options():
     assert typed.pop("task") is str and typed == get_type_hints(Keywords)
     assert tuple(typed) == Options.names()
     assert Options.from_mapping("environment", {"task": "Sort", "slots": 8}) == Options("Sort", slots=8)
-    for mapping, _got in (
-        ("Sort", "'Sort'"),
-        ({"slots": 8}, "{'slots': 8}"),
-        ({"task": "Sort", "colour": 1, 3: 4}, "['3', 'colour']"),
-    ):
+    for mapping in ("Sort", {"slots": 8}, {"task": "Sort", "colour": 1, 3: 4}):
         with pytest.raises(ValueError, match="environment"):
             Options.from_mapping("environment", mapping, ("word",))
     with pytest.raises(dataclasses.FrozenInstanceError):
@@ -285,3 +260,20 @@ def test_pictures_show_zones_and_only_parts_that_are_there():
     assert (pictures[1] != pictures[6]).any()
     dark = [(picture.sum(axis=2) < 250).sum() for picture in pictures.values()]
     assert dark[1] > 1.5 * dark[0]  # six parts cover more than one
+
+
+@pytest.mark.parametrize("action", ["element", "phasor", "patch", "field"])
+def test_images_show_the_step_even_if_the_caller_reuses_the_action_array(action):
+    one, many = (
+        single("Align", action=action, render_mode="rgb_array"),
+        batch("Align", 2, action=action, render_mode="rgb_array"),
+    )
+    for env, render in ((one, one.render), (many, lambda: many.render()[0])):
+        env.reset(seed=0)
+        values = np.full(env.action_space.shape, 0.5, dtype=np.float32)
+        env.step(values)
+        before = render()
+        values[:] = -0.5
+        assert (render() == before).all()
+        env.step(values)
+        assert (render() != before).any()

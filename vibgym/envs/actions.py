@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -86,11 +86,7 @@ def all_finite_in_blocks(values: np.ndarray, blocks: Blocks) -> bool:
 
 
 def check_command(name: str, command: Any, surface: Surface, worlds: int) -> Drive:
-    """Return the command of an action if it fits the surface.
-
-    Args:
-        name: of the action.
-        worlds: number of worlds.
+    """Return the command of the action ``name``.
 
     Raises:
         ValueError: not a drive, or arrays of wrong shape or type.
@@ -133,7 +129,6 @@ class Action(Live, ABC):
     SNAPSHOT = "action"
 
     shape: tuple[int, ...]
-
     by_part: ClassVar[bool] = False
     """Whether the first axis of ``shape`` is that of the parts."""
 
@@ -219,37 +214,38 @@ class Action(Live, ABC):
         """
 
 
-class Element(Action):
+class _ElementWise(Action):
+    """Base class of actions with two numbers per element."""
+
+    make_drive: Callable[[np.ndarray, int, float], Drive]
+
+    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
+        super().__init__(surface, parts)
+        self.shape = (surface.rows, surface.columns, 2)
+
+    def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
+        if self._drive is None or self._drive.values is not values:
+            self._drive = self.make_drive(values, self.surface.columns, self.full_scale)
+        return self._drive
+
+
+class Element(_ElementWise):
     """(rows, columns, 2): amplitude [-1, 1] -> [0, max_amplitude] and phase [-1, 1] -> [-pi, pi] of every element."""
 
-    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
-        super().__init__(surface, parts)
-        self.shape = (surface.rows, surface.columns, 2)
-
-    def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        if self._drive is None or self._drive.values is not values:
-            self._drive = element_drive(values, self.surface.columns, self.full_scale)
-        return self._drive
+    make_drive = staticmethod(element_drive)
 
 
-class Phasor(Action):
+class Phasor(_ElementWise):
     """(rows, columns, 2): amplitude x (cos, sin) phase of every element; longer vectors are shortened to length 1."""
 
-    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
-        super().__init__(surface, parts)
-        self.shape = (surface.rows, surface.columns, 2)
-
-    def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        if self._drive is None or self._drive.values is not values:
-            self._drive = phasor_drive(values, self.surface.columns, self.full_scale)
-        return self._drive
+    make_drive = staticmethod(phasor_drive)
 
 
 class Patch(Action):
     """(parts, k, k, 2): phasors of the k x k elements around each part, rows first; all others at rest.
 
-    k suits the largest part. An element in several patches belongs to the part whose centre is nearest to the element's centre,
-    of parts equally near the one with the lower index. Parts that are gone command nothing.
+    k suits the largest part. An element in several patches belongs to the part whose centre is nearest to its own; ties go to
+    the lower index. Parts that are gone command nothing.
     """
 
     by_part = True
@@ -276,9 +272,9 @@ class Patch(Action):
 class Field(Action):
     """(parts, 6): strengths of the fields around each part: uniform x, y, squeeze x, y, radial, tangential.
 
-    The fields are those of :mod:`vibgym.fields` centred on the part, with a reach of half the patch (k / 2 elements, k for
-    the largest part). Every element belongs to the part whose centre is nearest to the element's centre, of parts equally near
-    the one with the lower index. Parts that are gone command nothing.
+    The fields are those of :mod:`vibgym.fields` centred on the part, with a reach of k / 2 elements, k as for :class:`Patch`.
+    Every element belongs to the part whose centre is nearest to its own; ties go to the lower index. Parts that are gone
+    command nothing.
     """
 
     by_part = True

@@ -71,11 +71,9 @@ class Core:
     Attributes:
         options: as given.
         episode: progress of every world, by the true state.  relations: errors and gaps of the parts by the true state.
-        details: nested groups of ``info``, live arrays (worlds, ...).
         info: makes ``info``.
         report: fields of ``info`` of the last step; batches only.
         observations: batch of observations of the last step.
-        stages: of a step, in order.
         term_names, terms: names of the reward terms, and their values (worlds, terms).
         part_terms: their values for each part alone, (worlds, parts, terms).
         step_limit: steps after which episodes are truncated, or None.  longest: s, longest path of an episode.
@@ -151,8 +149,8 @@ class Core:
         self._choose_reward(weights)
         self._make_info = make_info
         self._by_batch = make_info is BatchInfo
-        # Actions of few worlds are copied to the same memory at every step, so that drives need not be pinned anew. For many
-        # worlds a copy would cost more.
+        # Few worlds: actions are copied to the same memory at every step, so that drives need not be pinned again. For many
+        # worlds a copy would take longer.
         few = len(self.simulator.blocks.edges) == 1
         self._kept_action = np.zeros((worlds, self.action.size), dtype=np.float32) if few else None
         self._bind()
@@ -185,7 +183,7 @@ class Core:
             Stage(self._decode),
             Stage(self._allocate),
             Stage(self._predict, needed=not exact),
-            Stage(self._remember, needed=own_reward),
+            Stage(self._begin_own_reward, needed=own_reward),
             Stage(self._disturb, needed=self.disturbances is not None),
             Stage(self._actuate_and_advance),
             Stage(self._score, by_block=True),
@@ -197,7 +195,7 @@ class Core:
             Stage(self._write_rows, by_block=True, needed=rows),
             Stage(self._write_report, by_block=True, needed=self._by_batch),
             Stage(self._observe, needed=not rows),
-            Stage(self._forget_departed, needed=flows),
+            Stage(self._clear_departed, needed=flows),
         )
         return tuple(stage for stage in stages if stage.needed)
 
@@ -237,8 +235,8 @@ class Core:
         """Predict the state under the command."""
         self.sensing.predict(self._command)
 
-    def _remember(self) -> None:
-        """Keep the state before the step, for a reward of the task's own."""
+    def _begin_own_reward(self) -> None:
+        """Store the state before the step, for a task with its own reward."""
         self._own_reward.begin_step()  # type: ignore[union-attr]
 
     def _disturb(self) -> None:
@@ -272,7 +270,7 @@ class Core:
         self._own_reward.score()  # type: ignore[union-attr]
 
     def _reward_goals(self) -> None:
-        """The reward of a goal observation."""
+        """Replace the reward by that of the goal observation."""
         state, present, reached = self.simulator.state, self.episode.present, self.observation.reached  # type: ignore[attr-defined]
         goal_reward = self.task.compute_reward  # type: ignore[attr-defined]
         reward = goal_reward(reached(state.pose), reached(self.episode.goal), {"fallen": self.episode.fallen})
@@ -285,7 +283,7 @@ class Core:
         self.sensing.correct()
 
     def _renew_measurement(self) -> None:
-        """Start the estimates of parts afresh that have arrived or left."""
+        """Restart the estimates of parts that have arrived or left."""
         if self.scoring.changed.any():
             self.sensing.renew(self.scoring.changed, self.simulator.state)
 
@@ -308,13 +306,13 @@ class Core:
         """Compute an observation that is implemented in Python."""
         self.observations = self.observe()
 
-    def _forget_departed(self) -> None:
-        """Clear what actions and model remember of parts that have arrived or left."""
+    def _clear_departed(self) -> None:
+        """Clear the memory of the action and the model for parts that have arrived or left."""
         changed = self.scoring.changed
         if changed.any():
-            for remembered in self.action.live().values():
-                if remembered.shape[:2] == changed.shape:
-                    remembered[changed] = 0
+            for memory in self.action.live().values():
+                if memory.shape[:2] == changed.shape:
+                    memory[changed] = 0
             self.simulator.renew(changed)
 
     def _choose_reward(self, weights: Mapping[str, Any]) -> None:
@@ -339,8 +337,7 @@ class Core:
             self.term_names, self.terms, self.part_terms = own.names, own.terms, own.part_terms
 
     BOUND = (
-        "info", "report", "observations", "stages", "_arrays", "_blocks", "_now", "_after_advance", "_pipeline",
-        "_measurement",
+        "info", "report", "observations", "_arrays", "_blocks", "_now", "_after_advance", "_pipeline", "_measurement",
     )  # fmt: skip
     """Attributes that hold addresses or views of the core's arrays; copies create them again."""
 
@@ -355,14 +352,13 @@ class Core:
         """Create everything that holds addresses or views of the core's own arrays."""
         state, sensing, scoring, observation = self.simulator.state, self.sensing, self.scoring, self.observation
         drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
-        groups = {"drawn": drawn, "measured": sensing.facts(), "commanded": self._commanded}
-        self.details = {name: each for name, each in groups.items() if each}
+        nested = {"drawn": drawn, "measured": sensing.facts(), "commanded": self._commanded}
         part_extra = {**scoring.part_facts(), **self.simulator.part_info()}
         if self.disturbances is not None:
             part_extra["struck"] = self.disturbances.struck
         data = InfoData(
             self.task.FACTS, scoring.facts(), self.episode, state.diverged, self.term_names, self.terms, self.part_terms,
-            self.details, part_extra,
+            {name: each for name, each in nested.items() if each}, part_extra,
         )  # fmt: skip
         self.info = self._make_info(data)
         self.report: Any = None
@@ -375,28 +371,18 @@ class Core:
         everyone = np.arange(self.worlds)
         self._now = self._new_block(everyone)  # outside of steps
         self._blocks = [self._new_block(everyone[start:stop]) for start, stop in self.simulator.blocks.edges]
-        self.stages = self._list_stages()
-        # Block stages are run by the thread that has just advanced the block; others for all worlds.
-        groups_of = [
-            (by_block, [stage.run for stage in group])
-            for by_block, group in groupby(self.stages, lambda each: each.by_block)
-        ]
-        (_, first), (_, self._after_advance), *rest = groups_of
-        self._pipeline: list[Callable[[], None]] = first
-        for by_block, group in rest:
-            self._pipeline += [partial(self._run_by_block, group)] if by_block else group
+        by_block = groupby(self._list_stages(), lambda stage: stage.by_block)
+        groups = [[stage.run for stage in group] for _, group in by_block]  # those at odd positions are of blocks
+        # The thread that has advanced a block runs the first block stages right away.
+        self._pipeline, self._after_advance = groups[0], groups[1]
+        for position, group in enumerate(groups[2:]):
+            self._pipeline += [partial(self._run_by_block, group)] if position % 2 else group
 
     def _new_block(self, worlds: np.ndarray) -> Block:
         """Return a block of worlds with scratch memory of its own."""
         rows = self._rows
         write = [] if rows is None else rows.writers(self._measurement, self._measured, self.episode)
         return Block(worlds, self.scoring.stages(), self.scoring.relating(self._measured), write)
-
-    @property
-    def draws(self) -> int:
-        """Uniform numbers that a reset draws from a world's generator."""
-        draws = self.task.draws + self.actuators.draws + self.sensing.draws + self.randomization.draws
-        return draws if self.disturbances is None else draws + self.disturbances.draws
 
     def reset(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride | None = None
@@ -409,22 +395,21 @@ class Core:
         Raises:
             ValueError: an invalid start; only the generators have changed.
         """
-        draws = self.draws
-        uniform = np.array([generator.random(draws) for generator in generators])
-        own, driven = self.task.draws, self.task.draws + self.actuators.draws
-        sensed = driven + self.sensing.draws
-        start = self.start_of(worlds, uniform[:, :own], override)
-        struck = sensed + self.randomization.draws
-        drawn = self.randomization.values(uniform[:, sensed:struck])
+        draws = [each.draws for each in (self.task, self.actuators, self.sensing, self.randomization)]
+        total = sum(draws) + (0 if self.disturbances is None else self.disturbances.draws)
+        uniform = np.array([generator.random(total) for generator in generators])
+        of_task, of_actuators, of_sensor, of_conditions, of_disturbances = np.split(uniform, np.cumsum(draws), axis=1)
+        start = self.start_of(worlds, of_task, override)
+        drawn = self.randomization.values(of_conditions)
         idle = self.idle
         if "friction" in drawn:
             idle = np.array([self._idle_velocity(factors) for factors in drawn["friction"]])
         self.put(worlds, start, np.where(start.present[..., None], idle, 0.0))
         self.simulator.condition(worlds, drawn)
-        self.actuators.reset(worlds, uniform[:, own:driven])
-        self.sensing.reset(worlds, self.simulator.state, uniform[:, driven:sensed])
+        self.actuators.reset(worlds, of_actuators)
+        self.sensing.reset(worlds, self.simulator.state, of_sensor)
         if self.disturbances is not None:
-            self.disturbances.reset(worlds, uniform[:, struck:])
+            self.disturbances.reset(worlds, of_disturbances)
         self.relate(worlds)
 
     def put(self, worlds: np.ndarray, start: Start, velocity: Any, mean_velocity: Any = 0.0) -> None:
@@ -439,8 +424,8 @@ class Core:
         self.scoring.begin(worlds, start)
         if self.terms is not self.episode.terms:  # those have just been set
             self.terms[worlds], self.part_terms[worlds] = 0.0, 0.0
-        for remembered in self.action.live().values():
-            remembered[worlds] = 0
+        for memory in self.action.live().values():
+            memory[worlds] = 0
         self.began = True
 
     def _idle_velocity(self, factors: np.ndarray) -> np.ndarray:
