@@ -14,6 +14,7 @@ RENAMED: dict[str, str] = {
     "vibgym._numba": "vibgym.kernels",
     "vibgym.envs.layout": "vibgym.envs.features",
     "vibgym.envs.named": "vibgym.envs.vector",
+    "vibgym.kernels.foreign": "vibgym.kernels.jit",
     "vibgym.physics.collision": "vibgym.physics.contacts",
     "vibgym.physics.tilting": "vibgym.plugins.tilting",
     "vibgym.play": "vibgym.plugins.play",

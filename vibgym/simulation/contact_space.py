@@ -18,7 +18,7 @@ import pymunk
 from pymunk._chipmunk_cffi import ffi, lib
 
 from vibgym import checks
-from vibgym.kernels.foreign import foreign
+from vibgym.kernels.jit import foreign
 from vibgym.physics.contacts.impact import ImpactProperties
 from vibgym.physics.contacts.solver import Solver
 from vibgym.scene.hulls import WALLS, convex_pieces, rounding

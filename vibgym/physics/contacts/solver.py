@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.foreign import call_foreign
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import borrowing, call_foreign
 from vibgym.kernels.vector import LANES
 
 JOLT = 0.1

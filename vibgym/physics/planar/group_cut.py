@@ -15,15 +15,15 @@ from vibgym.kernels.jit import exact, exact_inlined
 from vibgym.kernels.vector import (
     LANES,
     WIDTH,
+    absolute,
+    broadcast_register,
     copysign,
-    greatest,
-    least,
+    lane_maximum,
+    lane_minimum,
     load_register,
-    magnitude,
     maximum,
     minimum,
     select,
-    spread_register,
     store,
 )
 
@@ -71,7 +71,7 @@ def add_strip(cells, at, x0, y0, x1, y1, sign):
 
 @exact_inlined
 def _guarded(d):
-    return copysign(maximum(magnitude(d), _SMALLEST), d)
+    return copysign(maximum(absolute(d), _SMALLEST), d)
 
 
 @exact_inlined
@@ -101,25 +101,25 @@ def add_edge(ax, ay, bx, by, cutting, across, cells, crossings):
         select(forward, ay, by),
         select(forward, by, ay),
     )  # from left to right
-    first_row, last_row = int(least(select(cutting, bottom, _FAR))), int(greatest(top))
-    first_column, last_column = int(least(select(cutting, left, _FAR))), int(greatest(right))
+    first_row, last_row = int(lane_minimum(select(cutting, bottom, _FAR))), int(lane_maximum(top))
+    first_column, last_column = int(lane_minimum(select(cutting, left, _FAR))), int(lane_maximum(right))
     # Where the edge crosses the line to the right of each column, the same for cells above one another and side by side: or
     # nearly vertical edges leak. Its ends are exact.
     for column in range(first_column, last_column + 1):
-        line = spread_register(float(column + 1))
+        line = broadcast_register(float(column + 1))
         at = select(line >= right, end, ay + (line - ax) * steepness)
         store(crossings, column * WIDTH, select(line <= left, begin, at))
     low = bottom
     x_low = _within(ax + (low - ay) * slope, left, right)
     for row in range(first_row, last_row + 1):
-        high = _within(spread_register(float(row + 1)), bottom, top)
+        high = _within(broadcast_register(float(row + 1)), bottom, top)
         x_high = _within(ax + (high - ay) * slope, left, right)
         x_left, x_right = minimum(x_low, x_high), maximum(x_low, x_high)
         floor, ceiling = low - float(row), high - float(row)
         x0, y0 = x_left, _within(begin - float(row), floor, ceiling)
         for column in range(first_column, last_column + 1):
             y1 = _within(load_register(crossings, column * WIDTH) - float(row), floor, ceiling)
-            x1 = _within(spread_register(float(column + 1)), x_left, x_right)
+            x1 = _within(broadcast_register(float(column + 1)), x_left, x_right)
             at = (row * across + column) * CELL
             add_strip(cells, at, x0 - float(column), y0, x1 - float(column), y1, sign)
             x0, y0 = x1, y1

@@ -20,11 +20,11 @@ from vibgym.kernels.vector import (
     LANES,
     WIDTH,
     bits,
+    broadcast_register,
     load_register,
     maximum,
     minimum,
     select,
-    spread_register,
     store,
 )
 from vibgym.physics.core.records import grip_of
@@ -121,9 +121,9 @@ def collect_pieces(scene, g, first, x, y, smallest, box):
     table, workspace = scene.table, scene.workspace
     pitch, cells, pieces, across = table.element_size, workspace.cells, workspace.pieces, workspace.across
     base_x, base_y = load_register(workspace.base[g], first), load_register(workspace.base[g], LANES + first)
-    covered, total = spread_register(0.0), spread_register(0.0)
-    total_c, total_s, n = spread_register(0.0), spread_register(0.0), 0
-    nought, square = spread_register(0.0), pitch * pitch
+    covered, total = broadcast_register(0.0), broadcast_register(0.0)
+    total_c, total_s, n = broadcast_register(0.0), broadcast_register(0.0), 0
+    nought, square = broadcast_register(0.0), pitch * pitch
     for row in range(box[0], box[1] + 1):
         height, height_y, height_yy = nought, nought, nought
         place = base_y + float(row)
@@ -189,8 +189,8 @@ def sum_moments(pieces, n, cutting, inverse, gravity, moments, first):
         moments: flat (MOMENT_ROWS, lane); the first three rows are the caller's.
     """
     for shape in range(0, SHAPE_MOMENTS, AT_A_TIME):
-        a, ac, a_s = spread_register(0.0), spread_register(0.0), spread_register(0.0)
-        b, bc, bs = spread_register(0.0), spread_register(0.0), spread_register(0.0)
+        a, ac, a_s = broadcast_register(0.0), broadcast_register(0.0), broadcast_register(0.0)
+        b, bc, bs = broadcast_register(0.0), broadcast_register(0.0), broadcast_register(0.0)
         for piece in range(0, n * PIECE, PIECE):
             weight = load_register(pieces, piece)
             weight_c, weight_s = load_register(pieces, piece + WIDTH), load_register(pieces, piece + 2 * WIDTH)

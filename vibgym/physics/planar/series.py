@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from vibgym.kernels.jit import borrowing, exact
-from vibgym.kernels.vector import LANES, load, maximum, minimum, spread, store
+from vibgym.kernels.vector import LANES, broadcast, load, maximum, minimum, store
 from vibgym.physics.core.records import body_incline, most_friction
 from vibgym.physics.planar.wrench import expanded_wrench
 
@@ -46,13 +46,17 @@ def slide_by_series(table, step, moments, pose, velocity, own):
     px, py = load(own, 4 * LANES), load(own, 5 * LANES)
     x, y, heading = load(pose, 0), load(pose, LANES), load(pose, 2 * LANES)
     vx, vy, spin = load(velocity, 0), load(velocity, LANES), load(velocity, 2 * LANES)
-    least, most, node = spread(math.inf), spread(0.0), step.node
+    least, most, node = broadcast(math.inf), broadcast(0.0), step.node
     for _ in range(step.substeps):
         # What the last stages add to velocity, and those before them: the next adds ``h a``, less the first, and so on.
-        dx, dy, dw = spread(0.0), spread(0.0), spread(0.0)
-        ex, ey, ew = spread(0.0), spread(0.0), spread(0.0)
-        way_x, way_y, way_w = spread(0.0), spread(0.0), spread(0.0)  # a + 2 b + c of the accelerations at the stages
-        gain_x, gain_y, gain_w = spread(0.0), spread(0.0), spread(0.0)  # a + 3 b + 3 c + d
+        dx, dy, dw = broadcast(0.0), broadcast(0.0), broadcast(0.0)
+        ex, ey, ew = broadcast(0.0), broadcast(0.0), broadcast(0.0)
+        way_x, way_y, way_w = (
+            broadcast(0.0),
+            broadcast(0.0),
+            broadcast(0.0),
+        )  # a + 2 b + c of the accelerations at the stages
+        gain_x, gain_y, gain_w = broadcast(0.0), broadcast(0.0), broadcast(0.0)  # a + 3 b + 3 c + d
         for stage in range(4):
             c, s = step.cosine[node + stage], step.sine[node + stage]
             fx, fy, fw, square, varies = expanded_wrench(

@@ -15,17 +15,17 @@ from vibgym.kernels.jit import borrowing, exact, exact_inlined
 from vibgym.kernels.vector import (
     LANES,
     WIDTH,
+    absolute,
     bits,
     floor,
     load,
     load_mask,
     load_register,
-    magnitude,
+    logical_not,
     mask_of,
     mask_register,
     maximum,
     minimum,
-    no,
     select,
     store,
     store_mask,
@@ -212,7 +212,7 @@ def choose_lanes(scene, g, active, left, pushed):
     width, depth = table.columns * pitch, table.rows * pitch
     clear = select(load(shape, 3 * LANES) > 0.0, 0.0, load(shape, 0) * pitch)  # from the border: then it cannot fall
     safe = (
-        (x >= clear) & (y >= clear) & (x <= width - clear) & (y <= depth - clear) & (magnitude(heading) < math.inf)
+        (x >= clear) & (y >= clear) & (x <= width - clear) & (y <= depth - clear) & (absolute(heading) < math.inf)
         & (x >= table.left) & (y >= table.bottom) & (x <= table.right) & (y <= table.top)
     )  # fmt: skip
     placed = bits(active)
@@ -222,13 +222,13 @@ def choose_lanes(scene, g, active, left, pushed):
             placed &= ~(1 << lane)
     stuck = 0 if pushed else sticking_lanes(scene, first)
     far = MOST_TRAVEL * pitch
-    by_points = (magnitude(spin) * left > MOST_TURN) | (left * left * (vx * vx + vy * vy) > far * far) | mask_of(stuck)
+    by_points = (absolute(spin) * left > MOST_TURN) | (left * left * (vx * vx + vy * vy) > far * far) | mask_of(stuck)
     if scene.scheme.pieces > 0:
         by_points = active
     on_table = mask_of(placed)
-    old = load_mask(workspace.by_points, first) & no(active)
+    old = load_mask(workspace.by_points, first) & logical_not(active)
     store_mask(workspace.by_points, first, old | (by_points & on_table))
-    return on_table & no(by_points)
+    return on_table & logical_not(by_points)
 
 
 @exact
@@ -287,9 +287,9 @@ def cut_group(scene, g, left, pushed):
     stale = load_mask(workspace.stale, slot)
     if bits(stale) == 0:
         return
-    store_mask(workspace.stale, slot, no(stale) & stale)
-    active = stale & no(load_mask(workspace.away, slot))
-    held = bits(load_mask(workspace.held, slot) & no(stale))
+    store_mask(workspace.stale, slot, logical_not(stale) & stale)
+    active = stale & logical_not(load_mask(workspace.away, slot))
+    held = bits(load_mask(workspace.held, slot) & logical_not(stale))
     if bits(active) != 0:
         cutting = bits(choose_lanes(scene, g, active, left, pushed))
         supported = 0
@@ -345,7 +345,7 @@ def series_held(workspace, g, h):
     motion = load(velocity, 0) + load(velocity, LANES) + load(velocity, 2 * LANES)
     return (
         (load(own, 0) <= load(workspace.most_square, first)) & (load(own, LANES) >= slow * slow)
-        & (magnitude(place + motion) < math.inf)
+        & (absolute(place + motion) < math.inf)
     )  # fmt: skip
 
 
@@ -355,22 +355,24 @@ def slide_group(scene, g, step):
     which have not moved."""
     workspace, first = scene.workspace, g * LANES
     pose, velocity = workspace.pose[g], workspace.velocity[g]
-    here = no(load_mask(workspace.away, first))
+    here = logical_not(load_mask(workspace.away, first))
     by_points = here & load_mask(workspace.by_points, first)
     if bits(load_mask(workspace.held, first)) == 0:
-        by_series = no(here) & here
+        by_series = logical_not(here) & here
     else:
         old_pose, old_velocity = workspace.old_pose[g], workspace.old_velocity[g]
         for k in range(0, 3 * LANES, LANES):
             store(old_pose, k, load(pose, k))
             store(old_velocity, k, load(velocity, k))
         slide_by_series(scene.table, step, workspace.moments[g], pose, velocity, workspace.own[g])
-        by_series = here & no(by_points | mask_of(sticking_lanes(scene, first))) & series_held(workspace, g, step.h)
-        if bits(no(by_series)) != 0:
+        by_series = (
+            here & logical_not(by_points | mask_of(sticking_lanes(scene, first))) & series_held(workspace, g, step.h)
+        )
+        if bits(logical_not(by_series)) != 0:
             for k in range(0, 3 * LANES, LANES):
                 store(pose, k, select(by_series, load(pose, k), load(old_pose, k)))
                 store(velocity, k, select(by_series, load(velocity, k), load(old_velocity, k)))
-    return bits(here & no(by_series))
+    return bits(here & logical_not(by_series))
 
 
 @borrowing

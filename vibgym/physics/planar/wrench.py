@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from vibgym.kernels.jit import borrowing, exact_inlined
-from vibgym.kernels.vector import LANES, load, root
+from vibgym.kernels.vector import LANES, load, sqrt
 
 _TINY = 1e-30  # (m/s)^2; keeps 0/0 out of a point at rest relative to the table, where friction has no direction
 
@@ -91,7 +91,7 @@ def expanded_wrench(moments, cosine, sine, ux, uy, spin):
     """
     square = ux * ux + _TINY + uy * uy
     w = 1.0 / square
-    inverse = root(w)
+    inverse = sqrt(w)
     x2, y2 = uy * uy - ux * ux, 2.0 * (ux * uy)
     x3, y3 = x2 * uy - y2 * ux, x2 * ux + y2 * uy
     x4, y4 = x2 * x2 - y2 * y2, 2.0 * (x2 * y2)
