@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from shapely.geometry import MultiPoint, Point, Polygon, box
 from shapely.geometry.polygon import orient
 
-from vibgym.physics.planar.outline import (
+from vibgym.physics.planar.contact_area import (
     MOMENTS,
     NEGLIGIBLE_PIECE,
     contact_points,
