@@ -18,7 +18,7 @@ import pymunk
 from pymunk._chipmunk_cffi import ffi, lib
 
 from vibgym import checks
-from vibgym.kernels.foreign import foreign
+from vibgym.kernels.jit import foreign
 from vibgym.physics.contacts.impact import ImpactProperties
 from vibgym.physics.contacts.solver import Solver
 from vibgym.scene.hulls import WALLS, convex_pieces, rounding
@@ -93,11 +93,13 @@ class ContactSpace:
         self._keep: list[Any] = [bars]
         self.solver = self._solver(
             spaces=np.array([_address(space._space) for space in self._spaces]),
-            room=np.array(rooms),
+            capacity=np.array(rooms),
             owner=np.array(owner),
             material=np.array([materials.index(part.contact_friction) for part in parts]),
-            bars=np.array([[[_address(bar._shape) if bar else 0 for bar in each] for each in some] for some in bars]),
-            raised=np.zeros((len(WALLS), len(materials)), np.bool_),
+            wall_shapes=np.array(
+                [[[_address(bar._shape) if bar else 0 for bar in each] for each in some] for some in bars]
+            ),
+            added_walls=np.zeros((len(WALLS), len(materials)), np.bool_),
         )
 
     def _solver(self, **more: np.ndarray) -> Solver:

@@ -10,7 +10,7 @@ import numpy as np
 from vibgym.kernels.reference import Pinned
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import CONTACT, FREE, NEAR
-from vibgym.physics.contacts.coupling import FIXED_ENCOUNTER, Coupling, FixedEncounter, new_contacts
+from vibgym.physics.contacts.coupling import CONTACT_SCENE, ContactScene, Coupling, new_contacts
 from vibgym.physics.contacts.multibody import (
     BROAD_PHASE,
     CALLS,
@@ -129,11 +129,11 @@ class ContactBuffers:
         most = max(schemes.alone, key=lambda scheme: scheme.substeps)  # working arrays are for the longest steps
         friction = FixedScene(table, bodies, most, new_workspace(table, bodies, most, self.parts))
         self.contacts = new_contacts(self.parts, setup.hulls)
-        together = FixedEncounter(
+        together = ContactScene(
             friction, setup.hulls, self._space.solver, impact_properties_of(setup.parts), self.contacts,
             coupling_of(kinds_of(setup.parts)[0], schemes), schemes.walls,
         )  # fmt: skip
-        self.together = Pinned(FIXED_ENCOUNTER, together)
+        self.together = Pinned(CONTACT_SCENE, together)
         workspace = new_workspace(table, bodies, most, LANES)
         self.alone = [Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, workspace)) for scheme in schemes.alone]
         self._steps = np.array([scheme.steps for scheme in schemes.alone])

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.averaged.contact import AveragedScheme
+from vibgym.physics.averaged.integrator import AveragedScheme
 from vibgym.physics.core.records import Scheme
 from vibgym.scene.hulls import WALLS
 from vibgym.scene.outlines import narrowest_width

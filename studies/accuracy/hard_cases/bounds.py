@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from studies.accuracy.hard_cases.case import HardCase, Outcome, at_most, one_element, random_drive, sound, threshold
-from vibgym.physics.core.drive import polar_drive
-from vibgym.physics.planar.cut import cells_across, new_cut, points_at
-from vibgym.physics.planar.phasors import new_phasors
+from vibgym.physics.core.drive import new_phasors, polar_drive
+from vibgym.physics.planar.contact_area import cells_across, new_cut, points_at
 from vibgym.physics.planar.wrench import sliding_wrench
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface

@@ -8,9 +8,8 @@ from __future__ import annotations
 import math
 
 from vibgym.kernels.jit import borrowing
-from vibgym.physics.core.drive import commands_equal
+from vibgym.physics.core.drive import clear_phasors, commands_equal, phasor_under
 from vibgym.physics.core.records import grip_of
-from vibgym.physics.planar.phasors import forget_phasors, phasor_under
 from vibgym.plugins.tilting.records import LIFT
 
 ABYSS = -1.0
@@ -147,7 +146,7 @@ def grip_at(rigid, x, y):
 @borrowing
 def begin_reading(rigid, kind):
     """Reset the cached drive, for a part of this kind."""
-    forget_phasors(rigid.work.phasors, 0)
+    clear_phasors(rigid.work.phasors, 0)
     rigid.work.phasors.coupling[0] = rigid.bodies.coupling[kind]
 
 
