@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +16,6 @@ from tqdm import tqdm
 from agents import parallel
 from agents.evaluation import films, pages, plots
 from agents.evaluation.pages import colour, data_address
-from agents.evaluation.plots import WORTH_SHOWING
 from agents.evaluation.run import Prepared, Results, described, effects_runs, load_runs, main_runs, writable
 from agents.evaluation.settings import EvaluationSettings
 from agents.evaluation.statistics import interval_of, paired, quartiles
@@ -26,7 +25,6 @@ from agents.evaluation.table import (
     ENDS,
     LOAD,
     METRICS,
-    QUANTITIES,
     RATES,
     REPORT,
     Place,
@@ -115,6 +113,8 @@ HEADS = {
 }
 """Heads of columns that differ from the labels of :data:`agents.evaluation.table.QUANTITIES`."""
 
+LOAD_HEADS = ("good", *list(RATES.values())[1:], "bound", "transit", "on the table")
+
 
 def kind_of(task: TaskInfo) -> str:
     """Return the kind of a task, one of :data:`KINDS`."""
@@ -132,8 +132,8 @@ def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Prepared:
         ValueError: a bad environment setting, an unknown or unfitting policy, or a place that cannot be written to.
     """
     tasks, scenery, runs = main_runs(settings)
+    film = None if gif is None else (_filmed(gif, [run.place for run in runs]), gif.path)
     runs += [*effects_runs(settings), *load_runs(settings)]
-    film = None if gif is None else (_filmed(gif, [run.place for run in runs if run.place.study == REPORT]), gif.path)
     writable(settings, FILES)
     if gif is not None and gif.path.resolve() in [(Path(settings.output) / name).resolve() for name in FILES]:
         raise checks.refuse("--gif PATH", str(gif.path), "different from the files of the report")
@@ -142,80 +142,73 @@ def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Prepared:
 
 def _filmed(gif: Gif, places: Sequence[Place]) -> Place:
     """Return the place whose film is wanted, checked."""
-    checks.choice("--gif TASK", gif.task, tuple(dict.fromkeys(place.task for place in places)))
-    some = [place for place in places if place.task == gif.task]
-    if gif.hardware is not None:
-        checks.choice("--gif-hardware", gif.hardware, tuple(dict.fromkeys(place.hardware for place in some)))
-        some = [place for place in some if place.hardware == gif.hardware]
-    checks.choice("--gif POLICY", gif.policy, tuple(dict.fromkeys(place.policy for place in some)))
+    for option, label, wanted in (
+        ("--gif TASK", "task", gif.task),
+        ("--gif-hardware", "hardware", gif.hardware),
+        ("--gif POLICY", "policy", gif.policy),
+    ):
+        if wanted is not None:
+            checks.choice(option, wanted, tuple(dict.fromkeys(getattr(place, label) for place in places)))
+            places = [place for place in places if getattr(place, label) == wanted]
     output_files([gif.path], "--gif PATH")
-    return next(place for place in some if place.policy == gif.policy)
+    return places[0]
 
 
 def rows(results: Results) -> list[dict[str, Any]]:
     """Return the rows of results.csv: statistics of every policy on every task and hardware."""
-    settings, found = results.settings, []
-    for place, table in results.table.where(study=REPORT).places().items():
+    found = []
+    for place, table in results.places.items():
         overall, policy, environment = results.rollouts[place, None].timing.rates()
         rates = {
             "steps_per_second": overall,
             "policy_steps_per_second": policy,
             "environment_steps_per_second": environment,
         }
-        labels = {name: value for name, value in place._asdict().items() if name != "study"}
-        found.append({**labels, **summary(table, settings.confidence, settings.resamples), **rates})
+        found.append({**place.labels, **summary(table, *results.asked), **rates})
     return found
 
 
 def effects_rows(results: Results) -> list[dict[str, Any]]:
     """Return the cells of the study of effects, case after case."""
-    settings, found = results.settings, []
-    for place, table in results.table.where(study=EFFECTS).places().items():
-        cell = successes(table.by_run("success") > 0.0, settings.confidence, settings.resamples)
-        found.append(
-            {
-                "case": place.hardware,
-                "policy": place.policy,
-                **cell,
-                **spread("time_to_goal", table["time_to_goal_s"], "_s"),
-                "position_error_median_m": quartiles(table["position_error_m"]).median,
-                "heading_error_median_rad": quartiles(table["heading_error_rad"]).median,
-                "fallen": int(table["fallen"].sum()),
-            }
-        )
-    return found
+    return [
+        {
+            "case": place.hardware,
+            "policy": place.policy,
+            **successes(table.by_run("success") > 0.0, *results.asked),
+            **spread("time_to_goal", table["time_to_goal_s"], "_s"),
+            "position_error_median_m": quartiles(table["position_error_m"]).median,
+            "heading_error_median_rad": quartiles(table["heading_error_rad"]).median,
+            "fallen": int(table["fallen"].sum()),
+        }
+        for place, table in results.table.where(study=EFFECTS).places().items()
+    ]
 
 
 def load_rows(results: Results) -> list[dict[str, Any]]:
     """Return the rows of the study of throughput: means a minute by policy and number of parts."""
-    settings, found = results.settings, []
-    for place, table in results.table.where(study=LOAD).places().items():
-        good = interval_of(table["good_per_minute"][None], settings.confidence, settings.resamples)
-        found.append(
-            {
-                "policy": place.policy,
-                "parts": int(place.hardware),
-                "episodes": len(table),
-                "bound": float(results.rollouts[place, None].rate_bound[0]),
-                **{event: float(table[name].mean()) for name, event in RATES.items()},
-                **ends("good", good),
-                "transit_s": float(table["transit_s"].mean()),
-                "on_table": float(table["on_table"].mean()),
-            }
-        )
-    return found
+    return [
+        {
+            "policy": place.policy,
+            "parts": int(place.hardware),
+            "episodes": len(table),
+            "bound": float(results.rollouts[place, None].rate_bound[0]),
+            **{event: float(table[name].mean()) for name, event in RATES.items()},
+            **ends("good", interval_of(table["good_per_minute"][None], *results.asked)),
+            "transit_s": float(table["transit_s"].mean()),
+            "on_table": float(table["on_table"].mean()),
+        }
+        for place, table in results.table.where(study=LOAD).places().items()
+    ]
 
 
 def comparisons(results: Results, quiet: bool = True) -> list[dict[str, Any]]:
     """Return paired differences of every two policies on the same task and hardware."""
-    places = [run.place for run in results.prepared.runs if run.place.study == REPORT]
-    pairs = [pair for pair in itertools.combinations(places, 2) if pair[0][:3] == pair[1][:3]]
-    found, settings = [], results.settings
+    pairs = [pair for pair in itertools.combinations(results.places, 2) if pair[0][:3] == pair[1][:3]]
+    found = []
     for one, other in tqdm(pairs, desc="comparing policies", unit="pair", disable=quiet):
         first, second = results.rollouts[one, None], results.rollouts[other, None]
-        gap = paired(first, second, settings.confidence, settings.resamples)
         labels = {"task": one.task, "hardware": one.hardware, "first": one.policy, "second": other.policy}
-        found.append({**labels, "episodes": len(first.seeds), **gap})
+        found.append({**labels, "episodes": len(first.seeds), **paired(first, second, *results.asked)})
     return found
 
 
@@ -236,27 +229,26 @@ def best_row(results: Results, rows: Sequence[Row], task: str, hardware: str) ->
 def summary_table(results: Results, found: Sequence[Row] | None = None) -> str:
     """Return the tables of the command in Markdown, one for each kind of tasks and study."""
     found = rows(results) if found is None else found
-    several = len(results.hardware_of()) > 1
+    labels = ["task", *(["hardware"] if len(results.hardware_of()) > 1 else []), "policy"]
     level = f"{100 * results.settings.confidence:g} % interval"
-    head, succeed = ("task", *(["hardware"] if several else []), "policy"), ("success", level, "time to goal")
     tables = []
     for name, kind in KINDS.items():
-        flows, lines = name == "flows", []
+        heads, lines = [BY_NAME[each].label for each in kind.summary], []
+        if name != "flows":
+            heads = ["success", level, "time to goal", *heads, "fallen"]
         for row in found:
             if kind_of(results.tasks[row["task"]]) == name:
-                where = [row["task"], *([row["hardware"]] if several else []), row["policy"]]
-                success = [f"{percent(row)} %", f"{percent_between(row)} %", BY_NAME["time_to_goal_median_s"].text(row)]
-                more = [_ending(each, row) for each in kind.summary]
-                lines.append([*where, *([] if flows else success), *more, *([] if flows else [str(row["fallen"])])])
+                cells = [_cell(row, each)[0] for each in kind.summary]
+                if name != "flows":
+                    time = BY_NAME["time_to_goal_median_s"].text(row)
+                    cells = [f"{percent(row)} %", f"{percent_between(row)} %", time, *cells, str(row["fallen"])]
+                lines.append([*(row[label] for label in labels), *cells])
         if lines:
-            labels = [BY_NAME[each].label for each in kind.summary]
-            tables.append(
-                markdown([*head, *([] if flows else succeed), *labels, *([] if flows else ["fallen"])], lines)
-            )
+            tables.append(markdown([*labels, *heads], lines))
     effects = effects_rows(results)
     if effects:
         policies = list(dict.fromkeys(cell["policy"] for cell in effects))
-        lines = [[case, *map(_effect, cells)] for case, cells in _by_case(effects).items()]
+        lines = [[case, *map(_effect, cells)] for case, cells in _by_case(effects)]
         tables.append(markdown((f"{results.settings.effects.task}: effect", *policies), lines))
     load = load_rows(results)
     if load:
@@ -265,23 +257,13 @@ def summary_table(results: Results, found: Sequence[Row] | None = None) -> str:
     return "\n\n".join(tables)
 
 
-def _ending(name: str, row: Row) -> str:
-    return number(row["collisions_mean"], 1) if name == "collisions_mean" else BY_NAME[name].text(row)
-
-
 def _effect(cell: Row) -> str:
     time = f" ({quantity(cell['time_to_goal_median_s'], 1.0, 2, 's')})" if cell["successes"] else ""
     return f"{percent(cell)} %{time}"
 
 
-def _by_case(cells: Sequence[Row]) -> dict[str, list[Row]]:
-    found: dict[str, list[Row]] = {}
-    for cell in cells:
-        found.setdefault(cell["case"], []).append(cell)
-    return found
-
-
-LOAD_HEADS = ("good", *list(RATES.values())[1:], "bound", "transit", "on the table")
+def _by_case(cells: Iterable[Row]) -> list[tuple[str, list[Row]]]:
+    return [(case, list(those)) for case, those in itertools.groupby(cells, key=lambda cell: cell["case"])]
 
 
 def load_cells(row: Row) -> list[str]:
@@ -296,38 +278,32 @@ def write(results: Results, quiet: bool = False) -> Path:
     Raises:
         WriteError: a file could not be written; then none is new.
     """
-    directory, found, gaps = Path(results.settings.output), rows(results), comparisons(results, quiet)
-    labels = ("task", "hardware", "policy", "seed")
-    episodes = results.table.where(study=REPORT).records((*labels, *METRICS))
+    settings, found, gaps = results.settings, rows(results), comparisons(results, quiet)
+    episodes = results.table.where(study=REPORT).records(("task", "hardware", "policy", "seed", *METRICS))
     more: dict[str, Any] = {
-        "comparisons": [{key: asdict(value) if hasattr(value, "interval") else value for key, value in each.items()}
-                        for each in gaps]
-    }  # fmt: skip
-    if results.settings.effects is not None:
+        "comparisons": [each | {name: asdict(each[name]) for name in ("success", "time")} for each in gaps]
+    }
+    if settings.effects is not None:
         table = results.table.where(study=EFFECTS)
-        cases = {case: each for case, each in results.settings.effects.cases.items()}
-        each = [{"case": one.pop("hardware"), **one} for one in table.records(("hardware", "policy", "seed", *ENDS))]
-        head = {"task": results.settings.effects.task, "seeds": table["seed"].tolist(), "cases": cases}
-        head["seeds"] = list(dict.fromkeys(head["seeds"]))
-        more["effects"] = {**head, "results": effects_rows(results), "episodes": each}
-    if results.settings.under_load is not None:
-        more["load"] = {"task": results.settings.under_load.task, "results": load_rows(results)}
-    contents: dict[Path, str | bytes] = dict(
-        zip(
-            [directory / name for name in FILES],
-            (
-                csv_text(found),
-                csv_text(episodes),
-                pages.json_text(results, found, {**more, "episodes": episodes}),
-                page(results, found, gaps, quiet),
-            ),
-            strict=True,
-        )
-    )
-    if results.prepared.film is not None:
-        place, path = results.prepared.film
+        more["effects"] = {
+            "task": settings.effects.task,
+            "seeds": list(dict.fromkeys(table["seed"].tolist())),
+            "cases": settings.effects.cases,
+            "results": effects_rows(results),
+            "episodes": [
+                {"case": one.pop("hardware"), **one} for one in table.records(("hardware", "policy", "seed", *ENDS))
+            ],
+        }
+    if settings.under_load is not None:
+        more["load"] = {"task": settings.under_load.task, "results": load_rows(results)}
+    text = pages.json_text(results, found, {**more, "episodes": episodes})
+    written = (csv_text(found), csv_text(episodes), text, page(results, found, gaps, quiet))
+    directory = Path(settings.output)
+    contents: dict[Path, str | bytes] = {directory / name: each for name, each in zip(FILES, written, strict=True)}
+    if results.film is not None:
+        place, path = results.film
         rollout = results.rollouts[place, None]
-        contents[path] = films.film_gif(rollout.film, results.prepared.scenery[place.task], rollout.step_time)
+        contents[path] = films.film_gif(rollout.film, results.scenery[place.task], rollout.step_time)
     write_together(contents)
     return directory / FILES[-1]
 
@@ -340,8 +316,8 @@ def page(results: Results, found: Sequence[Row], gaps: Sequence[Row], quiet: boo
     together = [task for task in infos if task not in goals and task not in flows]
     best = {(row["task"], row["hardware"]): row for row in found}
     best = {place: best_row(results, found, *place) for place in best}
-    sections, examples = _drawn(results, found, best, (goals, together, flows), quiet)
-    policies = described(results.prepared)
+    cards = _cards(results, found, quiet)
+    most = {each.name: each.episodes for each in settings.hardware_entries()}
     tasks = {
         task: {
             "name": task,
@@ -349,7 +325,16 @@ def page(results: Results, found: Sequence[Row], gaps: Sequence[Row], quiet: boo
             "episodes": len(settings.seed_list(task)),
             "inventory": pages.inventory(info.parts),
             "criterion": pages.success_criterion(info),
-            "sections": sections[task],
+            "sections": [
+                {
+                    "hardware": hardware,
+                    "episodes": len(settings.seed_list(task, most[hardware])),
+                    "cards": [each for each in cards if each["place"] == (task, hardware)],
+                    "arrivals": data_address(plots.arrivals(results, task, hardware)),
+                }
+                for name, hardware in best
+                if name == task
+            ],
         }
         for task, info in infos.items()
     }
@@ -364,17 +349,30 @@ def page(results: Results, found: Sequence[Row], gaps: Sequence[Row], quiet: boo
         if (names := [task for task, info in infos.items() if kind_of(info) == name])
     ]
     environments = [settings.environments()[name].get("actuators", "ideal") for name in results.hardware_of()]
+    leading = [best[task, hardware] for hardware in results.hardware_of() for task in infos if (task, hardware) in best]
+    load, policies = load_rows(results), described(results)
     return pages.render(
         "report.html.j2",
         **pages.common(results),
-        answers=_answers(results, found, best),
+        rows={(row["task"], row["hardware"], row["policy"]): row for row in found},
+        best=best,
+        leading=leading,
+        open=[row for row in leading if row["task"] not in flows and row["success_rate"] < OPEN_BELOW],
+        open_below=OPEN_BELOW,
+        anchor=anchor,
+        cell=_cell,
+        figures=lambda row: _figures(row, infos[row["task"]].flows),
         film_script=Markup(films.script()),
-        surface=results.surface,
+        surface=next(iter(infos.values())).surface,
         policies=policies,
+        names=[each.name for each in settings.entries() if each.name in policies],
         goals=goals,
         together=together,
         flows=flows,
-        load=_load(results),
+        load=load,
+        load_plot=data_address(plots.throughput(load)) if load else "",
+        load_heads=LOAD_HEADS,
+        load_cells=load_cells,
         following=any(info.goal_moves for info in infos.values()),
         several=any(len(info.parts) > 1 for info in infos.values()),
         step_time=next(iter(infos.values())).step_time,
@@ -388,75 +386,27 @@ def page(results: Results, found: Sequence[Row], gaps: Sequence[Row], quiet: boo
         tables=tables,
         prototype=any((each["kind"] if isinstance(each, Mapping) else each) == "prototype" for each in environments),
         effects=_effects(results),
-        comparisons=[_compared(each) for each in against_best(results, gaps, best)],
-        examples=examples,
+        comparisons=against_best(results, gaps, best),
+        examples=[_example(results, found, best, each) for each in (goals, together, flows) if each]
+        if settings.animations
+        else [],
         colours={name: plots.policy_colour(results, name) for name in policies},
     )
 
 
-def _drawn(
-    results: Results,
-    found: Sequence[Row],
-    best: Mapping[tuple[str, str], Row],
-    kinds: Sequence[Sequence[str]],
-    quiet: bool,
-) -> tuple[dict[str, list[Any]], list[str]]:
-    """Draw all pictures; return the sections of every task, and an example picture for each kind of tasks."""
-    settings, scenery = results.settings, results.prepared.scenery
-    items = [
-        (_rollout(results, row), results.tasks[row["task"]], scenery[row["task"]], settings.animations) for row in found
+def _cards(results: Results, found: Sequence[Row], quiet: bool) -> list[dict[str, Any]]:
+    """Draw the pictures of every policy on every task and hardware; return its card for each row of ``found``."""
+    places = [(row["task"], row["hardware"]) for row in found]
+    rollouts = [results.rollout(*place, row["policy"]) for place, row in zip(places, found, strict=True)]
+    infos = [results.tasks[task] for task, _ in places]
+    sceneries, animated = [results.scenery[task] for task, _ in places], [results.settings.animations] * len(found)
+    with tqdm(total=len(found), desc="drawing", unit="run", disable=quiet) as bar:
+        items = list(zip(rollouts, infos, sceneries, animated, strict=True))
+        pictures = parallel.run(_pictures, items, workers=results.settings.processes, done=bar.update)
+    return [
+        {"place": place, "row": row, "seed": each.film.seed, "outcome": _outcome(each.film, info), **drawn}
+        for place, row, each, info, drawn in zip(places, found, rollouts, infos, pictures, strict=True)
     ]
-    with tqdm(total=len(items), desc="drawing", unit="run", disable=quiet) as bar:
-        drawn = parallel.run(_pictures, items, workers=settings.processes, done=bar.update)
-    arrivals = {place: data_address(plots.arrivals(results, *place)) for place in best}
-    examples = [_example(results, found, best, tasks) for tasks in kinds if tasks and settings.animations]
-    cards: dict[tuple[str, str], list[dict[str, Any]]] = {place: [] for place in best}
-    for row, pictures in zip(found, drawn, strict=True):
-        cards[row["task"], row["hardware"]].append(_card(results, row) | pictures)
-    most = {each.name: each.episodes for each in settings.hardware_entries()}
-    sections: dict[str, list[Any]] = {task: [] for task in results.tasks}
-    for (task, hardware), shown in cards.items():
-        episodes = len(settings.seed_list(task, most[hardware]))
-        each = {"hardware": hardware, "episodes": episodes, "cards": shown, "arrivals": arrivals[task, hardware]}
-        sections[task].append(each)
-    return sections, examples
-
-
-def _rollout(results: Results, row: Row) -> films.Rollout:
-    return results.rollout(row["task"], row["hardware"], row["policy"])
-
-
-def anchor(row: Row) -> str:
-    """Return the id of a card."""
-    return "-".join(("card", row["task"], row["hardware"], row["policy"])).replace(" ", "_")
-
-
-def _card(results: Results, row: Row) -> dict[str, Any]:
-    """Return row and card of one policy on one task; ``cells`` are large and small text by column."""
-    film, info = _rollout(results, row).film, results.tasks[row["task"]]
-    clearance = row["clearance_median_m"]
-    shown = "–" if math.isnan(clearance) else f"{signed(1e3 * clearance, 2).removeprefix('+')} mm"
-    cells = {
-        each.name: (each.text(row).replace(" deg", "°"), each.middle_half(row))
-        for each in QUANTITIES
-        if each.name in row
-    }
-    return {
-        "row": row,
-        "anchor": anchor(row),
-        "cells": {
-            **cells,
-            "collisions_mean": (number(row["collisions_mean"], 1), shown),
-            "parts_done_mean": (number(row["parts_done_mean"], 2), f"of {len(info.parts)}"),
-            "fallen": (str(row["fallen"]), None),
-            "steps_per_second": (pages.thousands(row["steps_per_second"]), None),
-        },
-        "rates": f"policy {pages.thousands(row['policy_steps_per_second'])}, "
-        f"environment {pages.thousands(row['environment_steps_per_second'])}",
-        "seed": film.seed,
-        "outcome": _outcome(film, info),
-        "headline": f"{number(row['good_per_minute_mean'], 1)} a minute" if info.flows else f"{percent(row)} %",
-    }  # fmt: skip
 
 
 def _pictures(rollout: films.Rollout, info: TaskInfo, scenery: Any, animated: bool) -> dict[str, Any]:
@@ -467,6 +417,26 @@ def _pictures(rollout: films.Rollout, info: TaskInfo, scenery: Any, animated: bo
         moving = films.packed(rollout.film, scenery, rollout.step_time)
         found |= {"film": moving, "still": data_address(still), "size": size, "caption": rollout.film.captions[-1]}
     return found
+
+
+def anchor(row: Row) -> str:
+    """Return the id of a card."""
+    return "-".join(("card", row["task"], row["hardware"], row["policy"])).replace(" ", "_")
+
+
+def _cell(row: Row, name: str, parts: int = 0) -> tuple[str, str | None]:
+    """Return large and small text of a column; ``parts`` is the number of parts of the task."""
+    if name == "collisions_mean":
+        clearance = row["clearance_median_m"]
+        shown = "–" if math.isnan(clearance) else f"{signed(1e3 * clearance, 2).removeprefix('+')} mm"
+        return number(row[name], 1), shown
+    if name == "parts_done_mean":
+        return number(row[name], 2), f"of {parts}"
+    if name == "fallen":
+        return str(row[name]), None
+    if name == "steps_per_second":
+        return pages.thousands(row[name]), None
+    return BY_NAME[name].text(row), BY_NAME[name].middle_half(row)
 
 
 def _outcome(film: films.Film, info: TaskInfo) -> str:
@@ -481,37 +451,9 @@ def _outcome(film: films.Film, info: TaskInfo) -> str:
     return f"all {parts} parts are done" if film.success else f"{film.done:.0f} of {parts} parts are done at the end"
 
 
-def _answers(results: Results, found: Sequence[Row], best: Mapping[tuple[str, str], Row]) -> dict[str, Any]:
-    """Return the first screen: a table for every hardware model, the best policies, and the open tasks."""
-    by_place = {(row["task"], row["hardware"], row["policy"]): row for row in found}
-    names = list(dict.fromkeys(row["policy"] for row in found))
-    names = [each.name for each in results.settings.entries() if each.name in names]
-    tables = []
-    for hardware in results.hardware_of():
-        lines = []
-        for task in results.tasks:
-            if (task, hardware) in best:
-                cells = [by_place.get((task, hardware, name)) for name in names]
-                shown = [
-                    row and {**_figures(results, row), "best": row is best[task, hardware], "to": anchor(row)} for row in cells
-                ]  # fmt: skip
-                lines.append({"task": task, "cells": shown})
-        tables.append({"hardware": hardware, "rows": lines})
-    ordered = [best[task, hardware] for hardware in results.hardware_of() for task in results.tasks
-               if (task, hardware) in best]  # fmt: skip
-    shown = [_best(results, row) for row in ordered]
-    return {
-        "policies": names,
-        "tables": tables,
-        "best": shown,
-        "open": [each for each in shown if each["open"]],
-        "limit": f"{100 * OPEN_BELOW:g} %",
-    }
-
-
-def _figures(results: Results, row: Row) -> dict[str, Any]:
-    """Return the large and small figure of a cell and its colour."""
-    if results.tasks[row["task"]].flows:
+def _figures(row: Row, flows: bool) -> dict[str, Any]:
+    """Return the large and small figure of a cell of the first table, its sort key and its colour."""
+    if flows:
         share, good = row["rate_over_bound_mean"], row["good_per_minute_mean"]
         known = math.isfinite(share)
         large, small = f"{number(good, 1)} / min", f"{100 * share:.0f} % of bound" if known else ""
@@ -524,20 +466,6 @@ def _figures(results: Results, row: Row) -> dict[str, Any]:
             f"{number(ratio, 2)} ×" if math.isfinite(ratio) else f"{number(time, 2)} s" if math.isfinite(time) else ""
         )
     return {"large": large, "small": small, "rank": f"{rank:.6g}" if math.isfinite(rank) else "", "colour": tint}
-
-
-def _best(results: Results, row: Row) -> dict[str, Any]:
-    """Return a row of the table of best policies."""
-    flows = results.tasks[row["task"]].flows
-    return {
-        "row": row,
-        "to": anchor(row),
-        "rate": f"{number(row['good_per_minute_mean'], 1)} good parts a minute" if flows else f"{percent(row)} %",
-        "interval": "" if flows else f"{percent_between(row)} %",
-        "time": BY_NAME["time_to_goal_median_s"].text(row),
-        "bound": BY_NAME["rate_over_bound_mean" if flows else "time_over_bound_median"].text(row),
-        "open": not flows and row["success_rate"] < OPEN_BELOW,
-    }
 
 
 def against_best(results: Results, gaps: Sequence[Row], best: Mapping[tuple[str, str], Row]) -> list[dict[str, Any]]:
@@ -555,85 +483,41 @@ def against_best(results: Results, gaps: Sequence[Row], best: Mapping[tuple[str,
     return found
 
 
-def _compared(each: Row) -> dict[str, Any]:
-    success, time = each["success"], each["time"]
-    low, high = 100 * success.interval.low, 100 * success.interval.high
-    times = time.interval
-    return {
-        **{key: each[key] for key in ("task", "hardware", "first", "second", "both")},
-        "success": signed(100 * success.value, 1),
-        "success_interval": f"{signed(low, 1)} to {signed(high, 1)}",
-        "success_clear": success.clear,
-        "time": f"{signed(time.value, 2)} s" if each["both"] else "–",
-        "time_interval": "" if times is None else f"{signed(times.low, 2)} to {signed(times.high, 2)}",
-        "time_clear": time.clear,
-    }
-
-
-def shaded(cell: Row, median_time: float) -> dict[str, str]:
-    """Return what a cell of a study shows, coloured by its success rate."""
-    return {
-        "success": f"{percent(cell)} %",
-        "interval": percent_between(cell, " – "),
-        "method": cell["success_interval_method"],
-        "time": quantity(median_time, 1.0, 2, "s"),
-        "colour": colour(cell["success_rate"]),
-    }
-
-
 def _effects(results: Results) -> dict[str, Any] | None:
     """Return the section on the study of effects."""
     asked, cells = results.settings.effects, effects_rows(results)
     if asked is None:
         return None
     names = [each.name for each in results.settings.entries()]
-    own = [each for each in asked.columns("evaluation.effects", names) if each.sensor]
     return {
         "task": asked.task,
         "episodes": cells[0]["episodes"],
         "policies": list(dict.fromkeys(cell["policy"] for cell in cells)),
         "rows": [
-            {
-                "case": case,
-                "summary": pages.as_yaml(asked.cases[case], flow=True) if asked.cases[case] else "",
-                "cells": [shaded(cell, cell["time_to_goal_median_s"]) for cell in those],
-            }
-            for case, those in _by_case(cells).items()
+            {"case": case, "summary": pages.as_yaml(asked.cases[case], flow=True), "cells": those}
+            for case, those in _by_case(cells)
         ],
-        "own": [{"name": each.name, "sensor": pages.as_yaml(each.sensor, flow=True)} for each in own],
-    }
-
-
-def _load(results: Results) -> dict[str, Any] | None:
-    """Return the section on the study of throughput."""
-    asked, found = results.settings.under_load, load_rows(results)
-    if asked is None:
-        return None
-    return {
-        "task": asked.task,
-        "episodes": max(row["episodes"] for row in found),
-        "plot": data_address(plots.throughput(found)),
-        "rows": [{"row": row, "cells": load_cells(row)} for row in found],
-        "heads": LOAD_HEADS,
+        "own": [
+            {"name": each.name, "sensor": pages.as_yaml(each.sensor, flow=True)}
+            for each in asked.columns("evaluation.effects", names)
+            if each.sensor
+        ],
     }
 
 
 def _example(results: Results, found: Sequence[Row], best: Mapping[tuple[str, str], Row], tasks: Sequence[str]) -> str:
     """Draw a large picture: of policies that succeed at times, the film whose elements vary most half way to the goal."""
-    chosen: tuple[Any, ...] | None = None
+    chosen: list[tuple[tuple[bool, float], films.Film, int, str]] = []
     for row in found:
         place = row["task"], row["hardware"]
-        if row["task"] in tasks and (row["success_rate"] >= WORTH_SHOWING or best[place] is row):
-            film, radius = _rollout(results, row).film, results.tasks[row["task"]].parts[0].radius
+        if row["task"] in tasks and (row["success_rate"] >= plots.WORTH_SHOWING or best[place] is row):
+            film, radius = results.rollout(*place, row["policy"]).film, results.tasks[row["task"]].parts[0].radius
             moved = (film.poses - film.poses[0])[..., :2]
-            travelled = np.where(film.present & film.present[0], np.hypot(moved[..., 0], moved[..., 1]), 0.0).sum(
-                axis=1
-            )
+            there = film.present & film.present[0]
+            travelled = np.where(there, np.hypot(moved[..., 0], moved[..., 1]), 0.0).sum(axis=1)
             frame = int((travelled >= 0.5 * travelled.max()).argmax())
             variety = bool(travelled[frame] > radius), float(film.phasors[frame].var(axis=(0, 1)).sum())
-            if chosen is None or variety > chosen[0]:
-                chosen = variety, film, frame, row["task"]
-    assert chosen is not None  # there is a best policy
-    _, film, frame, task = chosen
-    scenery = results.prepared.scenery[task]
+            chosen.append((variety, film, frame, row["task"]))
+    _, film, frame, task = max(chosen, key=lambda each: each[0])
+    scenery = results.scenery[task]
     return data_address(films.png(films.picture(film, scenery, frame, films.painter_for(scenery, 1064))))

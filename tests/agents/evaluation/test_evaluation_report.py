@@ -68,7 +68,7 @@ def test_bold_differences_are_those_that_are_clear(found, written):
     text = (written / "report.html").read_text(encoding="utf-8")
     gaps = report.against_best(found, report.comparisons(found), best_rows(found, report.rows(found)))
     clear = [gap[name].clear for gap in gaps for name in ("success", "time") if gap[name].interval is not None]
-    assert text.count('<td class="clear">') == sum(clear) and not all(clear)
+    assert text.count('<td class="clear"') == sum(clear) and not all(clear)
 
 
 def test_best_policy_has_most_successes_then_the_lowest_time(found):
@@ -143,7 +143,7 @@ def test_only_the_files_are_left(written):
 
 def test_gif(found):
     film = found.rollout("Align", "ideal", "pusher").film
-    frames, interval = films.frames_of(film, found.prepared.scenery["Align"], 0.04, 300)
+    frames, interval = films.frames_of(film, found.scenery["Align"], 0.04, 300)
     assert len(frames) <= films.MOST_FRAMES and frames[0].dtype == np.uint8
     with Image.open(io.BytesIO(films.gif(frames[:6], 1.0 / interval))) as image:
         assert image.n_frames == 6 and image.info["loop"] == 0
