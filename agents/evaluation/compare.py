@@ -16,7 +16,7 @@ import numpy as np
 from agents.evaluation import pages, plots
 from agents.evaluation.pages import data_address
 from agents.evaluation.run import Infos, Prepared, Results, main_runs, study_runs, writable
-from agents.evaluation.settings import ComparisonSettings, MatrixSettings
+from agents.evaluation.settings import ComparisonSettings
 from agents.evaluation.statistics import (
     Estimate,
     interval_of,
@@ -26,6 +26,7 @@ from agents.evaluation.statistics import (
     quartiles,
     success_difference,
 )
+from agents.evaluation.study_settings import MatrixSettings
 from agents.evaluation.table import (
     REPORT,
     Place,

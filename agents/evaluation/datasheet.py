@@ -14,8 +14,9 @@ from agents.evaluation import films
 from agents.evaluation.films import Log, Rollout
 from agents.evaluation.pages import as_yaml, data_address, render
 from agents.evaluation.run import Infos, Run
-from agents.evaluation.settings import DEFAULT_FIRST_SEED, FileSettings, Seed
+from agents.evaluation.settings import DEFAULT_FIRST_SEED, FileSettings
 from agents.evaluation.statistics import quartiles
+from agents.evaluation.study_settings import Seed
 from agents.evaluation.table import Place, quantity
 from agents.provenance import provenance
 from vibgym import Part, Simulator, Surface, checks

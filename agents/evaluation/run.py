@@ -13,7 +13,8 @@ from tqdm import tqdm
 
 from agents import parallel
 from agents.evaluation.films import Log, Rollout
-from agents.evaluation.settings import EffectsSettings, EvaluationSettings, RunSettings, laid_over, with_sensor
+from agents.evaluation.settings import EvaluationSettings, RunSettings, laid_over, with_sensor
+from agents.evaluation.study_settings import EffectsSettings
 from agents.evaluation.table import EFFECTS, LOAD, REPORT, Place, Table
 from agents.provenance import policy_files, provenance
 from vibgym import checks
