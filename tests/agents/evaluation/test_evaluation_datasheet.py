@@ -8,7 +8,7 @@ import pytest
 
 from agents.__main__ import main
 from agents.evaluation import datasheet
-from agents.evaluation.settings import DatasheetSettings
+from agents.evaluation.datasheet import DatasheetSettings
 from tests.browser import chromium, faults_at_all_sizes, watch
 from vibgym import Part, Surface
 from vibgym.actuators import DataSheet
@@ -42,14 +42,12 @@ def test_limits_follow_from_closed_forms(sheet):
 
 
 def test_measured_rates_keep_the_bounds(sheet):
-    assert all(reached == 8 for _, reached in sheet.reached.values()) and set(sheet.reached) == {
-        "Transport",
-        "Align",
-        "Rotate",
-    }
+    assert set(sheet.infos) == {"Transport", "Align", "Rotate"}
+    assert all(sheet.played[task].success.all() for task in sheet.infos)
     assert (sheet.speed < sheet.limits.top_speed).all() and (sheet.speed > 0.05).all()
-    assert sheet.position.shape == sheet.heading.shape == (8,)
-    assert sheet.position.max() < 1e-3 and sheet.heading.max() < math.radians(2.0) and sheet.lost == 0
+    position, heading = sheet.at_rest("position_error"), sheet.at_rest("heading_error")
+    assert position.shape == heading.shape == (8,)
+    assert position.max() < 1e-3 and heading.max() < math.radians(2.0) and sheet.lost == 0
 
 
 def test_a_part_on_a_single_element_cannot_be_turned():
@@ -128,7 +126,7 @@ def test_a_disc_has_no_heading(tmp_path):
     part = {"shape": "disc", "radius_mm": 20, "friction": 0.5}
     settings = DatasheetSettings.checked({"part": part, "episodes": 8, "output": str(tmp_path)})
     found = datasheet.measure(settings, quiet=True)
-    assert found.turn_speed is None and found.heading is None and "Rotate" not in found.reached
+    assert found.turn_speed is None and "Rotate" not in found.played
     text = datasheet.summary(found)
     assert (
         "Heading" not in text

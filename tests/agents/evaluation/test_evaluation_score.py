@@ -10,7 +10,7 @@ import yaml
 
 from agents import __main__ as command
 from agents.evaluation.run import Run
-from agents.evaluation.settings import SuiteSettings
+from agents.evaluation.score import SuiteSettings
 from agents.evaluation.statistics import episode_scores, suite_interval, suite_score
 
 SMALL = {

@@ -190,13 +190,13 @@ def test_summary_has_a_table_of_its_own(several):
 
 def test_pictures_show_zones_and_trails(several):
     film = several.rollout("Sort", "ideal", "shepherd").film
-    frames, _ = films.frames_of(film, several.prepared.scenery["Sort"], 0.04, 520)
+    frames, _ = films.frames_of(film, several.scenery["Sort"], 0.04, 520)
     assert (frames[0] != frames[-1]).any()
     assert re.match(r"0\.00 s   \d of 6 parts done ", film.captions[0]) and len(film.captions) == len(film.poses)
     # A zone tints its end of the table: the picture differs from Singulate's at the left and at the right, not between.
     pictures = []
     for task in ("Sort", "Singulate"):
-        own, scenery = several.rollout(task, "ideal", "lazy shepherd").film, several.prepared.scenery[task]
+        own, scenery = several.rollout(task, "ideal", "lazy shepherd").film, several.scenery[task]
         empty = dataclasses.replace(own, present=np.zeros_like(own.present))
         pictures.append(films.picture(empty, scenery, 0, films.painter_for(scenery, 520)))
     columns = (pictures[0][:140] != pictures[1][:140]).any(axis=(0, 2))
