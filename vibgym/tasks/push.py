@@ -194,7 +194,7 @@ def area(corners, count):
 
 @borrowing
 def shared_area(hulls, a, placed, b, aimed, one, other, spare):
-    """Return the area, m^2, that piece ``a`` of a placed part shares with piece ``b`` of its goal; the last three are scratch."""
+    """Return the area, m^2, that piece ``a`` of a placed part shares with piece ``b`` of its goal; last three: scratch."""
     count, edges = copy_corners(hulls, a, placed, one), copy_corners(hulls, b, aimed, other)
     for k in range(edges):
         j = (k + 1) % edges
