@@ -8,12 +8,6 @@ from hypothesis import strategies as st
 from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, ELL, SIX, STEEL, SURFACE
 from vibgym import Part, Surface
 from vibgym.tasks import Singulate, Sort
-from vibgym.tasks.episode import LIMITS
-
-
-def limits(task):
-    return dict(zip(LIMITS, task.rules(1).limit.tolist()))
-
 
 WIDTH, HEIGHT, COLUMN = 0.832, 0.208, 0.026
 
@@ -25,7 +19,7 @@ def test_default_zones_are_six_columns_at_the_ends_and_in_the_middle():
     assert columns == pytest.approx(np.array([[0, 6], [26, 32], [13, 19]]))
     assert task.zones[:, [1, 3]] == pytest.approx(np.array([[0, HEIGHT]] * 3))
     assert task.rules(1).zone == pytest.approx(task.zones[[0, 1, 2, 0]])
-    assert limits(task)["slow"] == 0.020 and limits(task)["hold"] == 10
+    assert task.rules(1).slow == 0.020 and task.rules(1).hold == 10
 
 
 def test_zones_of_ones_own():

@@ -332,8 +332,7 @@ class Core:
             self.term_names = ("goal",)
             self.terms, self.part_terms = np.zeros((worlds, 1)), np.zeros((worlds, parts, 1))
         elif self.task.has_own_reward:
-            state = self.simulator.state
-            self._own_reward = own = OwnReward(self.task, self.scoring, state, self.periods, self._all_phasors, weights)
+            self._own_reward = own = OwnReward(self.scoring, self._all_phasors, weights)
             self.term_names, self.terms, self.part_terms = own.names, own.terms, own.part_terms
 
     BOUND = (

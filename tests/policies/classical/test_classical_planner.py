@@ -29,7 +29,7 @@ from vibgym.policies.classical.planner import PlannerPolicy, Targets, assign, pl
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.registry import make_policy
 from vibgym.scene.hulls import gaps_between, hulls_of
-from vibgym.tasks.swap import exchange_goals
+from vibgym.tasks.assignment import exchange_goals
 
 RULE = math.sqrt(2) * 0.026
 KINDS = {"steel_block": STEEL, "aluminium_block": ALUMINIUM, "disc": DISC}

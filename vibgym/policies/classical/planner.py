@@ -31,8 +31,8 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.outlines import convex_hull
 from vibgym.simulation import threads as workers
+from vibgym.tasks.assignment import exchange_goals
 from vibgym.tasks.starts import lattice
-from vibgym.tasks.swap import exchange_goals
 
 SHIFTS = 9
 """Number of shifts along the table that are tried of the lattice that separates a heap."""
