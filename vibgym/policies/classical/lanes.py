@@ -22,10 +22,10 @@ import numpy as np
 
 from vibgym.kernels.jit import borrowing, jit
 from vibgym.physics.contacts.hulls import hull_gap, place_hulls
-from vibgym.policies.classical import planner
 from vibgym.policies.classical.law import lead_of
-from vibgym.policies.classical.measured import Measured, recall, wrap
-from vibgym.policies.classical.steering import Steering
+from vibgym.policies.classical.measured import Measured, wrap
+from vibgym.policies.classical.planner import Plan
+from vibgym.policies.classical.steering import Memory, Steering
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
@@ -78,13 +78,8 @@ class FeedingPolicy(Steering):
         self.half = half_extents(info)
         self.spacing = float(np.sqrt(2.0) * info.surface.element_size)
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Return actions from measured poses and mean velocities; the state is :class:`.steering.Memory`."""
-        measured = Measured.of(observation, self.info)
-        memory, _ = recall(state, episode_start, self.begin(1), len(measured.centre), measured.arrived)
-        measured = self.expected(measured, memory)
+    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+        """See :meth:`.steering.Steering.act`."""
         return self.steer(measured, self.lead * self.velocity(measured), memory)
 
     def velocity(self, measured: Measured) -> np.ndarray:
@@ -152,9 +147,9 @@ class CrossingPolicy(TwoPhasesPolicy):
         self.half = half_extents(info)
         self.rules = Rules(info.surface.width, info.surface.depth, self.top, 1.0 / self.lead)
 
-    def choose(self, measured: Measured, memory: planner.Memory) -> tuple[np.ndarray, np.ndarray]:
+    def choose(self, measured: Measured, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
         """See :meth:`.planner.PlannerPolicy.choose`; velocities that pass others in worlds where parts meet."""
-        velocity, waited = super().choose(measured, memory)
+        velocity, waited = super().choose(measured, plan)
         wanted, first, meets = self.wanted(measured)
         crossing = meets.any(axis=1)
         patient = np.where(measured.present, waited, 0.0).max(axis=1) < PATIENCE

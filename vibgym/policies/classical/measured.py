@@ -118,7 +118,7 @@ def check_state(observation: Any, layout: Layout) -> np.ndarray:
     return values
 
 
-def wrap(angle: np.ndarray, symmetry: np.ndarray) -> np.ndarray:
+def wrap(angle: np.ndarray, symmetry: np.ndarray | int = 1) -> np.ndarray:
     """Wrap angles (rad) of parts with this symmetry to +-pi / symmetry."""
     period = 2.0 * math.pi / np.maximum(symmetry, 1)
     return angle - period * np.round(angle / period)

@@ -10,15 +10,15 @@ round the part along its outline.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from vibgym import Part, checks
+from vibgym import Part
 from vibgym.policies.classical.law import lead_of
-from vibgym.policies.classical.measured import Measured, recall
-from vibgym.policies.classical.steering import Steering
+from vibgym.policies.classical.measured import Measured, wrap
+from vibgym.policies.classical.steering import Memory, Settings, Steering
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.sliding import drag_of
 
@@ -33,12 +33,8 @@ BARRED = 10.0
 
 
 @dataclass(frozen=True)
-class Manner:
-    """How parts are pushed.
-
-    Raises:
-        ValueError: a bad value.
-    """
+class Manner(Settings):
+    """How parts are pushed."""
 
     speed: float = 0.14  # m/s, most that the part is pushed with, its turn times the radius of gyration included
     gain: float = 0.8  # share of the rate at which friction brakes it at which the way left shrinks
@@ -48,10 +44,6 @@ class Manner:
     clear: float = 0.006  # m to the part on the way round it
     along: float = 0.12  # s, in which one who pushes gets to its place
     still: float = 0.5  # share of the tolerances within which no part pushes
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            object.__setattr__(self, each.name, checks.number(each.name, getattr(self, each.name), above=0.0))
 
 
 class Outline:
@@ -104,7 +96,7 @@ class PushingPolicy(Steering):
     """
 
     def __init__(self, info: TaskInfo, **settings: Any) -> None:
-        own = {each.name: settings.pop(each.name) for each in fields(Manner) if each.name in settings}
+        self.manner = Manner.taken(settings)
         super().__init__(info, **{"law": "pose", **settings})
         driven, asked = np.array(info.driven), np.array(info.asked)
         if not info.has_goal or info.goal_moves or (asked & ~driven).sum() != 1 or (driven & ~asked).sum() != 2:
@@ -112,7 +104,7 @@ class PushingPolicy(Steering):
                 "a task with a goal for one part that the elements do not drive, and two driven parts without goals"
             )
             raise info.unsupported("push", required)
-        self.manner, self.driven = Manner(**own), driven
+        self.driven = driven
         self.pushed, self.pushers = int(np.flatnonzero(~driven)[0]), np.flatnonzero(driven)
         part = info.parts[self.pushed]
         self.reach = max(info.parts[k].radius for k in self.pushers)
@@ -125,13 +117,8 @@ class PushingPolicy(Steering):
         self._gram = effect @ effect.T
         self._fits = np.sqrt(((place[:, None] - place) ** 2).sum(axis=-1)) > 2.0 * self.reach + 0.002
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Actions from the measured poses and mean velocities; the state is :class:`.steering.Memory`."""
-        measured = Measured.of(observation, self.info)
-        memory, _ = recall(state, episode_start, self.begin(1), len(measured.centre))
-        measured = self.expected(measured, memory)
+    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+        """See :meth:`.steering.Steering.act`."""
         velocity = np.zeros_like(measured.centre)
         velocity[:, self.pushers] = self.velocities(measured)
         acting = replace(measured, present=measured.present & self.driven)
@@ -221,7 +208,7 @@ class PushingPolicy(Steering):
         """
         outline = self.outline
         here = np.arctan2(at[..., 1], at[..., 0])
-        short = wrapped(outline.direction - here[..., None])
+        short = wrap(outline.direction - here[..., None])
         sweeps = np.stack([short, short - np.copysign(2.0 * math.pi, short)], axis=2)
         off = np.hypot(at[..., 0], at[..., 1])[..., None, None] - np.hypot(outline.place[:, 0], outline.place[:, 1])
         cost = np.abs(off) + np.abs(sweeps) * float(outline.round.mean())
@@ -254,7 +241,7 @@ class PushingPolicy(Steering):
     def near(self, at: np.ndarray, place: np.ndarray) -> np.ndarray:
         """(batch, 2) whether it is straight on to the place: the same direction from the part, about."""
         angle = np.arctan2(at[..., 1], at[..., 0]) - np.arctan2(place[..., 1], place[..., 0])
-        angle = np.abs(wrapped(angle))
+        angle = np.abs(wrap(angle))
         off = np.hypot(*np.moveaxis(at - place, -1, 0))
         return (angle < 0.30) | (off < 2.0 * self.manner.ready)
 
@@ -288,11 +275,6 @@ class PushingPolicy(Steering):
             towards = sign * (velocity[:, k] * along).sum(axis=-1)
             result[:, k] -= (sign * np.maximum(towards - room, 0.0))[:, None] * along
         return result
-
-
-def wrapped(angle: np.ndarray) -> np.ndarray:
-    """Angles within half a turn, rad."""
-    return angle - 2.0 * math.pi * np.round(angle / (2.0 * math.pi))
 
 
 def turned(heading: np.ndarray) -> np.ndarray:

@@ -20,10 +20,10 @@ from vibgym import Part, Surface
 from vibgym.kernels.jit import borrowing, jit
 from vibgym.physics.contacts.hulls import part_gap, place_hulls
 from vibgym.policies.classical import planner
-from vibgym.policies.classical.measured import Measured, recall
+from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.motion_choice import INSTANTS, INTERVAL, set_velocity
 from vibgym.policies.classical.planner import PlannerPolicy
-from vibgym.policies.classical.steering import Settings
+from vibgym.policies.classical.steering import Memory, Settings
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
@@ -126,10 +126,10 @@ SPIN = 4.0
 """rad/s, lower limit of the predicted spin."""
 
 
-class Memory(NamedTuple):
-    """Memory of :class:`TwoPhasesPolicy`."""
+class Phase(NamedTuple):
+    """The own memory of :class:`TwoPhasesPolicy`."""
 
-    plan: planner.Memory
+    plan: planner.Plan
     goal: np.ndarray  # (batch, parts, 2) m
     apart: np.ndarray  # (batch, parts, 2) m, places of the pattern drawn apart minus goals
     goals: np.ndarray  # (batch, parts, parts) m, distances at the goals
@@ -166,75 +166,65 @@ class TwoPhasesPolicy(PlannerPolicy):
         if not info.has_goal or info.goal_moves:
             raise info.unsupported("two_phases", "a task whose parts have fixed goal poses, such as Pack")
 
-    def initial(self, batch: int) -> Any:
+    def initial(self, batch: int) -> Memory:
         """Return the memory at the start of an episode."""
-        parts = len(self.info.parts)
+        parts, memory = len(self.info.parts), super().initial(batch)
         apart, goals = np.zeros((batch, parts, 2)), np.full((batch, parts, parts), np.inf)
         nowhere, closing = np.zeros((batch, parts, 2)), np.zeros(batch, dtype=bool)
-        return Memory(super().initial(batch), nowhere, apart, goals, closing, np.zeros(batch))
+        return memory._replace(own=Phase(memory.own, nowhere, apart, goals, closing, np.zeros(batch)))
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Return actions from measured poses and mean velocities; the state is a :class:`Memory`."""
-        measured = Measured.of(observation, self.info)
-        memory, new = recall(state, episode_start, self.initial(1), len(measured.centre))
-        plan = memory.plan
-        measured = self.expected(measured, plan.steering)
-        goal = measured.centre + measured.way
-        moved = measured.present & (np.hypot(*np.moveaxis(goal - memory.goal, -1, 0)) > EXCHANGED)
+    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+        """See :meth:`.steering.Steering.act`."""
+        phase, goal = memory.own, measured.centre + measured.way
+        moved = measured.present & (np.hypot(*np.moveaxis(goal - phase.goal, -1, 0)) > EXCHANGED)
         for world in np.flatnonzero(new | moved.any(axis=1)).tolist():
-            self.begin_world(world, measured, goal, memory)
-        memory.goal[...] = goal
-        self.switch(measured, goal, memory)
-        closing = memory.closing[:, None, None]
-        plan = plan._replace(target=np.where(closing, goal, goal + memory.apart))
+            self.begin_world(world, measured, goal, phase)
+        phase.goal[...] = goal
+        self.switch(measured, goal, phase)
+        closing = phase.closing[:, None, None]
+        plan = phase.plan._replace(target=np.where(closing, goal, goal + phase.apart))
         # Parts that go straight need no plan.
-        planned = replace(measured, present=measured.present & ~memory.closing[:, None])
+        planned = replace(measured, present=measured.present & ~phase.closing[:, None])
         velocity, waited = self.choose(planned, plan)
         way = np.where(closing, measured.way, self.lead * velocity)
-        turns = memory.closing[:, None] & (np.abs(measured.turn) < TURN)
-        action, steered = self.steer(measured, way, plan.steering, turns)
-        return action, memory._replace(plan=plan._replace(waited=waited, steering=steered))
+        turns = phase.closing[:, None] & (np.abs(measured.turn) < TURN)
+        phase = phase._replace(plan=plan._replace(waited=waited))
+        return self.steer(measured, way, memory._replace(own=phase), turns)
 
-    def begin_world(self, world: int, measured: Measured, goal: np.ndarray, memory: Memory) -> None:
+    def begin_world(self, world: int, measured: Measured, goal: np.ndarray, phase: Phase) -> None:
         """Draw the pattern of a world apart, at the start of its first phase."""
         there = np.flatnonzero(measured.present[world])
         heading = measured.heading[world] + measured.turn[world]
         parts = [self.info.parts[k] for k in there]
         place = drawn_apart(self.info.surface, parts, goal[world, there], heading[there], self.settings.apart)
-        memory.apart[world] = 0.0
-        memory.apart[world, there] = place - goal[world, there]
+        phase.apart[world] = 0.0
+        phase.apart[world, there] = place - goal[world, there]
         one = slice(world, world + 1)
-        memory.goals[one] = self.distances(goal[one], heading[None], measured.present[one])
-        memory.plan.room[one] = self.distances(goal[one] + memory.apart[one], heading[None], measured.present[one])
-        memory.closing[world], memory.stuck[world] = False, 0.0
+        phase.goals[one] = self.distances(goal[one], heading[None], measured.present[one])
+        phase.plan.room[one] = self.distances(goal[one] + phase.apart[one], heading[None], measured.present[one])
+        phase.closing[world], phase.stuck[world] = False, 0.0
 
-    def switch(self, measured: Measured, goal: np.ndarray, memory: Memory) -> None:
+    def switch(self, measured: Measured, goal: np.ndarray, phase: Phase) -> None:
         """Start the second phase where straight paths to the goals are free, and the first where they are not; in place."""
         info, rules = self.info, self.settings
         off = (np.hypot(*np.moveaxis(measured.way, -1, 0)) > info.position_tolerance) | (
             np.abs(measured.turn) > info.heading_tolerance
         )
         moves = np.hypot(*np.moveaxis(measured.velocity, -1, 0)) > planner.SLOW
-        stands = memory.closing & (off & measured.present).any(axis=1) & ~(moves & measured.present).any(axis=1)
-        memory.stuck[:] = np.where(stands, memory.stuck + info.step_time, 0.0)
-        scene = self.scene(measured, goal, memory.goals, memory.plan.waited)
+        stands = phase.closing & (off & measured.present).any(axis=1) & ~(moves & measured.present).any(axis=1)
+        phase.stuck[:] = np.where(stands, phase.stuck + info.step_time, 0.0)
+        scene = self.scene(measured, goal, phase.goals, phase.plan.waited)
 
         def ask(start: int, stop: int) -> None:
-            may_close(start, stop, self.preferences, self.hulls, scene, measured.heading, measured.turn, memory.goals,
-                      (rules.margin, rules.growth, rules.share, rules.doubt), memory.closing)  # fmt: skip
+            may_close(start, stop, self.preferences, self.hulls, scene, measured.heading, measured.turn, phase.goals,
+                      (rules.margin, rules.growth, rules.share, rules.doubt), phase.closing)  # fmt: skip
 
         workers.share(ask, len(goal), self.threads)
-        memory.closing[memory.stuck >= rules.give_up] = False
+        phase.closing[phase.stuck >= rules.give_up] = False
         # In a pattern that fills the width, parts side by side are too near, but their distance cannot grow: close in.
-        away = np.hypot(*np.moveaxis(measured.way + memory.apart, -1, 0)) > THERE
+        away = np.hypot(*np.moveaxis(measured.way + phase.apart, -1, 0)) > THERE
         waits = (away | (np.abs(measured.turn) > info.heading_tolerance)) & measured.present
-        memory.closing[~waits.any(axis=1)] = True
-
-    def acted(self, memory: Any, proposed: np.ndarray, done: np.ndarray) -> Any:
-        """See :meth:`vibgym.policies.classical.steering.Steering.acted`."""
-        return memory._replace(plan=super().acted(memory.plan, proposed, done))
+        phase.closing[~waits.any(axis=1)] = True
 
 
 @jit
