@@ -43,7 +43,7 @@ def places(surface: Surface) -> np.ndarray:
 
 
 class RivalOutput(ABC):
-    """What steering says to a rival: an output (:class:`vibgym.policies.classical.steering.Output`) for its action.
+    """What steering says to a rival: an output (:class:`vibgym.policies.classical.steering.PhasorOutput`) for its action.
 
     Args:
         info: task and scene.
@@ -67,7 +67,7 @@ class RivalOutput(ABC):
     def give(
         self, measured: Measured, seen: np.ndarray, push: np.ndarray, memory: Any
     ) -> tuple[np.ndarray, np.ndarray, Any]:
-        """See :meth:`vibgym.policies.classical.steering.Output.give`."""
+        """See :meth:`vibgym.policies.classical.steering.PhasorOutput.give`."""
         present, wanted = np.ascontiguousarray(measured.present), np.ascontiguousarray(push)
         # In the middle of the step, as the segmented surface's output has it.
         pose = np.ascontiguousarray(measured.pose + self.half * measured.rate)

@@ -33,14 +33,11 @@ from vibgym.simulation import threads as workers
 from vibgym.tasks.starts import lattice
 from vibgym.tasks.swap import exchange_goals
 
-SHIFTS = 9
-"""Number of shifts along the table that are tried of the lattice that separates a heap."""
+LOGGER = logging.getLogger("vibgym")
 
-SPARE = 1.003
-"""Pitch of the lattice over the smallest that keeps the spacing rule."""
-
-BEFORE = 0.04
-"""m from the gate, where parts wait that are not yet at its height."""
+SHIFTS = 9  # shifts along the table that are tried of the lattice that separates a heap
+SPARE = 1.003  # pitch of the lattice over the smallest that keeps the spacing rule
+BEFORE = 0.04  # m from the gate, where parts wait that are not yet at its height
 
 
 def places(low: np.ndarray, high: np.ndarray, size: np.ndarray, spacing: float, least: int) -> np.ndarray:
@@ -62,7 +59,7 @@ def places(low: np.ndarray, high: np.ndarray, size: np.ndarray, spacing: float, 
 
 
 def assign(centre: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Assign one of the free places (n, 2) m to each centre (n, 2) m, with the least sum of cubed distances."""
+    """Return one of the free places (n, 2) m for each centre (n, 2) m, with the least sum of cubed distances."""
     from scipy.optimize import linear_sum_assignment  # of the extra "policies"
 
     way = np.sqrt(((centre[:, None] - free) ** 2).sum(axis=-1))
@@ -140,22 +137,15 @@ class Targets:
         return best if least < math.inf else assign(centre, free)
 
 
-LOGGER = logging.getLogger("vibgym")
-
 ARRIVED = 0.020  # m from the target
 SLOW = 0.050  # m/s
 CALMING = 0.5  # s of waiting that are forgotten in a second of motion
 ACCELERATION = 0.8  # share of the largest push that parts are expected to gain speed by
 BRAKING = 0.6  # share of the largest acceleration at which parts are expected to slow down
 SWAP_GAIN = 0.010  # m, minimum gain of a swap, so that two parts do not swap targets repeatedly
-NEARING = 0.5
-"""m that two parts keep beyond the distance of their goals for each m of their displacements."""
-
-SERVED = 0.036
-"""m between goals below which some or all episodes fail, which is logged as a warning."""
-
-LEAST_SPACING, LEAST_SAFE = 1e-3, 5e-4
-"""m, lower limits of the spacing rule and the safe distance at goals."""
+NEARING = 0.5  # m that two parts keep beyond the distance of their goals for each m of their displacements
+SERVED = 0.036  # m between goals below which some or all episodes fail, which is logged as a warning
+LEAST_SPACING, LEAST_SAFE = 1e-3, 5e-4  # m, lower limits of the spacing rule and the safe distance at goals
 
 
 class Plan(NamedTuple):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -31,18 +31,27 @@ LAWS: Registry[type[Law]] = Registry("law", {"local": LocalLaw, "pose": PoseLaw,
 name is then also a controller's: straight to the goal with one part, under the planner with several."""
 
 
-class Output(Protocol):
-    """Turns pushes into an action; one of :data:`OUTPUTS`, made as ``cls(info, process, learn, apron)``."""
+class PhasorOutput:
+    """Output that turns pushes into phasors of all elements, with the estimated gains of the elements.
 
-    action: str
-    """Value of the environment's ``action=``."""
+    Args:
+        info: task, scene and step time.
+        process: the frictional process, with the limit of the hardware.
+        learn: whether to estimate gains and phases of elements, see :class:`Steering`.
+        apron: m, of :class:`vibgym.allocation.Allocator`.
 
-    learner: GainLearner | None
-    """Estimator of the elements' gains, if the output uses them."""
+    Attributes:
+        learner: estimator of the elements' gains, None: not used.
+    """
+
+    def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float) -> None:
+        self.learner = GainLearner(info) if learn and info.hard_dead_zone and info.has_goal else None
+        self.allocator = Allocator(info.surface, info.parts, info.hardware, apron=apron)
+        self.half = 0.5 * info.surface.period  # s
 
     def begin(self, batch: int) -> Any:
         """Return the memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
-        ...
+        return () if self.learner is None else self.learner.begin(batch)
 
     def give(
         self, measured: Measured, seen: np.ndarray, push: np.ndarray, memory: Any
@@ -52,39 +61,9 @@ class Output(Protocol):
         Args:
             measured: parts at the instant when this step's command begins to act.
             seen: (batch, parts, 3) measured mean velocity over the last period, m/s and rad/s.
-            push: (batch, parts, 3) wanted pushes as :class:`vibgym.allocation.frictional.FrictionalInverse` defines them;
-                0: elements rest.
+            push: (batch, parts, 3) wanted pushes, see :class:`vibgym.allocation.frictional.FrictionalInverse`; 0: at rest.
             memory: of :meth:`begin`, or what the last call returned.
         """
-        ...
-
-
-class PhasorOutput:
-    """Phasors of all elements, allocated here: with the estimated gains of the elements.
-
-    Args:
-        info: task, scene and step time.
-        process: the frictional process, with the limit of the hardware.
-        learn: whether to estimate gains and phases of elements (:mod:`.gains`), where they have a hard dead zone and parts
-            have goal poses.
-        apron: m, of :class:`vibgym.allocation.Allocator`.
-    """
-
-    action = "phasor"
-
-    def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float) -> None:
-        self.learner = GainLearner(info) if learn and info.hard_dead_zone and info.has_goal else None
-        self.allocator = Allocator(info.surface, info.parts, info.hardware, apron=apron)
-        self.half = 0.5 * info.surface.period  # s
-
-    def begin(self, batch: int) -> Any:
-        """See :class:`Output`."""
-        return () if self.learner is None else self.learner.begin(batch)
-
-    def give(
-        self, measured: Measured, seen: np.ndarray, push: np.ndarray, memory: Any
-    ) -> tuple[np.ndarray, np.ndarray, Any]:
-        """See :class:`Output`."""
         present = measured.present
         # In the middle of the step, during which a part at 0.15 m/s moves by a quarter of an element.
         pose = measured.pose + self.half * measured.rate
@@ -108,7 +87,7 @@ class Accelerations(NamedTuple):
 
 
 class WrenchOutput:
-    """Wanted accelerations of the parts, for which the environment finds pushes and phasors.
+    """Output that turns pushes into accelerations of the parts, for which the environment finds pushes and phasors.
 
     The environment inverts the frictional process at a velocity that it computes from the same measurement. This class applies
     the forward process at that velocity, so that the environment finds the intended push; at rest this is the acceleration
@@ -124,7 +103,6 @@ class WrenchOutput:
         ValueError: an apron.
     """
 
-    action = "wrench"
     learner = None
 
     def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float) -> None:
@@ -137,13 +115,13 @@ class WrenchOutput:
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
 
     def begin(self, batch: int) -> Accelerations:
-        """See :class:`Output`."""
+        """See :meth:`PhasorOutput.begin`."""
         return Accelerations(*np.zeros((2, batch, self.parts, 3)))
 
     def give(
         self, measured: Measured, seen: np.ndarray, push: np.ndarray, memory: Accelerations
     ) -> tuple[np.ndarray, np.ndarray, Accelerations]:
-        """See :class:`Output`."""
+        """See :meth:`PhasorOutput.give`."""
         present = measured.present
         velocity = seen + self.half * memory.given
         wanted, _ = self.process.acceleration(velocity, push)
@@ -165,13 +143,10 @@ class WrenchOutput:
 
 
 OUTPUTS: Mapping[str, Any] = {"phasor": PhasorOutput, "wrench": WrenchOutput}
-"""Outputs by the environment's ``action=``."""
+"""Outputs by the environment's ``action=``, made as ``cls(info, process, learn, apron)``."""
 
-TURN_ROOM = 0.010
-"""m, distance to the nearest other part below which a part turns more slowly."""
-
-SPIN_LIMIT = (1.0 - 1e-6) * SPIN
-"""rad/s, range of observations. The spin of faster parts is known from prediction only."""
+TURN_ROOM = 0.010  # m, distance to the nearest other part below which a part turns more slowly
+SPIN_LIMIT = (1.0 - 1e-6) * SPIN  # rad/s, range of observations; faster spins are predicted
 
 
 class Memory(NamedTuple):
@@ -302,8 +277,7 @@ class Steering:
         seen = measured if self.preview is None else from_goals(measured)
         wanted, law = self.law.wanted(seen, way, room * self._turn(measured), memory.law)
         wanted = wanted + measured.goal_acceleration
-        moves = ~np.isnan(wanted[..., :1])
-        velocity = measured.rate
+        moves, velocity = ~np.isnan(wanted[..., :1]), measured.rate
         push, allowed, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
         moves &= holds[..., None]  # where averages do not hold, the effect of a push is unknown
         push = np.where(moves, push, 0.0)
@@ -371,7 +345,7 @@ class Settings:
 
     @classmethod
     def taken(cls, settings: dict[str, Any]) -> Self:
-        """Make the settings from those of their names in ``settings``, which are removed from it."""
+        """Return the settings with values from ``settings``, from which these are removed."""
         return cls(**{each.name: settings.pop(each.name) for each in fields(cls) if each.name in settings})
 
 

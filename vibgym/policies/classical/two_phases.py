@@ -27,17 +27,10 @@ from vibgym.policies.classical.steering import Memory, Settings
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
-SCALES = 25
-"""Candidate stretches along each axis."""
-
-EDGE = 0.001
-"""m, distance of parts from the border in the pattern drawn apart."""
-
-SLANTS = 13
-"""Candidate slants of patterns that fill the table's width, and stretches across it."""
-
-NARROW = 0.010
-"""m between parts, below which a pattern is slanted as well."""
+SCALES = 25  # candidate stretches along each axis
+EDGE = 0.001  # m, distance of parts from the border in the pattern drawn apart
+SLANTS = 13  # candidate slants of patterns that fill the table's width, and stretches across it
+NARROW = 0.010  # m between parts, below which a pattern is slanted as well
 
 
 def drawn_apart(
@@ -105,25 +98,16 @@ def _best(
 
 
 def _half(part: Part, heading: float) -> np.ndarray:
-    """Return half of the extents (2,) m of a part along and across the table."""
+    """Return half of the extents (2,) m along and across the table of a part with ``heading`` (rad)."""
     cosine, sine = np.cos(heading), np.sin(heading)
     return np.abs(part.outline @ np.array([[cosine, sine], [-sine, cosine]])).max(axis=0)
 
 
-SUBSTEPS = 5
-"""Integration steps between two instants of a prediction."""
-
-TURN = math.radians(30.0)
-"""Parts that close in turn at once if the heading error is less: at its goal heading a part takes up least room."""
-
-THERE = 0.002
-"""m from its place in the pattern drawn apart, within which a part has arrived."""
-
-EXCHANGED = 0.005
-"""m, displacement of a goal in a step, above which parts have exchanged theirs."""
-
-SPIN = 4.0
-"""rad/s, lower limit of the predicted spin."""
+SUBSTEPS = 5  # integration steps between two instants of a prediction
+TURN = math.radians(30.0)  # heading error below which parts that close in turn at once, since that takes up least room
+THERE = 0.002  # m from its place in the pattern drawn apart, within which a part has arrived
+EXCHANGED = 0.005  # m, displacement of a goal in a step, above which parts have exchanged theirs
+SPIN = 4.0  # rad/s, lower limit of the predicted spin
 
 
 class Phase(NamedTuple):
@@ -169,9 +153,9 @@ class TwoPhasesPolicy(PlannerPolicy):
     def initial(self, batch: int) -> Memory:
         """Return the memory at the start of an episode."""
         parts, memory = len(self.info.parts), super().initial(batch)
-        apart, goals = np.zeros((batch, parts, 2)), np.full((batch, parts, parts), np.inf)
-        nowhere, closing = np.zeros((batch, parts, 2)), np.zeros(batch, dtype=bool)
-        return memory._replace(own=Phase(memory.own, nowhere, apart, goals, closing, np.zeros(batch)))
+        goal, apart = np.zeros((2, batch, parts, 2))
+        goals, closing = np.full((batch, parts, parts), np.inf), np.zeros(batch, dtype=bool)
+        return memory._replace(own=Phase(memory.own, goal, apart, goals, closing, np.zeros(batch)))
 
     def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
         """See :meth:`.steering.Steering.act`."""
@@ -242,7 +226,7 @@ def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, f
         free: (worlds,) bool, whether the parts go straight already; overwritten.
     """
     parts = heading.shape[1]
-    paths, placed = np.empty((parts, INSTANTS, 2)), np.empty_like(hulls.corner)
+    paths, placed = np.empty((parts, INSTANTS, 3)), np.empty_like(hulls.corner)
     for w in range(start, stop):
         for p in range(parts):
             if scene.present[w, p]:
@@ -254,14 +238,18 @@ def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, f
                     left = max(abs(turn[w, p]) - SPIN * INTERVAL * (t + 1), 0.0)
                     angle = heading[w, p] + np.sign(turn[w, p]) * (abs(turn[w, p]) - left)
                     place_hulls(hulls, p, paths[p, t, 0], paths[p, t, 1], angle, placed)
-            if not clear(hulls, placed, scene.present[w], paths, t, scene.target[w], goals[w], margins, least):
+            if not clear(hulls, placed, scene.present[w], paths, t, goals[w], margins, least):
                 free[w] = False
                 break
 
 
 @borrowing
 def go_straight(wants, centre, velocity, target, path):
-    """Predict places ``path`` (INSTANTS, 2) m of a part that goes straight to its target, in steps small enough for the law."""
+    """Predict the path of a part that goes straight to its target, in steps small enough for the law.
+
+    Args:
+        path: (INSTANTS, 3) m, places and distances to the target; overwritten.
+    """
     x, y, vx, vy = centre[0], centre[1], velocity[0], velocity[1]
     step = INTERVAL / SUBSTEPS
     for k in range(INSTANTS):
@@ -271,27 +259,20 @@ def go_straight(wants, centre, velocity, target, path):
             share = min(wants.acceleration * step / max(math.sqrt(ax * ax + ay * ay), 1e-12), 1.0)
             x, y = x + step * (vx + 0.5 * share * ax), y + step * (vy + 0.5 * share * ay)
             vx, vy = vx + share * ax, vy + share * ay
-        path[k, 0], path[k, 1] = x, y
+        dx, dy = x - target[0], y - target[1]
+        path[k, 0], path[k, 1], path[k, 2] = x, y, math.sqrt(dx * dx + dy * dy)
 
 
 @borrowing
-def distance(one, other):
-    """Return the distance of two places, m."""
-    dx, dy = one[0] - other[0], one[1] - other[1]
-    return math.sqrt(dx * dx + dy * dy)
-
-
-@borrowing
-def clear(hulls, placed, present, paths, t, target, goals, margins, most):
+def clear(hulls, placed, present, paths, t, goals, margins, most):
     """Return whether all parts of a world, whose hulls are placed, keep their distance at an instant."""
     for p in range(paths.shape[0]):
         if not present[p]:
             continue
-        own = distance(paths[p, t], target[p])
         for q in range(p):
             if not present[q]:
                 continue
-            left = own + distance(paths[q, t], target[q])
+            left = paths[p, t, 2] + paths[q, t, 2]
             least = min(margins[0], margins[1] * left + margins[2] * goals[p, q], most)
             dx, dy = paths[p, t, 0] - paths[q, t, 0], paths[p, t, 1] - paths[q, t, 1]
             far = hulls.radius[p] + hulls.radius[q] + least
