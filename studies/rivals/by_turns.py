@@ -25,8 +25,9 @@ from studies.rivals.policies import OUTPUTS, first_strokes
 from vibgym import checks
 from vibgym.allocation.cut import cut_parts, new_pieces
 from vibgym.kernels.jit import borrowing
-from vibgym.policies.classical.measured import Measured, recall
+from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.planner import PlannerPolicy
+from vibgym.policies.classical.steering import Memory
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
@@ -277,18 +278,13 @@ class ByTurnsPolicy(PlannerPolicy):
         push = plate.pushes(self.stroke).reshape(len(self.stroke), -1, 2)
         self.push, self.strength = np.ascontiguousarray(push), self.allocator.most * STRENGTHS
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Strokes from the measured poses and mean velocities; the state is the planner's."""
-        measured, info = Measured.of(observation, self.info), self.info
-        memory, new = recall(state, episode_start, self.initial(1), len(measured.centre), measured.arrived)
-        measured = self.expected(measured, memory.steering)
-        memory = self.aim(measured, memory, new)
-        present, target = (np.ascontiguousarray(each) for each in (measured.present, memory.target))
+    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+        """Return strokes; see :meth:`vibgym.policies.classical.steering.Steering.act`."""
+        info, plan = self.info, self.aim(measured, memory.own, new)
+        present, target = (np.ascontiguousarray(each) for each in (measured.present, plan.target))
         pose = np.ascontiguousarray(measured.pose + self.output.half * measured.rate)
         rest = np.ascontiguousarray(measured.centre + measured.velocity / self.drag[:, None])
-        steps = memory.waited[:, 0]  # which only the planner's own choice of motions needs
+        steps = plan.waited[:, 0]  # which only the planner's own choice of motions needs
         eased = (steps > JAMMED) & (steps % EASE < EASED)
         found = np.zeros((len(pose), 3))
 
@@ -303,7 +299,5 @@ class ByTurnsPolicy(PlannerPolicy):
         action = found.astype(np.float32)
         given = self.allocator.effect(pose, present, self.output.machine.pushes(action.astype(np.float64)))
         acceleration, _ = self.process.acceleration(measured.rate, given)
-        memory = memory._replace(
-            waited=memory.waited + 1.0, steering=memory.steering._replace(acceleration=acceleration)
-        )
+        memory = memory._replace(acceleration=acceleration, own=plan._replace(waited=plan.waited + 1.0))
         return (action[0] if measured.single else action), memory

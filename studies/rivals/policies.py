@@ -18,8 +18,9 @@ from studies.rivals.machines import MACHINES, Cells, Machine, PlainPlate, Plate
 from vibgym import Surface
 from vibgym.allocation import Allocator
 from vibgym.allocation.cut import new_pieces
+from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.planner import PlannerPolicy
-from vibgym.policies.classical.steering import LocalFieldPolicy, Order
+from vibgym.policies.classical.steering import LocalFieldPolicy
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
@@ -42,7 +43,7 @@ def places(surface: Surface) -> np.ndarray:
 
 
 class RivalOutput(ABC):
-    """What steering says to a rival: an output (:class:`vibgym.policies.classical.steering.Output`) for its action.
+    """What steering says to a rival: an output (:class:`vibgym.policies.classical.steering.PhasorOutput`) for its action.
 
     Args:
         info: task and scene.
@@ -63,15 +64,17 @@ class RivalOutput(ABC):
         """Nothing is remembered."""
         return ()
 
-    def give(self, order: Order, memory: Any) -> tuple[np.ndarray, np.ndarray, Any]:
-        """See :meth:`vibgym.policies.classical.steering.Output.give`."""
-        present, wanted = np.ascontiguousarray(order.measured.present), np.ascontiguousarray(order.push)
+    def give(
+        self, measured: Measured, seen: np.ndarray, push: np.ndarray, memory: Any
+    ) -> tuple[np.ndarray, np.ndarray, Any]:
+        """See :meth:`vibgym.policies.classical.steering.PhasorOutput.give`."""
+        present, wanted = np.ascontiguousarray(measured.present), np.ascontiguousarray(push)
         # In the middle of the step, as the segmented surface's output has it.
-        pose = np.ascontiguousarray(order.measured.pose + self.half * order.velocity)
+        pose = np.ascontiguousarray(measured.pose + self.half * measured.rate)
         weight = np.ascontiguousarray(np.broadcast_to(self.weight, wanted.shape) * present[..., None])
         action = self.fit(pose, present, np.where(present[..., None], wanted, 0.0), weight).astype(np.float32)
-        push = self.machine.pushes(action.astype(np.float64))
-        return action, self.allocator.effect(pose, present, push), memory
+        given = self.machine.pushes(action.astype(np.float64))
+        return action, self.allocator.effect(pose, present, given), memory
 
     @abstractmethod
     def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -90,7 +90,7 @@ def test_the_middle_of_a_long_step_is_where_part_and_goal_have_moved_to():
     info = two(0, periods=4)
     policy = Steering(info)
     measured = dataclasses.replace(seen(info, *STEADY, way=0.01), velocity=np.full((1, 2, 2), 0.02))
-    then = policy.expected(measured, policy.begin(1))
+    then = policy.expected(measured, policy.initial(1))
     assert then.centre == pytest.approx(measured.centre + 0.06 * 0.02)
     assert then.way[0] == pytest.approx(0.01 + 0.06 * (STEADY[0][:, :2] - 0.02))
     assert then.turn[0] == pytest.approx(0.06 * STEADY[0][:, 2])

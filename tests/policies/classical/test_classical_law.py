@@ -68,7 +68,7 @@ def test_parts_in_touch_do_not_turn():
     skew = dataclasses.replace(still(policy), heading=np.full((1, 6), 0.3))
     for gap, turns in ((0.1, True), (0.0, False)):
         action, _ = policy.steer(
-            dataclasses.replace(skew, gap=np.full((1, 6), gap)), np.zeros((1, 6, 2)), policy.begin(1)
+            dataclasses.replace(skew, gap=np.full((1, 6), gap)), np.zeros((1, 6, 2)), policy.initial(1)
         )
         assert (np.abs(action) > 1e-9).any() == turns
 
@@ -92,7 +92,7 @@ def test_one_period_a_step_leaves_the_measurement_as_it_is():
     seen, *_ = env.step(env.action_space.sample())
     measured = Measured.of(seen, TaskInfo.of(env))
     one, four = steering("Align"), steering("Align", 4)
-    same, ahead = one.expected(measured, one.begin(4)), four.expected(measured, four.begin(4))
+    same, ahead = one.expected(measured, one.initial(4)), four.expected(measured, four.initial(4))
     assert (same.centre == measured.centre).all() and (same.turn == measured.turn).all()
     assert ahead.centre == pytest.approx(measured.centre + 0.06 * measured.velocity)
     assert ahead.centre + ahead.way == pytest.approx(measured.centre + measured.way)

@@ -219,17 +219,15 @@ def simulate(policy, blocks, seconds, targets=None):
     velocity, state, least = np.zeros_like(place), None, np.inf
     target = place
     asked = []
-    policy.steer = lambda seen, way, law: (
-        asked.append(way[0] / policy.law.lead),
-        law,
-    )  # what it wants, not how elements do it
+    # Record the set velocities instead of computing actions.
+    policy.steer = lambda seen, way, memory: (asked.append(way[0] / policy.law.lead), memory)
     parts = policy.info.parts
     for _ in range(round(seconds / 0.04)):
         seen = np.zeros((6, 20))
         for k, (x, y) in enumerate(place):
             seen[k] = block("", x, y, velocity=velocity[k], kind=blocks[k][2])
         _, state = policy.predict(seen.ravel(), state)
-        target = state.target[0, : len(place)]
+        target = state.own.target[0, : len(place)]
         change = asked[-1][: len(place)] - velocity
         velocity = velocity + np.clip(change, -0.09, 0.09)
         place = place + 0.04 * velocity
@@ -344,5 +342,5 @@ def test_waiting_is_counted_in_time():
         seen, state = np.concatenate([block("", 0.4, 0.1), np.zeros(100)]), None
         for _ in range(24 // periods):
             _, state = policy.predict(seen, state)
-        waited.append(state.waited[0, 0])
+        waited.append(state.own.waited[0, 0])
     assert waited == pytest.approx([0.96, 0.96], abs=0.1)  # in its first steps it looks as if it got under way

@@ -3,9 +3,9 @@
     observation -> measured -> targets -> law -> wanted accelerations -> inverse of the frictional process, within the limits
     of the elements -> pushes -> allocation -> phasors of the elements
 
-A law controls parts as free bodies, the reduced plant of the thesis (figs. 5.14 to 5.18): :mod:`.steering`, which is the same
-for all laws, compensates friction and allocates pushes to elements. Where goals move, a law gets positions relative to the
-goals, and the goals' acceleration is added to its output (:func:`.measured.from_goals`).
+A law controls parts as free bodies, the reduced plant of the thesis (figs. 5.14 to 5.18). :mod:`.steering` compensates friction
+and allocates pushes to elements, in the same way for all laws. Where goals move, a law gets positions relative to the goals,
+and the goals' acceleration is added to its output (:func:`.measured.from_goals`).
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from vibgym import checks
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 
-LONGEST_LEAD = 10.0
-"""s, upper limit of the search of :func:`lead_of`."""
+LONGEST_LEAD = 10.0  # s, upper limit of the search of :func:`lead_of`
 
 
 class Law(ABC):
     """A control law, made as ``SomeLaw(info, **settings)``; batched, for one part or several.
 
     A law without memory defines :meth:`wanted` only.
+
+    Attributes:
+        lead: s, a target ``lead * v`` ahead of a part makes it move at the velocity ``v``. Planners, which set velocities, use
+            it. None: :func:`lead_of` computes it.
+        slack: m, largest position error of corners of parts that have arrived.
     """
 
     lead: float | None = None
-    """s: a target ``lead * v`` ahead of a part makes it move at the velocity ``v``. Planners, which set velocities, use it;
-    None: :func:`lead_of` finds it."""
-
     slack: float = 0.0
-    """m, largest position error of corners of parts that have arrived."""
 
     def initial(self, batch: int) -> Any:
-        """Memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
+        """Return the memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
         return ()
 
     @abstractmethod
@@ -63,10 +63,10 @@ class Law(ABC):
 
 
 def lead_of(law: Law, info: TaskInfo, speed: float) -> float:
-    """Return the ``lead`` of a law, s; if it is None, find it by bisection of :meth:`Law.wanted` at ``speed`` (m/s).
+    """Return the ``lead`` of a law, s; if it is None, compute it by bisection of :meth:`Law.wanted` at ``speed`` (m/s).
 
     Raises:
-        ValueError: ``lead`` is None, and at no distance the law neither drives nor brakes such parts.
+        ValueError: ``lead`` is None, and at no distance the law neither drives nor brakes parts of this speed.
     """
     if law.lead is not None:
         return law.lead
@@ -91,24 +91,18 @@ def lead_of(law: Law, info: TaskInfo, speed: float) -> float:
     return far
 
 
+# m and rad, errors of the place of rest, and of the pose, below which a part gets single pulses. Friction grows with speed, so
+# the place of rest is known for slow parts only, and fast parts arrive sooner if they are pushed and braked.
 NEAR, NEAR_TURN = 0.003, math.radians(5.0)
-"""m and rad, errors of the place of rest below which a part gets single pulses."""
-
 REACH, REACH_TURN = 0.015, math.radians(10.0)
-"""m and rad, errors of the pose below which it does: friction grows with speed, so the place of rest is known for slow parts
-only, and fast parts arrive sooner if they are pushed and braked."""
 
-BAND = 0.25
-"""Share of the tolerances within which places of rest are not corrected."""
-
-LOOSE_BAND, LOOSE_TURN = 0.001, math.radians(2.5)
-"""m and rad, the same where a task has zones or distances instead of goal poses."""
-
-LEAST_DRAG = 1e-9
-"""1/s, used for parts without friction."""
-
-DOUBT = 1.5
-"""Standard deviations of the place of rest by which bands are widened."""
+BAND = 0.25  # share of the tolerances within which places of rest are not corrected
+LOOSE_BAND, LOOSE_TURN = (
+    0.001,
+    math.radians(2.5),
+)  # m and rad, the same in tasks with zones or distances instead of goals
+LEAST_DRAG = 1e-9  # 1/s, used for parts without friction
+DOUBT = 1.5  # standard deviations of the place of rest by which bands are widened
 
 
 class Settling:
@@ -160,11 +154,11 @@ class Settling:
         return np.where(rests[..., None], np.nan, np.where(near[..., None], pulse, wanted))
 
 
+# 1/s, with goal poses, and without, where parts that slow down early keep their distance from others for longer.
 APPROACH, CROWD_APPROACH = 9.0, 7.0
-"""1/s, with goal poses, and without, where other parts are passed at a distance for longer if a part slows down early."""
-
-SLOWER = 2.5
-"""By how many times the time that longer steps add the approach takes longer; tuned with four periods per step."""
+SLOWER = (
+    2.5  # time by which longer steps make the approach longer, over the added time; tuned with four periods per step
+)
 
 
 class LocalLaw(Law):
