@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.actuators import actuators_from, nominal
 from vibgym.config import surface_from
-from vibgym.envs.actions import ACTIONS, check_command
+from vibgym.envs.actions import check_command, new_action
 from vibgym.envs.info import BatchInfo, InfoData
 from vibgym.envs.observations import OBSERVATIONS, GoalReward, Observation, check_batch
 from vibgym.envs.options import (
@@ -79,7 +80,7 @@ class Core(Pipeline):
         settings, weights = task_settings(options, cls, self.randomization.task)
         self.task: Task = checks.made("task", cls, (self.surface, self.parts), settings)
         self.task.weigh(weights)
-        self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
+        self.action = new_action(options.action, self.surface, self.parts)
         self.simulator = self._new_simulator()
         disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
         self.disturbances = None if disturbance is None else Disturbances(disturbance, self.simulator, span)
@@ -253,6 +254,8 @@ class Core(Pipeline):
         """Create an observation by its name; ``argument`` is named in errors."""
         observation = OBSERVATIONS.choose(argument, kind)(self.task)
         observation.watch(self.sensing.sensor)
+        if not isinstance(observation.space, spaces.Space):
+            raise checks.refuse(f"space of observation {kind!r}", observation.space, "a gymnasium.spaces.Space")
         return observation
 
     def _resting_command(self) -> Drive:
