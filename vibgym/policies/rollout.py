@@ -88,13 +88,9 @@ class Episodes:
         self.policy, self.env, self.seeds = policy, env, list(seeds)
         self.timing = Timing()
         self._began, self._options = began, options or {}
-        self._episode, self._age = np.arange(env.num_envs), np.zeros(env.num_envs, dtype=np.int64)
-        self._taken = env.num_envs
-        self._idle: dict[str, Any] = {"parts": [0]} if len(env.unwrapped.parts) > 1 else {}
-        everyone = np.ones(env.num_envs, dtype=bool)
-        self._observation, info = env.reset(seed=self.seeds[: env.num_envs], options=options)
-        if began is not None:
-            began(everyone, self._observation, info)
+        self._episode, self._age = np.zeros((2, env.num_envs), dtype=np.int64)
+        self._taken, self._idle = 0, {"parts": [0]} if len(env.unwrapped.parts) > 1 else {}
+        self._renew(np.ones(env.num_envs, dtype=bool))
 
     def __iter__(self) -> Iterator[Step]:
         env, state, start = self.env, None, np.ones(self.env.num_envs, dtype=bool)
@@ -120,7 +116,7 @@ class Episodes:
             playing = self._episode < len(self.seeds)
 
     def _renew(self, over: np.ndarray) -> None:
-        """Other episodes begin in the worlds ``over``, as long as there is anything to play."""
+        """Begin other episodes in the worlds ``over`` (worlds,) bool, unless all episodes have ended."""
         worlds = np.flatnonzero(over)
         self._age[worlds] = 0
         self._episode[worlds] = self._taken + np.arange(len(worlds))

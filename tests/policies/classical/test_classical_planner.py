@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tests.policies.helpers import ALUMINIUM, DISC, POSE_TASKS, STEEL, SURFACE, episodes, info_of
+from tests.policies.helpers import ALUMINIUM, DISC, STEEL, SURFACE, info_of
 from vibgym import Part
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.motion_choice import (
@@ -27,7 +27,6 @@ from vibgym.policies.classical.motion_choice import (
 )
 from vibgym.policies.classical.planner import PlannerPolicy, Targets, assign, places
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
-from vibgym.policies.registry import make_policy
 from vibgym.scene.hulls import gaps_between, hulls_of
 from vibgym.tasks.assignment import exchange_goals
 
@@ -243,11 +242,6 @@ def test_two_that_meet_pass_each_other_at_a_distance(rows):
     assert least > 0.65 * RULE  # it may be broken by a little where that saves time
 
 
-def test_without_a_price_for_being_near_they_run_into_each_other():
-    least, *_ = simulate(planner(soft=0.0, hard=0.0), [(0.7, 0.1, 0), (0.13, 0.1, 1)], 3.0)
-    assert least < 0.0
-
-
 def test_who_has_arrived_makes_way():
     """A wall of three parts in their places, and one that has to get past them."""
     wall = [(0.136, 0.026, 0), (0.05, 0.104, 1), (0.136, 0.104, 0), (0.75, 0.1, 1), (0.136, 0.182, 0), (0.75, 0.182, 1)]
@@ -307,31 +301,6 @@ def test_goals_too_near_together_are_told_of(caplog):
 
 
 # -- what it achieves --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name, most_time", [("Sort", 3.4), ("Singulate", 1.4)])
-def test_it_succeeds_without_collisions(name, most_time):
-    outcome = episodes(make_policy("planner", info_of(name)), name, 12, 7_100_000)
-    assert outcome.success == 12 and outcome.time < most_time and outcome.collisions <= 0.5
-
-
-@pytest.mark.parametrize("name, most_time", [("Sort", 3.6), ("Singulate", 1.6)])
-def test_it_does_so_with_long_steps(name, most_time):
-    """It had taken a step for a period and steered as if it could look again after one: 68 % in Singulate."""
-    info = info_of(name, periods_per_step=4)
-    outcome = episodes(make_policy("planner", info), name, 30, 7_100_000, periods_per_step=4)
-    assert outcome.success == 30 and outcome.time < most_time
-
-
-def test_goals_that_are_far_enough_apart_are_reached_near_the_border_too():
-    settings = {"task_settings": {"gap_mm": 37, "rows": 2}}
-    outcome = episodes({"kind": "planner", "law": "pose"}, "Pack", 30, 7_100_000, **settings)
-    assert outcome.success >= 29 and outcome.time < 2.6
-
-
-@pytest.mark.parametrize("task", POSE_TASKS)
-def test_parts_with_goals_of_their_own_are_brought_there(task):
-    assert episodes(make_policy("planner", info_of(task)), task, 30).success == 30
 
 
 def test_waiting_is_counted_in_time():

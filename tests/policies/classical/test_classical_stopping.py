@@ -167,21 +167,6 @@ def test_no_push_that_turns_is_larger_than_the_reach():
     assert turning_push(info)[0] == pytest.approx(reach.mean(), rel=0.03)
 
 
-def test_effect_is_what_was_wanted_where_elements_can_do_it():
-    info = info_of("Rotate")
-    allocator = Allocator(info.surface, info.parts, info.hardware)
-    pose, present = np.array([[[0.31, 0.1, 0.4]]]), np.ones((1, 1), dtype=bool)
-    wanted = np.array([[[0.3, -0.2, 0.2]]])
-    gain = np.full((1, info.surface.rows * info.surface.columns), 0.9)
-    np.testing.assert_allclose(
-        allocator.effect(pose, present, allocator.pushes(pose, present, wanted)), wanted, atol=0.01
-    )
-    pushes = allocator.pushes(pose, present, wanted)
-    np.testing.assert_allclose(
-        allocator.effect(pose, present, pushes, gain), 0.9 * allocator.effect(pose, present, pushes), rtol=1e-12
-    )
-
-
 def test_reach_of_a_disc_small_against_its_element_on_a_corner():
     """A quarter on each of four: shares 1/4, centroids at 4 r sqrt(2) / (3 pi) over the radius of gyration r / sqrt(2)."""
     disc = Part.disc(0.008, friction=0.5)

@@ -53,9 +53,7 @@ class Gains(NamedTuple):
     arm: np.ndarray  # (..., room, 3) share and lever of the part on it now, 0 where it is not under it
     mean: np.ndarray  # (..., 2 room + 3) real and imaginary parts of h - 1, and the drift, m a step
     covariance: np.ndarray  # (..., 2 room + 3, 2 room + 3)
-    waiting: (
-        np.ndarray
-    )  # (..., lag, room, 2, 3) m, shifts by h - 1 = 1 and h - 1 = i, in steps that are not measured yet
+    waiting: np.ndarray  # (..., lag, room, 2, 3) m, shifts by h - 1 = 1 and h - 1 = i, in steps not measured yet
     coming: np.ndarray  # (..., room, 2, 3) m, likewise, of which the readings contain a part so far
     summed: np.ndarray  # (..., room, 2, 3) m, sum of the shifts contained in the readings
     moved: np.ndarray  # (..., 3) m, the sum of shifts of the place of rest beyond the nominal one

@@ -115,18 +115,17 @@ class Settling:
 
     Args:
         info: task and step time.
-        drag: (parts,) 1/s, c above.
-        band, turn_band: m and rad, within which places of rest are not corrected.
+        band, turn_band: m and rad, within which places of rest are not corrected, in tasks with goals.
 
     Attributes:
         slack: m, largest position error of corners of parts at rest.
     """
 
-    def __init__(self, info: TaskInfo, drag: np.ndarray, band: float, turn_band: float) -> None:
-        self.drag, self.step, self.period = drag, info.step_time, info.surface.period
+    def __init__(self, info: TaskInfo, band: float, turn_band: float) -> None:
+        self.drag, self.step, self.period = info.plant.drag, info.step_time, info.surface.period  # c above, 1/s
         ahead = 0.5 * (info.step_time - info.surface.period)
-        self.coast = 1.0 / np.maximum(drag, LEAST_DRAG) - ahead  # s
-        self.band, self.turn_band = band, turn_band
+        self.coast = 1.0 / np.maximum(self.drag, LEAST_DRAG) - ahead  # s
+        self.band, self.turn_band = (band, turn_band) if info.has_goal else (LOOSE_BAND, LOOSE_TURN)
         self.slack = self.band + self.turn_band * max(part.radius for part in info.parts)
         self.near, self.near_turn = max(NEAR, 2.0 * self.band), max(NEAR_TURN, 2.0 * self.turn_band)
 
@@ -194,10 +193,7 @@ class LocalLaw(Law):
         self.response = np.maximum(checks.number("response", response, above=0.0), held)
         self.settling = None
         if info.hard_dead_zone:
-            band, turn_band = LOOSE_BAND, LOOSE_TURN
-            if info.has_goal:
-                band, turn_band = BAND * info.position_tolerance, BAND * info.heading_tolerance
-            self.settling = Settling(info, plant.drag, band, turn_band)
+            self.settling = Settling(info, BAND * info.position_tolerance, BAND * info.heading_tolerance)
             self.slack = self.settling.slack
 
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:

@@ -90,11 +90,14 @@ class LqrLaw(Law):
         control_weight: float = 1.0,
     ) -> None:
         self.drag = info.plant.drag
-        self.gains = np.empty((len(info.parts), 2, 2))
-        for part, drag in enumerate(self.drag):
+        gains = {}
+        for drag in set(self.drag.tolist()):
             plant = discretize(np.array([[0.0, 1.0], [0.0, -drag]]), np.array([[0.0], [1.0]]), info.step_time)
-            self.gains[part, 0] = discrete_lqr(*plant, state_weights, control_weight, "state_weights")
-            self.gains[part, 1] = discrete_lqr(*plant, heading_weights, control_weight, "heading_weights")
+            gains[drag] = [
+                discrete_lqr(*plant, state_weights, control_weight, "state_weights"),
+                discrete_lqr(*plant, heading_weights, control_weight, "heading_weights"),
+            ]
+        self.gains = np.array([gains[drag] for drag in self.drag.tolist()])
         # Laws request accelerations net of friction.
         self._rate = self.gains[:, :, 1] + self.drag[:, None]
         self.lead = float((self._rate[:, 0] / self.gains[:, 0, 0]).max())

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.envs.actions import Element, Field
+from vibgym.envs.actions import ACTIONS
 from vibgym.fields import radial, squeeze, tangential
 from vibgym.policies.classical.measured import Measured, check_state, recall
 from vibgym.policies.task_info import TaskInfo
@@ -24,33 +24,31 @@ class ZeroPolicy:
     action, observation = "field", "state"
 
     def __init__(self, info: TaskInfo) -> None:
-        self.layout = info.layout
-        self.size = Field(info.surface, info.parts).size
+        self.layout, self.size = info.layout, ACTIONS[self.action](info.surface, info.parts).size
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Return zeros for every observation."""
-        lead = check_state(observation, self.layout).shape[:-1]
-        return np.zeros((*lead, self.size), dtype=np.float32), state
+        """Return an action for every observation."""
+        return self.draw((*check_state(observation, self.layout).shape[:-1], self.size)), state
+
+    def draw(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Return actions of this shape."""
+        return np.zeros(shape, dtype=np.float32)
 
 
-class RandomPolicy:
+class RandomPolicy(ZeroPolicy):
     """Policy with uniformly random amplitudes and phases of all elements in every step."""
 
-    action, observation = "element", "state"
+    action = "element"
 
     def __init__(self, info: TaskInfo, *, seed: int = 0) -> None:
-        self.layout = info.layout
-        self.size = Element(info.surface, info.parts).size
+        super().__init__(info)
         self.generator = np.random.default_rng(checks.count("seed", seed, least=0))
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Return random actions for every observation."""
-        lead = check_state(observation, self.layout).shape[:-1]
-        return 2.0 * self.generator.random((*lead, self.size), dtype=np.float32) - np.float32(1.0), state
+    def draw(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Return actions of this shape."""
+        return 2.0 * self.generator.random(shape, dtype=np.float32) - np.float32(1.0)
 
 
 class Plan(NamedTuple):

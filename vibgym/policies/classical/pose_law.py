@@ -19,7 +19,7 @@ from vibgym import checks
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.kernels.jit import borrowing
-from vibgym.policies.classical.law import LOOSE_BAND, LOOSE_TURN, Law, Settling
+from vibgym.policies.classical.law import Law, Settling
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 
@@ -72,6 +72,7 @@ class PoseLaw(Law):
         approach = checks.number("approach", usual if approach is None else approach, above=0.0)
         turn_approach = checks.number("turn_approach", turn_approach, above=0.0)
         over = checks.number("over", over, least=0.0, most=1.0)
+        band, turn_band = checks.number("band", band, above=0.0), checks.number("turn_band", turn_band, above=0.0)
         process = FrictionalInverse(info.surface, info.parts, limit=sheet.limit)
         parts, turning = len(info.parts), turning_push(info)
         top = np.full(parts, BEYOND * plant.top_speed)
@@ -82,9 +83,7 @@ class PoseLaw(Law):
         self.lead = 1.0 / approach + step  # the set speed is that at the end of the step
         self.settling = None
         if info.hard_dead_zone:
-            band = checks.number("band", band, above=0.0) if info.has_goal else LOOSE_BAND
-            turn_band = checks.number("turn_band", turn_band, above=0.0) if info.has_goal else LOOSE_TURN
-            self.settling = Settling(info, plant.drag, band, turn_band)
+            self.settling = Settling(info, band, turn_band)
             self.slack = self.settling.slack
 
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
