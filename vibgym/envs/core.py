@@ -109,7 +109,7 @@ class Core:
         walls = () if options.walls is None else options.walls
         self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=model, walls=walls, **knobs)
         if "patches" in self.randomization.ranges:
-            self.simulator.tell_elements_apart()
+            self.simulator.allocate_patches()
         disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
         self.disturbances = None if disturbance is None else Disturbances(disturbance, self.simulator, span)
         self.sensing = sensing_from(

@@ -15,6 +15,7 @@ from vibgym.kernels.reference import Pinned
 from vibgym.physics.contacts.hulls import Hulls
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
+from vibgym.scene.outlines import rotation
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 
@@ -101,6 +102,10 @@ class Model(ABC):
     flat: ClassVar[bool] = True
     """Whether parts always lie flat. If so, parts that friction alone tips are refused, and no side view is drawn."""
 
+    ADDS: ClassVar[tuple[str, ...]] = ()
+    """Names of attributes and methods that simulators of this model have in addition to those of
+    :class:`vibgym.Simulator`; methods take the simulator as their first argument."""
+
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
         self.choice: Choice | None = None
@@ -156,37 +161,14 @@ class Model(ABC):
         """Return arrays (worlds, ...) that :attr:`vibgym.Simulator.quantities` reports, by name."""
         return {}
 
-    def lean(self) -> np.ndarray:
-        """See :attr:`vibgym.Simulator.lean`."""
-        return np.zeros((self.setup.worlds, len(self.setup.parts), 2))
+    def tilted(self) -> np.ndarray:
+        """Return (worlds, parts) whether a part does not lie flat; bool, or broadcastable."""
+        return np.zeros((1, 1), dtype=bool)
 
-    def height(self) -> np.ndarray:
-        """Return (worlds, parts) m, height of the centres of mass above their height in parts that lie flat."""
-        return np.zeros((self.setup.worlds, len(self.setup.parts)))
-
-    def time_tilted(self) -> np.ndarray:
-        """See :attr:`vibgym.Simulator.time_tilted`."""
-        return np.zeros((self.setup.worlds, len(self.setup.parts)))
-
-    def toppled(self) -> np.ndarray:
-        """See :attr:`vibgym.Simulator.toppled`."""
-        return np.zeros((self.setup.worlds, len(self.setup.parts)), dtype=bool)
-
-    def tip(
-        self, worlds: np.ndarray, which: np.ndarray, heading: np.ndarray, lean: np.ndarray, rocking: np.ndarray
-    ) -> None:
-        """Put parts on an edge or a corner, see :meth:`vibgym.Simulator.tip`.
-
-        Args:
-            worlds: (n,) indices.
-            which: (n, parts) bool.
-            heading: (n, parts) rad.
-            lean, rocking: (n, parts, 2) rad, rad/s.
-
-        Raises:
-            ValueError: the model keeps parts flat, or a part would topple; nothing has changed.
-        """
-        raise checks.conflict(f"tip requires model='tilting', whose parts can tilt; this is {self.setup.model!r}")
+    def bottoms(self, pose: np.ndarray, world: int) -> list[np.ndarray]:
+        """Return the corners of the bottom of each part of a world at poses (parts, 3), each (n, 3) m; flat parts: z = 0."""
+        flat = (part.outline @ rotation(0.0, 0.0, at[2])[:2, :2].T + at[:2] for part, at in zip(self.setup.parts, pose))
+        return [np.column_stack([corners, np.zeros(len(corners))]) for corners in flat]
 
     def disturb(self, state: State, lean: np.ndarray, kick: np.ndarray) -> None:
         """Apply impulse disturbances, see :meth:`vibgym.Simulator.disturb`; the default adds ``kick`` to the velocity."""

@@ -244,7 +244,7 @@ def test_bad_tilts_change_nothing(call, message):
 
 
 def test_only_this_model_tips():
-    with pytest.raises(ValueError, match="tip"):
+    with pytest.raises(AttributeError, match="planar.*tip"):
         Simulator(LARGE, STEEL).tip(0, 0.1)
 
 

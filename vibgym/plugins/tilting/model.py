@@ -34,10 +34,11 @@ from vibgym.plugins.tilting.records import (
     tilt_scheme,
 )
 from vibgym.plugins.tilting.rows import rock_rows, sort_rows
-from vibgym.scene.outlines import is_convex
+from vibgym.scene.outlines import is_convex, rotation
 from vibgym.scene.parts import Part, bodies_of, kinds_of
 from vibgym.scene.surface import Surface
-from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
+from vibgym.simulation import Simulator
+from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup, worlds_from
 from vibgym.simulation.threads import Pool
 
 STEPS = 200
@@ -130,12 +131,14 @@ class AbovePlane(Model):
     """
 
     flat = False
+    ADDS = ("lean", "tilt", "time_tilted", "toppled", "tip")
 
     def __init__(self, setup: Setup, scheme: TiltScheme) -> None:
         Model.__init__(self, setup)  # not super(): a subclass derives from Multibody as well
         self.step = setup.surface.period / scheme.steps
         self.attitudes = new_tilt(setup.worlds, len(setup.parts))
         self.pinned = Pinned(TILT, self.attitudes)
+        self._centres = [part.centre_height for part in setup.parts]
 
     def check_parts(self) -> None:
         """Refuse parts that are not convex."""
@@ -165,22 +168,65 @@ class AbovePlane(Model):
     def part_info(self) -> dict[str, np.ndarray]:
         return {"toppled": self.attitudes.toppled}
 
+    def tilted(self) -> np.ndarray:
+        return self.tilt > 0.0
+
+    def bottoms(self, pose: np.ndarray, world: int) -> list[np.ndarray]:
+        found, lean = [], self.attitudes.lean[world]
+        rise = np.where(self.attitudes.mode != FLAT, self.attitudes.height - self._centres, 0.0)[world]
+        for k, part in enumerate(self.setup.parts):
+            x, y, heading = pose[k]
+            corners = np.column_stack([part.outline, np.full(len(part.outline), -part.centre_height)])
+            turned = corners @ (rotation(lean[k, 0], lean[k, 1], 0.0) @ rotation(0.0, 0.0, heading)).T
+            found.append(turned + [x, y, rise[k] + part.centre_height])
+        return found
+
+    @property
     def lean(self) -> np.ndarray:
+        """(worlds, parts, 2) rad, rotation vector, about the world's x and y, applied to a part after its heading; a copy."""
         return self.attitudes.lean.copy()
 
-    def height(self) -> np.ndarray:
-        above = self.attitudes.height - [part.centre_height for part in self.setup.parts]
-        return np.where(self.attitudes.mode != FLAT, above, 0.0)
+    @property
+    def tilt(self) -> np.ndarray:
+        """(worlds, parts) rad, angle between a part's axis and the vertical."""
+        return np.hypot(self.attitudes.lean[..., 0], self.attitudes.lean[..., 1])
 
+    @property
     def time_tilted(self) -> np.ndarray:
+        """(worlds, parts) s from the last tip of a part until its tilt was last above 0.05 deg."""
         return self.attitudes.landing * self.step
 
+    @property
     def toppled(self) -> np.ndarray:
+        """(worlds, parts) whether a part has tipped beyond its edge, and fallen; a copy."""
         return self.attitudes.toppled.copy()
 
-    def tip(
+    def tip(self, simulator: Simulator, worlds: Any, lean: Any, *, rocking: Any = 0.0, which: Any = True) -> None:
+        """Put parts of some worlds on an edge or a corner.
+
+        A tipped part keeps its position, heading and velocity in the plane. Its lowest point touches the plates as they stand
+        when the next period begins.
+
+        Args:
+            simulator: passed by ``simulator.tip``.
+            worlds: mask (worlds,), indices, or a slice; n worlds.
+            lean: rad, see :attr:`lean`, broadcastable to (n, parts, 2).
+            rocking: rad/s, angular velocity about the world's x and y, likewise.
+            which: (n, parts) or broadcastable, bool: the parts to tip; fallen parts are skipped.
+
+        Raises:
+            ValueError: a value is not finite, or a part would topple; nothing has changed.
+        """
+        rows = worlds_from(worlds, self.setup.worlds)
+        shape = (len(rows), len(self.setup.parts), 2)
+        lean, rocking = checks.array("lean", lean, shape), checks.array("rocking", rocking, shape)
+        chosen = checks.array("which", which, shape[:2], dtype=np.bool_) & ~simulator.state.fallen[rows]
+        self._tip(rows, chosen, simulator.state.pose[rows, :, 2], lean, rocking)
+
+    def _tip(
         self, worlds: np.ndarray, which: np.ndarray, heading: np.ndarray, lean: np.ndarray, rocking: np.ndarray
     ) -> None:
+        """Tip the parts ``which`` (n, parts) of ``worlds`` (n,) at these headings (n, parts), rad."""
         for k, part in enumerate(self.setup.parts):
             stable = stands(part, heading[:, k], lean[:, k])
             if not stable[which[:, k]].all():
@@ -196,7 +242,7 @@ class AbovePlane(Model):
     def disturb(self, state: State, lean: np.ndarray, kick: np.ndarray) -> None:
         """Tip the disturbed parts."""
         which = lean.any(axis=2) & ~state.fallen
-        self.tip(np.arange(len(lean)), which, state.pose[..., 2], lean, np.zeros_like(lean))
+        self._tip(np.arange(len(lean)), which, state.pose[..., 2], lean, np.zeros_like(lean))
 
 
 class Tilting(AbovePlane):
