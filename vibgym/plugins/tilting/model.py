@@ -20,6 +20,7 @@ from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
 from vibgym.physics.planar.friction import slide_rows
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
+from vibgym.plugins.tilting.period import rock_rows, sort_rows
 from vibgym.plugins.tilting.records import (
     FIXED_TILTING,
     FLAT,
@@ -33,7 +34,6 @@ from vibgym.plugins.tilting.records import (
     new_work,
     tilt_scheme,
 )
-from vibgym.plugins.tilting.rows import rock_rows, sort_rows
 from vibgym.scene.outlines import is_convex, rotation
 from vibgym.scene.parts import Part, bodies_of, kinds_of
 from vibgym.scene.surface import Surface

@@ -14,8 +14,8 @@ import numpy as np
 from vibgym.physics.contacts.multibody import BroadPhase
 from vibgym.physics.planar.friction import slide_rows
 from vibgym.plugins.tilting.model import AbovePlane, rigid_buffers, sorted_rows
+from vibgym.plugins.tilting.period import keep_toppled, rock_rows
 from vibgym.plugins.tilting.records import TiltScheme
-from vibgym.plugins.tilting.rows import keep_toppled, rock_rows
 from vibgym.simulation.model import NO_PATHS, Conditions, Setup
 from vibgym.simulation.multibody import ContactBuffers, Multibody
 from vibgym.simulation.schemes import PlanarSchemes
