@@ -9,9 +9,10 @@ import pytest
 import vibgym  # noqa: F401
 from tests.plugins.camera.helpers import SURFACE, camera, setup, state_of
 from vibgym import Part
+from vibgym.kernels.jit import jit
 from vibgym.plugins.camera import CameraSensor
 from vibgym.plugins.camera.fitting import fit_errors, look_alone, random_poses
-from vibgym.plugins.camera.statistical import noise_at, normal_levels
+from vibgym.plugins.camera.statistical import normal_levels, smooth_noise
 from vibgym.scene.parts import shipped_part
 
 BLOCK, DISC = shipped_part("aluminium_block"), Part.disc(0.02, friction=0.5)
@@ -115,6 +116,13 @@ def test_only_a_camera_has_an_image():
 
 
 # -- the statistical sensor --------------------------------------------------------------------------------------------
+
+
+@jit
+def noise_at(places: np.ndarray, kind: int, quantiles: np.ndarray, values: np.ndarray) -> None:
+    for n in range(places.shape[0]):
+        x, y, z = places[n, 0], places[n, 1], places[n, 2]
+        values[n, 0], values[n, 1], values[n, 2] = smooth_noise(x, y, z, kind, quantiles)
 
 
 def test_smooth_noise_is_normal_continuous_and_its_components_independent():

@@ -58,8 +58,8 @@ def refused(answers):
         ('{"do": "open", "n": 1, "id": "Nothing"}', "id"),
         ('{"do": "open", "n": 1, "start": "abc"}', "start"),
         ('{"do": "carry", "n": 1, "part": 0, "pose": [0.1, 0.1, 0]}', "part"),
-        ('{"do": "undo", "n": 1}', "nothing was done yet"),
-        ('{"do": "record", "n": 1, "what": "gif"}', "nothing is being recorded"),
+        ('{"do": "undo", "n": 1}', "undo"),
+        ('{"do": "record", "n": 1, "what": "gif"}', "record"),
         ('{"do": "reset", "n": 1, "colour": "red"}', "colour"),
     ],
 )

@@ -25,6 +25,7 @@ class Message(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=False, frozen=True)
 
     n: Annotated[int, Field(ge=1, le=2**53)]
+    do: str
 
 
 class Open(Message):
