@@ -58,18 +58,18 @@ from vibgym.plugins.tilting.records import (
 )
 
 ENOUGH = 3e-7
-"""m/s, of change in a sweep below which it is the last."""
+"""m/s, largest change in the last sweep."""
 
 MOST_SWEEPS = 60
 
 IMPACT = 0.01
-"""m/s, above which contacts rebound."""
+"""m/s, approach velocity above which contacts rebound."""
 
 NO_GAIN = 1e-7
-"""J/kg, of energy that counts as none: a fall of ten nanometres."""
+"""J/kg, energy that counts as zero: a fall of ten nanometres."""
 
 SOFTER = 4
-"""How often rebounds are halved where they would give energy; the last time they are left out."""
+"""Most reductions of rebounds that would add energy: each halves them, the last one removes them."""
 
 POINTS = 4
 """Contacts of a part that lies flat."""
@@ -77,10 +77,10 @@ POINTS = 4
 
 @borrowing
 def rubbed(contact, k, friction, slip_x, slip_y):
-    """Return impulse over mass (m/s) of friction at one contact that stops its slip (m/s) as far as it can."""
+    """Return the impulse over mass (m/s) of friction at a contact that reduces its slip (m/s) within the friction cone."""
     px, py = contact[k, PX] - slip_x * contact[k, SLIDE], contact[k, PY] - slip_y * contact[k, SLIDE]
     limit = friction * contact[k, GRIP] * contact[k, PN]
-    if px * px + py * py > limit * limit:  # against the mean of slip before and after: so friction never gives energy
+    if px * px + py * py > limit * limit:  # against the mean slip of the step, so that friction never adds energy
         mean_x, mean_y = slip_x + contact[k, SLIP_X], slip_y + contact[k, SLIP_Y]
         scale = -limit / max(math.sqrt(mean_x * mean_x + mean_y * mean_y), 1e-12)
         px, py = scale * mean_x, scale * mean_y
@@ -89,7 +89,7 @@ def rubbed(contact, k, friction, slip_x, slip_y):
 
 @borrowing
 def apply_impulses(motion, contact, n, sign):
-    """Change velocity and angular velocity by the impulses that ``n`` contacts have, or take them back (``sign`` -1)."""
+    """Add the impulses of ``n`` contacts to velocity and angular velocity, or subtract them (``sign`` -1)."""
     for k in range(n):
         pn, px, py = sign * contact[k, PN], sign * contact[k, PX], sign * contact[k, PY]
         motion[VX] += px
@@ -102,7 +102,7 @@ def apply_impulses(motion, contact, n, sign):
 
 @borrowing
 def write_levers(motion, contact, n):
-    """Write down how fast unit impulses over mass at ``n`` contacts make the part turn, upward and along x and y."""
+    """Write the angular velocities by unit impulses over mass at ``n`` contacts, upward and along x and y."""
     xx, yy, zz, xy, xz, yz = motion[MXX], motion[MYY], motion[MZZ], motion[MXY], motion[MXZ], motion[MYZ]
     for k in range(n):
         rx, ry, rz = contact[k, RX], contact[k, RY], contact[k, RZ]
@@ -115,9 +115,9 @@ def write_levers(motion, contact, n):
 
 @borrowing
 def settle_contacts(motion, contact, n, friction, table_x, table_y):
-    """Go through ``n`` contacts until nothing changes any more, or often enough: normal impulses, then friction.
+    """Iterate over ``n`` contacts to convergence, at most ``MOST_SWEEPS`` times: normal impulse, then friction of each.
 
-    Changes velocity and angular velocity; angular momentum is left to :func:`resolve_contacts`.
+    Velocity and angular velocity change, angular momentum does not.
     """
     vx, vy, vz, wx, wy, wz = motion[VX], motion[VY], motion[VZ], motion[WX], motion[WY], motion[WZ]
     most, sweeps = math.inf, 0
@@ -153,8 +153,10 @@ def settle_contacts(motion, contact, n, friction, table_x, table_y):
 
 @borrowing
 def gain(motion, contact, n, table_x, table_y):
-    """Return the energy over mass (J/kg) that ``n`` contacts add to the work of plates and table: impulses times the mean of
-    the relative velocities before and after."""
+    """Return the energy over mass (J/kg) that ``n`` contacts add beyond the work of plates and table.
+
+    That is the sum of impulses times the mean of the relative velocities before and after.
+    """
     total = 0.0
     for k in range(n):
         rx, ry, rz = contact[k, RX], contact[k, RY], contact[k, RZ]
@@ -168,7 +170,7 @@ def gain(motion, contact, n, table_x, table_y):
 
 @borrowing
 def soften(motion, contact, n, scale):
-    """Take the impulses of ``n`` contacts back, and aim at slower rebounds."""
+    """Undo the impulses of ``n`` contacts, and reduce the velocities of their rebounds."""
     apply_impulses(motion, contact, n, -1.0)
     for k in range(n):
         contact[k, PN] = contact[k, PX] = contact[k, PY] = 0.0
@@ -177,7 +179,7 @@ def soften(motion, contact, n, scale):
 
 @borrowing
 def keep_impulses(work, n):
-    """Give the part the angular momentum of the impulses of ``n`` contacts, and keep these for the next step."""
+    """Add the angular momentum of the impulses of ``n`` contacts, and store them for the next step."""
     motion, contact, warm, kept = work.motion, work.contact, work.warm, 0
     for k in range(n):
         rx, ry, rz = contact[k, RX], contact[k, RY], contact[k, RZ]
@@ -194,9 +196,9 @@ def keep_impulses(work, n):
 
 @borrowing
 def resolve_contacts(work, n, friction, table_x, table_y):
-    """Let ``n`` contacts push the part for a step.
+    """Apply the impulses of ``n`` contacts in a step.
 
-    Newton's restitution at several contacts with friction may give energy: then all rebound more slowly, until they do not.
+    Newton's restitution at several contacts with friction may add energy. Then all rebounds are reduced.
 
     Args:
         table_x, table_y: m/s, velocity of the table.
@@ -218,19 +220,19 @@ def resolve_contacts(work, n, friction, table_x, table_y):
 
 @borrowing
 def begin_flat(motion):
-    """Let a part that has all but landed lie flat."""
+    """Lay a part flat that has almost landed."""
     motion[WX] = motion[WY] = motion[LX] = motion[LY] = 0.0
 
 
 @borrowing
 def slide_flat(rigid, world, kind, friction, heading, turn):
-    """Take one step of a part that lies flat on plates that move alike.
+    """Advance a part that lies flat on plates with equal motion by a step.
 
     Args:
-        heading: rad, at the step's start.
+        heading: rad, at the start of the step.
 
     Returns:
-        That at its end.
+        The heading at its end.
     """
     table, scheme, motion, contact = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.contact
     step, node, gyration = table.period / scheme.steps, 2 * turn + 1, rigid.bodies.gyration[kind]

@@ -1,7 +1,7 @@
 """The tilting model: rigid parts on plates of different heights.
 
-A part that lies flat on plates that move alike is the planar model's, to the last bit. All others are rigid bodies on the
-plates (:mod:`vibgym.plugins.tilting`): they rock on the highest ones, tilt, land, or topple.
+The planar model advances parts that lie flat on plates with equal motion, with the same bits. All others are rigid bodies: they
+rock on the highest plates, tilt, land, or topple.
 """
 
 from __future__ import annotations
@@ -15,11 +15,9 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.kernels.reference import Pinned
-from vibgym.kernels.vector import LANES
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
 from vibgym.physics.planar.friction import slide_rows
-from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.plugins.tilting.period import rock_rows, sort_rows
 from vibgym.plugins.tilting.records import (
     FIXED_TILTING,
@@ -39,15 +37,16 @@ from vibgym.scene.parts import Part, bodies_of, kinds_of
 from vibgym.scene.surface import Surface
 from vibgym.simulation import Simulator
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup, worlds_from
+from vibgym.simulation.models import planar_scene
 from vibgym.simulation.threads import Pool
 
 STEPS = 200
-"""A period: energies of impacts are right to half a per cent, transport by uniform fields to a hundredth."""
+"""In a period: energies of impacts within 0.5 %, transport by uniform fields within 0.01 %."""
 
 RESTITUTION = 0.2
 
 RAMP = 3e-3
-"""m on either side of a border."""
+"""m, length of the ramp on either side of a border."""
 
 FEWEST_STEPS, MOST_STEPS = 50, 100_000
 
@@ -55,18 +54,17 @@ LEAST_RAMP = 1e-6
 """m, shortest ramp."""
 
 STRETCH = 2
-"""Periods covered by one check for level ground: over more of them a part may travel too far."""
+"""Most periods per check for level ground."""
 
 STEEPEST = 1.5
-"""rad, of a tilt."""
+"""rad, largest tilt."""
 
 LEAST_SETTLING = 0.01
 """m/s, least velocity at which penetration is corrected."""
 
 
 def cross_of(part: Part) -> np.ndarray:
-    """Return (4, 2) m, points of equal load with the first and second moments of even pressure: a rectangle's are its corners,
-    shrunk."""
+    """Return (4, 2) m, points of equal load with the first and second moments of even pressure."""
     xx, yy, xy = part.inertia - [part.height**2 / 12.0, part.height**2 / 12.0, 0.0]
     squares, axes = np.linalg.eigh(np.array([[yy, -xy], [-xy, xx]]))  # moments x x, x y, y y
     reach = np.sqrt(np.maximum(squares, 0.0))
@@ -104,8 +102,7 @@ def scheme_of(
 
 
 def stands(part: Part, heading: np.ndarray, lean: np.ndarray) -> np.ndarray:
-    """Return (n,) whether a part's centre of mass is above its bottom, so that it falls back, at these headings (n,) and leans
-    (n, 2)."""
+    """Return (n,) whether the centre of mass is above the bottom, so that the part falls back, by headings and leans (n, 2)."""
     angle = np.hypot(lean[:, 0], lean[:, 1])
     if part.centre_height == 0.0:
         return angle < STEEPEST
@@ -147,7 +144,7 @@ class AbovePlane(Model):
                 raise checks.refuse("parts", f"{part.name!r}, which is not convex", "convex with model='tilting'")
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
-        pass  # a part that friction tips may tip
+        pass  # parts may tip by friction
 
     def live(self) -> dict[str, np.ndarray]:
         return self.attitudes._asdict()
@@ -256,7 +253,7 @@ class Tilting(AbovePlane):
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         def work(buffers: Buffers) -> None:
             inputs, rows, left = (drive.address, state.address), self._rows[start:stop], periods
-            if periods > STRETCH:  # most parts lie far enough from what is not level
+            if periods > STRETCH:  # most parts are on level ground for all periods
                 flat, rows = sorted_rows(rows, buffers.rigid.address, inputs, self.pinned.address, periods)
                 slide_rows(flat, buffers.planar.address, *inputs, periods, NO_PATHS, 0)
             while left > 0 and len(rows):
@@ -299,8 +296,7 @@ class Buffers:
     """
 
     def __init__(self, setup: Setup, flat: Scheme, scheme: TiltScheme) -> None:
-        table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
-        self.planar = Pinned(FIXED_SCENE, FixedScene(table, bodies, flat, new_workspace(table, bodies, flat, LANES)))
+        self.planar = planar_scene(setup, flat)
         self.rigid = rigid_buffers(setup, scheme)
 
 
