@@ -29,8 +29,7 @@ LEAST_FACTOR, MOST_FACTOR = 0.01, 100.0
 """Range of the factors on friction and on mass."""
 
 SLENDER_DISC, SLENDER = 0.4, 1.0
-"""Height of the centre of mass over radius, and over half the width. Above it, a disturbed part wobbles, fed by the drive, for
-longer than a second."""
+"""Slenderness of discs and of others, above which a disturbed part wobbles for longer than a second, driven by the table."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ class Conditions(NamedTuple):
 
     @property
     def strongest(self) -> np.ndarray:
-        """(n, parts) largest factor on friction that a part can meet."""
+        """(n, parts) largest factor on friction of a part on any element."""
         return self.friction * self.patches.max(axis=(1, 2), initial=0.0)[:, None]
 
     @property
@@ -88,8 +87,13 @@ class Model(ABC):
     """Base class of models: advances blocks of worlds, several at a time in threads.
 
     A model is registered by name: ``vibgym.simulation.MODELS.register(name, cls)``, or an entry point in group
-    ``vibgym.models``. It is called with a :class:`Setup` and its settings as keyword arguments. Everything that it keeps from
-    one call of :meth:`advance` to the next, besides ``state``, is in :meth:`live`.
+    ``vibgym.models``. It is called with a :class:`Setup` and its settings as keyword arguments. Only ``advance`` is required:
+
+    - ``check_parts``, ``check_conditions``: scenes that the model does not cover.
+    - ``live``, ``check_live``, ``begin``: state between calls of :meth:`advance` besides ``state``.
+    - ``reset``, ``statistics``, ``deepest_overlap``: statistics of contacts.
+    - ``part_info``, ``quantities``, ``ADDS``: further results, attributes and methods.
+    - ``flat``, ``tilted``, ``bottoms``, ``disturb``: models in which parts can tilt.
 
     Args:
         setup: the scene.

@@ -171,7 +171,7 @@ class Session:
             answers = self._step()
         return answers[:-1]
 
-    def _undo(self, message: messages.Undo) -> None:
+    def _undo(self, message: messages.Request) -> None:
         if not self._past:
             raise checks.conflict("undo: there is nothing to undo")
         past = self._past.pop()
@@ -210,7 +210,7 @@ class Session:
         phasor = np.array([np.nan, np.nan] if message.phasor is None else message.phasor)
         self.world.draw(elements, phasor / max(1.0, float(np.hypot(*phasor))))
 
-    def _wipe(self, message: messages.Wipe) -> None:
+    def _wipe(self, message: messages.Request) -> None:
         self._note()
         self.world.paint[...] = np.nan
 
@@ -245,7 +245,7 @@ class Session:
         text = f"written: {path} (MINARI_DATASETS_PATH={self.output}, data set play/{name}-v0)"
         return [{"kind": "kept", "text": text}]
 
-    def _share(self, message: messages.ShareStart) -> list[Answer]:
+    def _share(self, message: messages.Request) -> list[Answer]:
         return [{"kind": "start", "code": code_of(self.world)}]
 
 

@@ -334,6 +334,15 @@ def is_flat(rigid, world, part, periods):
 
 
 @borrowing
+def rigid_at(fixed, drive, state, tilt):
+    """Return the record of all data; ``drive`` is a reference, the others are addresses of pinned records."""
+    fixed = fixed_tilting_at(fixed)
+    return Rigid(
+        fixed.table, fixed.bodies, fixed.solids, fixed.scheme, fixed.work, drive, state_at(state), tilt_at(tilt)
+    )
+
+
+@borrowing
 def sort_rows(rows, flat, other, fixed, drive, state, tilt, periods):
     """Separate parts that lie flat on level ground for so many periods from others.
 
@@ -345,13 +354,8 @@ def sort_rows(rows, flat, other, fixed, drive, state, tilt, periods):
     Returns:
         The number of flat parts.
     """
-    fixed = fixed_tilting_at(fixed)
-    rigid = reference(
-        Rigid(
-            fixed.table, fixed.bodies, fixed.solids, fixed.scheme, fixed.work, reference(pinned_drive(drive)), state_at(state),
-            tilt_at(tilt),
-        )
-    )  # fmt: skip
+    drive = reference(pinned_drive(drive))
+    rigid = reference(rigid_at(fixed, drive, state, tilt))
     parts, n = rigid.state.pose.shape[1], 0
     for k in range(rows.shape[0]):
         if is_flat(rigid, rows[k] // parts, rows[k] % parts, periods):
@@ -371,13 +375,8 @@ def rock_rows(rows, follows, fixed, drive, state, tilt, paths, base, nodes):
         fixed, drive, state, tilt: addresses of pinned records.
         follows, paths, base, nodes: see :func:`rock_period`.
     """
-    fixed = fixed_tilting_at(fixed)
-    rigid = reference(
-        Rigid(
-            fixed.table, fixed.bodies, fixed.solids, fixed.scheme, fixed.work, reference(pinned_drive(drive)), state_at(state),
-            tilt_at(tilt),
-        )
-    )  # fmt: skip
+    drive = reference(pinned_drive(drive))
+    rigid = reference(rigid_at(fixed, drive, state, tilt))
     parts = rigid.state.pose.shape[1]
     for k in range(rows.shape[0]):
         rock_period(rigid, rows[k] // parts, rows[k] % parts, follows, paths, base, nodes)

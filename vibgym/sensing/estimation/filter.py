@@ -30,7 +30,7 @@ from vibgym.kernels.reference import Layout, Pinned
 from vibgym.physics.core.drive import Drive
 from vibgym.scene.sliding import drag_of, motion
 from vibgym.sensing.base import Sensor
-from vibgym.sensing.estimation.predictors import FreePredictor, ModelPredictor, Plant, Predictor
+from vibgym.sensing.estimation.predictors import FreePredictor, ModelPredictor, Plant
 from vibgym.sensing.measurement import Reading, new_measurement
 
 LEAST_SIGMA = 1e-7
@@ -338,7 +338,12 @@ class FilterEstimator:
     """
 
     def __init__(
-        self, sensor: Sensor, predictor: Predictor, latency: int, settings: KalmanSettings, model_error: float = 0.0
+        self,
+        sensor: Sensor,
+        predictor: FreePredictor | ModelPredictor,
+        latency: int,
+        settings: KalmanSettings,
+        model_error: float = 0.0,
     ) -> None:
         worlds, parts, periods = sensor.worlds, len(sensor.parts), sensor.periods
         lead = sensor.delay + latency

@@ -38,28 +38,6 @@ class Plant(Protocol):
         ...
 
 
-class Predictor(Protocol):
-    """Predicts the state of all worlds."""
-
-    state: State
-
-    def prepare(self, command: Drive) -> None:
-        """Allocate buffers for commands of this form."""
-
-    def renew(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
-        """Put the parts ``which`` (worlds, parts) down at poses (n, 3); ``fallen`` (n,): beside the table."""
-
-    def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
-        """Put parts down at rest in ``worlds``."""
-
-    def run(self, command: Drive, instant: int, kept: np.ndarray) -> None:
-        """Advance by a step, and write the poses after ``instant`` periods to ``kept`` (worlds, parts, 3)."""
-
-    def live(self) -> dict[str, np.ndarray]:
-        """Return all live arrays of a snapshot."""
-        ...
-
-
 class ModelPredictor:
     """The simulator with nominal parts and nominal actuators.
 
@@ -80,18 +58,22 @@ class ModelPredictor:
         self._idle = np.array(velocity)
 
     def prepare(self, command: Drive) -> None:
+        """Allocate buffers for commands of this form."""
         self._plant.prepare(command)
 
     def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
+        """Put parts down at rest in ``worlds``."""
         self._plant.reset(worlds, np.full((len(worlds), self._plant.draws), 0.5))
         self.simulator.place(worlds, pose, np.where(fallen[..., None], 0.0, self._idle), 0.0, fallen)
 
     def renew(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
+        """Put the parts ``which`` (worlds, parts) down at poses (n, 3); ``fallen`` (n,): beside the table."""
         idle = np.broadcast_to(self._idle, self.state.velocity.shape)[which]
         self.state.pose[which], self.state.velocity[which] = pose, np.where(fallen[:, None], 0.0, idle)
         self.state.mean_velocity[which], self.state.sticking[which], self.state.fallen[which] = 0.0, False, fallen
 
     def run(self, command: Drive, instant: int, kept: np.ndarray) -> None:
+        """Advance by a step, and write the poses after ``instant`` periods to ``kept`` (worlds, parts, 3)."""
         elapsed = 0
         for drive, periods in self._plant.apply(command):
             end = elapsed + periods
@@ -106,6 +88,7 @@ class ModelPredictor:
             elapsed = end
 
     def live(self) -> dict[str, np.ndarray]:
+        """Return all live arrays of a snapshot."""
         plant = {f"plant_{name}": values for name, values in self._plant.live().items()}
         return {**self.state._asdict(), **plant}
 
@@ -124,7 +107,7 @@ def glide(state, drag, time):
 
 
 class FreePredictor:
-    """Friction alone; all other accelerations are process noise of the filter."""
+    """Friction alone; all other accelerations are process noise of the filter. Methods are those of :class:`ModelPredictor`."""
 
     def __init__(self, sensor: Sensor) -> None:
         self.state = new_state(sensor.worlds, len(sensor.parts))
