@@ -133,7 +133,7 @@ class Core(Pipeline):
         walls = () if options.walls is None else options.walls
         simulator = Simulator(self.surface, self.parts, worlds=self.worlds, model=model, walls=walls, **settings)
         if "patches" in randomization.ranges:
-            simulator.tell_elements_apart()
+            simulator.allocate_patches()
         if randomization.ranges:
             extremes = randomization.extremes()
             simulator.check_conditions(extremes, extremes._asdict(), "randomize[{!r}]")

@@ -37,8 +37,8 @@ class Planar(Model):
         self._rows = np.arange(setup.worlds)
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
-        rows = self._rows  # a local: another thread may replace the attribute by a shorter array
-        if stop > len(rows):  # the model is used without a simulator, for more worlds
+        rows = self._rows  # a local, since another thread may replace the attribute
+        if stop > len(rows):  # used without a simulator, for more worlds
             rows = self._rows = np.arange(stop)
         setup = self._setups.take()
         slide_rows(rows[start:stop], setup.address, drive.address, state.address, periods, NO_PATHS, 0)
