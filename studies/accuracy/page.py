@@ -47,7 +47,7 @@ def page(report: Report) -> str:
         ],
         troubles=[trouble for result in report.results for trouble in troubles(result)],
         convergence=_data(figures.convergence(report.orders)) if report.orders else None,
-        cases=[vars(case) | vars(outcome) for case, outcome in report.hard_cases],
+        cases=[case._asdict() | outcome._asdict() for case, outcome in report.hard_cases],
         friction=_friction(report.friction) if report.friction else None,
         gains=any(comparisons.order_gain(result) is not None for result in report.results),
         settings_text=json.dumps(plain(report.settings.model_dump()), indent=1),

@@ -65,7 +65,7 @@ def json_text(report: Report) -> str:
         "bounds": [{"scene": each.scene, "cost_us": each.cost, **each.bound._asdict()} for each in report.bounds],
         "auto": [asdict(each) for each in report.auto],
         "hard_cases": [
-            {"name": case.name, "question": case.question, **asdict(outcome)} for case, outcome in report.hard_cases
+            {"name": case.name, "question": case.question, **outcome._asdict()} for case, outcome in report.hard_cases
         ],
         "friction_experiment": None if report.friction is None else _experiment(report.friction),
         "rigid": report.rigid,
