@@ -77,7 +77,8 @@ def long_run() -> LongRun:
         tracemalloc.stop()
     w = surface.angular_frequency
     radius = MU * surface.gravity / w**2
-    return LongRun(*map(np.array, zip(*states, strict=True)), radius, radius * w, sim.time, grown)
+    velocity, pose, mean = (np.array(each) for each in zip(*states, strict=True))
+    return LongRun(velocity, pose, mean, radius, radius * w, sim.time, grown)
 
 
 @case("a million periods: phase", "Does the phase of a steady motion creep over a million periods?")
@@ -121,7 +122,7 @@ def long_memory() -> Outcome:
 
 
 def _now_and_late(
-    surface: Surface, pose: Any, velocity: Any, late_periods: int, drive: tuple, periods: int
+    surface: Surface, pose: Any, velocity: Any, late_periods: int, drive: tuple[Any, Any], periods: int
 ) -> tuple[Simulator, Simulator]:
     """Return simulators after ``periods`` from the same state, once at time 0 and once after ``late_periods``."""
     early, late = (Simulator(surface, block()) for _ in range(2))
