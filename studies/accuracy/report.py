@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from agents.provenance import processor
-from studies.accuracy import comparisons, hard_cases, ladder, model_checks
+from studies.accuracy import comparisons, hard_cases, ladder, model_checks, rigid
 from studies.accuracy.candidates import Candidate, model_candidate, peer_candidate
-from studies.accuracy.rigid import stored
 from studies.accuracy.scenes import Scene, scenes_from
 from studies.accuracy.settings import ReportSettings
 from vibgym import checks, files
@@ -103,7 +102,7 @@ def run(prepared: Prepared, progress: Callable[[str], Any] = lambda text: None) 
     cases = hard_cases.run_all() if settings.hard_cases else []
     headlines, seconds = comparisons.headlines(results), time.perf_counter() - began
     return Report(
-        settings, results, checked, orders, headlines, promises, cases, stored.load(), provenance(), seconds
+        settings, results, checked, orders, headlines, promises, cases, rigid.stored(), provenance(), seconds
     )  # fmt: skip
 
 
