@@ -14,7 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 import vibgym
-from studies.accuracy.provenance import processor
+from agents.provenance import processor
 from studies.sensorless.handmade import FAMILIES, PLACING, plain, tuned
 from studies.sensorless.judge import episodes, judge
 from studies.sensorless.page import AFTER, Case, Entry, section, text

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from studies.manual import rivals as shown
-from studies.rivals import tables
+from studies.rivals import figures as tables
 from studies.rivals.__main__ import main
 from studies.rivals.by_turns import ByTurnsPolicy
-from studies.rivals.contenders import OWN_SPEED, policy_of, scene_of, strength_of
-from studies.rivals.figures import played, row_of
+from studies.rivals.figures import OWN_SPEED, played, policy_of, row_of, scene_of, strength_of
 from studies.rivals.film import FILM, Sweep, frames
 from studies.rivals.film import played as seen
 from studies.rivals.machines import MACHINES, register
