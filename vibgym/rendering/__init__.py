@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Marks", "Scenery", "Side", "SurfacePainter", "View", "Window", "Zone", "rasterise"]
 
-_HOMES = dict.fromkeys(("Scenery", "Side", "SurfacePainter", "View", "Zone"), "view")
+_HOMES: dict[str, str] = dict.fromkeys(("Scenery", "Side", "SurfacePainter", "View", "Zone"), "view")
 _HOMES |= {"Marks": "raster", "Window": "window", "rasterise": "raster"}
 
 
