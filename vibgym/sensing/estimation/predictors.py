@@ -11,7 +11,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.drive import Drive
-from vibgym.physics.core.records import State, new_state
+from vibgym.physics.core.records import new_state
 from vibgym.scene.sliding import drag_of, motion
 from vibgym.sensing.base import Sensor
 from vibgym.simulation.simulator import Simulator
