@@ -92,7 +92,7 @@ def test_sources_are_the_imported_files(run):
         return [one != other for one, other in zip(before, now, strict=True)]
 
     stamps = first
-    assert edit("physics", "planar", "outline.py")[1]
+    assert edit("physics", "planar", "contact_area.py")[1]
     assert edit("physics", "planar", "friction.py")[1]
     assert edit("rendering", "canvas.py") == [False, False]
     assert not edit("tasks", "patterns.py")[1]
