@@ -1,6 +1,5 @@
 """Follow as an environment: alone and in a batch, restored, observed, drawn, and followed to the end."""
 
-
 import numpy as np
 import pytest
 
