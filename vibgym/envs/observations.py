@@ -160,10 +160,6 @@ class PartsAndState(RowObservation):
         super().__init__(task)
         self._parts, self._state = PartsObservation(task), StateObservation(task)
 
-    def watch(self, sensor: Sensor) -> None:
-        self._parts.watch(sensor)
-        self._state.watch(sensor)
-
     @property
     def space(self) -> spaces.Space:
         return spaces.Dict({**self._parts.space.spaces, "state": self._state.space})  # type: ignore[attr-defined]
@@ -508,13 +504,8 @@ def write_neighbours(scene, pose, velocity, p, rows):
     Args:
         pose, velocity: (parts, 3) of the world.  rows: (slots, size) of the world.
     """
-    neighbour, quantities, kind, nearest, gap = (
-        scene.neighbour,
-        scene.quantities,
-        scene.kind,
-        scene.nearest[p],
-        scene.gap[p],
-    )
+    neighbour, quantities, kind = scene.neighbour, scene.quantities, scene.kind
+    nearest, gap = scene.nearest[p], scene.gap[p]
     start, width = scene.program.source.shape[0], scene.others.source.shape[0]
     for k in range(NEIGHBOURS):
         other = nearest[k]

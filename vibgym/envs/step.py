@@ -110,8 +110,8 @@ class Pipeline:
             Stage("sense", self._sense, needed=estimated),
             Stage("observe", self._relate, by_block=True, needed=estimated),
             Stage("observe", self._write_observations, by_block=True, needed=by_kernel),
-            Stage("observe", self._observe, needed=not by_kernel),
             Stage("report", self._write_report, by_block=True, needed=self._by_batch),
+            Stage("observe", self._observe, needed=not by_kernel),  # in Python: last, so that blocks need one pass only
             Stage("renew", self._renew_parts, needed=flows),
         )
         return tuple(stage for stage in stages if stage.needed)
