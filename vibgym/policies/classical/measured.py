@@ -146,7 +146,8 @@ def recall(
     """
     fresh = _each(lambda array: np.broadcast_to(array, (batch, *array.shape[1:])), initial)
     if state is None:
-        return _each(np.copy, fresh), np.ones(batch, dtype=bool)
+        # In C order, unlike np.copy: another layout would compile every kernel that reads the memory twice.
+        return _each(np.ndarray.copy, fresh), np.ones(batch, dtype=bool)
     new = np.broadcast_to(np.asarray(False if episode_start is None else episode_start, dtype=bool), (batch,))
     if not _alike(state, fresh):
         got = type(state).__name__
