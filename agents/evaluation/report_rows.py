@@ -35,7 +35,7 @@ class Kind(NamedTuple):
 
     Attributes:
         title: of its table on the page.
-        summary: figures in Markdown, besides success and time to goal.
+        summary: figures in Markdown, in addition to success and time to goal.
         columns: on the page.
     """
 

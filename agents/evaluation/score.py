@@ -36,7 +36,7 @@ LEARNED = '"learned"'
 
 FILES = ("scores.csv", "suite.csv", "results.json", "scores.md", "scores.html")
 SOURCES = (":/vibgym", ":/agents/evaluation", ":(top,exclude)vibgym/policies/trained/shipped")
-"""Code that determines episodes, besides the files of policies: if unchanged, recorded episodes are reused."""
+"""Code that determines episodes: if it and the files of policies are unchanged, recorded episodes are reused."""
 
 KEPT = "episodes"
 """Folder of recorded episodes in the output directory, see :func:`_recorded`."""

@@ -165,7 +165,7 @@ class RunSettings(FileSettings):
     where: ClassVar[str] = "evaluation"
 
     policy_keys: ClassVar[tuple[str, ...]] = ()
-    """Keys of a policy's mapping besides ``name``, ``tasks`` and ``hardware`` that are no arguments of the policy."""
+    """Keys of a policy's mapping in addition to ``name``, ``tasks`` and ``hardware`` that are no arguments of the policy."""
 
     tasks: list[str] = Field(min_length=1)
     policies: list[Any] = Field(min_length=1)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from agents import evaluation
 from agents.evaluation import films, report, report_rows
 
 
@@ -124,12 +123,6 @@ def test_csv_rows(found, written):
     mine = [row for row in episodes if (row["task"], row["policy"]) == ("Transport", "pusher")]
     assert [int(row["seed"]) for row in mine] == list(pusher.seeds)
     np.testing.assert_array_equal([float(row["position_error_m"]) for row in mine], pusher.position_error)
-
-
-def test_summary_table(found):
-    head, rule, *lines = evaluation.summary_table(found).splitlines()
-    assert len(lines) == 6 and len({line.count("|") for line in (head, rule, *lines)}) == 1
-    assert lines[0].startswith("| Transport | still <&> | 0.0 % | 0.0 to 36.9 % | – | ")
 
 
 def test_only_the_files_are_left(written):
