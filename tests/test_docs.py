@@ -1,5 +1,6 @@
 """Code blocks of the documentation run; links and commands of the README exist."""
 
+import importlib.util
 import re
 import subprocess
 import sys
@@ -61,3 +62,17 @@ def test_commands_of_the_readme_exist():
     targets = set(re.findall(r"`make ([\w-]+)`", text))
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert targets and all(re.search(rf"^{target}:", makefile, re.M) for target in targets)
+
+
+PAGES_WITH_FILES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.rglob("*.md"))]
+FOLDERS = "vibgym|agents|studies|tests|configs|results|examples|notebooks|docs"
+
+
+@pytest.mark.parametrize("page", PAGES_WITH_FILES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_quoted_files_and_modules_exist(page):
+    text = page.read_text(encoding="utf-8")
+    files = re.findall(rf"`((?:{FOLDERS})/[\w./-]+\.(?:py|yaml|md|json|csv|ipynb))`", text)
+    missing = [file for file in files if not (ROOT / file).exists()]
+    modules = set(re.findall(r"python -m ((?:vibgym|agents|studies)(?:\.[a-z_]+)*)", text))
+    missing += [module for module in modules if importlib.util.find_spec(module) is None]
+    assert not missing

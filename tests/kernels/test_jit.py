@@ -117,6 +117,14 @@ def test_compilation_is_announced_in_one_line(run):
     assert once()[1] == []
 
 
+def test_a_checkout_that_renews_the_times_of_files_keeps_the_cache(run):
+    package, once = run
+    once()
+    for path in package.rglob("*.py"):
+        path.touch()
+    assert once()[1] == []
+
+
 def test_without_a_cache(run):
     package, once = run
     for _ in range(2):
