@@ -1,6 +1,6 @@
 """Gymnasium environments: a single and a vector one, both thin over the same batched core."""
 
-from vibgym.envs.actions import ACTIONS, Action, Wrench
+from vibgym.envs.actions import ACTIONS, Action, Velocity, Wrench
 from vibgym.envs.observations import OBSERVATIONS, Observation
 from vibgym.envs.options import Options
 from vibgym.envs.shared import Truth
@@ -14,6 +14,7 @@ __all__ = [
     "Observation",
     "Options",
     "Truth",
+    "Velocity",
     "VibgymEnv",
     "VibgymVectorEnv",
     "Wrench",

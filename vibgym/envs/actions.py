@@ -124,6 +124,7 @@ class Action(Live, ABC):
     Attributes:
         shape: of an action; the space is flat, in C order.
         size: numbers of an action.
+        step_time: s, of a step; set by the environment, before that a period.
     """
 
     SNAPSHOT = "action"
@@ -136,6 +137,7 @@ class Action(Live, ABC):
         self.surface = surface
         self.parts = tuple(parts)
         self.full_scale = surface.full_scale
+        self.step_time = surface.period
         self._shapes: dict[int | None, tuple[tuple[int, ...], ...]] = {}  # accepted shapes, by number of worlds
         self._size = 0  # once shapes are known
         self._drive: Drive | None = None  # the last command
@@ -336,13 +338,26 @@ class Wrench(Action):
         """Return the parts (worlds, parts) bool that are excluded from the allocation; by default none."""
         return np.zeros_like(measurement.gone)
 
+    def acceleration(self, values: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Return the wanted mean accelerations (worlds, parts, 3) in the step, m/s^2 and rad/s^2.
+
+        Args:
+            values: (worlds, parts, 3) of the action.
+            velocity: (worlds, parts, 3) at the start of the step, m/s and rad/s.
+        """
+        return values * self.scale
+
+    def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Return the action, not clipped, whose wanted accelerations these are: the inverse of :meth:`acceleration`."""
+        return acceleration / self.scale
+
     def live(self) -> dict[str, np.ndarray]:
         return {"given": self._given, "unserved": self._unserved}
 
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        wanted = values.reshape(-1, *self.shape) * self.scale
         # A mean velocity is half a period old.
         velocity = measurement.mean_velocity + 0.5 * self.surface.period * self._given
+        wanted = self.acceleration(values.reshape(-1, *self.shape), velocity)
         push, given, holds = self._process.push(velocity, wanted)
         pose = measurement.pose
         x, y = pose[..., 0], pose[..., 1]
@@ -355,6 +370,37 @@ class Wrench(Action):
         return phasor_drive(actions, self.surface.columns, self.full_scale)
 
 
+TOP_SHARE = 5.0 / 6.0
+"""Speed of an action of 1 over the table's: 0.35 m/s on the prototype, where parts reach 0.30 m/s."""
+
+
+class Velocity(Wrench):
+    """(parts, 3): mean velocity of each part at the end of the step, x, y and spin, allocated to the elements under it.
+
+    A value ``a`` commands ``sign(a) a^2`` times :attr:`top`: 5/6 of the table's speed (0.35 m/s on the prototype, above the
+    speed that parts reach), divided by the radius of gyration for the third. The square makes small velocities finer; 0 stops
+    a part. The acceleration is that of :class:`Wrench` which changes the measured velocity to the commanded one within the
+    step, as far as actuator limits permit.
+
+    Attributes:
+        top: (parts, 3) velocities of an action of 1, m/s, m/s, rad/s.
+    """
+
+    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
+        super().__init__(surface, parts)
+        speed = np.full(len(self.parts), TOP_SHARE * surface.table_speed)
+        self.top = np.stack([speed, speed, speed / np.sqrt([part.gyration for part in parts])], axis=-1)
+
+    def acceleration(self, values: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """See :meth:`Wrench.acceleration`."""
+        return (values * np.abs(values) * self.top - velocity) / self.step_time
+
+    def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """See :meth:`Wrench.values`."""
+        share = (velocity + self.step_time * acceleration) / self.top
+        return np.sign(share) * np.sqrt(np.abs(share))
+
+
 REASONS = (
     "served", "gone: absent, fallen, or not driven", "its centre is beside the surface", "it may stick at this velocity",
     "left out by the action",
@@ -364,7 +410,7 @@ REASONS = (
 SERVED, GONE, BESIDE, STICKS, LEFT_OUT = range(len(REASONS))
 
 ACTIONS: Registry[type[Action]] = Registry(
-    "action", {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field, "wrench": Wrench}
+    "action", {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field, "wrench": Wrench, "velocity": Velocity}
 )
 """Actions by name; ``ACTIONS.register(name, cls)`` adds a custom one."""
 

@@ -81,6 +81,7 @@ class Core(Pipeline):
         self.task: Task = checks.made("task", cls, (self.surface, self.parts), settings)
         self.task.weigh(weights)
         self.action = new_action(options.action, self.surface, self.parts)
+        self.action.step_time = self.periods * self.surface.period
         self.simulator = self._new_simulator()
         disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
         self.disturbances = None if disturbance is None else Disturbances(disturbance, self.simulator, span)

@@ -15,7 +15,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
-from vibgym.envs.actions import Wrench
+from vibgym.envs.actions import Velocity, Wrench
 from vibgym.envs.features import SPIN
 from vibgym.policies.classical.gains import GainLearner, turn_pushes
 from vibgym.policies.classical.law import Law, LocalLaw
@@ -87,12 +87,12 @@ class Accelerations(NamedTuple):
 
 
 class WrenchOutput:
-    """Output that turns pushes into accelerations of the parts, for which the environment finds pushes and phasors.
+    """Output that turns pushes into accelerations or velocities of the parts, for which the environment finds phasors.
 
     The environment inverts the frictional process at a velocity that it computes from the same measurement. This class applies
     the forward process at that velocity, so that the environment finds the intended push; at rest this is the acceleration
-    that friction alone gives. Values beyond 1 are clipped: a part that brakes from its top speed, where friction helps, can do
-    half as much again. Gains of elements are not estimated, since the environment allocates.
+    that friction alone gives. Values beyond 1 are clipped: with ``"wrench"``, a part that brakes from its top speed, where friction
+    helps, can do half as much again. Gains of elements are not estimated, since the environment allocates.
 
     Args:
         info, process: see :class:`PhasorOutput`.
@@ -104,12 +104,14 @@ class WrenchOutput:
     """
 
     learner = None
+    action: type[Wrench] = Wrench
 
     def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float) -> None:
         if apron != 0.0:
-            raise checks.refuse("apron", apron, "0 with action='wrench': the environment allocates")
+            raise checks.refuse("apron", apron, "0 unless action='phasor': the environment allocates")
         self.process = process
-        self.scale = Wrench(info.surface, info.parts).scale
+        self.mapping = self.action(info.surface, info.parts)
+        self.mapping.step_time = info.step_time
         self.allocator = Allocator(info.surface, info.parts, info.hardware)
         self.half, self.parts = 0.5 * info.surface.period, len(info.parts)
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
@@ -125,8 +127,9 @@ class WrenchOutput:
         present = measured.present
         velocity = seen + self.half * memory.given
         wanted, _ = self.process.acceleration(velocity, push)
-        action = np.where(present[..., None], np.clip(wanted / self.scale, -1.0, 1.0), 0.0).astype(np.float32)
-        found, counted, holds = self.process.push(velocity, action * self.scale)
+        action = np.clip(self.mapping.values(wanted, velocity), -1.0, 1.0)
+        action = np.where(present[..., None], action, 0.0).astype(np.float32)
+        found, counted, holds = self.process.push(velocity, self.mapping.acceleration(action, velocity))
         served = present & holds
         found = np.where(served[..., None] & push.any(axis=-1, keepdims=True), found, 0.0)
         # Like the environment, which allocates at the measured pose.
@@ -138,11 +141,17 @@ class WrenchOutput:
     def counted(self, action: np.ndarray, memory: Accelerations) -> np.ndarray:
         """Return the accelerations (batch, parts, 3) that the environment assumes if the last step's action was another one."""
         action = np.clip(action, -1.0, 1.0).reshape(memory.given.shape)
-        _, counted, holds = self.process.push(memory.velocity, action * self.scale)
+        _, counted, holds = self.process.push(memory.velocity, self.mapping.acceleration(action, memory.velocity))
         return np.where(holds[..., None], counted, 0.0)
 
 
-OUTPUTS: Mapping[str, Any] = {"phasor": PhasorOutput, "wrench": WrenchOutput}
+class VelocityOutput(WrenchOutput):
+    """Output that turns pushes into velocities at the end of the step, see :class:`vibgym.envs.Velocity`."""
+
+    action = Velocity
+
+
+OUTPUTS: Mapping[str, Any] = {"phasor": PhasorOutput, "wrench": WrenchOutput, "velocity": VelocityOutput}
 """Outputs by the environment's ``action=``, made as ``cls(info, process, learn, apron)``."""
 
 TURN_ROOM = 0.010  # m, distance to the nearest other part below which a part turns more slowly
@@ -291,7 +300,7 @@ class Steering:
         return (action[0] if measured.single else action), memory
 
     def acted(self, memory: Memory, proposed: np.ndarray, done: np.ndarray) -> Memory:
-        """Return the memory after a step whose ``"wrench"`` action was changed: given accelerations are those applied.
+        """Return the memory after a step whose action was changed: given accelerations are those applied.
 
         The law's own state, such as the error integral of a PID, is unchanged.
 
@@ -303,7 +312,7 @@ class Steering:
         Raises:
             ValueError: the policy has another action.
         """
-        checks.choice("action", self.action, ("wrench",))
+        checks.choice("action", self.action, ("wrench", "velocity"))
         shape = memory.acceleration.shape
         changed = (proposed.reshape(shape) != done.reshape(shape)).any(axis=-1, keepdims=True)
         if not changed.any():
