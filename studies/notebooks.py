@@ -84,7 +84,7 @@ def tidied(notebook: Any) -> Any:
 
 
 def update(name: str, folder: Path = FOLDER) -> int:
-    """Execute a notebook with its own parameters and write it into ``folder``; return its size in bytes.
+    """Execute a notebook with its stored parameters and write it into ``folder``; return its size in bytes.
 
     Raises:
         Refused: its outputs are too large or contain a local path; the file is not changed.

@@ -129,14 +129,14 @@ def page(name: str) -> str:
     """Return the Markdown page of ``vibgym/<name>-v0``."""
     env: Any = gym.make(f"vibgym/{name}-v0").unwrapped
     assert isinstance(env, VibgymEnv)
-    asked, further = _asked(env)
+    summary, details = _description(env)
     pieces = [
         f"# {name}",
         f"`vibgym/{name}-v0`" + (f": the task `{env.task.name}`" if env.task.name != name else ""),
         film(name),
-        asked,
-        *further,
-        *_more(env),
+        summary,
+        *details,
+        *_link(env),
         BEGIN.format(name=name),
         "## Scene",
         _scene(name, env),
@@ -169,8 +169,8 @@ def film(name: str) -> str:
     return f"![An episode of {name} with a shipped policy](../films/{name}.webp)"
 
 
-def _asked(env: VibgymEnv) -> tuple[str, list[str]]:
-    """Return the paragraphs of the task's docstring before its arguments: the first, and the others."""
+def _description(env: VibgymEnv) -> tuple[str, list[str]]:
+    """Return the first paragraph of the task's docstring, and the others before its arguments."""
     text = inspect.getdoc(type(env.task)) or ""
     first, *others = re.split(
         r"\n\n", re.split(r"^(?:Args|Attributes|Raises):$", text, maxsplit=1, flags=re.M)[0].strip()
@@ -178,7 +178,7 @@ def _asked(env: VibgymEnv) -> tuple[str, list[str]]:
     return as_markdown(first), [as_markdown(each) for each in others]
 
 
-def _more(env: VibgymEnv) -> list[str]:
+def _link(env: VibgymEnv) -> list[str]:
     task = env.task.name
     path = DOCS / f"{task.lower()}.md"
     return [f"Details, controllers and results: [{task}](../{task.lower()}.md)."] if path.exists() else []

@@ -93,25 +93,25 @@ def played(name: str, task: str, episodes: int) -> Measured:
     return rollout(policy_of(name, task), task, seeds=range(episodes), keep=Measures, **scene_of(name))
 
 
-def row_of(name: str, task: str, own: Measured, first: Measured) -> dict[str, Any]:
+def row_of(name: str, task: str, results: Measured, first: Measured) -> dict[str, Any]:
     """Return a row of the table: success rate, and times relative to the segmented surface on the same seeds.
 
     Args:
-        own, first: episodes of the contender and of the segmented surface.
+        results, first: episodes of the contender and of the segmented surface.
     """
-    both = own.success & first.success
-    ratio = np.log(own.time_to_goal[both] / first.time_to_goal[both])
-    interval = success_interval(own.success, LEVEL, RESAMPLES)
+    both = results.success & first.success
+    ratio = np.log(results.time_to_goal[both] / first.time_to_goal[both])
+    interval = success_interval(results.success, LEVEL, RESAMPLES)
     spread = interval_of(ratio[None], LEVEL, RESAMPLES) if len(ratio) > 1 else None
     return {
         "task": task,
         "machine": name,
-        "episodes": len(own.seeds),
-        "success": float(own.success.mean()),
+        "episodes": len(results.seeds),
+        "success": float(results.success.mean()),
         "success_low": interval.low,
         "success_high": interval.high,
-        "fallen": float(own.fallen.mean()),
-        "time_median": float(np.median(own.time_to_goal[own.success])) if own.success.any() else math.nan,
+        "fallen": float(results.fallen.mean()),
+        "time_median": float(np.median(results.time_to_goal[results.success])) if results.success.any() else math.nan,
         "time_ratio": float(np.exp(ratio.mean())) if len(ratio) else math.nan,
         "time_ratio_low": math.nan if spread is None else math.exp(spread.low),
         "time_ratio_high": math.nan if spread is None else math.exp(spread.high),

@@ -108,9 +108,9 @@ def fit_strokes(
         best, strength, which = 0.0, 0.0, -1
         for k in range(strokes.stroke.shape[0]):
             effect_of(pieces, count, strokes.push[k], effect)
-            decrease, own = gain(effect, wanted[w], weight[w], most)
+            decrease, best_strength = gain(effect, wanted[w], weight[w], most)
             if decrease > best:
-                best, strength, which = decrease, own, k
+                best, strength, which = decrease, best_strength, k
         if which < 0:
             continue
         a, b = strokes.centre[which, 0], strokes.centre[which, 1]
@@ -125,9 +125,9 @@ def fit_strokes(
                 stroke_about(x, y, half, stroke)
                 plate_pushes(stroke, place, half, core, push)
                 effect_of(pieces, count, push, effect)
-                decrease, own = gain(effect, wanted[w], weight[w], most)
+                decrease, best_strength = gain(effect, wanted[w], weight[w], most)
                 if decrease > best:
-                    best, strength, a, b = decrease, own, x, y
+                    best, strength, a, b = decrease, best_strength, x, y
             da, db = 0.5 * da, 0.5 * db
         stroke_about(a, b, half, stroke)
         for k in range(3):

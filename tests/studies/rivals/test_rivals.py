@@ -46,11 +46,11 @@ def uniform_values(shape, seed=1):
 
 @pytest.mark.parametrize("name", MACHINES)
 def test_pushes_are_within_the_limit(name):
-    own = machine(name)
-    push = own.pushes(uniform_values((50, own.size)))
+    tested = machine(name)
+    push = tested.pushes(uniform_values((50, tested.size)))
     assert push.shape == (50, 8, 32, 2)
     assert np.hypot(push[..., 0], push[..., 1]).max() <= 1.0 + 1e-12
-    assert (own.pushes(np.zeros((1, own.size))) == 0.0).all()
+    assert (tested.pushes(np.zeros((1, tested.size))) == 0.0).all()
 
 
 def test_a_stroke_pushes_around_its_centre_with_uniform_strength():
@@ -73,10 +73,10 @@ def test_proportional_pushes_are_those_of_a_rigid_body():
 
 @pytest.mark.parametrize("name", ["conveyor", "one-way"])
 def test_cells_push_along_their_own_axis(name):
-    own, values = machine(name), uniform_values((10, 256))
-    push = own.pushes(values)
-    along = (push * own.axis).sum(axis=-1)
-    assert np.abs(push - along[..., None] * own.axis).max() == 0.0
+    tested, values = machine(name), uniform_values((10, 256))
+    push = tested.pushes(values)
+    along = (push * tested.axis).sum(axis=-1)
+    assert np.abs(push - along[..., None] * tested.axis).max() == 0.0
     least = -1.0 if name == "conveyor" else 0.0
     assert along == pytest.approx(np.maximum(values.reshape(10, 8, 32), least))
 
@@ -146,10 +146,10 @@ def test_shares_of_the_push_depend_on_degrees_of_freedom():
 
 @pytest.mark.parametrize("name", ["plate", "conveyor", "one-way"])
 def test_machines_solve_transport(name):
-    own, first = (played(each, "Transport", 6) for each in (name, "segmented"))
-    row = row_of(name, "Transport", own, first)
+    results, first = (played(each, "Transport", 6) for each in (name, "segmented"))
+    row = row_of(name, "Transport", results, first)
     assert row["success"] == 1.0 and row["success_low"] < 1.0 and not row["fallen"]
-    ratio = own.time_to_goal / first.time_to_goal
+    ratio = results.time_to_goal / first.time_to_goal
     assert row["time_ratio"] == pytest.approx(np.exp(np.log(ratio).mean()))
 
 
