@@ -15,7 +15,8 @@ BEGIN, END = "<!-- results: written by python -m studies.manual readme -->", "<!
 
 def write(docs: Path) -> int:
     """Write tables and pages of environments into the directory of pages; return the number of changed files."""
-    return replace({**tables(docs), **environment_pages(docs)})
+    pages = {docs / "environments" / f"{name}.md": text for name, text in environments.pages().items()}
+    return replace({**tables(docs), **pages})
 
 
 def tables(docs: Path) -> dict[Path, str]:
@@ -25,11 +26,6 @@ def tables(docs: Path) -> dict[Path, str]:
     return published | {
         generated / "tables" / f"{name}.md": f"{each.markdown()}\n" for name, each in kept.tables().items()
     }
-
-
-def environment_pages(docs: Path) -> dict[Path, str]:
-    """Return the pages of environments: file -> content."""
-    return {docs / "environments" / f"{name}.md": text for name, text in environments.pages().items()}
 
 
 def replace(contents: Mapping[Path, str]) -> int:

@@ -66,24 +66,12 @@ def play(
         periods: oscillation periods per step, during which commands are constant.
         threads: of the simulator.
     """
-    each = max(MOST_WORLDS // len(trials.pose), 1)
-    chunks = [schedules[k : k + each] for k in range(0, len(schedules), each)]
-    return np.concatenate(
-        [_play(chunk, trials, part, surface, hardware, seconds, model, periods, threads) for chunk in chunks], 1
-    )
-
-
-def _play(
-    schedules: Sequence[Schedule],
-    trials: Trials,
-    part: Part,
-    surface: Surface,
-    hardware: Any,
-    seconds: float,
-    model: str,
-    periods: int,
-    threads: int | None,
-) -> np.ndarray:
+    most = max(MOST_WORLDS // len(trials.pose), 1)
+    if len(schedules) > most:
+        chunks = [schedules[k : k + most] for k in range(0, len(schedules), most)]
+        return np.concatenate(
+            [play(chunk, trials, part, surface, hardware, seconds, model, periods, threads) for chunk in chunks], axis=1
+        )
     count, many = len(schedules), len(trials.pose)
     worlds, size = count * many, 2 * surface.rows * surface.columns
     settings: dict[str, Any] = {"stride": periods} if model == "averaged" else {}

@@ -23,7 +23,7 @@ VALIDATION = 8  # starts of the validation over those of a schedule in the searc
 NUMBERS = 8  # parameters of a segment: those of its field, and its duration
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """Result of a search."""
 
     schedule: Schedule
@@ -100,7 +100,7 @@ def search(
     first: Schedule,
     seed: int,
     quiet: bool = False,
-) -> Found:
+) -> SearchResult:
     """Search for a schedule, starting at ``first``.
 
     All schedules of a generation have the same trials; every generation has new ones. The result is the mean of the last
@@ -132,4 +132,4 @@ def search(
     found = schedule_of(strategy.result.xfavorite)
     validation = costs([found], validation_trials(part, surface, settings, hardware), part, surface, settings, hardware)
     duration, evaluations = time.perf_counter() - began, settings.generations * settings.population
-    return Found(found, seed, float(validation[0]), np.array(history), duration, evaluations)
+    return SearchResult(found, seed, float(validation[0]), np.array(history), duration, evaluations)

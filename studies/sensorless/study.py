@@ -18,7 +18,7 @@ from agents.provenance import processor
 from studies.sensorless.handmade import FAMILIES, PLACING, as_drawn, tuned
 from studies.sensorless.page import AFTER, Case, Entry, Evaluation, section, text
 from studies.sensorless.play import COARSE, FINE, draw_trials, errors_of, play
-from studies.sensorless.search import Found, costs, search, validation_trials
+from studies.sensorless.search import SearchResult, costs, search, validation_trials
 from studies.sensorless.settings import SensorlessSettings
 from vibgym import Part, Surface
 from vibgym.files import write_atomically
@@ -102,14 +102,14 @@ def _extended(schedule: Schedule, seconds: float) -> Schedule:
     return Schedule(schedule.fields, lasts, schedule.goal, schedule.friction)
 
 
-def _training(found: Found, part: str, hardware: str, settings: SensorlessSettings) -> dict[str, Any]:
+def _training(found: SearchResult, part: str, hardware: str, settings: SensorlessSettings) -> dict[str, Any]:
     return {
         "algorithm": "CMA-ES (cma)", "part": part, "hardware": hardware, "seed": found.seed, "seconds": round(found.seconds, 1),
         "evaluations": found.evaluations, "settings": settings.model_dump(mode="json"), "vibgym": vibgym.__version__,
     }  # fmt: skip
 
 
-def _searches(found: dict[str, Found], best: str, begun: float) -> str:
+def _searches(found: dict[str, SearchResult], best: str, begun: float) -> str:
     """Return a sentence about durations and costs of the searches."""
     each = "; ".join(
         f"seed {one.seed} {one.seconds:.0f} s, cost {one.validation:.2f}, {one.schedule.total:.2f} s long"
