@@ -1,4 +1,4 @@
-"""The thesis's figures beside the simulated ones, as part of a page: pictures, values, differences."""
+"""Page piece of the reproduced figures of the thesis: pictures, values and differences."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def write(directory: Path, names: Sequence[str] | None = None) -> Path:
 
 
 def section(name: str, figure: Figure, pictures: Sequence[str]) -> str:
-    """Return the Markdown section of one figure."""
+    """Markdown of one figure."""
     lines = [[each.what, each.thesis, each.ours, each.difference] for each in figure.comparisons]
     pieces = [
         f"## {figure.title}",
         escaped(figure.shows),
-        table(("quantity", "thesis", "simulated", "difference"), lines),
+        table(("compared", "thesis", "vibgym", "difference"), lines),
     ]
     for file, each in zip(pictures, figure.pictures, strict=True):
         pieces.append(f"![{escaped(each.caption)}](thesis/{file})\n\n*{escaped(each.caption)}*")
@@ -51,10 +51,8 @@ def section(name: str, figure: Figure, pictures: Sequence[str]) -> str:
         pieces.append(f"{escaped(each.caption)}\n\n{table(each.columns, each.rows)}")
     pieces.append(f"**Difference.** {escaped(figure.differs)}")
     if figure.assumed:
-        pieces.append(
-            "**Assumptions (not in the text).**\n\n" + "\n".join(f"- {escaped(each)}" for each in figure.assumed)
-        )
-    pieces.append(f"Command: `python -m studies.thesis --figure {name}`.")
+        pieces.append("**Assumptions.**\n\n" + "\n".join(f"- {escaped(each)}" for each in figure.assumed))
+    pieces.append(f"`python -m studies.thesis --figure {name}` reproduces this figure.")
     return "\n\n".join(pieces)
 
 
