@@ -38,7 +38,7 @@ def write(directory: Path, names: Sequence[str] | None = None) -> Path:
 
 
 def section(name: str, figure: Figure, pictures: Sequence[str]) -> str:
-    """Markdown of one figure."""
+    """Return the Markdown section of one figure."""
     lines = [[each.what, each.thesis, each.ours, each.difference] for each in figure.comparisons]
     pieces = [
         f"## {figure.title}",
