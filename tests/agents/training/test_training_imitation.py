@@ -121,7 +121,7 @@ def test_experts_are_told_what_was_done_where_the_network_remembers_it():
     assert [state for _, state, _ in expert.asked[1:]] == [k + 0.5 for k in range(1, 80)]
     said, done = (np.array(each) for each in zip(*expert.told, strict=True))
     assert (np.abs(done - said).reshape(80, WORLDS, 3).max(axis=(0, 2)) > 1e-3).all() and np.abs(done).max() <= 1.0
-    rows = imitation._found.rows.reshape(80, WORLDS, -1)
+    rows = imitation._demonstrations.rows.reshape(80, WORLDS, -1)
     told = rows[..., coding.shape.own - 3 : coding.shape.own]
     starts = np.array([start for _, _, start in expert.asked])
     assert (told[starts] == 0.0).all() and starts[1:].any()

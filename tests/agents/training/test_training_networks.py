@@ -8,8 +8,7 @@ import torch
 
 from agents.network_kernels import attend, tanh
 from agents.networks import NETWORKS, Attention, PartsCritic, elements_about, trained_tensors
-from vibgym.policies.trained.networks.acting import ACTING
-from vibgym.policies.trained.networks.shape import Shape, offsets
+from vibgym.policies.trained.networks import ACTING, Shape, offsets
 
 ACTORS = {kind: NETWORKS[kind][0] for kind in ("parts", "elements")}
 """Those that read rows; networks of pixels have tests of their own."""

@@ -88,16 +88,6 @@ def test_a_run_deals_its_worlds_out_to_drawn_parts(tmp_path):
     env.close()
 
 
-@pytest.mark.parametrize(("settings", "named"), [
-    ({"outlines": {"count": 3, "sizes": [1, 2]}}, "sizes"),
-    ({"outlines": {"size_mm": [20]}}, "outlines.size"),
-    ({"outlines": {"count": "3"}}, "outlines.count"),
-])  # fmt: skip
-def test_bad_settings_are_refused(tmp_path, settings, named):
-    with pytest.raises(ValueError, match=named):
-        load_settings(write(tmp_path, **settings))
-
-
 def test_scenes_are_given_or_drawn():
     assert settings_from({"task": "Align", "steps": 1}).all_scenes == [{}]
     both = settings_from({"task": "Align", "steps": 1, "scenes": [{"walls": ["left"]}], "outlines": {"count": 2}})

@@ -8,7 +8,7 @@ import numpy as np
 from tests.policies.helpers import info_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding
-from vibgym.policies.trained.networks.shape import Shape
+from vibgym.policies.trained.networks import Shape
 from vibgym.policies.trained.storage import save_set
 from vibgym.policies.trained.trained import KIND, VERSION, described
 

@@ -33,17 +33,11 @@ def test_the_agent_for_a_task_its_hardware_and_what_is_wished(task, settings, ar
     assert vibgym.make_policy({"kind": "learned", **arguments}, info).predict
 
 
-@pytest.mark.parametrize("task, settings, arguments, got, allowed", [
-    ("Follow", {}, {}, "Follow", r"Align \(ideal, action 'wrench', 1 part, 8 x 32 elements\); .*Sort, .*Transport"),
-    ("Align", {"surface": {"rows": 12, "columns": 12}}, {"action": "wrench"}, "12 x 12 elements, action 'wrench'",
-     r"Align \(ideal, action 'wrench', 1 part, 8 x 32 elements\)"),
-    ("Singulate", {"parts": ["steel_block"] * 4}, {}, "parts: 4", r"Singulate \(ideal, action 'wrench', 6 parts"),
-    ("Align", {}, {"action": "field"}, "action 'field'", "action 'element', 1 part, any surface, variant 'element'"),
-    ("Align", {}, {"variant": "best"}, "variant 'best'", "variant 'cloned'"),
-    ("Align", PROTOTYPE, {"variant": "iql"}, "prototype", "variant 'iql'"),
-    ("Align", {}, {"hardware": "real"}, "real", "'ideal', 'prototype'"),
+@pytest.mark.parametrize("task, settings, arguments", [
+    ("Follow", {}, {}), ("Align", {"surface": {"rows": 12, "columns": 12}}, {"action": "wrench"}),
+    ("Align", {}, {"action": "field"}), ("Align", PROTOTYPE, {"variant": "iql"}), ("Align", {}, {"hardware": "real"}),
 ])  # fmt: skip
-def test_what_no_agent_serves_is_refused_with_all_that_there_is(task, settings, arguments, got, allowed):
+def test_scenes_without_an_agent_are_refused(task, settings, arguments):
     with pytest.raises(ValueError, match="policy") as error:
         vibgym.make_policy({"kind": "learned", **arguments}, info_of(task, **settings))
     assert "\n" not in str(error.value)

@@ -64,15 +64,6 @@ def test_no_correction_leaves_the_base_as_it_is(task, kind, hardware):
     assert ended > 0 or task == "Sort"
 
 
-def test_corrections_are_added_and_cut_off():
-    info = info_of("Sort", action="wrench", observation="state")
-    base = Base(make_policy(PLANNER, info), info, 0.25)
-    said = np.linspace(-1.0, 1.0, 36, dtype=np.float32).reshape(2, 18)
-    _, memory = base.policy.predict(np.zeros((2, info.layout.size)))
-    done, _ = base.corrected(said, np.full((2, 18), 1.0), memory)
-    assert done == pytest.approx(np.minimum(said + 0.25, 1.0)) and done.dtype == np.float32
-
-
 def test_the_base_remembers_what_was_done():
     """Told of a correction, it counts on what the environment counts on; of parts left alone nothing changes."""
     env = worlds("Sort")
@@ -209,3 +200,12 @@ def test_a_policy_by_itself_is_no_correction(tmp_path):
     make_policy(str(tmp_path / "plain.json"), info)
     with pytest.raises(ValueError, match=r"plain.json: residual"):
         make_policy({"kind": "residual", "base": "pose", "path": str(tmp_path / "plain.json")}, info)
+
+
+def test_corrections_are_added_and_cut_off():
+    info = info_of("Sort", action="wrench", observation="state")
+    base = Base(make_policy(PLANNER, info), info, 0.25)
+    said = np.linspace(-1.0, 1.0, 36, dtype=np.float32).reshape(2, 18)
+    _, memory = base.policy.predict(np.zeros((2, info.layout.size)))
+    done, _ = base.corrected(said, np.full((2, 18), 1.0), memory)
+    assert done == pytest.approx(np.minimum(said + 0.25, 1.0)) and done.dtype == np.float32
