@@ -1,6 +1,6 @@
 """How wheels are built: by hatchling, with the kernels' bitcode for the Python and the versions that build it.
 
-``vibgym/kernels/shipped.py`` says what that is, and docs/numba.md how to put several versions into one wheel. It is made by
+``vibgym/kernels/cache.py`` describes it, and docs/numba.md how to put several versions into one wheel. It is made by
 ``python -m vibgym warm --ship`` in the environment of the build, which takes a minute or two where nothing is compiled yet. So
 that environment holds what the package runs on, in the versions of constraints.txt; an editable installation, which holds no
 bitcode, asks for nothing but hatchling.

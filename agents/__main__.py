@@ -10,17 +10,14 @@ from agents.command_line import Entry, run_one_of
 COMMANDS = {
     "evaluate": Entry("agents.evaluation.commands", "run policies on tasks and write a report"),
     "compare": Entry("agents.evaluation.commands", "compare learned with classical policies on the same seeds"),
-    "score": Entry("agents.evaluation.commands", "score policies on a suite of tasks, or a policy of your own"),
-    "datasheet": Entry("agents.evaluation.commands", "one printable page: what a surface does with a part of your own"),
-    "publish": Entry("agents.evaluation.commands", "keep the figures and episodes of an evaluation"),
-    "verify": Entry(
-        "agents.evaluation.commands",
-        "play a sample of published results: does each figure come out again?",
-    ),
+    "score": Entry("agents.evaluation.commands", "score policies on a suite of tasks, or a user-defined policy"),
+    "datasheet": Entry("agents.evaluation.commands", "one printable page: rates and limits of a surface with a part"),
+    "publish": Entry("agents.evaluation.commands", "publish the figures and episodes of an evaluation"),
+    "verify": Entry("agents.evaluation.commands", "play a sample of published results and test every figure"),
     "train": Entry("agents.train", "train a policy, or continue from its last checkpoint"),
     "tabulate": Entry("agents.tabulate", "evaluate the seeds of trained agents, write their table, ship the best"),
     "tune": Entry("agents.tune", "tune hyperparameters, or continue a study"),
-    "record": Entry("agents.recording.commands", "play a policy and keep its episodes as a Minari data set"),
+    "record": Entry("agents.recording.record", "record episodes of a policy as a Minari data set"),
 }
 
 

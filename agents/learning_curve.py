@@ -1,20 +1,25 @@
-"""Learning curves: deterministic episodes on the same seeds every so many steps, written beside the run."""
+"""Learning curves: deterministic episodes on the same seeds every so many steps, written beside the run, and read again."""
 
 from __future__ import annotations
 
 import csv
 import io
+import itertools
+import math
 from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
+from pydantic import ConfigDict, Field
 
 from agents.training_settings import TrainSettings
 from vibgym import checks
+from vibgym.config import Settings, parse
 from vibgym.envs.vector import batch_of, environment_id
-from vibgym.files import write_atomically
+from vibgym.files import reason, write_atomically
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import run
@@ -26,6 +31,67 @@ COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "mean_time", 
 
 RATE = "good_per_minute"
 """Field of ``info`` at the end of episodes of tasks that end only at their limit."""
+
+
+class CurveRow(Settings):
+    """One evaluation in the file of a learning curve; empty cells have their defaults. Old files lack the last two columns."""
+
+    model_config = ConfigDict(strict=False)  # cells are texts
+
+    steps: int = Field(ge=0, le=2**53)  # environment steps
+    seconds: float = Field(ge=0.0)  # wall time
+    phase: str  # "imitation" or the name of the algorithm
+    success: float = Field(ge=0.0, le=1.0)  # success rate
+    time_to_goal: float = Field(default=math.nan, ge=0.0)  # s, median of successes
+    return_: float
+    mean_time: float = math.nan
+    rate: float = math.nan
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Learning curve, see :class:`CurveRow`. Arrays are (evaluations,); steps and seconds do not decrease."""
+
+    steps: np.ndarray
+    seconds: np.ndarray
+    phase: tuple[str, ...]
+    success: np.ndarray
+    time_to_goal: np.ndarray
+    return_: np.ndarray
+
+
+def read_curve(path: Path, field: str) -> Curve:
+    """Read a learning curve, CSV with columns in any order.
+
+    Args:
+        path: of the file.
+        field: of the settings that name it, for errors.
+
+    Raises:
+        ValueError: the file cannot be read, or is not a learning curve.
+    """
+    try:
+        lines = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
+    except (OSError, ValueError) as error:  # ValueError: not UTF-8, or an invalid file name
+        why = reason(error) if isinstance(error, OSError) else "not UTF-8"
+        raise checks.refuse(field, str(path), f"a readable learning curve ({why})") from None
+    if not lines:
+        raise checks.refuse(f"{path}: line 1", "no lines below", f"the columns {', '.join(COLUMNS)}, with lines below")
+    rows: list[CurveRow] = []
+    for index, line in enumerate(lines, 2):
+        where = f"{path}: line {index}"
+        rows.append(parse(CurveRow, {name: cell for name, cell in line.items() if cell}, where))
+        if rows[-1].success > 0.0 and math.isnan(rows[-1].time_to_goal):
+            raise checks.missing(f"{where}: time_to_goal", "required with success")
+    for index, (before, row) in enumerate(itertools.pairwise(rows), 3):
+        for name in ("steps", "seconds"):
+            if getattr(row, name) < getattr(before, name):
+                where = f"{path}: line {index}: {name}"
+                raise checks.refuse(where, getattr(row, name), "at least that of the line before")
+    columns = {each.name: [getattr(row, each.name) for row in rows] for each in fields(Curve)}
+    arrays: dict[str, Any] = {name: np.array(values) for name, values in columns.items()}
+    arrays["phase"] = tuple(columns["phase"])
+    return Curve(**arrays)
 
 
 class Played(NamedTuple):

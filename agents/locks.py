@@ -19,20 +19,20 @@ FILE = ".vibgym.lock"
 
 @contextlib.contextmanager
 def one_run(directory: Path, field: str = "output", file: str = FILE, patience: float = 0.2) -> Iterator[None]:
-    """Keep ``directory``, which exists, to this run until the block is left.
+    """Lock an existing directory for this run within a block.
 
-    The operating system holds the lock and releases it with the process, however that ends: a file that a killed run has left
-    behind locks nothing. The file names the process, its host and since when. On network file systems the lock holds between
-    hosts where these pass locks on (NFS since version 4, and older ones with lockd); a file system without locks is refused.
+    The operating system holds the lock and releases it when the process ends, so the file of a killed run locks nothing. The
+    file names the process, its host and the time. On network file systems the lock holds between hosts where these support it
+    (NFS since version 4, older ones with lockd); a file system without locks is refused.
 
     Args:
-        directory: where the lock file stands while the lock is held.
+        directory: of the lock file.
         field: name of the setting, for the error.
-        file: name of the lock file, where it is less than the directory that is kept.
-        patience: s to wait for another run; not 0, since a lock file that goes away while it is opened is tried again.
+        file: name of the lock file, to lock only a part of the directory.
+        patience: s to wait for another run; above 0, as a lock file that is removed while it is opened is tried again.
 
     Raises:
-        ValueError: another run is at work there, or no lock can be had.
+        ValueError: another run uses the directory, or it cannot be locked.
     """
     path = directory / file
     lock = FileLock(path, fallback_to_soft=False, on_acquired=_sign)

@@ -1,7 +1,6 @@
-"""Parts of random outlines, sizes and frictions, as environments take them: what a generalist is trained and tested on.
+"""Parts with random outlines, sizes and frictions, on which generalists are trained and tested.
 
-An outline comes from a family, which draws its proportions. A share of the families is kept for tests alone, so that a policy
-meets forms there that it has never seen, and not only other proportions of those that it knows.
+A family draws the proportions of an outline. Some families are used in tests only: their shapes are new to a trained policy.
 """
 
 from __future__ import annotations
@@ -18,47 +17,47 @@ from vibgym.config import Settings
 from vibgym.scene.outlines import convex_hull
 
 LEAST_SIZE, MOST_SIZE = 0.005, 0.2
-"""m, of a part's largest dimension: between these a part on elements of 26 mm has something to rest on, and room."""
+"""Range of a part's largest dimension on elements of 26 mm, m."""
 
 LEAST_FRICTION, MOST_FRICTION = 0.05, 3.0
-"""Parts on the prototype slide permanently up to a coefficient of 3.4 (:meth:`vibgym.Surface.slides_permanently`)."""
+"""Range of friction; parts on the prototype slide permanently up to 3.4 (:meth:`vibgym.Surface.slides_permanently`)."""
 
 DIGITS = 9
-"""Decimals of what is written down in m: finer than the eye of :func:`vibgym.scene.outlines.symmetry_order`."""
+"""Decimals of lengths in m, below the tolerance of :func:`vibgym.scene.outlines.symmetry_order`."""
 
 
 def rectangle(draw: np.random.Generator) -> np.ndarray:
-    """Sides of a ratio between 1 and 3.3."""
+    """Return a rectangle with a ratio of sides between 1 and 3.3."""
     length, width = 1.0, draw.uniform(0.3, 1.0)
     return np.array([[0.0, 0.0], [length, 0.0], [length, width], [0.0, width]])
 
 
 def regular(draw: np.random.Generator) -> np.ndarray:
-    """Triangles to octagons."""
+    """Return a regular polygon, triangle to octagon."""
     return _round(np.ones(draw.integers(3, 9)))
 
 
 def convex(draw: np.random.Generator) -> np.ndarray:
-    """The hull of a few points in an ellipse."""
+    """Return the convex hull of eight points in an ellipse."""
     radius, angle = np.sqrt(draw.uniform(0.2, 1.0, 8)), draw.uniform(0.0, 2.0 * math.pi, 8)
     points = np.stack([radius * np.cos(angle), draw.uniform(0.5, 1.0) * radius * np.sin(angle)], axis=1)
     return convex_hull(points)
 
 
 def wavy(draw: np.random.Generator) -> np.ndarray:
-    """Ten corners at uneven distances from a centre."""
+    """Return ten corners at random distances from a centre."""
     return _round(draw.uniform(0.55, 1.0, 10))
 
 
 def ell(draw: np.random.Generator) -> np.ndarray:
-    """An L: a rectangle without a corner."""
+    """Return an L: a rectangle without a corner."""
     height, x, y = draw.uniform(0.6, 1.0), draw.uniform(0.3, 0.6), draw.uniform(0.3, 0.6)
     y *= height
     return np.array([[0.0, 0.0], [1.0, 0.0], [1.0, y], [x, y], [x, height], [0.0, height]])
 
 
 def tee(draw: np.random.Generator) -> np.ndarray:
-    """A T: a bar on a stem."""
+    """Return a T: a bar on a stem."""
     height, bar, stem = draw.uniform(0.6, 1.0), draw.uniform(0.25, 0.5), draw.uniform(0.12, 0.25)
     bar = height * (1.0 - bar)
     left, right = 0.5 - stem, 0.5 + stem
@@ -68,7 +67,7 @@ def tee(draw: np.random.Generator) -> np.ndarray:
 
 
 def you(draw: np.random.Generator) -> np.ndarray:
-    """A U: a rectangle with a notch."""
+    """Return a U: a rectangle with a notch."""
     height, wall, floor = draw.uniform(0.6, 1.0), draw.uniform(0.2, 0.35), draw.uniform(0.25, 0.5)
     floor *= height
     return np.array(
@@ -80,13 +79,13 @@ def you(draw: np.random.Generator) -> np.ndarray:
 
 
 def star(draw: np.random.Generator) -> np.ndarray:
-    """Four to seven points."""
+    """Return a star with four to seven points."""
     points = int(draw.integers(4, 8))
     return _round(np.tile([1.0, draw.uniform(0.4, 0.65)], points))
 
 
 def cross(draw: np.random.Generator) -> np.ndarray:
-    """Two bars across each other."""
+    """Return a cross of two bars."""
     height, a, b = draw.uniform(0.6, 1.0), draw.uniform(0.15, 0.25), draw.uniform(0.15, 0.25)
     x, y = 0.5, 0.5 * height
     corner = np.array([[x, b * height], [a, b * height], [a, y]])
@@ -94,7 +93,7 @@ def cross(draw: np.random.Generator) -> np.ndarray:
 
 
 def _round(radius: np.ndarray) -> np.ndarray:
-    """Corners at even angles."""
+    """Return corners at equal angles with these distances from the centre."""
     angle = 2.0 * math.pi * np.arange(len(radius)) / len(radius)
     return radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
@@ -102,25 +101,17 @@ def _round(radius: np.ndarray) -> np.ndarray:
 DISC = "disc"
 
 FAMILIES: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
-    "rectangle": rectangle,
-    "regular": regular,
-    "convex": convex,
-    "wavy": wavy,
-    "ell": ell,
-    "tee": tee,
-    "you": you,
-    "star": star,
-    "cross": cross,
+    each.__name__: each for each in (rectangle, regular, convex, wavy, ell, tee, you, star, cross)
 }
-"""Outlines (n, 2) of any size by the name of their family; discs are the tenth."""
+"""Name of a family -> function that returns an outline (n, 2) of any size; discs are the tenth family."""
 
 TRAINING = (DISC, "rectangle", "regular", "convex", "wavy", "ell", "tee")
 UNSEEN = ("you", "star", "cross")
-"""Families to train on, and those kept for tests."""
+"""Families for training, and for tests only."""
 
 
 class OutlineSettings(Settings):
-    """Scenes of one part each, of random outline, size and friction, see :func:`scenes`."""
+    """Scenes of one part each with random outline, size and friction, see :func:`scenes`."""
 
     count: int = Field(48, ge=1, le=10_000)
     seed: int = Field(0, ge=0, lt=2**63)
@@ -136,13 +127,12 @@ def scenes(
     size: tuple[float, float] = (0.020, 0.080),
     friction: tuple[float, float] = (0.3, 0.9),
 ) -> list[dict[str, Any]]:
-    """Environment arguments of so many scenes, ``{"parts": [part]}`` each, with JSON values.
+    """Return environment arguments of scenes, ``{"parts": [part]}`` each, with JSON values.
 
-    Families take turns. Sizes and frictions are spread evenly over their ranges (an interval for each scene, in random order),
-    so that few scenes cover them.
+    Families alternate. Sizes and frictions are stratified over their ranges: one from each of ``count`` equal intervals.
 
     Args:
-        count: how many.
+        count: number of scenes.
         seed: the same seed gives the same scenes.
         families: names among :data:`FAMILIES`, and ``"disc"``.
         size: m, least and most of the largest dimension.
@@ -168,11 +158,11 @@ def scenes(
 
 
 def part(family: str, draw: np.random.Generator, size: float, friction: float) -> dict[str, Any]:
-    """A part of a family as a mapping of JSON values, see :class:`vibgym.config.PartSettings`.
+    """Return a part of a family as a mapping of JSON values, see :class:`vibgym.config.PartSettings`.
 
     Args:
         family: name among :data:`FAMILIES`, or ``"disc"``.
-        draw: of the proportions.
+        draw: random generator of the proportions.
         size: m, the largest dimension.
         friction: coefficient of sliding friction.
     """
@@ -186,5 +176,5 @@ def part(family: str, draw: np.random.Generator, size: float, friction: float) -
 
 
 def _spread(draw: np.random.Generator, count: int, low: float, high: float) -> list[float]:
-    """A number from each of ``count`` equal intervals, in random order."""
+    """Return a random value from each of ``count`` equal intervals, in random order."""
     return (low + (high - low) * (draw.permutation(count) + draw.random(count)) / count).tolist()

@@ -1,4 +1,4 @@
-"""Where results come from: versions, commit, machine, time, and the files that policies were read from."""
+"""Provenance of results: versions, commit, host, time, and the files of policies."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PACKAGES = (
 
 
 def versions() -> dict[str, str | None]:
-    """Version of Python and of every package that has a part in the results; None of one that is not installed."""
+    """Return the versions of Python and of the packages that affect results; None if not installed."""
     found: dict[str, str | None] = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
@@ -46,7 +46,7 @@ def versions() -> dict[str, str | None]:
 
 
 def commit() -> str | None:
-    """Git commit of the checkout, "+ changes" if its tracked files differ from it; None if there is none."""
+    """Return the Git commit of the checkout, with "+ changes" if tracked files differ from it; None without Git."""
     try:
         found = _git("rev-parse", "HEAD")
         return f"{found} + changes" if _git("status", "--porcelain", "--untracked-files=no") else found
@@ -55,8 +55,7 @@ def commit() -> str | None:
 
 
 def code(*places: str) -> str:
-    """What tells one state of the code from another: of a checkout its tracked files at ``places`` (Git's pathspecs), and what
-    differs from them; else the version."""
+    """Return a digest of the tracked files at ``places`` (Git's pathspecs) and their changes; without Git, of the version."""
     try:
         return digest(_git("ls-files", "--full-name", "-s", "--", *places) + _git("diff", "HEAD", "--", *places))
     except (OSError, subprocess.SubprocessError):
@@ -69,7 +68,7 @@ def _git(*arguments: str) -> str:
 
 
 def processor() -> str:
-    """Name of the processor, as far as the system tells."""
+    """Return the name of the processor."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):
@@ -80,7 +79,7 @@ def processor() -> str:
 
 
 def provenance() -> dict[str, object]:
-    """All of it, as JSON values."""
+    """Return time, commit, host and versions as JSON values."""
     return {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "commit": commit(),
@@ -90,16 +89,15 @@ def provenance() -> dict[str, object]:
 
 
 def digest(data: str | bytes) -> str:
-    """SHA-256 of bytes, or of a text as UTF-8, in hexadecimal digits."""
+    """Return the SHA-256 of bytes, or of a text as UTF-8, in hexadecimal digits."""
     return hashlib.sha256(data.encode() if isinstance(data, str) else data).hexdigest()
 
 
 def portable(value: Any) -> Any:
-    """JSON values without what only this machine has: absolute paths start from the current directory, as relative ones do in
-    settings; of one that lies elsewhere its name is left.
+    """Return JSON values without absolute paths: those below the current directory become relative, others their names.
 
     Args:
-        value: a text, or mappings and lists of values; keys and anything else stay as they are.
+        value: a text, or mappings and lists of values; keys and other values are unchanged.
     """
     if isinstance(value, str):
         return _portable(value)
@@ -134,7 +132,7 @@ def policy_files(policies: Iterable[tuple[Any, str]]) -> dict[str, str | None]:
 
 
 def _paths(content: Any) -> Iterator[str]:
-    """All names of JSON files in a policy's settings, also in those of a policy that another one corrects."""
+    """Yield the names of all JSON files in a policy's settings, nested ones included."""
     if isinstance(content, str) and content.endswith(".json"):
         yield content
     elif isinstance(content, Mapping):
@@ -147,12 +145,12 @@ def _file_and_tensors(path: Path, known: Mapping[str, str | None]) -> dict[str, 
         return {}
     try:
         data = path.read_bytes()
-    except (OSError, ValueError):  # ValueError: characters that no name of a file has
+    except (OSError, ValueError):  # ValueError: an invalid file name
         return {path.as_posix(): None}
     found: dict[str, str | None] = {path.as_posix(): digest(data)}
     try:
         tensors = path.with_name(json.loads(data)["tensors"])
         found[tensors.as_posix()] = digest(tensors.read_bytes())
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        pass  # a file that names no tensors is whole by itself; one whose tensors are gone is refused when it is read
+        pass  # a file without tensors is complete; missing tensors are refused when the policy is made
     return found

@@ -17,7 +17,7 @@ import numpy as np
 
 from agents import command_line
 from agents.command_line import Command
-from agents.evaluation.statistics import bootstrap, success_interval
+from agents.evaluation.statistics import bootstrap, quartiles, success_interval
 from agents.learning_curve import FILE as CURVE
 from agents.learning_curve import RATE, evaluation_settings, rank
 from agents.train import POLICY
@@ -32,45 +32,44 @@ from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
 from vibgym.tasks.episode import EVENTS
 
 FIRST_SEED = 200_000
-"""Of the fresh episodes: neither training nor learning curves have seen these."""
+"""First seed of the new episodes, which neither training nor learning curves use."""
 
 LEVEL, RESAMPLES = 0.95, 2000
-
 
 TABLE = "agents.csv"
 
 
 class Places(NamedTuple):
-    """Where a table goes."""
+    """Output of a table.
+
+    Attributes:
+        output: directory of ``agents.csv``, in which rows of other agents are kept; with ``curves/`` and ``policies/``.
+        page: Markdown file of the whole table, or None.
+        ship: directory for the policies of the best seeds, ``align.json``, ``align-prototype.json`` and so on, or None.
+    """
 
     output: Path
-    """Directory of ``agents.csv``, in which rows of other agents stay; ``curves/`` and ``policies/`` stand beside it."""
-
     page: Path | None = None
-    """Where the whole table goes in Markdown; None: nowhere."""
-
     ship: Path | None = None
-    """Directory for the best seeds' policies, ``align.json``, ``align-prototype.json`` and so on; None: none."""
 
 
 def tabulate(
     config: Path, names: Sequence[str], seeds: Sequence[int], episodes: int, into: Places
 ) -> list[dict[str, Any]]:
-    """Play all seeds of the agents named, write a table, and ship the best seed of each.
+    """Play all seeds of agents, write their table, and ship the best seed of each.
 
-    The best is the one that did best in a row of its own learning curve, on other episodes than these.
-
-    Beside the table stand every seed's learning curve (``curves/align-ideal-seed-0.csv``) and policy (``policies/``).
+    The best seed has the best row of its own learning curve, on other episodes than these. The learning curve
+    (``curves/align-ideal-seed-0.csv``) and the policy (``policies/``) of every seed are copied.
 
     Args:
         config: file of agents.
         names: of agents in it.
-        seeds: of trainings; those of an agent that are not there are an error.
+        seeds: of their trainings.
         episodes: of each policy.
-        into: where all goes.
+        into: output.
 
     Raises:
-        ValueError: a policy that is not there or does not load; nothing is written.
+        ValueError: a policy is missing or does not load; nothing is written.
     """
     rows: list[dict[str, Any]] = []
     best: dict[str, Path] = {}
@@ -84,7 +83,7 @@ def tabulate(
             row["shipped"] = into.ship is not None and row is first
         best[name] = Path(first["path"])
         rows += own
-    kept = [_without_rates(row) for row in _read(output) if row["agent"] not in names]
+    kept = [_completed(row) for row in _read(output) if row["agent"] not in names]
     files: dict[Path, str | bytes] = {}
     for row in rows:
         run = f"{row['agent'].lower().replace('/', '-')}-seed-{row['seed']}"
@@ -106,68 +105,64 @@ def tabulate(
 
 
 def page(rows: Sequence[Mapping[str, Any]]) -> str:
-    """The table in Markdown: one line for every training."""
-    lines = [
-        "# Trained agents",
-        "",
-        "Written by `python -m agents tabulate`: every training seed on fresh episodes, with a 95 % interval; times are",
-        "medians, with the hold of 0.4 s, the bound is the lower bound of [bound.md](bound.md). Shipped is the seed that did",
-        "best on the episodes of its own learning curve, not on these. What was trained on what: `results/agents.csv`.",
-        "Where parts come and go there is no success; *faulty* is the share of parts that leave otherwise than they should.",
-        "",
-        "| agent | seed | steps | minutes | success | of | interval | time to goal | over bound | good a minute | faulty "
-        "| collisions | fallen | shipped |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in rows:
-        number = {name: _number(row[name]) for name in NUMBERS}
-        ends = not np.isfinite(number["good_per_minute_mean"])  # where parts come and go there is no success
-        cells = [
-            row["agent"],
-            row["seed"],
-            f"{int(row['steps']):_}".replace("_", " "),
-            f"{number['minutes']:.1f}",
-            _cell(100 * number["success"], "{:.1f} %") if ends else "–",
-            row["episodes"],
-            f"{100 * number['success_low']:.1f} to {100 * number['success_high']:.1f} %" if ends else "–",
-            _cell(number["time_to_goal_median_s"], "{:.2f} s"),
-            _cell(number["time_over_bound_median"], "{:.3f}"),
-            _cell(number["good_per_minute_mean"], "{:.1f}"),
-            _cell(100.0 * number["faulty_share"], "{:.1f} %"),
-            _cell(number["collisions_mean"], "{:.2f}"),
-            row["fallen"],
-            "yes" if str(row["shipped"]) == "True" else "",
-        ]
-        lines.append("| " + " | ".join(str(cell) for cell in cells) + " |")
+    """Return the table in Markdown: one line for every training."""
     machines = sorted({f"{row['processor']}, {row['threads']} thread(s); {row['versions']}" for row in rows})
-    return "\n".join([*lines, "", *(f"Trained on: {each}" for each in machines)]) + "\n"
+    lines = [INTRODUCTION, *(_line(row) for row in rows), "", *(f"Trained on: {each}" for each in machines)]
+    return "\n".join(lines) + "\n"
 
 
-NUMBERS = (
-    "minutes", "success", "success_low", "success_high", "time_to_goal_median_s", "time_over_bound_median", "collisions_mean",
-    "good_per_minute_mean", "faulty_share",
-)  # fmt: skip
+INTRODUCTION = """\
+# Trained agents
+
+Written by `python -m agents tabulate`: every training seed on fresh episodes, with a 95 % interval; times are
+medians, with the hold of 0.4 s, the bound is the lower bound of [bound.md](bound.md). Shipped is the seed that did
+best on the episodes of its own learning curve, not on these. What was trained on what: `results/agents.csv`.
+Where parts come and go there is no success; *faulty* is the share of parts that leave otherwise than they should.
+
+| agent | seed | steps | minutes | success | of | interval | time to goal | over bound | good a minute | faulty | collisions \
+| fallen | shipped |
+|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"""
+
+
+def _line(row: Mapping[str, Any]) -> str:
+    def number(name: str, form: str, factor: float = 1.0) -> str:
+        value = float(row[name]) if row[name] not in ("", None) else float("nan")
+        return form.format(factor * value) if np.isfinite(value) else "–"
+
+    ends = number("good_per_minute_mean", "{}") == "–"  # where parts come and go there is no success
+    success = number("success", "{:.1f} %", 100.0)
+    interval = f"{number('success_low', '{:.1f}', 100)} to {number('success_high', '{:.1f} %', 100)}"
+    cells = [
+        row["agent"],
+        row["seed"],
+        f"{int(row['steps']):_}".replace("_", " "),
+        number("minutes", "{:.1f}"),
+        success if ends else "–",
+        row["episodes"],
+        interval if ends else "–",
+        number("time_to_goal_median_s", "{:.2f} s"),
+        number("time_over_bound_median", "{:.3f}"),
+        number("good_per_minute_mean", "{:.1f}"),
+        number("faulty_share", "{:.1f} %", 100.0),
+        number("collisions_mean", "{:.2f}"),
+        row["fallen"],
+        "yes" if str(row["shipped"]) == "True" else "",
+    ]
+    return "| " + " | ".join(map(str, cells)) + " |"
+
 
 FAULTY = tuple(f"{event}_per_minute" for event in EVENTS[1:] if event != RATE.removesuffix("_per_minute"))
-"""What ``info`` says of parts that leave otherwise than they should."""
-
-
-def _number(value: Any) -> float:
-    return float(value) if value not in ("", None) else float("nan")
-
-
-def _cell(value: float, form: str) -> str:
-    return form.format(value) if np.isfinite(value) else "–"
+"""Fields of ``info`` of parts that leave otherwise than they should."""
 
 
 def shipped_name(agent: str) -> str:
-    """``align`` for ``Align/ideal``, ``align-prototype`` for ``Align/prototype``."""
+    """Return ``align`` for ``Align/ideal``, ``align-prototype`` for ``Align/prototype``."""
     task, _, variant = agent.partition("/")
     return task.lower() if variant == "ideal" else f"{task.lower()}-{variant}"
 
 
 def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
-    """What became of one training, and how its policy does on fresh episodes."""
+    """Return the row of one training: its record, and the results of its policy on new episodes."""
     directory = Path(str(settings.output))
     path = directory / POLICY
     record = load_set(path, KIND, VERSION)[1]
@@ -208,11 +203,11 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "success": float(reached.mean()),
         "success_low": interval.low,
         "success_high": interval.high,
-        "time_to_goal_median_s": float(np.median(seconds)) if len(seconds) else float("nan"),
+        "time_to_goal_median_s": quartiles(time).median,
         "time_to_goal_mean_s": float(np.mean(seconds)) if len(seconds) else float("nan"),
         "time_to_goal_mean_low_s": middle.low if middle else float("nan"),
         "time_to_goal_mean_high_s": middle.high if middle else float("nan"),
-        "time_over_bound_median": _median(over),
+        "time_over_bound_median": quartiles(over).median,
         "collisions_mean": float(np.mean(collisions)),
         "fallen": int(fallen.sum()),
         "judged_rate": -judged[0][0] if judged else 0.0,
@@ -223,13 +218,8 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     }
 
 
-def _median(values: np.ndarray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")
-
-
-def _without_rates(row: dict[str, Any]) -> dict[str, Any]:
-    """A row of a table with columns that it may have been written before."""
+def _completed(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row with the columns that old tables lack."""
     return row | {name: row.get(name, "") for name in ("judged_rate", "good_per_minute_mean", "faulty_share")}
 
 
@@ -241,7 +231,7 @@ def _read(path: Path) -> list[dict[str, Any]]:
 
 
 def _ship(path: Path, to: Path) -> None:
-    """Copy a policy file and its tensors, whose name goes with the file's."""
+    """Copy a policy file and its tensors, which are renamed accordingly."""
     record = json.loads(path.read_text(encoding="utf-8"))
     tensors = path.with_name(record["tensors"])
     name = f"{to.stem}-{record['sha256'][:12]}.safetensors"
@@ -251,17 +241,6 @@ def _ship(path: Path, to: Path) -> None:
     to.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(tensors, to.with_name(name))
     to.write_text(json.dumps({**record, "tensors": name}, indent=2, sort_keys=True) + "\n", encoding="utf-8")
-
-
-def selected(config: Path, names: Sequence[str] | None, known: Sequence[str]) -> list[str]:
-    """The agents asked for, all of the file by default.
-
-    Raises:
-        ValueError: one is not in the file.
-    """
-    for name in names or ():
-        checks.choice("--agent", name, tuple(known))
-    return list(names or known)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -276,9 +255,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(given: argparse.Namespace) -> None:
     """Evaluate the seeds of trained agents and write their table."""
-    names = selected(given.config, given.agent, agents_in(given.config))
+    known = agents_in(given.config)
+    for name in given.agent or ():
+        checks.choice("--agent", name, tuple(known))
     into = Places(given.output or Path("results"), given.page, given.ship)
-    for row in tabulate(given.config, names, given.seeds, given.episodes, into):
+    for row in tabulate(given.config, given.agent or list(known), given.seeds, given.episodes, into):
         time = row["time_to_goal_median_s"]
         print(f"{row['agent']} seed {row['seed']}: success {100 * row['success']:.1f} %, median {time:.2f} s")
 

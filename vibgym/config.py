@@ -69,7 +69,7 @@ SHAPE_FIELDS = {"rectangle": ("length", "width"), "disc": ("radius",), "polygon"
 
 
 def to_si(data: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Copy with unit suffixes resolved; numbers and nested lists of numbers are scaled."""
+    """Return a copy in SI units without unit suffixes; numbers and nested lists of numbers are scaled."""
     result: dict[str, Any] = {}
     for key, value in data.items():
         if not isinstance(key, str):
@@ -95,7 +95,7 @@ def _scaled(value: Any, factor: float, where: str) -> Any:
 
 
 def parse(model: type[Model], data: Any, where: str) -> Model:
-    """Validate ``data`` as ``model``; the first fault becomes a one-line ValueError that names the field."""
+    """Validate ``data`` as ``model``; raise a one-line ValueError that names the first invalid field."""
     if not isinstance(data, Mapping):
         raise checks.refuse(where, data, f"a mapping with keys among {', '.join(model.model_fields)}")
     try:
@@ -116,7 +116,7 @@ def parse(model: type[Model], data: Any, where: str) -> Model:
 
 
 def json_values(value: Any) -> Any:
-    """Return settings as JSON has them.
+    """Return settings as JSON values.
 
     NumPy numbers and arrays become numbers and lists, enumerations their values, and :class:`vibgym.Part` and
     :class:`vibgym.Surface` mappings, from which :func:`part_from` and :func:`surface_from` make equal ones.
@@ -190,7 +190,7 @@ def _check_size(path: Path, data: dict[str, Any]) -> None:
 
 
 def surface_from(value: Any) -> Surface:
-    """A surface from ``"prototype"``, a mapping of :class:`SurfaceSettings`, or a Surface."""
+    """Return a surface from ``"prototype"``, a mapping of :class:`SurfaceSettings`, or a Surface."""
     if isinstance(value, Surface):
         return value
     if isinstance(value, str):
@@ -200,7 +200,7 @@ def surface_from(value: Any) -> Surface:
 
 
 def part_from(value: Any, where: str = "parts") -> Part:
-    """A part from the name of a shipped one, a mapping of :class:`PartSettings`, or a Part."""
+    """Return a part from the name of a shipped one, a mapping of :class:`PartSettings`, or a Part."""
     if isinstance(value, Part):
         return value
     if isinstance(value, str):

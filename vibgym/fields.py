@@ -1,6 +1,6 @@
 """Vector fields of the surface: uniform, squeeze, radial, tangential and their sum (thesis section 4.2, fig. 4.4).
 
-A squeeze line may move on while parts are on it: :class:`MovingSqueeze` has a field for every time.
+The line of a :class:`MovingSqueeze` moves with time.
 
 A field gives direction and strength of the push at every point. Sampled at the elements' centres it gives the elements'
 motion: strength is amplitude, direction is phase::
@@ -73,7 +73,7 @@ class Field:
     __rmul__ = __mul__
 
     def around(self, x: Any, y: Any, radius: float) -> Field:
-        """The same field on elements whose centres lie within ``radius`` (m) of ``(x, y)``; all others at rest."""
+        """Return this field, restricted to elements whose centres lie within ``radius`` (m) of ``(x, y)``."""
         radius = checks.number("radius", radius, above=0.0)
         _finite(x=x, y=y)
 
@@ -85,11 +85,11 @@ class Field:
         return Field(push)
 
     def phasors(self, surface: Surface, *, friction: float | None = None) -> np.ndarray:
-        """Elements' phasors as fractions of full amplitude, (..., rows, columns, 2), in the unit disc.
+        """Return phasors of the elements as fractions of full amplitude, (..., rows, columns, 2), in the unit disc.
 
         Args:
             surface: the table.
-            friction: of the part, to correct the push's direction by :func:`lead_angle`; None: no correction.
+            friction: of the part, to correct the direction by :func:`lead_angle`; None: no correction.
         """
         checks.instance("surface", surface, Surface)
         x, y = surface.element_centres()
@@ -102,7 +102,7 @@ class Field:
         return np.stack([-py * scale, -px * scale], axis=-1)
 
     def drive(self, surface: Surface, *, friction: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Amplitude (m) and phase (rad) of every element, each (..., rows, columns), for ``Simulator.advance``."""
+        """Return amplitude (m) and phase (rad) of every element, each (..., rows, columns), for ``Simulator.advance``."""
         phasors = self.phasors(surface, friction=friction)
         amplitude = np.hypot(phasors[..., 0], phasors[..., 1])
         assert surface.max_amplitude is not None
@@ -119,7 +119,7 @@ def _finite(**values: Any) -> None:
 
 
 def uniform(direction: Any, strength: Any = 1.0) -> Field:
-    """The same push everywhere: moves a part along ``direction`` (rad from +x)."""
+    """Return a field with the same push everywhere, which moves parts along ``direction`` (rad from +x)."""
     _finite(direction=direction, strength=strength)
     return Field(
         lambda x, y: (strength * np.cos(direction) + 0.0 * x, strength * np.sin(direction) + 0.0 * y),
@@ -127,7 +127,7 @@ def uniform(direction: Any, strength: Any = 1.0) -> Field:
 
 
 def squeeze(x: Any, y: Any, angle: Any, strength: Any = 1.0, reach: float = DEFAULT_REACH) -> Field:
-    """Push from both sides towards a line: aligns a part with it.
+    """Return a field that pushes towards a line from both sides, which aligns parts with it.
 
     Args:
         x, y: a point of the line, m.
@@ -147,27 +147,26 @@ def squeeze(x: Any, y: Any, angle: Any, strength: Any = 1.0, reach: float = DEFA
 
 @dataclass(frozen=True)
 class MovingSqueeze:
-    """A squeeze field whose line moves and takes the parts on it along (thesis section 4.2)::
+    """A squeeze field with a moving line, which transports the parts on it (thesis section 4.2)::
 
         line = MovingSqueeze(0.1, 0.1, math.pi / 2, velocity=(0.1, 0.0))
         simulator.advance(*line.at(period * surface.period).drive(surface), periods=1)
 
-    Parts follow at a distance at which the push makes up for the friction on a part of that speed: to first order, for slow
-    lines, ``reach * v g / (strength * a_v w^2 a_h w)``. A line faster than a part at full strength goes leaves it behind.
+    Parts follow at the distance at which the push balances friction: to first order, for slow lines,
+    ``reach * v g / (strength * a_v w^2 a_h w)``. A line that is faster than a part at full strength loses the part.
 
-    With the push falling off over ``reach`` the line may lie anywhere. In the thesis elements left and right of the line
-    push alike, so that it moves "in discrete steps given by the position of the edges of the surface elements": that is a
-    small ``reach``, a ``pitch`` of one element, and a line that begins on an edge.
+    In the thesis the line moves "in discrete steps given by the position of the edges of the surface elements". For that, use
+    a small ``reach``, a ``pitch`` of one element, and a line that begins on an edge.
 
     Args:
         x, y: a point of the line at time 0, m.
         angle: direction of the line, rad from +x.
-        velocity: of that point, (x, y) m/s; what it has along the line changes nothing.
+        velocity: of that point, (x, y) m/s; the component along the line has no effect.
         strength, reach: of :func:`squeeze`.
-        pitch: m, of the steps in which the line moves, half a step early and late; None: it does not stop.
+        pitch: step by which the line moves, rounded to the nearest, m; None: continuous.
 
     Raises:
-        ValueError: a bad value.
+        ValueError: an invalid value.
     """
 
     x: Any
@@ -189,7 +188,7 @@ class MovingSqueeze:
         _finite(**{"velocity[0]": along_x, "velocity[1]": along_y})
 
     def place(self, time: Any) -> Push:
-        """The point (x, y) m of the line at a time (s), a number or an array: what begins as (x, y), less its way along it."""
+        """Return a point (x, y) of the line, m, at a time (s), a number or an array; it moves across the line only."""
         _finite(time=time)
         across_x, across_y = -np.sin(self.angle), np.cos(self.angle)
         way = (self.velocity[0] * across_x + self.velocity[1] * across_y) * np.asarray(time)
@@ -198,17 +197,17 @@ class MovingSqueeze:
         return self.x + way * across_x, self.y + way * across_y
 
     def at(self, time: Any) -> Field:
-        """The field at a time (s)."""
+        """Return the field at a time (s)."""
         return squeeze(*self.place(time), self.angle, self.strength, self.reach)
 
 
 def radial(x: Any, y: Any, strength: Any = 1.0, reach: float = DEFAULT_REACH) -> Field:
-    """Push towards the centre ``(x, y)`` (m): positions a part there; negative strength pushes away."""
+    """Return a field towards the centre ``(x, y)`` (m), which positions parts there; negative strength pushes away."""
     return _central(x, y, strength, reach, lambda dx, dy: (-dx, -dy))
 
 
 def tangential(x: Any, y: Any, strength: Any = 1.0, reach: float = DEFAULT_REACH) -> Field:
-    """Push around the centre ``(x, y)`` (m): turns a part counter-clockwise; negative strength clockwise."""
+    """Return a field around the centre ``(x, y)`` (m), counter-clockwise; clockwise with negative strength."""
     return _central(x, y, strength, reach, lambda dx, dy: (-dy, dx))
 
 

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import csv
-import hashlib
 import math
 import os
-import re
 import secrets
 import shutil
-import socket
 import stat
 import time
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,18 +17,13 @@ from typing import Any
 
 from vibgym import checks
 
-HOST = hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
-
-TEMPORARY = re.compile(r"\.vibgym-([0-9a-f]{8})-([0-9]{1,10})-[0-9a-f]{16}\.tmp")
-"""Names of temporary files: host, process and a random number."""
+TEMPORARY = ".vibgym-*.tmp"
+"""Pattern of the names of temporary files, with a random number."""
 
 LONGEST_NAME = 128
 """Longest file name written to an output directory; TensorBoard uses time, host and process."""
 
 DAY = 86_400.0
-
-_open_files: set[str] = set()
-"""Temporary files of this process."""
 
 
 class WriteError(OSError):
@@ -39,7 +31,7 @@ class WriteError(OSError):
 
 
 def output_directory(path: Path, field: str = "output") -> Path:
-    """Create a writable directory and remove the temporary files of killed runs.
+    """Create a writable directory, and remove temporary files in it that are older than a day: those of killed runs.
 
     Args:
         path: directory; created with its parents.
@@ -114,13 +106,10 @@ def write_together(contents: Mapping[Path, str | bytes]) -> None:
         for each in (*fresh.values(), *old.values()):
             if each is not None:
                 each.unlink(missing_ok=True)
-                _open_files.discard(each.name)
 
 
 def _temporary(directory: Path) -> Path:
-    path = directory / f".vibgym-{HOST}-{os.getpid()}-{secrets.token_hex(8)}.tmp"
-    _open_files.add(path.name)
-    return path
+    return directory / f".vibgym-{secrets.token_hex(8)}.tmp"
 
 
 def _write_temporary(directory: Path, data: bytes) -> Path:
@@ -132,7 +121,6 @@ def _write_temporary(directory: Path, data: bytes) -> Path:
             os.fsync(file.fileno())
     except BaseException:
         path.unlink(missing_ok=True)
-        _open_files.discard(path.name)
         raise
     return path
 
@@ -143,39 +131,19 @@ def _copy(path: Path) -> Path | None:
     try:
         shutil.copy2(path, copy, follow_symlinks=False)
     except FileNotFoundError:
-        _open_files.discard(copy.name)
         return None
     except BaseException:
         copy.unlink(missing_ok=True)
-        _open_files.discard(copy.name)
         raise
     return copy
 
 
 def sweep(directory: Path) -> None:
-    """Remove temporary files of processes that no longer run; of other hosts, those older than a day."""
-    for entry in list(os.scandir(directory)):
-        match = TEMPORARY.fullmatch(entry.name)
-        if match is None:
-            continue
+    """Remove temporary files that are older than a day."""
+    for path in directory.glob(TEMPORARY):
         with contextlib.suppress(OSError):  # another run may remove them at the same time
-            aged = time.time() - entry.stat(follow_symlinks=False).st_mtime > DAY
-            if aged or (match[1] == HOST and not _is_running(int(match[2]), entry.name)):
-                os.unlink(entry.path)
-
-
-def _is_running(process: int, name: str) -> bool:
-    if process == os.getpid():  # or an earlier one with the same number, as in containers
-        return name in _open_files
-    if os.name != "posix":  # elsewhere signal 0 ends the process
-        return True
-    try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except PermissionError:
-        pass
-    return True
+            if time.time() - path.lstat().st_mtime > DAY:
+                path.unlink()
 
 
 def reason(error: Exception) -> str:

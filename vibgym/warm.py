@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -21,30 +23,25 @@ from vibgym.registry import Registry
 BLOCKS = [Part.rectangle(0.05, 0.04, friction=0.6), Part.disc(0.02, friction=0.6)]
 
 
-def environment(name: str, observation: str) -> None:
+def environment(name: str = "vibgym/Align-v0", **settings: Any) -> None:
     """Run a step of an environment. All actions use the same kernels, see :class:`vibgym.physics.core.drive.Drive`."""
-    try:
-        made = gymnasium.make(name, observation=observation)
-    except ValueError:
-        return  # the task does not have this observation
+    made = gymnasium.make(name, **settings)
     made.reset(seed=0)
     made.step(made.action_space.sample())
     made.close()
 
 
-MACHINES: dict[str, dict[str, Any]] = {
+def observation(name: str, kind: str) -> None:
+    """Run a step with an observation, if the task supports it."""
+    with contextlib.suppress(ValueError):
+        environment(name, observation=kind)
+
+
+HARDWARE: dict[str, dict[str, Any]] = {
     "prototype actuators, pose sensor": {"actuators": "prototype", "sensor": "pose"},
     "model estimator": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
     "Kalman estimator": {"sensor": {"kind": "pose", "estimator": "kalman"}},
 }
-
-
-def machine(**hardware: Any) -> None:
-    """Run a step of an environment on some hardware."""
-    made = gymnasium.make("vibgym/Align-v0", **hardware)
-    made.reset(seed=0)
-    made.step(made.action_space.sample())
-    made.close()
 
 
 def simulator(**settings: object) -> None:
@@ -62,7 +59,7 @@ def contacts() -> None:
 
 def disturbances() -> None:
     """Compile impulse disturbances and the tipping margin."""
-    machine(randomize={"disturbance": {"rate": 1.0, "tilt": 0.02}})
+    environment(randomize={"disturbance": {"rate": 1.0, "tilt": 0.02}})
     Simulator(Surface(), BLOCKS[0]).tipping_margin.sum()
 
 
@@ -121,15 +118,15 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     yield from PLUGINS.items()
     yield "allocation", allocation
     yield "bounds", bounds
-    yield "wrench action", lambda: machine(action="wrench")
+    yield "wrench action", lambda: environment(action="wrench")
     yield "viewers", phasors
     yield "many worlds", many_worlds
     yield "policies", policies
     for name in sorted(each for each in gymnasium.registry if each.startswith("vibgym/")):
-        for observation in ("state", "parts", "goal", "image"):
-            yield f"{name}, {observation}", lambda name=name, kind=observation: environment(name, kind)
-    for name, hardware in MACHINES.items():
-        yield name, lambda hardware=hardware: machine(**hardware)
+        for kind in ("state", "parts", "goal", "image"):
+            yield f"{name}, {kind}", partial(observation, name, kind)
+    for name, settings in HARDWARE.items():
+        yield name, partial(environment, **settings)
 
 
 def warm(report: Callable[[str], None]) -> float:

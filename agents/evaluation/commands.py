@@ -19,8 +19,12 @@ FIGURES = "verification.csv"
 
 def _compare_arguments(parser: argparse.ArgumentParser) -> None:
     command_line.config(parser)
-    parser.add_argument("--episodes", type=int, metavar="N", help="episodes of each policy on each task")
+    _episodes(parser)
     command_line.side_by_side(parser, processes=False)
+
+
+def _episodes(parser: argparse.ArgumentParser, of: str = "episodes of each policy on each task") -> None:
+    parser.add_argument("--episodes", type=int, metavar="N", help=of)
 
 
 def _evaluate_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,38 +37,24 @@ def _evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 def evaluate(arguments: argparse.Namespace) -> None:
     """Run an evaluation, write its files and print the summary."""
-    from agents.evaluation import report, run
+    from agents.evaluation import report
     from agents.evaluation.settings import EvaluationSettings
 
     settings, gif = _settings(EvaluationSettings, arguments), None
-    if arguments.gif is None and arguments.gif_hardware is not None:
-        raise checks.conflict("--gif-hardware requires --gif")
     if arguments.gif is not None:
         task, policy, path = arguments.gif
         gif = report.Gif(task, policy, Path(path), arguments.gif_hardware)
-    with checks.within(arguments.config):
-        prepared = report.prepare(settings, gif)
-        lock = _lock(settings)
-    with lock:
-        results = run.evaluate(prepared, arguments.quiet, arguments.ray)
-        page = report.write(results, arguments.quiet)
-    print(f"{report.summary_table(results)}\n\nreport: {page}")
+    elif arguments.gif_hardware is not None:
+        raise checks.conflict("--gif-hardware requires --gif")
+    _run(report, settings, arguments, gif)
 
 
 def compare(arguments: argparse.Namespace) -> None:
     """Run a comparison, write its files and print the summary."""
     from agents.evaluation import compare as comparison
-    from agents.evaluation import run
     from agents.evaluation.settings import ComparisonSettings
 
-    settings = _settings(ComparisonSettings, arguments)
-    with checks.within(arguments.config):
-        prepared = comparison.prepare(settings)
-        lock = _lock(settings)
-    with lock:
-        results = run.evaluate(prepared, arguments.quiet, arguments.ray)
-        page = comparison.write(results)
-    print(f"{comparison.summary_table(results)}\n\npage: {page}")
+    _run(comparison, _settings(ComparisonSettings, arguments), arguments)
 
 
 def _settings(kind: Any, arguments: argparse.Namespace) -> Any:
@@ -73,11 +63,18 @@ def _settings(kind: Any, arguments: argparse.Namespace) -> Any:
     return kind.load(arguments.config, arguments.episodes, output)
 
 
-def _lock(settings: Any) -> Any:
-    """Return the lock of the output directory, held."""
+def _run(view: Any, settings: Any, arguments: argparse.Namespace, *more: Any, source: Path | None = None) -> None:
+    """Run what ``view`` (a module) prepares, write its files and print its summary; errors of input name ``source``."""
     from agents import locks
+    from agents.evaluation import run
 
-    return command_line.entered(locks.one_run(Path(settings.output), f"{settings.where}.output"))
+    with checks.within(source or arguments.config):
+        prepared = view.prepare(settings, *more)
+        lock = command_line.entered(locks.one_run(Path(settings.output), f"{settings.where}.output"))
+    with lock:
+        results = run.evaluate(prepared, arguments.quiet, arguments.ray)
+        page = view.write(results, arguments.quiet)
+    print(f"{view.summary_table(results)}\n\npage: {page}")
 
 
 def _score_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,45 +84,35 @@ def _score_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--policy", type=Path, metavar="FILE", help="score this policy alone: YAML or JSON, as an entry of 'policies'"
     )
-    parser.add_argument("--episodes", type=int, metavar="N", help="of each policy on each task")
+    _episodes(parser)
     command_line.side_by_side(parser, processes=False)
 
 
 def score(arguments: argparse.Namespace) -> None:
     """Play a suite, or the rest of it, write the scores and print them."""
     from agents.evaluation import score as suite
-    from agents.evaluation.settings import SuiteSettings
 
-    settings = _settings(SuiteSettings, arguments)
+    settings = _settings(suite.SuiteSettings, arguments)
     if arguments.policy is not None:
         settings = settings.entered_by(arguments.policy)
-    with checks.within(arguments.policy or arguments.config):
-        prepared = suite.prepare(settings)
-        lock = _lock(settings)
-    with lock:
-        results = suite.score(prepared, arguments.quiet, arguments.ray)
-        page = suite.write(results)
-    print(f"{suite.summary(*suite.rows(results))}\n\npage: {page}")
+    _run(suite, settings, arguments, source=arguments.policy)
 
 
 def _datasheet_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "config", type=Path, nargs="?", metavar="CONFIG", help="see configs/datasheets (default: the prototype)"
     )
-    parser.add_argument("--episodes", type=int, metavar="N", help="of each measurement")
+    _episodes(parser, "episodes of each measurement")
 
 
 def datasheet(arguments: argparse.Namespace) -> None:
     """Measure a surface with a part, write the sheet and print its lines."""
     from agents.evaluation import datasheet as sheets
-    from agents.evaluation.settings import DatasheetSettings
     from vibgym import files
 
-    settings, field = _settings(DatasheetSettings, arguments), "datasheet.output"
+    settings, field = _settings(sheets.DatasheetSettings, arguments), "datasheet.output"
     files.output_files([files.output_directory(Path(settings.output), field) / sheets.PAGE], field)
-    with contextlib.ExitStack() as where:
-        if arguments.config is not None:
-            where.enter_context(checks.within(arguments.config))
+    with contextlib.nullcontext() if arguments.config is None else checks.within(arguments.config):
         found = sheets.measure(settings, arguments.quiet)
     page = sheets.write(found)
     print(f"{sheets.summary(found)}\n\npage: {page}")
@@ -145,10 +132,12 @@ def publish(arguments: argparse.Namespace) -> None:
 
 def _verify_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("published", type=Path, nargs="?", default=PUBLISHED, metavar="DIR", help="see publish")
-    parser.add_argument("--episodes", type=int, default=20, metavar="N", help="new ones of each policy in each place")
-    parser.add_argument("--again", type=int, default=5, metavar="N", help="published ones of each, played again")
     parser.add_argument(
-        "--first-seed", type=int, metavar="N", help="of the new ones (default: after the last published)"
+        "--episodes", type=int, default=20, metavar="N", help="new episodes per policy, task and hardware"
+    )
+    parser.add_argument("--again", type=int, default=5, metavar="N", help="published episodes of each, played again")
+    parser.add_argument(
+        "--first-seed", type=int, metavar="N", help="of the new episodes (default: after the last published)"
     )
     for option in ("--task", "--policy"):
         command_line.some(parser, option)

@@ -1,4 +1,4 @@
-"""What the plots of all pages share: PNG on white, quiet axes, colours that mean the same everywhere."""
+"""Style of the plots of all pages: PNG on white, axes without frame, one colour per meaning."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ POLICY_COLOURS = (
     "#1c2b4a", "#38b2d8", "#7a4a2b", "#f0908a", "#a4c639", "#b9a3e3",
 )  # fmt: skip
 DPI = 120
-"""Dots an inch: about one and a half for each pixel of a card of a page."""
+"""Dots per inch: about one and a half for each pixel of a card of a page."""
 
 COLOURS = 48
-"""Of a plot. With fewer, grey letters take on the colour of the lines; with 256 a page of plots is half as large again."""
+"""Colours of a plot. With fewer, grey letters take on the colour of the lines; with 256, pages are half as large again."""
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, inches."""
+    """Return an empty figure, inches."""
     return Figure((width, height), dpi=DPI, layout="constrained", facecolor="white")
 
 
@@ -45,7 +45,7 @@ def png(figure: Figure) -> bytes:
 
 
 def style(axes: Axes, **labels: str) -> None:
-    """Quiet axes; ``labels`` are arguments of ``axes.set``."""
+    """Set the style of axes; ``labels`` are arguments of ``axes.set``."""
     axes.tick_params(colors=MUTED, labelsize=7.5, length=2.5, width=0.6)
     for side, spine in axes.spines.items():
         spine.set_visible(side in ("left", "bottom"))
@@ -59,12 +59,12 @@ def style(axes: Axes, **labels: str) -> None:
 
 
 def kind_colour(kind: int) -> tuple[float, ...]:
-    """As in the films."""
+    """Return the colour of a kind of parts, as in the films."""
     return tuple(channel / 255.0 for channel in colours.PARTS[kind % len(colours.PARTS)])
 
 
 def name_lines(figure: Figure, lines: Sequence[Line2D]) -> None:
-    """A legend beside the axes with the labels of some lines."""
+    """Add a legend beside the axes with the labels of some lines."""
     labels = [str(line.get_label()) for line in lines]
     # The texts come afterwards: a label that begins with "_" would be left out.
     shown = {"frameon": False, "fontsize": 8.5, "handlelength": 1.4, "labelcolor": INK}

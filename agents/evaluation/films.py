@@ -21,7 +21,7 @@ import numpy as np
 from PIL import Image
 
 from vibgym.envs import VibgymVectorEnv
-from vibgym.envs.shared import SharedInterface, Truth
+from vibgym.envs.shared import SharedInterface
 from vibgym.envs.viewer import side_of
 from vibgym.plugins.play.drawing import drawn_scene, scripts
 from vibgym.policies.measures import Measured, Measures
@@ -29,15 +29,16 @@ from vibgym.policies.rollout import Step, Timing
 from vibgym.rendering import Scenery, Side, SurfacePainter
 
 WATCHED_AMONG = 30
-"""The world that is filmed is one of the first so many, which are also those of the trajectory plot."""
+"""The filmed world is one of the first so many, which are also those of the trajectory plot."""
 
 LEAST_WAY = 0.010
-"""m: over shorter ways an efficiency says nothing."""
+"""m: shortest displacement for which a path efficiency is computed."""
 
-TURN_WEIGHT = 0.1  # m/rad: a turn of 1 rad counts as far as 100 mm when the farthest goal is chosen
+TURN_WEIGHT = 0.1
+"""m/rad: weight of a turn where the farthest goal is chosen."""
 
 SERIES = ("position_error", "heading_error", "clearance", "parts_done")
-"""What is written down of ``info`` after every step, where a task has it."""
+"""Fields of ``info`` that are recorded after every step, where a task has them."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +62,12 @@ class Rollout(Measured):
     """Records of one policy on one task. Arrays are (episodes,) unless noted otherwise, in the order of the seeds."""
 
     path_lengths: np.ndarray  # (episodes, parts) m, of the centres, sampled once a step; 0 of absent parts
-    straight: np.ndarray  # m, shortest way of all parts together, see below
+    straight: np.ndarray  # m, shortest way of all parts together, see path_efficiency
     poses: np.ndarray  # (episodes, most steps + 1, parts, 3) float32; nan after the end, and of absent parts
     goals: np.ndarray  # (episodes, parts, 3); zeros for tasks without goal poses
     series: (
         np.ndarray
-    )  # (SERIES, episodes, most steps + 1) float32; nan after the end, and where a task does not say it
+    )  # (SERIES, episodes, most steps + 1) float32; nan after the end, and where a task lacks the field
     timing: Timing
     film: Film
 
@@ -77,7 +78,7 @@ class Rollout(Measured):
 
     @property
     def path_efficiency(self) -> np.ndarray:
-        """Shortest way over path travelled, of successes; nan where there was hardly any way to go.
+        """Shortest way over path travelled, of successes; nan where the shortest way is below :data:`LEAST_WAY`.
 
         The shortest way is the straight line from the start to the goal, in Sort to the nearest point of the part's zone. In
         Singulate, where parts have no goals of their own, it is the one from the start to where the part ended.
@@ -87,7 +88,7 @@ class Rollout(Measured):
         return np.where(sensible, self.straight / np.maximum(path, 1e-12), np.nan)
 
     def over_time(self, name: str) -> np.ndarray | None:
-        """One of :data:`SERIES`, (episodes, most steps + 1); None where the task does not say it."""
+        """Return one of :data:`SERIES`, (episodes, most steps + 1); None where the task lacks it."""
         values = self.series[SERIES.index(name)]
         return values if np.isfinite(values).any() else None
 
@@ -104,16 +105,16 @@ class Rollout(Measured):
 
     @property
     def clearance(self) -> np.ndarray:
-        """Smallest distance between parts on the whole way, start included, m; nan without a second part."""
+        """Smallest distance between parts during the episode, start included, m; nan without a second part."""
         clearances = self.series[SERIES.index("clearance")]
         least = np.where(np.isnan(clearances), np.inf, clearances).min(axis=1)
         return np.where(np.isfinite(least), least, np.nan).astype(np.float64)
 
 
 def farthest_goal(env: SharedInterface, touching: np.ndarray) -> int:
-    """World among the first ones whose parts have farthest to go: worth watching, and the same for every policy.
+    """Return the world, among the first ones, with the farthest goals; without goals and zones, with most pairs in touch.
 
-    Without goals and zones it is the one where most pairs are in touch.
+    It is the same for every policy.
 
     Args:
         env: whose episodes have just begun.
@@ -121,16 +122,16 @@ def farthest_goal(env: SharedInterface, touching: np.ndarray) -> int:
     """
     error = env.truth.error
     far = (np.hypot(error[..., 0], error[..., 1]) + TURN_WEIGHT * np.abs(error[..., 2])).sum(axis=1)
-    return int((far if _leads_somewhere(env) else touching)[:WATCHED_AMONG].argmax())
+    return int((far if _has_ends(env) else touching)[:WATCHED_AMONG].argmax())
 
 
-def _leads_somewhere(env: SharedInterface) -> bool:
-    """Whether the task says where parts shall end."""
+def _has_ends(env: SharedInterface) -> bool:
+    """Return whether the task defines where parts shall end."""
     return env.task.has_goal or env.task.zones is not None
 
 
 class Log(Measures):
-    """Keeps all that the report shows of the episodes, each of which has a world of its own.
+    """Recorder of :class:`Rollout`; each episode has its own world.
 
     Args:
         env, info, seeds: see :class:`vibgym.policies.rollout.Ends`.
@@ -162,11 +163,11 @@ class Log(Measures):
         self._keep(0, np.ones(worlds, dtype=bool), info)
 
     def add(self, step: Step) -> None:
-        """What a step has brought."""
+        """Record a step."""
         super().add(step)
-        now = int(step.age[step.playing][0])  # all that play have begun together
+        now = int(step.age[step.playing][0])  # all episodes have begun together
         self._keep(now, step.playing, step.info)
-        if step.ended.any() and not _leads_somewhere(self.env):
+        if step.ended.any() and not _has_ends(self.env):
             poses, present = self.fields["poses"][step.ended], self.start.present[step.ended]
             way = np.where(present[..., None], poses[:, now] - poses[:, 0], 0.0)
             self.fields["straight"][step.ended] = np.hypot(way[..., 0], way[..., 1]).sum(axis=1)
@@ -177,59 +178,45 @@ class Log(Measures):
         fields["poses"][:, step][there] = truth.pose[there]
         place = np.where(there[..., None], truth.pose[..., :2], np.nan)
         moved = np.hypot(*np.moveaxis(place - self.last, -1, 0))
-        fields["path_lengths"] += np.where(np.isfinite(moved), moved, 0.0)  # who arrives begins a way of its own
+        fields["path_lengths"] += np.where(np.isfinite(moved), moved, 0.0)  # an arriving part begins a new path
         self.last = place
         for name, values in zip(SERIES, fields["series"], strict=True):
             if name in info:
                 which = playing & self.several if name == "clearance" else playing
                 values[which, step] = info[name][which]
         if playing[self.watched]:
-            self.frames.append(self._frame(truth, step))
-
-    def _frame(
-        self, truth: Truth, step: int
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, str, Side | None]:
-        caption = self.env.caption(self.watched).removeprefix(self.env.task.name).strip()
-        phasors = self.env.phasors(self.watched).astype(np.float32)
-        return (
-            truth.pose[self.watched],
-            truth.present[self.watched],
-            truth.goal[self.watched],
-            phasors,
-            f"{step * self.env.step_time:.2f} s   {caption}",
-            side_of(self.env, self.watched),
-        )
+            world = self.watched
+            caption = self.env.caption(world).removeprefix(self.env.task.name).strip()
+            self.frames.append(
+                (
+                    truth.pose[world],
+                    truth.present[world],
+                    self.env.phasors(world).astype(np.float32),
+                    truth.goal[world],
+                    f"{step * self.env.step_time:.2f} s   {caption}",
+                    side_of(self.env, world),
+                )
+            )
 
     def result(self, task: str, timing: Timing) -> Rollout:
-        """All of it, when all episodes have ended."""
-        return Rollout(task, self.seeds, self.env.step_time, timing=timing, film=self._film(), **self.fields)
-
-    def _film(self) -> Film:
-        """The watched world's."""
-        poses, present, goals, phasors, captions, sides = zip(*self.frames, strict=True)
+        """Return the records of all episodes."""
         world, fields = self.watched, self.fields
-        return Film(
-            self.seeds[world],
-            np.array(poses),
-            np.array(present),
-            np.array(phasors),
-            np.array(goals),
-            self.paths,
-            captions,
-            float(fields["series"][SERIES.index("parts_done"), world, len(poses) - 1]),
-            bool(fields["success"][world]),
-            sides,
-        )
+        *arrays, captions, sides = zip(*self.frames, strict=True)
+        poses, present, phasors, goals = (np.array(each) for each in arrays)
+        done = float(fields["series"][SERIES.index("parts_done"), world, len(poses) - 1])
+        success = bool(fields["success"][world])
+        film = Film(self.seeds[world], poses, present, phasors, goals, self.paths, captions, done, success, sides)
+        return Rollout(task, self.seeds, self.env.step_time, timing=timing, film=film, **fields)
 
 
 MOST_PAGE_FRAMES = 250
-"""Of a film; of longer ones every second step is kept, or fewer."""
+"""Most frames of a film in a page; of longer films every second step is kept, or fewer."""
 
 PER_METRE, PER_RADIAN, PER_HEIGHT = 1e4, 1800.0 / math.pi, 1e5
-"""Whole numbers in a metre, a radian, and a metre of height."""
+"""Integer steps per metre, per radian, and per metre of height."""
 
 PHASES, AMPLITUDES = 32, 7
-"""Steps of the phase, and of the amplitude above rest."""
+"""Levels of the phase, and of the amplitude above rest."""
 
 REST_CODE = 48
 """Character of an element at rest; those after it are phases at the least amplitude, then at the next one."""
@@ -238,19 +225,19 @@ FAINTEST = 0.03
 """Fraction of full scale from which an element is shown as moving."""
 
 
-def frames_shown(film: Film) -> np.ndarray:
-    """Numbers of the frames that are kept, the first and the last among them."""
+def strided(film: Film, most: int) -> list[int]:
+    """Return the numbers of at most ``most`` frames at equal distances, and of the last one."""
     last = len(film.poses) - 1
-    stride = max(1, math.ceil(last / (MOST_PAGE_FRAMES - 1)))
-    return np.array([*range(0, last, stride), last])
+    return [*range(0, last, max(1, math.ceil(last / (most - 1)))), last]
+
+
+def frames_shown(film: Film) -> np.ndarray:
+    """Return the numbers of the frames in a page."""
+    return np.array(strided(film, MOST_PAGE_FRAMES))
 
 
 def packed(film: Film, scenery: Scenery, step_time: float) -> str:
-    """A film as ``film.js`` reads it.
-
-    Args:
-        step_time: between two frames of the film, s.
-    """
+    """Return a film as ``film.js`` reads it; ``step_time`` is that between two frames, s."""
     shown = frames_shown(film)
     there = _there(film, scenery)[shown]
     stride = int(shown[1] - shown[0]) if len(shown) > 1 else 1
@@ -263,7 +250,7 @@ def packed(film: Film, scenery: Scenery, step_time: float) -> str:
         "there": ["" if each.all() else "".join("1" if one else "0" for one in each) for each in there.T],
         "poses": _changes(film.poses[shown], there),
         "field": _field(film.phasors[shown]),
-    }  # fmt: skip
+    }
     if scenery.goal_size:
         content["goals"] = _changes(film.goals[shown], there)
     if any(film.sides[frame] is not None for frame in shown):
@@ -274,18 +261,18 @@ def packed(film: Film, scenery: Scenery, step_time: float) -> str:
 
 
 def _finite(path: np.ndarray) -> list[list[float]]:
-    """The points of a path that are any, m."""
+    """Return the finite points of a path, m."""
     return path[np.isfinite(path).all(axis=1)].round(5).tolist()
 
 
 def script() -> str:
-    """What draws and plays the films of a page, as one text."""
+    """Return the script that draws and plays the films of a page."""
     own = Path(__file__).with_name("film.js").read_text(encoding="utf-8")
     return f'(() => {{\n"use strict";\n{scripts()}\n{own}}})();'
 
 
 def _there(film: Film, scenery: Scenery) -> np.ndarray:
-    """(frames, parts) whether a part is on the table or near it: who waits for its turn is far beside it."""
+    """Return (frames, parts) whether a part is on the table or near it; waiting parts are far from it."""
     middle = 0.5 * scenery.element_size * np.array([scenery.columns, scenery.rows])
     place = film.poses[..., :2]
     with np.errstate(invalid="ignore"):
@@ -294,9 +281,9 @@ def _there(film: Film, scenery: Scenery) -> np.ndarray:
 
 
 def _changes(poses: np.ndarray, there: np.ndarray) -> list[list[int]]:
-    """Poses (frames, parts, 3) as lists of differences, three for each part, the first number of a list whole.
+    """Return poses (frames, parts, 3) as lists of differences, three per part, the first entry of a list absolute.
 
-    Who is not there stays where it was. A list of one number says that nothing changes.
+    Absent parts keep their last pose. A list with one entry means no change.
     """
     found = []
     for part in range(poses.shape[1]):
@@ -313,25 +300,18 @@ def _changes(poses: np.ndarray, there: np.ndarray) -> list[list[int]]:
 
 
 def _field(phasors: np.ndarray) -> list[str]:
-    """Phasors (frames, rows, columns, 2) as a text for each element, a character for each frame.
-
-    A text of one character says that nothing changes: most elements rest most of the time.
-    """
+    """Return phasors (frames, rows, columns, 2) as a text per element with a character per frame, or one if all are equal."""
     strength = np.nan_to_num(np.hypot(phasors[..., 0], phasors[..., 1])).clip(0.0, 1.0)
     phase = np.nan_to_num(np.arctan2(phasors[..., 1], phasors[..., 0]))
     step = np.rint(phase * (PHASES / (2.0 * np.pi))).astype(int) % PHASES
     level = np.rint(strength * AMPLITUDES).astype(int).clip(1, AMPLITUDES)
     codes = np.where(strength >= FAINTEST, 1 + (level - 1) * PHASES + step, 0) + REST_CODE
     series = codes.reshape(len(codes), -1).T
-    return [_text(each) for each in series]
-
-
-def _text(codes: np.ndarray) -> str:
-    return "".join(map(chr, (codes[:1] if (codes == codes[0]).all() else codes).tolist()))
+    return ["".join(map(chr, (each[:1] if (each == each[0]).all() else each).tolist())) for each in series]
 
 
 def _side(side: Any) -> list[Any]:
-    """Plates as (from, to, height), and the bottom of every part as corners (along, height); empty where it is not seen."""
+    """Return plates as (from, to, height), and the bottom of every part as corners (along, height), empty if it is hidden."""
     if side is None:
         return [[], []]
     scale = np.array([PER_METRE, PER_METRE, PER_HEIGHT])
@@ -343,9 +323,14 @@ def _side(side: Any) -> list[Any]:
 
 
 MOST_FRAMES = 120
-WIDTH = 520  # pixels of a picture in the report
-BORDER = 40  # pixels of a picture that are not table
-REST = 1500  # ms that the last frame stays
+"""Most frames of a GIF file."""
+
+WIDTH, BORDER = 520, 40
+"""Width of a picture in the report, and of the part of it that is not table, pixels."""
+
+REST = 1500
+"""Duration of the last frame, ms."""
+
 CUT, SIDE = 4, 110
 """Pixels under the table that are left out of a still picture, and those of a view from the side."""
 
@@ -353,41 +338,30 @@ STILL_COLOURS = 64
 
 
 def painter_for(scenery: Scenery, width: int) -> SurfacePainter:
-    """A painter whose pictures are about ``width`` pixels wide."""
+    """Return a painter whose pictures are about ``width`` pixels wide."""
     return scenery.painter(max(4, (width - BORDER) // scenery.columns) / scenery.element_size)
 
 
 def picture(film: Film, scenery: Scenery, frame: int, painter: SurfacePainter) -> np.ndarray:
-    """Frame of a film, (height, width, 3) uint8."""
+    """Return a frame of a film, (height, width, 3) uint8."""
+    pose, present, goal, phasors = (each[frame] for each in (film.poses, film.present, film.goals, film.phasors))
     trail = film.poses[: frame + 1, :, :2]
-    shown = (
-        film.poses[frame],
-        film.present[frame],
-        film.goals[frame],
-        film.phasors[frame],
-        trail,
-        film.captions[frame],
-    )
-    return painter.paint(scenery.view(*shown, film.paths, film.sides[frame]))
+    view = scenery.view(pose, present, goal, phasors, trail, film.captions[frame], film.paths, film.sides[frame])
+    return painter.paint(view)
 
 
 def frames_of(film: Film, scenery: Scenery, step_time: float, width: int = WIDTH) -> tuple[list[np.ndarray], float]:
-    """Frames of a film and the time between them in s: every step of a short one, fewer of a long one, true to time."""
-    last = len(film.poses) - 1
-    stride = max(1, math.ceil(last / (MOST_FRAMES - 1)))
+    """Return at most :data:`MOST_FRAMES` frames of a film and the time between them, s."""
+    shown = strided(film, MOST_FRAMES)
     painter = painter_for(replace(scenery, side=film.sides[0] is not None), width)
-    return [picture(film, scenery, k, painter) for k in [*range(0, last, stride), last]], stride * step_time
-
-
-def _durations(frames: Sequence[object], interval: float) -> list[int]:
-    return [max(20, round(1e3 * interval))] * (len(frames) - 1) + [REST]
+    stride = shown[1] - shown[0] if len(shown) > 2 else 1
+    return [picture(film, scenery, k, painter) for k in shown], stride * step_time
 
 
 def still(film: Film, scenery: Scenery) -> tuple[bytes, tuple[int, int]]:
-    """The last picture of a film as a PNG, as a canvas draws it in its place.
+    """Return the last picture of a film as a PNG file, as the canvas of a page draws it, with its width and height.
 
-    Returns:
-        The file, its width and height. What stands under the table in other pictures is left out; a view from the side stays.
+    The text under the table is left out; a view from the side is kept.
     """
     tilting = film.sides[0] is not None
     pixels, last = max(4, (WIDTH - BORDER) // scenery.columns), len(film.poses) - 1
@@ -399,37 +373,32 @@ def still(film: Film, scenery: Scenery) -> tuple[bytes, tuple[int, int]]:
 
 
 def png(frame: np.ndarray, colours: int = 256) -> bytes:
-    """A single picture, in few colours to keep the page small."""
+    """Return a picture as a PNG file, with few colours to keep the page small."""
     file = io.BytesIO()
     Image.fromarray(frame).quantize(colours, dither=Image.Dither.NONE).save(file, format="PNG", optimize=True)
     return file.getvalue()
 
 
 def gif(frames: Sequence[np.ndarray], fps: float) -> bytes:
-    """A looping GIF.
+    """Return a looping GIF file.
 
     Args:
-        frames: pictures (height, width, 3) uint8 of one size, at least one; the last one stays for a while.
+        frames: pictures (height, width, 3) uint8 of one size, at least one; the last one has a longer duration.
         fps: frames per second; browsers show at most 50.
     """
     # One palette for all frames, from pictures spread over the film: colours do not flicker, and the file is smaller.
     chosen = [frames[k] for k in np.unique(np.linspace(0, len(frames) - 1, 8).astype(int))]
     palette = Image.fromarray(np.concatenate(chosen)).quantize(255, method=Image.Quantize.MEDIANCUT)
     images = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    durations = [max(20, round(1e3 * (1.0 / fps)))] * (len(frames) - 1) + [REST]
     file = io.BytesIO()
     images[0].save(
-        file,
-        format="GIF",
-        save_all=True,
-        append_images=images[1:],
-        duration=_durations(frames, 1.0 / fps),
-        loop=0,
-        optimize=True,
+        file, format="GIF", save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=True
     )
     return file.getvalue()
 
 
 def film_gif(film: Film, scenery: Scenery, step_time: float, width: int = 840) -> bytes:
-    """A film as a GIF, for the README."""
+    """Return a film as a GIF file."""
     frames, interval = frames_of(film, scenery, step_time, width)
     return gif(frames, 1.0 / interval)

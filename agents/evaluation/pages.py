@@ -14,7 +14,7 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
-from agents.evaluation.table import plain
+from agents.evaluation.table import number, percent, percent_between, plain, quantity, signed, span
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene import Part
 
@@ -32,7 +32,8 @@ NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight",
 def render(template: Path | str, **values: Any) -> str:
     """Return a page from a template: a path, or the name of one of this folder.
 
-    Templates may extend ``base.html.j2`` and import ``pieces.html.j2``; ``inline(name)`` is a script of this folder.
+    Templates may extend ``base.html.j2``, import ``pieces.html.j2`` and use :data:`FILTERS`; ``inline(name)`` is a script of
+    this folder.
     """
     path = HOME / template
     environment = jinja2.Environment(
@@ -42,6 +43,8 @@ def render(template: Path | str, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters |= {each.__name__: each for each in FILTERS}
+    environment.tests["finite"] = math.isfinite
     environment.globals["inline"] = lambda name: Markup((HOME / name).read_text(encoding="utf-8"))
     return environment.get_template(path.name).render(**values)
 
@@ -189,3 +192,7 @@ def common(results: Any) -> dict[str, Any]:
         "provenance": results.provenance,
         "settings_text": as_yaml(settings.as_written()),
     }
+
+
+FILTERS = (colour, number, percent, percent_between, quantity, signed, span, thousands)
+"""Functions that templates use to write values."""

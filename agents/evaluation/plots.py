@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,11 +14,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from agents.evaluation import figures
-from agents.evaluation.curves import Curve
 from agents.evaluation.figures import (
     FAILURE,
     INK,
+    MUTED,
     POLICY_COLOURS,
     SUCCESS,
     kind_colour,
@@ -29,28 +29,29 @@ from agents.evaluation.figures import (
 from agents.evaluation.films import Rollout
 from agents.evaluation.run import Results
 from agents.evaluation.table import RATES
+from agents.learning_curve import Curve
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
 from vibgym.scene import Surface
 
 COLOURS = {"good": "#0b7a75", "tilted": "#b8860b", "close": "#2f6fde", "wrong": "#8a4fbf", "lost": "#d1572a"}
-"""Of what became of parts that come and go."""
+"""Colours of the outcomes of parts that come and go."""
 
 WORTH_SHOWING = 0.05
 """Time axes end with the last success of policies with at least this success rate."""
 
 SHOWN = 30
-"""Episodes in a trajectory plot: the first ones."""
+"""Episodes in a trajectory plot, from the first."""
 
 MAPPED = 4
-"""Episodes on a map of several parts: the first ones; more lines would hide each other."""
+"""Episodes on a map of several parts, from the first; more lines would hide each other."""
 
 FLOOR = 0.1
 """mm and degrees at which the logarithmic axes of errors begin."""
 
 
 def trajectories(rollout: Rollout, task: TaskInfo, scenery: Scenery) -> bytes:
-    """Paths of the first episodes on the surface, to scale, and below them how they went on over time."""
+    """Draw the paths of the first episodes on the surface, to scale, and below them their errors over time."""
     shown = ("position_error", "heading_error") if task.has_goal else ("parts_done", "clearance")
     panels = [(PANELS[name], values) for name in shown if (values := rollout.over_time(name)) is not None]
     height = height_of_map(task.surface)
@@ -65,17 +66,17 @@ def trajectories(rollout: Rollout, task: TaskInfo, scenery: Scenery) -> bytes:
 
 
 def outcome_colours(rollout: Rollout) -> list[str]:
-    """Of the first episodes."""
+    """Return the colours of the first episodes."""
     return [SUCCESS if each else FAILURE for each in rollout.success[:SHOWN]]
 
 
 def height_of_map(surface: Surface) -> float:
-    """Of a map 6.2 inches wide, inches."""
+    """Return the height of a map 6.2 inches wide, inches."""
     return 5.75 * (surface.depth + surface.element_size) / (surface.width + surface.element_size) + 0.32
 
 
 def draw_table(axes: Axes, surface: Surface) -> None:
-    """The surface from above, in mm."""
+    """Draw the surface from above, in mm."""
     size, edge = (1e3 * surface.width, 1e3 * surface.depth), 1e3 * surface.element_size
     axes.add_patch(Rectangle((0, 0), *size, facecolor="#f7f8f9", edgecolor="#474e5c", linewidth=1.0, zorder=0))
     lines: list[Any] = [[(edge * j, 0), (edge * j, size[1])] for j in range(1, surface.columns)]
@@ -93,14 +94,14 @@ def draw_table(axes: Axes, surface: Surface) -> None:
 
 
 def draw_path(axes: Axes, points: np.ndarray, colour: Any) -> None:
-    """A path (k, 2), mm, with a ring at its start and a dot at its end."""
+    """Draw a path (k, 2), mm, with a ring at its start and a dot at its end."""
     axes.plot(*points.T, color=colour, linewidth=0.9, alpha=0.75, zorder=3, solid_capstyle="round")
     axes.plot(*points[0], "o", color=colour, markersize=2.6, markerfacecolor="white", markeredgewidth=0.8, zorder=4)
     axes.plot(*points[-1], ".", color=colour, markersize=3.4, zorder=5)
 
 
 def _map(axes: Axes, rollout: Rollout, task: TaskInfo, scenery: Scenery) -> None:
-    """One part's paths are coloured by their outcomes, those of several by their kinds."""
+    """Draw the paths: of one part coloured by outcome, of several by kind."""
     several = len(task.parts) > 1
     for zone in scenery.zones:
         low, size = 1e3 * np.array(zone.low), 1e3 * (np.array(zone.high) - zone.low)
@@ -126,26 +127,32 @@ def _map(axes: Axes, rollout: Rollout, task: TaskInfo, scenery: Scenery) -> None
 
 
 def _distances(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
-    _errors(axes, rollout, 1e3 * values, 1e3 * task.position_tolerance)
-    style(axes, xlabel="time (s)", ylabel="distance (mm)")
+    _errors(axes, rollout, 1e3 * values, 1e3 * task.position_tolerance, "distance (mm)")
 
 
 def _turns(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
-    _errors(axes, rollout, np.degrees(values), math.degrees(task.heading_tolerance))
-    style(axes, xlabel="time (s)", ylabel="heading error (deg)")
+    _errors(axes, rollout, np.degrees(values), math.degrees(task.heading_tolerance), "heading error (deg)")
+
+
+def _errors(axes: Axes, rollout: Rollout, errors: np.ndarray, tolerance: float, label: str) -> None:
+    _lines(axes, rollout, np.maximum(errors, FLOOR), alpha=0.6)
+    axes.axhspan(FLOOR, tolerance, color=SUCCESS, alpha=0.10, linewidth=0)
+    axes.set(yscale="log", ylim=(FLOOR, 1.4 * max(float(np.nanmax(errors)), 10.0 * tolerance)))
+    axes.minorticks_off()
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    style(axes, xlabel="time (s)", ylabel=label)
 
 
 def _shares(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
-    present = in_play(rollout, task)[:SHOWN]
-    _lines(axes, rollout, 100.0 * values / present[:, None], alpha=0.5, drawstyle="steps-post")
+    present = len(task.parts) if task.flows else parts_at_start(rollout)[:SHOWN, None]
+    _lines(axes, rollout, 100.0 * values / present, alpha=0.5, drawstyle="steps-post")
     axes.set(ylim=(-4.0, 104.0))
     style(axes, xlabel="time (s)", ylabel="parts done (%)")
 
 
-def in_play(rollout: Rollout, task: TaskInfo) -> np.ndarray:
-    """(episodes,) parts of an episode: those at its start, or all that may come."""
-    there = np.isfinite(rollout.poses[:, 0, :, 0]).sum(axis=1)
-    return np.full(len(there), len(task.parts)) if task.flows else there
+def parts_at_start(rollout: Rollout) -> np.ndarray:
+    """Return the number of parts at the start, (episodes,)."""
+    return np.isfinite(rollout.poses[:, 0, :, 0]).sum(axis=1)
 
 
 def _clearances(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
@@ -164,23 +171,14 @@ PANELS = {"position_error": _distances, "heading_error": _turns, "parts_done": _
 """How each of :data:`agents.evaluation.films.SERIES` is drawn."""
 
 
-def _errors(axes: Axes, rollout: Rollout, errors: np.ndarray, tolerance: float) -> None:
-    _lines(axes, rollout, np.maximum(errors, FLOOR), alpha=0.6)
-    axes.axhspan(FLOOR, tolerance, color=SUCCESS, alpha=0.10, linewidth=0)
-    top = max(float(np.nanmax(errors)), 10.0 * tolerance)
-    axes.set(yscale="log", ylim=(FLOOR, 1.4 * top))
-    axes.minorticks_off()
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-
-
 def _lines(axes: Axes, rollout: Rollout, values: np.ndarray, **drawn: Any) -> None:
-    """Values (episodes, steps) over time, coloured by the outcomes."""
+    """Draw values (episodes, steps) over time, coloured by the outcomes."""
     for each, colour in zip(values, outcome_colours(rollout), strict=True):
         axes.plot(times(rollout), each, color=colour, linewidth=0.8, **drawn)
 
 
 def times(rollout: Rollout) -> np.ndarray:
-    """(most steps + 1,) s."""
+    """Return the times of the steps, s, (most steps + 1,)."""
     return np.arange(rollout.poses.shape[1]) * rollout.step_time
 
 
@@ -191,10 +189,11 @@ def policy_colour(results: Results, name: str) -> str:
 
 
 def arrivals(results: Results, task: str, hardware: str) -> bytes:
-    """Share of the episodes at the goal by a time, and of the parts that are done where they are counted, for every policy."""
-    rollouts = {name: results.rollout(task, hardware, name) for name in results.policies_of(task, hardware)}
+    """Draw the share of episodes at the goal over time for every policy; of parts that are done, where they are counted."""
+    names = [place.policy for place in results.places if (place.task, place.hardware) == (task, hardware)]
+    rollouts = {name: results.rollout(task, hardware, name) for name in names}
     if results.tasks[task].flows:
-        return _rates(results, rollouts)
+        return _rates(rollouts)
     done = {name: each.over_time("parts_done") for name, each in rollouts.items()}
     figure = new_figure(8.6, 2.8)
     counted = all(each is not None for each in done.values())
@@ -202,8 +201,7 @@ def arrivals(results: Results, task: str, hardware: str) -> bytes:
     end = _draw_arrivals(left, results, rollouts)
     for axes in others:
         for name, rollout in rollouts.items():
-            present = np.isfinite(rollout.poses[:, 0, :, 0]).sum(axis=1)
-            share = 100.0 * _held(done[name] / present[:, None], rollout.steps).mean(axis=0)
+            share = 100.0 * _held(done[name] / parts_at_start(rollout)[:, None], rollout.steps).mean(axis=0)
             shown = {"color": policy_colour(results, name), "linewidth": 1.9, "drawstyle": "steps-post"}
             axes.plot(times(rollout), share, **shown)
         axes.set(xlim=(0.0, end), ylim=(-2.0, 103.0))
@@ -212,8 +210,8 @@ def arrivals(results: Results, task: str, hardware: str) -> bytes:
     return png(figure)
 
 
-def _rates(results: Results, rollouts: Mapping[str, Rollout]) -> bytes:
-    """Parts a minute by what became of them, a bar for every policy."""
+def _rates(rollouts: Mapping[str, Rollout]) -> bytes:
+    """Draw parts a minute by outcome, a bar for every policy."""
     figure = new_figure(8.6, 0.9 + 0.34 * len(rollouts))
     axes, left = figure.subplots(), np.zeros(len(rollouts))
     for name, event in RATES.items():
@@ -227,29 +225,23 @@ def _rates(results: Results, rollouts: Mapping[str, Rollout]) -> bytes:
 
 
 def _held(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """``values`` (episodes, most steps + 1), from the end of each episode on its last one."""
+    """Return ``values`` (episodes, most steps + 1), after the end of each episode its last one."""
     last = values[np.arange(len(steps)), steps]
     return np.where(np.arange(values.shape[1]) > steps[:, None], last[:, None], values)
 
 
 def _draw_arrivals(axes: Axes, results: Results, rollouts: dict[str, Rollout]) -> float:
-    """The curves of the left plot; returns where the time axis ends, s."""
-    episodes = len(next(iter(rollouts.values())).seeds)
-    end = float(times(next(iter(rollouts.values())))[-1])
+    """Draw the curves of the left plot; return where the time axis ends, s."""
+    first = next(iter(rollouts.values()))
+    episodes, end = len(first.seeds), float(times(first)[-1])
     arrived = {name: np.sort(each.time_to_goal[each.success]) for name, each in rollouts.items()}
     # A few late successes would squeeze the rest into a corner; the legend has all of them.
     last = [float(each[-1]) for each in arrived.values() if len(each) >= WORTH_SHOWING * episodes]
     shown = min(end, 1.08 * max(last, default=end))
     for name, at in arrived.items():
         share = 100.0 * np.arange(len(at) + 1) / episodes
-        axes.step(
-            [0.0, *at, end],
-            [*share, share[-1]],
-            where="post",
-            color=policy_colour(results, name),
-            linewidth=1.9,
-            label=f"{name} ({share[-1]:.1f} %)",
-        )
+        look: dict[str, Any] = {"color": policy_colour(results, name), "linewidth": 1.9, "where": "post"}
+        axes.step([0.0, *at, end], [*share, share[-1]], label=f"{name} ({share[-1]:.1f} %)", **look)
     axes.set(xlim=(0.0, shown), ylim=(-2.0, 103.0))
     style(axes, xlabel="time to goal, hold included (s)", ylabel="episodes at the goal (%)")
     return shown
@@ -259,31 +251,27 @@ LINE_COLOURS = (*POLICY_COLOURS[1:], POLICY_COLOURS[0])
 """The grey last: in reports it is that of the policy that does nothing."""
 
 PATTERNS: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)))
-"""Of lines, when there are more policies than colours."""
+"""Patterns of lines, when there are more policies than colours."""
 
 IMITATION = (0, (3, 1.6))
-"""Pattern of a learning curve while a law is imitated."""
+"""Pattern of a learning curve during imitation."""
 
 
 def look_of(name: str, names: Sequence[str]) -> dict[str, Any]:
-    """Colour and pattern of a policy's lines, the same on the whole page."""
-    index = list(names).index(name)
-    return {
-        "color": LINE_COLOURS[index % len(LINE_COLOURS)],
-        "linestyle": PATTERNS[index // len(LINE_COLOURS) % len(PATTERNS)],
-    }
+    """Return colour and pattern of a policy's lines, the same on the whole page."""
+    pattern, colour = divmod(list(names).index(name), len(LINE_COLOURS))
+    return {"color": LINE_COLOURS[colour], "linestyle": PATTERNS[pattern % len(PATTERNS)]}
 
 
 def draw_curves(curves: Mapping[str, Mapping[int | None, Curve]], names: Sequence[str]) -> bytes:
-    """Success rate and median time to goal over the steps of training: a line for every run, a colour for every policy."""
+    """Draw success rate and median time to goal over the steps of training: a line per run, a colour per policy."""
     figure = new_figure(8.6, 3.0)
     left, right = figure.subplots(1, 2)
-    most = 1
     for name, runs in curves.items():
         for curve in runs.values():
-            most = max(most, int(curve.steps[-1]))
             _draw_run(left, curve, 100.0 * curve.success, look_of(name, names)["color"])
             _draw_run(right, curve, curve.time_to_goal, look_of(name, names)["color"])
+    most = max(1, *(int(curve.steps[-1]) for runs in curves.values() for curve in runs.values()))
     for axes in (left, right):
         axes.xaxis.set_major_formatter(lambda value, _: steps_text(value))
         axes.set(xlim=(0.0, 1.02 * most))
@@ -291,36 +279,31 @@ def draw_curves(curves: Mapping[str, Mapping[int | None, Curve]], names: Sequenc
     right.set(ylim=(0.0, None))
     style(left, xlabel="environment steps", ylabel="success (%)")
     style(right, xlabel="environment steps", ylabel="median time to goal (s)")
-    name_lines(
-        figure, [Line2D([], [], color=look_of(name, names)["color"], linewidth=1.6, label=name) for name in curves]
-    )
+    shown = [Line2D([], [], color=look_of(name, names)["color"], linewidth=1.6, label=name) for name in curves]
+    name_lines(figure, shown)
     return png(figure)
 
 
 def _draw_run(axes: Axes, curve: Curve, values: np.ndarray, colour: str) -> None:
-    """One run, phase by phase; each begins where the one before has ended."""
-    for start, end in phases(curve.phase):
+    """Draw one run, phase by phase; each phase begins where the one before has ended."""
+    end = 0
+    for phase, those in itertools.groupby(curve.phase):
+        start, end = end, end + len(list(those))
         some = slice(max(start - 1, 0), end)
-        pattern = IMITATION if curve.phase[start] == "imitation" else "-"
+        pattern = IMITATION if phase == "imitation" else "-"
         axes.plot(curve.steps[some], values[some], color=colour, linewidth=1.2, alpha=0.85, linestyle=pattern)
     axes.plot(curve.steps[-1], values[-1], ".", color=colour, markersize=4.0)
 
 
-def phases(phase: Sequence[str]) -> list[tuple[int, int]]:
-    """First and last index plus one of every stretch of equal phases."""
-    starts = [k for k in range(len(phase)) if k == 0 or phase[k] != phase[k - 1]]
-    return list(zip(starts, [*starts[1:], len(phase)], strict=True))
-
-
 def steps_text(steps: float) -> str:
-    """ "3 M", "250 k"."""
+    """Return a number of steps as "3 M" or "250 k"."""
     if steps >= 999_500:
         return f"{steps / 1e6:.3g} M"
     return f"{steps / 1e3:.3g} k" if steps >= 1000 else f"{steps:.0f}"
 
 
 def throughput(rows: Sequence[Mapping[str, Any]]) -> bytes:
-    """Draw parts a minute against the number of parts for every policy, by what became of them, and the bound."""
+    """Draw parts a minute against the number of parts for every policy, by outcome, and the bound."""
     names = list(dict.fromkeys(row["policy"] for row in rows))
     figure = new_figure(2.9 * max(len(names), 2), 3.0)
     all_axes = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
@@ -334,13 +317,14 @@ def throughput(rows: Sequence[Mapping[str, Any]]) -> bytes:
 
 def _curves(axes: Axes, rows: list[Mapping[str, Any]]) -> None:
     counts = [row["parts"] for row in rows]
-    axes.plot(counts, [row["bound"] for row in rows], "--", color=figures.MUTED, linewidth=1.0, label="bound")
+    axes.plot(counts, [row["bound"] for row in rows], "--", color=MUTED, linewidth=1.0, label="bound")
     for event, colour in COLOURS.items():
         values = np.array([row[event] for row in rows])
         width = 1.9 if event == "good" else 1.1
         axes.plot(counts, values, "o-", color=colour, linewidth=width, markersize=3.2, label=event)
-    low = [row["good"] if row["good_low"] != row["good_low"] else row["good_low"] for row in rows]
-    high = [row["good"] if row["good_high"] != row["good_high"] else row["good_high"] for row in rows]
+    low, high = (
+        [row["good"] if math.isnan(row[end]) else row[end] for row in rows] for end in ("good_low", "good_high")
+    )
     axes.fill_between(counts, low, high, color=COLOURS["good"], alpha=0.18, linewidth=0)
     axes.set_xticks(counts)
     axes.set_ylim(bottom=0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -99,8 +99,7 @@ def written_settings(settings: EvaluationSettings) -> dict[str, Any]:
     for entry in settings.entries():
         content, field = entry.content, f"evaluation.policies ({entry.name})"
         if isinstance(content, str):
-            trained = content.endswith(".json")
-            content = {"kind": "trained", "path": content} if trained else {"kind": content}
+            content = {"kind": "trained", "path": content} if content.endswith(".json") else {"kind": content}
         if not isinstance(content, Mapping) or "policy" in content:
             raise checks.refuse(field, entry.content, "plain data, so that it can be published")
         path = content.get("path")
@@ -120,15 +119,15 @@ def canonical(values: Any) -> str:
 
 def settings_apart(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     """Return the names of settings that differ; of policies also their names."""
-    named = {}
+    named = []
     for key in {**one, **other}:
         if one.get(key) != other.get(key):
-            named[key] = key
+            named.append(key)
             if key == "policies":
                 first, second = (_by_name(each.get(key)) for each in (one, other))
                 apart = [name for name in {**first, **second} if first.get(name) != second.get(name)]
-                named[key] = f"policies ({', '.join(apart) or 'their order'})"
-    return list(named.values())
+                named[-1] = f"policies ({', '.join(apart) or 'their order'})"
+    return named
 
 
 def _by_name(policies: Any) -> Mapping[str, Any]:
@@ -142,78 +141,75 @@ def load(directory: Path) -> Published:
         ValueError: a file is missing, of another format or version, or incomplete; names it.
     """
     path = directory / RECORD
-    try:
-        record = json.loads(_text(path))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, checks.Refused):
-            raise
-        raise checks.refuse(str(path), f"not JSON ({error})", "the record of published results") from None
-    kind = {key: record.get(key) for key in ("format", "version")} if isinstance(record, dict) else type(record)
-    if kind != {"format": FORMAT, "version": VERSION}:
-        raise checks.refuse(str(path), kind, f"of format {FORMAT!r}, version {VERSION}")
-    for key in ("settings", "digests", "versions"):
-        if not isinstance(record.get(key), dict):
-            raise checks.refuse(f"{path}: {key}", record.get(key), "a mapping")
-    for key in ("settings", "files", "policies"):
-        if key not in record["digests"]:
-            raise checks.missing(f"digests.{key}", f"of {path}")
+    record = _record(path, ("format", "version", "settings", "digests", "versions"))
+    if (record["format"], record["version"]) != (FORMAT, VERSION):
+        given = {key: record[key] for key in ("format", "version")}
+        raise checks.refuse(str(path), given, f"of format {FORMAT!r}, version {VERSION}")
+    if not isinstance(record["digests"], dict) or not {"settings", "files", "policies"} <= set(record["digests"]):
+        raise checks.missing("digests.settings, .files, .policies", f"of {path}")
     with checks.within(path):
         settings = EvaluationSettings.checked(record["settings"])
     texts = {name: _text(directory / name) for name in (FIGURE_FILE, EPISODE_FILE)}
-    rows = _rows(directory / EPISODE_FILE, texts[EPISODE_FILE], ("seed", *COLUMNS))
-    for row in rows:
-        if not (np.isfinite(row["seed"]) and row["success"] in (0.0, 1.0) and row["fallen"] in (0.0, 1.0)):
-            given = {name: row[name] for name in ("seed", "success", "fallen")}
-            raise checks.refuse(f"{directory / EPISODE_FILE}: {row['place']}", given, "a seed, and 0 or 1")
-    labels = {name: np.array([row["place"][k] for row in rows], dtype=object) for k, name in enumerate(Place._fields)}
-    seeds = {"seed": np.array([int(row["seed"]) for row in rows]), "training_seed": np.full(len(rows), -1)}
-    metrics = {name: np.array([row[name] for row in rows]) for name in COLUMNS}
-    figures = _rows(directory / FIGURE_FILE, texts[FIGURE_FILE], ("value",))
-    return Published(
-        directory,
-        record,
-        settings,
-        Table({**labels, **seeds, **metrics}),
-        {(row["place"], row["figure"]): row["value"] for row in figures},
-        {name: digest(text) for name, text in texts.items()},
-    )
+    path = directory / EPISODE_FILE
+    episodes = _columns(path, texts[EPISODE_FILE], ("seed", *COLUMNS))
+    binary = np.isin(episodes["success"], (0.0, 1.0)) & np.isin(episodes["fallen"], (0.0, 1.0))
+    wrong = np.flatnonzero(~(binary & np.isfinite(episodes["seed"])))
+    if len(wrong):
+        given = {name: float(episodes[name][wrong[0]]) for name in ("seed", "success", "fallen")}
+        raise checks.refuse(f"{path}, line {wrong[0] + 2}", given, "a seed, and 0 or 1")
+    episodes |= {"seed": episodes["seed"].astype(int), "training_seed": np.full(len(episodes["seed"]), -1)}
+    figures = _columns(directory / FIGURE_FILE, texts[FIGURE_FILE], ("value",), ("figure",))
+    places = map(Place, *(figures[name] for name in Place._fields))
+    values = dict(zip(zip(places, figures["figure"], strict=True), figures["value"].tolist(), strict=True))
+    digests = {name: digest(text) for name, text in texts.items()}
+    return Published(directory, record, settings, Table(episodes), values, digests)
 
 
 def _text(path: Path) -> str:
     try:
         return path.read_bytes().decode()
     except (OSError, ValueError) as error:  # ValueError: not UTF-8, or an invalid file name
-        raise checks.refuse(str(path), reason(error), "a readable file of published results") from None
+        raise checks.refuse(str(path), reason(error), "a readable file of an evaluation") from None
 
 
-def _rows(path: Path, text: str, numbers: tuple[str, ...]) -> list[dict[str, Any]]:
-    """Return the rows of a CSV file with their place; ``numbers`` are floats, nan if empty."""
-    reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
-    rows: list[dict[str, Any]] = []
+def _record(path: Path, needed: Sequence[str]) -> dict[str, Any]:
+    """Return the content of a JSON file with at least the keys ``needed``."""
+    text = _text(path)
     try:
-        known = (*(reader.fieldnames or ()), *OPTIONAL)
-        absent = [name for name in (*Place._fields, *numbers) if name not in known]
-        if absent:
-            raise checks.missing(", ".join(absent), f"columns of {path}")
-        for row in reader:
-            field = f"{path}, line {reader.line_num}"
-            if None in row or None in row.values():
-                raise checks.refuse(field, len(row) - 1, f"{len(reader.fieldnames or ())} cells")
-            checks.choice(f"{field}: study", row["study"], (REPORT, EFFECTS))
-            # csv_text puts an apostrophe before names that a spreadsheet would read as a formula.
-            place = Place(*(row[name].removeprefix("'") for name in Place._fields))
-            found: dict[str, Any] = {**row, "place": place}
-            for name in numbers:
-                try:
-                    found[name] = float(row[name]) if row.get(name) else float("nan")
-                except ValueError:
-                    raise checks.refuse(f"{field}: {name}", row[name], "a number, or empty") from None
-            rows.append(found)
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise checks.refuse(str(path), f"not JSON ({error})", "the results of an evaluation") from None
+    absent = [name for name in needed if not isinstance(found, dict) or name not in found]
+    if absent:
+        raise checks.missing(", ".join(absent), f"of {path}")
+    return found
+
+
+def _columns(path: Path, text: str, numbers: Sequence[str], texts: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """Return columns of a CSV file: ``numbers`` as floats, nan if empty, and labels of places and ``texts`` as objects."""
+    reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
+    try:
+        rows = list(reader)
     except csv.Error as error:
         raise checks.refuse(str(path), str(error), "comma-separated values") from None
-    if not rows:
-        raise checks.refuse(str(path), "no rows", "a table with at least one row")
-    return rows
+    labels = (*Place._fields, *texts)
+    absent = [name for name in (*labels, *numbers) if name not in (*(reader.fieldnames or ()), *OPTIONAL)]
+    if absent or not rows:
+        raise checks.missing(", ".join(absent) or "rows", f"of {path}")
+    for line, row in enumerate(rows, 2):
+        if None in row or None in row.values():
+            raise checks.refuse(f"{path}, line {line}", len(row) - 1, f"{len(reader.fieldnames or ())} cells")
+        checks.choice(f"{path}, line {line}: study", row["study"], (REPORT, EFFECTS))
+
+    def number(line: int, name: str) -> float:
+        try:
+            return float(rows[line].get(name) or "nan")
+        except ValueError:
+            raise checks.refuse(f"{path}, line {line + 2}: {name}", rows[line][name], "a number, or empty") from None
+
+    # csv_text puts an apostrophe before names that a spreadsheet would read as a formula.
+    named = {name: np.array([row[name].removeprefix("'") for row in rows], dtype=object) for name in labels}
+    return named | {name: np.array([number(line, name) for line in range(len(rows))]) for name in numbers}
 
 
 def publish(config: Path, run: Path | None, directory: Path) -> Path:
@@ -233,7 +229,8 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
     """
     settings = EvaluationSettings.load(config)
     path = (Path(settings.output) if run is None else run) / RESULTS
-    found = _results(path)
+    kept = ("time", "commit", "machine", "versions")
+    found = _record(path, (*kept, "policy_files", "settings", "episodes"))
     with checks.within(config):
         written = written_settings(settings)
         main_runs(EvaluationSettings.checked(written))
@@ -253,7 +250,7 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
         "format": FORMAT,
         "version": VERSION,
         "config": portable(config.as_posix()),
-        **{key: found[key] for key in ("time", "commit", "machine", "versions")},
+        **{key: found[key] for key in kept},
         "confidence": settings.confidence,
         "digests": {
             "settings": digest(canonical(written)),
@@ -275,34 +272,15 @@ def _short(value: Any) -> Any:
     return int(value) if isinstance(value, bool) or (isinstance(value, float) and value.is_integer()) else value
 
 
-def _results(path: Path) -> dict[str, Any]:
-    """Return the content of results.json."""
-    try:
-        found = json.loads(path.read_bytes())
-    except OSError as error:
-        raise checks.refuse(str(path), reason(error), "the results of an evaluation that has been run") from None
-    except (ValueError, RecursionError) as error:
-        raise checks.refuse(str(path), f"not JSON ({error})", "the results of an evaluation") from None
-    needed = {"time", "commit", "machine", "versions", "policy_files", "settings", "episodes"}
-    absent = sorted(needed - set(found)) if isinstance(found, dict) else sorted(needed)
-    if absent:
-        raise checks.missing(", ".join(absent), f"of {path}")
-    return found
-
-
-def _episodes(path: Path, found: dict[str, Any]) -> Table:
+def _episodes(path: Path, found: Mapping[str, Any]) -> Table:
     """Return the rounded table of all episodes in results.json."""
-    effects = found.get("effects", {"task": "", "episodes": []})
     try:
+        effects = found.get("effects", {"task": "", "episodes": []})
         rows = [{"study": REPORT, **row} for row in found["episodes"]]
-        rows += [
-            {"study": EFFECTS, "task": effects["task"], "hardware": row["case"], **row} for row in effects["episodes"]
-        ]
-        nan = float("nan")
-        metrics = {
-            name: np.array([nan if row.get(name) is None else float(row[name]) for row in rows]) for name in METRICS
-        }
+        for row in effects["episodes"]:
+            rows.append({"study": EFFECTS, "task": effects["task"], "hardware": row["case"], **row})
         labels = {name: np.array([row[name] for row in rows], dtype=object) for name in Place._fields}
+        metrics = {name: np.array([row.get(name) for row in rows], dtype=np.float64) for name in METRICS}
         return rounded(Table({**labels, "seed": np.array([int(row["seed"]) for row in rows]), **metrics}))
     except (KeyError, TypeError, ValueError) as error:
         raise checks.refuse(f"{path}: episodes", repr(error), "the episodes of an evaluation") from None

@@ -13,16 +13,8 @@ from tqdm import tqdm
 
 from agents import parallel
 from agents.evaluation.films import Log, Rollout
-from agents.evaluation.settings import (
-    Case,
-    EffectsSettings,
-    EvaluationSettings,
-    HardwareEntry,
-    PolicyEntry,
-    RunSettings,
-    laid_over,
-    with_sensor,
-)
+from agents.evaluation.settings import EvaluationSettings, RunSettings, laid_over, with_sensor
+from agents.evaluation.study_settings import EffectsSettings
 from agents.evaluation.table import EFFECTS, LOAD, REPORT, Place, Table
 from agents.provenance import policy_files, provenance
 from vibgym import checks
@@ -36,7 +28,6 @@ from vibgym.policies.registry import CONTROLLERS, make_policy
 from vibgym.policies.rollout import Ends, Outcomes, rollout, worlds_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
-from vibgym.scene import Surface
 
 
 @dataclass(frozen=True)
@@ -80,9 +71,9 @@ class Run:
     def plain(self) -> bool:
         """Whether a worker process can play it: the policy is plain data, and workers can make the environment."""
         spec = gym.registry.get(environment_id(self.task))
-        own = spec is None or spec.namespace != "vibgym"
+        custom = spec is None or spec.namespace != "vibgym"
         plain = isinstance(self.content, str) or (isinstance(self.content, Mapping) and "policy" not in self.content)
-        return plain and (not own or bool(taking_part()))
+        return plain and (not custom or bool(taking_part()))
 
     @property
     def order(self) -> tuple[bool, int]:
@@ -101,6 +92,7 @@ class Prepared:
         refused: place -> why the policy cannot run there, where that is no error.
         curves: (task, policy) -> training seed -> learning curve.
         film: run and path of the film that is written as a GIF.
+        play: function of a run and ``quiet``; workers must be able to import it.
     """
 
     settings: Any
@@ -110,49 +102,35 @@ class Prepared:
     refused: dict[Place, str] = field(default_factory=dict)
     curves: dict[tuple[str, str], dict[int | None, Any]] = field(default_factory=dict)
     film: tuple[Place, Path] | None = None
+    play: Callable[[Run, bool], Any] = Run.play
 
 
-@dataclass(frozen=True)
-class Results:
-    """Everything that was found: the table of episodes, and of each run what its recorder kept."""
+@dataclass(frozen=True, kw_only=True)
+class Results(Prepared):
+    """Prepared runs and their results: the table of episodes, and of each run what its recorder kept."""
 
-    prepared: Prepared
     table: Table
     rollouts: dict[tuple[Place, int | None], Any]
     provenance: dict[str, Any]
 
     @property
-    def settings(self) -> Any:
-        """The settings."""
-        return self.prepared.settings
+    def asked(self) -> tuple[float, int]:
+        """Level and number of resamples of the intervals."""
+        return self.settings.confidence, self.settings.resamples
 
     @property
-    def tasks(self) -> dict[str, TaskInfo]:
-        """Public information by task."""
-        return self.prepared.tasks
-
-    @property
-    def surface(self) -> Surface:
-        """The vibrating surface, the same in all tasks."""
-        return next(iter(self.tasks.values())).surface
+    def places(self) -> dict[Place, Table]:
+        """Episodes of every policy on every task and hardware, without those of studies."""
+        return self.table.where(study=REPORT).places()
 
     def hardware_of(self, task: str | None = None) -> list[str]:
         """Return the hardware models that the task (or any) ran on, in the order of the settings."""
-        ran = {run.place.hardware for run in self.prepared.runs if self._main(run) and task in (None, run.place.task)}
+        ran = {place.hardware for place in self.places if task in (None, place.task)}
         return [name for name in self.settings.named_hardware() if name in ran]
-
-    def policies_of(self, task: str, hardware: str) -> list[str]:
-        """Return the names of the policies that ran there."""
-        found = [run.place.policy for run in self.prepared.runs if run.place[:3] == (REPORT, task, hardware)]
-        return list(dict.fromkeys(found))
 
     def rollout(self, task: str, hardware: str, policy: str) -> Rollout:
         """Return what was recorded of a policy on a task."""
         return self.rollouts[Place(REPORT, task, hardware, policy), None]
-
-    @staticmethod
-    def _main(run: Run) -> bool:
-        return run.place.study == REPORT
 
 
 def run_all(
@@ -169,17 +147,16 @@ def run_all(
         processes: worker processes on this host.
         ray: address of a Ray cluster, or None.
         quiet: no progress bars.
-        play: function of a run and ``quiet``; it must be importable by workers.
+        play: see :class:`Prepared`.
     """
     alone = ray is None and parallel.usable(processes) == 1
     elsewhere = [] if alone else sorted((k for k, run in enumerate(runs) if run.plain), key=lambda k: runs[k].order)
     found: list[Any] = [None if k in elsewhere else play(run, quiet) for k, run in enumerate(runs)]
     items = [(play, replace(runs[k], policy=None)) for k in elsewhere]
     with tqdm(total=len(items), desc="running policies", unit="run", disable=quiet or alone) as bar:
-        for k, each in zip(
-            elsewhere, parallel.run(_made_and_played, items, workers=processes, ray=ray, done=bar.update), strict=True
-        ):
-            found[k] = each
+        played = parallel.run(_made_and_played, items, workers=processes, ray=ray, done=bar.update)
+    for k, each in zip(elsewhere, played, strict=True):
+        found[k] = each
     return found
 
 
@@ -187,20 +164,15 @@ def _made_and_played(play: Callable[[Run, bool], Any], run: Run) -> Any:
     return play(run.made(), True)
 
 
-def evaluate(
-    prepared: Prepared,
-    quiet: bool = False,
-    ray: str | None = None,
-    play: Callable[[Run, bool], Any] = Run.play,
-) -> Results:
+def evaluate(prepared: Prepared, quiet: bool = False, ray: str | None = None) -> Results:
     """Play all runs; see :func:`run_all`. Writes nothing."""
     runs = prepared.runs
     # Before the runs: files may change meanwhile.
     origin = provenance() | {"policy_files": policy_files((run.content, run.info.name) for run in runs)}
-    found: list[Outcomes] = run_all(runs, prepared.settings.processes, ray, quiet, play)
+    found: list[Outcomes] = run_all(runs, prepared.settings.processes, ray, quiet, prepared.play)
     tables = [Table.of(each, run.place, run.training_seed) for run, each in zip(runs, found, strict=True)]
     kept = {(run.place, run.training_seed): each for run, each in zip(runs, found, strict=True)}
-    return Results(prepared, Table.joined(tables), kept, origin)
+    return Results(**vars(prepared), table=Table.joined(tables), rollouts=kept, provenance=origin)
 
 
 def writable(settings: RunSettings, names: Iterable[str]) -> None:
@@ -249,8 +221,19 @@ def main_runs(
         env.close()
         serving = [each for each in entries if each.tasks is not None or serves(each.content, tasks[task])]
         for machine in hardware:
-            those = [each for each in serving if machine.runs(each, task)]
-            runs += _runs(settings, infos, tasks[task], (task, machine), those, recorder)
+            environment, info = laid_over(settings.environment, machine.arguments), tasks[task]
+            seeds = settings.seed_list(task, machine.episodes)
+            there = task if settings.hardware is None else f"{task}, {machine.name}"
+            for entry in serving:
+                if not machine.runs(entry, task):
+                    continue
+                if machine.arguments:
+                    info = infos.of(task, environment, f"{where}.hardware.{machine.name}")
+                place = Place(REPORT, task, machine.name, entry.name)
+                for seed in entry.seeds:
+                    with checks.within(f"{where}.policies ({entry.name} on {there})"):
+                        run = Run(place, seed, task, info, seeds, environment, entry.run(seed), recorder)
+                        runs.append(run.made())
         if not any(run.place.task == task for run in runs):
             raise checks.conflict(f"{where}.tasks: no policy serves {task!r}")
     for entry in entries:
@@ -262,32 +245,23 @@ def main_runs(
     return tasks, scenery, runs
 
 
-def _runs(
-    settings: RunSettings,
-    infos: Infos,
-    info: TaskInfo,
-    where: tuple[str, HardwareEntry],
-    entries: list[PolicyEntry],
-    recorder: type[Ends],
-) -> Iterator[Run]:
-    """Yield the runs on one task and hardware."""
-    task, machine = where
-    environment = laid_over(settings.environment, machine.arguments)
-    if machine.arguments and entries:
-        info = infos.of(task, environment, f"{settings.where}.hardware.{machine.name}")
-    seeds = settings.seed_list(task, machine.episodes)
-    there = task if settings.hardware is None else f"{task}, {machine.name}"
-    for entry in entries:
-        place = Place(REPORT, task, machine.name, entry.name)
-        for seed in entry.seeds:
-            with checks.within(f"{settings.where}.policies ({entry.name} on {there})"):
-                yield Run(place, seed, task, info, seeds, environment, entry.run(seed), recorder).made()
-
-
 def study_runs(
-    settings: RunSettings, study: EffectsSettings, label: str, where: str, infos: Infos, recorder: type[Ends] = Ends
-) -> Iterator[tuple[Case, str, list[Run] | ValueError]]:
-    """Yield case, policy and its runs, or the error if it cannot act there, for every cell of a study.
+    settings: RunSettings,
+    study: EffectsSettings,
+    label: str,
+    where: str,
+    infos: Infos,
+    refused: dict[Place, str] | None = None,
+) -> Iterator[Run]:
+    """Yield the runs of every cell of a study, case after case.
+
+    Args:
+        settings: of the evaluation.
+        study: its policies and cases.
+        label: of the study in the table.
+        where: start of errors.
+        infos: environments made so far.
+        refused: place -> why a policy cannot act there, extended by this function; None: that is an error.
 
     Raises:
         ValueError: an environment that cannot be made.
@@ -301,30 +275,32 @@ def study_runs(
             own = with_sensor(environment, column.sensor)
             info, seeds = infos.of(case.task, own, there), settings.seed_list(case.task, study.episodes)
             place = Place(label, study.task, case.name, column.name)
-            runs: list[Run] = []
+            runs = [Run(place, seed, case.task, info, seeds, own, entry.run(seed), Ends) for seed in entry.seeds]
             try:
-                for seed in entry.seeds:
-                    run = Run(place, seed, case.task, info, seeds, own, entry.run(seed), recorder).made()
-                    runs.append(run)
-                    assert run.policy is not None
-                    spoken = {"action": run.policy.action, "observation": run.policy.observation}
-                    worlds_of(case.task, 1, **{**own, **spoken}).close()
+                with checks.within(there):
+                    runs = [_acting(run) for run in runs]
             except ValueError as error:
-                yield case, column.name, checks.Refused(f"{there}: {error}")
+                if refused is None:
+                    raise
+                refused[place] = " ".join(str(error).split())
                 continue
-            yield case, column.name, runs
+            yield from runs
+
+
+def _acting(run: Run) -> Run:
+    """Return the run with its policy; raise ValueError if its environment lacks the policy's action or observation."""
+    made = run.made()
+    assert made.policy is not None
+    spoken = {"action": made.policy.action, "observation": made.policy.observation}
+    worlds_of(run.task, 1, **{**run.environment, **spoken}).close()
+    return made
 
 
 def effects_runs(settings: EvaluationSettings) -> list[Run]:
     """Return the runs of the study of effects, case after case; none without one."""
     if settings.effects is None:
         return []
-    found: list[Run] = []
-    for _, _, runs in study_runs(settings, settings.effects, EFFECTS, "evaluation.effects", Infos()):
-        if isinstance(runs, ValueError):
-            raise runs
-        found += runs
-    return found
+    return list(study_runs(settings, settings.effects, EFFECTS, "evaluation.effects", Infos()))
 
 
 def load_runs(settings: EvaluationSettings) -> list[Run]:
@@ -367,8 +343,11 @@ def serves(content: Any, info: TaskInfo) -> bool:
 
 def described(prepared: Prepared) -> dict[str, str]:
     """Return the first line of each policy's docstring by name, without markup."""
-    first = {run.place.policy: run.policy for run in reversed(prepared.runs) if run.place.study == REPORT}
-    order = dict.fromkeys(run.place.policy for run in prepared.runs if run.place.study == REPORT)
+    first: dict[str, Policy | None] = {}
+    for run in prepared.runs:
+        if run.place.study == REPORT:
+            first.setdefault(run.place.policy, run.policy)
     return {
-        name: (inspect.getdoc(first[name]) or "").partition("\n")[0].replace("`", "").replace('"', "") for name in order
+        name: (inspect.getdoc(policy) or "").partition("\n")[0].replace("`", "").replace('"', "")
+        for name, policy in first.items()
     }

@@ -13,17 +13,19 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from agents.evaluation import pages
-from agents.evaluation.run import Infos, Prepared, Results, Run, evaluate, writable
-from agents.evaluation.settings import SuiteSettings, laid_over
+from agents.evaluation.run import Infos, Prepared, Results, Run, writable
+from agents.evaluation.settings import PolicyEntry, RunSettings, laid_over
 from agents.evaluation.statistics import episode_scores, interval_of, quartiles, suite_interval, suite_score
 from agents.evaluation.table import REPORT, Place, ends, markdown, quantity, spread
 from agents.provenance import code, digest, policy_files
 from vibgym import checks
+from vibgym.config import load_yaml
 from vibgym.files import csv_text, write_atomically, write_together
 from vibgym.policies.measures import Measured, Measures, least_times, most_rates
 from vibgym.policies.rollout import OWN_FACTS, Timing, worlds_of
@@ -34,17 +36,66 @@ LEARNED = '"learned"'
 
 FILES = ("scores.csv", "suite.csv", "results.json", "scores.md", "scores.html")
 SOURCES = (":/vibgym", ":/agents/evaluation", ":(top,exclude)vibgym/policies/trained/shipped")
-"""Code that determines episodes, besides the files of policies: if unchanged, recorded episodes are reused."""
+"""Code that determines episodes: if it and the files of policies are unchanged, recorded episodes are reused."""
 
 KEPT = "episodes"
 """Folder of recorded episodes in the output directory, see :func:`_recorded`."""
 
 FAULTS = ("tilted", "close", "wrong", "lost")
 
-HEADS = ("success", "time to goal", "bound", "collisions", "good a minute", "faulty", "pattern error", "coverage")
+HEADS = (
+    "success", "time to goal", "bound", "collisions", "good a minute", "faulty", "pattern error", "coverage", "policy, a step",
+)  # fmt: skip
 """Heads of :func:`_measured`."""
 
+VALUES = (
+    "bound_median_s", "collisions_mean", "fallen", "rate_bound_per_minute", *OWN_FACTS, "seconds_per_step",
+)  # fmt: skip
+"""Columns of scores.csv that are empty for a task that a policy does not serve."""
+
 Row = Mapping[str, Any]
+
+
+class SuiteSettings(RunSettings):
+    """Settings of ``python -m agents score``: every policy on every task and all hardware; unserved tasks score 0.
+
+    A policy's mapping may have ``training_steps``, what it was trained on, and ``episodes``, at most so many of each task.
+
+    Attributes:
+        training_steps: environment steps, all tasks together, that a policy may have been trained on.
+    """
+
+    where: ClassVar[str] = "suite"
+    policy_keys: ClassVar[tuple[str, ...]] = ("training_steps", "episodes")
+
+    training_steps: int = Field(ge=1)
+    output: str = Field(default="runs/suite", min_length=1)
+
+    def entry(self, policy: Any, field: str) -> PolicyEntry:
+        """Return one policy with its number of episodes."""
+        entry = super().entry(policy, field)
+        if entry.training_steps is not None:
+            checks.count(f"{field}.training_steps", entry.training_steps, least=0, most=self.training_steps)
+        return entry
+
+    def entered_by(self, path: Path) -> SuiteSettings:
+        """Return the same protocol for the policy of a file alone.
+
+        Args:
+            path: YAML or JSON, a mapping as in ``policies``; or the JSON file of a trained policy.
+
+        Raises:
+            ValueError: the file cannot be read, or describes no policy.
+        """
+        content = load_yaml(path)
+        if "kind" not in content:
+            if path.suffix != ".json":
+                raise checks.missing("kind", f"required in {path}, unless it is a trained policy's JSON file")
+            content = {"kind": "trained", "path": str(path)}
+        entered = self.model_copy(update={"policies": [{"name": path.stem, **content}]})
+        with checks.within(path):
+            entered.entries()
+        return entered
 
 
 @dataclass(frozen=True)
@@ -105,7 +156,8 @@ def prepare(settings: SuiteSettings) -> Prepared:
             reason = next(why for place, why in refused.items() if place.policy == entry.name)
             raise checks.conflict(f"suite.policies: {entry.name!r} serves none of {', '.join(tasks)}: {reason}")
     writable(settings, FILES)
-    return Prepared(settings, tasks, tuple(runs), refused=refused)
+    play = functools.partial(_recorded, Path(settings.output) / KEPT, code(*SOURCES))
+    return Prepared(settings, tasks, tuple(runs), refused=refused, play=play)
 
 
 def _check_bound(task: str, environment: Mapping[str, Any]) -> None:
@@ -115,12 +167,6 @@ def _check_bound(task: str, environment: Mapping[str, Any]) -> None:
     env.close()
     if not known:
         raise checks.refuse("suite.tasks", task, "a task with a bound, see vibgym.bounds")
-
-
-def score(prepared: Prepared, quiet: bool = False, ray: str | None = None) -> Results:
-    """Play all runs that are not recorded yet; writes nothing but their episodes."""
-    play = functools.partial(_recorded, Path(prepared.settings.output) / KEPT, code(*SOURCES))
-    return evaluate(prepared, quiet, ray, play)
 
 
 def _recorded(folder: Path, origin: str, run: Run, quiet: bool) -> Timed:
@@ -142,7 +188,6 @@ def _recorded(folder: Path, origin: str, run: Run, quiet: bool) -> Timed:
 def rows(results: Results) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Return the rows of scores.csv (policy, task, hardware) and of suite.csv (policy, hardware)."""
     settings, found, totals = results.settings, [], []
-    asked = settings.confidence, settings.resamples
     for hardware in settings.named_hardware():
         for entry in settings.entries():
             scores = []
@@ -152,20 +197,16 @@ def rows(results: Results) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
                 scores.append(np.zeros(1) if played is None else episode_scores(played))
                 found.append(_row(place, played, scores[-1], results))
             total = {"hardware": hardware, "policy": entry.name, "score": suite_score(scores)}
-            totals.append({**total, **ends("score", suite_interval(scores, *asked))})
+            totals.append({**total, **ends("score", suite_interval(scores, *results.asked))})
     return found, totals
 
 
 def _row(place: Place, found: Timed | None, scores: np.ndarray, results: Results) -> dict[str, Any]:
-    settings = results.settings
-    interval = None if found is None else interval_of(scores[None], settings.confidence, settings.resamples)
-    values: dict[str, float] = dict.fromkeys(
-        ("success_rate", "bound_median_s", "collisions_mean", "fallen", "rate_bound_per_minute", *OWN_FACTS,
-         "seconds_per_step"), math.nan,
-    )  # fmt: skip
+    interval = None if found is None else interval_of(scores[None], *results.asked)
+    success, times, values = math.nan, np.full(1, np.nan), dict.fromkeys(VALUES, math.nan)
     if found is not None:
-        values |= {
-            "success_rate": float(found.success.mean()),
+        success, times = float(found.success.mean()), found.time_to_goal
+        values = {
             "bound_median_s": quartiles(found.bound).median,
             "collisions_mean": float(found.collisions.mean()),
             "fallen": float(found.fallen.sum()),
@@ -173,36 +214,28 @@ def _row(place: Place, found: Timed | None, scores: np.ndarray, results: Results
             **{name: float(found.fact(name).mean()) for name in OWN_FACTS},
             "seconds_per_step": float(found.seconds[0]),
         }
-    times = spread("time_to_goal", np.full(1, np.nan) if found is None else found.time_to_goal, "_s")
     return {
-        "task": place.task,
-        "hardware": place.hardware,
-        "policy": place.policy,
+        **place.labels,
         "served": found is not None,
-        "why_not": results.prepared.refused.get(place, ""),
+        "why_not": results.refused.get(place, ""),
         "episodes": 0 if found is None else len(found.seeds),
         "score": float(scores.mean()),
         **ends("score", interval),
-        "success_rate": values.pop("success_rate"),
-        **times,
+        "success_rate": success,
+        **spread("time_to_goal", times, "_s"),
         **values,
     }
 
 
-def summary(found: Sequence[Row], totals: Sequence[Row]) -> str:
+def summary_table(results: Results) -> str:
     """Return the table of scores in Markdown: a line for every policy on every hardware."""
+    return _summary(*rows(results))
+
+
+def _summary(found: Sequence[Row], totals: Sequence[Row]) -> str:
     tasks = list(dict.fromkeys(row["task"] for row in found))
-    lines = [[each["hardware"], each["policy"], _score(each), *map(_score, _of(found, each))] for each in totals]
+    lines = [[each["hardware"], each["policy"], *_scores(found, each)] for each in totals]
     return markdown(("hardware", "policy", "**score**", *tasks), lines)
-
-
-def _details(found: Sequence[Row]) -> str:
-    lines = [
-        [row["task"], row["hardware"], row["policy"], _score(row), *_measured(row), _cost(row)]
-        for row in found
-        if row["served"]
-    ]
-    return markdown(("task", "hardware", "policy", "score", *HEADS, "policy, a step"), lines)
 
 
 def _measured(row: Row) -> list[str]:
@@ -219,15 +252,16 @@ def _measured(row: Row) -> list[str]:
         quantity(faulty, 1.0, 1, ""),
         quantity(row["pattern_error"], 1e3, 2, "mm"),
         quantity(row["coverage"], 100.0, 1, "%"),
+        quantity(row["seconds_per_step"], 1e3, 2, "ms"),
     ]
 
 
-def _cost(row: Row) -> str:
-    return quantity(row["seconds_per_step"], 1e3, 2, "ms")
-
-
-def _of(found: Sequence[Row], total: Row) -> list[Row]:
-    return [row for row in found if (row["hardware"], row["policy"]) == (total["hardware"], total["policy"])]
+def _scores(found: Sequence[Row], total: Row) -> list[str]:
+    """Return the score of a policy on some hardware, and its scores on all tasks."""
+    return [
+        _score(total),
+        *(_score(row) for row in found if all(row[name] == total[name] for name in ("hardware", "policy"))),
+    ]
 
 
 def _score(row: Row) -> str:
@@ -238,7 +272,7 @@ def _score(row: Row) -> str:
     return f"{row['score']:.3f}{between}"
 
 
-def write(results: Results) -> Path:
+def write(results: Results, quiet: bool = False) -> Path:
     """Write :data:`FILES`; return the page's path.
 
     Raises:
@@ -246,38 +280,28 @@ def write(results: Results) -> Path:
     """
     directory = Path(results.settings.output)
     found, totals = rows(results)
-    contents = (
-        csv_text(found),
-        csv_text(totals),
-        pages.json_text(results, found, {"suite": totals}),
-        f"{summary(found, totals)}\n\n{_details(found)}\n",
-        page(results, found, totals),
+    details = [(row, [_score(row), *_measured(row)]) for row in found if row["served"]]
+    text = markdown(
+        ("task", "hardware", "policy", "score", *HEADS),
+        ([row["task"], row["hardware"], row["policy"], *cells] for row, cells in details),
     )
-    write_together({directory / name: text for name, text in zip(FILES, contents, strict=True)})
-    return directory / FILES[-1]
-
-
-def page(results: Results, found: Sequence[Row], totals: Sequence[Row]) -> str:
-    """Return the page as HTML."""
-    details = [
-        {
-            "task": task,
-            "rows": [
-                {"row": row, "score": _score(row), "cells": _measured(row), "cost": _cost(row)}
-                for row in found
-                if row["task"] == task and row["served"]
-            ],
-        }
-        for task in results.tasks
-    ]
-    return pages.render(
+    page = pages.render(
         "scores.html.j2",
         **pages.common(results),
         tasks=[
             {"name": name, "summary": info.summary, "inventory": pages.inventory(info.parts)}
             for name, info in results.tasks.items()
         ],
-        lines=[{"total": each, "score": _score(each), "cells": list(map(_score, _of(found, each)))} for each in totals],
+        lines=[(each, _scores(found, each)) for each in totals],
         details=details,
         heads=HEADS,
     )
+    contents = (
+        csv_text(found),
+        csv_text(totals),
+        pages.json_text(results, found, {"suite": totals}),
+        f"{_summary(found, totals)}\n\n{text}\n",
+        page,
+    )
+    write_together({directory / name: each for name, each in zip(FILES, contents, strict=True)})
+    return directory / FILES[-1]

@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field
 
+from agents.evaluation.study_settings import (
+    CASE_KEYS,
+    ENVIRONMENT_KEYS,
+    HARDWARE_KEYS,
+    MOST_EPISODES,
+    MOST_NAME,
+    EffectsSettings,
+    Episodes,
+    LadderSettings,
+    LoadSettings,
+    MatrixSettings,
+    Names,
+    Seed,
+    all_differ,
+    mapping_of,
+    some_of,
+)
 from agents.provenance import portable
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
@@ -17,58 +33,41 @@ from vibgym.envs.vector import environment_id
 DEFAULT_EPISODES = 100
 DEFAULT_FIRST_SEED = 100_000
 
-HARDWARE_KEYS = ("actuators", "sensor", "randomize")
-"""Arguments of environments that describe the hardware model."""
-
-CASE_KEYS = (*HARDWARE_KEYS, "model")
-"""Arguments that a hardware entry or a case of the study of effects may set."""
-
-ENVIRONMENT_KEYS = (
-    "surface", "parts", "model", "actuators", "sensor", "randomize", "start", "zones", "paths", "walls", "periods_per_step",
-    "task_settings",
-)  # fmt: skip
-"""Arguments that all environments share. Action and observation belong to the policies."""
-
-GROUPS = ("learned", "hybrid", "classical")
-"""Groups of policies in comparisons. A hybrid is a learned residual on a classical controller."""
-
-MOST_NAME = 40
-"""Characters of a name in tables."""
-
 SEED, TASK = "{seed}", "{task}"
 
 
-@dataclass(frozen=True)
-class PolicyEntry:
+class PolicyEntry(Settings):
     """One policy of the settings.
 
     Attributes:
         name: in tables.
         content: argument of :func:`vibgym.policies.registry.make_policy`; its texts may hold ``{seed}``.
         tasks, hardware: names on which it runs; None: all that it serves.
-        group: one of :data:`GROUPS`, in comparisons.
+        group: in comparisons. A hybrid is a learned residual on a classical controller.
         training_seeds: of its training runs; empty for a single policy.
         curve: path of the learning curve, with ``{task}`` and ``{seed}``; None without one.
+        training_steps: what it was trained on.
         episodes: at most so many on each task.
     """
 
     name: str
     content: Any
-    tasks: tuple[str, ...] | None = None
-    hardware: tuple[str, ...] | None = None
-    group: str = ""
-    training_seeds: tuple[int, ...] = ()
-    curve: str | None = None
-    episodes: int | None = None
+    tasks: Names | None = None
+    hardware: Names | None = None
+    group: Literal["learned", "hybrid", "classical"] | None = None
+    training_seeds: list[Seed] = Field(default=[], min_length=2, max_length=100)
+    curve: str | None = Field(default=None, min_length=1)
+    training_steps: int | None = Field(default=None, ge=0)
+    episodes: Episodes | None = None
 
     @property
     def own(self) -> dict[str, Any]:
         """Keys other than name and content that are set."""
-        keys = ("tasks", "hardware", "group", "training_seeds", "curve")
-        return {key: value for key in keys if (value := getattr(self, key)) not in (None, (), "")}
+        values = self.model_dump(include={"tasks", "hardware", "group", "training_seeds", "curve"})
+        return {key: value for key, value in values.items() if value}
 
     @property
-    def seeds(self) -> tuple[int | None, ...]:
+    def seeds(self) -> Sequence[int | None]:
         """Training seeds; (None,) for a single policy."""
         return self.training_seeds or (None,)
 
@@ -83,139 +82,63 @@ class PolicyEntry:
         return Path(path if seed is None else path.replace(SEED, str(seed)))
 
 
-@dataclass(frozen=True)
-class HardwareEntry:
+class HardwareEntry(Settings):
     """One hardware model: ``arguments`` of the environments, ``tasks`` that run on it, at most so many ``episodes`` of each."""
 
     name: str
     arguments: dict[str, Any]
-    tasks: tuple[str, ...]
-    episodes: int | None
+    tasks: Names | None = None
+    episodes: Episodes | None = None
 
     def runs(self, policy: PolicyEntry, task: str) -> bool:
         """Return whether a policy is to run on a task on this hardware."""
-        wanted = policy.tasks is None or task in policy.tasks
-        return wanted and task in self.tasks and (policy.hardware is None or self.name in policy.hardware)
+        wanted = all(tasks is None or task in tasks for tasks in (policy.tasks, self.tasks))
+        return wanted and (policy.hardware is None or self.name in policy.hardware)
 
 
-@dataclass(frozen=True)
-class StudyPolicy:
-    """One policy of a study: name in its table, the evaluation's policy, settings laid over every sensor, what trained on."""
+class FileSettings(Settings):
+    """Settings of one command, from a file or a mapping."""
 
-    name: str
-    policy: str
-    sensor: dict[str, Any]
-    trained_on: str = ""
+    where: ClassVar[str]
+    """Name in errors."""
 
+    @classmethod
+    def checked(cls, data: Any, episodes: int | None = None, output: str | None = None) -> Self:
+        """Return checked settings from a mapping.
 
-@dataclass(frozen=True)
-class Case:
-    """One case of a study: arguments of the environments of a task."""
+        Args:
+            data: mapping with the attributes as keys.
+            episodes: replaces the number of episodes of all tasks; of explicit seeds, the first ones are taken.
+            output: replaces the output directory.
 
-    name: str
-    task: str
-    arguments: dict[str, Any]
+        Raises:
+            ValueError: the first fault, in one line.
+        """
+        settings = parse(cls, data, cls.where)
+        settings.check()
+        changes: dict[str, Any] = {} if output is None else {"output": output}
+        if episodes is not None:
+            changes |= settings.limited(episodes)
+        return settings.model_copy(update=changes)
 
+    @classmethod
+    def load(cls, path: Path | None, episodes: int | None = None, output: str | None = None) -> Self:
+        """Return checked settings from a YAML file, see :meth:`checked`; None: the defaults. Errors name the file."""
+        if path is None:
+            return cls.checked({}, episodes, output)
+        data = load_yaml(path)
+        with checks.within(path):
+            return cls.checked(data, episodes, output)
 
-class EffectsSettings(Settings):
-    """Study of hardware effects: success of policies on one task in several cases.
+    def check(self) -> None:
+        """Check the settings; raise ValueError at the first fault."""
 
-    Attributes:
-        task: one of the evaluation's tasks.
-        policies: names of the evaluation's policies, or mappings of ``policy``, ``name`` (in the table) and ``sensor``
-            (settings laid over those of every case, such as ``{estimator: model}``).
-        cases: name -> arguments of the environments, see :data:`CASE_KEYS`.
-        episodes: at most so many of each policy in each case; by default as many as the task has.
-    """
-
-    task: str
-    policies: list[Any] = Field(min_length=1, max_length=40)
-    cases: dict[str, Any] = Field(min_length=1, max_length=100)
-    episodes: int | None = Field(default=None, ge=1, le=100_000)
-
-    keys: ClassVar[tuple[str, ...]] = CASE_KEYS
-    more: ClassVar[tuple[str, ...]] = ()
-
-    def columns(self, where: str, policies: Sequence[str]) -> list[StudyPolicy]:
-        """Return the policies of the study, checked against the names of the evaluation's."""
-        found: list[StudyPolicy] = []
-        for index, entry in enumerate(self.policies):
-            each = _study_policy(entry, f"{where}.policies.{index}", policies, self.more)
-            if any(each.name == other.name for other in found):
-                raise checks.conflict(f"{where}.policies.{index}.name: {each.name!r} is the name of another policy")
-            found.append(each)
-        return found
-
-    def tested(self, where: str) -> list[Case]:
-        """Return the cases, checked."""
-        found = []
-        for name, content in self.cases.items():
-            field = f"{where}.cases.{checks.label(f'{where}.cases (a name)', name, most=MOST_NAME)}"
-            arguments = _mapping(field, content, self.keys)
-            task = arguments.pop("task", self.task)
-            environment_id(task, f"{field}.task")
-            found.append(Case(name, task, arguments))
-        return found
-
-    def check(self, where: str, policies: Sequence[str]) -> None:
-        """Check all of it; errors begin with ``where``."""
-        environment_id(self.task, f"{where}.task")
-        self.columns(where, policies)
-        self.tested(where)
+    def limited(self, episodes: int) -> dict[str, Any]:
+        """Return the fields to change for another number of episodes, that of ``--episodes``."""
+        raise NotImplementedError
 
 
-class MatrixSettings(EffectsSettings):
-    """Generalisation matrix: policies, trained on one thing, by cases that they are tested on.
-
-    As :class:`EffectsSettings`; cases may set all of :data:`ENVIRONMENT_KEYS` and ``task``, policies ``trained_on`` (text).
-    """
-
-    name: str
-
-    keys: ClassVar[tuple[str, ...]] = (*ENVIRONMENT_KEYS, "task")
-    more: ClassVar[tuple[str, ...]] = ("trained_on",)
-
-
-class LoadSettings(Settings):
-    """Study of throughput: parts a minute against the number of parts in play.
-
-    Attributes:
-        task: one of the evaluation's tasks in which parts come and go.
-        policies: names of the evaluation's policies.
-        parts: numbers of parts.
-        episodes: at most so many of each policy with each number; by default as many as the task has.
-    """
-
-    task: str
-    policies: list[str] = Field(min_length=1, max_length=8)
-    parts: list[int] = Field(min_length=1, max_length=40)
-    episodes: int | None = Field(default=None, ge=1, le=100_000)
-
-    def check(self, where: str, tasks: Sequence[str], policies: Sequence[str]) -> None:
-        """Check names and numbers; errors begin with ``where``."""
-        checks.choice(f"{where}.task", self.task, tuple(tasks))
-        some_of(f"{where}.policies", self.policies, policies)
-        _distinct(f"{where}.parts", self.parts)
-        for index, count in enumerate(self.parts):
-            checks.count(f"{where}.parts.{index}", count, most=10_000)
-
-
-class LadderSettings(Settings):
-    """Ablation: policies with learning curves that differ in one thing, such as the action.
-
-    Attributes:
-        name: title.
-        task, hardware: one of the comparison's; by default its first hardware.
-        policies: names of the comparison's policies, in the order of the rows.
-    """
-
-    name: str
-    task: str
-    hardware: str | None = None
-    policies: list[Any] = Field(min_length=2, max_length=20)
-
-
-class RunSettings(Settings):
+class RunSettings(FileSettings):
     """Policies on tasks, all on the same seeds.
 
     Attributes:
@@ -240,17 +163,16 @@ class RunSettings(Settings):
     """
 
     where: ClassVar[str] = "evaluation"
-    """Name in errors."""
 
     policy_keys: ClassVar[tuple[str, ...]] = ()
-    """Keys of a policy's mapping besides ``name``, ``tasks`` and ``hardware`` that are no arguments of the policy."""
+    """Keys of a policy's mapping in addition to ``name``, ``tasks`` and ``hardware`` that are no arguments of the policy."""
 
     tasks: list[str] = Field(min_length=1)
     policies: list[Any] = Field(min_length=1)
-    episodes: int | None = Field(default=None, ge=1, le=100_000)
-    task_episodes: dict[str, Any] = {}
-    first_seed: int | None = Field(default=None, ge=0, lt=2**63)
-    seeds: list[int] | None = Field(default=None, min_length=1, max_length=100_000)
+    episodes: Episodes | None = None
+    task_episodes: dict[str, Episodes] = {}
+    first_seed: Seed | None = None
+    seeds: list[Seed] | None = Field(default=None, min_length=1, max_length=MOST_EPISODES)
     environment: dict[str, Any] = {}
     hardware: dict[str, Any] | None = Field(default=None, min_length=1, max_length=20)
     confidence: float = Field(default=0.95, gt=0.0, lt=1.0)
@@ -276,11 +198,11 @@ class RunSettings(Settings):
         for name, content in self.named_hardware().items():
             field = f"{self.where}.hardware"
             field += f".{checks.label(f'{field} (a name)', name, most=MOST_NAME)}"
-            arguments = _mapping(field, content, (*CASE_KEYS, "tasks", "episodes"))
-            own, episodes = arguments.pop("tasks", None), arguments.pop("episodes", None)
-            tasks = tuple(self.tasks) if own is None else some_of(f"{field}.tasks", own, self.tasks)
-            most = None if episodes is None else checks.count(f"{field}.episodes", episodes, most=100_000)
-            found.append(HardwareEntry(name, arguments, tasks, most))
+            arguments = mapping_of(field, content, (*CASE_KEYS, "tasks", "episodes"))
+            limits = {key: arguments.pop(key, None) for key in ("tasks", "episodes")}
+            entry = parse(HardwareEntry, {"name": name, "arguments": arguments, **limits}, field)
+            some_of(f"{field}.tasks", entry.tasks or (), self.tasks)
+            found.append(entry)
         return found
 
     def environments(self) -> dict[str, dict[str, Any]]:
@@ -301,34 +223,36 @@ class RunSettings(Settings):
 
     def entry(self, policy: Any, field: str) -> PolicyEntry:
         """Return one policy, checked; errors begin with ``field``."""
-        if hasattr(policy, "predict"):
-            return PolicyEntry(_object_name(policy), policy)
-        if isinstance(policy, str):
-            return PolicyEntry(Path(policy).stem if policy.endswith(".json") else policy, policy)
-        if not isinstance(policy, Mapping):
+        content, own = policy, {}
+        if isinstance(policy, Mapping):
+            keys = ("name", "tasks", "hardware", *self.policy_keys)
+            own = {key: policy[key] for key in keys if key in policy}
+            content = {key: value for key, value in policy.items() if key not in own}
+            if "policy" in content:
+                if not hasattr(content["policy"], "predict") or set(content) - {"policy", "action"}:
+                    allowed = "an object with predict() as 'policy', with 'action', 'name', 'tasks' and 'hardware' only"
+                    raise checks.refuse(field, policy, allowed)
+                content = content if "action" in content else content["policy"]
+        elif not isinstance(policy, str) and not hasattr(policy, "predict"):
             raise checks.refuse(field, policy, "a name, the path of a trained policy, or a mapping with 'kind'")
-        content = {key: value for key, value in policy.items() if key not in self.policy_keys}
-        limits = {}
-        for key, known in (("tasks", self.tasks), ("hardware", list(self.named_hardware()))):
-            value = content.pop(key, None)
-            limits[key] = None if value is None else some_of(f"{field}.{key}", value, known)
-        subject: Any = content
-        default = content.get("kind")
-        if "policy" in content:
-            model = content["policy"]
-            if not hasattr(model, "predict") or set(content) - {"policy", "action", "name"}:
-                allowed = "an object with predict() as 'policy', with 'action', 'name', 'tasks' and 'hardware' only"
-                raise checks.refuse(field, policy, allowed)
-            default = _object_name(model)
-            if "action" not in content:
-                subject = model
-        name = content.pop("name", default)
-        checks.label(f"{field}.name", name, most=MOST_NAME)
-        return PolicyEntry(name, subject, **limits)
+        entry = parse(PolicyEntry, self.defaults(content) | own | {"content": content}, field)
+        some_of(f"{field}.tasks", entry.tasks or (), self.tasks)
+        some_of(f"{field}.hardware", entry.hardware or (), tuple(self.named_hardware()))
+        return entry
+
+    def defaults(self, content: Any) -> dict[str, Any]:
+        """Return the keys of a policy that follow from its content."""
+        if isinstance(content, str):
+            return {"name": Path(content).stem if content.endswith(".json") else content}
+        if isinstance(content, Mapping) and "policy" not in content:
+            return {"name": content.get("kind")}
+        model = content["policy"] if isinstance(content, Mapping) else content
+        return {"name": str(getattr(model, "name", type(model).__name__))}
 
     def as_written(self) -> dict[str, Any]:
-        """Return all of it as JSON values: policies by name, without absolute paths."""
-        given = self.model_dump(exclude={"policies", "processes", "hardware"})
+        """Return all of it as JSON values: policies by name, without absolute paths and studies that are not set."""
+        unset = {name for name in ("effects", "under_load") if getattr(self, name, None) is None}
+        given = self.model_dump(exclude={"policies", "processes", "hardware"} | unset)
         policies = {
             entry.name: {"policy": entry.content, **entry.own} if entry.own else entry.content
             for entry in self.entries()
@@ -336,53 +260,28 @@ class RunSettings(Settings):
         return portable({**given, "hardware": self.named_hardware(), "policies": policies})
 
     def check(self) -> None:
-        """Check the settings of one command; raise ValueError at the first fault."""
-
-    @classmethod
-    def checked(cls, data: Any, episodes: int | None = None, output: str | None = None) -> Self:
-        """Return checked settings from a mapping.
-
-        Args:
-            data: mapping with the attributes as keys.
-            episodes: replaces the number of episodes of all tasks; of explicit seeds, the first ones are taken.
-            output: replaces the output directory.
-
-        Raises:
-            ValueError: the first fault, in one line.
-        """
-        where = cls.where
-        settings = parse(cls, data, where)
+        """Check the settings; raise ValueError at the first fault."""
+        where = self.where
         for field in ("episodes", "first_seed"):
-            if settings.seeds is not None and getattr(settings, field) is not None:
+            if self.seeds is not None and getattr(self, field) is not None:
                 raise checks.conflict(f"{where}.{field} cannot be set together with seeds")
         for field in ("tasks", "seeds"):
-            _distinct(f"{where}.{field}", getattr(settings, field) or [])
-        for index, task in enumerate(settings.tasks):
+            all_differ(f"{where}.{field}", getattr(self, field) or [])
+        for index, task in enumerate(self.tasks):
             environment_id(task, f"{where}.tasks.{index}")
-        most = 100_000 if settings.seeds is None else len(settings.seeds)
-        for task, count in settings.task_episodes.items():
-            checks.choice(f"{where}.task_episodes", task, tuple(settings.tasks))
-            checks.count(f"{where}.task_episodes.{task}", count, most=most)
-        for index, seed in enumerate(settings.seeds or []):
-            checks.count(f"{where}.seeds.{index}", seed, least=0, most=2**63 - 1)
-        for key in settings.environment:
+        for task, count in self.task_episodes.items():
+            checks.choice(f"{where}.task_episodes", task, self.tasks)
+            checks.count(f"{where}.task_episodes.{task}", count, most=len(self.seeds or range(MOST_EPISODES)))
+        for key in self.environment:
             checks.choice(f"{where}.environment", key, ENVIRONMENT_KEYS)
-        settings.hardware_entries()
-        settings.entries()
-        settings.check()
-        changes: dict[str, Any] = {} if output is None else {"output": output}
-        if episodes is not None:
-            checks.count("--episodes", episodes, most=most)
-            changes["task_episodes"] = {}
-            changes |= {"episodes": episodes} if settings.seeds is None else {"seeds": settings.seeds[:episodes]}
-        return settings.model_copy(update=changes)
+        self.hardware_entries()
+        self.entries()
 
-    @classmethod
-    def load(cls, path: Path, episodes: int | None = None, output: str | None = None) -> Self:
-        """Return checked settings from a YAML file, see :meth:`checked`; errors name the file."""
-        data = load_yaml(path)
-        with checks.within(path):
-            return cls.checked(data, episodes, output)
+    def limited(self, episodes: int) -> dict[str, Any]:
+        """Return the fields to change for another number of episodes, that of ``--episodes``."""
+        checks.count("--episodes", episodes, most=len(self.seeds or range(MOST_EPISODES)))
+        number = {"episodes": episodes} if self.seeds is None else {"seeds": self.seeds[:episodes]}
+        return {"task_episodes": {}, **number}
 
 
 class EvaluationSettings(RunSettings):
@@ -398,21 +297,18 @@ class EvaluationSettings(RunSettings):
     under_load: LoadSettings | None = None
     animations: bool = True
 
-    def as_written(self) -> dict[str, Any]:
-        """Return all of it as JSON values, without studies that are not set."""
-        written = super().as_written()
-        return {
-            key: value for key, value in written.items() if value is not None or key not in ("effects", "under_load")
-        }
-
     def check(self) -> None:
-        """Check the studies."""
-        names = [each.name for each in self.entries()]
-        if self.under_load is not None:
-            self.under_load.check("evaluation.under_load", self.tasks, names)
-        if self.effects is not None:
-            checks.choice("evaluation.effects.task", self.effects.task, tuple(self.tasks))
-            self.effects.check("evaluation.effects", names)
+        """Check the settings and the studies."""
+        super().check()
+        names, load, effects = [each.name for each in self.entries()], self.under_load, self.effects
+        if load is not None:
+            where = "evaluation.under_load"
+            checks.choice(f"{where}.task", load.task, self.tasks)
+            some_of(f"{where}.policies", load.policies, names)
+            all_differ(f"{where}.parts", load.parts)
+        if effects is not None:
+            checks.choice("evaluation.effects.task", effects.task, self.tasks)
+            effects.check("evaluation.effects", names)
 
 
 class ComparisonSettings(RunSettings):
@@ -434,156 +330,45 @@ class ComparisonSettings(RunSettings):
     ladders: list[LadderSettings] = []
     output: str = Field(default="runs/comparison", min_length=1)
 
+    def defaults(self, content: Any) -> dict[str, Any]:
+        """Return the keys of a policy that follow from its content."""
+        kind = content.get("kind") if isinstance(content, Mapping) else content
+        trained = kind == "trained" or (isinstance(kind, str) and kind.endswith(".json"))
+        group = "hybrid" if kind == "residual" else "learned" if trained else "classical"
+        return {**super().defaults(content), "group": group}
+
     def entry(self, policy: Any, field: str) -> PolicyEntry:
         """Return one policy with group, training seeds and curve."""
-        own = {key: policy[key] for key in self.policy_keys if key in policy} if isinstance(policy, Mapping) else {}
         entry = super().entry(policy, field)
-        group = checks.choice(f"{field}.group", own.get("group", _default_group(entry.content)), GROUPS)
-        seeds = own.get("training_seeds", ())
-        if "training_seeds" in own:
-            if group == "classical":
-                raise checks.conflict(f"{field}.training_seeds cannot be set where group is classical")
-            if not isinstance(seeds, list | tuple) or not 2 <= len(seeds) <= 100:
-                raise checks.refuse(f"{field}.training_seeds", seeds, "a list of 2 to 100 whole numbers")
-            for each in seeds:
-                checks.count(f"{field}.training_seeds", each, least=0, most=2**63 - 1)
-            _distinct(f"{field}.training_seeds", seeds)
-        curve = own.get("curve")
-        if "curve" in own and (not isinstance(curve, str) or not curve):
-            raise checks.refuse(f"{field}.curve", curve, "the path of a learning curve")
-        for what, value in (("policy", entry.content), ("curve", curve)):
-            if value is not None and (_filled(value, 0) != value) != bool(seeds):
+        if entry.training_seeds and entry.group == "classical":
+            raise checks.conflict(f"{field}.training_seeds cannot be set where group is classical")
+        all_differ(f"{field}.training_seeds", entry.training_seeds)
+        for what, value in (("policy", entry.content), ("curve", entry.curve)):
+            if value is not None and (_filled(value, 0) != value) != bool(entry.training_seeds):
                 raise checks.conflict(f"{field} ({what}): training_seeds requires {SEED} in all paths, and vice versa")
-        return replace(entry, group=group, training_seeds=tuple(seeds), curve=curve)
+        return entry
 
     def ladder_hardware(self, ladder: LadderSettings) -> str:
         """Return the hardware of a ladder, by default the first."""
         return ladder.hardware or next(iter(self.named_hardware()))
 
     def check(self) -> None:
-        """Check matrices and ladders."""
+        """Check the settings, matrices and ladders."""
+        super().check()
         entries = {each.name: each for each in self.entries()}
-        titles: list[str] = []
-        studies: list[tuple[str, MatrixSettings | LadderSettings]] = [
-            *((f"comparison.generalisation.{k}", each) for k, each in enumerate(self.generalisation)),
-            *((f"comparison.ladders.{k}", each) for k, each in enumerate(self.ladders)),
-        ]
-        for where, study in studies:
-            if study.name in titles:
-                raise checks.conflict(f"{where}.name: {study.name!r} is the name of another study")
-            titles.append(checks.label(f"{where}.name", study.name))
-            if isinstance(study, MatrixSettings):
-                study.check(where, list(entries))
-                continue
-            checks.choice(f"{where}.task", study.task, tuple(self.tasks))
-            checks.choice(f"{where}.hardware", self.ladder_hardware(study), tuple(self.named_hardware()))
-            for name in some_of(f"{where}.policies", study.policies, list(entries)):
+        for index, matrix in enumerate(self.generalisation):
+            matrix.check(f"comparison.generalisation.{index}", list(entries))
+        for index, ladder in enumerate(self.ladders):
+            where = f"comparison.ladders.{index}"
+            checks.choice(f"{where}.task", ladder.task, self.tasks)
+            checks.choice(f"{where}.hardware", self.ladder_hardware(ladder), tuple(self.named_hardware()))
+            for name in some_of(f"{where}.policies", ladder.policies, list(entries)):
                 if entries[name].curve is None:
                     raise checks.conflict(f"{where}.policies: {name!r} has no curve")
-
-
-class SuiteSettings(RunSettings):
-    """Settings of ``python -m agents score``: every policy on every task and all hardware; unserved tasks score 0.
-
-    A policy's mapping may have ``training_steps``, what it was trained on, and ``episodes``, at most so many of each task.
-
-    Attributes:
-        training_steps: environment steps, all tasks together, that a policy may have been trained on.
-    """
-
-    where: ClassVar[str] = "suite"
-    policy_keys: ClassVar[tuple[str, ...]] = ("training_steps", "episodes")
-
-    training_steps: int = Field(ge=1)
-    output: str = Field(default="runs/suite", min_length=1)
-
-    def entry(self, policy: Any, field: str) -> PolicyEntry:
-        """Return one policy with its number of episodes."""
-        own = {key: policy[key] for key in self.policy_keys if key in policy} if isinstance(policy, Mapping) else {}
-        for name, least, most in (("training_steps", 0, self.training_steps), ("episodes", 1, 100_000)):
-            if name in own:
-                checks.count(f"{field}.{name}", own[name], least=least, most=most)
-        return replace(super().entry(policy, field), episodes=own.get("episodes"))
-
-    def entered_by(self, path: Path) -> SuiteSettings:
-        """Return the same protocol for the policy of a file alone.
-
-        Args:
-            path: YAML or JSON, a mapping as in ``policies``; or the JSON file of a trained policy.
-
-        Raises:
-            ValueError: the file cannot be read, or describes no policy.
-        """
-        content = load_yaml(path)
-        if "kind" not in content:
-            if path.suffix != ".json":
-                raise checks.missing("kind", f"required in {path}, unless it is a trained policy's JSON file")
-            content = {"kind": "trained", "path": str(path)}
-        entered = self.model_copy(update={"policies": [{"name": path.stem, **content}]})
-        with checks.within(path):
-            entered.entries()
-        return entered
-
-
-SQUARE: dict[str, Any] = {
-    "shape": "rectangle", "length_mm": 40.0, "width_mm": 40.0, "friction": 0.58, "name": "square part",
-}  # fmt: skip
-"""Default part of a data sheet."""
-
-
-class DatasheetSettings(Settings):
-    """Settings of ``python -m agents datasheet``.
-
-    Attributes:
-        title: of the sheet; None: the part's name.
-        surface: ``"prototype"`` or a mapping of :class:`vibgym.Surface`'s fields.
-        part: the name of a shipped part or a mapping, see :class:`vibgym.config.PartSettings`.
-        model, actuators, sensor: arguments of the environments.
-        policy: see :func:`vibgym.policies.make_policy`; it must serve Transport, Align and Rotate.
-        episodes: of each measurement.
-        first_seed: of the episodes.
-        output: directory for the page.
-    """
-
-    title: str | None = Field(default=None, min_length=1, max_length=60)
-    surface: Any = "prototype"
-    part: Any = SQUARE
-    model: Any = "planar"
-    actuators: Any = "prototype"
-    sensor: Any = {"kind": "pose", "estimator": "model"}
-    policy: Any = "pose"
-    episodes: int = Field(default=48, ge=8, le=10_000)
-    first_seed: int = Field(default=100_000, ge=0, lt=2**63)
-    output: str = Field(default="runs/datasheet", min_length=1)
-
-    @property
-    def environment(self) -> dict[str, Any]:
-        """Arguments of the environments."""
-        scene = {"surface": self.surface, "parts": [self.part], "model": self.model}
-        return {**scene, "actuators": self.actuators, "sensor": self.sensor}
-
-    @property
-    def seeds(self) -> list[int]:
-        """Seeds of the episodes."""
-        return list(range(self.first_seed, self.first_seed + self.episodes))
-
-    @classmethod
-    def checked(cls, data: Any, episodes: int | None = None, output: str | None = None) -> Self:
-        """Return checked settings from a mapping; ``episodes`` and ``output`` replace its own."""
-        settings = parse(cls, data, "datasheet")
-        changes: dict[str, Any] = {} if output is None else {"output": output}
-        if episodes is not None:
-            changes["episodes"] = checks.count("--episodes", episodes, least=8, most=10_000)
-        return settings.model_copy(update=changes)
-
-    @classmethod
-    def load(cls, path: Path | None, episodes: int | None = None, output: str | None = None) -> Self:
-        """Return settings from a YAML file, or the prototype's with a square part; errors name the file."""
-        if path is None:
-            return cls.checked({}, episodes, output)
-        data = load_yaml(path)
-        with checks.within(path):
-            return cls.checked(data, episodes, output)
+        titles = [study.name for study in (*self.generalisation, *self.ladders)]
+        for title in titles:
+            checks.label("comparison (name of a study)", title)
+        all_differ("comparison (name of a study)", titles)
 
 
 def laid_over(environment: Mapping[str, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -603,63 +388,13 @@ def with_sensor(environment: Mapping[str, Any], settings: Mapping[str, Any]) -> 
     return {**environment, "sensor": {**(sensor if isinstance(sensor, Mapping) else {"kind": sensor}), **settings}}
 
 
-def some_of(field: str, value: Any, known: Sequence[str]) -> tuple[str, ...]:
-    """Return a list of different names among ``known``."""
-    if not isinstance(value, list | tuple) or not value:
-        raise checks.refuse(field, value, f"a non-empty list of names among {', '.join(known)}")
-    for each in value:
-        checks.choice(field, each, tuple(known))
-    _distinct(field, value)
-    return tuple(value)
-
-
-def _distinct(field: str, values: Sequence[Any]) -> None:
-    for each in values:
-        if values.count(each) > 1:
-            raise checks.refuse(field, each, "in the list only once")
-
-
-def _mapping(field: str, content: Any, allowed: tuple[str, ...]) -> dict[str, Any]:
-    if not isinstance(content, Mapping):
-        raise checks.refuse(field, content, f"a mapping with keys among {', '.join(map(repr, allowed))}")
-    for key in content:
-        checks.choice(field, key, allowed)
-    return dict(content)
-
-
-def _study_policy(entry: Any, field: str, policies: Sequence[str], more: tuple[str, ...]) -> StudyPolicy:
-    if not isinstance(entry, Mapping):
-        return StudyPolicy(checks.choice(field, entry, tuple(policies)), entry, {})
-    _mapping(field, entry, ("policy", "name", "sensor", *more))
-    policy = checks.choice(f"{field}.policy", entry.get("policy"), tuple(policies))
-    name = checks.label(f"{field}.name", entry.get("name", policy), most=MOST_NAME)
-    sensor = entry.get("sensor", {})
-    if not isinstance(sensor, Mapping):
-        raise checks.refuse(f"{field}.sensor", sensor, "a mapping of settings of the sensor")
-    trained_on = checks.label(f"{field}.trained_on", entry["trained_on"]) if "trained_on" in entry else ""
-    return StudyPolicy(name, policy, dict(sensor), trained_on)
-
-
-def _object_name(policy: Any) -> str:
-    return str(getattr(policy, "name", type(policy).__name__))
-
-
 def _filled(content: Any, seed: int) -> Any:
     """Return ``content`` with the training seed in all its texts."""
     if isinstance(content, str):
         return content.replace(SEED, str(seed))
     if isinstance(content, Mapping):
         return {key: _filled(value, seed) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_filled(value, seed) for value in content]
-    return content
-
-
-def _default_group(content: Any) -> str:
-    kind = content.get("kind") if isinstance(content, Mapping) else content
-    if kind == "residual":
-        return "hybrid"
-    return "learned" if kind == "trained" or (isinstance(kind, str) and kind.endswith(".json")) else "classical"
+    return [_filled(value, seed) for value in content] if isinstance(content, list | tuple) else content
 
 
 settings_from = EvaluationSettings.checked

@@ -13,20 +13,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.evaluation.statistics import (
-    Interval,
-    bootstrap,
-    median_interval,
-    quartiles,
-    success_interval,
-)
+from agents.evaluation.statistics import Interval, bootstrap, median_interval, quartiles, success_interval
+from vibgym.policies.measures import Measured
 from vibgym.policies.rollout import OWN_FACTS, Outcomes
 from vibgym.tasks.episode import EVENTS
 
 REPORT, EFFECTS, LOAD = "report", "effects", "load"
 """Names of the studies of an evaluation."""
-
-LABELS = ("study", "task", "hardware", "policy", "training_seed", "seed")
 
 OWN = {
     "transit_s": "transit",
@@ -76,6 +69,11 @@ class Place(NamedTuple):
     hardware: str
     policy: str
 
+    @property
+    def labels(self) -> dict[str, str]:
+        """Columns of tables of the main study."""
+        return {"task": self.task, "hardware": self.hardware, "policy": self.policy}
+
     def __str__(self) -> str:
         return ", ".join(self[1:] if self.study == REPORT else self)
 
@@ -90,19 +88,15 @@ class Table:
     def of(cls, found: Outcomes, place: Place, training_seed: int | None = None) -> Table:
         """Return the table of one policy's rollout."""
         count = len(found.seeds)
-        labels: dict[str, np.ndarray] = {
-            name: np.array([value] * count, dtype=object) for name, value in place._asdict().items()
-        }
-        labels["training_seed"] = np.full(count, -1 if training_seed is None else training_seed)
-        labels["seed"] = np.array(found.seeds)
-        kept = METRICS if hasattr(found, "collisions") else {name: METRICS[name] for name in ENDS}
-        kept = {name: what for name, what in kept.items() if name in OWN or hasattr(found, what)}
-        values = {
-            name: np.asarray(found.fact(what) if name in OWN else getattr(found, what), dtype=np.float64)
-            for name, what in kept.items()
-        }
-        missing = {name: np.full(count, np.nan) for name in METRICS}
-        return cls({**labels, **missing, **values})
+        columns: dict[str, Any] = {name: np.full(count, value, dtype=object) for name, value in place._asdict().items()}
+        columns["training_seed"] = np.full(count, -1 if training_seed is None else training_seed)
+        columns["seed"] = np.array(found.seeds)
+        for name, what in METRICS.items():
+            values = np.full(count, np.nan)
+            if name in ENDS or isinstance(found, Measured):
+                values = found.fact(what) if name in OWN else getattr(found, what, values)
+            columns[name] = np.asarray(values, dtype=np.float64)
+        return cls(columns)
 
     @classmethod
     def joined(cls, tables: Sequence[Table]) -> Table:
@@ -121,10 +115,7 @@ class Table:
 
     def where(self, **labels: Any) -> Table:
         """Return the rows with these labels."""
-        which = np.ones(len(self), dtype=bool)
-        for name, value in labels.items():
-            which &= self[name] == value
-        return self.rows(which)
+        return self.rows(np.logical_and.reduce([self[name] == value for name, value in labels.items()]))
 
     def groups(self, *names: str) -> dict[tuple[Any, ...], Table]:
         """Return the rows by the values of some columns, in the order of their first rows."""

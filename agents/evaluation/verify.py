@@ -53,11 +53,11 @@ FIRST = ("success_rate", "time_to_goal_median_s")
 
 @dataclass(frozen=True)
 class Sample:
-    """What to play of published results.
+    """Episodes to play of published results.
 
     Attributes:
-        episodes: new ones in every place.
-        again: published ones in every place that are played again (the first ones).
+        episodes: new ones per policy, task and hardware.
+        again: published ones, played again (the first ones).
         first_seed: of the new episodes; None: the one after the last published.
         tasks, policies: only these; None: all.
     """
@@ -78,11 +78,10 @@ class Sample:
         checks.count("--again", self.again, least=0, most=MOST_EPISODES)
         first = published.last_seed + 1 if self.first_seed is None else self.first_seed
         checks.count("--first-seed", first, least=0, most=2**63 - 1 - self.episodes)
-        new, least = range(first, first + self.episodes), int(published.table["seed"].min())
-        if new.start <= published.last_seed and new.stop > least:
+        if first <= published.last_seed and first + self.episodes > int(published.table["seed"].min()):
             allowed = f"chosen so that no seed was published, e.g. {published.last_seed + 1}"
             raise checks.refuse("--first-seed", first, allowed)
-        return list(new)
+        return list(range(first, first + self.episodes))
 
     def places(self, published: Published) -> dict[Place, Table]:
         """Return the published episodes of the places to play.
@@ -90,16 +89,13 @@ class Sample:
         Raises:
             ValueError: a task or policy that was not published, or no place with both.
         """
-        everything = published.table.places()
+        found = everything = published.table.places()
         for option, names in (("task", self.tasks), ("policy", self.policies)):
-            known = tuple(dict.fromkeys(getattr(place, option) for place in everything))
-            for name in names or ():
-                checks.choice(f"--{option}", name, known)
-        found = {
-            place: those
-            for place, those in everything.items()
-            if place.task in (self.tasks or [place.task]) and place.policy in (self.policies or [place.policy])
-        }
+            if names:
+                known = tuple(dict.fromkeys(getattr(place, option) for place in everything))
+                for name in names:
+                    checks.choice(f"--{option}", name, known)
+                found = {place: those for place, those in found.items() if getattr(place, option) in names}
         if not found:
             raise checks.conflict(f"--policy: none of {list(self.policies or ())} ran on {', '.join(self.tasks or ())}")
         return found
@@ -123,6 +119,16 @@ class Tested:
         slack = 1e-9 * abs(self.found)
         return self.low - slack <= self.found <= self.high + slack
 
+    @property
+    def between(self) -> str:
+        """The interval as text."""
+        return f"{self.text(self.low, '')} to {self.text(self.high)}"
+
+    def text(self, value: float, unit: str | None = None) -> str:
+        """Return a value with the figure's unit, or with ``unit``."""
+        figure = self.figure
+        return quantity(value, figure.factor, figure.digits, figure.unit if unit is None else unit).rstrip()
+
 
 @dataclass(frozen=True)
 class Verification:
@@ -138,9 +144,9 @@ class Verification:
     """
 
     published: Published
-    different: tuple[str, ...]
-    versions: tuple[str, ...]
-    tested: tuple[Tested, ...]
+    different: list[str]
+    versions: list[str]
+    tested: list[Tested]
     again: Mapping[Place, tuple[int, int]]
     alpha: float
 
@@ -165,38 +171,27 @@ def verify(
     new: dict[Place, Table] = {}
     again: dict[Place, tuple[int, int]] = {}
     try:
-        played = _play(published, places, seeds, sample.again, processes, quiet, ray)
+        runs = _runs(published, places, seeds, sample.again)
     except ValueError as error:
         if not different:
             raise
         different.append(f"nothing was played: {error}")
-        played = {}
-    for place, table in played.items():
-        repeated, new[place] = table.rows(slice(None, -len(seeds))), table.rows(slice(-len(seeds), None))
-        again[place] = _identical(repeated, places[place]), len(repeated)
+        runs = []
+    for run, found in zip(runs, run_all(runs, processes, ray, quiet), strict=True):
+        table = rounded(Table.of(found, run.place))
+        repeated, new[run.place] = table.rows(slice(None, -len(seeds))), table.rows(slice(-len(seeds), None))
+        again[run.place] = _identical(repeated, places[run.place]), len(repeated)
     tested, alpha = tested_figures(places, new)
-    return Verification(published, tuple(different), tuple(version_changes(published)), tested, again, alpha)
+    return Verification(published, different, version_changes(published), tested, again, alpha)
 
 
-def _play(
-    published: Published,
-    places: Mapping[Place, Table],
-    seeds: Sequence[int],
-    again: int,
-    processes: int,
-    quiet: bool,
-    ray: str | None,
-) -> dict[Place, Table]:
-    """Play the first ``again`` published episodes and the new ones in every place."""
-    known = [*main_runs(published.settings)[2], *effects_runs(published.settings)]
-    by_place = {run.place: run for run in known}
-    runs: list[Run] = []
-    for place, those in places.items():
-        if place not in by_place:
-            raise checks.unknown(f"place in {published.directory / EPISODE_FILE}", str(place), by_place)
-        runs.append(replace(by_place[place], seeds=[*those["seed"][:again].tolist(), *seeds]))
-    found = run_all(runs, processes, ray, quiet)
-    return {run.place: rounded(Table.of(each, run.place)) for run, each in zip(runs, found, strict=True)}
+def _runs(published: Published, places: Mapping[Place, Table], seeds: Sequence[int], again: int) -> list[Run]:
+    """Return the runs of the first ``again`` published episodes and the new ones in every place."""
+    known = {run.place: run for run in (*main_runs(published.settings)[2], *effects_runs(published.settings))}
+    for place in places:
+        if place not in known:
+            raise checks.unknown(f"place in {published.directory / EPISODE_FILE}", str(place), known)
+    return [replace(known[place], seeds=[*those["seed"][:again].tolist(), *seeds]) for place, those in places.items()]
 
 
 def _identical(repeated: Table, published: Table) -> int:
@@ -205,10 +200,8 @@ def _identical(repeated: Table, published: Table) -> int:
     return int(np.all([(one == other) | (np.isnan(one) & np.isnan(other)) for one, other in pairs], axis=0).sum())
 
 
-def tested_figures(
-    published: Mapping[Place, Table], new: Mapping[Place, Table], alpha: float = ALPHA
-) -> tuple[tuple[Tested, ...], float]:
-    """Return every figure of the new episodes with its interval, and the share of ``alpha`` of each.
+def tested_figures(published: Mapping[Place, Table], new: Mapping[Place, Table]) -> tuple[list[Tested], float]:
+    """Return every figure of the new episodes with its interval, and the share of :data:`ALPHA` of each.
 
     Figures without a value on one side, such as times without a success, are left out: their rate is a figure, too.
     """
@@ -218,7 +211,7 @@ def tested_figures(
             before, now = figure.sample(published[place]), figure.sample(those)
             if len(before) and len(now):
                 samples.append((place, figure, before, now))
-    share, tested = alpha / max(len(samples), 1), []
+    share, tested = ALPHA / max(len(samples), 1), []
     for place, figure, before, now in samples:
         if figure.median:
             low, high = median_between(before, len(now), share)
@@ -227,16 +220,16 @@ def tested_figures(
         else:
             low, high = mean_between(np.concatenate([before, now]), len(now), share)
         tested.append(Tested(place, figure, figure.value(before), figure.value(now), low, high, len(now)))
-    return tuple(tested), share
+    return tested, share
 
 
 def rate_between(times: int, published: int, fresh: int, alpha: float) -> tuple[float, float]:
-    """Interval of the rate in ``fresh`` episodes of what occurred ``times`` in ``published`` ones.
+    """Return the interval of the rate in ``fresh`` episodes of an event that occurred ``times`` in ``published`` ones.
 
-    Those rates which Fisher's exact test does not reject ("The design of experiments", 1935), on either side.
+    It holds the rates that Fisher's exact test ("The design of experiments", 1935) does not reject on either side.
 
     Args:
-        alpha: the rate lies outside with this probability at most, and with half of it on either side.
+        alpha: upper bound of the probability that the rate lies outside, half of it on either side.
     """
     again = np.arange(fresh + 1)
     chances = published + fresh, times + again, fresh
@@ -246,12 +239,11 @@ def rate_between(times: int, published: int, fresh: int, alpha: float) -> tuple[
 
 
 def median_between(published: np.ndarray, fresh: int, alpha: float) -> tuple[float, float]:
-    """Interval of the median of ``fresh`` values, from the ``published`` ones (n,).
+    """Return the interval of the median of ``fresh`` values, from the ``published`` ones (n,).
 
-    How many published values lie below the j-th of the fresh ones has a negative hypergeometric distribution (Fligner, Wolfe,
-    "Some applications of sample analogues to the probability integral transformation", The American Statistician 30, 1976).
-    With ties less is outside, and so it is with an even number: the lower one of the two in the middle would have to be below,
-    or the upper one above.
+    The number of published values below the j-th fresh one has a negative hypergeometric distribution (Fligner, Wolfe, "Some
+    applications of sample analogues to the probability integral transformation", The American Statistician 30, 1976). With
+    ties or an even number of fresh values the interval is conservative.
 
     Args:
         alpha: see :func:`rate_between`.
@@ -266,7 +258,7 @@ def median_between(published: np.ndarray, fresh: int, alpha: float) -> tuple[flo
 
 @lru_cache(maxsize=1024)
 def _ranks(published: int, fresh: int, alpha: float) -> tuple[int, int]:
-    """Ranks of the published values between which the median lies: 0 and ``published`` + 1 where none is low or high enough."""
+    """Return the ranks of the published values around the median; 0 and ``published`` + 1 where none is low or high enough."""
     lower, upper, ranks = (fresh + 1) // 2, fresh // 2 + 1, np.arange(published)
     below = stats.betabinom.cdf(ranks, published, lower, fresh - lower + 1) <= 0.5 * alpha
     above = stats.betabinom.sf(ranks, published, upper, fresh - upper + 1) <= 0.5 * alpha
@@ -274,12 +266,10 @@ def _ranks(published: int, fresh: int, alpha: float) -> tuple[int, int]:
 
 
 def mean_between(pool: np.ndarray, fresh: int, alpha: float) -> tuple[float, float]:
-    """Interval of the mean of ``fresh`` values drawn without replacement from ``pool`` (n,), published and fresh ones together.
-
-    A permutation test, exact by the distribution of the sum.
+    """Return the interval of the mean of ``fresh`` values drawn from ``pool`` (n,): an exact permutation test.
 
     Args:
-        pool: whole numbers.
+        pool: published and fresh values together, whole numbers.
         fresh: from 1 to n.
         alpha: see :func:`rate_between`.
     """
@@ -292,11 +282,11 @@ def mean_between(pool: np.ndarray, fresh: int, alpha: float) -> tuple[float, flo
 
 
 def _sums(pool: np.ndarray, drawn: int) -> np.ndarray:
-    """Probability of every sum of ``drawn`` values of ``pool`` (n,), whole numbers from 0 up."""
+    """Return the probability of every sum of ``drawn`` values of ``pool`` (n,), whole numbers >= 0, without replacement."""
     most = int(np.sort(pool)[-drawn:].sum())
     values, counts = np.unique(pool, return_counts=True)
     left = len(pool)
-    chances = np.zeros((drawn + 1, most + 1))  # of so many values drawn with such a sum
+    chances = np.zeros((drawn + 1, most + 1))  # by number of values drawn and their sum
     chances[0, 0] = 1.0
     for value, count in zip(values.tolist(), counts.tolist(), strict=True):
         after, taken = np.zeros_like(chances), np.arange(min(count, drawn) + 1)
@@ -339,20 +329,17 @@ def _figures(published: Published) -> list[str]:
     path, found = published.directory / FIGURE_FILE, []
     follow: dict[tuple[Place, str], float] = {}
     for row in figure_rows(published.table):
-        place = Place(*(row[name] for name in Place._fields))
-        follow[place, row["figure"]] = row["value"]
-    for (place, name), value in follow.items():
-        stands = published.figures.get((place, name))
-        # The last digit of a sum depends on the order of additions.
-        if stands is None or not math.isclose(stands, value, rel_tol=1e-9, abs_tol=1e-12):
-            says = "is missing" if stands is None else f"is {stands:g}"
-            found.append(f"{path}: {place}: {name} {says}; {value:g} follows from the episodes")
-    for place, name in published.figures:
-        if (place, name) not in follow:
+        follow[Place(*(row[name] for name in Place._fields)), row["figure"]] = row["value"]
+    for place, name in {**follow, **published.figures}:
+        value, stands = follow.get((place, name)), published.figures.get((place, name))
+        if value is None:
             found.append(f"{path}: {place}: {name} follows from no published episodes")
-    return (
-        found if len(found) <= MOST_LINES else [*found[:MOST_LINES], f"{path}: {len(found) - MOST_LINES} more figures"]
-    )
+        # The last digit of a sum depends on the order of additions.
+        elif stands is None or not math.isclose(stands, value, rel_tol=1e-9, abs_tol=1e-12):
+            given = "is missing" if stands is None else f"is {stands:g}"
+            found.append(f"{path}: {place}: {name} {given}; {value:g} follows from the episodes")
+    more = len(found) - MOST_LINES
+    return [*found[:MOST_LINES], f"{path}: {more} more figures"] if more > 0 else found
 
 
 def version_changes(published: Published) -> list[str]:
@@ -370,8 +357,8 @@ def report_of(found: Verification) -> str:
     if found.tested:
         lines += ["", _table(found), ""]
     for each in outside:
-        values = f"{_text(each, each.found)} of {each.episodes} episodes, published {_text(each, each.published)}"
-        lines.append(f"outside: {each.place}: {each.figure.label} {values}, should be in {_between(each)}")
+        values = f"{each.text(each.found)} of {each.episodes} episodes, published {each.text(each.published)}"
+        lines.append(f"outside: {each.place}: {each.figure.label} {values}, should be in {each.between}")
     lines += [f"different: {each}" for each in found.different]
     lines += [f"version: {each}" for each in found.versions]
     same, played = (sum(each[k] for each in found.again.values()) for k in (0, 1))
@@ -385,36 +372,22 @@ def report_of(found: Verification) -> str:
 
 def figures_csv(found: Verification) -> str:
     """Return all figures with their intervals; only the header if nothing was played."""
-    if not found.tested:
-        return ",".join((*Place._fields, "figure", *VALUES)) + "\n"
     rows: list[dict[str, Any]] = [
         each.place._asdict() | {"figure": each.figure.name} | {name: getattr(each, name) for name in VALUES}
         for each in found.tested
     ]
-    return csv_text(rows)
+    return csv_text(rows) if rows else ",".join((*Place._fields, "figure", *VALUES)) + "\n"
 
 
 def _table(found: Verification) -> str:
-    by_place: dict[Place, dict[str, Tested]] = {}
-    for each in found.tested:
-        by_place.setdefault(each.place, {})[each.figure.name] = each
     heads = ("task", "hardware", "policy", *(BY_NAME[name].label for name in FIRST), "figures inside", "identical")
     lines = []
-    for place, those in by_place.items():
-        inside = sum(each.inside for each in those.values())
-        same, played = found.again[place]
+    for place, (same, played) in found.again.items():
+        those = {each.figure.name: each for each in found.tested if each.place == place}
         cells = [
-            "–" if (each := those.get(name)) is None else f"{_text(each, each.found)} in {_between(each)}"
+            f"{those[name].text(those[name].found)} in {those[name].between}" if name in those else "–"
             for name in FIRST
         ]
-        lines.append([*place[1:], *cells, f"{inside} of {len(those)}", f"{same} of {played}"])
+        inside = f"{sum(each.inside for each in those.values())} of {len(those)}"
+        lines.append([*place[1:], *cells, inside, f"{same} of {played}"])
     return markdown(heads, lines)
-
-
-def _between(each: Tested) -> str:
-    return f"{_text(each, each.low, False)} to {_text(each, each.high)}"
-
-
-def _text(each: Tested, value: float, unit: bool = True) -> str:
-    figure = each.figure
-    return quantity(value, figure.factor, figure.digits, figure.unit if unit else "").rstrip()

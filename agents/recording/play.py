@@ -1,14 +1,13 @@
-"""Episodes of a policy, step by step."""
+"""Episodes of a policy, recorded step by step."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.recording.record_settings import RecordSettings
-from agents.recording.tracks import Tracks
 from vibgym import checks
 from vibgym.envs.vector import batch_of
 from vibgym.policies.protocol import Policy
@@ -18,7 +17,7 @@ from vibgym.policies.task_info import TaskInfo
 
 
 class Episode(NamedTuple):
-    """What happened in ``steps`` steps."""
+    """Record of an episode."""
 
     seed: int
     observations: Any  # (steps + 1, ...), or a dictionary of such
@@ -27,21 +26,21 @@ class Episode(NamedTuple):
     terminated: bool
     truncated: bool
     success: bool
-    drawn: dict[str, np.ndarray]  # what the episode's machine and parts were drawn to be, see ``info["drawn"]``
+    drawn: dict[str, np.ndarray]  # randomized values of the episode, see ``info["drawn"]``
 
 
 class Recorder:
-    """Plays a policy on a batch of worlds.
+    """A policy on a batch of worlds.
 
     Args:
-        settings: what to play.
+        settings: of the recording.
 
     Attributes:
-        policy: who plays.
+        policy: as made for the environment.
         env: the batch.
 
     Raises:
-        ValueError: an environment or a policy that cannot be made, or that do not fit.
+        ValueError: an invalid environment or policy, or a policy that does not serve the environment.
     """
 
     def __init__(self, settings: RecordSettings) -> None:
@@ -65,10 +64,7 @@ class Recorder:
         self.policy = make_policy(settings.policy, TaskInfo.of(self.env), settings.first_seed)
 
     def episodes(self) -> Iterator[Episode]:
-        """One after the other, in the order of their seeds.
-
-        A world whose episode has ended begins the next one, until all have begun.
-        """
+        """Yield the episodes in the order of their seeds. A world whose episode has ended begins the next one."""
         settings, env, given, waiting = self.settings, self.env, 0, dict[int, Episode]()
         seeds = range(settings.first_seed, settings.first_seed + settings.episodes)
         tracks, drawn = Tracks(env.num_envs), dict[str, np.ndarray]()
@@ -100,12 +96,12 @@ class Recorder:
 
 
 class Actor:
-    """The policy as it is recorded: it reads its own observation, whichever is kept, and its actions get noise.
+    """The policy with its own observation, independent of the recorded one, and with noise on its actions.
 
     Args:
-        policy, env: who acts where.
-        kept: name of the observation that the environment gives.
-        noise: standard deviation of what is added to every number of an action.
+        policy, env: the policy and its environment.
+        kept: name of the observation that the environment returns.
+        noise: standard deviation of the noise on every entry of an action.
     """
 
     def __init__(self, policy: Policy, env: Any, kept: str, noise: float) -> None:
@@ -114,7 +110,7 @@ class Actor:
         self._noises: list[np.random.Generator] = [np.random.default_rng(0)] * env.num_envs
 
     def begin(self, seeds: Mapping[int, int]) -> None:
-        """Episodes with these seeds begin, by world: the noise of each follows from its own."""
+        """Seed the noise of worlds whose episodes begin; ``seeds`` by world."""
         for world, seed in seeds.items():
             self._noises[world] = np.random.default_rng([seed, 1])
 
@@ -133,3 +129,49 @@ class Actor:
 
 def _drawn(info: dict[str, Any]) -> dict[str, np.ndarray]:
     return {name: np.array(value) for name, value in info.get("drawn", {}).items() if not name.startswith("_")}
+
+
+ACTION, REWARD = ("action",), ("reward",)  # keys that no observation has
+
+
+class Tracks:
+    """Observations, actions and rewards of the current episode of every world."""
+
+    def __init__(self, worlds: int) -> None:
+        self.worlds, self.steps = worlds, 64
+        self._kept: dict[Any, np.ndarray] = {}
+
+    def begin(self, worlds: np.ndarray, observation: Any) -> None:
+        """Begin episodes of these worlds with their current observation."""
+        for name, value in _named(observation):
+            self._room(name, value)[worlds, 0] = value[worlds]
+
+    def add(self, age: np.ndarray, observation: Any, action: np.ndarray, reward: np.ndarray) -> None:
+        """Add a step of all worlds; ``age`` (worlds,) is the number of steps before it."""
+        if age.max() + 2 > self.steps:
+            self.steps *= 2
+            self._kept = {
+                name: np.concatenate((each, np.empty_like(each)), axis=1) for name, each in self._kept.items()
+            }
+        everyone = np.arange(self.worlds)
+        for name, value in _named(observation):
+            self._room(name, value)[everyone, age + 1] = value
+        for name, value in ((ACTION, action), (REWARD, reward)):
+            self._room(name, value)[everyone, age] = value
+
+    def cut(self, world: int, steps: int) -> tuple[Any, np.ndarray, np.ndarray]:
+        """Return observations (steps + 1), actions and rewards of a world's episode."""
+        seen = {
+            name: each[world, : steps + 1].copy() for name, each in self._kept.items() if name not in (ACTION, REWARD)
+        }
+        action, reward = (self._kept[name][world, :steps].copy() for name in (ACTION, REWARD))
+        return seen[None] if None in seen else seen, action, reward
+
+    def _room(self, name: Any, value: np.ndarray) -> np.ndarray:
+        if name not in self._kept:
+            self._kept[name] = np.empty((self.worlds, self.steps, *value.shape[1:]), dtype=value.dtype)
+        return self._kept[name]
+
+
+def _named(observation: Any) -> Iterable[tuple[Any, np.ndarray]]:
+    return observation.items() if isinstance(observation, dict) else ((None, observation),)

@@ -1,7 +1,8 @@
-"""From episodes to a data set on disk."""
+"""Episodes of a policy as a Minari data set: ``python -m agents record CONFIG``."""
 
 from __future__ import annotations
 
+import argparse
 import copy
 import json
 import os
@@ -19,10 +20,11 @@ from minari.storage.datasets_root_dir import get_dataset_path
 from tqdm import tqdm
 
 import vibgym
-from agents import locks
+from agents import command_line, locks
+from agents.command_line import Command
 from agents.recording import storage
 from agents.recording.play import Recorder
-from agents.recording.record_settings import RecordSettings
+from agents.recording.record_settings import RecordSettings, load_settings
 from vibgym import checks
 from vibgym.envs.vector import environment_id
 from vibgym.files import WriteError, reason
@@ -30,24 +32,24 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.trained import described
 
 ROOT = "MINARI_DATASETS_PATH"
-"""Environment variable that says where Minari keeps its data sets."""
+"""Environment variable with the directory of Minari's data sets."""
 
 SCENE = "vibgym_scene"
-"""Key of what a data set says of its scene."""
+"""Key of the scene in the metadata of a data set."""
 
 
 def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, float]:
-    """Play, and write a data set that Minari loads: whole, or not at all.
+    """Record episodes as a data set that Minari loads: all of it, or nothing.
 
-    Per step it has observations, actions as they were done, rewards and ends; per episode its seed, whether it succeeded, and
-    what was drawn for it (hardware, friction, mass): as metadata, see ``MinariDataset.storage.get_episode_metadata``.
+    It has, per step, observations, executed actions, rewards and ends; per episode, as metadata
+    (``MinariDataset.storage.get_episode_metadata``), seed, success and randomized values.
 
     Returns:
         The data set's directory, its steps, and the seconds that it took.
 
     Raises:
-        ValueError: settings that do not fit, or a data set of this name, which stays.
-        WriteError: no space is left, or the like; nothing is left behind.
+        ValueError: invalid settings, or a data set of this name exists; it is unchanged.
+        WriteError: no space is left, for instance; nothing is left behind.
     """
     began = time.perf_counter()
     with kept_in(settings.directory):
@@ -75,11 +77,11 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
 
 
 def _write(recorder: Recorder, quiet: bool) -> int:
-    """Play, and write a data set to where Minari keeps them now; returns its steps."""
+    """Record episodes in Minari's current directory; return the number of steps."""
     settings, env = recorder.settings, recorder.env
     name = environment_id(settings.task)
     spec = copy.deepcopy(gym.registry.get(name))
-    if spec is not None:  # of a task alone there is none
+    if spec is not None:  # a task by name has none
         spec.kwargs.update(recorder.kwargs)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # about the missing author and permanent link
@@ -105,7 +107,7 @@ def _write(recorder: Recorder, quiet: bool) -> int:
 
 
 def scene_of(env: Any) -> dict[str, Any]:
-    """What a data set's numbers are of: task, table, parts and columns; as plain values."""
+    """Return the scene of a data set as plain values: task, surface, parts and columns."""
     return {
         "task": TaskInfo.of(env).name,
         "surface": described(env.surface),
@@ -116,7 +118,7 @@ def scene_of(env: Any) -> dict[str, Any]:
 
 @contextmanager
 def kept_in(directory: str | None) -> Iterator[None]:
-    """Minari keeps its data sets there, for a while; None: where it does."""
+    """Set the directory of Minari's data sets within a block; None: unchanged."""
     before = os.environ.get(ROOT)
     if directory is not None:
         os.environ[ROOT] = str(directory)
@@ -132,3 +134,20 @@ def kept_in(directory: str | None) -> Iterator[None]:
 def _named(policy: Any) -> str:
     kind = policy.get("kind") if isinstance(policy, dict) else policy
     return str(kind)
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    command_line.config(parser, "YAML file, see configs/recordings/")
+
+
+def command(arguments: argparse.Namespace) -> None:
+    """Record the episodes that a settings file describes."""
+    settings = load_settings(arguments.config)
+    if arguments.output is not None:
+        settings = settings.model_copy(update={"directory": str(arguments.output)})
+    with checks.within(arguments.config, kind=checks.Refused):
+        place, steps, seconds = record(settings, arguments.quiet)
+    print(f"{place}: {settings.episodes} episodes, {steps} steps in {seconds:.1f} s, {steps / seconds:.0f} steps/s")
+
+
+COMMANDS = {"record": Command(_arguments, command, "directory of data sets, instead of the file's")}

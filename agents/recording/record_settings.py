@@ -1,4 +1,4 @@
-"""What is recorded: whose episodes, where, and what of them is kept."""
+"""Settings of recordings."""
 
 from __future__ import annotations
 
@@ -22,13 +22,12 @@ class RecordSettings(Settings):
     task: str  # see vibgym.envs.vector.batch_of
     policy: Any  # as evaluations take it
     environment: dict[str, Any] = {}
-    observation: str = "state"  # what is kept; the policy reads its own
+    observation: str = "state"  # that is recorded; the policy has its own
     episodes: int = Field(1000, ge=1, le=10_000_000)
     first_seed: int = Field(1_000_000, ge=0, le=2**31)  # episode k begins with this seed + k
-    worlds: int = Field(250, ge=1, le=100_000)  # played at a time, of which nothing depends that plays without chance
-    # Standard deviation of what is added to actions, which are kept as they were done.
-    noise: float = Field(0.0, ge=0, le=2)
-    directory: str | None = None  # of the data sets; None: where Minari keeps them
+    worlds: int = Field(250, ge=1, le=100_000)  # simulated together; no result depends on it
+    noise: float = Field(0.0, ge=0, le=2)  # standard deviation, added to the actions that are executed and recorded
+    directory: str | None = None  # of the data sets; None: that of Minari
 
     @field_validator("dataset")
     @classmethod
@@ -39,7 +38,7 @@ class RecordSettings(Settings):
 
 
 def load_settings(path: Path) -> RecordSettings:
-    """Read a file; the first fault is a one-line ValueError that names file and field."""
+    """Return the settings of a YAML file; the first fault is a one-line ValueError that names file and field."""
     settings = parse(RecordSettings, load_yaml(path), str(path))
     environment_id(settings.task, f"{path}.task")
     return settings

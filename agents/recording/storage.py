@@ -1,7 +1,7 @@
-"""Episodes into the file of a Minari data set, as Minari itself lays them out.
+"""The file of a Minari data set, in Minari's layout.
 
-Minari writes every array in chunks whose size is guessed, with room to grow, which takes longer than playing an episode of some
-tens of steps does. Here every array is one compact object, in a quarter of that time; Minari reads both alike, see the tests.
+Minari writes every array in resizable chunks, which takes longer than the simulation of an episode of some tens of steps. Here
+every array is one compact object, in a quarter of that time; Minari reads both.
 """
 
 from __future__ import annotations
@@ -18,21 +18,18 @@ from agents.recording.play import Episode
 
 FILE = "main_data.hdf5"
 MOST_COMPACT = 60_000
-"""Bytes of an array that may stand in its own header, of which HDF5 allows 64 KiB."""
+"""Largest array that is stored in its header, bytes; HDF5 allows 64 KiB."""
 
 
 def write(directory: Path, episodes: Iterable[Episode]) -> tuple[int, int]:
-    """Add episodes to an empty data set that Minari has made.
+    """Add episodes to an empty data set of Minari; return the numbers of episodes and steps.
 
     Args:
         directory: of its data.
         episodes: in order.
 
-    Returns:
-        Numbers of episodes and steps.
-
     Raises:
-        OSError: no space is left, or the like.
+        OSError: no space is left, for instance.
     """
     count = steps = 0
     with h5py.File(directory / FILE, "r+") as file:
@@ -44,7 +41,7 @@ def write(directory: Path, episodes: Iterable[Episode]) -> tuple[int, int]:
 
 
 class _Writer:
-    """Keeps what all arrays and attributes share."""
+    """Writer of arrays and attributes, with shared HDF5 types."""
 
     def __init__(self) -> None:
         self.compact, self.large = (h5p.create(h5p.DATASET_CREATE) for _ in range(2))

@@ -12,7 +12,7 @@ from vibgym import checks
 
 
 def progress(text: str) -> None:
-    """One line on stderr that is overwritten by the next, or lines where stderr is no terminal."""
+    """Print one line on stderr that is overwritten by the next, or separate lines where stderr is no terminal."""
     if sys.stderr.isatty():
         print(f"\r\x1b[2K{text[:110]}", end="", file=sys.stderr, flush=True)
     elif text.endswith((": truth", ": independent reference")) or ":" not in text:
@@ -25,10 +25,10 @@ def accuracy_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def accuracy(arguments: argparse.Namespace) -> None:
-    """Measure what the file asks for and write the report."""
-    # All of it now: what is missing should not show after minutes of measuring.
+    """Measure what the settings ask for and write the report."""
+    # Imports come first, so that a missing extra is reported before minutes of measuring.
     from agents import locks
-    from studies.accuracy import page, report, settings, tables
+    from studies.accuracy import page, report, settings
 
     asked = settings.load_settings(arguments.config, None if arguments.output is None else str(arguments.output))
     with checks.within(arguments.config):
@@ -39,11 +39,11 @@ def accuracy(arguments: argparse.Namespace) -> None:
         path = page.write(found, prepared.output)
     if not arguments.quiet and sys.stderr.isatty():
         print("\r\x1b[2K", end="", file=sys.stderr)
-    print(tables.summary(found))
+    print(page.summary(found))
     print(f"\nreport: {path}")
 
 
-COMMAND = Command(accuracy_arguments, accuracy, "directory for what is written, instead of the file's")
+COMMAND = Command(accuracy_arguments, accuracy, "output directory, instead of the file's")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-
-import numpy as np
+from collections.abc import Callable
+from typing import NamedTuple
 
 from studies.accuracy import errors
-from studies.accuracy.ladder import Row, SceneResult, drift
+from studies.accuracy.ladder import Row, SceneResult
 
 SAMPLING, SCIPY, MUJOCO = "point sampling", ("SciPy LSODA", "SciPy DOP853"), "MuJoCo"
 AVERAGED = ("averaged, order 1", "averaged, order 2")
@@ -16,15 +15,14 @@ STRONG_LEVEL = 5e-5  # m
 WEAK_LEVEL, STEADY_LEVEL = 0.02, 1e-3
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(NamedTuple):
     """``fast`` against ``slow`` on a scene, at one error.
 
     Attributes:
         weak: whether the error is the mean velocity's (relative) or the trajectory's (m).
         error: at which both are taken.
-        fast_cost, slow_cost: us per period, world and core; None where the method does not get there.
-        note: what that means in words, or "".
+        fast_cost, slow_cost: us per period, world and core; None where the method does not reach the error.
+        note: the smallest errors of methods that do not reach it, or "".
     """
 
     scene: str
@@ -45,13 +43,13 @@ class Comparison:
 
 
 def at_error(result: SceneResult, fast: str, slow: str, error: float, weak: bool) -> Comparison | None:
-    """Both methods where they reach ``error``; None if one of them has no usable setting at all."""
+    """Return both methods where they reach ``error``; None if one of them has no usable setting."""
     curves = [result.curve(method, weak) for method in (fast, slow)]
     if not all(rows for rows, _, _ in curves):
         return None
     found = [errors.cost_at(costs, values, error) for _, costs, values in curves]
     short = [
-        f"{method} gets to {_error(min(values), weak)}"
+        _reaches(method, min(values), weak)
         for method, (_, _, values), cost in zip((fast, slow), curves, found, strict=True)
         if cost is None
     ]
@@ -59,7 +57,7 @@ def at_error(result: SceneResult, fast: str, slow: str, error: float, weak: bool
 
 
 def at_its_errors(result: SceneResult, fast: str, slow: str) -> list[Comparison]:
-    """At the strong error of each setting of the slow method, over the worlds that it ran: the fast one at the same."""
+    """Compare at the strong error of each setting of the slow method, over the worlds that it ran."""
     ours, costs, _ = result.curve(fast)
     found = []
     for row in result.curve(slow)[0]:
@@ -67,22 +65,21 @@ def at_its_errors(result: SceneResult, fast: str, slow: str) -> list[Comparison]
         if not mine or not math.isfinite(row.strong.median):
             continue
         cost = errors.cost_at(costs, mine, row.strong.median)
-        note = "" if cost is not None else f"{fast} gets to {_error(min(mine), False)}"
+        note = "" if cost is not None else _reaches(fast, min(mine), False)
         found.append(Comparison(result.scene.name, fast, slow, False, row.strong.median, cost, row.cost, note))
     return found
 
 
-def _error(value: float, weak: bool) -> str:
-    return f"{100 * value:.2g} %" if weak else f"{1e3 * value:.2g} mm"
+def _reaches(method: str, value: float, weak: bool) -> str:
+    return f"{method} gets to " + (f"{100 * value:.2g} %" if weak else f"{1e3 * value:.2g} mm")
 
 
-@dataclass(frozen=True)
-class Headline:
-    """A figure that the models are held to.
+class Headline(NamedTuple):
+    """A published ratio.
 
     Attributes:
-        question: in words.
-        wanted: least ratio, or None where it is only shown.
+        question: as text.
+        wanted: smallest acceptable ratio, or None.
         found: one comparison per scene (the one with the smallest ratio, where there are several).
         missing: scenes without a comparison, and why.
     """
@@ -94,82 +91,76 @@ class Headline:
 
     @property
     def ratios(self) -> list[float]:
-        """Of the scenes where both methods get there."""
+        """Of the scenes where both methods reach the error."""
         return [each.ratio for each in self.found if each.ratio is not None]
 
     @property
     def passed(self) -> bool | None:
-        """Whether every ratio is what it should be; None if there is nothing to judge."""
+        """Whether every ratio is large enough; None without a ratio or a target."""
         if self.wanted is None or not self.ratios:
             return None
         return min(self.ratios) >= self.wanted
 
 
 def headlines(results: list[SceneResult]) -> list[Headline]:
-    """All of them."""
+    """Return all of them."""
     moving = [each for each in results if each.scene.slides]
-    return [
-        _headline("planar against point sampling at 0.05 mm", 4.0, moving, SAMPLING, STRONG_LEVEL, False),
-        _headline(
-            "planar against point sampling at 0.1 % of the mean velocity", 4.0, moving, SAMPLING, STEADY_LEVEL, True
-        ),
-        *(_at_theirs(f"planar against {peer} at that one's errors", 100.0, results, peer) for peer in SCIPY),
-        _at_theirs("planar against MuJoCo at the smallest error it reaches", 200.0, results, MUJOCO, best=True),
-        *(
-            Headline(
-                f"{method} against planar at 2 % of the mean velocity",
-                None,
-                *_split(moving, [at_error(each, method, "planar", WEAK_LEVEL, True) for each in moving], method),
-            )
-            for method in AVERAGED
-        ),
+
+    def fixed(fast: str, slow: str, error: float, weak: bool) -> Callable[[SceneResult], Comparison | None]:
+        return lambda result: at_error(result, fast, slow, error, weak)
+
+    def smallest(slow: str, best: bool = False) -> Callable[[SceneResult], Comparison | None]:
+        """Return the smallest ratio at the errors of all settings of the slow method, or at its smallest error."""
+
+        def compare(result: SceneResult) -> Comparison | None:
+            each = at_its_errors(result, "planar", slow)
+            if best and each:
+                each = [min(each, key=lambda one: one.error)]
+            good = [one for one in each if one.ratio is not None]
+            return min(good, key=lambda one: one.ratio or math.inf) if good else each[0] if each else None
+
+        return compare
+
+    strong, steady = (fixed("planar", SAMPLING, *level) for level in ((STRONG_LEVEL, False), (STEADY_LEVEL, True)))
+    rows = [
+        ("planar against point sampling at 0.05 mm", 4.0, moving, SAMPLING, strong),
+        ("planar against point sampling at 0.1 % of the mean velocity", 4.0, moving, SAMPLING, steady),
     ]
+    rows += [(f"planar against {peer} at that one's errors", 100.0, results, peer, smallest(peer)) for peer in SCIPY]
+    question = "planar against MuJoCo at the smallest error it reaches"
+    rows += [(question, 200.0, results, MUJOCO, smallest(MUJOCO, best=True))]
+    for method in AVERAGED:
+        question = f"{method} against planar at 2 % of the mean velocity"
+        rows += [(question, None, moving, method, fixed(method, "planar", WEAK_LEVEL, True))]
+    return [_headline(*each) for each in rows]
 
 
 def _headline(
-    question: str, wanted: float, results: list[SceneResult], slow: str, error: float, weak: bool
+    question: str,
+    wanted: float | None,
+    results: list[SceneResult],
+    method: str,
+    compare: Callable[[SceneResult], Comparison | None],
 ) -> Headline:
-    found = [at_error(each, "planar", slow, error, weak) for each in results]
-    return Headline(question, wanted, *_split(results, found, slow))
-
-
-def _at_theirs(question: str, wanted: float, results: list[SceneResult], slow: str, best: bool = False) -> Headline:
-    """At the errors of all settings of the slow method, or its smallest one; the smallest ratio of each scene counts."""
-    found = []
+    found, missing = [], []
     for result in results:
-        each = at_its_errors(result, "planar", slow)
-        if best and each:
-            each = [min(each, key=lambda one: one.error)]
-        good = [one for one in each if one.ratio is not None]
-        found.append(min(good, key=lambda one: one.ratio or math.inf) if good else (each[0] if each else None))
-    return Headline(question, wanted, *_split(results, found, slow))
-
-
-def _split(
-    results: list[SceneResult], found: list[Comparison | None], method: str
-) -> tuple[tuple[Comparison, ...], tuple[str, ...]]:
-    missing = [
-        f"{result.scene.name}: {why_missing(result, method)}"
-        for result, one in zip(results, found, strict=True)
-        if one is None
-    ]
-    return tuple(one for one in found if one is not None), tuple(missing)
+        one = compare(result)
+        if one is None:
+            missing.append(f"{result.scene.name}: {why_missing(result, method)}")
+        else:
+            found.append(one)
+    return Headline(question, wanted, tuple(found), tuple(missing))
 
 
 def why_missing(result: SceneResult, method: str) -> str:
-    """Why a method has no curve on a scene."""
+    """Return why a method has no curve on a scene."""
     rows = [row for row in result.rows if row.candidate.method == method]
-    if not rows:
-        return "not asked for"
     refused = [row.refused for row in rows if row.refused]
-    if refused:
-        return refused[0]
-    return "every setting fails in some world"
+    return refused[0] if refused else "every setting fails in some world" if rows else "not asked for"
 
 
-@dataclass(frozen=True)
-class Choice:
-    """The cheapest settings for one tolerance on one scene: ``row`` of all that are ours, and by method (None: none)."""
+class Choice(NamedTuple):
+    """The cheapest settings for one tolerance on one scene: ``row`` of all models, and by method (None: none)."""
 
     weak: bool
     tolerance: float
@@ -178,7 +169,7 @@ class Choice:
 
 
 def choices(result: SceneResult) -> list[Choice]:
-    """For every tolerance of the scene."""
+    """Return the choice for every tolerance of the scene."""
     scene = result.scene
     return [choice(result, False, each) for each in scene.strong_tolerances] + [
         choice(result, True, each) for each in scene.weak_tolerances
@@ -186,7 +177,7 @@ def choices(result: SceneResult) -> list[Choice]:
 
 
 def choice(result: SceneResult, weak: bool, tolerance: float) -> Choice:
-    """For one tolerance, of the trajectory (m) or the mean velocity (relative)."""
+    """Return the choice for one tolerance, of the trajectory (m) or the mean velocity (relative)."""
     by_method: dict[str, Row | None] = {}
     for method in result.methods:
         rows, costs, values = result.curve(method, weak)
@@ -197,19 +188,7 @@ def choice(result: SceneResult, weak: bool, tolerance: float) -> Choice:
 
 
 def front(result: SceneResult, weak: bool) -> list[Row]:
-    """The Pareto front over all methods, peers included, cheapest first."""
+    """Return the Pareto front over all methods, peers included, cheapest first."""
     rows = [row for row in result.rows if row.usable]
     values = [row.weak if weak else row.strong.median for row in rows]
     return [rows[k] for k in errors.pareto([row.cost for row in rows], values)]
-
-
-def order_gain(result: SceneResult) -> float | None:
-    """Model error of first over second order: mean over worlds of the drift's error; None where a model has no run."""
-    found = {each.method: each for each in result.models}
-    if not all(method in found for method in AVERAGED):
-        return None
-    right = drift(result.scene, result.truth)
-    first, second = (
-        float(np.mean(np.hypot(*(drift(result.scene, found[method].outcome) - right).T))) for method in AVERAGED
-    )
-    return first / second

@@ -1,11 +1,10 @@
 """Errors of a run, fronts of cost and error, and costs at equal error.
 
-Strong error, of the trajectory: how far a point of the part's circle is off at the end of the run, ``|dx| + R |dtheta|``.
+Strong error, of the trajectory: distance of a point of the part's circle at the end of the run, ``|dx| + R |dtheta|``.
 
-Weak error, of what controllers and averages see: the mean velocity's error over all worlds, each in the frame of its own
-true drift ``d`` (as complex numbers), so that errors along and across it add up where they are systematic and cancel where
-they are not: ``|sum conj(d) (d' - d)| / sum |d|^2``. With one drift for all worlds it is the relative error of the mean
-velocity vector. And the difference of success rates.
+Weak error, of the mean velocity over all worlds, each in the frame of its own true drift ``d`` (as complex numbers), so that
+systematic errors along and across it add up and others cancel: ``|sum conj(d) (d' - d)| / sum |d|^2``. With one drift for all
+worlds it is the relative error of the mean velocity vector.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ class Spread(NamedTuple):
 
 
 def strong_errors(pose: np.ndarray, truth: np.ndarray, lever: float) -> np.ndarray:
-    """(worlds,) ``|dx| + lever |dtheta|``, m; infinite where a pose is not finite.
+    """Return (worlds,) ``|dx| + lever |dtheta|``, m; infinite where a pose is not finite.
 
     Args:
         pose, truth: (worlds, 3), m and rad.
@@ -38,7 +37,7 @@ def strong_errors(pose: np.ndarray, truth: np.ndarray, lever: float) -> np.ndarr
 
 
 def spread(errors: np.ndarray) -> Spread:
-    """Median, 95th percentile and maximum, each an error that occurred (no mean of a number and infinity)."""
+    """Return median, 95th percentile and maximum, each an error that occurred (no mean of a number and infinity)."""
     if not len(errors):
         return Spread(math.nan, math.nan, math.nan)
     at = np.quantile(errors, [0.5, 0.95], method="higher")
@@ -46,11 +45,7 @@ def spread(errors: np.ndarray) -> Spread:
 
 
 def weak_error(drift: np.ndarray, truth: np.ndarray) -> float:
-    """Relative error of the mean velocity in the frame of each world's true drift; infinite if a drift is not finite.
-
-    Args:
-        drift, truth: (worlds, 2) mean velocities, m/s.
-    """
+    """Return the relative error of mean velocities (worlds, 2) m/s; infinite if one is not finite."""
     if not np.isfinite(drift).all():
         return math.inf
     right = truth[:, 0] + 1j * truth[:, 1]
@@ -61,29 +56,11 @@ def weak_error(drift: np.ndarray, truth: np.ndarray) -> float:
     return float(abs(np.sum(np.conj(right) * wrong))) / scale
 
 
-class RateDifference(NamedTuple):
-    """Success rate less the true one, and a confidence interval of 95 %."""
-
-    difference: float
-    low: float
-    high: float
-
-
-def rate_difference(success: np.ndarray, truth: np.ndarray) -> RateDifference:
-    """Of paired outcomes (the same worlds): Wald's interval with half a pair added to each kind (Agresti and Min, 2005)."""
-    n = len(success)
-    gained, lost = int(np.sum(success & ~truth)), int(np.sum(~success & truth))
-    a, b, m = gained + 0.5, lost + 0.5, n + 2.0
-    middle = (a - b) / m
-    half = 1.959964 * math.sqrt(max((a + b) - (a - b) ** 2 / m, 0.0)) / m
-    return RateDifference((gained - lost) / n, max(middle - half, -1.0), min(middle + half, 1.0))
-
-
 def pareto(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
-    """Indices of the points that no other beats, cheapest first.
+    """Return the indices of the points on the Pareto front, cheapest first.
 
-    A point is beaten by one that costs no more and errs no more, and less in at least one of them. Of equal points the first
-    stays. What is not finite stays out.
+    A point is dominated by one that costs no more and errs no more, and less in at least one of them. Of equal points the
+    first stays. Points that are not finite are left out.
     """
     usable = [k for k in range(len(costs)) if math.isfinite(costs[k]) and math.isfinite(errors[k])]
     front: list[int] = []
@@ -94,16 +71,16 @@ def pareto(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
 
 
 def cheapest(costs: Sequence[float], errors: Sequence[float], tolerance: float) -> int | None:
-    """Index of the cheapest point within ``tolerance``; None if there is none."""
+    """Return the index of the cheapest point within ``tolerance``; None if there is none."""
     within = [k for k in range(len(costs)) if math.isfinite(costs[k]) and errors[k] <= tolerance]
     return min(within, key=lambda k: (costs[k], errors[k])) if within else None
 
 
 def cost_at(costs: Sequence[float], errors: Sequence[float], error: float) -> float | None:
-    """Cost at which a method reaches ``error``, between the points of its front in the logarithm of both.
+    """Return the cost at which a method reaches ``error``, interpolated on its front in the logarithm of both.
 
-    None where no point is as good. Above the error of its cheapest point the method costs what that one costs: nothing is
-    extrapolated. An error of exactly zero is not interpolated to: its point costs what it costs.
+    None where no point is as good. Nothing is extrapolated: above the error of its cheapest point the method costs what that
+    point costs. A point without error costs what it costs.
     """
     front = pareto(costs, errors)
     if not front or errors[front[-1]] > error:

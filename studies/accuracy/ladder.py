@@ -1,28 +1,29 @@
-"""One scene, all candidates: run, timed in turn, and compared with the truth."""
+"""One scene, all candidates: run, timed in turn, and compared with the truth; and the check of the truth."""
 
 from __future__ import annotations
 
 import math
 import statistics
+import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from studies.accuracy import errors
+from studies.accuracy import errors, reference
 from studies.accuracy.candidates import Candidate, Outcome, Runner, curve_of, prepare_model
-from studies.accuracy.errors import RateDifference, Spread
-from studies.accuracy.scenes import Scene
+from studies.accuracy.errors import Spread
+from studies.accuracy.scenes import Scene, first_periods
 from studies.accuracy.settings import TruthSettings
 
 REFINED_AVERAGED = 16
 """Steps per period of the averaged models that count as free of step error."""
 
-SLOW = 0.25  # s; what is not compiled and takes longer is timed once
+SLOW = 0.25  # s; runs that are not compiled and take longer are timed once
 SHORT = 2e-3  # s; a timing repeats its run until it has lasted so long
 BUDGET = 0.7  # s per candidate and scene for all its timings, beyond three
-
 
 UNKNOWN = Spread(math.nan, math.nan, math.nan)
 
@@ -34,12 +35,12 @@ class Row:
     Attributes:
         refused: why there is no run, or "".
         cost: us per period, world and core; the median of ``timings`` rounds.
-        worlds: how many it ran.
+        worlds: number of worlds that it ran.
         strong, strong_step: error against the truth and against the refined run of its own model, m.
         weak, weak_step: likewise of the mean velocity, relative.
-        success: success rate, and its difference from the truth on the same worlds; None without a criterion.
         failures: kind of failure -> number of worlds.
-        doubtful: worlds that the model itself does not vouch for.
+        doubtful: number of worlds that the model itself does not certify.
+        strong_each: (worlds,) error against the truth, m.
     """
 
     candidate: Candidate
@@ -51,8 +52,6 @@ class Row:
     strong_step: Spread | None = None
     weak: float = math.nan
     weak_step: float | None = None
-    success: float | None = None
-    success_difference: RateDifference | None = None
     failures: dict[str, int] = field(default_factory=dict)
     doubtful: int = 0
     strong_each: np.ndarray = field(default_factory=lambda: np.empty(0), repr=False)
@@ -68,33 +67,23 @@ class Row:
         return not self.refused and not self.failed
 
 
-@dataclass(frozen=True)
-class Refined:
+class Refined(NamedTuple):
     """A model without step error, against the truth; planar's truth is the independent reference."""
 
     method: str
-    outcome: Outcome
     strong: Spread
     weak: float
 
 
-@dataclass(frozen=True)
-class SceneResult:
-    """All that was found out about a scene.
-
-    Attributes:
-        truth: of the planar model, refined.
-        success: true success rate, or None.
-    """
+class SceneResult(NamedTuple):
+    """All results on a scene."""
 
     scene: Scene
-    truth: Outcome
-    success: float | None
     models: list[Refined]
     rows: list[Row]
 
     def curve(self, method: str, weak: bool = False) -> tuple[list[Row], list[float], list[float]]:
-        """Usable rows of a method, their costs and errors."""
+        """Return the usable rows of a method, their costs and errors."""
         rows = [row for row in self.rows if row.candidate.method == method and row.usable]
         return rows, [row.cost for row in rows], [row.weak if weak else row.strong.median for row in rows]
 
@@ -104,49 +93,21 @@ class SceneResult:
         return list(dict.fromkeys(row.candidate.method for row in self.rows))
 
 
-def drift(scene: Scene, outcome: Outcome) -> np.ndarray:
-    """(worlds, 2) mean velocity after the settling periods, m/s."""
+def compare(scene: Scene, outcome: Outcome, truth: Outcome) -> tuple[np.ndarray, float]:
+    """Return the strong errors (worlds,) m and the weak error of a run of the scene's first worlds."""
+    k = len(outcome.pose)
     duration = (scene.periods - scene.settle) * scene.surface.period
-    return (outcome.pose - outcome.settled)[:, :2] / duration
-
-
-def lever(scene: Scene) -> float:
-    """The radius at which a turn counts, m: none for discs."""
-    return scene.part.radius if scene.part.symmetry else 0.0
+    drift, right = ((each.pose - each.settled)[:k, :2] / duration for each in (outcome, truth))
+    return errors.strong_errors(outcome.pose, truth.pose[:k], scene.lever), errors.weak_error(drift, right)
 
 
 def failures(outcome: Outcome, truth: Outcome) -> dict[str, int]:
-    """What went wrong, by kind, and in how many worlds."""
-    k = len(outcome.pose)
-    found: dict[str, int] = {}
-    for message in outcome.trouble:
-        found[message] = found.get(message, 0) + 1
-    wrongly = int(np.sum(outcome.fallen & ~truth.fallen[:k]))
-    missed = int(np.sum(truth.fallen[:k] & ~outcome.fallen & np.isfinite(outcome.pose).all(axis=1)))
-    if wrongly:
-        found["fell, though it does not"] = wrongly
-    if missed:
-        found["did not fall, though it does"] = missed
-    return found
-
-
-def compare(scene: Scene, row: Row, outcome: Outcome, truth: Outcome, refined: Outcome | None) -> None:
-    """Fill in a row's errors."""
-    k = len(outcome.pose)
-    arm, velocity = lever(scene), drift(scene, outcome)
-    row.worlds = k
-    row.strong_each = errors.strong_errors(outcome.pose, truth.pose[:k], arm)
-    row.strong = errors.spread(row.strong_each)
-    row.weak = errors.weak_error(velocity, drift(scene, truth)[:k])
-    if refined is not None:
-        row.strong_step = errors.spread(errors.strong_errors(outcome.pose, refined.pose[:k], arm))
-        row.weak_step = errors.weak_error(velocity, drift(scene, refined)[:k])
-    if scene.success is not None:
-        mine, right = scene.success(outcome.pose), scene.success(truth.pose[:k])
-        row.success = float(np.mean(mine))
-        row.success_difference = errors.rate_difference(mine, right)
-    row.failures = failures(outcome, truth)
-    row.doubtful = int(outcome.doubtful.sum())
+    """Return the number of worlds by kind of failure."""
+    fell = truth.fallen[: len(outcome.pose)]
+    found = Counter(outcome.trouble)
+    found["fell, though it does not"] = int(np.sum(outcome.fallen & ~fell))
+    found["did not fall, though it does"] = int(np.sum(fell & ~outcome.fallen & np.isfinite(outcome.pose).all(axis=1)))
+    return {kind: number for kind, number in found.items() if number}
 
 
 def measure(
@@ -158,8 +119,7 @@ def measure(
 ) -> SceneResult:
     """Run all candidates on a scene and time those that can be repeated in turn: A B C A B C ..."""
     progress("truth")
-    knobs = truth_settings.model_dump(include={"steps", "substeps", "pieces"})
-    truth = prepare_model(scene, "planar", knobs, threads=2)()
+    truth = prepare_model(scene, "planar", truth_settings.knobs, threads=2)()
     refined: dict[str, Outcome] = {"planar": truth}
     models: list[Refined] = []
     for order in (1, 2):
@@ -167,12 +127,11 @@ def measure(
         try:
             outcome = prepare_model(scene, "averaged", finest)()
         except ValueError:
-            continue  # the candidates' rows say why
-        refined[curve_of("averaged", finest)] = outcome
-    for name, outcome in refined.items():
-        if outcome is not truth:
-            strong = errors.spread(errors.strong_errors(outcome.pose, truth.pose, lever(scene)))
-            models.append(Refined(name, outcome, strong, errors.weak_error(drift(scene, outcome), drift(scene, truth))))
+            continue  # the candidates' rows name the reason
+        name = curve_of("averaged", finest)
+        refined[name] = outcome
+        strong, weak = compare(scene, outcome, truth)
+        models.append(Refined(name, errors.spread(strong), weak))
 
     rows = [Row(each) for each in candidates]
     runners: list[tuple[Row, Runner, list[float], int]] = []
@@ -184,7 +143,16 @@ def measure(
         except (ValueError, ImportError) as error:
             row.refused = " ".join(str(error).split())
             continue
-        compare(scene, row, outcome, truth, refined.get(row.candidate.method))
+        row.worlds, row.failures, row.doubtful = (
+            len(outcome.pose),
+            failures(outcome, truth),
+            int(outcome.doubtful.sum()),
+        )
+        row.strong_each, row.weak = compare(scene, outcome, truth)
+        row.strong = errors.spread(row.strong_each)
+        if row.candidate.method in refined:
+            strong, row.weak_step = compare(scene, outcome, refined[row.candidate.method])
+            row.strong_step = errors.spread(strong)
         if not row.candidate.compiled and not outcome.seconds <= SLOW:
             runners.append((row, runner, [outcome.seconds], 0))
         else:
@@ -198,14 +166,56 @@ def measure(
     for row, _, times, _ in runners:
         row.cost = 1e6 * statistics.median(times) / (row.worlds * scene.periods)
         row.timings = len(times)
-    success = None if scene.success is None else float(np.mean(scene.success(truth.pose)))
-    return SceneResult(scene, truth, success, models, rows)
+    return SceneResult(scene, models, rows)
 
 
 def timed(runner: Runner) -> float:
-    """Seconds of one run, as the mean over enough of them."""
+    """Return the mean time (s) of a run, over enough of them."""
     total, runs = 0.0, 0
     while total < SHORT:
         total += runner().seconds
         runs += 1
     return total / runs
+
+
+class TruthCheck(NamedTuple):
+    """The refined planar run against the independent reference.
+
+    Attributes:
+        worlds, periods: that the reference integrated.
+        gap: largest difference of the two (displacement of the outline), m.
+        estimate: largest error that the reference states of itself, m.
+        seconds: that the reference took.
+        trouble: why there is no check, or "".
+    """
+
+    worlds: int
+    periods: int
+    gap: float
+    estimate: float
+    seconds: float
+    trouble: str
+
+
+def check_truth(scene: Scene, settings: TruthSettings) -> TruthCheck:
+    """Integrate the first worlds again, with no kernel of ``vibgym``."""
+    worlds = min(settings.reference_worlds, scene.worlds)
+    short = first_periods(scene, settings.reference_periods, worlds)
+    pose = prepare_model(short, "planar", settings.knobs)().pose
+    began = time.perf_counter()
+    ends, estimates = np.empty((worlds, 3)), []
+    for world in range(worlds):
+        at, speed, estimate = short.pose[world], short.velocity[world], 0.0
+        try:
+            for amplitude, phase, periods in short.segments:
+                given = at, speed, amplitude[world], phase[world], periods
+                run = reference.integrate(scene.surface, scene.part, *given, tolerance=settings.reference_tolerance)
+                at, speed = run.pose[-1], run.velocity[-1]
+                estimate += float(errors.strong_errors(run.error[-1:], np.zeros((1, 3)), scene.lever)[0])
+        except (RuntimeError, ValueError) as error:
+            text = " ".join(str(error).split())
+            return TruthCheck(worlds, short.periods, np.nan, np.nan, time.perf_counter() - began, text)
+        ends[world] = at
+        estimates.append(estimate)
+    gap = float(errors.strong_errors(pose, ends, scene.lever).max())
+    return TruthCheck(worlds, short.periods, gap, max(estimates), time.perf_counter() - began, "")

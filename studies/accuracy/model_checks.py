@@ -1,18 +1,17 @@
-"""Sections of the report on the models alone: convergence orders, the bound on speed, and the promise of model='auto'."""
+"""Sections of the report on the models alone: convergence orders and the promise of ``model="auto"``; a bound on speed."""
 
 from __future__ import annotations
 
 import math
 import statistics
 import time
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from studies.accuracy import errors
 from studies.accuracy.candidates import prepare_model, prepare_simulator
-from studies.accuracy.ladder import lever, timed
+from studies.accuracy.ladder import timed
 from studies.accuracy.scenes import Scene, first_periods, scene_from
 from studies.accuracy.settings import TruthSettings
 from vibgym.kernels.jit import exact
@@ -46,18 +45,23 @@ STICKING = {
     "periods": 10,
     "drive": {"kind": "uniform", "phase": 0.7},
 }
+ORDERS: list[tuple[dict[str, Any], tuple[int, ...], int, float | None]] = [
+    (SMOOTH, (32, 45, 64, 90, 128), 1, 3.8),
+    (EDGES, (8, 11, 16, 23, 32, 45, 64), 4, None),
+    (STICKING, (16, 23, 32, 45, 64, 90, 128), 2, 1.8),
+]
+"""Scene, steps, substeps, and the smallest acceptable order, or None."""
 
 
-@dataclass(frozen=True)
-class Order:
-    """Of one scene.
+class Order(NamedTuple):
+    """Measured order of convergence on one scene.
 
     Attributes:
-        scene: in words.
+        scene: name.
         steps: Runge-Kutta steps per period.
         errors: median strong error at each, m.
         order: slope of the logarithms, fitted by least squares.
-        wanted: the least order that the model is held to, or None.
+        wanted: smallest acceptable order, or None.
     """
 
     scene: str
@@ -68,36 +72,30 @@ class Order:
 
     @property
     def passed(self) -> bool:
-        """Whether it is what it is held to."""
+        """Whether the order is large enough."""
         return self.wanted is None or self.order >= self.wanted
 
 
 def fitted_order(steps: tuple[int, ...], found: tuple[float, ...]) -> float:
-    """Minus the slope of log error over log steps; NaN where an error is zero or not finite."""
+    """Return minus the slope of log error over log steps; NaN where an error is zero or not finite."""
     if not all(0.0 < each < math.inf for each in found):
         return math.nan
     return -float(np.polyfit(np.log(steps), np.log(found), 1)[0])
 
 
-def measured_order(scene: Scene, steps: tuple[int, ...], substeps: int, wanted: float | None) -> Order:
-    """Halving steps, against steps eight times finer than the finest."""
-    finest = prepare_model(scene, "planar", {"steps": 8 * steps[-1], "substeps": substeps}, threads=2)().pose
-    found = []
-    for count in steps:
-        pose = prepare_model(scene, "planar", {"steps": count, "substeps": substeps}, threads=2)().pose
-        found.append(errors.spread(errors.strong_errors(pose, finest, lever(scene))).median)
-    total = tuple(substeps * each for each in steps)
-    return Order(scene.name, total, tuple(found), fitted_order(total, tuple(found)), wanted)
-
-
 def measured_orders() -> list[Order]:
-    """Of all three scenes."""
-
-    return [
-        measured_order(scene_from(SMOOTH, "smooth"), (32, 45, 64, 90, 128), 1, 3.8),
-        measured_order(scene_from(EDGES, "edges"), (8, 11, 16, 23, 32, 45, 64), 4, None),
-        measured_order(scene_from(STICKING, "sticking"), (16, 23, 32, 45, 64, 90, 128), 2, 1.8),
-    ]
+    """Return the orders on all three scenes, against steps eight times finer than the finest."""
+    rows = []
+    for settings, steps, substeps, wanted in ORDERS:
+        scene = scene_from(settings, "scene")
+        finest, *poses = (
+            prepare_model(scene, "planar", {"steps": count, "substeps": substeps}, threads=2)().pose
+            for count in (8 * steps[-1], *steps)
+        )
+        found = tuple(errors.spread(errors.strong_errors(pose, finest, scene.lever)).median for pose in poses)
+        total = tuple(substeps * each for each in steps)
+        rows.append(Order(scene.name, total, found, fitted_order(total, found), wanted))
+    return rows
 
 
 STAGES = 4
@@ -117,7 +115,7 @@ class Bound(NamedTuple):
 
 @exact
 def evaluate(moments, slip, turn, drive_c, drive_s, count):
-    """``count`` wrenches a lane, each at a slip that depends on the one before, so that none can be left out."""
+    """Evaluate ``count`` wrenches a lane, each at a slip that depends on the one before, so that none is optimised away."""
     ux, uy, spin = load(slip, 0), load(slip, LANES), load(turn, 0)
     for k in range(count):
         ax, ay, aw, square, varies = expanded_wrench(moments, -drive_c[k & 63], drive_s[k & 63], ux, uy, spin)
@@ -128,7 +126,7 @@ def evaluate(moments, slip, turn, drive_c, drive_s, count):
 
 
 def friction_bound(steps: int) -> Bound:
-    """Measure it, for so many Runge-Kutta steps in a period (substeps counted)."""
+    """Measure the friction evaluations alone, for so many Runge-Kutta steps in a period (substeps counted)."""
     rng = np.random.default_rng(0)
     moments = rng.normal(size=MOMENT_ROWS * LANES) * 1e-3
     moments[:LANES] = 9.81
@@ -148,17 +146,16 @@ def friction_bound(steps: int) -> Bound:
 AUTO_ROUNDS = 3
 
 
-@dataclass(frozen=True)
-class AutoRow:
-    """A scene and a tolerance.
+class AutoRow(NamedTuple):
+    """The choice of ``model="auto"`` on a scene for a tolerance.
 
     Attributes:
-        tolerance: m, asked for.
-        refused: what the simulator says where it has nothing good enough, or "".
+        tolerance: m.
+        refused: the simulator's error where no setting is good enough, or "".
         model, setting, reason: its choice.
-        promised, measured: m, median over worlds of how far the part's outline strays in 25 periods.
-        promised_95, measured_95: the same for the 95th percentile, which is reported without a promise.
-        cost, planar_cost: us per period, world and core, of the choice and of the planar model as it comes.
+        promised, measured: m, median over worlds of the displacement of the part's outline in 25 periods.
+        promised_95, measured_95: the same for the 95th percentile, without a promise.
+        cost, planar_cost: us per period, world and core, of the choice and of the planar model with default knobs.
         held: whether the measured median is within the tolerance.
     """
 
@@ -178,10 +175,10 @@ class AutoRow:
 
 
 def auto_rows(scene: Scene, tolerances: list[float], settings: TruthSettings) -> list[AutoRow]:
-    """One row for each tolerance, over the scene's first 25 periods, which is what the promise is about."""
+    """Return one row for each tolerance, over the scene's first 25 periods, which the promise covers."""
     short = first_periods(scene, PERIODS, scene.worlds)
     per_call = min(each.periods for each in short.segments)
-    truth = prepare_model(short, "planar", settings.model_dump(include={"steps", "substeps", "pieces"}), threads=2)()
+    truth = prepare_model(short, "planar", settings.knobs, threads=2)()
     planar = prepare_model(short, "planar", {})
     planar()
     found = []
@@ -199,25 +196,14 @@ def auto_rows(scene: Scene, tolerances: list[float], settings: TruthSettings) ->
         outcome = runner()
         strayed = errors.strong_errors(outcome.pose, truth.pose, scene.part.radius)
         strayed[outcome.fallen != truth.fallen] = np.inf
-        found_error = errors.spread(strayed)
+        measured, measured_95, _ = errors.spread(strayed)
         times = [(timed(runner), timed(planar)) for _ in range(AUTO_ROUNDS)]
-        cost, planar_cost = (
-            1e6 * statistics.median(each) / (scene.worlds * short.periods) for each in zip(*times, strict=True)
-        )
+        costs = [1e6 * statistics.median(each) / (scene.worlds * short.periods) for each in zip(*times, strict=True)]
+        setting = ", ".join(f"{name}={value}" for name, value in choice.knobs.items())
         found.append(
             AutoRow(
-                scene=scene.name,
-                tolerance=tolerance,
-                model=choice.model,
-                setting=", ".join(f"{name}={value}" for name, value in choice.knobs.items()),
-                reason=choice.reason,
-                promised=choice.error,
-                measured=found_error.median,
-                promised_95=choice.error_95,
-                measured_95=found_error.p95,
-                cost=cost,
-                planar_cost=planar_cost,
-                held=found_error.median <= tolerance,
+                scene.name, tolerance, "", choice.model, setting, choice.reason, choice.error, measured, choice.error_95,
+                measured_95, costs[0], costs[1], measured <= tolerance,
             )
-        )
+        )  # fmt: skip
     return found

@@ -1,14 +1,14 @@
-"""Peer: the same scene as a MuJoCo model, built the way a robotics user would build it. Needs the extra ``mujoco``.
+"""Peer: the same scene as a MuJoCo model. Needs the extra ``mujoco``.
 
 Every element near the part is a box on a vertical slide joint, all of them on one carriage with two horizontal slide
 joints; the part is a box on a free joint, held by nothing but contact with friction (elliptic cone, ``implicitfast``).
-The elements' joints are put on the drive's exact position and velocity at every step, and pushed by the force that
-gives their heavy bodies the drive's exact acceleration, so that the contact solver sees the motion it should.
+The elements' joints are set to the drive's exact position and velocity at every step, and driven by the force that
+gives their heavy bodies the drive's exact acceleration.
 
-Two things differ from the models of ``vibgym``, and no knob takes them away. The elements really move on the table's
-circle, so the grid swings by ``a_h`` (2.7 mm) under the part, where the planar models keep it fixed. And contact is
-between rigid boxes through MuJoCo's spring and damper: a part rests on the few elements that stand highest, while the
-planar models let pressure follow each element's acceleration.
+Two differences from the models of ``vibgym`` do not depend on knobs. The elements move on the table's circle, so the grid
+swings by ``a_h`` (2.7 mm) under the part, where the planar models keep it fixed. And contact is between rigid boxes through
+MuJoCo's spring and damper: a part rests on the few highest elements, while the planar models let pressure follow each
+element's acceleration.
 """
 
 from __future__ import annotations
@@ -28,34 +28,26 @@ _CONTACTS_NEAR = 1e-3  # m, beyond the part's circle
 
 
 class Scene(NamedTuple):
-    """A compiled model with what drives it."""
+    """A compiled model, the row and column of each of its elements, and the index of the part's joint in qpos and qvel."""
 
     model: Any
     data: Any
-    row: np.ndarray  # of every element of the model
+    row: np.ndarray
     column: np.ndarray
-    part: int  # where the part's free joint begins, in qpos and in qvel
+    part: int
 
 
 class Run(NamedTuple):
-    """What a run did.
-
-    ``pose`` (periods + 1, 3) at the boundaries of the periods, ``mean_velocity`` (periods, 3) over each, ``seconds`` of
-    wall time for the steps alone, and the number of ``elements`` in the model.
-    """
+    """Result: ``pose`` (periods + 1, 3) at the boundaries of the periods, ``mean_velocity`` (periods, 3) over each, and the
+    wall time of the steps alone."""
 
     pose: np.ndarray
     mean_velocity: np.ndarray
     seconds: float
-    elements: int
 
 
 def load_mujoco() -> Any:
-    """The package ``mujoco``, loaded on first use.
-
-    Raises:
-        ImportError: it is not installed; says which extra brings it.
-    """
+    """Return the package ``mujoco``; an ImportError names the extra that provides it."""
     try:
         return importlib.import_module("mujoco")
     except ImportError as error:
@@ -72,17 +64,16 @@ def build(
     contact_time: float | None = None,
     impratio: float = 10.0,
 ) -> Scene:
-    """The model of one rectangular part and the elements within ``reach`` of it.
+    """Return the model of one rectangular part and the elements within ``reach`` of it.
 
     Args:
         surface, part: a ``Surface`` and a rectangular ``Part`` of ``vibgym.scene``.
         pose: (3,) of the part at the start, m and rad.
-        reach: how far from its start the part may get, m; elements beyond are left out.
+        reach: largest displacement of the part, m; elements beyond are left out.
         timestep: s.
-        contact_time: time constant of the contacts' spring and damper (``solref``), s; None is 20 time steps. Two are
-            the least that MuJoCo advises, but a part that slides this fast then bounces (friction and lift are coupled
-            in its contact model), and many more let the part lag behind the elements' vertical motion.
-        impratio: how much stiffer friction is than the normal direction.
+        contact_time: time constant of the contacts' spring and damper (``solref``), s; None is 20 time steps. With two, the
+            least that MuJoCo advises, a part that slides this fast bounces; with many more it lags behind the elements.
+        impratio: stiffness of friction over that of the normal direction.
 
     Raises:
         ImportError: MuJoCo is not installed.
@@ -150,11 +141,11 @@ def simulate(
     impratio: float = 10.0,
     reach: float | None = None,
 ) -> Run:
-    """One rectangular part over whole periods under a held drive; arguments as for the reference and for :func:`build`.
+    """Simulate one rectangular part over whole periods under a held drive; arguments as for the reference and :func:`build`.
 
     Args:
         timestep: s; a period must be a whole number of steps.
-        reach: None is as far as ``0.72 a_h w``, the fastest drift there is, and the starting speed can carry the part.
+        reach: None is the distance at ``0.72 a_h w``, the fastest drift, plus the initial speed.
 
     Raises:
         ImportError: MuJoCo is not installed.
@@ -172,9 +163,7 @@ def simulate(
         raise checks.refuse("timestep", timestep, f"a whole fraction of the period {surface.period:g} s")
     drift = 0.72 * surface.table_speed + math.hypot(velocity[0], velocity[1])
     span = periods * surface.period * drift if reach is None else reach
-    scene = build(
-        surface, part, pose, reach=span, timestep=timestep, contact_time=contact_time, impratio=impratio
-    )  # fmt: skip
+    scene = build(surface, part, pose, reach=span, timestep=timestep, contact_time=contact_time, impratio=impratio)
     model, data = scene.model, scene.data
     driven = slice(0, scene.part)
     place, rate, push = _drive(surface, amplitude[scene.row, scene.column], phase[scene.row, scene.column], steps)
@@ -188,15 +177,9 @@ def simulate(
         (scene.column + 0.5) * surface.element_size - data.qpos[first],
         (scene.row + 0.5) * surface.element_size - data.qpos[first + 1],
     ) < part.radius + 0.5 * surface.element_size  # fmt: skip
-    data.qpos[first + 2] += place[0, 2:][near].mean() if near.any() else 0.0
-    data.qvel[first : first + 6] = [
-        velocity[0],
-        velocity[1],
-        rate[0, 2:][near].mean() if near.any() else 0.0,
-        0,
-        0,
-        velocity[2],
-    ]
+    height, climb = (each[0, 2:][near].mean() if near.any() else 0.0 for each in (place, rate))
+    data.qpos[first + 2] += height
+    data.qvel[first : first + 6] = [velocity[0], velocity[1], climb, 0, 0, velocity[2]]
     path, heading = np.empty((periods + 1, 3)), float(checks.array("pose", pose, (3,))[2])
     path[0] = data.qpos[first], data.qpos[first + 1], heading
     began = time.perf_counter()
@@ -211,11 +194,11 @@ def simulate(
     seconds = time.perf_counter() - began
     if not np.isfinite(path).all():
         raise RuntimeError(f"MuJoCo's state is not finite any more at a time step of {timestep:g} s")
-    return Run(path, np.diff(path, axis=0) / surface.period, seconds, len(scene.row))
+    return Run(path, np.diff(path, axis=0) / surface.period, seconds)
 
 
 def _rectangle(part: Any) -> tuple[float, float]:
-    """Length and width of a rectangular part."""
+    """Return length and width of a rectangular part."""
     outline = np.asarray(part.outline)
     if len(outline) == 4:
         length, width = 2.0 * np.abs(outline).max(axis=0)
@@ -225,7 +208,7 @@ def _rectangle(part: Any) -> tuple[float, float]:
 
 
 def _drive(surface: Any, amplitude: np.ndarray, phase: np.ndarray, steps: int) -> tuple[np.ndarray, ...]:
-    """Position, velocity and acceleration of the driven joints at every step of a period: x, y, then the elements' z."""
+    """Return position, velocity and acceleration of the driven joints at every step of a period: x, y, the elements' z."""
     w, angle = surface.angular_frequency, np.arange(steps)[:, None] * (2.0 * math.pi / steps)
     radius = np.concatenate([[surface.horizontal_amplitude] * 2, amplitude])
     shift = np.concatenate([[0.0, -0.5 * math.pi], phase])

@@ -1,4 +1,4 @@
-"""The report's files: the page, which needs nothing else, a table and a JSON file."""
+"""The report's files: the page, which needs no other file, a table and a JSON file; and its summary as text."""
 
 from __future__ import annotations
 
@@ -9,49 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import numpy as np
 
-from agents.evaluation.table import plain
+from agents.evaluation.table import markdown, plain
 from studies.accuracy import comparisons, figures
-from studies.accuracy.friction_experiment import Block, Experiment
 from studies.accuracy.ladder import Row, SceneResult
 from studies.accuracy.report import FILES, Report
-from studies.accuracy.rigid import stored
-from studies.accuracy.tables import csv_text, error_text, json_text, significant
 from vibgym import files
-
-
-def page(report: Report) -> str:
-    """The whole page as HTML."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=jinja2.StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    environment.globals.update(
-        error=error_text, short=significant, colour=lambda name: figures.style_of(name)[0], plain_name=plain_name
-    )
-    return environment.get_template("page.html.j2").render(
-        report=report,
-        settings=report.settings,
-        truth=report.settings.truth_settings(),
-        scenes=[_scene(report, index) for index in range(len(report.results))],
-        heads=[_head(each) for each in report.headlines],
-        advice=advice(report),
-        overview=[
-            (
-                result.scene.name,
-                [comparisons.choice(result, False, each) for each in report.settings.strong_tolerances]
-                + [comparisons.choice(result, True, each) for each in report.settings.weak_tolerances],
-            )
-            for result in report.results
-        ],
-        troubles=[trouble for result in report.results for trouble in troubles(result)],
-        convergence=_data(figures.convergence(report.orders)) if report.orders else None,
-        cases=[vars(case) | vars(outcome) for case, outcome in report.hard_cases],
-        friction=_friction(report.friction) if report.friction else None,
-        gains=any(comparisons.order_gain(result) is not None for result in report.results),
-        settings_text=json.dumps(plain(report.settings.model_dump()), indent=1),
-    )
 
 
 def write(report: Report, output: Path) -> Path:
@@ -61,36 +24,184 @@ def write(report: Report, output: Path) -> Path:
     return output / "report.html"
 
 
+# -- results.csv, results.json -----------------------------------------------------------------------------------------
+
+
+def record(result: SceneResult, row: Row) -> dict[str, Any]:
+    """Return one row of results.csv: SI units but us for the cost; None where a value does not apply."""
+    step = row.strong_step
+    return {
+        "scene": result.scene.name,
+        "method": row.candidate.method,
+        "setting": row.candidate.setting,
+        "cost_us": row.cost,
+        "timings": row.timings,
+        "worlds": row.worlds,
+        "strong_median_m": row.strong.median,
+        "strong_p95_m": row.strong.p95,
+        "strong_max_m": row.strong.worst,
+        "strong_step_median_m": None if step is None else step.median,
+        "strong_step_p95_m": None if step is None else step.p95,
+        "weak": row.weak,
+        "weak_step": row.weak_step,
+        "failed_worlds": row.failed,
+        "failures": "; ".join(f"{kind} ({number})" for kind, number in row.failures.items()),
+        "doubtful_worlds": row.doubtful,
+        "refused": row.refused,
+        "front_strong": row in comparisons.front(result, False),
+        "front_weak": row in comparisons.front(result, True),
+    }
+
+
+def csv_text(report: Report) -> str:
+    """Return every candidate on every scene."""
+    return files.csv_text([record(result, row) for result in report.results for row in result.rows])
+
+
+def json_text(report: Report) -> str:
+    """Return everything that the page shows."""
+    heads = [
+        {**each._asdict(), "found": [one._asdict() for one in each.found], "ratios": each.ratios, "passed": each.passed}
+        for each in report.headlines
+    ]
+    content = {
+        "provenance": report.provenance,
+        "seconds": report.seconds,
+        "settings": report.settings.model_dump(),
+        "headlines": heads,
+        "orders": [{**each._asdict(), "passed": each.passed} for each in report.orders],
+        "auto": [each._asdict() for each in report.auto],
+        "hard_cases": [
+            {"name": case.name, "question": case.question, **outcome._asdict()} for case, outcome in report.hard_cases
+        ],
+        "rigid": report.rigid,
+        "scenes": [_scene_record(report, index) for index in range(len(report.results))],
+    }
+    return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
+
+
+def _scene_record(report: Report, index: int) -> dict[str, Any]:
+    result = report.results[index]
+
+    def named(row: Row | None) -> dict[str, Any] | None:
+        if row is None:
+            return None
+        return {"method": row.candidate.method, "setting": row.candidate.setting, "cost_us": row.cost}
+
+    return {
+        "name": result.scene.name,
+        "worlds": result.scene.worlds,
+        "periods": result.scene.periods,
+        "truth": report.checks[index]._asdict() if report.checks else None,
+        "models": [{**each._asdict(), "strong": each.strong._asdict()} for each in result.models],
+        "choices": [
+            {
+                "weak": each.weak,
+                "tolerance": each.tolerance,
+                "cheapest": named(each.row),
+                "by_method": {name: named(row) for name, row in each.by_method.items()},
+            }
+            for each in comparisons.choices(result)
+        ],
+        "rows": [record(result, row) for row in result.rows],
+    }
+
+
+# -- text --------------------------------------------------------------------------------------------------------------
+
+
+def significant(value: float | None, digits: int = 2) -> str:
+    """Return so many significant digits, without exponent where that is short; a dash for missing values."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if value == 0.0:
+        return "0"
+    size = math.floor(math.log10(abs(value)))
+    if size < -4 or size > 6:
+        return f"{value:.{digits - 1}e}"
+    return f"{round(value, digits - 1 - size):.{max(digits - 1 - size, 0)}f}"
+
+
+def error_text(value: float | None, weak: bool) -> str:
+    """Return an error with its unit: mm or %."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"{significant((100.0 if weak else 1e3) * value)} {'%' if weak else 'mm'}"
+
+
+def summary(report: Report) -> str:
+    """Return the cheapest setting for every tolerance, and the ratios, in Markdown."""
+    cheapest = []
+    for result in report.results:
+        for each in comparisons.choices(result):
+            tolerance = f"{error_text(each.tolerance, each.weak)} of {'mean velocity' if each.weak else 'trajectory'}"
+            name, cost = "no setting", "–"
+            if each.row is not None:
+                name = f"{each.row.candidate.method}: {each.row.candidate.setting}"
+                cost = significant(each.row.cost, 3)
+            cheapest.append((result.scene.name, tolerance, name, cost))
+    ratios = []
+    for head in report.headlines:
+        low, high = (f"{pick(head.ratios):.3g} x" if head.ratios else "–" for pick in (min, max))
+        wanted = "–" if head.wanted is None else f"{head.wanted:g} x"
+        ratios.append((head.question, wanted, low, high, str(len(head.ratios))))
+    return "\n\n".join(
+        (
+            markdown(("scene", "tolerance", "cheapest", "us per period"), cheapest),
+            markdown(("at equal error", "wanted", "smallest ratio", "largest", "scenes"), ratios),
+        )
+    )
+
+
+# -- report.html -------------------------------------------------------------------------------------------------------
+
+
+def page(report: Report) -> str:
+    """Return the page as HTML."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=jinja2.StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.globals.update(
+        error=error_text, short=significant, colour=lambda name: figures.style_of(name)[0],
+        verdicts={None: "", True: "met", False: "missed"},
+    )  # fmt: skip
+    settings = report.settings
+    return environment.get_template("page.html.j2").render(
+        report=report,
+        settings=settings,
+        truth=settings.truth_settings(),
+        scenes=[_scene(result) for result in report.results],
+        overview=[
+            [comparisons.choice(result, False, each) for each in settings.strong_tolerances]
+            + [comparisons.choice(result, True, each) for each in settings.weak_tolerances]
+            for result in report.results
+        ],
+        troubles=[trouble for result in report.results for trouble in troubles(result)],
+        convergence=_data(figures.convergence(report.orders)) if report.orders else None,
+        cases=[case._asdict() | outcome._asdict() for case, outcome in report.hard_cases],
+        settings_text=json.dumps(plain(settings.model_dump()), indent=1),
+    )
+
+
 def _data(content: bytes) -> str:
     return f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
 
 
-def _scene(report: Report, index: int) -> dict[str, Any]:
-    result = report.results[index]
-    surface = result.scene.surface
-    horizontal = surface.horizontal_amplitude * surface.angular_frequency**2
-    fronts = {weak: comparisons.front(result, weak) for weak in (False, True)}
+def _scene(result: SceneResult) -> dict[str, Any]:
     return {
-        "anchor": f"scene-{index}",
         "result": result,
         "scene": result.scene,
-        "check": report.checks[index] if report.checks else None,
         "figure": _data(figures.error_against_cost(result)),
         "choices": comparisons.choices(result),
-        "models": result.models,
-        "eps": result.scene.part.friction * surface.gravity / horizontal if horizontal else math.inf,
-        "gain": comparisons.order_gain(result),
-        "rows": [
-            {"row": row, "strong_front": row in fronts[False], "weak_front": row in fronts[True]}
-            for row in result.rows
-            if not row.refused
-        ],
+        "strong_front": comparisons.front(result, False),
+        "weak_front": comparisons.front(result, True),
         "absent": absent(result),
     }
 
 
 def absent(result: SceneResult) -> list[tuple[str, str]]:
-    """Methods that refuse the scene altogether, and why."""
+    """Return the methods that refuse the scene at every setting, and why."""
     found = []
     for method in result.methods:
         rows = [row for row in result.rows if row.candidate.method == method]
@@ -100,127 +211,27 @@ def absent(result: SceneResult) -> list[tuple[str, str]]:
 
 
 def troubles(result: SceneResult) -> list[tuple[str, str, str, str]]:
-    """Scene, method, settings and what went wrong; settings with the same trouble together."""
-    kinds: dict[tuple[str, str], list[Row]] = {}
+    """Return scene, method, settings and what went wrong; settings with the same trouble together."""
+    kinds: dict[tuple[str, str], list[tuple[Row, int]]] = {}
     for row in result.rows:
-        method = row.candidate.method
+        found = {f"failed: {kind}": number for kind, number in row.failures.items()}
         if row.refused:
-            kinds.setdefault((method, f"refused: {row.refused}"), []).append(row)
-        for kind in row.failures:
-            kinds.setdefault((method, f"failed: {kind}"), []).append(row)
+            found[f"refused: {row.refused}"] = 0
         if row.doubtful:
-            kinds.setdefault((method, "does not vouch for worlds where slip may have passed through zero"), []).append(
-                row
-            )
-    found = []
+            found["does not vouch for worlds where slip may have passed through zero"] = row.doubtful
+        for kind, number in found.items():
+            kinds.setdefault((row.candidate.method, kind), []).append((row, number))
+    lines = []
     for (method, kind), rows in kinds.items():
-        number = sum(row.candidate.method == method for row in result.rows)
-        which = "every setting" if len(rows) == number else "; ".join(_counted(row, kind) for row in rows)
-        if len(rows) == number and not kind.startswith("refused"):
-            which = f"every setting, {_range([_count(row, kind) for row in rows])} of {rows[0].worlds} worlds"
-        found.append((result.scene.name, method, which, kind))
-    return found
-
-
-def _count(row: Row, kind: str) -> int:
-    if kind.startswith("failed: "):
-        return row.failures[kind.removeprefix("failed: ")]
-    return row.doubtful
-
-
-def _range(values: list[int]) -> str:
-    return str(values[0]) if min(values) == max(values) else f"{min(values)} to {max(values)}"
-
-
-def _counted(row: Row, kind: str) -> str:
-    if kind.startswith("refused"):
-        return row.candidate.setting
-    return f"{row.candidate.setting} ({_count(row, kind)} of {row.worlds} worlds)"
-
-
-def _head(head: comparisons.Headline) -> dict[str, Any]:
-    ratios = head.ratios
-    return {
-        "head": head,
-        "wanted": "" if head.wanted is None else f"≥ {head.wanted:g} ×",
-        "low": f"{significant(min(ratios), 3)} ×" if ratios else "–",
-        "high": f"{significant(max(ratios), 3)} ×" if ratios else "–",
-        "verdict": {None: "", True: "met", False: "missed"}[head.passed],
-    }
-
-
-def _friction(found: Experiment) -> dict[str, Any]:
-    lines = []
-    for block in found.blocks:
-        name = plain_name(block.name)
-        lines.append(
-            f"{name}: fitted µ = {block.fitted:.4f} ± {block.standard_error:.4f} from measurements with "
-            f"{1e3 * found.noise:g} mm of noise, put in {block.friction:g}; largest deviation from the closed forms away "
-            f"from the transitions {100 * radius_deviation(found, block):.2g} %"
-        )
-    return {"figure": _data(figures.radius_over_frequency(found)), "lines": lines}
-
-
-def radius_deviation(found: Experiment, block: Block) -> float:
-    """Largest relative deviation of both sweeps from the closed forms, 2 % and more away from the transitions."""
-    far = np.all([np.abs(found.frequencies / each - 1.0) > 0.02 for each in block.window], axis=0)
-    pairs = ((block.up, block.expected_up), (block.down, block.expected_down))
-    return max(float(np.abs(got[far] / wanted[far] - 1.0).max()) for got, wanted in pairs)
-
-
-def plain_name(name: str) -> str:
-    """The name of a part as one writes it in a sentence."""
-    return name.replace("_", " ")
-
-
-def _between(values: list[float], weak: bool) -> str:
-    low, high = error_text(min(values), weak), error_text(max(values), weak)
-    return low if low == high else f"{low} to {high}"
-
-
-def advice(report: Report) -> list[str]:
-    """What to use when, in sentences, from what was measured."""
-    lines = []
-    wins: dict[str, int] = {}
-    total = 0
-    for result in report.results:
-        for choice in comparisons.choices(result):
-            total += 1
-            if choice.row is not None:
-                wins[choice.row.candidate.method] = wins.get(choice.row.candidate.method, 0) + 1
-    counted = ", ".join(f"{name} {number} times" for name, number in sorted(wins.items(), key=lambda each: -each[1]))
-    lines.append(
-        f"Of the {total} pairs of scene and tolerance below, the cheapest of our models is: {counted or 'none'}."
-    )
-    for method in comparisons.AVERAGED:
-        levels = [each.weak for result in report.results for each in result.models if each.method == method]
-        if levels:
-            lines.append(
-                f"The {method.replace('averaged, order 1', 'first-order').replace('averaged, order 2', 'second-order')} "
-                f"averaged model itself is off by {_between(levels, True)} of the "
-                "mean velocity, however fine its steps: use it where that is good enough."
+        numbers, worlds = [number for _, number in rows], rows[0][0].worlds
+        if len(rows) == sum(row.candidate.method == method for row in result.rows):
+            low, high = min(numbers), max(numbers)
+            several = f", {low}{f' to {high}' if high > low else ''} of {worlds} worlds" if high else ""
+            which = f"every setting{several}"
+        else:
+            which = "; ".join(
+                row.candidate.setting + (f" ({number} of {row.worlds} worlds)" if number else "")
+                for row, number in rows
             )
-    met = [
-        row.strong.median
-        for result in report.results
-        for row in result.rows
-        if row.candidate.method == "planar" and not row.candidate.knobs and row.usable
-    ]
-    if met:
-        lines.append(
-            f"The planar model as it comes is off by {_between(met, False)} of the "
-            "trajectory (medians of the scenes); it covers every scene here, sticking included."
-        )
-    worst = stored.largest_gap(report.rigid)
-    lines.append(
-        "The largest error of all is the model's: it presses evenly. A rigid part on random plates "
-        f"({plain_name(worst['part'])}, {worst['amplitude']:g} of the largest amplitude) is "
-        f"{significant(worst['gap_mm'])} mm and {significant(worst['gap_deg'])} deg elsewhere after 1 s."
-    )
-    gaps = [each.gap for each in report.checks if not each.trouble]
-    if gaps:
-        lines.append(
-            "The planar run that counts as true differs from the independent reference by at most "
-            f"{significant(1e6 * max(gaps))} µm."
-        )
+        lines.append((result.scene.name, method, which, kind))
     return lines

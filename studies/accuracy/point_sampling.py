@@ -1,11 +1,10 @@
 """Peer: point sampling with classical Runge-Kutta steps, compiled and vectorised.
 
-The contact area is strewn with weighted points that travel with the part; at every stage each looks up the element
-beneath it and adds its share of friction. Forces jump when a point crosses an element's edge: the error falls slowly
-with the number of points. That aside it is as fast as we could make it: points innermost and without a branch, the
-elements' normal accelerations from phasors once a stage and only for those under the part, no trigonometry but one turn
-of the part a stage, ``1/|u|`` from the single-precision estimate and one Newton step, worlds one after the other so
-that all of it stays in cache.
+Weighted points cover the contact area and move with the part; at every stage each adds the friction on the element beneath
+it. Forces jump when a point crosses an element's edge: the error falls slowly with the number of points. The kernel is
+optimised: points innermost and without a branch, the elements' normal accelerations from phasors once a stage and only for
+those under the part, no trigonometry but one turn of the part a stage, ``1/|u|`` from the single-precision estimate and one
+Newton step, worlds one after the other so that all of it stays in cache.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ _TINY = 1e-30  # (m/s)^2; keeps 0/0 out of a point at rest relative to the table
 
 
 def strew(outline: Any, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """About ``n x n`` points x, y and weights (sum 1) over a simple polygon; moments exact to second order in ``1/n``.
+    """Return about ``n x n`` points x, y and weights (sum 1) over a simple polygon; moments exact to second order in ``1/n``.
 
     The polygon is sliced at its corners' heights; each slice is cut into strips and every strip's chords into equal
     cells.
@@ -50,16 +49,12 @@ def strew(outline: Any, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def strew_disc(radius: float, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points and weights over a disc: ``n / 2`` rings of equal width with ``2 n`` points each."""
+    """Return points and weights over a disc: ``n / 2`` rings of equal width with ``2 n`` points each."""
     rings, spokes = max(2, n // 2), 2 * n
     ring = (np.arange(rings) + 0.5) / rings
     angle = (np.arange(spokes) + 0.5) * 2.0 * math.pi / spokes
     r, phi = np.meshgrid(ring, angle)
-    return (
-        radius * (r * np.cos(phi)).ravel(),
-        radius * (r * np.sin(phi)).ravel(),
-        (r / r.sum()).ravel(),
-    )
+    return radius * (r * np.cos(phi)).ravel(), radius * (r * np.sin(phi)).ravel(), (r / r.sum()).ravel()
 
 
 def simulate(
@@ -74,7 +69,7 @@ def simulate(
     points: int = 12,
     steps: int = 12,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pose and velocity, each (worlds, 3), of sliding parts after whole periods under a held drive; one thread.
+    """Return pose and velocity, each (worlds, 3), of sliding parts after whole periods under a held drive; one thread.
 
     A part that passes a whole element in one step is beyond the scheme: its numbers become NaN.
 
@@ -82,7 +77,7 @@ def simulate(
         surface, part: a ``Surface`` and a ``Part`` of ``vibgym.scene``.
         pose, velocity: (worlds, 3) at the start, m and rad, m/s and rad/s.
         amplitude, phase: broadcastable to (worlds, rows, columns), m and rad.
-        periods: how many.
+        periods: duration.
         points: per side: ``points x points`` over the part.
         steps: Runge-Kutta steps per period.
 
@@ -112,7 +107,7 @@ def simulate(
 
 @jit
 def _turn(cosine, sine, angle):
-    """The unit vector turned by an angle: a series for the small ones that a step makes."""
+    """Return the unit vector turned by an angle: a series for the small ones of a step."""
     if abs(angle) > 0.25:
         c, s = math.cos(angle), math.sin(angle)
     else:
@@ -127,7 +122,7 @@ def _friction(
     left, low, cosine, sine, slip_x, slip_y, spin, drive_c, drive_s, px, py, weight, pitch, across, down, inside, still,
     element_c, element_s, normal,
 ):  # fmt: skip
-    """Force and torque per unit mass and friction coefficient.
+    """Return force and torque per unit mass and friction coefficient.
 
     ``left, low`` is the centre of mass in units of elements from the corner of the box of elements ``across x down``.
     """

@@ -12,28 +12,29 @@ The threshold is ``100 tolerance`` times the scale of velocity ``a_h w + mu_0 g 
 of one part apart (it is monotone in slip), so an error of slip made there is not amplified: in position it stays below
 that times the duration.
 
-The error is measured, not assumed: the same motion is computed again with a hundred times the tolerance, its threshold
-and a coarser cubature, and three times the difference is given as the error. That is about the coarse run's error; the
-run handed out is better.
+The error is measured: the same motion is computed again with a hundred times the tolerance, its threshold and a coarser
+cubature, and three times the difference is the error. That is about the coarse run's error; the returned run is better.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, minimize_scalar
 
-from studies.accuracy.contact import COARSE, FINE, Cubature
-from studies.accuracy.forces import ROUNDING, Forces
+from studies.accuracy.contact import COARSE, FINE, Contact, Cubature, Cutter
+from studies.accuracy.limit_surface import Grip, escape, load
 from vibgym import checks
 
-LOOKS = 96
-"""Times per period at which a stuck part is asked whether it still holds."""
+SAMPLES = 96
+"""Times per period at which static friction of a stuck part is checked."""
+
+ROUNDING = 1e-11
+"""Of the load: a wrench exactly on the limit surface is held."""
 
 _LEAST_STEPS, _COARSE_STEPS = 20, 12  # in a period, so that none passes over a contact that comes and goes
 _RESTARTS = 1000  # changes between sticking and sliding in one period before the run gives up
@@ -41,19 +42,17 @@ _CAUTION = 3.0  # for the difference of two runs: where edges are crossed, toler
 _STIFF_UNTIL = 1e-3  # slip over the scale of velocity: below, direction settles fast and an implicit method is due
 
 
-@dataclass(frozen=True)
-class Trajectory:
+class Trajectory(NamedTuple):
     """A part's motion at the boundaries of the periods.
 
     Attributes:
         pose: (periods + 1, 3) x, y (m) of the centre of mass and heading (rad).
         velocity: (periods + 1, 3), m/s and rad/s, at the instant.
         sticking: (periods + 1,) whether the part moves with the table at that instant.
-        fallen: whether the centre of mass has left the support; from then on the part rests where that was seen.
+        fallen: whether the centre of mass has left the support; from then on the part rests at that pose.
         fall_time: s, or NaN.
-        switches: (n, 2) time (s) and what begins then: 1 sticking, 0 sliding.
+        switches: (n, 2) time (s), and 1 where sticking begins, 0 where sliding begins.
         error: (periods + 1, 3) estimated error of ``pose``; zeros without estimate.
-        evaluations: how often the contact area was cut.
     """
 
     pose: np.ndarray
@@ -63,7 +62,6 @@ class Trajectory:
     fall_time: float
     switches: np.ndarray
     error: np.ndarray
-    evaluations: int
 
 
 def integrate(
@@ -80,16 +78,16 @@ def integrate(
     incline: Any = (0.0, 0.0),
     patches: Any = 1.0,
 ) -> Trajectory:
-    """The motion of one part over whole periods under a held drive, from time 0.
+    """Return the motion of one part over whole periods under a held drive, from time 0.
 
     Args:
         surface, part: a ``Surface`` and a ``Part`` of ``vibgym.scene``; only their plain attributes are read.
         pose, velocity: (3,) at the start, m and rad, m/s and rad/s, in the world frame.
         amplitude, phase: broadcastable to (rows, columns): vertical motion ``a_v cos(wt + alpha)`` of the elements, m
             and rad.
-        periods: how many.
+        periods: duration.
         tolerance: relative, of every step; absolute ones follow from the scales of length and velocity of the drive.
-        incline: (2,) m/s^2, constant acceleration of what lies on the table.
+        incline: (2,) m/s^2, constant acceleration of the part.
         patches: broadcastable to (rows, columns): factor of every element on both coefficients of friction.
         estimate: run again at ``100 tolerance`` for :attr:`Trajectory.error`; costs about half as much again.
 
@@ -113,21 +111,37 @@ def integrate(
         return run
     rough = 100.0 * tolerance
     coarse = _Run(scene, rough, COARSE, _COARSE_STEPS).go(pose, velocity, periods)
-    difference = _CAUTION * np.abs(run.pose - coarse.pose)
-    evaluations = run.evaluations + coarse.evaluations
-    return Trajectory(**{**vars(run), "error": difference, "evaluations": evaluations})
+    return run._replace(error=_CAUTION * np.abs(run.pose - coarse.pose))
 
 
-class _Run(Forces):
+class _Run:
+    """One motion of one part, on one surface, under one held drive.
+
+    The state ``y`` is pose and velocity, (6,): x, y (m), heading (rad), their rates. Wrenches are per unit mass. Twists and
+    wrenches are scaled by the radius of gyration, as in :mod:`studies.accuracy.limit_surface`.
+
+    Args:
+        scene: surface, part, amplitude, phase, incline, patches as for :func:`integrate`.
+        tolerance: relative.
+        cubature: of the contact area.
+        least_steps: in a period.
+    """
+
     def __init__(self, scene: tuple, tolerance: float, cubature: Cubature, least_steps: int) -> None:
-        surface, part, amplitude, phase, incline, patches = scene
-        super().__init__(surface, part, amplitude, phase, cubature, incline, patches)
+        surface, part, amplitude, phase, self.incline, self.patches = scene
+        self.w = w = 2.0 * math.pi * surface.frequency
+        self.period = 1.0 / surface.frequency
+        self.radius = surface.horizontal_amplitude
+        self.gravity = surface.gravity
+        self.lift_c = amplitude * np.cos(phase) * w**2  # z'' = -lift_c cos wt + lift_s sin wt
+        self.lift_s = amplitude * np.sin(phase) * w**2
+        self.friction, self.static = part.friction, part.static_friction
+        self.gyration = math.sqrt(part.gyration)
+        self.cutter = Cutter(surface, part, cubature)
         self.tolerance = tolerance
         self.longest = self.period / least_steps
-        slope = float(np.hypot(*incline))
-        self.scale = (
-            self.radius * self.w + max(max(self.static, 1e-3) * self.gravity, slope) / self.w
-        )  # of velocity, m/s
+        strongest = max(max(self.static, 1e-3) * self.gravity, float(np.hypot(*self.incline)))
+        self.scale = self.radius * self.w + strongest / self.w  # of velocity, m/s
         self.threshold = 100.0 * tolerance * self.scale
         length = self.scale / self.w
         self.absolute = tolerance * np.array(
@@ -137,10 +151,82 @@ class _Run(Forces):
         self.fall_time = math.nan
         self.now = 0.0  # start of the current period, s
 
+    # -- forces --------------------------------------------------------------------------------------------------------
+
+    def table(self, t: float) -> np.ndarray:
+        """Return displacement and velocity of the table."""
+        c, s = self.radius * math.cos(self.w * t), self.radius * math.sin(self.w * t)
+        return np.array([c, s, -self.w * s, self.w * c])
+
+    def contact(self, y: np.ndarray) -> Contact | None:
+        """Return the contact area at a state; None beside the surface."""
+        return self.cutter.cut(y[0], y[1], y[2])
+
+    def grip(self, contact: Contact, t: float, friction: float) -> Grip:
+        """Return the function from scaled slip twist to scaled friction wrench; the supported area carries the load."""
+        i, j = contact.element.T
+        normal = self.gravity - self.lift_c[i, j] * math.cos(self.w * t) + self.lift_s[i, j] * math.sin(self.w * t)
+        pressure = friction * self.patches[i, j] * (normal / contact.area.sum())
+        k = self.gyration
+
+        def wrench(xi: np.ndarray) -> np.ndarray:
+            fx, fy, torque = contact.wrench(np.array([xi[0], xi[1], xi[2] / k]), pressure)
+            return np.array([fx, fy, torque / k])
+
+        return wrench
+
+    def slip(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Return the scaled slip twist of the table against the part."""
+        table = self.table(t)
+        return np.array([table[2] - y[3], table[3] - y[4], -self.gyration * y[5]])
+
+    def slope(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Return the rate of the state of a sliding part."""
+        contact = self.contact(y)
+        slip = self.slip(t, y)
+        if contact is None or self.friction == 0.0 or not slip.any():
+            return np.array([y[3], y[4], y[5], *self.incline, 0.0])
+        ax, ay, aw = self.grip(contact, t, self.friction)(slip)
+        return np.array([y[3], y[4], y[5], ax + self.incline[0], ay + self.incline[1], aw / self.gyration])
+
+    def needed(self, t: float) -> np.ndarray:
+        """Return the wrench of friction per unit mass that moves the part with the table."""
+        size = self.radius * self.w**2
+        x, y = self.incline
+        return np.array([-size * math.cos(self.w * t) - x, -size * math.sin(self.w * t) - y, 0.0])
+
+    def carried(self, y: np.ndarray, t0: float, t: float) -> np.ndarray:
+        """Return the state at ``t`` of a part stuck since ``t0``."""
+        there, here = self.table(t), self.table(t0)
+        return np.array([y[0] + there[0] - here[0], y[1] + there[1] - here[1], y[2], there[2], there[3], 0.0])
+
+    def load(self, y: np.ndarray, t: float, start: np.ndarray | None = None) -> tuple[float, np.ndarray]:
+        """Return the share of static friction that moving with the table takes, and the twist of a part that gives way."""
+        needed = self.needed(t)
+        contact = self.contact(y)
+        if not needed.any():
+            return 0.0, np.array([1.0, 0.0, 0.0])
+        if contact is None or self.static == 0.0:
+            return math.inf, needed / np.linalg.norm(needed)
+        return load(self.grip(contact, t, self.static), needed, start)
+
+    def holds(self, y: np.ndarray, t: float) -> bool:
+        """Return whether static friction can carry the part with the table."""
+        return self.load(y, t)[0] <= 1.0 + ROUNDING
+
+    def breakaway(self, y: np.ndarray, t: float) -> np.ndarray:
+        """Return the scaled slip acceleration of a part that moves with the table and is no longer held."""
+        contact = self.contact(y)
+        needed = self.needed(t)
+        if contact is None or self.friction == 0.0:
+            return needed
+        grip = self.grip(contact, t, self.friction)
+        return escape(grip, needed, load(grip, needed)[1])
+
     # -- sticking ------------------------------------------------------------------------------------------------------
 
     def stick(self, y: np.ndarray, t0: float, fresh: float) -> tuple[float, np.ndarray, str]:
-        """Carry a part on until it lets go, falls or the period ends; ``fresh`` is the time below which it cannot let go."""
+        """Move a part with the table until it lets go, falls or the period ends; it cannot let go before ``fresh``."""
         if self.radius == 0.0 and not self.incline.any():
             return self.period, self.carried(y, t0, self.period), "end"
         found: list[np.ndarray | None] = [None]
@@ -153,8 +239,8 @@ class _Run(Forces):
         def support(t: float) -> float:
             return self.cutter.support(*self.carried(y, t0, t)[:3])
 
-        spacing = self.period / LOOKS
-        times = [t0, *(k * spacing for k in range(math.floor(t0 / spacing) + 1, LOOKS)), self.period]
+        spacing = self.period / SAMPLES
+        times = [t0, *(k * spacing for k in range(math.floor(t0 / spacing) + 1, SAMPLES)), self.period]
         times = [t for k, t in enumerate(times) if k == 0 or t > times[k - 1]]
         values = [excess(times[0])]
         if values[0] > 0.0 and t0 >= fresh:
@@ -168,10 +254,10 @@ class _Run(Forces):
                 ends = _root(excess, before, t) if low <= 0.0 else before
             elif (
                 k >= 2
-                and 2.0 * values[k - 1] > min(values[k - 2], values[k])
                 and values[k - 1] > max(values[k - 2], values[k])
+                and 2.0 * values[k - 1] > min(values[k - 2], values[k])
             ):
-                # A peak between looks may stick out.
+                # A peak between samples may exceed the limit.
                 top: Any = minimize_scalar(lambda s: -excess(s), bounds=(times[k - 2], t), method="bounded")
                 if -top.fun > 0.0:
                     ends = _root(excess, times[k - 2], float(top.x))
@@ -184,7 +270,7 @@ class _Run(Forces):
         return self.period, self.carried(y, t0, self.period), "end"
 
     def let_go(self, t0: float, y: np.ndarray) -> tuple[float, np.ndarray] | None:
-        """A moment later, sliding at twice the threshold; None where the part holds on again before it gets there."""
+        """Return time and state when slip is twice the threshold; None where the part sticks again before that."""
 
         def acceleration(t: float) -> np.ndarray:
             return self.breakaway(self.carried(y, t0, t), t)
@@ -235,8 +321,7 @@ class _Run(Forces):
 
     def go(self, pose: np.ndarray, velocity: np.ndarray, periods: int) -> Trajectory:
         y = np.concatenate([pose, velocity]).astype(float)
-        small = float(np.linalg.norm(self.slip(0.0, y))) <= self.threshold
-        stuck = small and self.holds(y, 0.0)
+        stuck = self.slips_little(0.0, y) and self.holds(y, 0.0)
         if stuck:
             self.switches.append((0.0, 1.0))
         states, sticking = [y.copy()], [stuck]
@@ -260,7 +345,6 @@ class _Run(Forces):
             fall_time=self.fall_time,
             switches=np.array(self.switches).reshape(-1, 2),
             error=np.zeros((periods + 1, 3)),
-            evaluations=self.evaluations,
         )
 
     def pass_period(self, y: np.ndarray, stuck: bool) -> tuple[np.ndarray, bool, bool]:
@@ -268,8 +352,8 @@ class _Run(Forces):
         for _ in range(_RESTARTS):
             if stuck:
                 t, y, why = self.stick(y, t, fresh)
-            elif self.needs_start(t, y):
-                why = "release"
+            elif self.slips_little(t, y):
+                why = "release"  # the direction of slip has to be found first
             else:
                 t, y, why = self.slide(y, t)
             if why == "end":
@@ -292,8 +376,8 @@ class _Run(Forces):
                 t, y = started
         raise RuntimeError(f"sticking and sliding alternate without end at {self.now + t:.9g} s")
 
-    def needs_start(self, t: float, y: np.ndarray) -> bool:
-        """Whether slip is so small that its direction has to be found first."""
+    def slips_little(self, t: float, y: np.ndarray) -> bool:
+        """Return whether slip is below the threshold."""
         return float(np.linalg.norm(self.slip(t, y))) <= self.threshold
 
 

@@ -1,31 +1,30 @@
-"""The whole report: everything that is measured for it."""
+"""The whole report: all measurements for it."""
 
 from __future__ import annotations
 
+import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from studies.accuracy import comparisons, friction_experiment, hard_cases, ladder, model_checks, truth
-from studies.accuracy.candidates import Candidate, model_candidate
-from studies.accuracy.ladder import SceneResult
-from studies.accuracy.peers import peer_candidate
-from studies.accuracy.provenance import provenance
-from studies.accuracy.rigid import stored
+from agents.provenance import processor
+from studies.accuracy import comparisons, hard_cases, ladder, model_checks, rigid
+from studies.accuracy.candidates import Candidate, model_candidate, peer_candidate
 from studies.accuracy.scenes import Scene, scenes_from
 from studies.accuracy.settings import ReportSettings
 from vibgym import checks, files
-from vibgym.simulation.schemes import planar_scheme
 from vibgym.simulation.simulator import Simulator
+from vibgym.simulation.threads import available_threads
 
 FILES = ("results.csv", "results.json", "report.html")
+PACKAGES = ("vibgym", "numpy", "numba", "scipy", "shapely", "mujoco", "matplotlib")
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """Everything that can be refused has been checked; nothing has been run."""
+class Prepared(NamedTuple):
+    """Checked input; nothing has been run."""
 
     settings: ReportSettings
     scenes: list[Scene]
@@ -33,43 +32,32 @@ class Prepared:
     output: Path
 
 
-@dataclass(frozen=True)
-class BoundRow:
-    """The planar model as it comes on a scene, beside the bound on its friction."""
-
-    scene: str
-    bound: model_checks.Bound
-    cost: float
-
-
-@dataclass(frozen=True)
-class Report:
-    """All that was measured.
+class Report(NamedTuple):
+    """All results.
 
     Attributes:
         results, checks: one for each scene.
-        bounds, orders, auto, hard_cases, friction: empty or None where not asked for.
-        headlines: the figures that the models are held to.
-        rigid: how far even pressure is from a rigid part, as stored by ``python -m studies.accuracy.rigid``.
-        seconds: that it all took.
+        orders, auto, hard_cases: empty where not asked for.
+        headlines: published ratios.
+        rigid: difference between even pressure and a rigid part, as stored by ``python -m studies.accuracy.rigid``.
+        provenance: time, host and versions.
+        seconds: duration of all measurements.
     """
 
     settings: ReportSettings
-    results: list[SceneResult]
-    checks: list[truth.TruthCheck]
+    results: list[ladder.SceneResult]
+    checks: list[ladder.TruthCheck]
     orders: list[model_checks.Order]
-    bounds: list[BoundRow]
     headlines: list[comparisons.Headline]
     auto: list[model_checks.AutoRow]
     hard_cases: list[tuple[hard_cases.HardCase, hard_cases.Outcome]]
-    friction: friction_experiment.Experiment | None
     rigid: dict[str, Any]
     provenance: dict[str, str]
     seconds: float
 
 
 def prepare(settings: ReportSettings) -> Prepared:
-    """Scenes, candidates and the output directory.
+    """Return scenes, candidates and the output directory.
 
     Raises:
         ValueError: the first fault, in one line.
@@ -77,22 +65,15 @@ def prepare(settings: ReportSettings) -> Prepared:
     scenes = scenes_from(settings.scenes, settings.strong_tolerances, settings.weak_tolerances)
     for index, scene in enumerate(scenes):
         with checks.within(f"scenes.{index}"):
-            Simulator(scene.surface, scene.part)  # what the planar model does not cover has no truth
-    candidates = _candidates(settings)
+            Simulator(scene.surface, scene.part)  # a scene that the planar model does not cover has no truth
+    found = [model_candidate(*each) for each in settings.model_settings()]
+    found += [peer_candidate(*each, settings.peer_worlds) for each in settings.peer_settings()]
+    candidates: dict[tuple[str, str], Candidate] = {}
+    for each in found:
+        candidates.setdefault((each.method, each.setting), each)
     output = files.output_directory(Path(settings.output))
     files.output_files((output / name for name in FILES), "output")
-    return Prepared(settings, scenes, candidates, output)
-
-
-def _candidates(settings: ReportSettings) -> list[Candidate]:
-    found: dict[tuple[str, str], Candidate] = {}
-    for model, knobs in settings.model_settings():
-        each = model_candidate(model, knobs)
-        found.setdefault((each.method, each.setting), each)
-    for peer, knobs in settings.peer_settings():
-        each = peer_candidate(peer, knobs, settings.peer_worlds)
-        found.setdefault((each.method, each.setting), each)
-    return list(found.values())
+    return Prepared(settings, scenes, list(candidates.values()), output)
 
 
 def run(prepared: Prepared, progress: Callable[[str], Any] = lambda text: None) -> Report:
@@ -100,7 +81,7 @@ def run(prepared: Prepared, progress: Callable[[str], Any] = lambda text: None) 
     began = time.perf_counter()
     settings = prepared.settings
     finest = settings.truth_settings()
-    results, checked = [], []
+    results, checked, promises = [], [], []
     for scene in prepared.scenes:
 
         def here(text: str, name: str = scene.name) -> None:
@@ -109,44 +90,33 @@ def run(prepared: Prepared, progress: Callable[[str], Any] = lambda text: None) 
         results.append(ladder.measure(scene, prepared.candidates, finest, settings.rounds, here))
         if finest.reference_worlds:
             here("independent reference")
-            checked.append(truth.check_truth(scene, finest))
+            checked.append(ladder.check_truth(scene, finest))
     if settings.orders:
         progress("orders of convergence")
-    found_orders = model_checks.measured_orders() if settings.orders else []
-    bounds = _bounds(results) if settings.bound else []
-    promises = []
+    orders = model_checks.measured_orders() if settings.orders else []
     for scene in prepared.scenes if settings.auto_tolerances else ():
         progress(f"{scene.name}: model='auto'")
         promises += model_checks.auto_rows(scene, settings.auto_tolerances, finest)
-    if settings.friction_experiment:
-        progress("friction experiment")
-    experiment = friction_experiment.experiment() if settings.friction_experiment else None
     if settings.hard_cases:
         progress("hard cases")
     cases = hard_cases.run_all() if settings.hard_cases else []
+    headlines, seconds = comparisons.headlines(results), time.perf_counter() - began
     return Report(
-        settings,
-        results,
-        checked,
-        found_orders,
-        bounds,
-        comparisons.headlines(results),
-        promises,
-        cases,
-        experiment,
-        stored.load(),
-        provenance(),
-        time.perf_counter() - began,
-    )
+        settings, results, checked, orders, headlines, promises, cases, rigid.stored(), provenance(), seconds
+    )  # fmt: skip
 
 
-def _bounds(results: list[SceneResult]) -> list[BoundRow]:
-    found = []
-    for result in results:
-        rows = [row for row in result.rows if row.candidate.method == "planar" and not row.candidate.knobs]
-        for row in rows:
-            scheme = planar_scheme(result.scene.surface, result.scene.part)
-            found.append(
-                BoundRow(result.scene.name, model_checks.friction_bound(scheme.steps * scheme.substeps), row.cost)
-            )
+def provenance() -> dict[str, str]:
+    """Return time, host and versions; "not installed" for missing packages."""
+    found = {
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "system": platform.platform(),
+        "processor": f"{processor()}, {available_threads()} cores",
+        "python": platform.python_version(),
+    }
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "not installed"
     return found

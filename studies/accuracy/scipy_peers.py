@@ -1,4 +1,4 @@
-"""Peer: the sliding equations handed to ``scipy.integrate.solve_ivp``, the way a SciPy user after speed would write them.
+"""Peer: the sliding equations in ``scipy.integrate.solve_ivp``, vectorised.
 
 shapely cuts the contact area in one vectorised call at every evaluation; NumPy then sums friction over all pieces at
 once, with a rule of seven points on each of their triangles. One call of the integrator covers all periods; ``rtol`` is
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,7 +32,7 @@ _WEIGHTS = np.array([9 / 40] + [(155.0 - math.sqrt(15.0)) / 1200.0] * 3 + [(155.
 
 
 class Run(NamedTuple):
-    """What a peer did: ``pose`` and ``velocity`` (periods + 1, 3) at the boundaries of the periods, and its wall time."""
+    """Result: ``pose`` and ``velocity`` (periods + 1, 3) at the boundaries of the periods, and its wall time."""
 
     pose: np.ndarray
     velocity: np.ndarray
@@ -51,7 +52,7 @@ def integrate(
     method: str = "DOP853",
     rtol: float = 1e-6,
 ) -> Run:
-    """One sliding part over whole periods under a held drive; arguments as for the reference.
+    """Integrate one sliding part over whole periods under a held drive; arguments as for the reference.
 
     Args:
         method: ``"LSODA"`` or ``"DOP853"``.
@@ -81,7 +82,10 @@ def integrate(
     return Run(solution.y[:3].T, solution.y[3:].T, seconds, solution.nfev)
 
 
-def _slope(surface: Any, part: Any, amplitude: np.ndarray, phase: np.ndarray) -> Any:
+def _slope(
+    surface: Any, part: Any, amplitude: np.ndarray, phase: np.ndarray
+) -> Callable[[float, np.ndarray], list[float]]:
+    """Return the rate of pose and velocity (6,) as a function of time and state."""
     w, radius, size = surface.angular_frequency, surface.horizontal_amplitude, surface.element_size
     rows, columns = surface.rows, surface.columns
     lift_c, lift_s = (amplitude * np.cos(phase) * w**2).ravel(), (amplitude * np.sin(phase) * w**2).ravel()

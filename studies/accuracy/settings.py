@@ -1,4 +1,4 @@
-"""What a report is asked for: scenes, models and their knobs, peers, tolerances."""
+"""Settings of a report: scenes, models and their knobs, peers, tolerances."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vibgym.simulation.simulator import Simulator
 
 MODELS = ("planar", "averaged")
 MOST_COMBINATIONS = 1000
-"""Of the knobs in one entry: each is a simulator, and then a line of the report."""
+"""Of the knobs in one entry: each is a simulator, and a line of the report."""
 
 PEERS: dict[str, dict[str, Any]] = {
     "point_sampling": {"points": 12, "steps": 12},
@@ -26,16 +26,16 @@ PEERS: dict[str, dict[str, Any]] = {
     "DOP853": {"rtol": 1e-4},
     "mujoco": {"timestep": 1e-3, "contact_time": None, "impratio": 10.0},
 }
-"""Peers, their knobs and what these are unless given."""
+"""Peers, their knobs and the defaults of these."""
 
 
 class TruthSettings(Settings):
-    """The planar run that everything is measured against, and by how much the independent reference checks it.
+    """The planar run that counts as true, and how much of it the independent reference checks.
 
     Attributes:
         steps, substeps, pieces: knobs of the planar model.
-        reference_worlds: how many worlds the reference integrates, 0 for none.
-        reference_periods: how many of the scene's periods at most.
+        reference_worlds: worlds that the reference integrates, 0 for none.
+        reference_periods: most of the scene's periods that it integrates.
         reference_tolerance: relative tolerance of the reference.
     """
 
@@ -46,23 +46,27 @@ class TruthSettings(Settings):
     reference_periods: int = Field(default=5, ge=1)
     reference_tolerance: float = Field(default=1e-8, ge=1e-12, le=1e-4)
 
+    @property
+    def knobs(self) -> dict[str, int]:
+        """Knobs of the planar model."""
+        return self.model_dump(include={"steps", "substeps", "pieces"})
+
 
 class ReportSettings(Settings):
     """A report of error against cost.
 
     Attributes:
         scenes: mappings, see :class:`studies.accuracy.scenes.SceneSettings`.
-        models: mappings of ``model`` and its knobs; a list of values of a knob stands for every one of them, and several
-            lists for all combinations.
+        models: mappings of ``model`` and its knobs; lists of values of knobs stand for all combinations.
         peers: likewise with ``peer``, see :data:`PEERS`.
         strong_tolerances: of the trajectory's error, m.
         weak_tolerances: of the mean velocity's error, relative.
-        auto_tolerances: what ``model="auto"`` is asked for on every scene; none leaves that section out.
-        peer_worlds: how many of a scene's worlds the slow peers (SciPy, MuJoCo) run.
-        rounds: how often every setting is timed, in turn with all others.
+        auto_tolerances: of ``model="auto"`` on every scene, m; none leaves that section out.
+        peer_worlds: number of a scene's worlds that the slow peers (SciPy, MuJoCo) run.
+        rounds: in which every setting is timed, in turn with all others.
         truth: see :class:`TruthSettings`.
-        orders, bound, hard_cases, friction_experiment: whether the report has these sections.
-        output: directory for what is written, made if needed.
+        orders, hard_cases: whether the report has these sections.
+        output: directory, made if needed.
     """
 
     scenes: list[Any] = Field(min_length=1, max_length=100)
@@ -75,18 +79,16 @@ class ReportSettings(Settings):
     rounds: int = Field(default=7, ge=1, le=1000)
     truth: Any = {}
     orders: bool = True
-    bound: bool = True
     hard_cases: bool = True
-    friction_experiment: bool = True
     output: str = Field(default="runs/accuracy", min_length=1)
 
     def truth_settings(self) -> TruthSettings:
-        """``truth``, checked."""
+        """Return ``truth``, checked."""
         return parse(TruthSettings, self.truth, "truth")
 
     def model_settings(self) -> list[tuple[str, dict[str, Any]]]:
-        """Every model with one value for each knob that was given."""
-        # What one element takes may be too coarse for several: a scene that refuses a setting then has a line that says so.
+        """Return every model with one value for each given knob."""
+        # One element may accept what is too coarse for several: a scene that refuses a setting then has a line with the reason.
         surface, part = Surface(rows=1, columns=1), shipped_part("aluminium_block")
         found: list[tuple[str, dict[str, Any]]] = []
         for index, given in enumerate(self.models):
@@ -99,7 +101,7 @@ class ReportSettings(Settings):
         return found
 
     def peer_settings(self) -> list[tuple[str, dict[str, Any]]]:
-        """Every peer with one value for each knob."""
+        """Return every peer with one value for each knob."""
         found: list[tuple[str, dict[str, Any]]] = []
         for index, given in enumerate(self.peers):
             where = f"peers.{index}"
@@ -142,7 +144,7 @@ def _check_peer_knob(peer: str, name: str, value: Any, where: str) -> None:
 
 
 def settings_from(data: Any, output: str | None = None) -> ReportSettings:
-    """Checked settings from a mapping with the attributes of :class:`ReportSettings` as keys.
+    """Return checked settings from a mapping with the attributes of :class:`ReportSettings` as keys.
 
     Args:
         data: the mapping.
@@ -162,7 +164,7 @@ def settings_from(data: Any, output: str | None = None) -> ReportSettings:
 
 
 def load_settings(path: Path, output: str | None = None) -> ReportSettings:
-    """Checked settings from a YAML file; see :func:`settings_from`. Errors name the file."""
+    """Return checked settings from a YAML file; see :func:`settings_from`. Errors name the file."""
     data = load_yaml(path)
     with checks.within(path):
         return settings_from(data, output)

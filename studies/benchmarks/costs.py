@@ -27,6 +27,7 @@ import markupsafe
 import numpy as np
 from matplotlib.figure import Figure
 
+from agents.evaluation.figures import png, style
 from studies.accuracy import figures
 from studies.benchmarks import common
 from vibgym import Part, Simulator, Surface, files
@@ -122,8 +123,8 @@ def drawn(curve: str, found: dict[int, list[Any]]) -> str:
     axes.set_xlabel(AXES[curve][0])
     axes.set_ylabel(AXES[curve][1].replace("us", "µs"))
     axes.legend()
-    figures.styled(axes)
-    return base64.b64encode(figures.png(figure)).decode("ascii")
+    style(axes)
+    return base64.b64encode(png(figure)).decode("ascii")
 
 
 PAGE = """<!doctype html>

@@ -25,7 +25,6 @@ from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks import TASKS
 from vibgym.tasks.base import HOLD_PERIODS
-from vibgym.tasks.episode import LIMITS
 from vibgym.tasks.pose import Align
 
 SECONDS, LAST = 15.0, 10.0
@@ -58,9 +57,7 @@ class Stay(Align):
     """Align whose episodes go on at the goal."""
 
     def rules(self, periods: int) -> Any:
-        rules = super().rules(periods)
-        rules.limit[LIMITS.index("hold")] = math.inf
-        return rules
+        return super().rules(periods)._replace(hold=2**62)
 
 
 class Held(NamedTuple):

@@ -1,6 +1,6 @@
 """Time per stage of an environment step: ``python -m studies.benchmarks.stages [ENVIRONMENT ...]``.
 
-Each stage of :meth:`vibgym.envs.core.Core.step` is wrapped by a clock. The time of a nested stage is subtracted from the
+Each stage of a step (:mod:`vibgym.envs.step`) is wrapped by a clock. The time of a nested stage is subtracted from the
 enclosing one, so that the shares add up; ``rest`` is the step outside all stages (resets, ``info``, Gymnasium). One thread.
 """
 

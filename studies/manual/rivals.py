@@ -7,9 +7,7 @@ from typing import Any
 
 from agents.evaluation.table import markdown
 from studies.manual.figures_file import ROOT, rows
-from studies.rivals.contenders import CONTENDERS
-from studies.rivals.figures import EPISODES
-from studies.rivals.tables import FIGURES, PUSH
+from studies.rivals.figures import CONTENDERS, EPISODES, FIGURES, PUSH
 
 Row = Mapping[str, Any]
 

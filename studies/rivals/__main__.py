@@ -1,7 +1,7 @@
 """Command line: ``python -m studies.rivals NAME`` compares the segmented surface with the other machines of Table 1.1.
 
-- ``figures`` plays the tasks, and writes ``results/rivals.csv``; with ``--task`` those lines alone.
-- ``push`` writes ``results/rivals-push.csv``: how hard each machine can push several parts at once.
+- ``figures`` plays the tasks, and writes ``results/rivals.csv``; with ``--task`` only those lines.
+- ``push`` writes ``results/rivals-push.csv``: the largest pushes of each machine on several parts at once.
 - ``film`` writes ``docs/squeeze-line.gif``: a squeeze line that moves.
 """
 
@@ -16,19 +16,9 @@ from agents import command_line
 from agents.command_line import Command, Entry
 
 
-def _nothing(parser: argparse.ArgumentParser) -> None:
-    """No arguments of its own."""
-
-
-def _tasks(parser: argparse.ArgumentParser) -> None:
-    """What ``figures`` takes."""
-    command_line.some(parser, "--task")
-
-
 def figures(arguments: argparse.Namespace) -> None:
     """Play, and write the table."""
-    from studies.rivals.figures import EPISODES, rows
-    from studies.rivals.tables import FIGURES, merged, read, written
+    from studies.rivals.figures import EPISODES, FIGURES, merged, read, rows, written
     from vibgym import checks
 
     for each in arguments.task or ():
@@ -41,8 +31,8 @@ def figures(arguments: argparse.Namespace) -> None:
 
 def push(arguments: argparse.Namespace) -> None:
     """Solve the linear programmes, and write the table."""
+    from studies.rivals.figures import PUSH, written
     from studies.rivals.reach import rows
-    from studies.rivals.tables import PUSH, written
 
     print(f"table: {written((arguments.output or Path()) / PUSH, rows())}")
 
@@ -57,23 +47,23 @@ def film(arguments: argparse.Namespace) -> None:
 ROOT = "directory of results/ and docs/, instead of the present one"
 
 COMMANDS = {
-    "figures": Command(_tasks, figures, ROOT),
-    "push": Command(_nothing, push, ROOT),
-    "film": Command(_nothing, film, ROOT),
+    "figures": Command(lambda parser: command_line.some(parser, "--task"), figures, ROOT),
+    "push": Command(lambda parser: None, push, ROOT),
+    "film": Command(lambda parser: None, film, ROOT),
 }
 
-ENTRIES = {
-    "figures": Entry("studies.rivals.__main__", "play the tasks: results/rivals.csv"),
-    "push": Entry("studies.rivals.__main__", "how hard each machine can push several parts: results/rivals-push.csv"),
-    "film": Entry("studies.rivals.__main__", "a squeeze line that moves: docs/squeeze-line.gif"),
+HELP = {
+    "figures": "play the tasks: results/rivals.csv",
+    "push": "largest pushes of each machine on several parts: results/rivals-push.csv",
+    "film": "a squeeze line that moves: docs/squeeze-line.gif",
 }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    return command_line.run_one_of(
-        "python -m studies.rivals", "Compare the segmented surface with Table 1.1's other machines.", ENTRIES, argv
-    )
+    entries = {name: Entry("studies.rivals.__main__", help) for name, help in HELP.items()}
+    description = "Compare the segmented surface with Table 1.1's other machines."
+    return command_line.run_one_of("python -m studies.rivals", description, entries, argv)
 
 
 if __name__ == "__main__":

@@ -1,21 +1,20 @@
-"""The plate's policy for several parts: whichever stroke brings the places where they come to rest nearest to their zones.
+"""The plate's policy for several parts: the stroke that brings the points where they come to rest nearest to their zones.
 
-A plate has three numbers for all parts, so it cannot give each the push that a law wants, and a law that sees only
-velocities makes no way where these cannot all be had. This policy looks at places instead. Friction brakes a part at the rate
-c, so one at p with velocity v comes to rest at p + v / c, and a stroke that pushes it with u for a time T shifts that place by
-u T / c. Of all strokes and strengths the one is taken that leaves the least sum of squared distances from the zones, with a
-price for places beside the table and for parts in one another's way. What one stroke spoils the next ones have to make good:
-parts are served by turns.
+A plate has three numbers for all parts, so it cannot give each part the push that a controller commands, and a controller of
+velocities makes no progress where these cannot all be reached. This policy uses positions instead. Friction brakes a part at
+the rate c, so one at p with velocity v comes to rest at p + v / c, and a stroke that pushes it with u for a time T shifts that
+point by u T / c. The policy takes the stroke and strength with the smallest sum of squared distances from the zones, with a
+price for points beside the table and for parts near one another. Later strokes correct the side effects of earlier ones: parts
+are served by turns.
 
-Zones alone leave parts that block each other where they are. So places in the zones are given out, as the planner does it, and
-the distance from these counts a little.
+With zones alone, parts that block each other stay. So the planner assigns places in the zones, and the distance from these
+has a small weight.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,23 +24,24 @@ from studies.rivals.policies import OUTPUTS, first_strokes
 from vibgym import checks
 from vibgym.allocation.cut import cut_parts, new_pieces
 from vibgym.kernels.jit import borrowing
-from vibgym.policies.classical.measured import Measured, recall
+from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.planner import PlannerPolicy
+from vibgym.policies.classical.steering import Memory
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
 STRENGTHS = np.array([1.0, -1.0, 0.4, -0.4, 0.16, -0.16, 0.06, -0.06, 0.02, -0.02])
-"""That are tried of every stroke, over the strongest."""
+"""Candidates for every stroke, over the strongest."""
 
 EFFORT = 1e-7
-"""m^2, price of a stroke of full strength: one that wins nothing is not worth it."""
+"""m^2, price of a stroke of full strength."""
 
 TRIED = 64
-"""Strokes that are tried in all strengths: those that promise most by slope and curvature of the squared distances."""
+"""Strokes that are tried in all strengths: the best ones by slope and curvature of the squared distances."""
 
 JAMMED, EASE, EASED = 750, 150, 50
-"""Steps after which a world counts as jammed; from then on, of every so many steps, in so many parts may come near to each
-other and shall go to their places above all: what blocks the others moves off."""
+"""Steps after which a world counts as jammed. From then on, in ``EASED`` of every ``EASE`` steps parts may come near each other
+and places have a larger weight, so that blocking parts move away."""
 
 EASY = 0.1, 1.0
 """Prices ``near`` and ``place`` in these steps."""
@@ -50,31 +50,17 @@ SURE = 0.004
 """m inside its zone that a part will have arrived."""
 
 
-@dataclass(frozen=True)
-class Prices:
-    """Of squared distances, over that from a zone; lengths in m.
+MARGIN, EDGE, ROOM = 0.03, 0.02, 0.005
+"""m, wanted distances: from the border of the zone, from the edge of the table, and between the circles around parts."""
 
-    Raises:
-        ValueError: a bad value.
-    """
-
-    margin: float = 0.03  # how far inside zones parts shall be
-    edge: float = 0.02  # likewise inside the table
-    room: float = 0.005  # that parts shall have between the circles that hold them
-    beside: float = 100.0  # beside the table
-    near: float = 1.0  # of what parts lack between each other
-    place: float = 0.05  # from the place that a part has been given
-
-    def __post_init__(self) -> None:
-        for name in ("margin", "edge", "beside", "near", "place"):
-            checks.number(name, getattr(self, name), least=0.0)
-        checks.number("room", self.room)
+BESIDE, NEAR, PLACE = 100.0, 1.0, 0.05
+"""Weights of squared distances, over that from a zone: beside the table, missing between parts, from the assigned place."""
 
 
 class Bill(NamedTuple):
-    """Parameters of the price of places of rest, the same in all worlds."""
+    """Parameters of the price of points of rest, the same in all worlds."""
 
-    low: np.ndarray  # (parts, 2) m, of the zones ...
+    low: np.ndarray  # (parts, 2) m, corners of the zones
     high: np.ndarray
     size: np.ndarray  # (2,) m, of the table
     apart: np.ndarray  # (parts,) m, half of what centres shall be apart
@@ -88,7 +74,7 @@ class Bill(NamedTuple):
 
 @borrowing
 def price(bill, rest, present, target, one, other, pairs):
-    """Of places of rest (parts, 2) m: squared distances from zones, places and the table, and from one another."""
+    """Return the price of points of rest (parts, 2) m: squared distances from zones, places, the table and each other."""
     total = 0.0
     for p in range(rest.shape[0]):
         if not present[p]:
@@ -110,7 +96,7 @@ def price(bill, rest, present, target, one, other, pairs):
 
 @borrowing
 def slopes(bill, rest, present, target, one, other, pairs, slope):
-    """Write how fast :func:`price` grows with each place of rest, (parts, 2) m."""
+    """Write the gradient of :func:`price`, (parts, 2) m."""
     slope[:] = 0.0
     for p in range(rest.shape[0]):
         if not present[p]:
@@ -134,7 +120,7 @@ def slopes(bill, rest, present, target, one, other, pairs, slope):
 
 @borrowing
 def promise(bill, effect, slope, most):
-    """What a stroke may win at its best strength of up to ``most``, by slope and curvature where nothing is in the way."""
+    """Return the gain of a stroke at its best strength of up to ``most``, by slope and curvature without collisions."""
     fall, bend = 0.0, 1e-15
     for p in range(effect.shape[0]):
         x, y = bill.shift[p] * effect[p, 0], bill.shift[p] * effect[p, 1]
@@ -160,7 +146,7 @@ def near_pairs(bill, rest, present, one, other):
 
 @borrowing
 def arrived(bill, rest, present):
-    """Whether all parts of a world will come to rest in their zones."""
+    """Return whether all parts of a world will come to rest in their zones."""
     for p in range(rest.shape[0]):
         for k in range(2):
             x = rest[p, k]
@@ -233,7 +219,7 @@ def choose_strokes(
 
 
 def new_scratch(parts: int, strokes: int) -> tuple[np.ndarray, ...]:
-    """Of one thread."""
+    """Return the scratch arrays of one thread."""
     pairs = np.empty((2, parts * parts), dtype=np.int64)
     return np.empty((parts, 3)), np.empty((parts, 2)), np.empty((parts, 2)), pairs[0], pairs[1], np.empty(strokes)
 
@@ -244,17 +230,15 @@ class ByTurnsPolicy(PlannerPolicy):
     Args:
         info: task and scene.
         machine: ``"plate"`` or ``"plain-plate"``.
-        **prices: of :class:`Prices`.
 
     Raises:
         ValueError: a task without zones, or a bad argument.
     """
 
-    def __init__(self, info: TaskInfo, machine: str, **prices: Any) -> None:
+    def __init__(self, info: TaskInfo, machine: str) -> None:
         super().__init__(info, law="pose", learn=False)
         if info.zones is None:
             raise checks.refuse("policy 'by turns'", f"the task {info.name}", "tasks with zones")
-        given = Prices(**prices)
         self.action = checks.choice("machine", machine, ("plate", "plain-plate"))
         self.output = OUTPUTS[machine](info, MACHINES[machine](info.surface, info.parts))
         self.allocator, surface, plant = self.output.allocator, info.surface, info.plant
@@ -263,13 +247,13 @@ class ByTurnsPolicy(PlannerPolicy):
             low=np.ascontiguousarray(zone[:, :2]),
             high=np.ascontiguousarray(zone[:, 2:]),
             size=np.array([surface.width, surface.depth]),
-            apart=np.array([part.radius for part in info.parts]) + 0.5 * given.room,
+            apart=np.array([part.radius for part in info.parts]) + 0.5 * ROOM,
             shift=plant.push / plant.strength * info.step_time / plant.drag,
-            margin=min(given.margin, 0.5 * float((zone[:, 2:] - zone[:, :2]).min())),
-            edge=given.edge,
-            beside=given.beside,
-            near=given.near,
-            place=given.place,
+            margin=min(MARGIN, 0.5 * float((zone[:, 2:] - zone[:, :2]).min())),
+            edge=EDGE,
+            beside=BESIDE,
+            near=NEAR,
+            place=PLACE,
         )
         plate = self.output.machine
         self.easy = self.bill._replace(near=EASY[0], place=EASY[1])
@@ -277,18 +261,13 @@ class ByTurnsPolicy(PlannerPolicy):
         push = plate.pushes(self.stroke).reshape(len(self.stroke), -1, 2)
         self.push, self.strength = np.ascontiguousarray(push), self.allocator.most * STRENGTHS
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Strokes from the measured poses and mean velocities; the state is the planner's."""
-        measured, info = Measured.of(observation, self.info), self.info
-        memory, new = recall(state, episode_start, self.initial(1), len(measured.centre), measured.arrived)
-        measured = self.expected(measured, memory.steering)
-        memory = self.aim(measured, memory, new)
-        present, target = (np.ascontiguousarray(each) for each in (measured.present, memory.target))
+    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+        """Return strokes; see :meth:`vibgym.policies.classical.steering.Steering.act`."""
+        info, plan = self.info, self.aim(measured, memory.own, new)
+        present, target = (np.ascontiguousarray(each) for each in (measured.present, plan.target))
         pose = np.ascontiguousarray(measured.pose + self.output.half * measured.rate)
         rest = np.ascontiguousarray(measured.centre + measured.velocity / self.drag[:, None])
-        steps = memory.waited[:, 0]  # which only the planner's own choice of motions needs
+        steps = plan.waited[:, 0]  # counted here; otherwise only the planner's choice of motions uses it
         eased = (steps > JAMMED) & (steps % EASE < EASED)
         found = np.zeros((len(pose), 3))
 
@@ -303,7 +282,5 @@ class ByTurnsPolicy(PlannerPolicy):
         action = found.astype(np.float32)
         given = self.allocator.effect(pose, present, self.output.machine.pushes(action.astype(np.float64)))
         acceleration, _ = self.process.acceleration(measured.rate, given)
-        memory = memory._replace(
-            waited=memory.waited + 1.0, steering=memory.steering._replace(acceleration=acceleration)
-        )
+        memory = memory._replace(acceleration=acceleration, own=plan._replace(waited=plan.waited + 1.0))
         return (action[0] if measured.single else action), memory

@@ -1,8 +1,8 @@
-"""What each rival's hardware can do: the mean pushes of all elements that a few numbers choose.
+"""The rivals' hardware: mean pushes of all elements as a function of a few numbers.
 
-A rival is a smaller set of commands for the same surface. An action of its own (``action="plate"`` and so on) takes the numbers
-that its drives have and says what every element does; nothing that acts through it can do more. Pushes are as
-:mod:`vibgym.allocation` has them, (rows, columns, 2), over what full amplitude gives at rest.
+A rival is a smaller set of commands for the same surface. Its action (``action="plate"`` and so on) maps the numbers of its
+drives to the motion of every element. Pushes are those of :mod:`vibgym.allocation`, (rows, columns, 2), over the push of full
+amplitude at rest.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ ONE_WAY = np.array([[[1.0, 0.0], [0.0, 1.0]], [[0.0, -1.0], [-1.0, 0.0]]])
 
 
 class Machine(Action):
-    """Base of the rivals: pushes of all elements from the numbers that the drives have."""
+    """Base of the rivals: pushes of all elements from the numbers of the drives."""
 
     @abstractmethod
     def pushes(self, values: np.ndarray) -> np.ndarray:
-        """Pushes (worlds, rows, columns, 2), none longer than 1, that a batch of actions (worlds, size) chooses."""
+        """Return the pushes (worlds, rows, columns, 2) of length up to 1 for a batch of actions (worlds, size)."""
 
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
         """See :meth:`vibgym.envs.Action.command`."""
@@ -60,7 +60,7 @@ class Plate(Machine):
         self._from_middle = np.stack([x - 0.5 * surface.width, y - 0.5 * surface.depth], axis=-1)
 
     def velocity(self, stroke: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Of the plate (worlds, ..., 2) at places (..., 2) m from the middle, in units of the stroke (worlds, 3)."""
+        """Return the plate's velocity (worlds, ..., 2) at places (..., 2) m from the middle, over that of the stroke."""
         lead = (len(stroke), *(1,) * (place.ndim - 1))
         x, y, turn = (stroke[:, k].reshape(lead) for k in range(3))
         turn = turn / self.half
@@ -84,7 +84,7 @@ class PlainPlate(Plate):
         self.corners = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) * reach
 
     def fastest(self, stroke: np.ndarray) -> np.ndarray:
-        """(worlds,) of the plate, which is at one of its corners."""
+        """Return the largest speed (worlds,) of the plate, which is at one of its corners."""
         return np.sqrt((self.velocity(stroke, self.corners) ** 2).sum(axis=-1)).max(axis=-1)
 
     def pushes(self, values: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ class PlainPlate(Plate):
 
 
 class Cells(Machine):
-    """Base of conveyors: every cell pushes along an axis of its own, and nothing else.
+    """Base of conveyors: every cell pushes along its own axis only.
 
     Attributes:
         axis: (rows, columns, 2) unit vectors.
@@ -122,7 +122,7 @@ class Conveyor(Cells):
 
 
 class OneWay(Cells):
-    """(rows, columns): cells that push one way, each its own; what is below 0 is rest."""
+    """(rows, columns): cells that push one way, each its own; values below 0 are rest."""
 
     PATTERN, least = ONE_WAY, 0.0
 
@@ -137,7 +137,7 @@ MACHINES: Mapping[str, type[Machine]] = {
 
 
 def register() -> None:
-    """Let environments know the rivals' actions, once."""
+    """Register the rivals' actions, once."""
     for name, machine in MACHINES.items():
         if name not in ACTIONS:
             ACTIONS.register(name, machine)

@@ -1,8 +1,8 @@
-"""The rivals' own classical policies: the laws and the planner of the segmented surface, with what a rival's drives can do.
+"""The rivals' classical policies: controllers and planner of the segmented surface, with the command of a rival's drives.
 
-    observation -> targets -> law -> wanted pushes of all parts -> the rival's command that serves them best
+    observation -> targets -> controller -> wanted pushes of all parts -> the rival's command with the smallest squared error
 
-Only the last step differs. It also says what the parts are given, so that laws and estimators count on what the machine does.
+Only the last step differs. It also returns the resulting pushes, which controllers and estimators use.
 """
 
 from __future__ import annotations
@@ -18,35 +18,36 @@ from studies.rivals.machines import MACHINES, Cells, Machine, PlainPlate, Plate
 from vibgym import Surface
 from vibgym.allocation import Allocator
 from vibgym.allocation.cut import new_pieces
+from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.planner import PlannerPolicy
-from vibgym.policies.classical.steering import LocalFieldPolicy, Order
+from vibgym.policies.classical.steering import LocalFieldPolicy
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
 DIRECTIONS = 16
-"""Of strokes without rotation that are tried first, over half a turn: the other half are their opposites."""
+"""Of the first strokes without rotation, over half a turn: the other half are their opposites."""
 
 AROUND = 0.25
-"""m beside the table in which centres of rotation are looked for, with twice the distance between them."""
+"""m beside the table with further centres of rotation, at twice the distance between them."""
 
 TURNING = 0.1
 """Weight of errors of turning over those of moving, where parts are several and headings do not count."""
 
 
 def places(surface: Surface) -> np.ndarray:
-    """Centres of the elements (elements, 2), m from the table's middle."""
+    """Return the centres of the elements (elements, 2), m from the table's middle."""
     x, y = surface.element_centres()
     middle = 0.5 * np.array([surface.width, surface.depth])
     return np.ascontiguousarray(np.stack([x.ravel(), y.ravel()], axis=-1) - middle)
 
 
 class RivalOutput(ABC):
-    """What steering says to a rival: an output (:class:`vibgym.policies.classical.steering.Output`) for its action.
+    """Output (:class:`vibgym.policies.classical.steering.PhasorOutput`) for a rival's action.
 
     Args:
         info: task and scene.
-        machine: what the hardware can do.
+        machine: the hardware.
     """
 
     learner = None
@@ -60,22 +61,24 @@ class RivalOutput(ABC):
         self.place = places(info.surface)
 
     def begin(self, batch: int) -> Any:
-        """Nothing is remembered."""
+        """Return the memory, which is empty."""
         return ()
 
-    def give(self, order: Order, memory: Any) -> tuple[np.ndarray, np.ndarray, Any]:
-        """See :meth:`vibgym.policies.classical.steering.Output.give`."""
-        present, wanted = np.ascontiguousarray(order.measured.present), np.ascontiguousarray(order.push)
+    def give(
+        self, measured: Measured, seen: np.ndarray, push: np.ndarray, memory: Any
+    ) -> tuple[np.ndarray, np.ndarray, Any]:
+        """See :meth:`vibgym.policies.classical.steering.PhasorOutput.give`."""
+        present, wanted = np.ascontiguousarray(measured.present), np.ascontiguousarray(push)
         # In the middle of the step, as the segmented surface's output has it.
-        pose = np.ascontiguousarray(order.measured.pose + self.half * order.velocity)
+        pose = np.ascontiguousarray(measured.pose + self.half * measured.rate)
         weight = np.ascontiguousarray(np.broadcast_to(self.weight, wanted.shape) * present[..., None])
         action = self.fit(pose, present, np.where(present[..., None], wanted, 0.0), weight).astype(np.float32)
-        push = self.machine.pushes(action.astype(np.float64))
-        return action, self.allocator.effect(pose, present, push), memory
+        given = self.machine.pushes(action.astype(np.float64))
+        return action, self.allocator.effect(pose, present, given), memory
 
     @abstractmethod
     def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Actions (worlds, size) that serve the parts best: pushes ``wanted`` (worlds, parts, 3), squared errors weighted."""
+        """Return the actions (worlds, size) of least weighted squared error from pushes ``wanted`` (worlds, parts, 3)."""
 
 
 def first_strokes(surface: Surface, plate: Plate, place: np.ndarray) -> Strokes:
@@ -99,7 +102,7 @@ def first_strokes(surface: Surface, plate: Plate, place: np.ndarray) -> Strokes:
 
 
 class PlateOutput(RivalOutput):
-    """The stroke that serves all parts best. The plate serves them by turns, since what is owed to a part is wanted again."""
+    """The stroke of least squared error. The plate serves parts by turns, since a missing push is wanted again."""
 
     def __init__(self, info: TaskInfo, machine: Machine) -> None:
         super().__init__(info, machine)
@@ -124,7 +127,7 @@ class PlateOutput(RivalOutput):
 
 
 class PlainOutput(RivalOutput):
-    """The stroke of least squared error, which is linear in it; what is too fast is slowed down as a whole."""
+    """The stroke of least squared error, which is linear in it; strokes that are too fast are scaled down."""
 
     def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """See :meth:`RivalOutput.fit`."""
@@ -142,7 +145,7 @@ class PlainOutput(RivalOutput):
 
 
 class CellsOutput(RivalOutput):
-    """What every cell does along its axis, of least squared error."""
+    """Values of all cells along their axes, of least squared error."""
 
     def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """See :meth:`RivalOutput.fit`."""
@@ -167,16 +170,10 @@ OUTPUTS = {"plate": PlateOutput, "plain-plate": PlainOutput, "conveyor": CellsOu
 """By the machine's name."""
 
 
-def rival_policy(info: TaskInfo, machine: str, **settings: Any) -> Policy:
-    """The classical policy of a rival: straight to the goal with one part, with the planner with several.
-
-    Args:
-        info: task and scene.
-        machine: among :data:`.machines.MACHINES`.
-        **settings: of the policy and its law.
-    """
+def rival_policy(info: TaskInfo, machine: str) -> Policy:
+    """Return the classical policy of a rival (:data:`.machines.MACHINES`): with the planner for several parts."""
     straight = info.has_goal and len(info.parts) == 1
-    policy = (LocalFieldPolicy if straight else PlannerPolicy)(info, **{"law": "pose", **settings}, learn=False)
+    policy = (LocalFieldPolicy if straight else PlannerPolicy)(info, law="pose", learn=False)
     policy.output = OUTPUTS[machine](info, MACHINES[machine](info.surface, info.parts))
     policy.action = machine
     return policy

@@ -1,4 +1,4 @@
-"""The thesis's squeeze fields (fig. 4.4), put together by hand: what a search has to beat.
+"""The thesis's squeeze fields (fig. 4.4) in hand-made schedules: the baseline of a search.
 
 Each family is tried with lines turned, centred and ramped in a few ways, since on this table no squeeze field aligns a part
 with its own line: friction makes pushes run ahead of the table's motion, which turns parts by up to 40 degrees.
@@ -10,8 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from studies.sensorless.errors import cost, errors_of
-from studies.sensorless.play import Trials, play
+from studies.sensorless.play import Trials, cost, errors_of, play
 from studies.sensorless.settings import SensorlessSettings
 from vibgym import Part, Surface
 from vibgym.policies.trained.schedule import Schedule
@@ -27,7 +26,7 @@ FAMILIES: dict[str, Callable[[float], Rows]] = {
 """Share of the time, push towards the line, and push along it, of every segment; ``along`` is the weaker squeeze's strength."""
 
 PLACING = tuple(FAMILIES)[1:]
-"""Those that leave no direction free: the others cannot bring a part to a place, however tuned."""
+"""Families that leave no direction free: the others cannot position a part."""
 
 ANGLES = np.radians(np.arange(-48.0, 49.0, 6.0))
 REACHES = (0.013, 0.026, 0.052)
@@ -37,7 +36,7 @@ ALONG = (0.25, 0.5, 0.8)
 def made(
     family: str, goal: np.ndarray, seconds: float, friction: float, turned: float, reach: float, along: float
 ) -> Schedule:
-    """A schedule of a family; ``turned``: of the lines from the goal's heading, rad, in the last segment."""
+    """Return a schedule of a family; ``turned``: of the lines from the goal's heading, rad, in the last segment."""
     rows = FAMILIES[family](along)
     fields = np.array([[goal[0], goal[1], goal[2] + turned, push, other, 0.0, reach] for _, push, other in rows])
     fields[:-1, 2] = goal[2]
@@ -45,21 +44,21 @@ def made(
 
 
 def shifted(schedule: Schedule, by: np.ndarray) -> Schedule:
-    """The same with all centres elsewhere by (2,) m."""
+    """Return the schedule with all centres shifted by (2,) m."""
     fields = schedule.fields.copy()
     fields[:, :2] += by
     return Schedule(fields, schedule.seconds, schedule.goal, schedule.friction)
 
 
 def plain(family: str, part: Part, settings: SensorlessSettings) -> Schedule:
-    """The family as the thesis draws it: lines through the goal, along its heading."""
+    """Return the family as the thesis draws it: lines through the goal, along its heading."""
     return made(family, np.array(settings.goal), settings.seconds, part.friction, 0.0, 0.026, 0.5)
 
 
 def tuned(
     family: str, part: Part, surface: Surface, settings: SensorlessSettings, hardware: str, trials: Trials
 ) -> Schedule:
-    """The family's best by cost: over :data:`ANGLES`, :data:`REACHES` and :data:`ALONG`, then with its centre moved by
+    """Return the family's best by cost: over :data:`ANGLES`, :data:`REACHES` and :data:`ALONG`, then with its centre moved by
     as much as parts end off the goal in the median, where that is better."""
     goal = np.array(settings.goal)
 

@@ -1,24 +1,36 @@
-"""What was found and how good it is, as a page of Markdown."""
+"""The results as a page of Markdown."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from studies.sensorless.judge import Judgement
 from studies.sensorless.settings import SensorlessSettings
 from vibgym import Surface
 from vibgym.policies.trained.schedule import Schedule
 
 AFTER = 1.25
-"""Times the longest that a learned schedule may last, when parts are looked at: it has ended by then."""
+"""Time of the evaluation over the longest duration of a learned schedule."""
 
 
-@dataclass(frozen=True, eq=False)
-class Entry:
+class Judgement(NamedTuple):
+    """Evaluation of one schedule on one hardware. Arrays are (periods + 1,), over time.
+
+    Attributes:
+        fine, coarse: share of parts within Align's 2 mm and 3 deg, and within 5 mm and 5 deg.
+        distance, turn: (2,) median and 95th percentile at the end, m and rad.
+    """
+
+    fine: np.ndarray
+    coarse: np.ndarray
+    distance: np.ndarray
+    turn: np.ndarray
+
+
+class Entry(NamedTuple):
     """A line of the tables."""
 
     name: str
@@ -29,15 +41,14 @@ class Entry:
     time: float = math.nan  # s, median of the successes
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
+class Case(NamedTuple):
     """A part on a hardware."""
 
     part: str
     hardware: str
     entries: Sequence[Entry]
     shipped: str  # name of the entry that is shipped
-    searches: str  # what they took
+    searches: str  # duration and cost of the searches
 
 
 INTRODUCTION = """# Sensorless schedules
@@ -66,7 +77,7 @@ Command: `python -m studies.sensorless {config}`
 
 
 def text(cases: Sequence[Case], settings: SensorlessSettings, surface: Surface, config: str, machine: str) -> str:
-    """The page."""
+    """Return the page."""
     x, y, heading = settings.goal
     lines = [
         INTRODUCTION.format(
@@ -81,7 +92,7 @@ def text(cases: Sequence[Case], settings: SensorlessSettings, surface: Surface, 
 
 
 def section(case: Case, surface: Surface) -> str:
-    """What the page says of one part on one hardware."""
+    """Return the section on one part and hardware."""
     lines = [f"## {case.part.replace('_', ' ').capitalize()}, {case.hardware} hardware\n", *_ends(case), ""]
     lines += [*_curves(case, surface), "", case.searches, ""]
     return "\n".join(lines)
@@ -120,7 +131,7 @@ def _curves(case: Case, surface: Surface) -> list[str]:
 
 
 def percent(share: float) -> str:
-    """For tables."""
+    """Return a share as text."""
     return f"{100.0 * share:.1f} %"
 
 

@@ -1,11 +1,10 @@
-"""Many schedules from the same starts on the same machines, all in one batch."""
+"""Many schedules from the same starts on the same hardware, all in one batch; errors of their poses, and their cost."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,12 +14,11 @@ from vibgym.physics.core.drive import phasor_drive
 from vibgym.policies.trained.schedule import Schedule
 
 MOST_WORLDS = 4096
-"""That run at once: their commands take 2 kB each."""
+"""Simulated at once: their commands take 2 kB each."""
 
 
-@dataclass(frozen=True, eq=False)
-class Trials:
-    """What is drawn before a schedule begins, the same for all that are compared.
+class Trials(NamedTuple):
+    """Random conditions, the same for all schedules in a comparison.
 
     Attributes:
         pose: (trials, 3) of the part at the start, m, m, rad.
@@ -36,7 +34,7 @@ class Trials:
 def draw_trials(
     part: Part, surface: Surface, hardware: Any, friction: tuple[float, float], trials: int, seed: Sequence[int]
 ) -> Trials:
-    """Starts anywhere on the surface, without overhang, at any heading; machines; friction evenly in a range of factors."""
+    """Return starts anywhere on the surface, without overhang, at any heading; hardware; friction factors in a range."""
     random = np.random.default_rng(list(seed))
     room = np.array([surface.width, surface.depth]) - 2.0 * part.radius
     place = part.radius + room * random.random((trials, 2))
@@ -56,10 +54,10 @@ def play(
     periods: int = 1,
     threads: int | None = None,
 ) -> np.ndarray:
-    """Poses (steps + 1, schedules, trials, 3) at the ends of steps, the start included.
+    """Return poses (steps + 1, schedules, trials, 3) at the ends of steps, the start included.
 
     Args:
-        schedules: to compare, of any number of segments.
+        schedules: of any number of segments.
         trials: starts, friction and machines.
         part, surface: the scene.
         hardware: as ``actuators=`` of an environment.
@@ -111,3 +109,41 @@ def _play(
             simulator.run(each, stretch)
         poses.append(simulator.pose[:, 0])
     return np.array(poses).reshape(steps + 1, count, many, 3)
+
+
+FINE = (0.002, math.radians(3.0))
+"""m, rad: Align's tolerances."""
+
+COARSE = (0.005, math.radians(5.0))
+
+
+class Errors(NamedTuple):
+    """Distance from the goal (m) and heading's deviation modulo the part's symmetry (rad), arrays of one shape."""
+
+    distance: np.ndarray
+    turn: np.ndarray
+
+    def within(self, tolerance: tuple[float, float]) -> np.ndarray:
+        """Return where both are within a tolerance, bool."""
+        return (self.distance <= tolerance[0]) & (self.turn <= tolerance[1])
+
+
+def errors_of(pose: np.ndarray, goal: np.ndarray, symmetry: int) -> Errors:
+    """Return the errors (...) of poses (..., 3); with ``symmetry`` 0, of a disc, all headings are equal."""
+    distance = np.hypot(pose[..., 0] - goal[0], pose[..., 1] - goal[1])
+    if symmetry == 0:
+        return Errors(distance, np.zeros_like(distance))
+    period = 2.0 * math.pi / symmetry
+    turn = pose[..., 2] - goal[2]
+    return Errors(distance, np.abs(turn - period * np.round(turn / period)))
+
+
+def cost(errors: Errors) -> np.ndarray:
+    """Return the smooth cost (schedules,) of errors (periods + 1, schedules, trials): the mean over time plus that of the end.
+
+    A single error, in units of Align's tolerances, costs ``log(1 + e^2)``, so that both large errors and
+    errors just outside of the tolerance matter. The end is the last tenth of the time.
+    """
+    each = np.log1p((errors.distance / FINE[0]) ** 2 + (errors.turn / FINE[1]) ** 2).mean(axis=-1)
+    last = max(len(each) // 10, 1)
+    return each.mean(axis=0) + each[-last:].mean(axis=0)

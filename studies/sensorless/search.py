@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cma
 import numpy as np
 from tqdm import tqdm
 
-from studies.sensorless.errors import cost, errors_of
-from studies.sensorless.play import Trials, draw_trials, play
+from studies.sensorless.play import Trials, cost, draw_trials, errors_of, play
 from studies.sensorless.settings import SensorlessSettings
 from vibgym import Part, Surface
 from vibgym.fields import DEFAULT_REACH
@@ -25,9 +23,8 @@ VALIDATION = 8  # times as many starts as a schedule has in the search
 NUMBERS = 8  # of a segment: its field's, and its duration
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What a search found."""
+class Found(NamedTuple):
+    """Result of a search."""
 
     schedule: Schedule
     seed: int
@@ -42,7 +39,7 @@ REST = 0.5
 
 
 def decoded(numbers: np.ndarray, goal: np.ndarray, seconds: float, friction: float, step: float) -> Schedule:
-    """The schedule of a point (segments * 8,) of the search; its segments begin as equal shares of ``seconds``.
+    """Return the schedule of a point (segments * 8,) of the search; its segments begin as equal shares of ``seconds``.
 
     Durations that together exceed ``seconds`` are cut short in proportion, and every end is a multiple of ``step`` (s).
     """
@@ -58,7 +55,7 @@ def decoded(numbers: np.ndarray, goal: np.ndarray, seconds: float, friction: flo
 
 
 def encoded(schedule: Schedule, segments: int, seconds: float) -> np.ndarray:
-    """The point (segments * 8,) of the search that plays ``schedule``, its longest segments halved until there are enough."""
+    """Return the point (segments * 8,) of the search for ``schedule``, its longest segments halved until there are enough."""
     fields, lasts = list(schedule.fields), list(schedule.seconds)
     while len(lasts) < segments:
         k = int(np.argmax(lasts))
@@ -82,7 +79,7 @@ def _factor(numbers: np.ndarray) -> np.ndarray:
 def costs(
     schedules: list[Schedule], trials: Trials, part: Part, surface: Surface, settings: SensorlessSettings, hardware: str
 ) -> np.ndarray:
-    """Cost (schedules,) of each from these starts, see :func:`studies.sensorless.errors.cost`."""
+    """Return the cost (schedules,) from these starts, see :func:`studies.sensorless.play.cost`."""
     poses = play(
         schedules, trials, part, surface, hardware, settings.seconds + REST, settings.model, settings.periods,
         settings.threads,
@@ -91,7 +88,7 @@ def costs(
 
 
 def validation_trials(part: Part, surface: Surface, settings: SensorlessSettings, hardware: str) -> Trials:
-    """Starts by which schedules are chosen: neither those of a search nor those of the judgement."""
+    """Return the starts for the selection: neither those of a search nor those of the evaluation."""
     return draw_trials(part, surface, hardware, settings.friction_range, VALIDATION * settings.starts, (2, 0))
 
 
@@ -104,10 +101,10 @@ def search(
     seed: int,
     quiet: bool = False,
 ) -> Found:
-    """Search for a schedule, from ``first`` on.
+    """Search for a schedule, starting at ``first``.
 
-    All schedules of a generation face the same starts, machines and friction, every generation fresh ones. What is returned
-    is the centre of the last generation's distribution.
+    All schedules of a generation have the same starts, hardware and friction, every generation fresh ones. The result is
+    the centre of the last generation's distribution.
 
     Raises:
         ValueError: settings that the simulator does not take.

@@ -1,4 +1,4 @@
-"""The whole study: hand-made schedules, searches, judgement, page."""
+"""The whole study: hand-made schedules, searches, evaluation from fresh starts, page."""
 
 from __future__ import annotations
 
@@ -14,23 +14,27 @@ import numpy as np
 from tqdm import tqdm
 
 import vibgym
-from studies.accuracy.provenance import processor
+from agents.provenance import processor
 from studies.sensorless.handmade import FAMILIES, PLACING, plain, tuned
-from studies.sensorless.judge import episodes, judge
-from studies.sensorless.page import AFTER, Case, Entry, section, text
-from studies.sensorless.play import draw_trials
+from studies.sensorless.page import AFTER, Case, Entry, Judgement, section, text
+from studies.sensorless.play import COARSE, FINE, draw_trials, errors_of, play
 from studies.sensorless.search import Found, costs, search, validation_trials
 from studies.sensorless.settings import SensorlessSettings
-from vibgym import Surface
+from vibgym import Part, Surface
 from vibgym.files import write_atomically
-from vibgym.policies.trained.schedule import Schedule, save_schedule
+from vibgym.policies.rollout import run, worlds_of
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.schedule import Schedule, SchedulePolicy, save_schedule
 from vibgym.scene.parts import shipped_part
+
+FRESH = 7_100_000
+"""First seed of the evaluation's episodes; no other study uses them."""
 
 NOMINAL = (1.0, 1.0)
 
 
 def study(settings: SensorlessSettings, config: str, output: Path, quiet: bool = False) -> str:
-    """Search and judge, write the best schedule of each part and hardware to ``output``, and return the page.
+    """Search and evaluate, write the best schedule of each part and hardware to ``output``, and return the page.
 
     Raises:
         ValueError: settings that the simulator does not take.
@@ -86,13 +90,13 @@ def _case(name: str, hardware: str, surface: Surface, settings: SensorlessSettin
             ends, median = episodes(lasting[key], name, hardware, settings.friction_range, settings.judged)
             success = float(ends.mean())
         entries.append(Entry(key, schedules[key], nominal.get(key), judged, success, median))
-    case = Case(name, hardware, entries, shipped, _told(found, best, float(values.min())))
+    case = Case(name, hardware, entries, shipped, _searches(found, best, float(values.min())))
     write_atomically(output / f"{name}-{hardware}.md", section(case, surface))
     return case
 
 
 def _lasting(schedule: Schedule, seconds: float) -> Schedule:
-    """The same with a last field that acts until ``seconds``."""
+    """Return the schedule with a last field that acts until ``seconds``."""
     lasts = schedule.seconds.copy()
     lasts[-1] = max(seconds - float(lasts[:-1].sum()), 0.0)
     return Schedule(schedule.fields, lasts, schedule.goal, schedule.friction)
@@ -105,11 +109,47 @@ def _training(found: Found, part: str, hardware: str, settings: SensorlessSettin
     }  # fmt: skip
 
 
-def _told(found: dict[str, Found], best: str, begun: float) -> str:
-    """Sentences on the searches."""
+def _searches(found: dict[str, Found], best: str, begun: float) -> str:
+    """Return a sentence on the searches."""
     each = "; ".join(
         f"seed {one.seed} {one.seconds:.0f} s, cost {one.validation:.2f}, {one.schedule.total:.2f} s long"
         for one in found.values()
     )
     evaluations = next(iter(found.values())).evaluations
     return f'Searches ({evaluations} schedules each, from "{best}", cost {begun:.2f}): {each}.'
+
+
+def judge(
+    schedules: list[Schedule],
+    part: Part,
+    surface: Surface,
+    settings: SensorlessSettings,
+    hardware: str,
+    friction: tuple[float, float],
+    seconds: float,
+) -> list[Judgement]:
+    """Evaluate all schedules from the same fresh starts, on the planar model, period by period, for ``seconds``."""
+    trials = draw_trials(part, surface, hardware, friction, settings.judged, (1, 0))
+    found = []
+    for schedule in schedules:
+        poses = play([schedule], trials, part, surface, hardware, seconds, threads=settings.threads)[:, 0]
+        errors = errors_of(poses, schedule.goal, part.symmetry)
+        ends = (errors.distance[-1], errors.turn[-1])
+        distance, turn = (np.quantile(each, [0.5, 0.95]) for each in ends)
+        found.append(Judgement(errors.within(FINE).mean(1), errors.within(COARSE).mean(1), distance, turn))
+    return found
+
+
+def episodes(
+    schedule: Schedule, part: str, hardware: str, friction: tuple[float, float], worlds: int, first: int = FRESH
+) -> tuple[np.ndarray, float]:
+    """Return success (worlds,) bool in episodes of Align, and the median time of the successes, s (nan: none).
+
+    Starts are the environment's, from seeds ``first`` on; the goal is the schedule's.
+    """
+    arguments: dict[str, Any] = {"parts": [part], "actuators": hardware, "randomize": {"friction": list(friction)}}
+    env = worlds_of("Align", worlds, action=SchedulePolicy.action, observation=SchedulePolicy.observation, **arguments)
+    policy = SchedulePolicy(TaskInfo.of(env), schedule)
+    found = run(policy, env, range(first, first + worlds), "Align", options={"goal": schedule.goal})
+    env.close()
+    return found.success, float(np.median(found.time_to_goal[found.success])) if found.success.any() else float("nan")

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from agents import __main__ as command
+from agents import train
 from agents.command_line import EXTRAS
-from agents.recording import commands
 
 ROOT = Path(__file__).parents[2]
 
@@ -33,9 +33,9 @@ def test_what_is_not_ours_to_install_is_an_error(monkeypatch):
     def broken(arguments):
         raise ModuleNotFoundError("No module named 'nonsense'", name="nonsense")
 
-    monkeypatch.setitem(commands.COMMANDS, "record", commands.COMMANDS["record"]._replace(run=broken))
+    monkeypatch.setitem(train.COMMANDS, "train", train.COMMANDS["train"]._replace(run=broken))
     with pytest.raises(ModuleNotFoundError, match="nonsense"):
-        command.main(["record", "configs/recordings/align.yaml"])
+        command.main(["train", "configs/agents/ppo.yaml"])
 
 
 def test_extras_are_those_of_the_project():

@@ -5,19 +5,18 @@ import math
 import numpy as np
 
 from vibgym.kernels.jit import borrowing
-from vibgym.physics.averaged.contact import AveragedScheme, look_under, new_workspace, steady_part
-from vibgym.physics.averaged.contact import mean_acceleration as acceleration_at
-from vibgym.physics.core.drive import polar_drive
-from vibgym.physics.planar.phasors import forget_phasors
+from vibgym.physics.averaged.integrator import AveragedScheme, mean_velocity_of, new_workspace, sample_contact
+from vibgym.physics.averaged.integrator import mean_acceleration as acceleration_at
+from vibgym.physics.core.drive import clear_phasors, polar_drive
 from vibgym.simulation.averages_tables import averages
 
 
 @borrowing
 def mean_accelerations(drive, table, body, scheme, pose, velocity, work, result):
     for world in range(pose.shape[0]):
-        forget_phasors(work.phasors, 0)
+        clear_phasors(work.phasors, 0)
         vx, vy, spin = velocity[world, 0], velocity[world, 1], velocity[world, 2]
-        n = look_under(table, body, drive, world, pose[world, 0], pose[world, 1], pose[world, 2], spin, work)
+        n = sample_contact(table, body, drive, world, pose[world, 0], pose[world, 1], pose[world, 2], spin, work)
         ax, ay, aw = math.nan, math.nan, math.nan
         if n > 0:
             ax, ay, aw = acceleration_at(table, body, scheme, n, vx, vy, spin, work)
@@ -29,10 +28,10 @@ def mean_states(drive, table, body, scheme, pose, velocity, work, mean_pose, mea
     size = body.friction * table.period / (2.0 * math.pi)
     reach = size * table.period / (2.0 * math.pi)
     for world in range(pose.shape[0]):
-        forget_phasors(work.phasors, 0)
+        clear_phasors(work.phasors, 0)
         spin = velocity[world, 2]
-        look_under(table, body, drive, world, pose[world, 0], pose[world, 1], pose[world, 2], spin, work)
-        vx, vy = steady_part(table, body, scheme, velocity[world, 0], velocity[world, 1], work)
+        sample_contact(table, body, drive, world, pose[world, 0], pose[world, 1], pose[world, 2], spin, work)
+        vx, vy = mean_velocity_of(table, body, scheme, velocity[world, 0], velocity[world, 1], work)
         mean_velocity[world, 0], mean_velocity[world, 1] = vx, vy
         mean_velocity[world, 2] = spin - size * work.shift[2]
         for k in range(3):

@@ -7,7 +7,7 @@ import pytest
 
 from tests.policies.helpers import ALUMINIUM, STEEL, SURFACE
 from vibgym import Part, Simulator
-from vibgym.bounds.tables import SHARES, WEIGHTS, sample, scratch_for, turner_for
+from vibgym.bounds.tables import sample, scratch_for, turner_for
 from vibgym.bounds.turning import moves, turns
 from vibgym.physics.core.drive import cartesian_drive
 
@@ -86,8 +86,3 @@ def test_points_have_the_part_s_inertia():
         assert (points**2).sum(axis=1).mean() == pytest.approx(part.gyration, rel=1e-12)
         # As coarse as they are: the scale that brings them there is nearly one.
         assert np.hypot(*points.T).max() <= 1.05 * part.radius
-
-
-def test_controls_ask_for_both_ends():
-    assert len(WEIGHTS) == len(SHARES)
-    assert {tuple(each) for each in WEIGHTS} == {tuple(-each) for each in WEIGHTS} and 0.0 in SHARES

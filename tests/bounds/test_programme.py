@@ -29,10 +29,6 @@ def test_braking_takes_the_known_way(integrator, kicks):
     np.testing.assert_allclose(found[:, 8 + 4 * kicks], (kicks * KICK) ** 2 / (2.0 * STRONGEST), atol=1e-12)
 
 
-def test_what_moves_back_does_not_overshoot(integrator):
-    assert (overshoots(integrator, 10, 1)[:, :9] == 0.0).all()
-
-
 def test_only_instants_count(integrator):
     # One look needs no brake; of two, three periods apart, the second sees what three periods of braking leave.
     fast = 8 + 4 * 8

@@ -126,7 +126,8 @@ def test_the_programme_s_own_policy_turns_nearly_as_far_in_the_simulator():
     # It takes at every period, for the part where it is, the control that is worth most; its place is left to itself.
     random, worlds, periods = np.random.default_rng(3), 10, 6
     points = sample(ALUMINIUM, SURFACE.element_size)
-    values = turn_values(SURFACE, ALUMINIUM, points, MOST, math.radians(2.0), HOLD)
+    known = SURFACE, ALUMINIUM.friction, ALUMINIUM.gyration, True, points.tobytes()
+    values = turn_values(*known, MOST, math.radians(2.0), HOLD)
     turner = turner_for(SURFACE, ALUMINIUM.friction, ALUMINIUM.gyration, MOST, points)
     scratch, side = scratch_for(turner), 2 * turner.reach + 1
     pose = np.column_stack([random.uniform(0.40, 0.426, worlds), random.uniform(0.09, 0.116, worlds)])

@@ -25,7 +25,6 @@ def seen(array):
 
 @pytest.mark.parametrize("wrong", [
     lambda worlds: np.zeros((worlds, 4), np.float32),
-    lambda worlds: np.zeros(3, np.float32),
     lambda worlds: np.zeros((worlds, 3)),
     lambda worlds: [[0.0, 0.0, 0.0]] * worlds,
     lambda worlds: {"state": np.zeros((worlds, 3), np.float32)},
@@ -50,7 +49,6 @@ def test_a_dictionary_without_a_key_is_refused(monkeypatch):
     lambda action, worlds: None,
     lambda action, worlds: np.zeros((worlds, 8, 32, 2)),
     lambda action, worlds: phasor_drive(np.zeros((worlds, 8, 32, 2), np.float32), 32, action.full_scale),
-    lambda action, worlds: phasor_drive(np.zeros((worlds, 510), np.float32), 32, action.full_scale),
     lambda action, worlds: phasor_drive(np.zeros((worlds + 1, 512), np.float32), 32, action.full_scale),
     lambda action, worlds: polar_drive(np.zeros((8, 32)), np.zeros((8, 32)), 1.0),
     lambda action, worlds: polar_drive(np.zeros((worlds, 8, 32)), np.zeros((worlds, 32, 8)), 1.0),
@@ -66,6 +64,23 @@ def test_a_command_that_does_not_fit_the_surface_is_refused(monkeypatch, command
     for make in (lambda: single("Align", action="custom"), lambda: batch("Align", 2, action="custom")):
         with pytest.raises(ValueError, match="action 'custom'"):
             make()
+
+
+def test_classes_that_are_no_action_or_have_no_shape_or_space_are_refused(monkeypatch):
+    def command(self, values, measurement):
+        raise AssertionError
+
+    for cls in (
+        object,
+        type("Shapeless", (Action,), {"command": command}),
+        type("N", (Action,), {"shape": 3, "command": command}),
+    ):
+        monkeypatch.setitem(ACTIONS._items, "custom", cls)
+        with pytest.raises(ValueError, match="action 'custom'"):
+            single("Align", action="custom")
+    monkeypatch.setitem(OBSERVATIONS._items, "custom", type("Spaceless", (seen(None),), {"space": None}))
+    with pytest.raises(ValueError, match="observation 'custom'"):
+        single("Align", observation="custom")
 
 
 def test_numpy_values_in_settings():

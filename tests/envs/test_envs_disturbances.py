@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -60,33 +59,6 @@ def test_with_planar_models_a_struck_part_gets_a_kick():
     assert 0.8 < struck.mean() < 0.92 and not kick[~struck].any()  # 1 - exp(-2)
     deviation = kick[struck].std(axis=0) / math.sqrt(2.0)
     assert deviation == pytest.approx([SPEED, SPEED, SPIN], rel=0.06)
-
-
-@pytest.mark.parametrize("model", ["planar", "tilting"])
-def test_single_and_batch_are_struck_alike(model):
-    alone = gym.make("vibgym/Align-v0", model=model, action="wrench", randomize=OFTEN)
-    alone.reset(seed=11)
-    env = VibgymVectorEnv("Align", num_envs=3, model=model, action="wrench", randomize=OFTEN)
-    env.reset(seed=[9, 11, 13])
-    for _ in range(12):
-        one = alone.step(np.full(3, 0.2, np.float32))
-        many = env.step(np.full((3, 3), 0.2, np.float32))
-        assert np.array_equal(one[0], many[0][1])
-        assert np.array_equal(one[4]["parts"]["struck"], many[4]["parts"]["struck"][1])
-
-
-@pytest.mark.parametrize("task", ["Align", "Sort"])
-@pytest.mark.parametrize("model", ["planar", "tilting"])
-def test_a_state_restored_goes_on_being_struck(model, task):
-    env = batch(model, worlds=3, task=task, action="field")
-    play(env, 5)
-    state = env.get_state()
-    after = play(env, 8)
-    end = env.get_state()
-    env.set_state(state)
-    assert np.array_equal(play(env, 8), after)
-    again = env.get_state()
-    assert all(np.array_equal(end["simulator"][name], again["simulator"][name]) for name in end["simulator"])
 
 
 def test_without_it_nothing_is_drawn():

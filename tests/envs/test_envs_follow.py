@@ -1,7 +1,5 @@
 """Follow as an environment: alone and in a batch, restored, observed, drawn, and followed to the end."""
 
-import copy
-
 import numpy as np
 import pytest
 
@@ -132,14 +130,3 @@ def test_pictures_show_paths_and_moving_goals():
     assert (env.render() != first).any()
     assert env.unwrapped.caption().startswith("Follow   error ")
     assert single("Align").unwrapped.paths() == []
-
-
-def test_damaged_paths_of_a_state_are_refused():
-    env = single("Follow", action="field").unwrapped
-    env.reset(seed=0)
-    state = env.get_state()
-    damaged = copy.deepcopy(state)
-    damaged["episode"]["paths"][..., 0] = np.inf
-    with pytest.raises(ValueError, match=r"^state\['episode'\]\['paths'\]"):
-        env.set_state(damaged)
-    assert_same(env.get_state(), state)

@@ -57,17 +57,6 @@ def test_a_goal_environment_gives_its_part_the_goal_reward():
     assert info["parts"]["reward"].tolist() == [0.0] and info["parts"]["reward_terms"]["goal"].tolist() == [0.0]
 
 
-def test_infos_are_the_caller_s_own():
-    env = batch("Sort", 2, **SETTINGS)
-    env.reset(seed=0)
-    *_, info = env.step(env.action_space.sample())
-    kept = {name: each.copy() for name, each in info["parts"]["reward_terms"].items()}
-    info["parts"]["done"][:] = True
-    env.step(env.action_space.sample())
-    assert_same({name: each.copy() for name, each in info["parts"]["reward_terms"].items()}, kept)
-    assert not env.truth.done.all()
-
-
 # -- another observation of the same instant -----------------------------------------------------------------------------
 
 

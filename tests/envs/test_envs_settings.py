@@ -4,10 +4,8 @@ import dataclasses
 import json
 import subprocess
 import sys
-import warnings
 from typing import get_type_hints
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -15,7 +13,6 @@ import vibgym
 from tests.envs.helpers import TASKS, batch, put, single
 from vibgym.envs import Options, VibgymEnv, VibgymVectorEnv
 from vibgym.envs.options import Keywords
-from vibgym.registration import register_environments
 from vibgym.tasks import TASKS as TASKS_OF_ALL
 from vibgym.tasks import ArrangedTask
 
@@ -43,18 +40,6 @@ def test_settings_are_taken():
     assert single("Align", parts=[disc]).unwrapped.core.parts[0] is disc
 
 
-def test_registration():
-    specs = {name: gym.registry[f"vibgym/{name}-v0"] for name in TASKS}
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        register_environments()
-        register_environments()
-    for name, spec in specs.items():
-        assert gym.registry[f"vibgym/{name}-v0"] is spec and spec.max_episode_steps == 250
-        assert isinstance(single(name).unwrapped, VibgymEnv)
-        assert isinstance(batch(name, 2), VibgymVectorEnv)
-
-
 def test_make_imports_the_package_in_a_fresh_process():
     code = (
         "import gymnasium as gym; env = gym.make('vibgym:vibgym/Rotate-v0'); env.reset(seed=0);"
@@ -68,27 +53,17 @@ def test_make_imports_the_package_in_a_fresh_process():
 STICKY = {"horizontal_amplitude": 4e-4}
 BAD = [  # fields of surface and part: see tests/test_config.py; unknown names: see tests/contracts
     ({"surface": "table"}, "surface"),
-    ({"surface": {"rows": 2.5}}, r"surface\.rows"),
     ({"surface": {"rows": 2, "columns": 2}}, "parts"),  # too small for the part
     ({"surface": STICKY, "model": "averaged"}, "model"),  # covers permanent sliding only
-    ({"surface": {"horizontal_amplitude": 0.0}, "model": "averaged"}, "model"),
-    ({"parts": "aluminium_block"}, "parts"),
     ({"parts": []}, "parts"),
     ({"parts": ["aluminium_block", "steel_block"]}, "parts"),
     ({"parts": ["gold_block"]}, "parts"),
-    ({"parts": 7}, "parts"),
-    ({"parts": [{"shape": "disc", "radius": 0.02, "friction": 5.0}], "model": "averaged"}, "model"),
-    ({"model": "tilted"}, "model"),
     ({"actuators": {"kind": "prototype", "dead_zone": 1.0}}, r"actuators\.dead_zone"),
     ({"observation": "camera"}, "observation"),
     ({"sensor": {"noise": 1}}, "sensor"),
-    ({"randomize": {"friction": [0.2, 0.1]}}, r"randomize\['friction'\]\[1\]"),
     ({"randomize": {"dead_zone": [0.0, 1e-4]}}, "randomize"),
     ({"randomize": {"parts": [1, 1]}}, "randomize"),
-    ({"randomize": "all"}, "randomize"),
-    ({"periods_per_step": 0}, "periods_per_step"),
     ({"periods_per_step": 1.5}, "periods_per_step"),
-    ({"periods_per_step": True}, "periods_per_step"),
 ]
 BAD_OF_SEVERAL = [
     ({"parts": ["steel_block", "gold_block"]}, r"parts\[1\]"),
@@ -98,7 +73,6 @@ BAD_OF_SEVERAL = [
     ({"zones": {"steel_block": [0, 0, 0.1, 0.1]}}, "zones"),
     ({"start": "stacked"}, "start"),
     ({"slots": 2}, "slots"),
-    ({"walls": "left"}, "walls"),
     ({"walls": ["left", "left"]}, "walls"),
     ({"walls": ["north"]}, "walls"),
     ({"randomize": {"parts": [0, 3]}}, r"randomize\['parts'\]\[0\]"),
@@ -135,28 +109,14 @@ def test_a_part_that_sticks_is_a_fair_task():
     assert simulator.sticking.all() and np.abs(simulator.pose - start).max() < 2e-3
 
 
-@pytest.mark.parametrize("mode", ["ansi", "pixels", 3])
-def test_bad_render_modes(mode):
-    with pytest.raises(ValueError, match="render_mode"):
-        VibgymEnv("Align", render_mode=mode)
-    with pytest.raises(ValueError, match="render_mode"):
-        VibgymVectorEnv("Align", 2, render_mode=mode)
-
-
 @pytest.mark.parametrize("name, value", [
-    ("num_envs", 0), ("num_envs", -1), ("num_envs", 2.0), ("num_envs", "2"), ("num_envs", True),
-    ("autoreset_mode", "Sometimes"), ("autoreset_mode", 1), ("autoreset_mode", None),
-    ("max_episode_steps", 0), ("max_episode_steps", 2.5), ("render_mode", "human"),
+    ("num_envs", 0), ("num_envs", 2.0), ("autoreset_mode", "Sometimes"), ("max_episode_steps", 0), ("render_mode", "human"),
 ])  # fmt: skip
 def test_bad_settings_of_a_batch(name, value):
     with pytest.raises(ValueError, match=name):
         VibgymVectorEnv("Align", **{"num_envs": 2, name: value})
-
-
-def test_unknown_tasks_are_refused():
-    for make in (VibgymEnv, VibgymVectorEnv):
-        with pytest.raises(ValueError, match="task"):
-            make("Juggle")
+    with pytest.raises(ValueError, match="render_mode"):
+        VibgymEnv("Align", render_mode="pixels")
 
 
 def test_the_record_of_options():

@@ -54,12 +54,12 @@ def contacts():
 
 
 def foreign():
-    from vibgym.physics.contacts.solver import enter_bodies
+    from vibgym.physics.contacts.solver import add_bodies
     from vibgym.simulation.contact_space import ContactSpace, impact_properties_of
 
     space = ContactSpace(Surface(), [BLOCK, DISC], [])
     solver, factor = space.solver, np.array([2.0, 3.0])
-    enter_bodies(solver, solver.spaces[0], impact_properties_of([BLOCK, DISC]), factor, np.arange(2), 2)
+    add_bodies(solver, solver.spaces[0], impact_properties_of([BLOCK, DISC]), factor, np.arange(2), 2)
     return [body.mass for body in space._bodies]
 
 
@@ -122,6 +122,6 @@ def test_the_private_modules_are_not_even_imported():
     done = subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, "VIBGYM_PLAIN_NUMBA": "1"}, capture_output=True, text=True
     )
-    for name in ("compiler", "cache", "by_reference", "by_address"):
+    for name in ("compiler", "cache", "pointers", "vec8"):
         assert f"'vibgym.kernels.{name}'" not in done.stdout
     assert "'vibgym.kernels.plain'" in done.stdout

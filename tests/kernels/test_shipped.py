@@ -1,4 +1,4 @@
-"""Kernels that come with the wheel: the same numbers as compiled ones, on any processor; what cannot be used is told."""
+"""Kernels in the wheel: same bits as compiled ones, on any processor; unusable files are reported."""
 
 import os
 import shutil
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import vibgym
-from vibgym.kernels import cache, shipped
+from vibgym.kernels import cache
 
 KERNELS = """
 import numpy as np
@@ -30,8 +30,8 @@ def total(values):
 PROBE = """
 import json, os, sys
 from pathlib import Path
-from vibgym.kernels import libraries, shipped
-shipped.FOLDER = Path({folder!r})
+from vibgym.kernels import cache, libraries
+cache.SHIPPED = Path({folder!r})
 {before}
 import numpy as np
 from mine import total
@@ -63,7 +63,7 @@ process.kill()
 
 
 class Runner:
-    """Runs the probe with what was shipped to a folder, in processes of their own."""
+    """Runs the probe in new processes, with the kernels in a folder."""
 
     def __init__(self, folder):
         self.folder = folder
@@ -82,16 +82,16 @@ class Runner:
         return said.split(), errors.splitlines()
 
     def __call__(self, *arguments, **more):
-        """What the probe prints, and the lines on stderr."""
+        """Return the words that the probe prints, and the lines on stderr."""
         return self.finish(self.start(*arguments, **more))
 
 
-COLLECT = "shipped.collect(shipped.FOLDER)"
+COLLECT = "cache.collect(cache.SHIPPED)"
 
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory):
-    """A folder with the kernel as wheels hold it, and what the probe prints where it is compiled."""
+    """Return a folder with the kernel as wheels contain it, and the compiled kernel's result."""
     run = Runner(tmp_path_factory.mktemp("first"))
     (number, misses), _ = run(COLLECT)
     assert misses == "1"
@@ -104,18 +104,18 @@ def run(compiled, tmp_path):
     return Runner(tmp_path)
 
 
-def test_what_is_shipped_gives_the_bits_of_what_is_compiled(run, compiled):
+def test_shipped_and_compiled_kernels_have_the_same_bits(run, compiled):
     ready = [compiled[1], "0"], []
     assert run() == ready
     (file,) = run.folder.glob("shipped/total-*")
     file.unlink()
-    assert run(COLLECT) == ready  # made ready once, and kept with all that a wheel needs
+    assert run(COLLECT) == ready  # from the cache, which contains the bitcode, too
     shutil.rmtree(run.folder / "cache")
     assert file.exists() and run() == ready
 
 
 def test_any_processor_of_the_platform(run):
-    """x86-64 without AVX, for one; the numbers are those of kernels that are compiled on it."""
+    """x86-64 without AVX: the result of a kernel compiled for it."""
     processor = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
     found, lines = run(**processor)
     assert found[1] == "0" and lines == []
@@ -125,33 +125,27 @@ def test_any_processor_of_the_platform(run):
 
 def test_bitcode_of_another_version_is_reported(run):
     (file,) = run.folder.glob("shipped/versions-*")
-    file.write_text(file.read_text().replace(shipped.VERSIONS["numba"], "0.1"))
+    file.write_text(file.read_text().replace(cache.VERSIONS["numba"], "0.1"))
     for kernel in run.folder.glob("shipped/total-*"):
         kernel.unlink()
     found, (line,) = run()
-    assert (
-        found[1] == "1"
-        and f"target numba 0.1, this is numba {shipped.VERSIONS['numba']}" in line
-        and "compiling" in line
-    )
-    for kept in run.folder.glob("cache/**/*.nbi"):
-        kept.unlink()
-    assert run() == (found, [])  # it was told
+    assert found[1] == "1" and "compiling" in line
+    assert f"target numba 0.1, this is numba {cache.VERSIONS['numba']}" in line
 
 
 @pytest.mark.parametrize("damage", [
     lambda content: content[:1000], lambda content: b"", lambda content: content[:-40] + bytes(40),
-    lambda content: shipped.stamped((("total", b"BC\xc0\xde garbage"), *shipped.undamaged(content)[1:])),
+    lambda content: cache.with_digest((("total", b"BC\xc0\xde garbage"), *cache.checked(content)[1:])),
 ], ids=["cut", "empty", "other bytes", "not LLVM's"])  # fmt: skip
-def test_damaged_bitcode_is_told_and_compiled(run, compiled, damage, monkeypatch):
+def test_damaged_bitcode_is_reported_and_compiled(run, compiled, damage, monkeypatch):
     monkeypatch.syspath_prepend(run.folder)
     (file,) = run.folder.glob("shipped/total-*")
     file.write_bytes(damage(file.read_bytes()))
-    found, (line,) = run()
-    assert found == [compiled[1], "1"] and str(file) in line and "damaged" in line and "compiling" in line
+    found, (line, other) = run()
+    assert found == [compiled[1], "1"] and str(file) in line and "damaged" in line and "compiling" in other
 
 
-def test_where_nothing_can_be_kept_it_is_made_ready_every_time(run, compiled):
+def test_without_a_cache_every_process_optimises_the_bitcode(run, compiled):
     (run.folder / "cache").write_text("a file where a folder should be")
     (run.folder / "__pycache__").write_text("")
     nowhere = {"XDG_CACHE_HOME": str(run.folder / "cache"), "HOME": str(run.folder / "cache")}
@@ -160,7 +154,7 @@ def test_where_nothing_can_be_kept_it_is_made_ready_every_time(run, compiled):
     assert run(cache="cache/in/it", VIBGYM_CACHE="0") == ([compiled[1], "0"], [])
 
 
-def test_processes_at_once(run, compiled):
+def test_concurrent_processes(run, compiled):
     for each in [run.start() for _ in range(3)]:
         assert run.finish(each) == ([compiled[1], "0"], [])
     (run.folder / "shipped").rename(run.folder / "elsewhere")
@@ -171,9 +165,9 @@ def test_a_fork_waits_for_the_kernel_that_another_thread_compiles(run):
     assert run(after=FORK)[0][2] == "0"
 
 
-def test_a_file_that_another_process_wrote_over_is_not_taken_for_ours(tmp_path):
-    """Two processes that add to an index at once may choose the same name."""
-    files = cache.Files(str(tmp_path), "kernel", "stamp")
+def test_a_file_replaced_by_another_process_counts_as_missing(tmp_path):
+    """Two processes that add to an index at the same time may choose the same name."""
+    files = cache._Files(str(tmp_path), "kernel", "stamp")
     files.save("ours", 1)
     (ours,) = tmp_path.glob("*.nbc")
     files.save("theirs", 2)

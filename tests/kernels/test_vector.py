@@ -1,4 +1,4 @@
-"""Eight doubles as one value: every lane is what Python makes of that lane's numbers alone, to the bit."""
+"""Eight doubles as one value: each lane has the bits that Python computes from that lane's numbers."""
 
 import math
 import os
@@ -14,22 +14,22 @@ from vibgym.kernels.jit import exact
 from vibgym.kernels.vector import (
     LANES,
     WIDTH,
+    absolute,
     bits,
+    broadcast,
     copysign,
     floor,
-    greatest,
-    least,
+    lane_maximum,
+    lane_minimum,
     load,
     load_mask,
     load_register,
-    magnitude,
+    logical_not,
     mask_of,
     maximum,
     minimum,
-    no,
-    root,
     select,
-    spread,
+    sqrt,
     store,
     store_mask,
 )
@@ -43,10 +43,10 @@ def arithmetic(a, b, out):
     x, y = load(a, 0), load(b, 0)
     for k, value in enumerate((x + y, x - y, x * y, x / y, -x, x + 1, 2.0 - y)):
         store(out, k * LANES, value)
-    chosen = (minimum(x, y), maximum(x, y), floor(x), magnitude(x), copysign(x, y), root(magnitude(x)), spread(a[0]))
+    chosen = (minimum(x, y), maximum(x, y), floor(x), absolute(x), copysign(x, y), sqrt(absolute(x)), broadcast(a[0]))
     for k, value in enumerate(chosen):
         store(out, (7 + k) * LANES, value)
-    return least(x), greatest(x)
+    return lane_minimum(x), lane_maximum(x)
 
 
 @given(numbers, numbers)
@@ -65,7 +65,7 @@ def test_operators_are_those_of_python(a, b):
 @exact
 def masks(a, b, flags, out):
     x, y = load(a, 0), load(b, 0)
-    both, either, opposite = (x < y) & (x >= 0.0), (x <= y) | (y > 0.0), no(x > y)
+    both, either, opposite = (x < y) & (x >= 0.0), (x <= y) | (y > 0.0), logical_not(x > y)
     store_mask(flags, 0, both)
     store_mask(flags, LANES, either)
     store_mask(flags, 2 * LANES, opposite)

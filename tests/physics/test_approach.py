@@ -1,4 +1,4 @@
-"""The safe step: within it no hull gets deeper into another than it may, at any instant, however fast parts spin."""
+"""Conservative advancement: within a step no hull penetrates another by more than the limit, at any spin."""
 
 import math
 
@@ -9,7 +9,7 @@ from vibgym import Part, Surface
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.physics.contacts import approach
-from vibgym.physics.contacts.coupling import Encounter, FixedEncounter, new_contacts
+from vibgym.physics.contacts.coupling import ContactScene, Island, new_contacts
 from vibgym.physics.contacts.hulls import wall_gap
 from vibgym.physics.core.drive import polar_drive
 from vibgym.physics.core.records import new_state
@@ -28,17 +28,17 @@ SAMPLES = 80
 
 
 @jit
-def placed_safe_step(encounter, pairs, h):
-    """How long parts that have not been looked at yet may go on, and whether anything may touch by then."""
-    encounter = reference(encounter)
-    approach.invalidate_placement(encounter)
-    encounter.contacts.clear[:] = -math.inf
-    step = approach.conservative_step(encounter, pairs, pairs.shape[0], h, SHORTEST)
+def placed_step(island, pairs, h):
+    """Return the step of parts without earlier tests, and whether anything may touch in it."""
+    island = reference(island)
+    approach.invalidate_placement(island)
+    island.contacts.separation[:] = -math.inf
+    step = approach.conservative_step(island, pairs, pairs.shape[0], h, SHORTEST)
     return step.h, step.touching
 
 
-def encounter_of(parts, walls):
-    """An encounter of these parts, none of them fallen, whose poses and velocities are set by :func:`enter`."""
+def island_of(parts, walls):
+    """Return an island of these parts, none of them fallen; :func:`enter` sets poses and velocities."""
     table, bodies, hulls = SURFACE.table(walls), bodies_of(parts, SURFACE.element_size), hulls_of(parts)
     schemes = planar_schemes(SURFACE, parts, walls)
     scheme = max(schemes.alone, key=lambda scheme: scheme.substeps)
@@ -46,21 +46,21 @@ def encounter_of(parts, walls):
     workspace.part[: len(parts)] = np.arange(len(parts))
     space = ContactSpace(SURFACE, parts, walls)
     state = new_state(1, len(parts))
-    fixed = FixedEncounter(
+    fixed = ContactScene(
         FixedScene(table, bodies, scheme, workspace), hulls, space.solver, impact_properties_of(parts),
         new_contacts(len(parts), hulls), coupling_of(kinds_of(parts)[0], schemes), schemes.walls,
     )  # fmt: skip
     drive = polar_drive(np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), SURFACE.angular_frequency)
     scene = Scene(table, bodies, scheme, drive, state, workspace, 1)
-    return space, Encounter(scene, *fixed[1:5], 0, len(parts), 1, OVERLAP, 0.0, schemes.walls)
+    return space, Island(scene, *fixed[1:5], 0, len(parts), 1, OVERLAP, 0.0, schemes.walls)
 
 
-def enter(encounter, pose, velocity):
-    lanes = encounter.scene.workspace.pose.shape[1] // 3
+def enter(island, pose, velocity):
+    lanes = island.scene.workspace.pose.shape[1] // 3
     for p in range(len(pose)):
         for k in range(3):
-            encounter.scene.workspace.pose[0, k * lanes + p] = pose[p, k]
-            encounter.scene.workspace.velocity[0, k * lanes + p] = velocity[p, k]
+            island.scene.workspace.pose[0, k * lanes + p] = pose[p, k]
+            island.scene.workspace.velocity[0, k * lanes + p] = velocity[p, k]
 
 
 SHAPES = {
@@ -80,37 +80,37 @@ SHAPES = {
 def test_overlap_within_the_step(shapes, spin):
     """Straight motion and steady spin, gaps at many instants: what may be for fast parts, six times that for circles."""
     parts = SHAPES[shapes]
-    space, encounter = encounter_of(parts, ())
+    space, island = island_of(parts, ())
     rng, seen = np.random.default_rng(int(spin)), 0
     for _ in range(500):
         pose = np.array([[0.4, 0.4, 0.0], [0.4, 0.4, 0.0]]) + rng.uniform(-1, 1, (2, 3)) * [0.05, 0.05, 4.0]
         velocity = rng.uniform(-1, 1, (2, 3)) * [2.0, 2.0, spin]
         if gaps_between(parts, pose[None])[0, 0, 1] < 0.0:
             continue
-        enter(encounter, pose, velocity)
-        h, touching = placed_safe_step(encounter, np.array([[0, 1]]), LONGEST)
+        enter(island, pose, velocity)
+        h, touching = placed_step(island, np.array([[0, 1]]), LONGEST)
         path = pose + np.linspace(0.0, h, SAMPLES)[:, None, None] * velocity
         deepest = gaps_between(parts, path)[:, 0, 1].min()
         assert deepest >= -(approach.SLOWLY * OVERLAP + 1e-9)
         assert touching or deepest > 0.0
         seen += touching
     assert seen > 10
-    assert space is not None  # the encounter holds addresses into it
+    assert space is not None  # the island contains addresses of its objects
 
 
 @pytest.mark.parametrize("spin", [5.0, 60.0, 300.0, 1500.0])
 def test_overlap_with_a_wall_within_the_step(spin):
     """Also while the centre moves away from the wall: a corner may turn into it all the same."""
     part = Part.rectangle(0.06, 0.01, friction=0.0)
-    space, encounter = encounter_of([part], ("left",))
+    space, island = island_of([part], ("left",))
     rng, seen, away = np.random.default_rng(int(spin)), 0, 0
     for _ in range(600):
         pose = np.array([[rng.uniform(0.005, 0.04), 0.4, rng.uniform(-4, 4)]])
         velocity = rng.uniform(-1, 1, (1, 3)) * [2.0, 2.0, spin]
         if gap_to_the_left(part, *pose[0]) < 0.0:
             continue
-        enter(encounter, pose, velocity)
-        h, touching = placed_safe_step(encounter, np.array([[0, -1]]), LONGEST)
+        enter(island, pose, velocity)
+        h, touching = placed_step(island, np.array([[0, -1]]), LONGEST)
         deepest = min(
             gap_to_the_left(part, *each[0]) for each in pose + np.linspace(0, h, 50)[:, None, None] * velocity
         )
@@ -131,10 +131,10 @@ def gap_to_the_left(part, x, y, turn):
 def test_gaps_of_the_test():
     """The wall's gap here is the kernel's."""
     part = Part.rectangle(0.06, 0.01, friction=0.0)
-    space, encounter = encounter_of([part], ("left",))
-    enter(encounter, np.array([[0.02, 0.4, 0.7]]), np.zeros((1, 3)))
-    placed_safe_step(encounter, np.array([[0, -1]]), LONGEST)
+    space, island = island_of([part], ("left",))
+    enter(island, np.array([[0.02, 0.4, 0.7]]), np.zeros((1, 3)))
+    placed_step(island, np.array([[0, -1]]), LONGEST)
     width, height = SURFACE.width, SURFACE.depth
-    gap = wall_gap(encounter.hulls, encounter.contacts.placed, 0, 0, width, height)
+    gap = wall_gap(island.hulls, island.contacts.placed, 0, 0, width, height)
     assert gap == pytest.approx(gap_to_the_left(part, 0.02, 0.4, 0.7), abs=1e-15)
     assert space is not None

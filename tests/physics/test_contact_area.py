@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
-from shapely.geometry import MultiPoint, Point, Polygon, box
+from shapely.geometry import Point, Polygon, box
 from shapely.geometry.polygon import orient
 
-from vibgym.physics.planar.outline import (
+from vibgym.physics.planar.contact_area import (
     MOMENTS,
     NEGLIGIBLE_PIECE,
     contact_points,
@@ -144,11 +144,6 @@ def test_corners_and_edges_on_grid_lines(corners):
     if not polygon.exterior.is_ccw:
         outline = outline[::-1]
     check_against_shapely(outline * (PITCH / 4), rows=3, columns=4)
-
-
-@given(stars())
-def test_convex_hulls(outline):
-    check_against_shapely(np.array(MultiPoint(outline).convex_hull.exterior.coords)[:-1][::-1], rows=4, columns=6)
 
 
 @pytest.mark.parametrize("split", [1, 4])

@@ -1,18 +1,13 @@
 """Measured order of convergence, and agreement with dense point sampling."""
 
-import importlib.util
 import math
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from studies.benchmarks import point_sampling as reference
 from vibgym import Part, Simulator, Surface
-
-spec = importlib.util.spec_from_file_location("reference", Path(__file__).with_name("reference.py"))
-reference = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(reference)
 
 L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.03], [0.03, 0.03], [0.03, 0.06], [0, 0.06]]
 PARTS = {

@@ -1,4 +1,4 @@
-"""Parts that only a share of the elements' vertical motion reaches: as if the elements moved less, under them alone."""
+"""Parts with a coupling below 1 move as if the elements under them had a smaller amplitude."""
 
 import math
 

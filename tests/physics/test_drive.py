@@ -223,14 +223,6 @@ def test_of_parts_equally_near_the_first_is_obeyed():
     assert got == pytest.approx(np.array([[0, 0], [1, 0], [1, 0], [0, 1], [0, 1]]))
 
 
-def test_readers_agree_with_the_python_side():
-    drive = phasor_drive(flat(actions(5)), COLUMNS, FULL)
-    one_by_one = [
-        [[element_phasor(drive, w, i, j) for j in range(COLUMNS)] for i in range(ROWS)] for w in range(WORLDS)
-    ]
-    assert np.allclose(read(drive), one_by_one, rtol=0, atol=1e-14)
-
-
 def test_every_mode_has_one_compiled_type():
     """Kernels are compiled once for all modes, whatever the layout of the arrays that are handed in."""
     import numba

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from vibgym.physics.contacts.impact import Mobility, both, impact_impulse, mobility_of
+from vibgym.physics.contacts.impact import Mobility, impact_impulse, mobility_of, sum_mobilities
 
 
 def number(low, high):
@@ -27,7 +27,7 @@ def meetings(draw):
         return mobility_of.py_func(inverse_mass, inverse_mass / (slim * size) ** 2, rn, rt), size
 
     (one, size), (other, second) = body(), body()
-    mobility = one if draw(st.booleans()) else both.py_func(one, other)  # the other may be a wall
+    mobility = one if draw(st.booleans()) else sum_mobilities.py_func(one, other)  # the other may be a wall
     half = min(size, second) * draw(st.one_of(st.just(0.0), number(0.01, 0.7)))
     approach, slip = -draw(number(0.01, 5.0)), draw(st.one_of(st.just(0.0), number(-5, 5)))
     turning = draw(st.one_of(st.just(0.0), number(-5, 5))) / max(half, 1e-3)

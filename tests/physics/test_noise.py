@@ -1,4 +1,4 @@
-"""Random numbers by counter: the published vectors, and what numbers of each kind have to look like."""
+"""Counter-based random numbers: published vectors, moments and independence."""
 
 from __future__ import annotations
 

@@ -124,13 +124,6 @@ def test_idle_velocity_is_the_steady_circle(friction):
     assert np.abs(fine.mean_velocity[0, 0]).max() < 3e-9 * friction * G / OMEGA
 
 
-def test_idle_circle_attracts():
-    surface = Surface()
-    simulator = run(surface, Part.rectangle(*BLOCK, friction=0.6), [0.4, 0.1, 0.3], velocity=[0.1, 0, 0], periods=150)
-    assert np.abs(simulator.velocity[0, 0, :2] - surface.idle_velocity(0.6)).max() < 1e-4 * 0.6 * G / OMEGA * 2
-    assert np.abs(simulator.mean_velocity[0, 0]).max() < 1e-5
-
-
 def test_idle_velocity_without_sliding_is_the_tables():
     surface = Surface(horizontal_amplitude=1e-4)
     assert surface.idle_velocity(0.6) == pytest.approx([0.0, 1e-4 * OMEGA])

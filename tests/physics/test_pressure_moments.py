@@ -11,15 +11,13 @@ from vibgym import Part, Surface
 from vibgym.kernels.jit import exact, jit
 from vibgym.kernels.reference import Pinned, reference
 from vibgym.kernels.vector import LANES, load, store
-from vibgym.physics.core.drive import polar_drive
+from vibgym.physics.core.drive import new_phasors, polar_drive
 from vibgym.physics.core.records import STATE, new_state, state_at
-from vibgym.physics.planar.cut import cells_across, new_cut, points_at
-from vibgym.physics.planar.phasors import new_phasors
+from vibgym.physics.planar.contact_area import cells_across, new_cut, points_at
 from vibgym.physics.planar.pressure_moments import MOMENT_ROWS
-from vibgym.physics.planar.series import LARGEST_VARIATION
-from vibgym.physics.planar.stepper import cut_stale, enter_part
+from vibgym.physics.planar.stepper import cut_stale, load_part
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, Scene, fixed_scene_at, new_workspace
-from vibgym.physics.planar.wrench import expanded_wrench, sliding_wrench
+from vibgym.physics.planar.wrench import LARGEST_VARIATION, expanded_wrench, sliding_wrench
 from vibgym.scene.parts import bodies_of
 from vibgym.simulation.schemes import planar_scheme
 
@@ -48,7 +46,7 @@ def cut_once(fixed, drive, state, alone):
         Scene(fixed.table, fixed.bodies, fixed.scheme, reference(drive), state_at(state), fixed.workspace, 1)
     )
     for slot in range(LANES):
-        enter_part(scene, slot, 0, slot, 0 <= alone != slot)
+        load_part(scene, slot, 0, slot, 0 <= alone != slot)
         scene.workspace.stale[slot] = True
     cut_stale(scene, 0.0, True)
 

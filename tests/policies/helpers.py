@@ -15,6 +15,7 @@ from vibgym.policies.task_info import TaskInfo
 POSE_TASKS = ("Transport", "Align", "Rotate")
 ARRANGED_TASKS = ("Sort", "SortThreeKinds", "Singulate")
 FRESH = 7_000_000  # the first of seeds that no training and no report uses
+HARDWARE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
 
 SURFACE = Surface()
 STEEL, ALUMINIUM = part_from("steel_block"), part_from("aluminium_block")

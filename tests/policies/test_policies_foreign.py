@@ -65,14 +65,6 @@ def test_what_the_owner_says_goes_before_what_the_model_says():
     assert make_policy({"policy": Model((6,))}, info_of()).action == "field"
 
 
-def test_models_act_in_the_environment():
-    env = single("Align", action="phasor")
-    seen, _ = env.reset(seed=0)
-    action, _ = make_policy(Model((8, 32, 2), action="phasor"), info_of()).predict(seen)
-    assert action.shape == env.action_space.shape
-    env.step(action)
-
-
 def bare(**attributes):
     return SimpleNamespace(predict=lambda *arguments: None, **attributes)
 

@@ -82,12 +82,6 @@ def test_bad_arguments_of_the_planner_are_refused(setting):
         make_policy({"kind": "planner", setting: -1.0}, info_of("Sort"))
 
 
-@pytest.mark.parametrize("task", ["Sort", "Singulate", "Follow"])
-def test_open_loop_refuses_tasks_that_it_does_not_serve(task):
-    with pytest.raises(ValueError, match=task):
-        make_policy("open_loop", info_of(task))
-
-
 def test_the_file_of_a_trained_policy_may_be_a_path():
     path = pathlib.Path(vibgym.__file__).parent / "policies/trained/shipped/align.json"
     env = gym.make("vibgym/Align-v0", action="wrench", observation="parts")

@@ -4,11 +4,10 @@ import dataclasses
 import math
 
 import gymnasium as gym
-import numpy as np
 import pytest
 
 from tests.envs.helpers import batch, single
-from tests.policies.helpers import POSE_TASKS, info_of
+from tests.policies.helpers import info_of
 from vibgym.envs import VibgymEnv, VibgymVectorEnv
 from vibgym.policies.task_info import TaskInfo
 
@@ -78,13 +77,3 @@ def test_it_holds_nothing_of_the_episode_and_cannot_be_used_to_change_the_task()
     held = {id(value) for value in vars(info).values()}
     core = env.unwrapped.core
     assert not held & {id(each) for each in (core, core.task, core.episode, core.simulator, core.observation.layout)}
-
-
-@pytest.mark.parametrize("task", POSE_TASKS)
-def test_tasks_without_places_are_refused_by_name(task):
-    info = info_of(task)
-    info.check_places("local_field")
-    nowhere = dataclasses.replace(info, has_goal=False)
-    with pytest.raises(ValueError, match="policy 'local_field'"):
-        nowhere.check_places("local_field")
-    assert np.isinf(nowhere.heading_tolerance) == (task == "Transport")

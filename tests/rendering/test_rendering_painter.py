@@ -168,3 +168,22 @@ def test_any_table_has_a_picture(rows, columns, scale):
     picture = painter.paint(View(pose, phasors, pose, 0.002, [np.zeros((1, 2))], caption="caption"))
     assert picture.shape == (painter.height, painter.width, 3)
     assert painter.width % 2 == 0 and painter.height % 2 == 0
+
+
+def test_each_part_has_a_line_in_its_colour():
+    painter = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK] * 2, kinds=[0, 1])
+    paths = [np.array([[0.1, 0.05], [0.3, 0.05]]), np.array([[0.4, 0.15], [0.6, 0.15]])]
+    lost = np.full((2, 3), np.nan)
+    plain = painter.paint(dataclasses.replace(EMPTY, pose=lost)).astype(int)
+    drawn = painter.paint(dataclasses.replace(EMPTY, pose=lost, paths=paths)).astype(int)
+    changed = (plain != drawn).any(axis=-1)
+    for path, kind in zip(paths, (0, 1), strict=True):
+        middle = pixel(*path.mean(axis=0))
+        colour = np.array(colours.PARTS[kind])
+        # On a pixel of the line or beside it, since it is thin.
+        near = drawn[middle[0] - 1 : middle[0] + 2, middle[1]]
+        before = plain[middle[0] - 1 : middle[0] + 2, middle[1]]
+        assert np.abs(near - colour).sum(axis=-1).min() < 0.7 * np.abs(before - colour).sum(axis=-1).min()
+    assert not changed[pixel(0.35, 0.1)] and not changed[pixel(0.2, 0.1)]
+    rows = np.flatnonzero(changed.any(axis=1))
+    assert rows.min() >= pixel(0.5, 0.15)[0] - 4 and rows.max() <= pixel(0.2, 0.05)[0] + 4

@@ -30,11 +30,6 @@ def test_parts_have_the_colours_of_their_kinds(painter):
     picture = paint(painter, pose=POSES)
     for pose, kind in zip(POSES, (1, 0, 3, 1), strict=True):
         assert looks_like(picture, (pose[0] - 0.01, pose[1]), colours.PARTS[kind])
-    by_hand = [(200, 30, 30), (30, 200, 30), (30, 30, 200), (90, 90, 90)]
-    other = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK] * 4, colours=by_hand, kinds=[1, 0, 3, 1])
-    picture = paint(other, pose=POSES)
-    for pose, colour in zip(POSES, by_hand, strict=True):
-        assert looks_like(picture, (pose[0] - 0.01, pose[1]), colour)
     lost = POSES.copy()
     lost[1, 2] = np.nan
     changed = (paint(painter, pose=POSES) != paint(painter, pose=lost)).any(axis=-1)
@@ -123,7 +118,6 @@ def test_kinds_are_told_apart_by_every_kind_of_sight(matrix):
     ({"kinds": [0]}, "kinds"),
     ({"kinds": [0, -1]}, r"kinds\[1\]"),
     ({"kinds": [0, 1.5]}, r"kinds\[1\]"),
-    ({"colours": [(1, 2, 3)]}, "colours"),
     ({"walls": ["left", "middle"]}, r"walls\[1\]"),
 ])  # fmt: skip
 def test_bad_arguments_are_refused(arguments, named):

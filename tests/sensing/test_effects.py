@@ -175,7 +175,6 @@ def test_estimators_see_the_sigma_of_sensor_and_effects():
     ({"kind": "plain", "effects": 3}, r"sensor\.effects"),
     ({"kind": "plain", "bias": 1e-4, "effects": {"bias": 1e-4}}, r"sensor\.effects"),
     ({"kind": "camera", "effects": {"noise": -1}}, r"sensor\.effects\.noise \(position\)"),
-    ({"kind": "camera", "dropout": 2}, r"sensor\.dropout"),
     ({"kind": "plain", "drift": "fast"}, r"sensor\.drift"),
 ])  # fmt: skip
 def test_bad_effects_are_refused(settings, message):

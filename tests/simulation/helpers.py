@@ -20,6 +20,12 @@ def same(one, other):
     return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
 
 
+def same_motion(one, other):
+    """Assert that two simulators have the same motion to the bit, whatever their conditions."""
+    for name in ("pose", "velocity", "mean_velocity", "fallen", "sticking", "diverged"):
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+
+
 def random_fields(surface, worlds, seed=0):
     """Amplitudes (m) and phases (worlds, rows, columns) of elements that know nothing of one another."""
     rng = np.random.default_rng(seed)

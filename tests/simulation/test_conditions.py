@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from studies.accuracy.reference import integrate
-from tests.simulation.helpers import random_fields
+from tests.simulation.helpers import random_fields, same_motion
 from vibgym import Part, Simulator, Surface
 from vibgym.scene.parts import shipped_part
 
@@ -94,28 +93,6 @@ def test_drift_down_a_slope():
         assert abs(drift) == pytest.approx(2.0 * slope * ONE.table_speed / (friction * G), rel=share)
 
 
-@pytest.mark.parametrize(
-    "slope, share, frequency, switches", [(0.2, 1.0, 25.0, 0), (0.9, 1.0, 25.0, 0), (0.9, 0.4, 6.0, 7)]
-)
-def test_against_the_independent_reference(slope, share, frequency, switches):
-    """Sliding, and sticking and slipping, on random elements."""
-    incline = slope * np.array([math.cos(2.0), math.sin(2.0)])
-    surface = Surface(rows=4, columns=8, frequency=frequency)
-    amplitude, phase = random_fields(surface, 1, 5)
-    amplitude *= share
-    start, velocity = [0.1, 0.05, 0.4], [0.0, surface.table_speed, 0.0]
-    known = integrate(
-        surface, BLOCK, start, velocity, amplitude[0], phase[0], 3, incline=incline, tolerance=1e-5, estimate=False
-    )
-    assert len(known.switches) == switches
-    ends = []
-    for each in (incline, 0.0):
-        simulator = inclined(surface, BLOCK, each, velocity, start, steps=64, substeps=2, pieces=6)
-        simulator.advance(amplitude, phase, 3)
-        ends.append(np.abs(simulator.pose[0, 0] - known.pose[-1]).max())
-    assert ends[0] < 3e-5 and ends[1] > 30.0 * ends[0] and ends[1] > 1e-3
-
-
 def test_order_of_convergence_under_incline():
     """Runge-Kutta steps stay of fourth order: the incline is part of every stage."""
 
@@ -131,11 +108,6 @@ def test_order_of_convergence_under_incline():
 
 
 # -- factors against parts that are made so ----------------------------------------------------------------------------
-
-
-def same(one, other):
-    for name in ("pose", "velocity", "mean_velocity", "fallen", "sticking", "diverged"):
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
 
 
 def copies(parts, worlds, friction, mass):
@@ -166,7 +138,7 @@ def test_a_factor_on_friction_is_a_part_made_so(surface, model, factor):
     one.set_conditions(slice(None), friction=factor)
     for each in (one, other):
         each.advance(amplitude, phase, 5)
-    same(one, other)
+    same_motion(one, other)
 
 
 @pytest.mark.parametrize("friction, mass", [
@@ -185,7 +157,7 @@ def test_parts_in_touch_with_factors_are_parts_made_so(friction, mass):
     one.set_conditions(slice(None), friction=friction, mass=mass)
     for each in (one, other):
         each.advance(amplitude, phase, 8)
-    same(one, other)
+    same_motion(one, other)
     assert one.statistics == other.statistics and one.statistics["contact_steps"] > 20
 
 
@@ -254,7 +226,7 @@ def test_conditions_are_read_back_kept_and_cleared():
     other = Simulator(SURFACE, parts, worlds=3)
     other.set_state(state)
     other.advance(0.0, 0.0, 3)
-    same(simulator, other)
+    same_motion(simulator, other)
     assert (other.friction == simulator.friction).all() and (other.incline == simulator.incline).all()
     simulator.reset([[0.2, 0.1, 0.0], [0.4, 0.1, 0.0]])
     assert (simulator.friction == 1.0).all() and (simulator.mass == 1.0).all() and (simulator.incline == 0.0).all()

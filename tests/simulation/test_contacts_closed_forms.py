@@ -11,6 +11,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.simulation.helpers import kinetic_energy
 from vibgym import Part, Simulator, Surface
 from vibgym.fields import radial, uniform
 
@@ -175,8 +176,8 @@ def test_a_fast_disc_between_walls():
         assert place[0, 1] == pytest.approx(exact, abs=2.0 * LATE * blows + EXACT)
 
 
-@pytest.mark.parametrize("gap", [0.001, 0.005, 0.01, 0.02, 0.03])
-@pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
+@pytest.mark.parametrize("gap", [0.001, 0.01, 0.03])
+@pytest.mark.parametrize("speed", [0.3, 2.0])
 def test_what_is_hit_hits_what_it_reaches(gap, speed):
     """A part at rest, hit, reaches a wall or a third part within the same period: neither was near it before."""
     light, heavy = disc(0.01, restitution=1.0), disc(restitution=1.0)
@@ -274,11 +275,7 @@ def moments(parts, simulator):
     pose, velocity = simulator.pose, simulator.velocity
     x, y, vx, vy, spin = pose[..., 0], pose[..., 1], velocity[..., 0], velocity[..., 1], velocity[..., 2]
     angular = (mass * (x * vy - y * vx) + inertia * spin).sum(axis=1)
-    return (
-        np.column_stack([mass @ vx.T, mass @ vy.T]),
-        angular,
-        0.5 * (mass * (vx**2 + vy**2) + inertia * spin**2).sum(1),
-    )
+    return np.column_stack([mass @ vx.T, mass @ vy.T]), angular, kinetic_energy(simulator)
 
 
 def thrown_together(parts, seed, worlds=16, overlap=OVERLAP):
@@ -315,20 +312,6 @@ def test_momentum_is_kept(friction, restitution):
     assert not simulator.fallen.any()
 
 
-def test_angular_momentum_of_frictionless_discs_is_kept():
-    """Between discs forces act along the line of centres; but where overlap is undone, places shift under them."""
-    parts = [disc(radius, restitution=e) for radius, e in ((0.01, 1.0), (0.02, 0.5), (0.03, 0.9), (0.015, 1.0))]
-    simulator = thrown_together(parts, 6, overlap=2e-6)
-    scale = sum(part.mass * np.hypot(*simulator.velocity[:, k, :2].T) for k, part in enumerate(parts)) * 0.78
-    momentum, angular, _ = moments(parts, simulator)
-    simulator.advance(0.0, 0.0, 8)
-    now, turning, _ = moments(parts, simulator)
-    off = np.abs(turning - angular) / scale
-    assert np.quantile(off, 0.8) <= EXACT and off.max() <= LATE_AND_SLOW / 0.78
-    assert (np.abs(now - momentum).max(axis=1) <= EXACT * scale).all()
-    assert simulator.statistics["contact_steps"] > 16 and not simulator.fallen.any()
-
-
 SMALL_BOX = Surface(rows=4, columns=6, horizontal_amplitude=0.0)
 
 
@@ -352,25 +335,6 @@ def test_energy_of_elastic_discs_is_kept():
         assert np.median(np.abs(share - 1.0)) <= EXACT
     assert simulator.statistics["contact_steps"] > 100 * 8
     assert not simulator.fallen.any()
-
-
-@pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_energy_never_grows(friction):
-    """Any shapes, many at once, e = 0.5. (At e = 1 with friction it may: Newton's law of restitution allows it.)"""
-    kinds = [
-        block(0.02, 0.015, restitution=0.5, contact_friction=friction),
-        Part.polygon([(0, 0), (0.02, 0), (0.007, 0.02)], friction=0.0, restitution=0.5, contact_friction=friction),
-        disc(0.01, restitution=0.5, contact_friction=friction),
-    ]
-    parts = kinds * 2
-    simulator = in_a_box(parts, 2)
-    energy = begun = moments(parts, simulator)[2]
-    for _ in range(60):
-        simulator.advance(0.0, 0.0)
-        now = moments(parts, simulator)[2]
-        assert (now <= energy + EXACT * begun).all()
-        energy = now
-    assert (energy < 0.5 * begun).all() and not simulator.fallen.any()
 
 
 # -- convergence -------------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ import pytest
 
 from tests.simulation.helpers import random_fields, same, snapshot
 from vibgym import Part, Simulator, Surface
-from vibgym.fields import radial, uniform
+from vibgym.fields import uniform
 from vibgym.scene.hulls import WALLS, gaps_between
 
 SURFACE = Surface()
@@ -232,13 +232,9 @@ def in_walls(simulator):
     gaps = np.full(len(simulator.parts), math.inf)
     for k, part in enumerate(simulator.parts):
         x, y, turn = simulator.pose[0, k]
-        if part.symmetry == 0:
-            r = math.sqrt(part.area / math.pi)
-            low, high = np.array([x - r, y - r]), np.array([x + r, y + r])
-        else:
-            c, s = math.cos(turn), math.sin(turn)
-            corners = part.outline @ np.array([[c, s], [-s, c]]) + [x, y]
-            low, high = corners.min(axis=0), corners.max(axis=0)
+        c, s = math.cos(turn), math.sin(turn)
+        corners = part.outline @ np.array([[c, s], [-s, c]]) + [x, y]
+        low, high = corners.min(axis=0), corners.max(axis=0)
         table = np.array([SURFACE.width, SURFACE.depth])
         for name, gap in zip(("left", "bottom", "right", "top"), (*low, *(table - high))):
             if name in simulator.walls:
@@ -250,19 +246,6 @@ def deepest(simulator):
     """Smallest gap between any two parts, or a part and a wall, m."""
     between = gaps_between(simulator.parts, simulator.pose) if len(simulator.parts) > 1 else np.array(math.inf)
     return min(between.min(), in_walls(simulator).min())
-
-
-@pytest.mark.parametrize("kind", ["mixed", "blocks"])
-def test_push_from_all_sides(kind):
-    parts = [MIXED[k % 4] for k in range(8)] if kind == "mixed" else [STEEL, ALUMINIUM] * 4
-    simulator = Simulator(SURFACE, parts)
-    simulator.reset(grid(parts) + [0.25, 0.0, 0.0])
-    fields = radial(0.35, 0.1).drive(SURFACE)
-    for _ in range(80):
-        simulator.advance(*fields)
-        assert deepest(simulator) > -0.3e-3
-    assert not simulator.fallen.any()
-    assert np.hypot(*(simulator.pose[0, :, :2] - [0.35, 0.1]).T).max() < 0.12
 
 
 def test_a_pile_in_a_corner():

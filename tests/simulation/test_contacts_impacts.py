@@ -96,51 +96,30 @@ def test_no_impact_gains_energy(length, width, restitution, friction, ratio):
         assert left.min() < 0.9
 
 
-def test_four_blocks_that_meet_in_the_middle():
-    block = Part.rectangle(0.05, 0.04, friction=0.0, restitution=1.0, contact_friction=0.0)
-    simulator = Simulator(STILL, [block] * 4, worlds=200)
-    rng, way = np.random.default_rng(1), np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-    pose, velocity = np.zeros((200, 4, 3)), rng.uniform(-1, 1, (200, 4, 3)) * [0.1, 0.1, 10.0]
-    pose[..., :2] = 0.5 - 0.07 * way
-    pose[..., 2] = rng.uniform(-3, 3, (200, 4))
-    velocity[..., :2] += way
-    simulator.reset(pose, velocity)
-    left = lose_energy(simulator, 6)
-    assert simulator.statistics["contact_steps"] > 500
-    assert np.median(left) > 0.97
-
-
 # -- what is pushed softly, what falls, what is thin ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("width", [0.1e-3, 0.3e-3, 1e-3])
-def test_walls_hold_parts_whose_centre_is_near_their_outline(width):
-    rng = np.random.default_rng(int(1e5 * width))
-    sliver = Part.rectangle(0.03, width, friction=0.3, mass=0.01)
-    simulator = Simulator(STILL, sliver, walls=WALLS, worlds=200)
-    pose = np.column_stack([rng.uniform(0.03, 0.97, (200, 2)), rng.choice([0.0, 0.5 * np.pi, 1.0], 200)])
-    velocity = rng.uniform(-1, 1, (200, 3)) * [5.0, 5.0, 30.0]
-    simulator.reset(pose[:, None], velocity[:, None])
-    lose_energy(simulator, 20)
-    assert not simulator.fallen.any()
-    assert simulator.deepest_overlap <= DEEPEST
+ANGLE = 0.03 * np.array([[0, 0], [2, 0], [2, 0.1], [0.1, 0.1], [0.1, 2], [0, 2]])
 
 
-def test_walls_hold_a_frame_that_turns_about_a_point_in_the_air():
-    """The centre of mass lies in the opening of an angle, off its outline."""
-    angle = Part.polygon(0.03 * np.array([[0, 0], [2, 0], [2, 0.1], [0.1, 0.1], [0.1, 2], [0, 2]]), friction=0.3)
-    simulator = Simulator(STILL, angle, walls=WALLS, worlds=100)
+@pytest.mark.parametrize("part", [
+    Part.rectangle(0.03, 0.1e-3, friction=0.3, mass=0.01), Part.rectangle(0.03, 1e-3, friction=0.3, mass=0.01),
+    Part.polygon(ANGLE, friction=0.3),
+], ids=["thinnest", "thin", "angle"])  # fmt: skip
+def test_walls_hold_parts_whose_centre_is_near_or_off_their_outline(part):
     rng = np.random.default_rng(0)
-    pose = np.column_stack([rng.uniform(0.1, 0.9, (100, 2)), rng.uniform(-3, 3, 100)])
-    simulator.reset(pose[:, None], (rng.uniform(-1, 1, (100, 3)) * [5.0, 5.0, 30.0])[:, None])
-    lose_energy(simulator, 15)
-    assert not simulator.fallen.any()
+    simulator = Simulator(STILL, part, walls=WALLS, worlds=200)
+    pose = np.column_stack([rng.uniform(0.1, 0.9, (200, 2)), rng.uniform(-3, 3, 200)])
+    pose[::3, 2], pose[1::3, 2] = 0.0, 0.5 * np.pi
+    simulator.reset(pose[:, None], (rng.uniform(-1, 1, (200, 3)) * [5.0, 5.0, 30.0])[:, None])
+    lose_energy(simulator, 20)
+    assert not simulator.fallen.any() and simulator.deepest_overlap <= DEEPEST
 
 
 # -- small, heavy and thin: what is taken, and what is not ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("radius", [0.06e-3, 0.1e-3, 0.3e-3, 1e-3])
+@pytest.mark.parametrize("radius", [0.06e-3, 0.3e-3])
 def test_small_discs_take_their_own_state(radius):
     disc = Part.disc(radius, friction=0.6, mass=0.01)
     simulator = Simulator(Surface(), [disc, disc], worlds=50)

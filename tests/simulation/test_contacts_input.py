@@ -95,14 +95,6 @@ def test_overlap_with_a_wall(wall):
     assert (other.pose == pose).all()
 
 
-@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e9, -0.01])
-def test_parts_start_on_the_surface(bad):
-    made = simulator()
-    pose = np.array(APART)
-    pose[1, 0] = bad
-    refused(made, lambda: made.reset(pose), "pose")
-
-
 # -- states ------------------------------------------------------------------------------------------------------------
 
 
@@ -120,16 +112,6 @@ def test_states_may_overlap_as_far_as_contacts_let_them():
     made.set_state(state)
     state["fallen"][1, 0], state["diverged"][1] = False, True
     made.set_state(state)
-
-
-def test_bad_states():
-    made = simulator()
-    good = made.get_state()
-    for name, bad in [("pose", np.full((3, 3, 3), math.nan)), ("velocity", np.zeros((3, 2, 3))), ("periods", -1)]:
-        refused(made, lambda name=name, bad=bad: made.set_state({**good, name: bad}), name)
-    missing = {name: value for name, value in good.items() if name != "fallen"}
-    refused(made, lambda: made.set_state(missing), "state")
-    refused(made, lambda: made.set_state({**good, "contacts": 3}), "state", "contacts")
 
 
 # -- what is built -----------------------------------------------------------------------------------------------------

@@ -13,7 +13,6 @@ G = 9.81
 BLOCK = Part.rectangle(0.050, 0.030, friction=0.4, static_friction=0.5)
 TWO = Surface(rows=1, columns=2, element_size=1.0, horizontal_amplitude=0.0)
 """A still table of two elements that meet at x = 1 m."""
-"""Likewise, at y = 1 m."""
 
 
 def still(surface, part, pose, velocity, patches, **knobs):
@@ -45,7 +44,7 @@ def test_static_friction_is_that_of_the_elements(factor, held):
     assert simulator.sticking.all() == held
 
 
-@pytest.mark.parametrize("share, frequency, slope, switches", [(1.0, 25.0, 0.0, 0), (0.4, 6.0, 1.2, 7)])
+@pytest.mark.parametrize("share, frequency, slope, switches", [(1.0, 25.0, 0.9, 0), (0.4, 6.0, 1.2, 7)])
 def test_against_the_independent_reference(share, frequency, slope, switches):
     """Sliding, and sticking and slipping on an incline, on random elements of random friction."""
     surface = Surface(rows=4, columns=8, frequency=frequency)
@@ -59,12 +58,12 @@ def test_against_the_independent_reference(share, frequency, slope, switches):
     )  # fmt: skip
     assert len(known.switches) == switches
     ends = []
-    for each in (patches, 1.0):
+    for each, inclined in ((patches, incline), (1.0, incline), (patches, 0.0)):
         simulator = still(surface, BLOCK, start, velocity, each, steps=64, substeps=2, pieces=6)
-        simulator.set_conditions(0, incline=incline)
+        simulator.set_conditions(0, incline=inclined)
         simulator.advance(amplitude, phase, 3)
         ends.append(np.abs(simulator.pose[0, 0] - known.pose[-1]).max())
-    assert ends[0] < 2e-5 and ends[1] > 20.0 * ends[0]
+    assert ends[0] < 2e-5 and min(ends[1:]) > 20.0 * ends[0]
 
 
 @pytest.mark.parametrize("knobs", [{}, {"pieces": 3}])

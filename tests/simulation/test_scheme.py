@@ -1,4 +1,4 @@
-"""The step sizes that are chosen when none are given."""
+"""Defaults: step sizes of the planar model, number of threads."""
 
 import math
 
@@ -6,6 +6,7 @@ import pytest
 
 from vibgym import Part, Simulator, Surface
 from vibgym.scene.parts import shipped_part
+from vibgym.simulation import threads
 from vibgym.simulation.schemes import planar_scheme
 
 SURFACE = Surface()
@@ -23,7 +24,7 @@ def test_small_parts_are_cut_more_often():
     assert scheme(Part.disc(1.001 * limit, friction=0.5)) == (5, 4)
 
 
-@pytest.mark.parametrize("steps", [4, 5, 6, 17, 18, 40])
+@pytest.mark.parametrize("steps", [4, 5, 17, 18, 40])
 def test_at_least_eighteen_runge_kutta_steps(steps):
     got, substeps = scheme(shipped_part("steel_block"), steps=steps)
     assert got == steps and steps * substeps >= 18 and steps * (substeps - 1) < 18
@@ -36,12 +37,26 @@ def test_too_few_cuts_are_refused(steps):
         Simulator(SURFACE, shipped_part("steel_block"), steps=steps, substeps=20)
     one, still = Surface(rows=1, columns=1, element_size=1.0), Surface(horizontal_amplitude=0.0)
     assert Simulator(one, shipped_part("steel_block"), steps=steps, substeps=20).choice.model == "planar"
-    assert (
-        Simulator(still, shipped_part("steel_block"), steps=steps, substeps=1).choice.model == "planar"
-    )  # only a clock
+    assert Simulator(still, shipped_part("steel_block"), steps=steps, substeps=1).choice.model == "planar"
 
 
 def test_too_few_substeps_are_refused():
     one = Surface(rows=1, columns=1, element_size=1.0)
     with pytest.raises(ValueError, match="substeps"):
         Simulator(one, shipped_part("steel_block"), steps=1, substeps=3)
+
+
+def test_threads_are_limited_by_the_environment_variable(monkeypatch):
+    monkeypatch.delenv(threads.MOST, raising=False)
+    available = threads.available_threads()
+    assert available >= 1
+    for given_value, expected in (("1", 1), ("2", min(available, 2)), ("100000", available), ("", available)):
+        monkeypatch.setenv(threads.MOST, given_value)
+        assert threads.available_threads() == expected
+
+
+@pytest.mark.parametrize("given_value", ["0", "two", "1.5"])
+def test_bad_numbers_of_threads_are_refused(monkeypatch, given_value):
+    monkeypatch.setenv(threads.MOST, given_value)
+    with pytest.raises(ValueError, match="VIBGYM_THREADS"):
+        threads.available_threads()

@@ -167,11 +167,7 @@ X, Y = SURFACE.width - 0.001, SURFACE.depth - 0.001
 @pytest.mark.parametrize("part, pose, falls", [
     (C_SHAPE, [0.001, 0.1, 0.0], False),  # the back beyond the border; both arms hold it
     (C_SHAPE, [X, 0.1, 0.0], False),  # the arms' tips beyond it; the back and the stumps hold it
-    (
-        C_SHAPE,
-        [0.4, 0.001, 0.0],
-        True,
-    ),  # half the back and one arm are left: the hull's edge runs 5 mm beside the centre
+    (C_SHAPE, [0.4, 0.001, 0.0], True),  # half the back and one arm are left: the hull's edge runs 5 mm beside the centre
     (C_SHAPE, [0.4, Y, 0.0], True),
     (C_SHAPE, [0.4, 0.001, math.pi / 2], False),
     (C_SHAPE, [X, 0.1, 1.0], False),
@@ -201,30 +197,18 @@ def test_a_non_convex_part_falls_when_its_centre_leaves_the_hull_of_what_is_supp
 # -- refusals ----------------------------------------------------------------------------------------------------------
 
 NAN, INF = math.nan, math.inf
-JUNK = ["text", None, object(), [[1, 2], [3]], 1j, np.array(["a"])]
-TOO_MUCH = SURFACE.max_amplitude * 1.001
-
-BAD_CALLS = (
-    [
-        ("reset", "pose", v)
-        for v in [[NAN, 0, 0], [0, INF, 0], [0.1, 0.1], [0.1] * 4, np.zeros((3, 1, 3)), np.zeros((1, 2, 1, 3)), *JUNK]
-    ]
-    + [("reset", "pose", v) for v in [[-1e-9, 0.1, 0], [0.833, 0.1, 0], [0.1, -0.1, 0], [0.1, 0.2081, 0]]]
-    + [
-        ("reset", "velocity", v)
-        for v in [[NAN, 0, 0], [0, 0, -INF], [0.1, 0.1], np.zeros((3, 1, 3)), *(v for v in JUNK if v is not None)]
-    ]
-    + [
-        ("advance", "amplitude", v)
-        for v in [NAN, INF, -1e-9, TOO_MUCH, np.zeros(31), np.zeros((32, 8)), np.zeros((3, 8, 32)), *JUNK]
-    ]
-    + [
-        ("advance", "phase", v)
-        for v in [NAN, INF, np.zeros(31), np.zeros((32, 8)), np.zeros((3, 8, 32)), np.zeros((1, 2, 8, 32)), *JUNK]
-    ]
-    + [("advance", "periods", v) for v in [0, -1, 1.0, 1.5, NAN, "1", None, True, [1]]]
-    + [("set_state", "state", v) for v in [None, {}, 3, "pose"]]
-)
+JUNK = ["text", object(), [[1, 2], [3]], 1j]
+BAD = {
+    ("reset", "pose"): [
+        [NAN, 0, 0], [0, INF, 0], [0.1, 0.1], np.zeros((3, 1, 3)), None, *JUNK, [-1e-9, 0.1, 0], [0.1, 0.2081, 0],
+    ],
+    ("reset", "velocity"): [[NAN, 0, 0], [0, 0, -INF], [0.1, 0.1], np.zeros((3, 1, 3)), *JUNK],
+    ("advance", "amplitude"): [NAN, INF, -1e-9, SURFACE.max_amplitude * 1.001, np.zeros(31), np.zeros((3, 8, 32)), None, *JUNK],
+    ("advance", "phase"): [NAN, INF, np.zeros(31), np.zeros((32, 8)), np.zeros((3, 8, 32)), None, *JUNK],
+    ("advance", "periods"): [0, -1, 1.5, NAN, "1", None, True],
+    ("set_state", "state"): [None, {}, 3, "pose"],
+}  # fmt: skip
+BAD_CALLS = [(*call, value) for call, values in BAD.items() for value in values]
 GOOD = {
     "reset": {"pose": [0.1, 0.1, 0.0], "velocity": [0, 0, 0]},
     "advance": {"amplitude": 0.0, "phase": 0.0, "periods": 1},
@@ -277,8 +261,8 @@ def test_bad_construction_is_refused(argument, value):
 # -- divergence --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("huge", [1e10, 1e150, 1e200, 1e300, 1.7e308])
-@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("huge", [1e10, 1e200, 1.7e308])
+@pytest.mark.parametrize("axis", [0, 2])
 @pytest.mark.parametrize("part", [BLOCK, C_SHAPE], ids=["block", "C"])
 @pytest.mark.parametrize("heading", [0.0, 1.7e308])
 def test_numbers_shown_are_always_finite(part, huge, axis, heading):

@@ -174,12 +174,6 @@ def test_singulate_asks_for_more_than_an_elements_diagonal(beyond, success):
     assert result.position_error[0] == pytest.approx(max(-beyond, 0.0), abs=1e-12)
 
 
-def test_a_part_on_its_own_has_all_the_room():
-    result = scored(Singulate(SURFACE, [STEEL]), np.array([[0.1, 0.1, 0.0]]))
-    assert result.episode.clearance[0] == FAR and result.relations.neighbour[0, 0] == -1
-    assert result.episode.parts_done[0] == 1
-
-
 def test_a_whole_episode_costs_less_than_a_fall():
     """Or jumping off the table would pay."""
     from vibgym.registration import ENVIRONMENTS

@@ -141,18 +141,15 @@ def test_starts_in_a_pattern(parts):
 
 
 BAD = [
-    ({"gap_mm": 40, "rows": 4}, "task_settings"),
     ({"rows": 6}, "wholly on this surface"), ({"place_mm": [10, 100]}, "place_mm"),
     ({"place": [0.4, 0.1], "place_mm": [400, 100]}, "place_mm"),
-    ({"gap": 0.002, "gap_mm": 2}, "gap_mm"), ({"gap_mm": -1}, "gap_mm.*-1"), ({"gap": math.nan}, "gap.*nan"),
-    ({"rows": 0}, "rows.*0"), ({"rows": 2.5}, "rows"), ({"rows": 2, "columns": 2}, "columns"),
+    ({"gap": 0.002, "gap_mm": 2}, "gap_mm"), ({"gap_mm": -1}, "gap_mm.*-1"),
+    ({"rows": 2.5}, "rows"), ({"rows": 2, "columns": 2}, "columns"),
     ({"heading": "north"}, "heading.*north"), ({"free": 1}, "free.*1"),
     ({"pattern": [[0.1, 0.1, 0.0]] * 5}, "pattern"),
     ({"pattern": [[0.1, 0.1, 0.0]] * 6}, "goals 0 and 1"),
     ({"pattern": [[0.06 * k, 0.1, 0.0] for k in range(6)]}, "wholly on this surface"),
-    ({"pattern": [[0.1, 0.1]] * 6}, "pattern"), ({"pattern": 3}, "pattern.*3"),
-    ({"pattern": {"steel": []}}, "pattern"),
-    ({"pattern": {}}, "aluminium"),
+    ({"pattern": [[0.1, 0.1]] * 6}, "pattern"), ({"pattern": {"steel": []}}, "pattern"),
     ({"pattern": [[0.1 + 0.06 * k, 0.1, 0.0] for k in range(6)], "gap_mm": 2}, "gap_mm"),
 ]  # fmt: skip
 

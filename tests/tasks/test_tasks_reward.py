@@ -163,11 +163,9 @@ def returning(values):
     ({"a": 1.0}, lambda step: {"b": step.gap}, "no attribute 'gap'"),
     ({"a": 1.0}, lambda step: {"b": step.now.gap}, "terms of the reward of Mine"),
     ({"a": 1.0}, lambda step: {"a": step.now.gap[:, 0]}, r"reward of Mine, term 'a'"),
-    ({"a": 1.0}, lambda step: {"a": [[1.0], [1.0, 2.0]]}, r"reward of Mine, term 'a'"),
     ({"a": 1.0}, lambda step: {"a": np.array([["one"]])}, r"reward of Mine, term 'a'"),
     ({"a": 1.0}, lambda step: step.now.gap, "reward of Mine"),
     ({"a": ("gap", 1.0)}, None, r"Mine.TERMS\['a'\]\[0\]"),
-    ({"a": ("gap", 1.0)}, lambda step: {}, r"Mine.TERMS\['a'\]\[0\]"),
     ({"a": 1.0}, None, r"Mine.TERMS\['a'\]"),
     ({"a": float("inf")}, lambda step: {}, r"Mine.TERMS\['a'\]"),
 ])  # fmt: skip
@@ -181,10 +179,8 @@ def test_bad_rewards_are_refused_before_anything_is_played(names, terms, reward,
 @pytest.mark.parametrize("later, message", [
     (lambda step: {"a": np.full((1, 1), np.nan)}, "reward of Mine, term 'a', part 0 of world 0"),
     (lambda step: {"a": np.full((1, 1), 1e308)}, "reward of Mine, term 'a', part 0 of world 0"),
-    (lambda step: {"a": np.full((1, 1), -np.inf)}, "reward of Mine, term 'a', part 0 of world 0"),
     (lambda step: {"a": np.zeros(1)}, r"reward of Mine, term 'a'"),
     (lambda step: {"a": step.now.gap, "b": step.now.gap}, r"reward of Mine"),
-    (lambda step: {}, r"reward of Mine"),
 ])  # fmt: skip
 def test_bad_rewards_are_refused_by_the_step(names, later, message):
     def reward(self, step):

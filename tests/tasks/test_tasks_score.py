@@ -116,20 +116,10 @@ def test_align_counts_headings_modulo_the_parts_symmetry(part, symmetry, goal, h
     assert min(abs(again - error), period - abs(again - error)) < 1e-9
 
 
-@given(goal=st.floats(-4, 4), heading=st.floats(-50, 50))
-def test_a_discs_heading_does_not_count(goal, heading):
-    assert abs(heading_error("Align", DISC, goal, heading)) < 1e-8
-
-
 @pytest.mark.parametrize("part", [BLOCK, DISC], ids=["block", "disc"])
 @given(goal=st.floats(-10, 10), heading=st.floats(-50, 50))
 def test_rotate_does_not_wrap(part, goal, heading):
     assert heading_error("Rotate", part, goal, heading) == goal - heading
-
-
-@given(goal=st.floats(-4, 4), heading=st.floats(-50, 50))
-def test_transport_leaves_the_heading_free(goal, heading):
-    assert heading_error("Transport", BLOCK, goal, heading) == 0.0
 
 
 @pytest.mark.parametrize("task", TASKS)

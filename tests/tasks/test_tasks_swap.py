@@ -8,7 +8,7 @@ from vibgym import Surface
 from vibgym.scene.hulls import gaps_between
 from vibgym.scene.parts import shipped_part
 from vibgym.tasks import Swap
-from vibgym.tasks.swap import EXCHANGE, exchange_goals
+from vibgym.tasks.assignment import EXCHANGE, exchange_goals
 
 SURFACE = Surface()
 BLOCKS = [shipped_part(name) for name in ("steel_block", "aluminium_block")]

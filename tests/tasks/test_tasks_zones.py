@@ -8,12 +8,6 @@ from hypothesis import strategies as st
 from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, ELL, SIX, STEEL, SURFACE
 from vibgym import Part, Surface
 from vibgym.tasks import Singulate, Sort
-from vibgym.tasks.episode import LIMITS
-
-
-def limits(task):
-    return dict(zip(LIMITS, task.rules(1).limit.tolist()))
-
 
 WIDTH, HEIGHT, COLUMN = 0.832, 0.208, 0.026
 
@@ -25,7 +19,7 @@ def test_default_zones_are_six_columns_at_the_ends_and_in_the_middle():
     assert columns == pytest.approx(np.array([[0, 6], [26, 32], [13, 19]]))
     assert task.zones[:, [1, 3]] == pytest.approx(np.array([[0, HEIGHT]] * 3))
     assert task.rules(1).zone == pytest.approx(task.zones[[0, 1, 2, 0]])
-    assert limits(task)["slow"] == 0.020 and limits(task)["hold"] == 10
+    assert task.rules(1).slow == 0.020 and task.rules(1).hold == 10
 
 
 def test_zones_of_ones_own():
@@ -47,37 +41,22 @@ FOUR_KINDS = [STEEL, ALUMINIUM, DISC, ELL]
 BAD = [
     ({"zones": {"steel": LEFT, "aluminium": RIGHT, "gold": LEFT}}, r"zones"),
     ({"zones": {"steel": LEFT}}, r"zones"),
-    ({"zones": [LEFT, RIGHT]}, r"zones"),
     ({"zones": "left"}, r"zones"),
-    ({"zones": {"steel": LEFT[:3], "aluminium": RIGHT}}, r"zones\['steel'\]"),
     ({"zones": {"steel": "left", "aluminium": RIGHT}}, r"zones\['steel'\]"),
-    ({"zones": {"steel": 0.1, "aluminium": RIGHT}}, r"zones\['steel'\]"),
-    ({"zones": {"steel": [0, 0, "a", 1], "aluminium": RIGHT}}, r"zones\['steel'\]"),
     ({"zones": {"steel": [0, 0, np.nan, 0.2], "aluminium": RIGHT}}, r"zones\['steel'\]"),
     ({"zones": {"steel": [0.156, 0, 0, 0.2], "aluminium": RIGHT}}, r"zones\['steel'\]"),
-    ({"zones": {"steel": [0, 0.1, 0.2, 0.1], "aluminium": RIGHT}}, r"zones\['steel'\]"),
     ({"zones": {"steel": [-0.001, 0, 0.2, 0.2], "aluminium": RIGHT}}, r"zones\['steel'\]"),
-    ({"zones": {"steel": LEFT, "aluminium": [0.5, 0, 0.8321, 0.2]}}, r"zones\['aluminium'\]"),
     ({"zones": {"steel": LEFT, "aluminium": [0.155, 0, WIDTH, 0.2]}}, r"zones\['aluminium'\]"),
     ({"zones": {"steel": [0, 0, 0.13, 0.1], "aluminium": RIGHT}}, r"zones\['steel'\]"),
-    ({"zones": {"steel": [0, 0, 0.05, 0.1], "aluminium": RIGHT}}, r"zones\['steel'\]"),
     ({"parts": FOUR_KINDS}, r"parts"),
     ({"parts": [STEEL] * 37}, r"parts"),
-    ({"parts": [STEEL] * 37, "start": "crowded"}, r"parts"),
     ({"parts": [Part.disc(0.105, friction=0.5)]}, r"parts"),
     ({"parts": SIX, "start": "piled"}, r"start"),
     ({"slots": 5}, r"slots"),
-    ({"slots": 6.0}, r"slots"),
     ({"randomize": {"friction": [0.1, 0.2]}}, r"randomize"),
-    ({"randomize": {"parts": [1, 6], "mass": [1, 2]}}, r"randomize"),
-    ({"randomize": "all"}, r"randomize"),
-    ({"randomize": {"parts": 3}}, r"randomize\['parts'\]"),
     ({"randomize": {"parts": "36"}}, r"randomize\['parts'\]"),
-    ({"randomize": {"parts": [1, 2, 3]}}, r"randomize\['parts'\]"),
     ({"randomize": {"parts": [0, 6]}}, r"randomize\['parts'\]\[0\]"),
     ({"randomize": {"parts": [1, 7]}}, r"randomize\['parts'\]\[1\]"),
-    ({"randomize": {"parts": [4, 3]}}, r"randomize\['parts'\]\[1\]"),
-    ({"randomize": {"parts": [1.0, 3]}}, r"randomize\['parts'\]\[0\]"),
 ]  # fmt: skip
 
 

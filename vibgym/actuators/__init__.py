@@ -1,13 +1,12 @@
-"""Actuators: command -> drive, what the elements really do."""
+"""Actuators: command -> drive, the executed motion of the elements."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from vibgym import checks
-from vibgym.actuators.base import Actuators
 from vibgym.actuators.prototype import PrototypeActuators
-from vibgym.actuators.stage import ActuatorStage, DataSheet, IdealActuators
+from vibgym.actuators.stage import Actuators, ActuatorStage, DataSheet, IdealActuators
 from vibgym.config import to_si
 from vibgym.registry import Registry
 from vibgym.scene.surface import Surface
@@ -15,7 +14,7 @@ from vibgym.scene.surface import Surface
 ACTUATORS: Registry[type[ActuatorStage]] = Registry(
     "actuators", {"ideal": IdealActuators, "prototype": PrototypeActuators}
 )
-"""Actuators by name; ``ACTUATORS.register(name, cls)`` adds some of your own."""
+"""Actuators by name; ``ACTUATORS.register(name, cls)`` adds custom ones."""
 
 
 def actuators_from(value: Any, surface: Surface, worlds: int, periods: int) -> ActuatorStage:

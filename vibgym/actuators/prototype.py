@@ -1,8 +1,8 @@
-"""Actuators as the thesis's prototype had them: a dead zone, a limit, latency, and no two elements alike.
+"""Actuators of the thesis's prototype: dead zone, limit, latency, spread between elements.
 
-Known are that amplitudes below 0.1 mm were not realised (7.2, 7.3), that the limit lay near 0.25 mm (figs. 7.8 to 7.10), and
-one period of latency (eq. 5.81). What the thesis's text has lost (6.4.2: resolution, bandwidth, spread) and the form of the
-dead zone are assumptions: each is a setting.
+Known from the thesis: amplitudes below 0.1 mm were not realised (7.2, 7.3), the limit was near 0.25 mm (figs. 7.8 to 7.10),
+the latency was one period (eq. 5.81). Resolution, bandwidth, spread (6.4.2, lost text) and the form of the dead zone are
+assumptions; each is a setting.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.actuators.commands import Commands
 from vibgym.actuators.stage import ActuatorStage, DataSheet
 from vibgym.kernels.reference import Pinned
 from vibgym.physics.core.drive import Drive, cartesian_drive, follow_phasors
@@ -43,17 +42,17 @@ class PrototypeSettings:
     """Settings of the prototype's actuators.
 
     Args:
-        dead_zone: m, amplitude below which commands are not, or not wholly, realised.
-        dead_zone_form: of smaller amplitudes ``a``: ``"hard"``: nothing, ``"soft"``: a^2 / dead_zone, ``"cubic"``:
+        dead_zone: m, amplitude below which commands are not fully realised.
+        dead_zone_form: response to smaller amplitudes ``a``: ``"hard"``: 0, ``"soft"``: a^2 / dead_zone, ``"cubic"``:
             a^3 / dead_zone^2.
-        limit: m, largest amplitude; None: the surface's. The prototype's was about 0.25 mm.
-        latency: periods between a command and its effect; elements rest until the first one takes effect. The data sheet
-            and estimators go by this number, also where ``randomize`` draws others.
+        limit: m, largest amplitude; None: that of the surface.
+        latency: periods between a command and its effect; elements rest until the first one takes effect. Data sheet and
+            estimators use this value, also where ``randomize`` draws others.
         gain_spread, phase_spread: standard deviations of the elements' gains (1) and phase errors (rad), normal.
-        bandwidth: Hz, at which elements follow (a lag of first order); None: at once. It costs a look at all elements.
+        bandwidth: Hz, of a first-order lag; None: no lag. With a lag every step reads all elements.
         resolution: m, of amplitudes; 0: continuous.
-        dead: elements that never move: the share of them, drawn at random, or a list of [row, column].
-        stuck: elements with a fixed amplitude and phase: the share, or a list of [row, column, amplitude, phase].
+        dead: elements that never move: their share, drawn at random, or a list of [row, column].
+        stuck: elements with a fixed amplitude and phase: their share, or a list of [row, column, amplitude, phase].
         seed: of one hardware instance, the same in all worlds and episodes; None: drawn for every episode.
     """
 
@@ -70,11 +69,69 @@ class PrototypeSettings:
     seed: int | None = None
 
 
+class Commands:
+    """Ring buffer of commands; a row is the command of one world in one step.
+
+    Args:
+        template: a command of the same form as all others.
+        worlds: number of worlds.
+        room: stored steps, including the present one.
+    """
+
+    def __init__(self, template: Drive, worlds: int, room: int) -> None:
+        self.worlds, self.room = worlds, room
+        self._mode = template.mode
+        given = template._asdict()
+        self._rows = {
+            name: np.zeros((room * worlds, *values.shape[1:]), dtype=values.dtype)
+            for name, values in given.items()
+            if isinstance(values, np.ndarray) and values.size
+        }
+        self._count = np.zeros(1, dtype=np.int64)  # steps in all
+        self._age = np.zeros(worlds, dtype=np.int64)  # commands of each world's episode
+        self._world = np.arange(worlds)
+
+    def clear(self, worlds: Any) -> None:
+        """Delete the commands of ``worlds``."""
+        self._age[worlds] = 0
+
+    def write(self, command: Drive, hardware: int) -> Drive:
+        """Store the command of a step.
+
+        Args:
+            hardware: address of pinned hardware.
+
+        Returns:
+            A drive with all stored rows, executed by the hardware.
+        """
+        if command.mode != self._mode:
+            raise checks.conflict("action: all commands of an environment must have the same form")
+        slot = int(self._count[0] % self.room)
+        for name, rows in self._rows.items():
+            rows[slot * self.worlds : (slot + 1) * self.worlds] = getattr(command, name)
+        self._count += 1
+        self._age += 1
+        return command._replace(**self._rows, hardware=hardware)
+
+    def rows(self, steps: Any, source: np.ndarray) -> None:
+        """Write the rows of the commands ``steps`` (a number or (worlds,)) steps ago to ``source``; -1: none."""
+        slot = (self._count[0] - 1 - steps) % self.room
+        source[...] = np.where(self._age > steps, slot * self.worlds + self._world, -1)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Return live arrays for a snapshot."""
+        return {
+            **{f"command_{name}": rows for name, rows in self._rows.items()},
+            "count": self._count,
+            "age": self._age,
+        }
+
+
 class PrototypeActuators(ActuatorStage):
     """Elements with a dead zone, a limit, latency, spread, and faults.
 
-    A commanded amplitude is rounded to the resolution and limited; the dead zone takes what is small; the element's own gain
-    and phase error follow; what still exceeds the surface's largest amplitude is cut.
+    A commanded amplitude passes resolution, limit, dead zone, the gain and phase error of the element, and the largest
+    amplitude of the surface, in this order.
 
     Args:
         surface, worlds, periods: see :class:`vibgym.actuators.stage.ActuatorStage`.
@@ -102,15 +159,14 @@ class PrototypeActuators(ActuatorStage):
         def number(name: str, value: Any, **bounds: float) -> float:
             return checks.number(f"actuators.{name}", value, **bounds)
 
+        limit, bandwidth = given.limit, given.bandwidth
         self._numbers = {
             "dead_zone": number("dead_zone", given.dead_zone, least=0.0, most=most),
-            "limit": most if given.limit is None else number("limit", given.limit, above=0.0, most=most),
+            "limit": most if limit is None else number("limit", limit, above=0.0, most=most),
             "latency": float(self.latency),
             "gain_spread": number("gain_spread", given.gain_spread, least=0.0, most=MOST_SPREAD),
             "phase_spread": number("phase_spread", given.phase_spread, least=0.0, most=math.pi),
-            "bandwidth": math.inf
-            if given.bandwidth is None
-            else number("bandwidth", given.bandwidth, above=0.0, most=1e6),
+            "bandwidth": math.inf if bandwidth is None else number("bandwidth", bandwidth, above=0.0, most=1e6),
             "resolution": number("resolution", given.resolution, least=0.0, most=most),
             "dead": 0.0 if len(dead) else number("dead", _share(given.dead), least=0.0, most=1.0),
             "stuck": 0.0 if len(stuck) else number("stuck", _share(given.stuck), least=0.0, most=1.0),
@@ -149,9 +205,8 @@ class PrototypeActuators(ActuatorStage):
         surface, worlds = self.surface, self.worlds
         least, most = map(int, self._ranges.get("latency", (self.latency, self.latency)))
         self.most_latency, self._room = most, -(-most // self.periods) + 1
-        # Instants of a step at which the command of any world may change. All worlds split the step at all of them,
-        # independently of their own latency: the averaged model's rounding depends on where a step is split, and a
-        # world's result must not depend on the other worlds.
+        # Instants of a step at which the command of any world may change. The step is split at all of them in all worlds: the
+        # rounding of the averaged model depends on the splits, and a world's result must not depend on other worlds.
         self._edges = sorted({0, self.periods, *(each % self.periods for each in range(least, most + 1))})
         self._lagging = math.isfinite(self._numbers["bandwidth"]) or "bandwidth" in self._ranges
         keyed = self.seed is None
@@ -182,7 +237,7 @@ class PrototypeActuators(ActuatorStage):
     @property
     def data_sheet(self) -> DataSheet:
         own = dict(self._numbers)
-        if "dead_zone" in self._ranges:  # what is sure to move, and what no element fails to reach
+        if "dead_zone" in self._ranges:  # values that hold in every episode
             own["dead_zone"] = self._ranges["dead_zone"][1]
         if "limit" in self._ranges:
             own["limit"] = self._ranges["limit"][0]
@@ -192,7 +247,7 @@ class PrototypeActuators(ActuatorStage):
     @property
     def most_amplitude(self) -> float:
         if self._most_drawn("gain_spread") > 0.0 or self._stuck:
-            return self.most  # errors of the elements count after the limit
+            return self.most  # gains apply after the limit
         return self._most_drawn("limit")
 
     @property
@@ -201,7 +256,7 @@ class PrototypeActuators(ActuatorStage):
 
     @property
     def _stuck(self) -> bool:
-        """Whether some element may move by itself."""
+        """Whether an element may be stuck in motion."""
         return bool(len(self._faults[1])) or self._most_drawn("stuck") > 0.0
 
     def _most_drawn(self, name: str) -> float:
@@ -220,8 +275,8 @@ class PrototypeActuators(ActuatorStage):
 
     @property
     def elements(self) -> np.ndarray:
-        """(worlds, rows, columns, 4) response of every element: its complex gain (1: as commanded, 0: no response), and its
-        additional phasor as a fraction of full scale. A copy."""
+        """(worlds, rows, columns, 4) response of every element, a copy: complex gain (1: as commanded, 0: none), and constant
+        phasor as a fraction of full scale."""
         elements = self._hardware.record.element.copy()
         elements[..., 2:] /= max(self.surface.full_scale, 1e-300)
         return elements
@@ -263,7 +318,7 @@ class PrototypeActuators(ActuatorStage):
     def apply(self, command: Drive) -> Iterable[tuple[Drive, int]]:
         assert self._commands is not None
         source = self._hardware.record.source
-        if self._room == 1 and not self._lagging:  # nothing is late: the command itself will do
+        if self._room == 1 and not self._lagging:  # no latency: the command itself
             source[...] = self._everyone
             yield command._replace(hardware=self._hardware.address), self.periods
             return
@@ -287,7 +342,7 @@ class PrototypeActuators(ActuatorStage):
 
 
 def _share(value: Any) -> Any:
-    """Return a share; an empty list is none."""
+    """Return a share; an empty list is zero."""
     return 0.0 if checks.listed(value) and not len(value) else value
 
 

@@ -1,4 +1,4 @@
-"""Actuator stage of a step: the interface between environments and actuators."""
+"""Actuator stage of a step: base classes of actuators, and ideal actuators."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from vibgym.physics.core.drive import Drive
+from vibgym import checks
+from vibgym.physics.core.drive import Drive, all_phasors, cartesian_drive, limit_phasors
 from vibgym.scene.surface import Surface
 from vibgym.snapshots import Live
 
@@ -18,16 +19,16 @@ from vibgym.snapshots import Live
 class DataSheet:
     """Nominal properties of actuators, known beforehand and equal for all elements."""
 
-    limit: float  # m, largest amplitude that they do
-    dead_zone: float = 0.0  # m, amplitude below which they do little or nothing
-    dead_zone_form: str = "hard"  # what becomes of smaller ones, see :data:`vibgym.physics.core.hardware.FORMS`
+    limit: float  # m, largest amplitude
+    dead_zone: float = 0.0  # m, amplitude below which elements hardly move
+    dead_zone_form: str = "hard"  # response to smaller amplitudes, see :data:`vibgym.physics.core.hardware.FORMS`
     latency: int = 0  # periods between a command and its effect
     resolution: float = 0.0  # m, of the amplitude; 0: continuous
-    bandwidth: float | None = None  # Hz, of a lag of first order; None: they follow at once
+    bandwidth: float | None = None  # Hz, of a first-order lag; None: no lag
 
 
 class ActuatorStage(Live, ABC):
-    """From a step's command to the drives that act; batched.
+    """Base class of actuators: the drives executed for a command; batched.
 
     Args:
         surface: the table.
@@ -35,8 +36,8 @@ class ActuatorStage(Live, ABC):
         periods: oscillation periods of a step.
 
     Attributes:
-        latency: periods between a command and its effect, as the data sheet has it.
-        most_latency: largest that an episode may draw.
+        latency: nominal periods between a command and its effect.
+        most_latency: largest latency that an episode may draw.
     """
 
     SNAPSHOT = "actuators"
@@ -45,17 +46,17 @@ class ActuatorStage(Live, ABC):
     most_latency: int = 0
 
     draws: int = 0
-    """Uniform numbers that they need at the start of each episode, in :meth:`reset`."""
+    """Number of uniform random numbers for :meth:`reset` at the start of each episode."""
 
     VARIED: ClassVar[tuple[str, ...]] = ()
-    """Settings that ``randomize=`` may give a range, see :meth:`vary`."""
+    """Settings with optional ranges in ``randomize=``, see :meth:`vary`."""
 
     def __init__(self, surface: Surface, worlds: int, periods: int) -> None:
         self.surface, self.worlds, self.periods = surface, worlds, periods
 
     @property
     def data_sheet(self) -> DataSheet:
-        """What policies may know of them beforehand."""
+        """Nominal properties, which policies may use."""
         assert self.surface.max_amplitude is not None
         return DataSheet(self.surface.max_amplitude, latency=self.latency)
 
@@ -71,17 +72,17 @@ class ActuatorStage(Live, ABC):
         return self.latency
 
     def nominal(self) -> ActuatorStage | None:
-        """Return actuators of the data sheet, without latency, for a model; None: ideal ones."""
+        """Return actuators with the properties of the data sheet, without latency, for a model; None: ideal ones."""
         return None
 
     def prepare(self, command: Drive) -> None:
-        """See what commands will look like, once, before the first of them."""
+        """Allocate buffers for commands of this form, once, before the first of them."""
 
     def vary(self, ranges: Mapping[str, Any]) -> None:
         """Draw settings for each episode from ranges: name among :attr:`VARIED` -> (least, largest).
 
         Raises:
-            ValueError: a bad range; no others than these names are asked for.
+            ValueError: a bad range.
         """
         assert not ranges
 
@@ -91,7 +92,7 @@ class ActuatorStage(Live, ABC):
 
     @abstractmethod
     def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
-        """Start afresh in ``worlds`` (index array), all elements at rest.
+        """Restart in ``worlds`` (index array), all elements at rest.
 
         Args:
             uniform: (len(worlds), draws) in [0, 1).
@@ -101,15 +102,71 @@ class ActuatorStage(Live, ABC):
     def apply(self, command: Drive) -> Iterable[tuple[Drive, int]]:
         """Return the executed drives of the step that begins with this command, and the number of periods of each.
 
-        They are good one after the other: one that has been handed out ends the one before.
+        A drive is valid until the next one is taken from the iterable.
         """
 
 
 class IdealActuators(ActuatorStage):
-    """Ideal actuators: commands are executed exactly and without delay, and read for the elements under a part only."""
+    """Ideal actuators: commands are executed exactly and without delay; only elements under a part are read."""
 
     def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
         pass
 
     def apply(self, command: Drive) -> Sequence[tuple[Drive, int]]:
         return ((command, self.periods),)
+
+
+class Actuators(ActuatorStage):
+    """Base class of custom actuators: batched, with a latency in periods; every step reads all elements.
+
+    Custom actuators are a subclass with :meth:`realise`, registered by ``vibgym.actuators.ACTUATORS.register``.
+
+    Args:
+        surface: the table.
+        worlds: number of worlds.
+        periods: oscillation periods of a step.
+        latency: periods between a command and its effect. Until then the elements follow the previous command; they rest at
+            the start of an episode.
+
+    Raises:
+        ValueError: a bad setting.
+    """
+
+    def __init__(self, surface: Surface, worlds: int, periods: int, *, latency: int = 0) -> None:
+        super().__init__(surface, worlds, periods)
+        latency = checks.count("actuators.latency", latency, least=0, most=10_000)
+        step = 16 * worlds * surface.rows * surface.columns  # bytes
+        self.latency = self.most_latency = checks.fitting("actuators.latency", latency, step / periods)
+        shape = (self.latency // periods + 2, worlds, surface.rows, surface.columns, 2)
+        self._realised = np.zeros(shape)  # C, S (m/s^2) of every element for the last steps, the oldest first
+
+    def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
+        self._realised[:, worlds] = 0.0
+        self.begin(worlds, uniform)
+
+    def apply(self, command: Drive) -> Iterable[tuple[Drive, int]]:
+        self._realised[:-1] = self._realised[1:]
+        all_phasors(command, self._realised[-1])
+        self.realise(self._realised[-1])
+        late = self.latency % self.periods  # periods of this step that belong to the previous command
+        stretches = ((self._realised[0], late), (self._realised[1], self.periods - late))
+        return [(self._drive(phasors), periods) for phasors, periods in stretches if periods > 0]
+
+    def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
+        """Draw what is constant during the episodes of ``worlds``; see :meth:`reset`."""
+
+    @abstractmethod
+    def realise(self, phasors: np.ndarray) -> None:
+        """Transform commanded phasors (worlds, rows, columns, 2), C and S in m/s^2, into executed ones, in place."""
+
+    def own_state(self) -> dict[str, np.ndarray]:
+        """Return further live arrays of a snapshot, by name."""
+        return {}
+
+    def live(self) -> dict[str, np.ndarray]:
+        return {"realised": self._realised, **self.own_state()}
+
+    def _drive(self, phasors: np.ndarray) -> Drive:
+        c, s = np.empty(phasors.shape[:3]), np.empty(phasors.shape[:3])
+        limit_phasors(phasors, self.surface.full_scale, c, s)
+        return cartesian_drive(c, s)

@@ -1,4 +1,4 @@
-"""The environments as other libraries want them; each module needs the library that it is named after."""
+"""Adapters of the environments to other libraries; each module needs the library that it is named after."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def __getattr__(name: str) -> Any:
-    """Import a module when it is first asked for."""
+    """Import a module on first use."""
     if name in ("pettingzoo", "sb3"):
         return importlib.import_module(f"vibgym.adapters.{name}")
     raise AttributeError(f"module 'vibgym.adapters' has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""Whether each part is paid on its own: where a wrapper changes the reward of a world, what the parts' are is not known."""
+"""Rewards of single parts: they are unknown where a wrapper changes the reward of a world."""
 
 from __future__ import annotations
 
@@ -17,30 +17,29 @@ _KEEP = {
         wrappers.vector.RecordVideo,
     )
 }  # fmt: skip
-"""Steps that hand on the reward as it is."""
+"""Steps that return the reward unchanged."""
 
 
 def keeps_rewards(env: Any) -> bool:
-    """Whether what an environment's step returns is what its task pays, single or vector.
+    """Return whether no wrapper of an environment, single or vector, changes the reward of its task.
 
-    That is so without wrappers, and with those that hand on rewards as they are: Gymnasium's for observations, actions, limits
-    and records. A wrapper of your own whose ``step`` is not theirs is taken to change the reward, unless its class says
-    ``keeps_rewards = True``.
+    Gymnasium's wrappers for observations, actions, limits and records do not. A custom wrapper with its own ``step`` counts as
+    one that does, unless its class sets ``keeps_rewards = True``.
     """
     return _all(env, "keeps_rewards")
 
 
 def credits_parts(env: Any) -> bool:
-    """Whether ``info["parts"]["reward"]`` is what the reward of an environment's step is made of.
+    """Return whether ``info["parts"]["reward"]`` agrees with the reward of an environment's step.
 
-    That is so where rewards are kept, and with wrappers whose class says ``credits_parts = True``: they change the rewards of
-    the parts, too, in ``info`` and in ``final_info``. Elsewhere every part is credited with the reward of its world.
+    It does if :func:`keeps_rewards`, and with wrappers whose class sets ``credits_parts = True``: they also change the rewards
+    of the parts, in ``info`` and ``final_info``. Otherwise every part is credited with the reward of its world.
     """
     return _all(env, "keeps_rewards", "credits_parts")
 
 
 def _all(env: Any, *flags: str) -> bool:
-    """Whether every wrapper passes rewards on unchanged, or its class sets one of these flags."""
+    """Return whether every wrapper keeps rewards, or its class sets one of these flags."""
     while env is not env.unwrapped:
         cls = type(env)
         if cls.step not in _KEEP and not any(getattr(cls, name, False) for name in flags):

@@ -1,6 +1,6 @@
-"""Each part an agent: environments as PettingZoo's parallel API has them. PettingZoo is the extra ``multiagent``.
+"""Environments with PettingZoo's parallel API: each part is an agent. PettingZoo is the extra ``multiagent``.
 
-Once this module is imported, ``pettingzoo.make("parallel", "vibgym/Sort-v0")`` makes them, too.
+Importing this module registers the environments with PettingZoo: ``pettingzoo.make("parallel", "vibgym/Sort-v0")``.
 """
 
 from __future__ import annotations
@@ -18,57 +18,56 @@ from vibgym.adapters.credit import credits_parts
 from vibgym.envs.observations import PartsObservation
 from vibgym.envs.options import RESET_OPTIONS, Keywords
 from vibgym.envs.single import VibgymEnv
-from vibgym.envs.vector import environment_id
+from vibgym.envs.vector import registered_id
 from vibgym.registration import ENVIRONMENTS
 
 
 def parallel_env(
     name: str, *, max_episode_steps: int | None = None, render_mode: str | None = None, **options: Unpack[Keywords]
 ) -> PartsParallelEnv:
-    """Make an environment whose agents are its parts.
+    """Create an environment whose agents are its parts.
 
     Args:
-        name: id of a registered environment, such as ``"vibgym/Sort-v0"``, or ``"Sort"`` for that.
-        max_episode_steps: instead of the environment's own limit.
-        render_mode, options: as for :class:`vibgym.envs.VibgymEnv`, but ``observation``. ``action`` is one that has a
-            share for every part: ``"wrench"`` (default), ``"patch"``, ``"field"``.
+        name: id of a registered environment, such as ``"vibgym/Sort-v0"``, or its short name, ``"Sort"``.
+        max_episode_steps: step limit; None: that of the environment.
+        render_mode, options: as for :class:`vibgym.envs.VibgymEnv`, except ``observation``. ``action`` has values per part:
+            ``"wrench"`` (default), ``"patch"``, ``"field"``.
 
     Raises:
-        ValueError: there is no such environment, or a bad setting.
+        ValueError: an unknown environment, or an invalid setting.
     """
-    name = environment_id(name, "name")
-    if name not in gym.registry:
-        raise checks.unknown("name", name, [spec.id for spec in gym.registry.values() if spec.namespace == "vibgym"])
+    name = registered_id(name, "name")
     if "observation" in options:
         raise checks.conflict("observation cannot be set for parallel_env: agents observe by parts")
     keywords = {"action": "wrench", **options, "observation": "parts", "render_mode": render_mode}
-    made = gym.make(name, max_episode_steps=max_episode_steps, disable_env_checker=True, **keywords)
+    try:
+        made = gym.make(name, max_episode_steps=max_episode_steps, disable_env_checker=True, **keywords)
+    except TypeError as error:
+        raise checks.refuse("name", name, f"an environment of vibgym ({error})") from None
     return PartsParallelEnv(made)
 
 
 class PartsParallelEnv(ParallelEnv):
-    """The parts of an environment as agents ``"part_0"``, ``"part_1"``, ..., which act at once.
+    """The parts of an environment as agents ``"part_0"``, ``"part_1"``, ..., which act simultaneously.
 
-    An agent sees its part's row of the observation by parts (``env.unwrapped.parts_layout`` explains the numbers), acts by its
-    share of the action, and earns its part's reward, ``info["parts"]["reward"]``. Agents whose parts are not there in an
-    episode are not in :attr:`agents`, and parts that the task does not drive have none. An episode ends for all at once: when
-    the task is done, a part has fallen, the simulation has diverged, or at the limit. Where parts arrive and leave an agent
-    waits, with a row of zeros, for the next part that is its own.
+    - Observation: the part's row of the observation by parts; ``env.unwrapped.parts_layout`` describes its numbers.
+    - Action: the part's share of the action.
+    - Reward: that of the part, ``info["parts"]["reward"]``, or of the world if a wrapper changes rewards, see
+      :func:`vibgym.adapters.credit.credits_parts`.
+    - ``infos``: ``present``, ``done``, ``fallen`` and ``reward_terms`` of the part, ``is_success`` of the episode.
 
-    Every agent is paid for its part alone, or the world's reward where a wrapper has changed it, see
-    :func:`vibgym.adapters.credit.credits_parts`. ``infos`` tell every agent ``present``, ``done`` and ``fallen`` of its part,
-    its ``reward_terms``, and ``is_success`` of the episode.
+    An episode ends for all agents at once. Parts that are absent in an episode have no agent in it. Parts that the task does
+    not drive have none at all. In tasks with parts that arrive and leave, the observation of an agent without a part is zero.
 
     Args:
-        env: a single environment, with Gymnasium's wrappers or without, made with ``observation="parts"``.
+        env: a single environment made with ``observation="parts"``, possibly wrapped.
 
     Attributes:
-        env: that.
-        possible_agents: one for each part.  agents: those of the episode that goes on; none after its end.
+        possible_agents: one for each driven part.  agents: those of the running episode; empty after its end.
         state_space: of :meth:`state`.
 
     Raises:
-        ValueError: another observation, or an action of which parts have no shares.
+        ValueError: another observation, or an action without values per part.
     """
 
     def __init__(self, env: gym.Env) -> None:
@@ -87,7 +86,7 @@ class PartsParallelEnv(ParallelEnv):
         self.render_mode = base.render_mode
         name = base.task.name if env.spec is None else env.spec.id
         self.metadata = {**base.metadata, "name": name, "is_parallelizable": True}
-        # One space an agent: PettingZoo seeds them one by one.
+        # One space per agent: PettingZoo seeds each of them.
         size = base.core.observation.row_layout.block
         self.observation_spaces = {agent: spaces.Box(-1.0, 1.0, (size,), np.float32) for agent in self.possible_agents}
         self.action_spaces = {
@@ -97,11 +96,11 @@ class PartsParallelEnv(ParallelEnv):
         self._rows = np.zeros((base.task.slots, size), dtype=np.float32)
 
     def observation_space(self, agent: str) -> spaces.Space:
-        """Of an agent; always the same object."""
+        """Return the observation space of an agent; always the same object."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Space:
-        """Of an agent; always the same object."""
+        """Return the action space of an agent; always the same object."""
         return self.action_spaces[agent]
 
     def reset(
@@ -110,12 +109,11 @@ class PartsParallelEnv(ParallelEnv):
         """Begin an episode.
 
         Args:
-            seed: of this and the following episodes; None goes on with the generator.
-            options: of the start, as for :meth:`vibgym.envs.VibgymEnv.reset`. Other keys are for others, as PettingZoo wants
-                it, and ignored with a warning.
+            seed: of this and the following episodes; None continues the generator.
+            options: of the start, as for :meth:`vibgym.envs.VibgymEnv.reset`. Other keys are ignored with a warning.
 
         Raises:
-            ValueError: a bad seed, or a start that cannot be; nothing has changed.
+            ValueError: an invalid seed or start; nothing has changed.
         """
         known = None
         if options is not None:
@@ -134,20 +132,20 @@ class PartsParallelEnv(ParallelEnv):
     def step(
         self, actions: Mapping[str, Any]
     ) -> tuple[dict[str, np.ndarray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Let all agents act at once.
+        """Advance by one step.
 
         Args:
-            actions: of every one of :attr:`agents`, flat or in the shape of its share.
+            actions: one for each of :attr:`agents`, flat or in the shape of its share.
 
         Returns:
             Observations, rewards, terminations, truncations and infos, each by agent.
 
         Raises:
-            ValueError: an agent's action is missing, of a wrong shape or no finite numbers, or someone else's is there.
-            gymnasium.error.ResetNeeded: no episode goes on.
+            ValueError: a missing or additional agent, a wrong shape, or numbers that are not finite.
+            gymnasium.error.ResetNeeded: no episode is running.
         """
         if not self.agents:
-            raise gym.error.ResetNeeded("call reset() before step(): no episode goes on")
+            raise gym.error.ResetNeeded("call reset() before step(): no episode is running")
         seen, reward, terminated, truncated, info = self.env.step(self._action(actions))
         self._rows = seen["parts"]
         rewards = info["parts"]["reward"] if self._credits_parts else [reward] * len(self._base.parts)
@@ -163,22 +161,22 @@ class PartsParallelEnv(ParallelEnv):
         return result
 
     def state(self) -> np.ndarray:
-        """(slots, numbers of a row) the rows of all parts, for critics that see everything; zeros of absent ones."""
+        """Return the rows of all parts, (slots, row size), for centralised critics; zeros for absent ones."""
         return self._rows.copy()
 
     def render(self) -> Any:
-        """As the environment's."""
+        """Render the environment."""
         return self.env.render()
 
     def close(self) -> None:
-        """As the environment's."""
+        """Close the environment."""
         self.env.close()
 
     def _part(self, agent: str) -> int:
         return int(agent.removeprefix("part_"))
 
     def _action(self, actions: Any) -> np.ndarray:
-        """The environment's action, (all numbers,): zeros for parts that are not there, which command nothing."""
+        """Return the flat action of the environment; zeros for absent parts, which command nothing."""
         if not isinstance(actions, Mapping) or set(actions) != set(self.agents):
             got = sorted(map(str, actions)) if isinstance(actions, Mapping) else actions
             raise checks.refuse("actions", got, f"a mapping with exactly the keys {', '.join(self.agents)}")
@@ -209,5 +207,5 @@ class PartsParallelEnv(ParallelEnv):
 
 
 for _name in ENVIRONMENTS:
-    if f"vibgym/{_name}-v0" not in parallel_registry:  # a module that is loaded again must not warn
+    if f"vibgym/{_name}-v0" not in parallel_registry:  # no warning if the module is loaded again
         register("parallel", f"vibgym/{_name}-v0", entry_point=parallel_env, kwargs={"name": _name})

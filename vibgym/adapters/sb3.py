@@ -1,4 +1,4 @@
-"""The native vector environment as Stable-Baselines3 wants it."""
+"""Stable-Baselines3's ``VecEnv`` over the native vector environment."""
 
 from __future__ import annotations
 
@@ -15,36 +15,32 @@ from vibgym.adapters.credit import credits_parts, keeps_rewards
 
 
 class VecEnv(vec_env.VecEnv):
-    """Stable-Baselines3's ``VecEnv`` over one ``VibgymVectorEnv`` or several in same-step autoreset mode.
+    """Stable-Baselines3's ``VecEnv`` over one or several ``VibgymVectorEnv`` in same-step autoreset mode.
 
         VecEnv("vibgym/Align-v0", num_envs=256, action="field")
 
-    Of several the worlds stand one after the other: scenes that differ, in their part or its friction, but not in what is seen
-    and done.
+    Several environments may differ in their scene, such as the part or its friction, but not in their spaces.
 
-    A finished world's info holds ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, ``fallen`` where the task
-    tells it, and ``episode`` (return and length), as SB3's Monitor would give; the infos of running worlds are empty. Of
-    dictionary observations every entry is a batch.
+    The info of a finished world holds ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, ``fallen`` if the task
+    reports it, and ``episode`` (return and length), like SB3's Monitor. Infos of running worlds are empty.
 
-    Wrappers take part: what ``step`` of the outermost one returns is the reward. Those that remember something are part of
-    :meth:`get_state` only with a ``get_state`` and ``set_state`` of their own, which include the environment's.
+    Rewards are those of the outermost wrapper. Wrappers with a state are part of :meth:`get_state` only if they define
+    ``get_state`` and ``set_state``, which include the state of the environment.
 
     Args:
-        envs: the name of a registered environment, or environments that are made already, wrapped or not, with
-            ``autoreset_mode="SameStep"``, and an observation that is a box or a dictionary of boxes.
-        num_envs: worlds, with a name.
-        wrappers: of vector environments, the innermost first, put around each of ``envs``.
-        settings: of :func:`gymnasium.make_vec`, with a name.
+        envs: the id of a registered environment, or vector environments, possibly wrapped, with
+            ``autoreset_mode="SameStep"`` and a box or a dictionary of boxes as observation.
+        num_envs: number of worlds; requires an id.
+        wrappers: of vector environments, the innermost first, applied to each of ``envs``.
+        settings: of :func:`gymnasium.make_vec`; require an id.
 
     Attributes:
-        env: the first of the environments, without the wrappers that do not know the scene.
-        keeps_rewards, credits_parts: whether no wrapper changes rewards, and whether parts are paid one by one, see
-            :mod:`vibgym.adapters.credit`.
-        part_reward: (worlds, parts) what the last step was worth to every part; where parts are not paid one by one, what it
-            was worth to its world.
+        envs: the environments, wrapped.  env: the first one, without outer wrappers that hide ``parts_layout``.
+        keeps_rewards, credits_parts: see :mod:`vibgym.adapters.credit`.
+        part_reward: (worlds, parts) rewards of the parts in the last step, or of their world unless :attr:`credits_parts`.
 
     Raises:
-        ValueError: another mode or observation, spaces that differ, or settings of an environment that is made already.
+        ValueError: another mode or observation, spaces that differ, or settings without an id.
     """
 
     def __init__(
@@ -62,7 +58,7 @@ class VecEnv(vec_env.VecEnv):
             raise checks.conflict(f"settings {got} require the name of an environment, not environments")
         for wrap in wrappers:
             envs = tuple(map(wrap, envs))
-        self.envs, self._scenes = envs, [_knowing(env, "parts_layout") for env in envs]
+        self.envs, self._scenes = envs, [_outermost(env, "parts_layout") for env in envs]
         self.env = self._scenes[0]
         space, actions = envs[0].single_observation_space, envs[0].single_action_space
         for env in envs:
@@ -97,7 +93,7 @@ class VecEnv(vec_env.VecEnv):
         return _joined(observations)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """World k gets ``seed + k`` at the next reset."""
+        """Seed world k with ``seed + k`` at the next reset."""
         self._seed = seed
         return [None if seed is None else seed + k for k in range(self.num_envs)]
 
@@ -132,20 +128,20 @@ class VecEnv(vec_env.VecEnv):
         return _joined([each[0] for each in steps]), reward.astype(np.float32), done, infos
 
     def get_state(self) -> dict[str, Any]:
-        """Everything needed to go on bit for bit."""
+        """Return a snapshot that continues bit for bit."""
         own = {"return": self._return.copy(), "length": self._length.copy(), "seed": self._seed}
-        return {"scenes": [_knowing(env, "get_state").get_state() for env in self.envs], **own}
+        return {"scenes": [_outermost(env, "get_state").get_state() for env in self.envs], **own}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go on from what :meth:`get_state` gave.
+        """Restore a snapshot.
 
         Raises:
-            ValueError: a state of other scenes.
+            ValueError: a snapshot of other scenes.
         """
         if len(state["scenes"]) != len(self.envs):
             raise checks.refuse("state['scenes']", len(state["scenes"]), f"{len(self.envs)} states")
         for env, own in zip(self.envs, state["scenes"], strict=True):
-            _knowing(env, "set_state").set_state(own)
+            _outermost(env, "set_state").set_state(own)
         self._return[:], self._length[:], self._seed = state["return"], state["length"], state["seed"]
 
     def close(self) -> None:
@@ -156,12 +152,12 @@ class VecEnv(vec_env.VecEnv):
         return self._of([value for env in self._scenes for value in env.get_attr(attr_name)], indices)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """All worlds of a scene share one environment, so an attribute is set for all."""
+        """Set an attribute for all worlds, which share one environment per scene."""
         for env in self._scenes:
             setattr(env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """What a method says of the worlds, one by one; a batch of rewards, which is of no world, whole for each of them."""
+        """Return a method's result for each world; for ``compute_reward`` the whole batch for each of them."""
         if method_name == "compute_reward":
             return [self.env.compute_reward(*args, **kwargs) for _ in self._get_indices(indices)]
         return self._of([value for env in self._scenes for value in env.call(method_name, *args, **kwargs)], indices)
@@ -170,7 +166,7 @@ class VecEnv(vec_env.VecEnv):
         return [values[world] for world in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """Whether each world has a wrapper of this class; SB3's ``Monitor`` wraps single environments only."""
+        """Return whether each world has a wrapper of this class; SB3's ``Monitor`` wraps single environments only."""
         wrapped = [has for env in self.envs for has in [_is_wrapped(env, wrapper_class)] * env.num_envs]
         return self._of(wrapped, indices)
 
@@ -188,15 +184,15 @@ def _is_wrapped(env: Any, cls: Any) -> bool:
     return False
 
 
-def _knowing(env: Any, name: str) -> Any:
-    """The outermost of an environment and its wrappers that has an attribute of this name."""
+def _outermost(env: Any, name: str) -> Any:
+    """Return the outermost of an environment and its wrappers that has an attribute of this name."""
     while not hasattr(env, name) and env is not env.unwrapped:
         env = env.env
     return env
 
 
 def _joined(batches: list[Any]) -> Any:
-    """Batches of several scenes as one; of one scene itself."""
+    """Return the batches of all scenes as one."""
     if len(batches) == 1:
         return batches[0]
     if isinstance(batches[0], dict):

@@ -1,12 +1,12 @@
-"""Which element does what when every part wants its own: phasors of all elements from the pushes that all parts want.
+"""Phasors of all elements from the pushes that all parts require.
 
-Near rest a part's acceleration is the mean of the pushes of the elements under it, weighted by the area that rests on each, and
-its angular acceleration follows from their moments (first-order average, thesis eqs. 5.60 and 5.61). An element under one part
-serves it alone; parts that share elements are served together, so that each gets what it wants from all its elements.
+Near rest a part's acceleration is the mean of the pushes of the elements under it, weighted by the area on each, and its
+angular acceleration follows from their moments (first-order average, thesis eqs. 5.60 and 5.61). Parts that share elements are
+allocated together.
 
-Below a smallest amplitude d an element moves less than commanded, or not at all. In a soft dead zone the command is raised
-to compensate. In a hard dead zone, elements rest or move with an amplitude of at least d, some against others, found by
-:mod:`vibgym.allocation.projections`.
+Below the dead zone's width d an element moves less than commanded, or not at all. In a soft dead zone the command is raised
+to compensate. In a hard one, elements rest or move with an amplitude of at least d, some against others
+(:mod:`vibgym.allocation.projections`).
 """
 
 from __future__ import annotations
@@ -27,30 +27,29 @@ from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
 
 MARGIN = 0.1
-"""Share of a hard dead zone by which elements stay clear of it: no two are alike."""
+"""Margin above a hard dead zone, as a share of it: elements differ."""
 
 INVERSES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {"soft": np.sqrt, "cubic": np.cbrt}
-"""What to command, over d, for an amplitude below d: dead zones that make ``a^2 / d`` or ``a^3 / d^2`` of an amplitude a."""
+"""Command over d for an amplitude below d, for dead zones that turn an amplitude a into ``a^2 / d`` or ``a^3 / d^2``."""
 
 
 def strongest(surface: Surface, sheet: DataSheet) -> float:
-    """Largest amplitude of the elements over the surface's."""
+    """Return the largest amplitude of the elements over the surface's."""
     assert surface.max_amplitude is not None
     return min(sheet.limit / surface.max_amplitude, 1.0) if surface.max_amplitude > 0.0 else 1.0
 
 
 class Allocator:
-    """Turns pushes that parts want into phasors of the elements under them, within what these can do.
+    """Computes phasors of the elements from the pushes that parts require, within the actuator limits.
 
     A push is a mean acceleration as a fraction of what full amplitude gives at rest.
 
     Args:
         surface, parts: the scene.
-        sheet: what is known of the elements: largest amplitude, dead zone, resolution.
+        sheet: largest amplitude, dead zone and resolution of the elements.
         threads: None uses all processors of this process; results do not depend on it.
-        apron: m around a part within which elements that bear none go on with the field under it
-            (:mod:`vibgym.allocation.cut`): what a rigid part comes to lie on within the step is then no step. Up to an
-            element.
+        apron: m around a part within which free elements continue the field under it (:mod:`vibgym.allocation.cut`); at most
+            an element.
 
     Attributes:
         most: largest amplitude, over the surface's.
@@ -83,7 +82,7 @@ class Allocator:
             self._made_up = sheet.dead_zone / largest, INVERSES[sheet.dead_zone_form]
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self._scratch = workers.Pool(partial(_scratch, surface, self.parts))
-        # Where elements can do what is small, they need no other starts than the first: all would be the same.
+        # Without a hard dead zone all starts would give the same result.
         starts = {} if self.least > 0.0 else {"starts": 1, "few_starts": 1}
         self._limits = Limits(self.least, self.most, start_table(self.least), **starts)
         self._usual = np.tile([[1.0], [SPREAD]], surface.rows * surface.columns)[:, None]
@@ -96,10 +95,10 @@ class Allocator:
         gain: np.ndarray | None = None,
         spread: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Pushes (worlds, rows, columns, 2) of the elements that do what the parts want as nearly as they can.
+        """Return pushes (worlds, rows, columns, 2) of the elements whose effect is nearest to the wanted one.
 
-        Each is zero or of a length between :attr:`least` and :attr:`most`. Elements rest under parts that want nothing, but
-        where these share elements with others.
+        Each is zero or has a length between :attr:`least` and :attr:`most`. Elements rest under parts for which nothing is
+        wanted, unless these share elements with others.
 
         Args:
             pose: (worlds, parts, 3).
@@ -116,29 +115,20 @@ class Allocator:
         given = (np.ascontiguousarray(each) for each in (pose, present, wanted, gain, spread))
         problem = Problem(self.outlines, self._limits, *given)
 
+        scene = self.outlines, self._grown, self.least, self.most, problem.pose, problem.present
+
         def work(start: int, stop: int) -> None:
             self._scratch.lend(lambda scratch: allocate(start, stop, problem, *scratch, push))
+            if self._apron > 0.0:
+                self._around.lend(lambda scratch: spread_fields(start, stop, *scene, *scratch, push))
 
         workers.share(work, worlds, self._threads)
-        return self._spread(problem.pose, problem.present, push) if self._apron > 0.0 else push
-
-    def _spread(self, pose: np.ndarray, present: np.ndarray, push: np.ndarray) -> np.ndarray:
-        """The same pushes, with those of aprons."""
-
-        def work(start: int, stop: int) -> None:
-            self._around.lend(
-                lambda scratch: spread_fields(
-                    start, stop, self.outlines, self._grown, self.least, self.most, pose, present, *scratch, push
-                )
-            )
-
-        workers.share(work, len(push), self._threads)
         return push
 
     def effect(
         self, pose: np.ndarray, present: np.ndarray, push: np.ndarray, gain: np.ndarray | None = None
     ) -> np.ndarray:
-        """What parts get of the elements' pushes, (worlds, parts, 3) as they are wanted from :meth:`pushes`: near rest.
+        """Return the effect of pushes on the parts near rest, (worlds, parts, 3), like ``wanted`` of :meth:`pushes`.
 
         Args:
             pose, present, gain: see :meth:`pushes`.
@@ -152,9 +142,9 @@ class Allocator:
         return effect
 
     def reach(self, pose: np.ndarray) -> np.ndarray:
-        """Largest push that turns a part (worlds, parts), of all elements under it at :attr:`most`, each square to its lever.
+        """Return the largest push that turns each part near rest (worlds, parts), irrespective of the mean push.
 
-        No choice of phasors gives more near rest. The remaining mean push, which moves the part, is not considered.
+        All elements under it push at :attr:`most`, each perpendicular to its lever.
         """
         reach = np.empty(pose.shape[:2])
         present = np.ones(reach.shape, dtype=bool)
@@ -162,8 +152,8 @@ class Allocator:
         return self.most * reach
 
     def _defaults(self, worlds: int) -> np.ndarray:
-        """Gain and spread (2, worlds, elements) of elements of which nothing is known."""
-        usual = self._usual  # of its own: several threads may use an allocator
+        """Return default gain and spread, (2, worlds, elements)."""
+        usual = self._usual  # a local variable: several threads may use an allocator
         if usual.shape[1] < worlds:
             usual = self._usual = np.repeat(usual[:, :1], worlds, axis=1)
         return usual
@@ -171,11 +161,11 @@ class Allocator:
     def actions(
         self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, gain: np.ndarray | None = None
     ) -> np.ndarray:
-        """``"phasor"`` actions (worlds, n) float32 that do what :meth:`pushes` says."""
+        """Return ``"phasor"`` actions (worlds, n) float32 of the pushes that :meth:`pushes` returns."""
         return self.commands(self.pushes(pose, present, wanted, gain))
 
     def commands(self, push: np.ndarray) -> np.ndarray:
-        """``"phasor"`` actions (worlds, n) float32 of pushes (worlds, rows, columns, 2)."""
+        """Return ``"phasor"`` actions (worlds, n) float32 of pushes (worlds, rows, columns, 2)."""
         if self._made_up is not None:
             width, inverse = self._made_up
             share = np.sqrt((push**2).sum(axis=-1, keepdims=True)) / width
@@ -195,12 +185,12 @@ def turn_round(push, action):
 
 
 def _around(surface: Surface, parts: tuple[Part, ...], apron: float) -> tuple[Pieces, Pieces, np.ndarray]:
-    """What one thread needs for aprons."""
+    """Return scratch memory of one thread for aprons."""
     mark = np.zeros(surface.rows * surface.columns, dtype=np.bool_)
     return new_pieces(surface, parts), new_pieces(surface, parts, apron), mark
 
 
 def _scratch(surface: Surface, parts: tuple[Part, ...]) -> tuple[Pieces, Scratch]:
-    """What one thread needs."""
+    """Return scratch memory of one thread."""
     pieces = new_pieces(surface, parts)
     return pieces, new_scratch(len(parts), surface.rows * surface.columns, len(pieces.part))

@@ -1,10 +1,8 @@
-"""Which share of a part rests on which element, exactly: the outline cut by the element grid.
+"""Exact contact areas of parts on elements: outlines cut by the element grid; and aprons.
 
-Elements around a part that go on with the field under it.
-
-Plates circle with the table, and parts travel within a step: they come to lie on elements that bear nothing of them now. On
-those at rest a rigid part would find a step as high as its field. So each does what the field under the part, a push and a
-turn, is at its place.
+Plates circle with the table, and parts travel within a step, so parts reach elements that bear none of their area now. If these
+rested, a rigid part would meet a step as high as its field. Elements in the apron around a part therefore continue the
+field under it, a push and a turn.
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from vibgym.kernels.jit import borrowing
 
 
 class Outlines(NamedTuple):
-    """Outlines of all parts, one behind the other, and what a cut needs to know of the grid."""
+    """Outlines of all parts, concatenated, and the element grid."""
 
     vertex: np.ndarray  # (all vertices, 2) m, of part p from first[p] to first[p + 1]
     first: np.ndarray  # (parts + 1,) int64
@@ -31,7 +29,7 @@ class Outlines(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """A world's parts, cut: ``count`` pieces in all, of a part alone on an element."""
+    """Pieces of a world's parts, each the area of a part on an element; the first ``count`` rows are used."""
 
     part: np.ndarray  # (room,) int64
     element: np.ndarray  # (room,) int64, row times columns plus column
@@ -43,7 +41,7 @@ class Pieces(NamedTuple):
 
 
 def outlines_of(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -> Outlines:
-    """The parts' outlines for :func:`cut_parts`, moved ``apron`` m away from the centre of mass."""
+    """Return the parts' outlines for :func:`cut_parts`, moved ``apron`` m away from the centre of mass."""
     reach = [np.hypot(*part.outline.T)[:, None] for part in parts]
     vertex = np.concatenate([part.outline * (1.0 + apron / far) for part, far in zip(parts, reach, strict=True)])
     first = np.cumsum([0, *(len(part.outline) for part in parts)])
@@ -56,7 +54,7 @@ def outlines_of(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -
 
 
 def new_pieces(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -> Pieces:
-    """Room for the pieces of one world, of outlines with such an apron."""
+    """Allocate the pieces of one world, for outlines with such an apron."""
     room = sum((math.floor(2.0 * (part.radius + apron) / surface.element_size) + 2) ** 2 for part in parts)
     # A cut along a line keeps at most every vertex and adds at most one an edge; there are four.
     most = 16 * max(len(part.outline) for part in parts)
@@ -67,7 +65,7 @@ def new_pieces(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) ->
 
 @borrowing
 def cut_along(source, count, axis, place, side, result):
-    """Keep of a polygon (count, 2) what lies below (``side`` 1) or above (-1) ``place`` along an axis; returns its vertices."""
+    """Clip a polygon (count, 2) below (``side`` 1) or above (-1) ``place`` along an axis; returns the number of vertices."""
     kept = 0
     for k in range(count):
         j = k + 1 if k + 1 < count else 0
@@ -136,13 +134,13 @@ def cut_parts(outlines, pose, present, pieces):
 
 @borrowing
 def field_under(pieces, first, last, columns, push):
-    """The push and turn that the elements' pushes (rows, columns, 2) under one part come nearest to.
+    """Fit a uniform push and a turn to the elements' pushes (rows, columns, 2) under one part.
 
     Args:
-        pieces, first, last: those of the part.
+        pieces, first, last: pieces of the part.
 
     Returns:
-        Push x and y, and turn, of which an element at ``r`` radii of gyration has ``turn z^ x r``.
+        Push x and y, and turn; an element at ``r`` radii of gyration gets ``turn z^ x r``.
     """
     area, x, y, torque, square = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(first, last):
@@ -156,7 +154,7 @@ def field_under(pieces, first, last, columns, push):
 
 @borrowing
 def spread_fields(start, stop, outlines, grown, least, most, pose, present, pieces, around, mark, push):
-    """Let elements around parts, which lie under none, go on with the part's field.
+    """Continue the parts' fields on the free elements around them.
 
     Args:
         start, stop: worlds.
@@ -189,7 +187,7 @@ def spread_fields(start, stop, outlines, grown, least, most, pose, present, piec
                 size = math.sqrt(px * px + py * py)
                 scale = min(size, most) / size if size > 0.0 and size >= least else 0.0
                 push[w, e // columns, e % columns, 0], push[w, e // columns, e % columns, 1] = scale * px, scale * py
-                mark[e] = True  # the first part's: its neighbour leaves it alone
+                mark[e] = True  # belongs to the first part
         for j in range(beside):
             mark[around.element[j]] = False
         for i in range(count):
@@ -198,13 +196,13 @@ def spread_fields(start, stop, outlines, grown, least, most, pose, present, piec
 
 @borrowing
 def effects(outlines, pose, present, push, gain, pieces, effect):
-    """Pushes that parts get, near rest and to first order, see :meth:`vibgym.allocation.Allocator.effect`.
+    """Compute the effect on the parts, near rest and to first order, see :meth:`vibgym.allocation.Allocator.effect`.
 
     Args:
         outlines: of :func:`vibgym.allocation.cut.outlines_of`.
         pose: (worlds, parts, 3).  present: (worlds, parts) bool.
         push: (worlds, elements, 2) over full amplitude.
-        gain: (worlds, elements) what elements make of their phasors.
+        gain: (worlds, elements) gains from commanded to actual phasors.
         pieces: scratch.
         effect: (worlds, parts, 3), overwritten.
     """
@@ -220,7 +218,7 @@ def effects(outlines, pose, present, push, gain, pieces, effect):
 
 @borrowing
 def reaches(outlines, pose, present, pieces, reach):
-    """Largest pushes that turn parts, of elements that all do their utmost; see :meth:`vibgym.allocation.Allocator.reach`.
+    """Compute the largest pushes that turn parts, see :meth:`vibgym.allocation.Allocator.reach`.
 
     Args:
         outlines, pose, present, pieces: see :func:`effects`.

@@ -1,4 +1,4 @@
-"""The frictional process and its inverse: which push of the elements gives a part the mean acceleration that I want?
+"""The frictional process and its inverse: pushes of the elements for wanted mean accelerations.
 
 The thesis's "oscillation parameter calculation" (section 5.2.2, figs. 5.16 and 5.18): put before the real plant it leaves a
 double integrator to the controller. Here it is of second order in ``eps = mu g / (a_h w^2)``. Friction is the same in all
@@ -40,17 +40,17 @@ NEWTON = 8
 """Most iterations; three or four do where the averaged model holds."""
 
 CLOSE = 1e-10
-"""Error of a solution, over ``g``."""
+"""Tolerance of a solution, over ``g``."""
 
 ROUNDS, STILL = 8, 1e-4
-"""In which the velocity ahead is found, most, and its change over the table's speed after which it counts as found."""
+"""Most iterations of the velocity ahead, and its change over the table's speed at convergence."""
 
 GUESS = 2.0
-"""Pushes are first looked for within so many limits (to first order), where Newton's method is sure to find them."""
+"""Newton's method starts without a limit up to so many limits (first order), where it converges."""
 
 
 class Pushes(NamedTuple):
-    """What the elements shall do, and what the parts will get of it."""
+    """Pushes of the elements and their effect."""
 
     push: np.ndarray  # (batch, parts, 3) over full amplitude: x, y, and the push that turns; see FrictionalInverse
     acceleration: np.ndarray  # (batch, parts, 3) m/s^2, m/s^2, rad/s^2: mean acceleration under this push
@@ -58,7 +58,7 @@ class Pushes(NamedTuple):
 
 
 class Numbers(NamedTuple):
-    """Of surface and parts, for the kernels."""
+    """Parameters of surface and parts for the kernels."""
 
     table: np.ndarray  # (2, nodes, 11), see coefficients()
     friction: np.ndarray  # (parts,)
@@ -94,7 +94,7 @@ def coefficients() -> np.ndarray:
     ]
     table = [d, p, total - p, *(-each for each in second), inverse_slip, s * inverse_slip - d]
     result = np.ascontiguousarray(np.stack(table, axis=-1))
-    # At rest no direction is marked, so these vanish; of what rounding leaves, elements would move where nothing is wanted.
+    # At rest no direction is distinguished, so these vanish except for rounding, which would move elements without a push.
     result[0, 0, [0, 4, 5, 7, 8, 10]] = 0.0
     return result
 
@@ -177,7 +177,7 @@ def respond(numbers, k, c, spin, friction, p, q):
 
 @borrowing
 def clear_of_sticking(numbers, k, length, p, q):
-    """Whether the wobble cannot carry slip through zero, see :func:`vibgym.physics.averaged.averages.slip_margin`."""
+    """Return whether slip stays clear of zero, see :func:`vibgym.physics.averaged.averages.slip_margin`."""
     return abs(length / numbers.speed - 1.0) > numbers.second[k] * (numbers.gravity + math.sqrt(p * p + q * q))
 
 
@@ -268,7 +268,7 @@ def invert(start, stop, numbers, velocity, wanted, scratch, later, push, acceler
 
 
 class FrictionalInverse:
-    """From wanted mean accelerations to pushes, for parts that always slide.
+    """Computes pushes from wanted mean accelerations, for parts that always slide.
 
     A push counts as the allocators take it, over what full amplitude does: x and y in the first-order direction of the
     elements' push at rest (phasor ``(C, S) = -full_scale (y, x)``), the third the moment of the elements' pushes about the
@@ -330,11 +330,11 @@ class FrictionalInverse:
         )
 
     def push(self, velocity: np.ndarray, wanted: np.ndarray) -> Pushes:
-        """Pushes that give the parts what they want, as far as the limit lets them.
+        """Return pushes that give the parts the wanted accelerations, within the limit.
 
         Args:
             velocity: (batch, parts, 3) mean velocities, m/s and rad/s; not those of one instant.
-            wanted: (batch, parts, 3) mean accelerations, m/s^2 and rad/s^2, friction included: what the part shall get.
+            wanted: (batch, parts, 3) mean accelerations, m/s^2 and rad/s^2, including friction.
         """
         velocity, wanted = _rows(velocity), _rows(wanted)
         result = Pushes(np.empty_like(wanted), np.empty_like(wanted), np.empty(wanted.shape[:2], dtype=bool))
@@ -346,7 +346,7 @@ class FrictionalInverse:
         return result
 
     def acceleration(self, velocity: np.ndarray, push: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The other way round: mean accelerations (batch, parts, 3) under pushes, and where the averaged model holds."""
+        """Return the mean accelerations (batch, parts, 3) under pushes, and where the averaged model holds."""
         velocity, push = _rows(velocity), _rows(push)
         acceleration, holds = np.empty_like(velocity), np.empty(velocity.shape[:2], dtype=bool)
         forward(self._numbers, velocity, push, new_scratch(), np.empty(3), acceleration, holds)

@@ -1,11 +1,11 @@
-"""Alternating projections: phasors that do what parts want, of elements that rest or move far enough. Compiled.
+"""Alternating projections: phasors with a wanted effect, of elements that rest or move at least a smallest amplitude.
 
-The wish is projected onto what elements can do, what is then missing is added to the wish as the phasors of least norm, and so
-on from several starts, spread over the disc of pushes that elements cannot do. Of all that was come by, the one with the least
-expected error is taken: what is missing, and what the spread of the elements' gains and phases makes of each piece's push.
+The target phasors are projected onto the feasible ones, the missing effect is added to the target with phasors of least norm,
+and so on, from several starts spread over the disc of infeasible pushes. Of all iterates, the one with the least expected error
+is taken: the missing effect, and the effect of the spread of the elements' gains and phases.
 
-Parts that share elements are served together, as a group; all others by themselves. A world's phasors are the same bits alone
-and in a batch: the starts are a fixed table.
+Parts that share elements are allocated together, as a group. The starts are a fixed table, so that a world's phasors are the
+same bits alone and in a batch.
 """
 
 from __future__ import annotations
@@ -19,31 +19,30 @@ from vibgym.allocation.cut import Outlines, cut_parts
 from vibgym.kernels.jit import borrowing, inlined
 
 DAMPING = 0.003
-"""Share of the mean square by which conflicting wishes are softened."""
+"""Damping of conflicting targets, as a share of the mean square."""
 
 STARTS, ROUNDS = 64, 16
 """Starts, the least-norm phasors first, and projections from each, where less is wanted than an element's smallest amplitude
-gives: then nearly all depends on which elements work against each other. Starts lie side by side in the innermost index, so
-that loops over them become vector instructions."""
+gives. Starts are the innermost index, so that loops over them become vector instructions."""
 
 FEW_STARTS, FEW_ROUNDS = 8, 8
 """The same where more is wanted."""
 
 HALVING = 4
-"""After so many projections the better half of the starts goes on alone, where there are many."""
+"""Projections after which the worse half of many starts is dropped."""
 
 SPREAD = 0.16
 """Expected error of an element's push over its size: 5 % of gain and 5 degrees of phase are 0.10. A little more makes parts
-rest for longer at a goal: pulses of many elements against each other are not worth what they spoil."""
+rest longer at a goal, since it penalizes pulses of many elements against each other."""
 
 SLOTS = 64
-"""Elements of a group that start differently; a start does not depend on what else is on the table."""
+"""Elements of a group with different starts."""
 
 TINY = 1e-300  # instead of the length of no push at all
 
 
 class Limits(NamedTuple):
-    """What elements can do, as shares of full amplitude, and how it is looked for."""
+    """Feasible amplitudes, as shares of full amplitude, and parameters of the search."""
 
     least: float  # smallest amplitude but rest
     most: float
@@ -55,7 +54,7 @@ class Limits(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """What the parts of a batch of worlds want."""
+    """Wanted effects on the parts of a batch of worlds."""
 
     outlines: Outlines
     limits: Limits
@@ -209,7 +208,7 @@ def gather(problem, world, pieces, count, own, work):
 
 @inlined
 def want(missing, wanted, n, lanes):
-    """Nothing is done yet: the group's parts lack all that they want."""
+    """Initialize the missing effect with the wanted one."""
     for k in range(n):
         whole = wanted[k]
         for lane in range(lanes):
@@ -226,7 +225,7 @@ def give(missing, p, lane, a, ax, ay, x, y):
 
 @borrowing
 def miss(work, parts, n, lanes):
-    """What the group's parts lack if each start's wish is done, in ``work.missing``."""
+    """Compute the effect that each start's target lacks, ``work.missing``."""
     wish, missing = work.wish, work.missing
     want(missing, work.wanted, 3 * parts, lanes)
     for i in range(n):
@@ -238,10 +237,7 @@ def miss(work, parts, n, lanes):
 
 @borrowing
 def try_out(limits, work, parts, n, lanes):
-    """What the group's parts lack under the nearest to each start's wish that elements can do, and the expected error.
-
-    Into ``work.missing`` and ``work.expected`` (squared).
-    """
+    """Compute the missing effect under the feasible phasors nearest to each start's target, and the expected error squared."""
     wish, missing, expected = work.wish, work.missing, work.expected
     least, half, most = limits.least, 0.5 * limits.least, limits.most
     for lane in range(lanes):
@@ -264,7 +260,7 @@ def try_out(limits, work, parts, n, lanes):
 
 @inlined
 def nearest(length, least, half, most):
-    """The nearest amplitude that elements can do, 0 or within the limits; ``half`` of the least is as far from both."""
+    """Return the nearest feasible amplitude, 0 or within the limits; ``half`` of the least is as far from both."""
     allowed = length if length > least else least
     allowed = allowed if allowed < most else most
     return allowed if length > half else 0.0
@@ -272,7 +268,7 @@ def nearest(length, least, half, most):
 
 @borrowing
 def add_missing(work, parts, n, lanes):
-    """Add to each start's wish the phasors of least mean square over the covered area that do what is missing."""
+    """Add to each start's target the phasors of least mean square over the covered area with the missing effect."""
     command, missing, wish = work.command, work.missing, work.wish
     for k in range(3 * parts):
         for lane in range(lanes):
@@ -293,7 +289,7 @@ def add_missing(work, parts, n, lanes):
 
 @borrowing
 def untouched(limits, work, elements):
-    """Whether the elements can do what is wished at the first start."""
+    """Return whether the target of the first start is feasible."""
     for j in range(elements):
         x, y = work.wish[j, 0, 0], work.wish[j, 1, 0]
         square = x * x + y * y
@@ -305,7 +301,7 @@ def untouched(limits, work, elements):
 
 @borrowing
 def keep_best(limits, work, elements, lanes, least):
-    """Keep in ``work.best`` what the elements do at the start of least expected error, if that is less than ``least``.
+    """Keep the feasible phasors with the least expected error in ``work.best``, if that is less than ``least``.
 
     Returns:
         The least expected error so far, squared.
@@ -325,7 +321,7 @@ def keep_best(limits, work, elements, lanes, least):
 
 @borrowing
 def halve(work, parts, elements, lanes):
-    """Let every start in the first half meet one in the second, and the better one stay; returns how many there are left."""
+    """Keep the better start of each pair of one in the first and one in the second half; returns the number left."""
     half = lanes // 2
     for lane in range(half):
         if work.expected[lane + half] < work.expected[lane]:
@@ -339,7 +335,7 @@ def halve(work, parts, elements, lanes):
 
 @borrowing
 def begin(limits, work, parts, elements, n, lanes):
-    """Put the first wish of so many starts together."""
+    """Initialize the targets of so many starts."""
     for j in range(elements):
         for k in range(2):
             for lane in range(lanes):
@@ -350,7 +346,7 @@ def begin(limits, work, parts, elements, n, lanes):
 
 @borrowing
 def allocate_group(problem, world, pieces, count, own, work):
-    """Find phasors for a group of parts, into ``work.best``; returns the number of elements."""
+    """Compute phasors for a group of parts, ``work.best``; returns the number of elements."""
     limits = problem.limits
     parts, elements, n = gather(problem, world, pieces, count, own, work)
     size = 0.0
@@ -358,7 +354,7 @@ def allocate_group(problem, world, pieces, count, own, work):
         size += work.wanted[k] * work.wanted[k]
     small = size < parts * limits.least * limits.least
     begin(limits, work, parts, elements, n, 1)
-    if untouched(limits, work, elements):  # those of least norm will do
+    if untouched(limits, work, elements):
         for j in range(elements):
             work.best[j, 0], work.best[j, 1] = work.wish[j, 0, 0], work.wish[j, 1, 0]
         return elements

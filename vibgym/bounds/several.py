@@ -19,14 +19,14 @@ from vibgym.scene.surface import Surface
 class SeveralBound:
     """Fewest steps, and least time, in which several parts can succeed together: all at once, and held there.
 
-    The bound is the largest of the parts' single-part bounds: no policy has all parts at their goals earlier. It neglects that
-    parts obstruct one another and share elements, and that parts may push one another; ``docs/bound.md`` gives the reasons.
+    The bound is the largest of the parts' single-part bounds. It neglects that parts obstruct and push one another and share
+    elements, see ``docs/bound.md``.
 
     Args:
         bounds: of every part, in order; with the same surface, hold and steps.
 
     Raises:
-        ValueError: none, or bounds that look at parts at other moments.
+        ValueError: no bounds, or bounds with different periods, steps or holds.
     """
 
     def __init__(self, bounds: Sequence[TimeBound]) -> None:
@@ -41,7 +41,7 @@ class SeveralBound:
         return self.bounds[0].step_time
 
     def each(self, start: Any, goal: Any) -> np.ndarray:
-        """Fewest steps of every part alone, int64 (n, parts).
+        """Return the fewest steps of every part alone, int64 (n, parts).
 
         Args:
             start, goal: (n, parts, 3) poses, m and rad.
@@ -54,21 +54,21 @@ class SeveralBound:
         return np.stack([each.steps(start[:, k], goal[:, k]) for k, each in enumerate(self.bounds)], axis=1)
 
     def steps(self, start: Any, goal: Any, counts: np.ndarray | None = None) -> np.ndarray:
-        """Fewest steps to success, int64 (n,), the hold's own included, where every part has a goal of its own.
+        """Return the fewest steps to success, int64 (n,), including the hold, where every part has its own goal.
 
         Args:
             start, goal: see :meth:`each`.
-            counts: (n, parts) bool, which parts are there and have something asked of them; None: all.
+            counts: (n, parts) bool, present parts with a goal; None: all.
         """
         found = self.each(start, goal)
         return np.max(found, axis=1, where=True if counts is None else counts, initial=self.bounds[0].least_steps)
 
     def free_steps(self, start: Any, goal: Any, group: Any, counts: np.ndarray | None = None) -> np.ndarray:
-        """The same where every part may take any goal of its group: the least over all assignments of the slowest.
+        """Return the fewest steps where parts may exchange goals within their group: bottleneck assignment.
 
         Args:
-            start, goal, counts: see :meth:`steps`; there are as many goals as parts, those of the parts that count.
-            group: (parts,) whole numbers. Parts of a group are alike.
+            start, goal, counts: see :meth:`steps`; the goals are those of the parts that count.
+            group: (parts,) whole numbers; parts of a group are alike.
         """
         start, goal = self._poses("start", start), self._poses("goal", goal)
         group = checks.array("group", group, (len(self.bounds),), dtype=np.int64)
@@ -86,7 +86,7 @@ class SeveralBound:
         return result
 
     def seconds(self, start: Any, goal: Any, counts: np.ndarray | None = None) -> np.ndarray:
-        """Least time to success, s (n,); see :meth:`steps`."""
+        """Return the least time to success, s (n,); see :meth:`steps`."""
         return self.step_time * self.steps(start, goal, counts)
 
     def _poses(self, name: str, value: Any) -> np.ndarray:
@@ -95,10 +95,10 @@ class SeveralBound:
 
 
 def bottleneck(cost: np.ndarray) -> Any:
-    """Largest entry of that assignment of rows to columns whose largest entry is least; ``cost`` (n, n).
+    """Return the largest entry of the bottleneck assignment of rows to columns; ``cost`` (n, n).
 
-    It is the least threshold at which the entries up to it hold a perfect matching, found by bisection; matchings grow by
-    augmenting paths (Burkard, Dell'Amico and Martello, "Assignment problems", SIAM 2009, section 6.2).
+    Bisection of the least threshold with a perfect matching, which augmenting paths find (Burkard, Dell'Amico and Martello,
+    "Assignment problems", SIAM 2009, section 6.2).
     """
     levels = np.unique(cost)
     low, high = 0, len(levels) - 1
@@ -109,7 +109,7 @@ def bottleneck(cost: np.ndarray) -> Any:
 
 
 def _matches(allowed: np.ndarray) -> bool:
-    """Whether every row can have an allowed column of its own."""
+    """Return whether there is a perfect matching of rows and allowed columns."""
     columns, owner = [np.flatnonzero(row).tolist() for row in allowed], [-1] * len(allowed)
 
     def finds(row: int, seen: set[int]) -> bool:
@@ -126,22 +126,21 @@ def _matches(allowed: np.ndarray) -> bool:
 
 @dataclass(eq=False)
 class FlowBound:
-    """Most good parts in the counted time of an episode, and a minute: what slots and gates have time for.
+    """Largest number of good parts in the counted time of an episode, and per minute.
 
-    Each of the parts is a slot: one that leaves makes room for the next, which begins at rest at the inlet. So between two that
-    leave from a slot there are a step and the least time for the way from inlet to gate. Through a gate good parts come no
-    sooner than a headway after one another. Of moments that are ``d`` apart at least, ``1 + (n - 1) // d`` find room in ``n``
-    periods. Nothing else counts: parts are not in each other's way, and the inlet never waits.
+    Two departures from a slot are separated by a step and the least time from inlet to gate, good parts through a gate by a
+    headway. At most ``1 + (n - 1) // d`` events at least ``d`` periods apart fit into ``n`` periods. The bound neglects that
+    parts obstruct one another and that the inlet may be occupied.
 
     Args:
         surface: the table.
-        parts: one of every slot.
-        kind: (parts,) whole numbers, which gate a part's own is.
-        way: (parts,) m, from where it may arrive to its gate, at least.
+        parts: one per slot.
+        kind: (parts,) whole numbers, gate of each part.
+        way: (parts,) m, least distance from inlet to gate.
         headway: periods between good parts through the same gate.
-        periods: that count.
-        periods_per_step: oscillation periods of a step; parts arrive and leave when one ends.
-        amplitude: m, largest vertical amplitude that an element may reach; None: the surface's.
+        periods: number of counted periods.
+        periods_per_step: oscillation periods of a step; parts arrive and leave at its end.
+        amplitude: m, largest vertical amplitude of the elements; None: the surface's.
 
     Raises:
         ValueError: a bad argument.
@@ -170,30 +169,30 @@ class FlowBound:
             transit = _steps(int(fewest_periods(reach, way[k : k + 1])[0]), stride)
             passes[k] = _fitting(moments, transit + 1)
         self.transit = self.surface.period * stride * transit
-        """s, least from arrival to leaving, of the last part."""
+        """s, least time from arrival to leaving, of the last part."""
         self.most = int(sum(min(passes[kind == one].sum(), _fitting(moments, gate)) for one in np.unique(kind)))
-        """Parts in the time that counts."""
+        """Parts in the counted time."""
 
     @property
     def per_minute(self) -> float:
-        """Parts a minute of the time that counts; nan without any."""
+        """Parts per minute of the counted time; nan without any."""
         return 60.0 * self.most / (self.surface.period * self.periods) if self.periods else math.nan
 
 
 def _steps(periods: int, stride: int) -> int:
-    """Whole steps, one at least."""
+    """Return the number of steps, at least 1."""
     return max(-(-periods // stride), 1)
 
 
 def _fitting(moments: int, apart: int) -> int:
-    """How many of so many moments can be chosen that are so far apart."""
+    """Return the largest number of events at least ``apart`` moments apart."""
     return 1 + (moments - 1) // apart if moments > 0 else 0
 
 
 MARGIN = 0.15
-"""Added to the power of the elements, as a share: of velocities that change within a period, see docs/bound.md."""
+"""Relative margin of the power, for velocities that change within a period; see docs/bound.md."""
 
-SPEEDS, INSTANTS = 400, 720  # of the table's speed up to which power is looked for, and of a period
+SPEEDS, INSTANTS = 400, 720  # samples up to the table's speed, and of a period
 
 
 def most_power(surface: Surface, friction: float, amplitude: float) -> float:
@@ -216,7 +215,7 @@ def most_power(surface: Surface, friction: float, amplitude: float) -> float:
 
 @dataclass(eq=False)
 class PushBound:
-    """Fewest steps, and least time, in which pushers can bring a part to a pose whose pressure the elements do not change.
+    """Fewest steps, and least time, in which pushers can bring a part that the elements do not drive to a pose.
 
     Friction dissipates at least ``c m (v^2 + k^2 w^2)``, with ``c = mu g / (2 a_h w)``. Only the pushers transfer energy to
     the part, and the elements transfer at most :func:`most_power` to the pushers. With ``D^2 = way^2 + k^2 turn^2`` and a first
@@ -224,12 +223,10 @@ class PushBound:
 
         D^2 <= (T - t) T sum(m_pusher P_pusher) / (c m)
 
-    However the pushers do it: levers and throws gain speed, not energy.
-
     Args:
         surface: the table.
-        part: that is pushed.
-        pushers: that the elements drive.
+        part: the pushed part.
+        pushers: parts that the elements drive.
         position_tolerance, heading_tolerance, heading_period, hold, periods_per_step, amplitude, latency: as for
             :class:`vibgym.bounds.TimeBound`.
 
@@ -261,12 +258,12 @@ class PushBound:
         power = sum(each.mass * most_power(surface, each.friction, amplitude) for each in self.pushers)
         drag = part.friction * surface.gravity / (2.0 * surface.table_speed)
         self.top_speed = math.sqrt((1.0 + MARGIN) * power / (drag * part.mass))
-        """m/s, that the part could be kept at."""
+        """m/s, largest speed that the pushers can sustain."""
         hold = Hold(1, self.periods_per_step)
         self._approach = [way_reach(surface, each.friction, amplitude, FREE_END, hold) for each in self.pushers]
 
     def steps(self, start: Any, goal: Any, gap: Any) -> np.ndarray:
-        """Fewest steps to success, int64 (n,), the hold's own included.
+        """Return the fewest steps to success, int64 (n,), including the hold.
 
         Args:
             start, goal: (n, 3) poses of the part, m and rad.
@@ -286,7 +283,7 @@ class PushBound:
         way = np.maximum(np.hypot(*(goal - start)[:, :2].T) - self.position_tolerance, 0.0)
         far = way**2 + self.part.gyration * turn**2
         first = np.min([fewest_periods(each, apart) for each, apart in zip(self._approach, gap.T, strict=True)], axis=0)
-        # Part of the last period may do.
+        # The last period need not be complete.
         touch = period * (np.maximum(first - 1, 0) + self.latency)
         least = 0.5 * (touch + np.sqrt(touch**2 + 4.0 * far / self.top_speed**2))
         periods = np.where(far > 0.0, np.ceil(least / period - 1e-9), 1.0)
@@ -294,5 +291,5 @@ class PushBound:
         return arrival + self.instants - 1
 
     def seconds(self, start: Any, goal: Any, gap: Any) -> np.ndarray:
-        """Least time to success, s (n,); see :meth:`steps`."""
+        """Return the least time to success, s (n,); see :meth:`steps`."""
         return self.periods_per_step * self.surface.period * self.steps(start, goal, gap)

@@ -1,4 +1,4 @@
-"""How far a part can get in so many periods: tables by dynamic programming, for ways and for turns."""
+"""Tables of the largest displacement and turn of a part in a number of periods, by dynamic programming."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
 PERIODS = 24
-"""Of the tables. By then every period adds the same."""
+"""Periods of the tables; later periods all add the same."""
 
 WAY_MARGIN = 0.001
-"""Added to what a period does to the velocity, as a share of ``mu g T / 2``; see docs/bound.md."""
+"""Added to the change of velocity in a period, over ``mu g T / 2``; see docs/bound.md."""
 
 WOBBLE = 1.0
-"""Added to every way, in units of ``mu g / w^2``, and to every turn, in these over ``k``: the size of what goes to and fro
-within a period."""
+"""Added to every displacement, in units of ``mu g / w^2``, and to every turn, in these over ``k``: the oscillation within a
+period."""
 
 TURN_MARGIN = 0.005
-"""Added to what a period does to the spin, as a share of ``mu g T / (2 k)``; see docs/bound.md."""
+"""Added to the change of spin in a period, over ``mu g T / (2 k)``; see docs/bound.md."""
 
 PRICE = 30.0
-"""Of an end that is too fast, see :func:`vibgym.bounds.programme.furthest`."""
+"""Price of an end that is too fast, see :func:`vibgym.bounds.programme.furthest`."""
 
 FREE_END = 10.0
-"""m or rad, tolerance of ways and turns whose end may be as fast as can be."""
+"""m or rad, tolerance of displacements and turns that may end at any speed."""
 
 DIRECTIONS = 8
-"""Of ways: what the first and the last period add depends on where the table moves just then, by up to a millimetre."""
+"""Directions of displacements: the first and last period depend on the table's phase, by up to a millimetre."""
 
 PHASES = 48
 STEPS = 24  # of a period, for ways
@@ -48,26 +48,26 @@ POINTS = 10  # along the longer side of the part, at least
 
 _AIMS = np.array([[1.0, 1.0], [1.0, 0.3], [0.3, 1.0], [1.0, -0.3], [-0.3, 1.0]])
 WEIGHTS = np.concatenate([_AIMS, -_AIMS, _AIMS[:1], -_AIMS[:1], _AIMS[:1]])
-"""Of the angular acceleration at the start and the end of a period, that controls are to make large; see ``turning.aim``."""
+"""Weights of the angular acceleration at the start and the end of a period that controls maximize; see ``turning.aim``."""
 
 SHARES = np.concatenate([np.ones(2 * len(_AIMS)), [0.5, 0.5, 0.0]])
-"""Of the amplitude, for each of them."""
+"""Share of the amplitude of each control."""
 
 
 class Hold(NamedTuple):
-    """What it takes to stay at the goal: ``instants`` at which the part is looked at, ``stride`` periods apart."""
+    """Hold at the goal: ``instants`` at which the part must be within tolerance, ``stride`` periods apart."""
 
     instants: int
     stride: int
 
 
 class Values(NamedTuple):
-    """What can still be gained, over a grid of states.
+    """Value function over a grid of states.
 
     Attributes:
-        value: (PERIODS + 1, n, m) with 0, 1, ... periods left; -``PRICE`` a unit that the end overshoots.
-        first, step: (2,) the state at the first node, and between two nodes; a first axis of headings closes on itself.
-        cyclic: whether it does.
+        value: (PERIODS + 1, n, m) with 0, 1, ... periods left; -``PRICE`` per unit of overshoot at the end.
+        first, step: (2,) state at the first node, and step between nodes.
+        cyclic: whether the first axis is periodic (headings).
     """
 
     value: np.ndarray
@@ -76,18 +76,18 @@ class Values(NamedTuple):
     cyclic: bool
 
     def at(self, periods: int, state: np.ndarray) -> np.ndarray:
-        """With so many periods left, for states (k, 2)."""
+        """Return the values of states (k, 2) with so many periods left."""
         nodes = (np.asarray(state) - self.first) / self.step
         return np.array([interpolated(self.value[periods], self.cyclic, *each) for each in nodes.tolist()])
 
 
 class Reach(NamedTuple):
-    """Largest way or turn from rest at the instant at which the hold begins.
+    """Largest displacement or turn from rest at the instant at which the hold begins.
 
     Attributes:
-        most: (angles, PERIODS + 1) m or rad, after 0, 1, ... periods: of directions of the way, or of headings at the start.
-        circle: rad, over which these angles are spread.
-        pace: of one more period.
+        most: (angles, PERIODS + 1) m or rad, after 0, 1, ... periods, by direction of the displacement or initial heading.
+        circle: rad, range of these angles.
+        pace: m or rad of each further period.
     """
 
     most: np.ndarray
@@ -95,9 +95,9 @@ class Reach(NamedTuple):
     pace: float
 
     def periods(self, angle: np.ndarray, way: np.ndarray) -> np.ndarray:
-        """Fewest periods, int64 of the shape of ``way``, for a way or turn that is left, with a direction or heading (rad).
+        """Return the fewest periods, int64 of the shape of ``way``, for displacements or turns at an angle (rad).
 
-        The angle lies between two of the table; the one at which the part gets further counts.
+        The angle lies between two of the table; the one with the larger reach counts.
         """
         most = np.maximum.accumulate(self.most, axis=1)
         at = np.asarray(angle) / self.circle * len(most)
@@ -109,14 +109,14 @@ class Reach(NamedTuple):
 
 
 def fewest_periods(reach: Reach, way: np.ndarray) -> np.ndarray:
-    """Fewest periods, int64 of the shape of ``way`` (n,), in the direction (or from the heading) in which it is shortest."""
+    """Return the fewest periods, int64 (n,), for ``way`` (n,) in the best direction or from the best heading."""
     angles = reach.circle / len(reach.most) * np.arange(len(reach.most))
     return np.min([reach.periods(np.full(len(way), angle), way) for angle in angles], axis=0)
 
 
 @functools.lru_cache(maxsize=64)
 def way_reach(surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold) -> Reach:
-    """Of the centre of mass, m; ``amplitude`` m is the largest, ``tolerance`` m that of the goal."""
+    """Return the reach of the centre of mass, m, for a largest amplitude and a tolerance of the goal, m."""
     directions = 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)
     found = [way_values(surface, friction, amplitude, tolerance, hold, each) for each in directions]
     rest = np.zeros((1, 2))
@@ -127,7 +127,7 @@ def way_reach(surface: Surface, friction: float, amplitude: float, tolerance: fl
 def way_values(
     surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold, direction: float
 ) -> Values:
-    """Of ways in a direction (rad), by velocity along and across it beyond that of a part which slides in place, m/s."""
+    """Return the values of a direction (rad), by velocity along and across it minus that of a part sliding in place, m/s."""
     _, _, first, step = _way_grid(surface)
     kick = WAY_MARGIN * friction * surface.gravity * surface.period / 2.0
     found = _way_moves(surface, friction, amplitude, direction)
@@ -136,14 +136,14 @@ def way_values(
 
 
 def _way_grid(surface: Surface) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Velocities along and across, m/s, and of their grid the first node and the step."""
+    """Return velocities along and across, m/s, and first node and step of their grid."""
     along, across = np.linspace(*SPEEDS) * surface.table_speed, np.linspace(*SLIPS) * surface.table_speed
     return along, across, np.array([along[0], across[0]]), np.array([along[1] - along[0], across[1] - across[0]])
 
 
 @functools.lru_cache(maxsize=64)
 def _way_moves(surface: Surface, friction: float, amplitude: float, direction: float) -> Moves:
-    """What a period does on the grid of :func:`way_values`."""
+    """Return the moves of a period on the grid of :func:`way_values`."""
     table, period = surface.table_speed, surface.period
     full = amplitude * surface.angular_frequency**2
     along, across, first, step = _way_grid(surface)
@@ -163,21 +163,31 @@ def _way_moves(surface: Surface, friction: float, amplitude: float, direction: f
 
 
 def turn_reach(surface: Surface, part: Part, amplitude: float, tolerance: float, hold: Hold) -> tuple[Reach, Reach]:
-    """Of the heading, rad: counter-clockwise, and clockwise; the other arguments as for :func:`way_reach`."""
+    """Return the reach of the heading, rad, counter-clockwise and clockwise; see :func:`way_reach`."""
     points = sample(part, surface.element_size)
     mirrored = points * [1.0, -1.0]
-    same = np.allclose(_sorted(points), _sorted(mirrored))
-    reaches = []
-    for each in (points,) if same else (points, mirrored):
-        found = turn_values(surface, part, each, amplitude, tolerance, hold)
-        rest = np.column_stack([found.step[0] * np.arange(HEADINGS), np.zeros(HEADINGS)])
-        most = np.array([found.at(periods, rest) for periods in range(PERIODS + 1)]).T
-        reaches.append(_reach(most + _wobble(surface, part.friction) / math.sqrt(part.gyration), 0.5 * math.pi))
-    return reaches[0], reaches[-1]
+    if np.allclose(_sorted(points), _sorted(mirrored)):
+        mirrored = points
+    even = part.symmetry > 0 and part.symmetry % 2 == 0
+    known = surface, part.friction, part.gyration, even
+    one, other = (_turn_reach(*known, each.tobytes(), amplitude, tolerance, hold) for each in (points, mirrored))
+    return one, other
+
+
+@functools.lru_cache(maxsize=64)
+def _turn_reach(
+    surface: Surface, friction: float, gyration: float, even: bool, points: bytes, amplitude: float, tolerance: float,
+    hold: Hold,
+) -> Reach:  # fmt: skip
+    """Return the reach of turns counter-clockwise."""
+    found = turn_values(surface, friction, gyration, even, points, amplitude, tolerance, hold)
+    rest = np.column_stack([found.step[0] * np.arange(HEADINGS), np.zeros(HEADINGS)])
+    most = np.array([found.at(periods, rest) for periods in range(PERIODS + 1)]).T
+    return _reach(most + _wobble(surface, friction) / math.sqrt(gyration), 0.5 * math.pi)
 
 
 def sample(part: Part, element: float) -> np.ndarray:
-    """Points (n, 2) m that stand for the contact area: about its centroid, with its planar inertia."""
+    """Return points (n, 2) m that represent the contact area, about its centroid, with its planar inertia."""
     low, high = part.outline.min(axis=0), part.outline.max(axis=0)
     spacing = min((high - low).max() / POINTS, element / 4.0)
     x, y = (
@@ -196,7 +206,7 @@ def sample(part: Part, element: float) -> np.ndarray:
 
 
 def turner_for(surface: Surface, friction: float, gyration: float, amplitude: float, points: np.ndarray) -> Turner:
-    """A part, by its points, on the table as the kernels take it."""
+    """Return the kernels' record of a part with such points."""
     return Turner(
         points=np.ascontiguousarray(points),
         lever=friction / gyration,
@@ -211,21 +221,26 @@ def turner_for(surface: Surface, friction: float, gyration: float, amplitude: fl
 
 
 def scratch_for(turner: Turner) -> Scratch:
-    """Of its kernels."""
+    """Return scratch memory for the kernels."""
     cells = (2 * turner.reach + 1) ** 2
     return Scratch(np.zeros(TURN_STEPS), np.zeros(TURN_STEPS), np.zeros(cells), np.zeros(cells))
 
 
 def turn_values(
-    surface: Surface, part: Part, points: np.ndarray, amplitude: float, tolerance: float, hold: Hold
-) -> Values:
-    """Of turns counter-clockwise, by heading (rad, over a quarter turn) and spin (rad/s)."""
-    radius = math.sqrt(part.gyration)
-    even = part.symmetry > 0 and part.symmetry % 2 == 0
-    found = _turn_moves(surface, part.friction, part.gyration, amplitude, even, points.tobytes())
+    surface: Surface, friction: float, gyration: float, even: bool, points: bytes, amplitude: float, tolerance: float,
+    hold: Hold,
+) -> Values:  # fmt: skip
+    """Return the values of turns counter-clockwise, by heading (rad, over a quarter turn) and spin (rad/s).
+
+    Args:
+        even: whether the part is the same after half a turn.
+        points: of :func:`sample`, as bytes.
+    """
+    radius = math.sqrt(gyration)
+    found = _turn_moves(surface, friction, gyration, amplitude, even, points)
     spins = np.linspace(*SPINS) * surface.table_speed / radius
     first, step = np.array([0.0, spins[0]]), np.array([0.5 * math.pi / HEADINGS, spins[1] - spins[0]])
-    kick = TURN_MARGIN * part.friction * surface.gravity * surface.period / (2.0 * radius)
+    kick = TURN_MARGIN * friction * surface.gravity * surface.period / (2.0 * radius)
     value = _values(found, kick * surface.period, [0.0, kick / step[1]], tolerance, hold)
     return Values(value, first, step, True)
 
@@ -234,7 +249,7 @@ def turn_values(
 def _turn_moves(
     surface: Surface, friction: float, gyration: float, amplitude: float, even: bool, points: bytes
 ) -> Moves:
-    """What a period does on the grid of :func:`turn_values`; ``even``: a half turn leaves the part the same."""
+    """Return the moves of a period on the grid of :func:`turn_values`."""
     turner = turner_for(surface, friction, gyration, amplitude, np.frombuffer(points).reshape(-1, 2))
     place = np.stack(np.meshgrid(np.arange(PLACES), np.arange(PLACES)), axis=-1).reshape(-1, 2)
     if even:  # and mirrors the place in its element
@@ -249,7 +264,7 @@ def _turn_moves(
 
 
 def _values(found: Moves, more: float, faster: list[float], tolerance: float, hold: Hold) -> np.ndarray:
-    """What can still be gained, with margins for either end: ``more`` gained and ``faster`` (nodes) in every period."""
+    """Return the values with margins in every period: ``more`` gained, and ``faster`` (nodes)."""
     ahead = found._replace(gain=found.gain + more, reached=found.reached + faster)
     back = found._replace(gain=found.gain - more, reached=found.reached - faster)
     return furthest(ahead, overshoots(back, hold.instants, hold.stride), 2.0 * tolerance, PRICE, PERIODS)

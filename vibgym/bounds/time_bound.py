@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
@@ -14,33 +13,30 @@ from vibgym.bounds.tables import FREE_END, Hold, Reach, turn_reach, way_reach
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
-MOST_HOLD = 10_000
-MOST_LATENCY = 10_000
-
+MOST_HOLD = MOST_LATENCY = 10_000
 
 LARGEST = 1e9
-"""Of poses, m and rad: a table's length is some of them, and squares of larger numbers lose what is looked for."""
+"""Largest coordinates of poses, m and rad."""
 
 
 @dataclass(eq=False)
 class TimeBound:
     """Fewest steps, and least time, in which one part alone can succeed: from rest into tolerance, and held there.
 
-    It holds for every policy, on the planar model and a level table, where the elements do what they like within
-    ``amplitude``. Way and turn are bounded each for itself, and the longer one counts. Making one computes tables, which takes
-    some seconds the first time for a scene and its tolerances.
+    It holds for every policy on the planar model and a level table, for all phasors within ``amplitude``. Displacement and turn
+    are bounded separately; the larger bound counts. The first instance for a scene and its tolerances computes tables, which
+    takes some seconds.
 
     Args:
-        surface: the table.
-        part: on which it lies.
+        surface, part: the pair.
         position_tolerance: m, from the goal's centre.
         heading_tolerance: rad; infinite where headings do not count.
-        heading_period: rad, turn that leaves the goal the same; 0 where headings are not wrapped.
-        hold: oscillation periods in a row, by their ends, within the tolerances that make success.
-        periods_per_step: oscillation periods of a step; the part is looked at when a step ends.
-        amplitude: m, largest vertical amplitude that an element may reach; None: the surface's.
+        heading_period: rad, turn after which the goal is the same; 0 where headings are not wrapped.
+        hold: consecutive oscillation periods that must end within the tolerances.
+        periods_per_step: oscillation periods of a step; the part is observed at the end of a step.
+        amplitude: m, largest vertical amplitude of the elements; None: the surface's.
         latency: periods before the first command acts; until then the elements rest.
-        stopped: whether others may stop the part at its goal, which then need not brake: other parts, or walls.
+        stopped: whether other parts or walls may stop the part at its goal, so that it need not brake.
 
     Raises:
         ValueError: a bad argument, or a part that might stick.
@@ -72,9 +68,7 @@ class TimeBound:
         if self.amplitude is not None:
             amplitude = checks.number("amplitude", self.amplitude, least=0.0, most=most)
         if part.coupling == 0.0:
-            raise checks.refuse(
-                "part", f"coupling {part.coupling:g}", "parts that the elements move: a coupling above 0"
-            )
+            raise checks.refuse("part.coupling", part.coupling, "> 0: parts that the elements move")
         amplitude *= part.coupling  # as it reaches the part
         self.latency = checks.count("latency", self.latency, least=0, most=MOST_LATENCY)
         strongest = part.static_friction * (surface.gravity + amplitude * surface.angular_frequency**2)
@@ -89,7 +83,7 @@ class TimeBound:
             heading_tolerance = math.inf  # no heading is ever off
         if heading_tolerance < math.inf:
             end = FREE_END if self.stopped else heading_tolerance
-            self._turns = _turns(surface, _Key(part), amplitude, end, self._hold)
+            self._turns = turn_reach(surface, part, amplitude, end, self._hold)
 
     @property
     def step_time(self) -> float:
@@ -98,14 +92,14 @@ class TimeBound:
 
     @property
     def least_steps(self) -> int:
-        """Of an episode in which nothing has to move: the hold's."""
+        """Steps of the hold: the bound of an episode in which nothing has to move."""
         return self._hold.instants
 
     def steps(self, start: Any, goal: Any) -> np.ndarray:
-        """Fewest steps to success, int64 (n,), the hold's own included.
+        """Return the fewest steps to success, int64 (n,), including the hold.
 
         Args:
-            start, goal: (n, 3) poses, m and rad; one row stands for all.
+            start, goal: (n, 3) poses, m and rad; a single row is broadcast.
 
         Raises:
             ValueError: numbers that are not finite, or shapes that do not fit.
@@ -121,11 +115,11 @@ class TimeBound:
         return arrival + self._hold.instants - 1
 
     def seconds(self, start: Any, goal: Any) -> np.ndarray:
-        """Least time to success, s (n,); see :meth:`steps`."""
+        """Return the least time to success, s (n,); see :meth:`steps`."""
         return self.step_time * self.steps(start, goal)
 
     def _turning(self, heading: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """Fewest periods to within the heading's tolerance, by the shorter way round where there are two."""
+        """Return the fewest periods to within the heading's tolerance, in the faster direction."""
         assert self._turns is not None
         period = self.heading_period
         ways_round = (turn,)
@@ -141,28 +135,9 @@ class TimeBound:
 
 
 def _rows(name: str, value: Any) -> np.ndarray:
-    """Poses (n, 3)."""
+    """Return poses (n, 3)."""
     try:
         rows = np.atleast_2d(np.asarray(value, dtype=np.float64))
     except (TypeError, ValueError, OverflowError, RecursionError):
         raise checks.refuse(name, value, "real numbers of shape (n, 3)") from None
     return checks.array(name, rows, (len(rows), 3), least=-LARGEST, most=LARGEST)
-
-
-class _Key:
-    """A part by its values: parts themselves compare by identity."""
-
-    def __init__(self, part: Part) -> None:
-        self.part = part
-        self._values = part.outline.tobytes(), part.friction
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Key) and self._values == other._values
-
-    def __hash__(self) -> int:
-        return hash(self._values)
-
-
-@functools.lru_cache(maxsize=64)
-def _turns(surface: Surface, key: _Key, amplitude: float, tolerance: float, hold: Hold) -> tuple[Reach, Reach]:
-    return turn_reach(surface, key.part, amplitude, tolerance, hold)

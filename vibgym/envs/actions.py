@@ -369,6 +369,24 @@ ACTIONS: Registry[type[Action]] = Registry(
 """Actions by name; ``ACTIONS.register(name, cls)`` adds a custom one."""
 
 
+def new_action(name: Any, surface: Surface, parts: Sequence[Part]) -> Action:
+    """Return the action of this name for a scene.
+
+    Raises:
+        ValueError: an unknown name, or a custom action that is no :class:`Action` or has no valid shape.
+    """
+    cls = ACTIONS.choose("action", name)
+    if isinstance(cls, type) and not issubclass(cls, Action):
+        raise checks.refuse(f"action {name!r}", cls, "a subclass of vibgym.envs.Action")
+    action = cls(surface, parts)
+    shape = getattr(action, "shape", None)
+    if not isinstance(shape, tuple) or not shape or not all(isinstance(n, int | np.integer) and n > 0 for n in shape):
+        raise checks.refuse(
+            f"shape of action {name!r}", shape, "a tuple of whole numbers >= 1, such as (len(parts), 3)"
+        )
+    return action
+
+
 def actions_by_part() -> tuple[str, ...]:
     """Return the names of actions with values per part, custom ones included."""
     return tuple(name for name, action in ACTIONS.items() if action.by_part)

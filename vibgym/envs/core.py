@@ -1,38 +1,38 @@
-"""The batched core of the single and the vector environment: worlds of one task, stepped together.
-
-Data flow of a step (the stages are listed in :meth:`Core._list_stages`):
-
-    action -> command -> actuators -> drive -> simulation -> true state -> task: reward, info
-                                                               \\-> sensor -> measurement -> observation
-"""
+"""The batched core of the single and the vector environment: components, resets, observations and snapshots."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from itertools import groupby
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.actuators import actuators_from, nominal
 from vibgym.config import surface_from
-from vibgym.envs.actions import ACTIONS, all_finite_in_blocks, check_command, copy_finite
+from vibgym.envs.actions import check_command, new_action
 from vibgym.envs.info import BatchInfo, InfoData
-from vibgym.envs.observations import OBSERVATIONS, Observation, RowObservation, Writer, check_batch
-from vibgym.envs.options import Options, StartOverride, longest_paths, parts_from, step_limit, task_settings
+from vibgym.envs.observations import OBSERVATIONS, GoalReward, Observation, check_batch
+from vibgym.envs.options import (
+    Options,
+    StartOverride,
+    first_difference,
+    longest_paths,
+    parts_from,
+    step_limit,
+    task_settings,
+)
 from vibgym.envs.randomization import Disturbances, Randomization
+from vibgym.envs.step import Pipeline
 from vibgym.physics.core.drive import Drive, all_phasors
-from vibgym.sensing import MEASUREMENT_FEATURES, sensing_from
-from vibgym.sensing.measurement import Measurement, new_measurement
+from vibgym.sensing import MEASUREMENT_FEATURES, Sensing, sensing_from
+from vibgym.sensing.measurement import new_measurement
 from vibgym.simulation import MODELS, Simulator
 from vibgym.snapshots import check_keys, copied, put_back, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import new_relations
 from vibgym.tasks.scoring import OwnReward
-from vibgym.tasks.scoring import Stage as Kernel
 
 NONE = np.zeros(0, dtype=np.int64)
 
@@ -43,24 +43,7 @@ MOST_PERIODS = 1_000_000
 """Of a step: eleven hours of simulated time."""
 
 
-class Stage(NamedTuple):
-    """A stage of a step."""
-
-    run: Callable[..., None]  # without arguments, or with the number of a block of worlds
-    by_block: bool = False  # whether it runs block by block, on the thread that has advanced the block
-    needed: bool = True  # with these settings
-
-
-class Block(NamedTuple):
-    """A block of worlds, and kernels with scratch memory of its own: several blocks run at the same time."""
-
-    worlds: np.ndarray  # (n,) index
-    score: list[Kernel]
-    relate: Callable[[np.ndarray, np.ndarray, np.ndarray], None]
-    write: list[Writer]  # one per array of a batch of observations
-
-
-class Core:
+class Core(Pipeline):
     """Task, action, actuators, simulator, sensor and observation of ``worlds`` worlds.
 
     Args:
@@ -69,14 +52,11 @@ class Core:
         make_info: class that makes ``info``; a batch writes it world by world.
 
     Attributes:
-        options: as given.
-        episode: progress of every world, by the true state.  relations: errors and gaps of the parts by the true state.
-        info: makes ``info``.
-        report: fields of ``info`` of the last step; batches only.
-        observations: batch of observations of the last step.
-        term_names, terms: names of the reward terms, and their values (worlds, terms).
-        part_terms: their values for each part alone, (worlds, parts, terms).
+        options, surface, parts: of the scene.
+        identity: settings that a snapshot depends on, see :meth:`vibgym.envs.Options.identity`.
+        idle: (parts, 3) velocities of parts that slide in place on elements at rest.
         step_limit: steps after which episodes are truncated, or None.  longest: s, longest path of an episode.
+        began: whether an episode has begun.
 
     Raises:
         ValueError: an invalid setting.
@@ -100,26 +80,11 @@ class Core:
         settings, weights = task_settings(options, cls, self.randomization.task)
         self.task: Task = checks.made("task", cls, (self.surface, self.parts), settings)
         self.task.weigh(weights)
-        self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
-        model, knobs = checks.named("model", options.model, MODELS)
-        if model == "auto":
-            knobs.setdefault("periods_per_call", self.periods)
-        if options.walls is not None and not cls.HAS_WALLS:
-            raise checks.conflict(f"walls cannot be set for task {options.task!r}")
-        walls = () if options.walls is None else options.walls
-        self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=model, walls=walls, **knobs)
-        if "patches" in self.randomization.ranges:
-            self.simulator.tell_elements_apart()
+        self.action = new_action(options.action, self.surface, self.parts)
+        self.simulator = self._new_simulator()
         disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
         self.disturbances = None if disturbance is None else Disturbances(disturbance, self.simulator, span)
-        self.sensing = sensing_from(
-            options.sensor, self.surface, self.parts, worlds, self.periods,
-            plant=nominal(self.actuators), latency=self.actuators.latency, walls=walls,
-        )  # fmt: skip
-        if self.task.flows and not self.sensing.sensor.renews:
-            raise checks.conflict(
-                f"sensor {options.sensor!r} does not support parts that arrive and leave (task {self.task.name!r})"
-            )
+        self.sensing = self._new_sensing()
         measured = (name for each in self.sensing.tell for name in MEASUREMENT_FEATURES[each])
         self.task.features = (*self.task.features, *measured)
         self.observation = self._observation("observation", options.observation)
@@ -129,10 +94,7 @@ class Core:
         command = self._resting_command()
         self.actuators.prepare(command)
         self.sensing.prepare(command)
-        if self.randomization.ranges:
-            extremes = self.randomization.extremes()
-            self.simulator.check_conditions(extremes, extremes._asdict(), "randomize[{!r}]")
-        self.identity = _identity(options, self)
+        self.identity = options.identity(self.surface, self.parts, self.simulator.walls, worlds)
         self.idle = self._idle_velocity(np.ones(len(self.parts)))
         # Arrays of the state and of the scoring live as long as the core and are changed in place.
         state = self.simulator.state
@@ -145,10 +107,11 @@ class Core:
         else:
             self._measured = new_relations(worlds, len(self.parts))
         self.drive: Any = None
-        self._own_reward: OwnReward | None = None
-        self._choose_reward(weights)
-        self._make_info = make_info
-        self._by_batch = make_info is BatchInfo
+        self._reward = self._reward_from(weights)
+        self.term_names: tuple[str, ...] = tuple(self.task.made_of) if self._reward is None else self._reward.names
+        rewarded = self.episode if self._reward is None else self._reward
+        self.terms, self.part_terms = rewarded.terms, rewarded.part_terms
+        self._make_info, self._by_batch = make_info, make_info is BatchInfo
         # Few worlds: actions are copied to the same memory at every step, so that drives need not be pinned again. For many
         # worlds a copy would take longer.
         few = len(self.simulator.blocks.edges) == 1
@@ -159,230 +122,51 @@ class Core:
         self.began = False
         self._checked = False  # the first batch of observations, against their space
 
-    def step(self, action: np.ndarray, given: Any = None) -> None:
-        """Advance every world by one step under an action, score it, measure and observe.
+    def _new_simulator(self) -> Simulator:
+        """Create the simulator, and check that it supports the conditions that episodes may draw."""
+        options, randomization = self.options, self.randomization
+        model, settings = checks.named("model", options.model, MODELS)
+        if model == "auto":
+            settings.setdefault("periods_per_call", self.periods)
+        if options.walls is not None and not self.task.HAS_WALLS:
+            raise checks.conflict(f"walls cannot be set for task {options.task!r}")
+        walls = () if options.walls is None else options.walls
+        simulator = Simulator(self.surface, self.parts, worlds=self.worlds, model=model, walls=walls, **settings)
+        if "patches" in randomization.ranges:
+            simulator.allocate_patches()
+        if randomization.ranges:
+            extremes = randomization.extremes()
+            simulator.check_conditions(extremes, extremes._asdict(), "randomize[{!r}]")
+        return simulator
 
-        The stages are those of :meth:`_list_stages`.
+    def _new_sensing(self) -> Sensing:
+        """Create the sensor and its estimator."""
+        options, task, actuators = self.options, self.task, self.actuators
+        sensing = sensing_from(
+            options.sensor, self.surface, self.parts, self.worlds, self.periods,
+            plant=nominal(actuators), latency=actuators.latency, walls=self.simulator.walls,
+        )  # fmt: skip
+        if task.flows and not sensing.sensor.renews:
+            raise checks.conflict(
+                f"sensor {options.sensor!r} does not support parts that arrive and leave (task {task.name!r})"
+            )
+        return sensing
 
-        Args:
-            action: float32 (worlds, size), see :meth:`vibgym.envs.actions.Action.shaped`.
-            given: the action before conversion, for errors.
-
-        Raises:
-            ValueError: a number that is not finite; nothing has changed.
-        """
-        self._action, self._given = action, given
-        for run in self._pipeline:
-            run()
-
-    def _list_stages(self) -> tuple[Stage, ...]:
-        """List the stages of a step in order; stages that these settings do not need are left out."""
-        exact, rows, own_reward = self.sensing.exact, self._rows is not None, self._own_reward is not None
-        flows = self.task.flows
-        stages = (
-            Stage(self._decode),
-            Stage(self._allocate),
-            Stage(self._predict, needed=not exact),
-            Stage(self._begin_own_reward, needed=own_reward),
-            Stage(self._disturb, needed=self.disturbances is not None),
-            Stage(self._actuate_and_advance),
-            Stage(self._score, by_block=True),
-            Stage(self._reward_by_task, needed=own_reward),
-            Stage(self._reward_goals, needed=self.observation.goal_reward),
-            Stage(self._correct, needed=not exact),
-            Stage(self._renew_measurement, needed=not exact and flows),
-            Stage(self._relate, by_block=True, needed=not exact),
-            Stage(self._write_rows, by_block=True, needed=rows),
-            Stage(self._write_report, by_block=True, needed=self._by_batch),
-            Stage(self._observe, needed=not rows),
-            Stage(self._clear_departed, needed=flows),
-        )
-        return tuple(stage for stage in stages if stage.needed)
-
-    def _run_by_block(self, stages: Sequence[Callable[[int], None]]) -> None:
-        """Run block stages on all threads."""
-
-        def work(k: int) -> None:
-            for run in stages:
-                run(k)
-
-        self.simulator.blocks.run(work)
-
-    def _decode(self) -> None:
-        """Compute the command from the action."""
-        values = self._action
-        if self._kept_action is not None:
-            finite, values = copy_finite(values, self._kept_action), self._kept_action
-        else:
-            finite = all_finite_in_blocks(values, self.simulator.blocks)
-        if not finite:
-            raise self.action.not_finite(self._action if self._given is None else self._given)
-        self._command = self.action.command(values, self._measurement if self._all_driven else self._driven_alone())
-
-    def _driven_alone(self) -> Measurement:
-        """Return the measurement for actions, in which parts that are not driven count as gone."""
-        measurement = self._measurement
-        return measurement._replace(gone=measurement.gone | ~self.task.driven)
-
-    def _allocate(self) -> None:
-        """Begin a batch of observations and reports: arrays that were handed out are not written again."""
-        if self._rows is not None:
-            self._arrays, self.observations = self._rows.fresh(self.worlds)
-        if self._by_batch:
-            self.report = self.info.allocate()
-
-    def _predict(self) -> None:
-        """Predict the state under the command."""
-        self.sensing.predict(self._command)
-
-    def _begin_own_reward(self) -> None:
-        """Store the state before the step, for a task with its own reward."""
-        self._own_reward.begin_step()  # type: ignore[union-attr]
-
-    def _disturb(self) -> None:
-        """Disturb parts at random times."""
-        self.disturbances.strike(self.episode.present)  # type: ignore[union-attr]
-
-    def _actuate_and_advance(self) -> None:
-        """Advance all worlds under the drives of the command; the sensor samples the state at its instant."""
-        advance, sensing, elapsed = self.simulator.go_on, self.sensing, 0
-        instant = None if sensing.exact else sensing.instant
-        for drive, periods in self.actuators.apply(self._command):
-            self.drive = drive
-            end = elapsed + periods
-            if instant is not None and elapsed < instant < end:
-                advance(drive, instant - elapsed)
-                sensing.look(self.simulator.state)
-                elapsed = instant
-            advance(drive, end - elapsed, self._after_advance if end == self.periods else ())
-            if end == instant:
-                sensing.look(self.simulator.state)
-            elapsed = end
-
-    def _score(self, k: int) -> None:
-        """Score the step by the true state."""
-        block = self._blocks[k]
-        for score in block.score:
-            score(block.worlds)
-
-    def _reward_by_task(self) -> None:
-        """Replace the reward by that of the task's own method."""
-        self._own_reward.score()  # type: ignore[union-attr]
-
-    def _reward_goals(self) -> None:
-        """Replace the reward by that of the goal observation."""
-        state, present, reached = self.simulator.state, self.episode.present, self.observation.reached  # type: ignore[attr-defined]
-        goal_reward = self.task.compute_reward  # type: ignore[attr-defined]
-        reward = goal_reward(reached(state.pose), reached(self.episode.goal), {"fallen": self.episode.fallen})
-        self.episode.reward[:] = reward
-        self.terms[:, 0] = reward
-        self.episode.part_reward[:] = self.part_terms[..., 0] = np.where(present, reward[:, None], 0.0)
-
-    def _correct(self) -> None:
-        """Correct the measurement by the reading that is due."""
-        self.sensing.correct()
-
-    def _renew_measurement(self) -> None:
-        """Restart the estimates of parts that have arrived or left."""
-        if self.scoring.changed.any():
-            self.sensing.renew(self.scoring.changed, self.simulator.state)
-
-    def _relate(self, k: int) -> None:
-        """Compute errors and gaps by the measured poses."""
-        block, measured = self._blocks[k], self._measurement
-        block.relate(block.worlds, measured.pose, measured.gone)
-
-    def _write_rows(self, k: int) -> None:
-        """Write the observations of a block."""
-        block = self._blocks[k]
-        for write, array in zip(block.write, self._arrays):
-            write(block.worlds, array)
-
-    def _write_report(self, k: int) -> None:
-        """Write the fields of ``info`` of a block."""
-        self.info.write(self._blocks[k].worlds, *self.report)
-
-    def _observe(self) -> None:
-        """Compute an observation that is implemented in Python."""
-        self.observations = self.observe()
-
-    def _clear_departed(self) -> None:
-        """Clear the memory of the action and the model for parts that have arrived or left."""
-        changed = self.scoring.changed
-        if changed.any():
-            for memory in self.action.live().values():
-                if memory.shape[:2] == changed.shape:
-                    memory[changed] = 0
-            self.simulator.renew(changed)
-
-    def _choose_reward(self, weights: Mapping[str, Any]) -> None:
-        """Select the reward source: built-in kernel, task override or goal reward.
+    def _reward_from(self, weights: Mapping[str, Any]) -> OwnReward | GoalReward | None:
+        """Return what replaces the reward of the kernels: the task's own method, or the goal observation.
 
         Raises:
             ValueError: reward terms without a weight, or weights with a goal reward.
         """
-        worlds, parts = self.worlds, len(self.parts)
-        self.term_names: tuple[str, ...] = tuple(self.task.made_of)
-        self.terms, self.part_terms = self.episode.terms, self.episode.part_terms
         if self.observation.goal_reward:
             if weights:
                 raise checks.conflict(
                     "task_settings['weights'] cannot be set with observation='goal': see compute_reward"
                 )
-            self.term_names = ("goal",)
-            self.terms, self.part_terms = np.zeros((worlds, 1)), np.zeros((worlds, parts, 1))
-        elif self.task.has_own_reward:
-            state = self.simulator.state
-            self._own_reward = own = OwnReward(self.task, self.scoring, state, self.periods, self._all_phasors, weights)
-            self.term_names, self.terms, self.part_terms = own.names, own.terms, own.part_terms
-
-    BOUND = (
-        "info", "report", "observations", "_arrays", "_blocks", "_now", "_after_advance", "_pipeline", "_measurement",
-    )  # fmt: skip
-    """Attributes that hold addresses or views of the core's arrays; copies create them again."""
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in self.BOUND}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._bind()
-
-    def _bind(self) -> None:
-        """Create everything that holds addresses or views of the core's own arrays."""
-        state, sensing, scoring, observation = self.simulator.state, self.sensing, self.scoring, self.observation
-        drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
-        nested = {"drawn": drawn, "measured": sensing.facts(), "commanded": self._commanded}
-        part_extra = {**scoring.part_facts(), **self.simulator.part_info()}
-        if self.disturbances is not None:
-            part_extra["struck"] = self.disturbances.struck
-        data = InfoData(
-            self.task.FACTS, scoring.facts(), self.episode, state.diverged, self.term_names, self.terms, self.part_terms,
-            {name: each for name, each in nested.items() if each}, part_extra,
-        )  # fmt: skip
-        self.info = self._make_info(data)
-        self.report: Any = None
-        self.observations: Any = None
-        self._arrays: list[np.ndarray] = []
-        self._measurement = sensing.measurement  # its arrays are live
-        # A subclass of an observation that kernels write may override observe().
-        by_rows = isinstance(observation, RowObservation) and type(observation).observe is RowObservation.observe
-        self._rows: RowObservation | None = observation if by_rows else None  # type: ignore[assignment]
-        everyone = np.arange(self.worlds)
-        self._now = self._new_block(everyone)  # outside of steps
-        self._blocks = [self._new_block(everyone[start:stop]) for start, stop in self.simulator.blocks.edges]
-        by_block = groupby(self._list_stages(), lambda stage: stage.by_block)
-        groups = [[stage.run for stage in group] for _, group in by_block]  # those at odd positions are of blocks
-        # The thread that has advanced a block runs the first block stages right away.
-        self._pipeline, self._after_advance = groups[0], groups[1]
-        for position, group in enumerate(groups[2:]):
-            self._pipeline += [partial(self._run_by_block, group)] if position % 2 else group
-
-    def _new_block(self, worlds: np.ndarray) -> Block:
-        """Return a block of worlds with scratch memory of its own."""
-        rows = self._rows
-        write = [] if rows is None else rows.writers(self._measurement, self._measured, self.episode)
-        return Block(worlds, self.scoring.stages(), self.scoring.relating(self._measured), write)
+            return GoalReward(self.observation, self.simulator.state, self.episode)
+        if self.task.has_own_reward:
+            return OwnReward(self.scoring, self._all_phasors, weights)
+        return None
 
     def reset(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride | None = None
@@ -439,20 +223,6 @@ class Core:
             return self.task.start(uniform)
         return override.start(self.task, self.simulator, worlds, uniform)
 
-    def relate(self, worlds: np.ndarray) -> None:
-        """Update the relations by the measured poses in ``worlds`` (index array)."""
-        if not self.sensing.exact:
-            self._now.relate(worlds, self.sensing.measurement.pose, self.sensing.measurement.gone)
-
-    def refresh(self, worlds: np.ndarray) -> None:
-        """Observe and report ``worlds`` (index array) again in the present batch: their episodes have just begun."""
-        if self._by_batch:
-            self.info.write(worlds, *self.report)
-        for write, array in zip(self._now.write, self._arrays):
-            write(worlds, array)
-        if self._rows is None:
-            self._observe()
-
     def refresh_all(self) -> None:
         """Observe and report all worlds, in a new batch."""
         self._allocate()
@@ -461,10 +231,6 @@ class Core:
             name, space = f"observation {self.options.observation!r}", self.observation.space
             check_batch(name, space, self.observations, self.worlds)
             self._checked = True
-
-    def observe(self) -> Any:
-        """Return a new batch of observations."""
-        return self.observation.observe(self.sensing.measurement, self._measured, self.episode)
 
     def observed(self, kind: str) -> Any:
         """Return a new batch of another observation of the same instant.
@@ -487,6 +253,8 @@ class Core:
         """Create an observation by its name; ``argument`` is named in errors."""
         observation = OBSERVATIONS.choose(argument, kind)(self.task)
         observation.watch(self.sensing.sensor)
+        if not isinstance(observation.space, spaces.Space):
+            raise checks.refuse(f"space of observation {kind!r}", observation.space, "a gymnasium.spaces.Space")
         return observation
 
     def _resting_command(self) -> Drive:
@@ -529,7 +297,7 @@ class Core:
         """
         check_keys("state", state, self.STATE)
         if not isinstance(state["environment"], str) or state["environment"] != self.identity:
-            raise checks.refuse("state['environment']", *_difference(state["environment"], self.identity))
+            raise checks.refuse("state['environment']", *first_difference(state["environment"], self.identity))
         began = checks.flag("state['began']", state["began"])
         episode = restored("state['episode']", self._progress(), state["episode"])
         action = self.action.check_state(state["action"])
@@ -556,29 +324,3 @@ class Core:
             "shown_terms": self.terms,
             "shown_part_terms": self.part_terms,
         }
-
-
-def _identity(options: Options, core: Core) -> str:
-    """Return the settings that a snapshot depends on, as JSON."""
-
-    def plain(value: Any) -> Any:
-        return value.tolist() if isinstance(value, np.ndarray | np.generic) else repr(value)
-
-    content = {
-        **options.of_state(),
-        "surface": vars(core.surface),
-        "parts": [part.to_dict() for part in core.parts],
-        "walls": core.simulator.walls,
-        "worlds": core.worlds,
-    }
-    return json.dumps(content, sort_keys=True, default=plain)
-
-
-def _difference(theirs: Any, mine: str) -> tuple[str, str]:
-    """Return the first setting that differs, in the snapshot and here."""
-    try:
-        other, own = json.loads(theirs), json.loads(mine)
-        name = next(key for key in own if other.get(key) != own[key])
-        return f"a state of another environment, with {name}={other.get(name)!r}", f"{name}={own[name]!r}"
-    except (TypeError, ValueError, AttributeError, StopIteration, RecursionError):
-        return checks.shown(theirs), "the description of an environment with these settings"

@@ -21,6 +21,7 @@ from vibgym.kernels.jit import borrowing
 from vibgym.kernels.reference import Layout as Memory
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.contacts.hulls import Hulls, part_contact, part_gap, place_hulls
+from vibgym.physics.core.records import State
 from vibgym.registry import Registry
 from vibgym.rendering.raster import Marks, rasterise
 from vibgym.scene.parts import Part
@@ -159,10 +160,6 @@ class PartsAndState(RowObservation):
         super().__init__(task)
         self._parts, self._state = PartsObservation(task), StateObservation(task)
 
-    def watch(self, sensor: Sensor) -> None:
-        self._parts.watch(sensor)
-        self._state.watch(sensor)
-
     @property
     def space(self) -> spaces.Space:
         return spaces.Dict({**self._parts.space.spaces, "state": self._state.space})  # type: ignore[attr-defined]
@@ -212,6 +209,35 @@ class GoalObservation(StateObservation):
     def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
         goals = (bound(write_goals, self.low, self.high, pose) for pose in (measurement.pose, episode.goal))
         return [*super().writers(measurement, relations, episode), *goals]
+
+
+class GoalReward:
+    """Reward of a goal observation, which replaces the task's: a function of the true poses of the first parts.
+
+    Args:
+        observation: with ``reached``, and a task with ``compute_reward``.
+        state: true state of the worlds.
+        episode: their progress; the reward is written to it.
+
+    Attributes:
+        names: of the only term.
+        terms, part_terms: its values, (worlds, 1) and (worlds, parts, 1).
+    """
+
+    names = ("goal",)
+
+    def __init__(self, observation: Any, state: State, episode: Episode) -> None:
+        self._observation, self._state, self._episode = observation, state, episode
+        self.terms, self.part_terms = np.zeros((len(episode.goal), 1)), np.zeros((*episode.goal.shape[:2], 1))
+
+    def score(self) -> None:
+        """Reward the step that has just been scored."""
+        observation, episode = self._observation, self._episode
+        achieved, desired = observation.reached(self._state.pose), observation.reached(episode.goal)
+        reward = observation.task.compute_reward(achieved, desired, {"fallen": episode.fallen})
+        episode.reward[:] = reward
+        self.terms[:, 0] = reward
+        episode.part_reward[:] = self.part_terms[..., 0] = np.where(episode.present, reward[:, None], 0.0)
 
 
 class ImageObservation(Observation):
@@ -478,13 +504,8 @@ def write_neighbours(scene, pose, velocity, p, rows):
     Args:
         pose, velocity: (parts, 3) of the world.  rows: (slots, size) of the world.
     """
-    neighbour, quantities, kind, nearest, gap = (
-        scene.neighbour,
-        scene.quantities,
-        scene.kind,
-        scene.nearest[p],
-        scene.gap[p],
-    )
+    neighbour, quantities, kind = scene.neighbour, scene.quantities, scene.kind
+    nearest, gap = scene.nearest[p], scene.gap[p]
     start, width = scene.program.source.shape[0], scene.others.source.shape[0]
     for k in range(NEIGHBOURS):
         other = nearest[k]

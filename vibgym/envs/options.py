@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -96,9 +97,30 @@ class Options:
                 raise checks.unknown(f"key of {name}", key, known)
         return cls(**mapping)
 
-    def of_state(self) -> dict[str, Any]:
-        """Return the options that a snapshot depends on: all except the limit of an episode."""
-        return {name: value for name, value in vars(self).items() if name != "max_episode_periods"}
+    def identity(self, surface: Surface, parts: Sequence[Part], walls: Sequence[str], worlds: int) -> str:
+        """Return the settings that a snapshot depends on, as JSON: all except the limit of an episode."""
+
+        def plain(value: Any) -> Any:
+            return value.tolist() if isinstance(value, np.ndarray | np.generic) else repr(value)
+
+        scene = {
+            "surface": vars(surface),
+            "parts": [part.to_dict() for part in parts],
+            "walls": walls,
+            "worlds": worlds,
+        }
+        settings = {name: value for name, value in vars(self).items() if name != "max_episode_periods"}
+        return json.dumps(settings | scene, sort_keys=True, default=plain)
+
+
+def first_difference(theirs: Any, mine: str) -> tuple[str, str]:
+    """Return the first setting that differs in two identities, as given in a snapshot and as required, for errors."""
+    try:
+        other, own = json.loads(theirs), json.loads(mine)
+        name = next(key for key in own if other.get(key) != own[key])
+        return f"a state of another environment, with {name}={other.get(name)!r}", f"{name}={own[name]!r}"
+    except (TypeError, ValueError, AttributeError, StopIteration, RecursionError):
+        return checks.shown(theirs), "the description of an environment with these settings"
 
 
 def step_limit(periods_per_step: int, max_episode_periods: Any) -> int | None:

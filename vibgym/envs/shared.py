@@ -131,6 +131,21 @@ class SharedInterface:
             raise gym.error.ResetNeeded("observed(): call reset() before")
         return self._own(self.core.observed(kind))
 
+    @property
+    def compute_reward(self) -> Any:
+        """Compute the reward for achieved and desired goals, single or batched (GoalEnv).
+
+        See :meth:`vibgym.tasks.PoseTask.compute_reward`. Only with ``observation="goal"``: learners detect a GoalEnv by it.
+        Goals of observations are measured; the reward of a step is the same function of the true state.
+        """
+        if not self.core.observation.goal_reward:
+            raise AttributeError("compute_reward: only with observation='goal'")
+        return self._goal_reward
+
+    def _goal_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
+        reward = self.core.task.compute_reward(achieved_goal, desired_goal, info)  # type: ignore[attr-defined]
+        return float(reward) if reward.ndim == 0 else reward
+
     def _check_open(self, closed: bool) -> None:
         """Refuse a step of a closed environment, or before the first reset."""
         if closed:

@@ -177,21 +177,6 @@ class VibgymEnv(SharedInterface, gym.Env):
         reward, ended, info = core.info.read()
         return observation, reward, ended, truncated, info
 
-    @property
-    def compute_reward(self) -> Any:
-        """Compute the reward for achieved and desired goals, single or batched (GoalEnv).
-
-        See :meth:`vibgym.tasks.PoseTask.compute_reward`. Only with ``observation="goal"``: learners detect a GoalEnv by it.
-        Goals of observations are measured; the reward of a step is the same function of the true state.
-        """
-        if not self.core.observation.goal_reward:
-            raise AttributeError("compute_reward: only with observation='goal'")
-        return self._goal_reward
-
-    def _goal_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
-        reward = self.core.task.compute_reward(achieved_goal, desired_goal, info)  # type: ignore[attr-defined]
-        return float(reward) if reward.ndim == 0 else reward
-
     def get_state(self) -> dict[str, Any]:
         """Return a snapshot that continues bit for bit, generator included; trails of images are not part of it."""
         return {**self.core.get_state(), "generator": generator_state(self.np_random), "steps": self._steps}

@@ -159,13 +159,6 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             return None
         return tuple(self._viewer.frame(world) for world in range(self.num_envs))
 
-    @property
-    def compute_reward(self) -> Any:
-        """Batched goal reward, only with ``observation="goal"``; see :meth:`vibgym.tasks.PoseTask.compute_reward`."""
-        if not self.core.observation.goal_reward:
-            raise AttributeError("compute_reward: only with observation='goal'")
-        return self.core.task.compute_reward  # type: ignore[attr-defined]
-
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Return a method's result, or an attribute, once per world: sequences with one entry per world are split.
 
@@ -291,6 +284,20 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         return result
 
 
+def registered_id(name: Any, field: str) -> str:
+    """Return the id of an environment that Gymnasium has registered, from its id or short name.
+
+    Args:
+        name: ``"vibgym/Sort-v0"``, ``"Sort"``, or the id of another environment.
+        field: name of the setting, for errors.
+    """
+    for known in (name, f"vibgym/{name}-v0"):
+        if isinstance(name, str) and known in gym.registry:
+            return known
+    own = [spec.id for spec in gym.registry.values() if spec.namespace == "vibgym"]
+    raise checks.unknown(field, name, (*own, "or the id of another registered environment"))
+
+
 def environment_id(task: Any, field: str = "task") -> str:
     """Return the Gymnasium id of an environment: ``vibgym/Sort-v0`` for ``Sort``; ids are returned unchanged.
 
@@ -301,16 +308,15 @@ def environment_id(task: Any, field: str = "task") -> str:
     Raises:
         ValueError: not registered, or not an environment of vibgym.
     """
-    name = task if task in gym.registry else f"vibgym/{task}-v0"
-    if not isinstance(task, str) or name not in gym.registry:
-        if task in TASKS:
-            return task
-        own = [repr(spec.name) for spec in gym.registry.values() if spec.namespace == "vibgym"]
-        raise checks.refuse(field, task, f"{', '.join(own)}, or the id of another registered environment")
+    if isinstance(task, str) and task in TASKS and f"vibgym/{task}-v0" not in gym.registry:
+        return task
+    name = registered_id(task, field)
     entry = gym.registry[name].vector_entry_point
     made = load_env_creator(entry) if isinstance(entry, str) else entry
     if made is None or (isinstance(made, type) and not issubclass(made, VibgymVectorEnv)):
-        raise checks.refuse(field, task, "environments with 'vibgym.envs:VibgymVectorEnv' as vector_entry_point")
+        raise checks.refuse(
+            field, task, "the id of an environment with vector_entry_point='vibgym.envs:VibgymVectorEnv'"
+        )
     return name
 
 

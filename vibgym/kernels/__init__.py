@@ -1,6 +1,5 @@
-"""How kernels are compiled: everything that leans on numba, and all that leans on its private parts (docs/numba.md).
+"""Compilation of kernels with numba, and all uses of numba's private interfaces (docs/numba.md).
 
-The rest of the project imports three doors: :mod:`vibgym.kernels.jit`, :mod:`vibgym.kernels.reference` and
-:mod:`vibgym.kernels.foreign`. With ``VIBGYM_PLAIN_NUMBA=1`` they open on :mod:`vibgym.kernels.plain`, which needs nothing but
-numba's public interface, else on the modules beside it.
+The rest of the project imports only :mod:`vibgym.kernels.jit`, :mod:`vibgym.kernels.reference`, :mod:`vibgym.kernels.vector`.
+With ``VIBGYM_PLAIN_NUMBA=1`` these use :mod:`vibgym.kernels.plain`, which needs numba's public interface alone.
 """

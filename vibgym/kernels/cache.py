@@ -1,131 +1,221 @@
-"""Where compiled kernels are kept, and where others come from that need not be compiled.
+"""Compiled kernels on disk: the cache, and the bitcode in a wheel.
 
-The version of a cached kernel holds a digest of its file and of all that it imports (:mod:`vibgym.kernels.sources`). A file of
-the cache also holds a digest of its own content: one that a crash or a full disk has cut short is not loaded but written anew.
-It says as well what it is for: of two processes that add to an index at once, one may write where the other's entry points.
+The version of a cached kernel contains a digest of its file and of all files that it imports (:mod:`vibgym.kernels.sources`).
+Each cached file contains a digest of its content, since a crash or a full disk may truncate it, and the key of its kernel,
+since two processes that add to an index at the same time may choose the same name. A file that fails a check is replaced.
+
+A wheel contains the bitcode of all kernels that :mod:`vibgym.warm` compiles, one file each. The file's name contains a digest
+of the sources, of the versions of Python, numba and llvmlite, of the platform and of the types of the arguments. One wheel
+can therefore hold the kernels of several versions. A kernel without a file is compiled. A checkout has no files.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import logging
 import pickle
+import sys
 from pathlib import Path
 from typing import Any
 
+import llvmlite
+import numba
+from llvmlite import binding as llvm
 from numba.core import caching
+from numba.core import config as numba_config
 from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
 
-from vibgym.kernels import options, shipped
-from vibgym.kernels.libraries import Whole
-from vibgym.kernels.sources import last_edit
+from vibgym.kernels import options
+from vibgym.kernels.libraries import LinkedLibrary
+from vibgym.kernels.sources import imported_files, sources
+from vibgym.kernels.vec8 import WIDTH
+
+config: Any = numba_config
 
 LOGGER = logging.getLogger("vibgym")
 
+SHIPPED = Path(__file__).with_name("shipped")
+"""Folder of the wheel's bitcode."""
 
-class Cache(caching._Cache):
-    """A kernel's: what is kept, else what came with the wheel, which is kept once it is made ready for this processor.
+VERSIONS = {
+    "Python": f"{sys.version_info[0]}.{sys.version_info[1]}",
+    "numba": numba.__version__,
+    "llvmlite": llvmlite.__version__,
+    "platform": llvm.get_process_triple(),
+}
+
+_collected_in: Path | None = None
+
+
+def with_digest(content: Any) -> bytes:
+    """Return the pickled content and its SHA-256 digest; numba itself unpickles without a check."""
+    data = dumps(content)
+    return data + hashlib.sha256(data).digest()
+
+
+def checked(data: bytes) -> Any:
+    """Return the content that :func:`with_digest` pickled; raise ValueError if the bytes do not match the digest."""
+    size = len(data) - hashlib.sha256().digest_size
+    if hashlib.sha256(data[:size]).digest() != data[size:]:
+        raise ValueError("the content does not match its digest")
+    return pickle.loads(data[:size])
+
+
+_damaged: set[str] = set()
+
+
+def _warn_about_damage(path: Any, error: Exception) -> None:
+    """Warn about a damaged file: the first one only, since a full disk may truncate many."""
+    if not _damaged:
+        cause = " ".join(f"{type(error).__name__}: {error}".split())  # in one line
+        LOGGER.warning("vibgym: damaged files of compiled kernels are written anew, the first %s (%s)", path, cause)
+    _damaged.add(str(path))
+
+
+def state_of(file: str, module: str) -> str:
+    """Return a digest of a kernel's sources, and the width of registers if the kernel uses it.
+
+    A kernel for one width would write beyond arrays made for another.
+    """
+    wide = Path(__file__).with_name("vec8.py") in imported_files(file, module)
+    return sources(file, module) + (f" {WIDTH}" if wide else "")
+
+
+# -- the wheel ---------------------------------------------------------------------------------------------------------
+
+
+def collect(folder: Path) -> None:
+    """From now on, write the bitcode of every kernel that is compiled or loaded to ``folder``, as wheels contain it."""
+    global _collected_in
+    folder.mkdir(parents=True, exist_ok=True)
+    digest = hashlib.sha256(json.dumps(VERSIONS).encode()).hexdigest()
+    (folder / f"versions-{digest[:12]}.json").write_text(json.dumps(VERSIONS), encoding="utf-8")
+    _collected_in = folder
+
+
+def _collect_kernel(function: Any, payload: Any) -> None:
+    """Write a kernel's bitcode and numba's metadata to the folder of :func:`collect`, if any."""
+    if _collected_in is None or function.__closure__ is not None:
+        return
+    (name, _, bitcode, _), *more = payload
+    more[5] = ""  # type annotations, which contain paths of the machine that builds the wheel
+    (_collected_in / _file_name(function, more[2].args)).write_bytes(with_digest(((name, bitcode), *more)))
+
+
+def _load_shipped(function: Any, arguments: Any, target_context: Any) -> Any:
+    """Return a kernel compiled from the wheel's bitcode; None if there is none for these types of the arguments."""
+    if config.BOUNDSCHECK or config.DEBUGINFO_DEFAULT or function.__closure__ is not None or not SHIPPED.is_dir():
+        return None
+    path = SHIPPED / _file_name(function, arguments)
+    try:
+        payload = checked(path.read_bytes())
+        target_context.refresh()
+        return _rebuild(target_context, payload)
+    except FileNotFoundError:
+        return None
+    except Exception as error:  # a damaged pickle or module may raise anything
+        _warn_about_damage(path, error)
+        return None
+
+
+def _file_name(function: Any, arguments: Any) -> str:
+    state = state_of(function.__code__.co_filename, function.__module__)
+    versions = tuple(VERSIONS.values())
+    key = (*versions, state, function.__qualname__, function.__code__.co_firstlineno, tuple(arguments))
+    return f"{function.__name__}-{hashlib.sha256(repr(key).encode()).hexdigest()[:20]}.bitcode"
+
+
+def version_mismatch() -> str:
+    """Return how this process differs from those that the wheel's kernels are for; "" if it does not, or without kernels."""
+    shipped = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(SHIPPED.glob("versions-*.json"))]
+    if not shipped or VERSIONS in shipped:
+        return ""
+    differing = [[name for name, own in VERSIONS.items() if each.get(name) != own] for each in shipped]
+    names, nearest = min(zip(differing, shipped), key=lambda pair: len(pair[0]))
+    theirs, ours = (", ".join(f"{name} {each.get(name)}" for name in names) for each in (nearest, VERSIONS))
+    return f"precompiled kernels target {theirs}, this is {ours}"
+
+
+# -- the cache ---------------------------------------------------------------------------------------------------------
+
+
+class Cache(caching.FunctionCache):
+    """Cache of one kernel: numba's, with :class:`_Files` on disk; a kernel that is not there comes from the wheel.
 
     Args:
         function: the kernel.
-        imported: when Python read its file, and those that it imports.
+        imported: time at which Python read its file and the files that it imports, s.
     """
+
+    _cache_path: Any = None
+    _enabled = False
 
     def __init__(self, function: Any, imported: float) -> None:
         self._function = function
-        self._kept: Any = caching.NullCache()
         place = function.__code__.co_filename, function.__module__
-        # What is compiled may be older than what the digest of the sources tells of.
-        self._current = last_edit(*place) <= imported
         if options.CACHE:
             try:
-                self._kept = _Kept(function)
-            except RuntimeError:  # numba has found no folder that it may write to
+                super().__init__(function)
+            except RuntimeError:  # numba has found no writable folder
                 options.warn_about_cache("no folder that may be written")
-        if not self._current:
-            self._kept.disable()
-
-    @property
-    def cache_path(self) -> Any:
-        return self._kept.cache_path
+            else:
+                files: Any = _Files(self._cache_path, self._impl.filename_base, self._cache_file._source_stamp)
+                # The version is compared before anything else is read, which another version may not be able to unpickle.
+                files._version = f"{files._version} {state_of(*place)}"
+                self._cache_file = files
+        self._current = max(path.stat().st_mtime for path in imported_files(*place)) <= imported
+        if not self._current:  # the kernel may be older than the files that the digest is of
+            self.disable()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The kernel for arguments of these types; None: it has to be compiled."""
+        """Return the kernel for arguments of these types; None if it has to be compiled."""
+        found = None
         try:
-            found = self._kept.load_overload(sig, target_context)
+            found = super().load_overload(sig, target_context)
         except OSError as error:
-            found = self._lose(error)
-        if found is not None:
-            return found
-        found = self._shipped(sig, target_context)
-        if found is not None:
-            self.save_overload(sig, found)
+            self._disable_with_warning(error)
+        if found is None and self._current:
+            found = _load_shipped(self._function, sig, target_context)
+            if found is not None:
+                self.save_overload(sig, found)
         return found
 
-    def _shipped(self, sig: Any, target_context: Any) -> Any:
-        payload = shipped.load(self._function, sig) if self._current and self._function.__closure__ is None else None
-        if payload is None:
-            return None
-        target_context.refresh()
-        try:
-            return _rebuilt(target_context, payload)
-        except Exception as error:  # of LLVM, or of a module that is not there
-            shipped.report_damage(self._function, sig, error)
-            return None
-
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the kernel for arguments of these types."""
+        """Store the kernel for arguments of these types."""
         try:
-            self._kept.save_overload(sig, data)
-        except OSError as error:  # a full disk, a folder that may not be written
-            self._lose(error)
+            super().save_overload(sig, data)
+        except OSError as error:  # a full disk, a folder that is not writable
+            self._disable_with_warning(error)
 
-    def _lose(self, error: OSError) -> None:
+    def _disable_with_warning(self, error: OSError) -> None:
         options.warn_about_cache(str(error))
         self.disable()
 
-    def enable(self) -> None:
-        self._kept.enable()
-
-    def disable(self) -> None:
-        self._kept.disable()
-
-    def flush(self) -> None:
-        self._kept.flush()
-
 
 class _Result(caching.CompileResultCacheImpl):
-    """What a kernel's file holds: numba's notes, machine code, and the bitcode that it was made of."""
+    """Content of a kernel's file: numba's metadata, machine code, and the bitcode it was made from."""
 
-    _function: Any
+    def __init__(self, py_func: Any) -> None:
+        super().__init__(py_func)
+        self._function = py_func
 
     def reduce(self, cres: Any) -> Any:
         payload = super().reduce(cres)
-        if self._function.__closure__ is None:
-            shipped.add(self._function, payload)
+        _collect_kernel(self._function, payload)
         return payload
 
-    def rebuild(self, target_context: Any, reduced_data: Any) -> Any:
-        if self._function.__closure__ is None:
-            shipped.add(self._function, reduced_data)
-        return _rebuilt(target_context, reduced_data)
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        _collect_kernel(self._function, payload)
+        return _rebuild(target_context, payload)
 
 
-class _Kept(caching.FunctionCache):
-    """numba's own, with other files. numba has no public way to say what else a kernel depends on."""
-
-    _impl_class = _Result
-
-    def __init__(self, function: Any) -> None:
-        super().__init__(function)
-        self._impl._function = function
-        own: Any = Files(self._cache_path, self._impl.filename_base, self._cache_file._source_stamp)
-        # The version is looked at before anything else is read, which may no longer be readable.
-        own._version = f"{own._version} {shipped.state_of(function.__code__.co_filename, function.__module__)}"
-        self._cache_file = own
+Cache._impl_class = _Result
 
 
-class _Rebuilding:
-    """A target context whose libraries are :class:`vibgym.kernels.libraries.Whole`."""
+class _RebuildContext:
+    """A target context that loads libraries as :class:`vibgym.kernels.libraries.LinkedLibrary`."""
 
     def __init__(self, context: Any) -> None:
         self._context = context
@@ -137,69 +227,51 @@ class _Rebuilding:
         return self
 
     def unserialize_library(self, state: Any) -> Any:
-        """Of machine code, or of bitcode alone."""
-        return (Whole.from_object if len(state) > 2 else Whole.from_bitcode)(self._context.codegen(), *state)
+        load = LinkedLibrary.from_object if len(state) > 2 else LinkedLibrary.from_bitcode
+        return load(self._context.codegen(), *state)
 
 
-def _rebuilt(target_context: Any, payload: Any) -> Any:
-    rebuilt: Any = CompileResult._rebuild(_Rebuilding(target_context), *payload)
+def _rebuild(target_context: Any, payload: Any) -> Any:
+    rebuilt: Any = CompileResult._rebuild(_RebuildContext(target_context), *payload)
     return rebuilt._replace(target_context=target_context)
 
 
-class Files(caching.IndexDataCacheFile):
-    """A kernel's files in the cache, each with a digest of its content, and with what it is for.
-
-    Damaged ones count as missing, and are then written anew.
-    """
+class _Files(caching.IndexDataCacheFile):
+    """A kernel's index and data files; damaged files, and data of another kernel, count as missing."""
 
     _index_path: str
-    _source_stamp: Any
     _version: str
 
     def load(self, key: Any) -> Any:
-        """The kernel's code; None: not there."""
-        try:
-            found = super().load(key)
-        except OSError:
-            raise
-        except Exception as error:  # of a damaged pickle, anything
-            _warn_about_damage(self._index_path, f"{type(error).__name__}: {error}")
-            return None
-        return found[1] if found is not None and found[0] == self._label(key) else None
+        """Return the kernel's code; None if it is missing."""
+        label, found = super().load(key) or (None, None)
+        return found if label == self._label(key) else None
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep the kernel's code."""
+        """Store the kernel's code."""
         super().save(key, (self._label(key), data))
 
     def _label(self, key: Any) -> str:
         return f"{self._version} {key}"
 
     def _dump(self, obj: Any) -> bytes:
-        return shipped.stamped(obj)
+        return with_digest(obj)
 
     def _load_index(self) -> Any:
         try:
-            with open(self._index_path, "rb") as file:
-                if pickle.load(file) != self._version:
-                    return {}
-                stamp, overloads = shipped.undamaged(file.read())
-        except FileNotFoundError:
+            return super()._load_index()
+        except OSError:
+            raise
+        except Exception as error:  # a damaged pickle may raise anything
+            _warn_about_damage(self._index_path, error)
             return {}
+
+    def _load_data(self, name: str) -> Any:
+        path = Path(self._index_path).with_name(name)
+        try:
+            return checked(path.read_bytes())
         except OSError:
             raise
         except Exception as error:
-            _warn_about_damage(self._index_path, f"{type(error).__name__}: {error}")
-            return {}
-        return overloads if stamp == self._source_stamp else {}
-
-    def _load_data(self, name: str) -> Any:
-        return shipped.undamaged(Path(self._index_path).with_name(name).read_bytes())
-
-
-_damaged: set[str] = set()
-
-
-def _warn_about_damage(path: str, reason: str) -> None:
-    if not _damaged:  # one line, however many files a full disk has cut short
-        LOGGER.warning("vibgym: damaged files of compiled kernels are written anew, the first %s (%s)", path, reason)
-    _damaged.add(path)
+            _warn_about_damage(path, error)
+            return None

@@ -1,38 +1,37 @@
-"""How kernels are compiled, unless in plain mode.
+"""Compilation of kernels, unless in plain mode.
 
-A kernel looks different to other kernels (:class:`_Called`: typed and written down) and to Python (:class:`_Kernel`: optimised
-in one piece with all that it calls); :mod:`vibgym.kernels.libraries` says why.
+Each kernel has two dispatchers: :class:`_Callee` for calls from other kernels, which stops at LLVM IR, and :class:`_Kernel` for
+calls from Python, which links and optimises a kernel with all its callees (see :mod:`vibgym.kernels.libraries`).
 """
 
 from __future__ import annotations
 
 import functools
 import gc
-import hashlib
 import logging
 import math
+import os
 import time
-from pathlib import Path
 from typing import Any
 
+from llvmlite.binding import ffi
 from numba.core import compiler, event, types
 from numba.core import config as numba_config
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
-from vibgym.kernels import forks as forks  # what it registers
-from vibgym.kernels import options, shipped
-from vibgym.kernels.by_reference import handed_on
-from vibgym.kernels.cache import Cache
-from vibgym.kernels.libraries import Unfinished, Whole
+from vibgym.kernels import options
+from vibgym.kernels.cache import Cache, version_mismatch
+from vibgym.kernels.libraries import LinkedLibrary, UnlinkedLibrary
+from vibgym.kernels.pointers import argument_type
 
 config: Any = numba_config
 
 LOGGER = logging.getLogger("vibgym")
 
 
-class _Typing:
-    """A typing context that remembers what operators yield: numba asks again for every plus sign, several times."""
+class _TypingContext:
+    """A typing context that caches the types of operators: numba resolves each of them several times."""
 
     known: dict[Any, Any] = {}
 
@@ -43,11 +42,11 @@ class _Typing:
         return getattr(self._context, name)
 
     def resolve_function_type(self, function: Any, arguments: Any, named: Any) -> Any:
-        """Signature of a call."""
-        plain = getattr(function, "__module__", None) == "_operator" or all(
+        """Return the signature of a call."""
+        scalar = getattr(function, "__module__", None) == "_operator" or all(
             isinstance(each, (types.Number, types.Boolean)) for each in arguments
         )
-        if named or not plain:
+        if named or not scalar:
             return self._context.resolve_function_type(function, arguments, named)
         key = function, tuple(arguments)
         if key not in self.known:
@@ -55,73 +54,67 @@ class _Typing:
         return self.known[key]
 
 
-class _Compiler(compiler.Compiler):
-    """Compiles a kernel that Python calls."""
+class _KernelCompiler(compiler.Compiler):
+    """Pipeline for a kernel that Python calls."""
+
+    new_library: Any = LinkedLibrary.empty
 
     def define_pipelines(self) -> Any:
         state: Any = self.state
-        state.flags.no_cfunc_wrapper = True  # nothing calls kernels by the address of a C function
-        state.typingctx = _Typing(state.typingctx)
-        state.library = self.library(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_cfunc_wrapper = True  # kernels are not called by the address of a C function
+        state.typingctx = _TypingContext(state.typingctx)
+        state.library = self.new_library(state.targetctx.codegen(), state.func_id.func_qualname)
         return super().define_pipelines()
 
-    def library(self, maker: Any, name: str) -> Any:
-        """Where its code goes."""
-        made = Whole(maker, name)
-        made.enable_object_caching()
-        return made
 
+class _CalleeCompiler(_KernelCompiler):
+    """Pipeline for a kernel that other kernels call."""
 
-class _CalledCompiler(_Compiler):
-    """Writes a kernel down for the kernels that call it."""
+    new_library = UnlinkedLibrary
 
     def define_pipelines(self) -> Any:
         flags: Any = self.state.flags  # type: ignore[attr-defined]
         flags.no_compile = flags.no_cpython_wrapper = True
         return super().define_pipelines()
 
-    def library(self, maker: Any, name: str) -> Any:
-        """Where its code goes."""
-        return Unfinished(maker, name)
 
-
-class _Called(CPUDispatcher):
-    """A kernel as other kernels see it."""
+class _Callee(CPUDispatcher):
+    """Dispatcher of a kernel for other kernels."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        # numba would compile a kernel for True and once more for False, and hand records on by value.
-        return super().get_call_template(tuple(handed_on(types.unliteral(each)) for each in args), kws)
+        # numba would compile a kernel separately for True and for False, and pass records by value.
+        return super().get_call_template(tuple(argument_type(types.unliteral(each)) for each in args), kws)
 
     def add_overload(self, cres: Any) -> None:
-        # There is no machine code whose address could stand for this overload; any object can.
+        # No machine code whose address could identify this overload exists; any object can.
         cres = cres._replace(entry_point=object())
         self.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [cres.library])
         self.overloads[tuple(cres.signature.args)] = cres
 
 
 class _Kernel(CPUDispatcher):
-    """A kernel as Python sees it."""
+    """Dispatcher of a kernel for Python."""
 
     _cache: Any
 
     imported = math.inf
-    """When Python read the kernel's file, and those that it imports."""
+    """Time at which Python read the kernel's file and the files that it imports, s."""
 
     @functools.cached_property
-    def called(self) -> _Called:
-        """The same for other kernels."""
-        return _Called(py_func=self.py_func, targetoptions=self.targetoptions, pipeline_class=_CalledCompiler)
+    def callee(self) -> _Callee:
+        """Dispatcher for other kernels."""
+        return _Callee(py_func=self.py_func, targetoptions=self.targetoptions, pipeline_class=_CalleeCompiler)
 
     @property
     def _numba_type_(self) -> Any:
-        return types.Dispatcher(self.called)
+        return types.Dispatcher(self.callee)
 
-    @global_compiler_lock  # or a second thread reads the cache while the first is about to say what its version is
+    @global_compiler_lock  # a second thread must not read the cache before the first has set its version
     def compile(self, sig: Any) -> Any:
         if not self.overloads:
             self.enable_caching()
         collecting = gc.isenabled()
-        gc.disable()  # it would go through all of numba's notes again and again
+        gc.disable()  # it would traverse all of numba's objects again and again
         try:
             return super().compile(sig)
         finally:
@@ -132,60 +125,26 @@ class _Kernel(CPUDispatcher):
         self._cache = Cache(self.py_func, self.imported)
 
 
-def _kernel(function: Any, **more: Any) -> Any:
+def kernel(function: Any, **more: Any) -> Any:
+    """Compile a function in nopython mode with the project's options and more."""
     if config.DISABLE_JIT:
         return function
-    kernel = _Kernel(
-        py_func=function, targetoptions={"nopython": True, **options.OPTIONS, **more}, pipeline_class=_Compiler
-    )
-    kernel.imported = time.time()
-    return kernel
-
-
-def jit(function: Any) -> Any:
-    """Compile ``function`` in nopython mode with the project's options."""
-    return _kernel(function)
-
-
-def borrowing(function: Any) -> Any:
-    """Like :func:`jit`, for functions that only look at arrays which their callers hold: without reference counts.
-
-    That is faster, to compile as well: counts stand at every turn and are atomic. Such a function cannot make arrays.
-    """
-    return _kernel(function, _nrt=False)
-
-
-def inlined(function: Any) -> Any:
-    """Like :func:`borrowing`, for functions that must be compiled into their caller's loop so that it can be vectorised."""
-    return _kernel(function, _nrt=False, forceinline=True)
-
-
-def exact(function: Any) -> Any:
-    """Like :func:`borrowing`, but without fast-math: numbers are rounded as the source says, on every processor alike."""
-    return _kernel(function, _nrt=False, fastmath=False)
-
-
-def exact_inlined(function: Any) -> Any:
-    """Like :func:`exact`, for functions that are to become part of their caller."""
-    return _kernel(function, _nrt=False, fastmath=False, forceinline=True)
+    settings = {"nopython": True, **options.OPTIONS, **more}
+    made = _Kernel(py_func=function, targetoptions=settings, pipeline_class=_KernelCompiler)
+    made.imported = time.time()
+    return made
 
 
 def cache_folder() -> str | None:
-    """Where kernels are kept once they are compiled, by default in their files' folders; None: nowhere."""
+    """Return the folder of the kernel cache, by default next to the source files; None if kernels are not cached."""
     if not options.CACHE:
         return None
-    kernel = jit(cache_folder)
-    kernel.enable_caching()
-    folder = kernel._cache.cache_path
+    folder = Cache(cache_folder, math.inf).cache_path
     return None if folder is None else config.CACHE_DIR or folder
 
 
 class _Announcer(event.Listener):
-    """Listener that warns on stderr when kernels are being compiled, since the first step then takes long.
-
-    With a kernel cache, the warning appears once per state of the sources and versions, not once per process: a marker file in
-    the cache folder records it.
-    """
+    """Listener that warns on stderr, once per process, when a kernel is compiled, since that step takes long."""
 
     announced = False
 
@@ -193,35 +152,33 @@ class _Announcer(event.Listener):
         if self.announced or not isinstance(event.data["dispatcher"], _Kernel):
             return
         self.announced = True
-        folder, reason = cache_folder(), shipped.reason()
-        if folder is not None and _marked(Path(folder), reason):
-            return
-        kept = "not kept" if folder is None else f"kept in {folder}"
+        folder, reason = cache_folder(), version_mismatch()
         # A warning, so that it appears without logging configuration and at level WARNING.
         LOGGER.warning(
-            "vibgym: %scompiling kernels on first use, %s per kind of scene (%s); python -m vibgym warm compiles all",
-            f"{reason}: " if reason else "", options.FIRST_STEP, kept,
+            "vibgym: %scompiling kernels on first use, 10 to 40 s per kind of scene (%s); python -m vibgym warm compiles all",
+            f"{reason}: " if reason else "", "not kept" if folder is None else f"kept in {folder}",
         )  # fmt: skip
 
     def on_end(self, event: Any) -> None:
         pass
 
 
-def _marked(folder: Path, reason: str) -> bool:
-    """Return whether the marker file of this announcement existed; create it if not."""
-    package = Path(__file__).parents[1]
-    digest = hashlib.sha256(repr((shipped.VERSIONS, reason)).encode())
-    for path in sorted(package.rglob("*.py")):
-        digest.update(path.read_bytes())
-    mark = folder / f"announced-{digest.hexdigest()[:16]}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        mark.touch(exist_ok=False)
-    except FileExistsError:
-        return True
-    except OSError:
-        pass
-    return False
-
-
 event.register("numba:compile", _Announcer())
+
+
+# A process that forks waits until no other thread compiles. Otherwise the child would inherit numba's and llvmlite's locks in
+# the locked state, without the thread that holds them, and wait forever at its first kernel.
+
+
+def _acquire_locks() -> None:
+    global_compiler_lock.acquire()
+    ffi.lib._lock._lock.acquire()
+
+
+def _release_locks() -> None:
+    ffi.lib._lock._lock.release()
+    global_compiler_lock.release()
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows, which has no fork
+    os.register_at_fork(before=_acquire_locks, after_in_parent=_release_locks, after_in_child=_release_locks)

@@ -1,19 +1,58 @@
-"""The one decorator every kernel uses: how kernels are compiled, once and fast, and where the result is kept.
+"""Decorators that compile kernels, and calls from kernels to other libraries.
 
-``jit`` compiles a function in nopython mode with the project's options (:mod:`vibgym.kernels.options`). ``borrowing`` is for
-functions that only look at arrays which their callers hold, ``inlined`` for those that must be compiled into their caller's
-loop so that it can be vectorised. ``exact`` and ``exact_inlined`` are for those that work on eight doubles at a time
-(:mod:`vibgym.kernels.vector`). ``VIBGYM_CACHE=0`` switches the cache off, and ``NUMBA_CACHE_DIR`` says where it is.
+``VIBGYM_CACHE=0`` disables the cache of compiled kernels; ``NUMBA_CACHE_DIR`` sets its folder.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 from vibgym.kernels.options import PLAIN
 
 if PLAIN:
-    from vibgym.kernels.plain import borrowing, cache_folder, collect, exact, exact_inlined, inlined, jit
+    from vibgym.kernels.plain import cache_folder, call_foreign, collect, foreign, kernel
 else:
-    from vibgym.kernels.compiler import borrowing, cache_folder, exact, exact_inlined, inlined, jit
-    from vibgym.kernels.shipped import collect
+    from vibgym.kernels.cache import collect
+    from vibgym.kernels.compiler import cache_folder, kernel
+    from vibgym.kernels.pointers import call_foreign, foreign
 
-__all__ = ["borrowing", "cache_folder", "collect", "exact", "exact_inlined", "inlined", "jit"]
+
+def jit(function: Any) -> Any:
+    """Compile a function in nopython mode with the project's options."""
+    return kernel(function)
+
+
+def borrowing(function: Any) -> Any:
+    """Compile a function that only uses arrays that its callers hold, without reference counts; it cannot allocate arrays.
+
+    Without them compilation and execution are faster: counting is atomic and occurs at every use.
+    """
+    return kernel(function, _nrt=False)
+
+
+def inlined(function: Any) -> Any:
+    """Compile as :func:`borrowing`, and inline into the caller, whose loop can be vectorised only then."""
+    return kernel(function, _nrt=False, forceinline=True)
+
+
+def exact(function: Any) -> Any:
+    """Compile as :func:`borrowing`, without fast-math: roundings are those of the source, on all processors."""
+    return kernel(function, _nrt=False, fastmath=False)
+
+
+def exact_inlined(function: Any) -> Any:
+    """Compile as :func:`exact`, and inline into the caller."""
+    return kernel(function, _nrt=False, fastmath=False, forceinline=True)
+
+
+__all__ = [
+    "borrowing",
+    "cache_folder",
+    "call_foreign",
+    "collect",
+    "exact",
+    "exact_inlined",
+    "foreign",
+    "inlined",
+    "jit",
+]

@@ -1,14 +1,13 @@
-"""The code of a kernel, from what numba writes down to what the processor runs.
+"""Code libraries of kernels: from numba's LLVM IR to machine code.
 
-**One piece.** numba optimises a function and makes machine code of it before another one calls it, and then optimises the
-copy in the caller again: the deeper the calls, the longer it takes. Here a kernel that another one calls is only written down
-(:class:`Unfinished`), and what Python calls is optimised in one piece with all that it calls (:class:`Whole`). That takes less
-time, and the numbers do not depend on what was compiled and what was loaded: a cached kernel brings all of its callees along.
+**One optimisation.** numba optimises each function, generates its machine code, and optimises the copy in each caller again, so
+compilation time grows with the depth of calls. Here a kernel that only kernels call is translated to LLVM IR
+(:class:`UnlinkedLibrary`). A kernel that Python calls is linked with all its callees and optimised once
+(:class:`LinkedLibrary`). Its results then do not depend on which callees were compiled or loaded from the cache.
 
-**Two halves.** Writing down is numba's work. It takes most of the time, and what comes of it is the same for all processors of
-a platform; so are the first optimisations, which throw away most of what was written. What is left, LLVM's bitcode, can be
-made elsewhere, and is optimised for the processor at hand. A kernel that is compiled here is read back from its bitcode, too,
-so that what comes with a wheel gives the same code.
+**Bitcode.** Translation to IR takes most of the time, and its result is the same on all processors of a platform. So is the
+first optimisation, which removes most of the IR. Its result is kept as LLVM bitcode and can be shipped. Every kernel is read
+back from its bitcode before it is optimised for the processor, so shipped and compiled kernels have the same machine code.
 """
 
 from __future__ import annotations
@@ -20,8 +19,8 @@ from llvmlite import binding as llvm
 from numba.core import codegen
 
 
-class _Portable(codegen.JITCPUCodegen):
-    """Optimises for any processor of this platform."""
+class _PortableCodegen(codegen.JITCPUCodegen):
+    """Code generation for any processor of this platform."""
 
     def _get_host_cpu_name(self) -> str:
         return ""
@@ -31,18 +30,18 @@ class _Portable(codegen.JITCPUCodegen):
 
 
 @functools.cache
-def _portable() -> Any:
-    return _Portable("vibgym.portable")
+def _portable_codegen() -> Any:
+    return _PortableCodegen("vibgym.portable")
 
 
-def _optimise(maker: Any, module: Any, **how: Any) -> None:
-    passes = maker._module_pass_manager(**how)
+def _optimise(generator: Any, module: Any, **options: Any) -> None:
+    passes = generator._module_pass_manager(**options)
     manager, *builder = passes if isinstance(passes, tuple) else (passes,)  # the builder came with numba 0.62
     manager.run(module, *builder)
 
 
-class Unfinished(codegen.JITCodeLibrary):
-    """The code of a kernel that only other kernels call: neither put together, nor optimised, nor made machine code of."""
+class UnlinkedLibrary(codegen.JITCodeLibrary):
+    """LLVM IR of a kernel that only other kernels call."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
@@ -51,19 +50,19 @@ class Unfinished(codegen.JITCodeLibrary):
         self._finalized = True
 
 
-class Whole(codegen.JITCodeLibrary):
-    """The code of a kernel that Python calls, with all that it calls, directly or not.
+class LinkedLibrary(codegen.JITCodeLibrary):
+    """Machine code of a kernel that Python calls, with all direct and indirect callees.
 
     Attributes:
-        bitcode: of all of it, before it was optimised for this processor.
-        symbols: names that its machine code defines.
+        bitcode: of all of it, before the optimisation for this processor.
+        symbols: names that the machine code defines.
     """
 
     bitcode: bytes
     symbols: frozenset[str]
 
     def finalize(self) -> None:
-        # Users of a library precede it: LLVM links only symbols that are already referenced when it reaches a library.
+        # Callers precede callees: LLVM links only symbols that are referenced when it reaches a library.
         order: dict[Any, None] = {}
         todo = [(self, iter(self._linking_libraries))]
         while todo:
@@ -80,7 +79,7 @@ class Whole(codegen.JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         if not hasattr(self, "bitcode"):
-            _optimise(_portable(), self._final_module, opt=1, loop_vectorize=False, slp_vectorize=False)
+            _optimise(_portable_codegen(), self._final_module, opt=1, loop_vectorize=False, slp_vectorize=False)
             self._read(self._final_module.as_bitcode())
         _optimise(self._codegen, self._final_module)
         module = self._final_module
@@ -93,19 +92,20 @@ class Whole(codegen.JITCodeLibrary):
         self._final_module.name = self.name
 
     def serialize_using_object_code(self) -> Any:
-        """What :meth:`from_object` takes, besides the maker."""
+        """Return the arguments of :meth:`from_object` after the first."""
         return self.name, self._get_compiled_object(), self.bitcode, self.symbols
 
     @classmethod
-    def _empty(cls, maker: Any, name: str) -> Whole:
-        made: Any = cls(maker, name)
+    def empty(cls, generator: Any, name: str) -> LinkedLibrary:
+        """Create a library without code."""
+        made: Any = cls(generator, name)
         made.enable_object_caching()
         return made
 
     @classmethod
-    def from_bitcode(cls, maker: Any, name: str, bitcode: bytes) -> Whole:
-        """Optimised for this processor, and made machine code of."""
-        made = cls._empty(maker, name)
+    def from_bitcode(cls, generator: Any, name: str, bitcode: bytes) -> LinkedLibrary:
+        """Optimise bitcode for this processor and generate machine code."""
+        made: Any = cls.empty(generator, name)
         made._read(bitcode)
         made._optimize_final_module()
         made._final_module.verify()
@@ -113,11 +113,13 @@ class Whole(codegen.JITCodeLibrary):
         return made
 
     @classmethod
-    def from_object(cls, maker: Any, name: str, code: bytes, bitcode: bytes, symbols: frozenset[str]) -> Whole:
-        """Machine code of this processor, as it is."""
-        made = cls._empty(maker, name)
+    def from_object(
+        cls, generator: Any, name: str, code: bytes, bitcode: bytes, symbols: frozenset[str]
+    ) -> LinkedLibrary:
+        """Load machine code for this processor."""
+        made: Any = cls.empty(generator, name)
         made.bitcode, made.symbols = bitcode, symbols
         made._set_compiled_object(code)
         made._finalize_final_module()
-        maker._engine._defined_symbols |= symbols
+        generator._engine._defined_symbols |= symbols
         return made

@@ -1,9 +1,9 @@
-"""What kernels are compiled with, in every mode, and what the environment variables say. Read once, at import.
+"""Options of all compiled kernels, and the environment variables that change them; read once, at import.
 
-``error_model="numpy"`` lets divisions vectorise. The fast-math flags allow contraction and reassociation but keep NaN and
-infinity meaningful in comparisons. ``math.isfinite`` is no such guard: it looks at ``x - x``, and reassociation turns
-``(a + b) - (a + b)`` into zero. Write ``abs(a + b) < math.inf``. Kernels release the GIL: the simulator runs blocks of worlds
-in threads.
+``error_model="numpy"`` lets LLVM vectorise divisions. The fast-math flags allow contraction and reassociation; comparisons with
+NaN and infinity keep their meaning. ``math.isfinite`` does not: it tests ``x - x``, and reassociation turns
+``(a + b) - (a + b)`` into zero. Write ``abs(a + b) < math.inf`` instead. Kernels release the GIL, since the simulator runs
+blocks of worlds on several threads.
 """
 
 from __future__ import annotations
@@ -16,22 +16,17 @@ from typing import Any
 LOGGER = logging.getLogger("vibgym")
 
 PLAIN = os.environ.get("VIBGYM_PLAIN_NUMBA", "0") not in ("", "0")
-"""Whether kernels lean on numba's public interface alone (:mod:`vibgym.kernels.plain`): slower, for a numba that is too new."""
+"""Whether kernels use numba's public interface alone (:mod:`vibgym.kernels.plain`): slower, for versions not yet supported."""
 
 CACHE = os.environ.get("VIBGYM_CACHE", "1") != "0"
-"""Whether compiled kernels are kept."""
+"""Whether compiled kernels are cached on disk."""
 
-FAST_MATH = {"contract", "reassoc", "arcp", "nsz", "afn"}
-
-OPTIONS: Any = {"error_model": "numpy", "fastmath": FAST_MATH, "nogil": True}
-
-FIRST_STEP = "10 to 40 s"
-"""What the kernels of an environment take to compile (studies/benchmarks/cold_start.py)."""
+OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz", "afn"}, "nogil": True}
 
 
 @functools.cache
 def warn_about_cache(reason: str) -> None:
-    """Say once for each reason why nothing is kept."""
+    """Warn that compiled kernels are not cached, once for each reason."""
     LOGGER.warning(
         "vibgym: compiled kernels cannot be kept (%s) and are compiled anew by every process; set NUMBA_CACHE_DIR to a folder "
         "that may be written",

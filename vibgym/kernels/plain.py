@@ -1,39 +1,40 @@
 """Kernels on numba's public interface alone: ``VIBGYM_PLAIN_NUMBA=1``.
 
-The same kernels, but each is compiled by itself, records are handed on by value, and what is pinned is handed over anew by
-every call from Python. That takes minutes to compile and is slower to run. Results differ in the last digits: the compiler
-inlines and rounds differently.
+The same kernels, but numba compiles each of them separately, records are passed by value, and Python passes pinned records
+anew at every call. Compilation takes minutes, and kernels are slower. Results agree to rounding: LLVM inlines differently.
 
-Also with ``NUMBA_DISABLE_JIT=1``: then kernels are plain Python functions, through which a debugger can step.
+With ``NUMBA_DISABLE_JIT=1`` as well, kernels are plain Python functions, which a debugger can step through.
 """
 
 from __future__ import annotations
 
 import ctypes
 import logging
+import math
+import operator
 import os
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numba
-import numba.experimental.function_type  # or a function that is handed over has no type before the first is compiled
+import numba.experimental.function_type  # without it a function as an argument has no type before the first compilation
+import numpy as np
 from numba import types
 
 from vibgym.kernels import options
 from vibgym.kernels.sources import sources
 
 logging.getLogger("vibgym").warning(
-    "vibgym: VIBGYM_PLAIN_NUMBA is set: kernels take minutes to compile and are slower, for they lean on numba's public "
-    "interface alone"
+    "vibgym: VIBGYM_PLAIN_NUMBA is set: with numba's public interface alone, kernels take minutes to compile and are slower"
 )
 
 config: Any = numba.config  # type: ignore[attr-defined]
 
-Record = TypeVar("Record")
+# -- compilation -------------------------------------------------------------------------------------------------------
 
 
 def cache_folder() -> str | None:
-    """Where kernels are kept once they are compiled, by default in this file's folder; None: nowhere."""
+    """Return the folder of the kernel cache, by default next to this file; None if kernels are not cached."""
     folder = config.CACHE_DIR or str(Path(__file__).parent / "__pycache__")
     try:
         os.makedirs(folder, exist_ok=True)
@@ -43,111 +44,68 @@ def cache_folder() -> str | None:
 
 
 def collect(folder: Path) -> None:
-    """Nothing can be shipped in this mode."""
+    """Raise RuntimeError: wheels cannot contain kernels of this mode."""
     raise RuntimeError("VIBGYM_PLAIN_NUMBA is set: in this mode wheels hold no kernels")
 
 
-def _compiled(function: Any, more: Any) -> Any:
-    """numba looks for cached kernels by their file alone. So each state of what the file imports has a folder of its own."""
-    settings = {**options.OPTIONS, **more}
+def kernel(function: Any, fastmath: Any = options.OPTIONS["fastmath"], **private: Any) -> Any:
+    """Compile a function in nopython mode with the project's options; those that numba does not document have no effect.
+
+    Each state of the sources has its own cache folder, since numba checks a kernel's own file only.
+    """
+    settings = {**options.OPTIONS, "fastmath": fastmath}
     file, folder = function.__code__.co_filename, cache_folder()
     if folder is None and options.CACHE:
         options.warn_about_cache("no folder that may be written")
     if folder is None or not os.path.isfile(file):
         return numba.njit(**settings)(function)
     before = config.CACHE_DIR
-    digest = sources(file, function.__module__)
-    config.CACHE_DIR = os.path.join(folder, f"plain-{digest[:16]}")
+    config.CACHE_DIR = os.path.join(folder, f"plain-{sources(file, function.__module__)[:16]}")
     try:
         return numba.njit(cache=True, **settings)(function)
     finally:
         config.CACHE_DIR = before
 
 
-def jit(function: Any) -> Any:
-    """Compile ``function`` in nopython mode with the project's options."""
-    return _compiled(function, {})
+# -- records -----------------------------------------------------------------------------------------------------------
 
 
-def exact(function: Any) -> Any:
-    """Likewise without fast-math."""
-    return _compiled(function, {"fastmath": False})
-
-
-borrowing = inlined = jit
-exact_inlined = exact
-
-
-@jit
+@kernel
 def reference(record):
-    """The record itself."""
+    """Return the record itself."""
     return record
 
 
-@jit
-def _at(address):
-    return address
+def reader(layout: Any) -> Any:
+    """Return the function that returns the record of an address: itself."""
+    return reference
 
 
-@jit
+@kernel
 def is_given(address):
-    """Whether it stands for a record: one whose first array holds something."""
+    """Return whether a record is not that of ``Layout.none``, whose first array is empty."""
     return address[0].shape[0] > 0
 
 
-class Layout(Generic[Record]):
-    """What all pinned records of a kind look like; the first one says it.
+class Memory:
+    """A pinned record; its address is the record."""
 
-    Args:
-        name, module: where this object is found.
+    def __init__(self, layout: Any, record: Any) -> None:
+        self._layout, self.address = layout, record
 
-    Attributes:
-        at: ``at(address)`` in a kernel is the record that is pinned there.
-    """
-
-    def __init__(self, name: str, module: str) -> None:
-        self.name, self.__module__ = name, module
-        self.record: Any = None  # its numba type
-        self.at: Any = _at
-
-    def none(self, record: Record) -> Any:
-        """What stands for no record: one whose first array is empty."""
-        return record
-
-    def __reduce__(self) -> str:
-        """Copies and pickles are this object: it stands under its name in its module."""
-        return self.name
-
-
-class Pinned(Generic[Record]):
-    """A record that stays where it is in memory, with what its arrays hold.
-
-    Attributes:
-        record: itself, for Python.
-        address: for kernels, see :attr:`Layout.at`; here the record again.
-    """
-
-    def __init__(self, layout: Layout[Record], record: Record) -> None:
+    def replace(self, before: Any, record: Any) -> None:
+        """Replace the record."""
         kind = numba.typeof(record)
-        layout.record = layout.record or kind
-        if kind != layout.record:
-            raise TypeError(f"{layout.name}: got {kind}; allowed: {layout.record}")
-        self.layout, self.record = layout, record
+        if kind != self._layout.record:
+            raise TypeError(f"{self._layout.name}: got {kind}; allowed: {self._layout.record}")
+        self.address = record
 
-    def put(self, record: Record) -> None:
-        """Let another record of the kind stand here."""
-        if numba.typeof(record) != self.layout.record:
-            raise TypeError(f"{self.layout.name}: got {numba.typeof(record)}; allowed: {self.layout.record}")
-        self.record = record
 
-    @property
-    def address(self) -> Any:
-        """For kernels."""
-        return self.record
+# -- functions of other libraries --------------------------------------------------------------------------------------
 
 
 class _Foreign(types.WrapperAddressProtocol):
-    """A compiled function of another library, as numba lets kernels take functions as arguments."""
+    """A function of another library as numba's first-class function."""
 
     def __init__(self, address: int, arguments: tuple[str, ...]) -> None:
         self._address = address
@@ -157,23 +115,96 @@ class _Foreign(types.WrapperAddressProtocol):
         return self._address
 
     def __call__(self, *arguments: Any) -> None:
-        """For Python."""
+        """Call the function from Python, as kernels do under ``NUMBA_DISABLE_JIT=1``."""
         kinds = (ctypes.c_double if isinstance(each, float) else ctypes.c_int64 for each in arguments)
         ctypes.CFUNCTYPE(None, *kinds)(self._address)(
             *(each.item() if hasattr(each, "item") else each for each in arguments)
         )
 
     def signature(self) -> Any:
-        """Of the function."""
         return self._signature
 
 
 def foreign(address: int, *arguments: str) -> Any:
-    """What kernels call; see :mod:`vibgym.kernels.foreign`."""
+    """Return what kernels take for a function of another library."""
     return _Foreign(address, arguments)
 
 
-@jit
+@kernel
 def call_foreign(function, arguments):
-    """Call it, and throw its result away."""
+    """Call a function of another library and discard its result."""
     function(*arguments)
+
+
+# -- vectors of one lane, see vibgym.kernels.vector ---------------------------------------------------------------------
+
+LANES = WIDTH = 1
+
+
+def exact(function: Any) -> Any:
+    """Compile without fast-math."""
+    return kernel(function, fastmath=False)
+
+
+absolute, copysign, floor, sqrt = abs, math.copysign, np.floor, math.sqrt
+logical_not = operator.not_
+
+
+@exact
+def broadcast(number):
+    """Return the number as a float."""
+    return float(number)
+
+
+@exact
+def load(data, at):
+    """Return an item of a flat array."""
+    return data[at]
+
+
+@exact
+def store(data, at, value):
+    """Write an item of a flat array."""
+    data[at] = value
+
+
+@exact
+def bits(mask):
+    """Return 1 or 0."""
+    return 1 if mask else 0
+
+
+@exact
+def mask_of(number):
+    """Return whether the number is not zero."""
+    return number != 0
+
+
+@exact
+def select(mask, one, other):
+    """Return ``one`` where the mask holds, else ``other``."""
+    return one if mask else other
+
+
+@exact
+def minimum(one, other):
+    """Return the smaller one; the second if either is NaN."""
+    return one if one < other else other
+
+
+@exact
+def maximum(one, other):
+    """Return the larger one; the second if either is NaN."""
+    return one if one > other else other
+
+
+@exact
+def _identity(value):
+    return value
+
+
+lane_minimum = lane_maximum = _identity
+load_register = load_mask = load
+store_mask = store
+broadcast_register = broadcast
+mask_register = mask_of

@@ -1,7 +1,7 @@
-"""What a file of kernels depends on: itself and all that it imports, directly or not, from its own package and from this one.
+"""The source files that a kernel depends on: its own and all that it imports, directly or indirectly.
 
-numba caches a kernel by the file that holds it and does not notice when a kernel or a constant of another file has changed: it
-would go on with the old physics.
+numba's cache checks a kernel's own file only and does not detect that a kernel or constant of another file has changed. Imports
+count if they are from the kernel's own package or from this one.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ import re
 from pathlib import Path
 
 _TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:(?: .*)?\n)+", re.MULTILINE)
-"""What only the type checker reads: nothing runs by it, and ``vibgym/__init__.py`` names half the package so."""
+"""Imports for type checkers, which do not run."""
 
 _IMPORT = re.compile(r"^ *(?:from|import) ([\w.]+)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
 
 
 @functools.cache
-def _imported(file: str, module: str) -> tuple[Path, ...]:
-    """A module's file and all files that it imports, directly or not, from its own package and from this one."""
+def imported_files(file: str, module: str) -> tuple[Path, ...]:
+    """Return a module's file and all files that it imports, directly or indirectly, sorted."""
     own, name = Path(file), module.partition(".")[0]
     depth = module.count(".") + (own.name == "__init__.py")
     roots = {__name__.partition(".")[0]: Path(__file__).parents[__name__.count(".")], name: own.parents[depth]}
@@ -39,19 +39,8 @@ def _imported(file: str, module: str) -> tuple[Path, ...]:
 
 @functools.cache
 def sources(file: str, module: str) -> str:
-    """Digest of what :func:`_imported` finds."""
+    """Return a digest of the files that a module depends on."""
     digest = hashlib.sha256()
-    for path in _imported(file, module):
+    for path in imported_files(file, module):
         digest.update(path.read_bytes())
     return digest.hexdigest()
-
-
-@functools.cache
-def last_edit(file: str, module: str) -> float:
-    """When the youngest of these files was written."""
-    return max(path.stat().st_mtime for path in _imported(file, module))
-
-
-def depends_on(file: str, module: str, name: str) -> bool:
-    """Whether it imports a file of this folder, directly or not."""
-    return Path(__file__).with_name(name) in _imported(file, module)

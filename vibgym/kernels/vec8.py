@@ -1,14 +1,11 @@
 """Eight doubles as one value of a kernel, unless in plain mode; see :mod:`vibgym.kernels.vector`.
 
-A value is ``<8 x double>`` to LLVM, which splits it for processors with narrower registers, or as many doubles as a register
-holds (:data:`WIDTH`). What is written with it are vector instructions by construction, where a loop over lanes is vectorised
-or not as the compiler thinks fit.
+A value is ``<8 x double>`` in LLVM, which splits it for processors with narrower registers, or ``<WIDTH x double>``. Vector
+instructions follow by construction, independently of LLVM's vectorisation of loops.
 
-The operators are IEEE's own, and kernels that use them are compiled without fast-math (:func:`vibgym.kernels.jit.exact`). A
-product that is added to something is rounded once, with the sum; which products these are is decided here, from the kernel's
-source, and not by the optimiser. So the bits depend neither on how wide the processor's registers are, nor on who made it, nor
-on what else is compiled along, as long as it multiplies and adds in one instruction: all x86 processors with AVX2 or AVX-512,
-and ARM's, do.
+Operators round as IEEE 754 specifies; kernels that use them are compiled without fast-math (:func:`vibgym.kernels.jit.exact`).
+A product that is added to something is rounded once, with the sum (fused multiply-add). The source determines which products
+are fused, not LLVM. Bits are therefore the same on all processors with fused multiply-add: x86 with AVX2 or AVX-512, and ARM.
 """
 
 from __future__ import annotations
@@ -26,20 +23,20 @@ from numba.core.imputils import lower_builtin, lower_cast
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
 LANES = 8
-"""Doubles of a value."""
+"""Doubles in a value."""
 
-_ASKED = os.environ.get("VIBGYM_VECTOR", "")
-if _ASKED not in ("", "4", "8"):
-    raise ValueError(f"VIBGYM_VECTOR: got {_ASKED!r}; allowed: 4 or 8")
+_REQUESTED = os.environ.get("VIBGYM_VECTOR", "")
+if _REQUESTED not in ("", "4", "8"):
+    raise ValueError(f"VIBGYM_VECTOR: got {_REQUESTED!r}; allowed: 4 or 8")
 
-WIDTH = int(_ASKED or (8 if binding.get_host_cpu_features().get("avx512f") else 4))
-"""Doubles of a value that fits into one of the processor's registers, 4 or 8."""
+WIDTH = int(_REQUESTED or (8 if binding.get_host_cpu_features().get("avx512f") else 4))
+"""Doubles in a register of the processor, 4 or 8."""
 
 _INDEX, _BYTE = ir.IntType(32), ir.IntType(8)
 
 
 class Vec(types.Type):
-    """Type of eight doubles, ``Vec8``, or of fewer."""
+    """Type of a value of 8 or ``WIDTH`` doubles."""
 
     def __init__(self, lanes: int) -> None:
         self.lanes = lanes
@@ -47,7 +44,7 @@ class Vec(types.Type):
 
 
 class Mask(types.Type):
-    """Type of as many truth values, which a comparison yields."""
+    """Type of the result of a comparison: 8 or ``WIDTH`` truth values."""
 
     def __init__(self, lanes: int) -> None:
         self.lanes = lanes
@@ -70,24 +67,24 @@ class _MaskModel(models.PrimitiveModel):
         super().__init__(manager, kind, ir.VectorType(ir.IntType(1), kind.lanes))
 
 
-def _spread(builder: Any, number: Any, lanes: int) -> Any:
-    nothing = ir.Constant(ir.VectorType(ir.DoubleType(), lanes), ir.Undefined)
-    first = builder.insert_element(nothing, number, ir.Constant(_INDEX, 0))
-    return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(_INDEX, lanes), [0] * lanes))
+def _broadcast(builder: Any, number: Any, lanes: int) -> Any:
+    undefined = ir.Constant(ir.VectorType(ir.DoubleType(), lanes), ir.Undefined)
+    first = builder.insert_element(undefined, number, ir.Constant(_INDEX, 0))
+    return builder.shuffle_vector(first, undefined, ir.Constant(ir.VectorType(_INDEX, lanes), [0] * lanes))
 
 
 @lower_cast(types.Float, Vec)
 @lower_cast(types.Integer, Vec)
 def _cast(context: Any, builder: Any, given: Any, kind: Any, value: Any) -> Any:
-    return _spread(builder, context.cast(builder, value, given, types.float64), kind.lanes)
+    return _broadcast(builder, context.cast(builder, value, given, types.float64), kind.lanes)
 
 
-# -- what numba is taught ----------------------------------------------------------------------------------------------
+# -- registration with numba -------------------------------------------------------------------------------------------
 
 _ANY_VEC, _ANY_MASK = "Vec", "Mask"
-"""Of the width of the other arguments."""
+"""Types with as many lanes as the other arguments have."""
 
-_OWN = {_ANY_VEC: VEC, _ANY_MASK: MASK}
+_BY_LANES = {_ANY_VEC: VEC, _ANY_MASK: MASK}
 
 
 def _fits(given: Any, kind: Any) -> bool:
@@ -96,12 +93,12 @@ def _fits(given: Any, kind: Any) -> bool:
     return given == kind or (not isinstance(kind, Mask) and isinstance(given, types.Number))
 
 
-def _teach(function: Any, generate: Callable[..., Any], result: Any, kinds: tuple[Any, ...]) -> None:
-    """Teach numba what a function of values of these kinds is; numbers stand for a value with that number in every lane."""
-    wide = any(kind in _OWN for kind in kinds)
+def _register(function: Any, generate: Callable[..., Any], result: Any, kinds: tuple[Any, ...]) -> None:
+    """Register the typing and code generation of a function; a number as an argument stands for itself in every lane."""
+    wide = any(kind in _BY_LANES for kind in kinds)
 
     def of(kind: Any, lanes: int) -> Any:
-        return _OWN[kind][lanes] if kind in _OWN else kind
+        return _BY_LANES[kind][lanes] if kind in _BY_LANES else kind
 
     class _Template(AbstractTemplate):
         key = function
@@ -110,16 +107,16 @@ def _teach(function: Any, generate: Callable[..., Any], result: Any, kinds: tupl
             lanes = next((each.lanes for each in args if isinstance(each, (Vec, Mask))), 0)
             if kws or len(args) != len(kinds) or (wide and not lanes):
                 return None
-            mine = [of(kind, lanes) for kind in kinds]
-            if not all(map(_fits, args, mine)):
+            wanted = [of(kind, lanes) for kind in kinds]
+            if not all(map(_fits, args, wanted)):
                 return None
-            return signature(of(result, lanes), *(a if k == types.Array else k for a, k in zip(args, mine)))
+            return signature(of(result, lanes), *(a if k == types.Array else k for a, k in zip(args, wanted)))
 
-    of_numba: Any = infer_global
+    infer: Any = infer_global
     if function.__module__ == "_operator":
-        of_numba(function)(_Template)
+        infer(function)(_Template)
     else:
-        of_numba(function, types.Function(_Template))
+        infer(function, types.Function(_Template))
 
     def lower(context: Any, builder: Any, made: Any, values: Any) -> Any:
         given = [
@@ -134,17 +131,17 @@ def _teach(function: Any, generate: Callable[..., Any], result: Any, kinds: tupl
 
 
 def _function(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
-    """What makes the instructions is itself the function's name in kernels."""
+    """Decorate a code generator: kernels call the function by its name."""
 
-    def teach(generate: Callable[..., Any]) -> Any:
-        _teach(generate, generate, result, kinds)
+    def decorate(generate: Callable[..., Any]) -> Any:
+        _register(generate, generate, result, kinds)
         return generate
 
-    return teach
+    return decorate
 
 
 def _call(builder: Any, name: str, *arguments: Any) -> Any:
-    """A function of LLVM's own on vectors of one kind."""
+    """Call an LLVM intrinsic whose arguments and result are vectors of one type."""
     kind = arguments[0].type
     name = f"{name}.v{kind.count}f{32 if kind.element == ir.FloatType() else 64}"
     whole = ir.FunctionType(kind, [kind] * len(arguments))
@@ -189,12 +186,12 @@ for _operator, _generate in (
     (operator.mul, lambda builder, one, other: builder.fmul(one, other)),
     (operator.truediv, lambda builder, one, other: builder.fdiv(one, other)),
 ):
-    _teach(_operator, _generate, _ANY_VEC, (_ANY_VEC, _ANY_VEC))
+    _register(_operator, _generate, _ANY_VEC, (_ANY_VEC, _ANY_VEC))
 for _operator, _how in ((operator.lt, "<"), (operator.le, "<="), (operator.gt, ">"), (operator.ge, ">=")):
-    _teach(_operator, _compare(_how), _ANY_MASK, (_ANY_VEC, _ANY_VEC))
-_teach(operator.neg, lambda builder, value: builder.fneg(value), _ANY_VEC, (_ANY_VEC,))
-_teach(operator.and_, lambda builder, one, other: builder.and_(one, other), _ANY_MASK, (_ANY_MASK, _ANY_MASK))
-_teach(operator.or_, lambda builder, one, other: builder.or_(one, other), _ANY_MASK, (_ANY_MASK, _ANY_MASK))
+    _register(_operator, _compare(_how), _ANY_MASK, (_ANY_VEC, _ANY_VEC))
+_register(operator.neg, lambda builder, value: builder.fneg(value), _ANY_VEC, (_ANY_VEC,))
+_register(operator.and_, lambda builder, one, other: builder.and_(one, other), _ANY_MASK, (_ANY_MASK, _ANY_MASK))
+_register(operator.or_, lambda builder, one, other: builder.or_(one, other), _ANY_MASK, (_ANY_MASK, _ANY_MASK))
 
 
 # -- functions ---------------------------------------------------------------------------------------------------------
@@ -207,127 +204,111 @@ def _place(builder: Any, data: Any, at: Any, kind: Any) -> Any:
 def _loader(lanes: int) -> Any:
     @_function(VEC[lanes], types.Array, types.intp)
     def load(builder: Any, data: Any, at: Any) -> Any:
-        """The numbers of a flat array from a place on."""
+        """Load consecutive items of a flat array."""
         return builder.load(_place(builder, data, at, ir.VectorType(ir.DoubleType(), lanes)), align=8)
 
     return load
 
 
-def _spreader(lanes: int) -> Any:
+def _broadcaster(lanes: int) -> Any:
     @_function(VEC[lanes], types.float64)
-    def spread(builder: Any, number: Any) -> Any:
-        """A number in every lane."""
-        return _spread(builder, number, lanes)
+    def broadcast(builder: Any, number: Any) -> Any:
+        """Set all lanes to a number."""
+        return _broadcast(builder, number, lanes)
 
-    return spread
+    return broadcast
 
 
 def _masker(lanes: int) -> Any:
     @_function(MASK[lanes], types.int64)
     def mask_of(builder: Any, number: Any) -> Any:
-        """The mask of a whole number, in which lane k is bit k."""
+        """Convert an integer to a mask: lane k is bit k."""
         return builder.bitcast(builder.trunc(number, ir.IntType(lanes)), ir.VectorType(ir.IntType(1), lanes))
 
     return mask_of
 
 
 load, load_register = _loader(LANES), _loader(WIDTH)
-spread, spread_register = _spreader(LANES), _spreader(WIDTH)
+broadcast, broadcast_register = _broadcaster(LANES), _broadcaster(WIDTH)
 mask_of, mask_register = _masker(LANES), _masker(WIDTH)
 
 
 @_function(types.none, types.Array, types.intp, _ANY_VEC)
 def store(builder: Any, data: Any, at: Any, value: Any) -> None:
-    """Write the lanes into a flat array from a place on."""
+    """Store the lanes in consecutive items of a flat array."""
     builder.store(value, _place(builder, data, at, value.type), align=8)
 
 
 @_function(MASK[LANES], types.Array, types.intp)
 def load_mask(builder: Any, data: Any, at: Any) -> Any:
-    """The truth values of a flat array of bool from a place on."""
+    """Load consecutive items of a flat array of bool."""
     kind = ir.VectorType(_BYTE, LANES)
     return builder.icmp_unsigned("!=", builder.load(_place(builder, data, at, kind), align=1), _constant(kind, 0))
 
 
 @_function(types.none, types.Array, types.intp, _ANY_MASK)
 def store_mask(builder: Any, data: Any, at: Any, mask: Any) -> None:
-    """Write truth values into a flat array of bool from a place on."""
+    """Store a mask in consecutive items of a flat array of bool."""
     kind = ir.VectorType(_BYTE, mask.type.count)
     builder.store(builder.zext(mask, kind), _place(builder, data, at, kind), align=1)
 
 
 @_function(types.int64, _ANY_MASK)
 def bits(builder: Any, mask: Any) -> Any:
-    """A mask as a whole number, in which lane k is bit k."""
+    """Convert a mask to an integer: bit k is lane k."""
     return builder.zext(builder.bitcast(mask, ir.IntType(mask.type.count)), ir.IntType(64))
 
 
 @_function(_ANY_MASK, _ANY_MASK)
-def no(builder: Any, mask: Any) -> Any:
-    """Where a mask does not hold."""
+def logical_not(builder: Any, mask: Any) -> Any:
+    """Invert a mask."""
     return builder.xor(mask, _constant(mask.type, 1))
 
 
 @_function(_ANY_VEC, _ANY_MASK, _ANY_VEC, _ANY_VEC)
 def select(builder: Any, mask: Any, one: Any, other: Any) -> Any:
-    """One value where the mask holds, else the other."""
+    """Select lanes of ``one`` where the mask holds, else of ``other``."""
     return builder.select(mask, one, other)
 
 
-@_function(_ANY_VEC, _ANY_VEC, _ANY_VEC)
-def minimum(builder: Any, one: Any, other: Any) -> Any:
-    """The smaller one; the second, if either is no number."""
-    return builder.select(builder.fcmp_ordered("<", one, other), one, other)
+def _intrinsic(name: str, arguments: int) -> Any:
+    """Return the kernel function of an LLVM intrinsic."""
+
+    @_function(_ANY_VEC, *[_ANY_VEC] * arguments)
+    def generate(builder: Any, *values: Any) -> Any:
+        return _call(builder, name, *values)
+
+    return generate
 
 
-@_function(_ANY_VEC, _ANY_VEC, _ANY_VEC)
-def maximum(builder: Any, one: Any, other: Any) -> Any:
-    """The larger one; the second, if either is no number."""
-    return builder.select(builder.fcmp_ordered(">", one, other), one, other)
+floor, absolute, copysign = _intrinsic("llvm.floor", 1), _intrinsic("llvm.fabs", 1), _intrinsic("llvm.copysign", 2)
+sqrt = _intrinsic("llvm.sqrt", 1)  # IEEE rounding; the bits of estimates such as ``vrsqrtps`` depend on the processor
 
 
-@_function(_ANY_VEC, _ANY_VEC)
-def floor(builder: Any, value: Any) -> Any:
-    """The whole number below."""
-    return _call(builder, "llvm.floor", value)
+def _extremum(how: str) -> tuple[Any, Any]:
+    """Return the function that selects lanes by a comparison, the second if either is NaN, and the reduction over lanes."""
+
+    @_function(_ANY_VEC, _ANY_VEC, _ANY_VEC)
+    def lane_by_lane(builder: Any, one: Any, other: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(how, one, other), one, other)
+
+    @_function(types.float64, _ANY_VEC)
+    def over_lanes(builder: Any, value: Any) -> Any:
+        return _reduce(builder, value, how)
+
+    return lane_by_lane, over_lanes
 
 
-@_function(_ANY_VEC, _ANY_VEC)
-def magnitude(builder: Any, value: Any) -> Any:
-    """Without its sign."""
-    return _call(builder, "llvm.fabs", value)
-
-
-@_function(_ANY_VEC, _ANY_VEC, _ANY_VEC)
-def copysign(builder: Any, value: Any, sign: Any) -> Any:
-    """The one with the other's sign."""
-    return _call(builder, "llvm.copysign", value, sign)
-
-
-@_function(_ANY_VEC, _ANY_VEC)
-def root(builder: Any, value: Any) -> Any:
-    """The root, rounded as IEEE says: estimates as by ``vrsqrtps`` have other bits on every maker's processors."""
-    return _call(builder, "llvm.sqrt", value)
-
-
-def _across(builder: Any, value: Any, how: str) -> Any:
+def _reduce(builder: Any, value: Any, how: str) -> Any:
     lanes = width = value.type.count
-    nothing = ir.Constant(value.type, ir.Undefined)
+    undefined = ir.Constant(value.type, ir.Undefined)
     while width > 1:
         width //= 2
         where = [k + width if k < width else k for k in range(lanes)]
-        other = builder.shuffle_vector(value, nothing, ir.Constant(ir.VectorType(_INDEX, lanes), where))
+        other = builder.shuffle_vector(value, undefined, ir.Constant(ir.VectorType(_INDEX, lanes), where))
         value = builder.select(builder.fcmp_ordered(how, value, other), value, other)
     return builder.extract_element(value, ir.Constant(_INDEX, 0))
 
 
-@_function(types.float64, _ANY_VEC)
-def least(builder: Any, value: Any) -> Any:
-    """The smallest lane's number."""
-    return _across(builder, value, "<")
-
-
-@_function(types.float64, _ANY_VEC)
-def greatest(builder: Any, value: Any) -> Any:
-    """The largest lane's number."""
-    return _across(builder, value, ">")
+minimum, lane_minimum = _extremum("<")
+maximum, lane_maximum = _extremum(">")

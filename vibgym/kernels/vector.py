@@ -1,13 +1,15 @@
-"""Eight doubles as one value of a kernel: :data:`LANES` worlds side by side, a lane each.
+"""Eight doubles as one value of a kernel: one part per lane.
 
-Operators work lane by lane, and so do ``minimum``, ``maximum``, ``floor``, ``magnitude``, ``copysign`` and ``root``;
-a number stands for itself in every lane, and ``spread(number)`` makes a value of it. Comparisons yield masks: ``&``, ``|`` and
-``no`` combine them, ``select(mask, one, other)`` chooses by them, ``bits(mask)`` and ``mask_of(number)`` turn them into whole
-numbers and back. ``load`` and ``store`` move values from and to flat arrays, ``load_mask`` and ``store_mask`` masks;
-``least`` and ``greatest`` look across the lanes.
+- Operators, ``minimum``, ``maximum``, ``floor``, ``absolute``, ``copysign`` and ``sqrt`` work lane by lane. A number stands for
+  itself in every lane; ``broadcast(number)`` makes a value of it.
+- Comparisons return masks, which ``&``, ``|`` and ``logical_not`` combine. ``select(mask, one, other)`` takes lanes of ``one``
+  where the mask holds. ``bits(mask)`` and ``mask_of(number)`` convert a mask to an integer and back: bit k is lane k.
+- ``load`` and ``store`` read and write flat arrays, ``load_mask`` and ``store_mask`` arrays of bool.
+- ``lane_minimum`` and ``lane_maximum`` return the smallest and the largest lane.
+- ``load_register``, ``broadcast_register`` and ``mask_register`` make values of ``WIDTH`` lanes, as many as a register holds.
 
-Kernels that use them are compiled by :func:`vibgym.kernels.jit.exact`. In plain mode there is one lane: the same kernels, with
-numbers for values.
+Kernels that use these functions are compiled by :func:`vibgym.kernels.jit.exact`. In plain mode there is one lane, and values
+are numbers.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from __future__ import annotations
 from vibgym.kernels.options import PLAIN
 
 if PLAIN:
-    from vibgym.kernels import one_lane as _form
+    from vibgym.kernels import plain as _form
 else:
     from vibgym.kernels import vec8 as _form
 
@@ -23,7 +25,8 @@ LANES: int = _form.LANES
 WIDTH: int = _form.WIDTH
 load, load_register, store = _form.load, _form.load_register, _form.store
 load_mask, store_mask = _form.load_mask, _form.store_mask
-spread, spread_register = _form.spread, _form.spread_register
-bits, mask_of, mask_register, no, select = _form.bits, _form.mask_of, _form.mask_register, _form.no, _form.select
-minimum, maximum, least, greatest = _form.minimum, _form.maximum, _form.least, _form.greatest
-floor, magnitude, copysign, root = _form.floor, _form.magnitude, _form.copysign, _form.root
+broadcast, broadcast_register = _form.broadcast, _form.broadcast_register
+bits, mask_of, mask_register, logical_not = _form.bits, _form.mask_of, _form.mask_register, _form.logical_not
+select, minimum, maximum, copysign = _form.select, _form.minimum, _form.maximum, _form.copysign
+lane_minimum, lane_maximum = _form.lane_minimum, _form.lane_maximum
+floor, absolute, sqrt = _form.floor, _form.absolute, _form.sqrt

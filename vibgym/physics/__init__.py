@@ -1,5 +1,5 @@
-"""Compiled physics: arrays in, arrays out, SI units throughout.
+"""Compiled physics: arrays in, arrays out, SI units throughout; no settings, no random generators, no environments.
 
-Nothing here reads settings, draws random numbers or knows about environments. Public entry points are
-:func:`vibgym.physics.planar.friction.advance_worlds` and :func:`vibgym.physics.core.drive.element_phasor`.
+Entry points: :func:`vibgym.physics.planar.friction.slide_rows`, :func:`vibgym.physics.contacts.multibody.resolve`,
+:func:`vibgym.physics.averaged.integrator.advance_worlds` and :func:`vibgym.physics.core.drive.element_phasor`.
 """

@@ -1,4 +1,4 @@
-"""Who acts: the protocol of policies, classical controllers and trained agents, and how their episodes are played."""
+"""Policies: their protocol, classical controllers and trained agents, and rollouts."""
 
 from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.steering import LAWS

@@ -1,4 +1,4 @@
-"""Adapters for models with ``predict`` alone, such as those of Stable-Baselines3, and for another action."""
+"""Adapters for models that have only ``predict``, such as those of Stable-Baselines3, and for another action."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DICTIONARIES = {
 
 
 class ModelPolicy:
-    """A model as a policy.
+    """Policy that wraps a model.
 
     Args:
         model: object with ``predict``. Its ``action_space`` and ``observation_space``, where it has them, must fit the task.
@@ -32,7 +32,7 @@ class ModelPolicy:
         action: the environment's ``action=``; None: the model's attribute ``action``, else the action that fits its
             ``action_space``.
         observation: the environment's ``observation=``; None: the model's attribute ``observation``, else the observation
-            that fits its ``observation_space``, first that of the environment of ``info``.
+            that fits its ``observation_space``, preferably that of the environment of ``info``.
         usual: action to choose if several fit.
 
     Raises:
@@ -56,11 +56,7 @@ class ModelPolicy:
             self._space = info.observation_space if self.observation == info.observation else None
 
     def check(self, space: spaces.Space) -> None:
-        """Raise if the model does not read observations of this space.
-
-        Raises:
-            ValueError: it has an ``observation_space`` of other shapes.
-        """
+        """Raise ValueError if the model has an ``observation_space`` of other shapes."""
         own = getattr(self.model, "observation_space", None)
         if own is not None and not _fits(own, space):
             raise _misfit(self.model, _shapes(space))
@@ -74,13 +70,12 @@ class ModelPolicy:
 
     def _batch_shape(self, observation: Any) -> tuple[int, ...]:
         """Return () for one observation and (batch,) for a batch."""
+        space = self._space
         if isinstance(observation, Mapping):
-            name = next(iter(observation))
-            axes = len(self._space[name].shape or ()) if isinstance(self._space, spaces.Dict) else 1
-            shape = np.shape(observation[name])
-        else:
-            axes, shape = len(getattr(self._space, "shape", None) or (0,)), np.shape(observation)
-        return shape[: len(shape) - axes]
+            name, observation = next(iter(observation.items()))
+            space = space[name] if isinstance(space, spaces.Dict) else None
+        shape, own = np.shape(observation), getattr(space, "shape", None)
+        return shape[: len(shape) - (1 if own is None else len(own))]
 
 
 def _action_of(model: Any, info: TaskInfo, action: str | None, usual: str | None) -> str:
@@ -125,7 +120,7 @@ def _observation_of(model: Any, info: TaskInfo, observation: str | None) -> str:
         return found
     if observation in (None, "state"):
         raise _misfit(model, f"shape {(info.layout.size,)}, the state observation of {info.name}")
-    return observation  # pictures, and observations of users: checked against the environment's
+    return observation  # images and custom observations: checked against the environment's
 
 
 def _misfit(model: Any, allowed: str) -> checks.Refused:
@@ -153,11 +148,7 @@ def _fits(own: Any, space: Any) -> bool:
 
 
 class InElements:
-    """A policy with ``"phasor"`` actions, for an environment that was made with ``action="element"``.
-
-    Args:
-        policy: with ``"phasor"`` actions.
-    """
+    """Policy that converts the ``"phasor"`` actions of another one for an environment with ``action="element"``."""
 
     action = "element"
 

@@ -1,4 +1,4 @@
-"""What an episode is measured by: the least time that it needs, and collisions on its way."""
+"""Metrics of episodes: lower bounds of the time to the goal, and collisions."""
 
 from __future__ import annotations
 
@@ -20,25 +20,28 @@ from vibgym.tasks.episode import TOUCHING
 
 @dataclass(frozen=True)
 class Measured(Outcomes):
-    """How episodes ended, with what each is measured by."""
+    """Outcomes of episodes, with bounds and collisions. Bounds are nan where none is known."""
 
-    bound: np.ndarray  # s, least time to goal from this start, hold included; nan where none is known
-    rate_bound: np.ndarray  # most good parts a minute, where parts come and go; nan elsewhere, and where none is known
-    collisions: np.ndarray  # pairs newly in touch, see Touches; nan where the task does not count them
+    bound: np.ndarray  # s, lower bound of the time to goal from this start, hold included
+    rate_bound: np.ndarray  # upper bound of good parts a minute, where parts come and go; nan elsewhere
+    collisions: np.ndarray  # pairs newly in contact, see Measures; nan where the task does not count them
 
     @property
     def time_over_bound(self) -> np.ndarray:
-        """Time to goal as a multiple of the least one; nan without success, and where no bound is known."""
+        """Time to goal over its lower bound; nan without success."""
         return self.time_to_goal / self.bound
 
     @property
     def rate_over_bound(self) -> np.ndarray:
-        """Good parts a minute as a share of the most; nan where parts stay, and where no bound is known."""
+        """Good parts a minute over their upper bound."""
         return self.fact("good_per_minute") / self.rate_bound
 
 
 class Measures(Ends):
-    """Keeps the ends, the least time that each episode needs, and the collisions on its way; one world an episode.
+    """Collector of outcomes, bounds and collisions; one world per episode.
+
+    A pair of parts is in contact where their outlines are closer than 0.1 mm at the end of a step. It counts whenever it is
+    in contact and was not a step before, or at the start. Contacts that begin and end within a step are not seen.
 
     Args:
         env, info, seeds: as of :class:`vibgym.policies.rollout.Ends`.
@@ -49,79 +52,55 @@ class Measures(Ends):
 
     def __init__(self, env: VibgymVectorEnv, info: dict[str, Any], seeds: Sequence[int]) -> None:
         super().__init__(env, info, seeds)
-        self.touches = Touches(env.parts, len(seeds)) if "touching" in info else None
+        self._pairs = np.triu_indices(len(env.parts), 1)
+        self._touching = np.zeros((len(seeds), len(self._pairs[0])), dtype=bool)
         self.fields |= {
             "bound": least_times(env),
             "rate_bound": most_rates(env),
-            "collisions": np.full(len(seeds), np.nan if self.touches is None else 0.0),
+            "collisions": np.full(len(seeds), 0.0 if "touching" in info else np.nan),
         }
-        if self.touches is not None:
-            self.touches.new(env.truth, info["touching"] > 0)  # pairs in touch at the start do not count
+        if "touching" in info:
+            self._new_contacts(info["touching"] > 0)
 
     def add(self, step: Step) -> None:
-        """What a step has brought."""
+        """Add a step."""
         super().add(step)
-        if self.touches is not None:
-            some = step.playing & (step.info["touching"] > 0)
-            self.fields["collisions"] += self.touches.new(self.env.truth, some)
+        if "touching" in step.info:
+            self.fields["collisions"] += self._new_contacts(step.playing & (step.info["touching"] > 0))
 
     def result(self, task: str, timing: Timing) -> Measured:
-        """All of it, when all episodes have ended."""
+        """Return the result, when all episodes have ended."""
         return Measured(task, self.seeds, self.env.step_time, **self.fields)
 
-
-class Touches:
-    """Pairs that come into touch, seen once a step.
-
-    A pair is in touch where the parts' outlines are closer than 0.1 mm at the end of a step; it counts whenever it is now and
-    was not a step ago. What touches and parts again within a step is not seen. Pairs in touch at the start do not count.
-
-    Args:
-        parts: of every world.
-        worlds: number of worlds.
-    """
-
-    def __init__(self, parts: Sequence[Part], worlds: int) -> None:
-        self.parts = parts
-        self.one, self.other = np.triu_indices(len(parts), 1)
-        self.touching = np.zeros((worlds, len(self.one)), dtype=bool)
-
-    def new(self, truth: Truth, some: np.ndarray) -> np.ndarray:
-        """(worlds,) pairs in touch now that were not when last asked.
-
-        Args:
-            truth: the state now.
-            some: (worlds,) bool, where pairs are in touch at all; none are elsewhere.
-        """
+    def _new_contacts(self, some: np.ndarray) -> np.ndarray:
+        """Return the number (worlds,) of pairs in contact that were not at the last call; (worlds,) bool: where any are."""
+        truth, (one, other) = self.env.truth, self._pairs
         worlds = np.flatnonzero(some & np.isfinite(truth.pose).all(axis=(1, 2)))
-        touching = np.zeros_like(self.touching)
+        touching = np.zeros_like(self._touching)
         if len(worlds):
-            gaps = gaps_between(self.parts, truth.pose[worlds])
+            gaps = gaps_between(self.env.parts, truth.pose[worlds])
             there = truth.present[worlds] & ~truth.fallen[worlds]
-            touching[worlds] = gaps[:, self.one, self.other] < TOUCHING
-            touching[worlds] &= there[:, self.one] & there[:, self.other]
-        found = (touching & ~self.touching).sum(axis=1)
-        self.touching = touching
+            touching[worlds] = (gaps[:, one, other] < TOUCHING) & there[:, one] & there[:, other]
+        found = (touching & ~self._touching).sum(axis=1)
+        self._touching = touching
         return found
 
 
 def least_times(env: SharedInterface) -> np.ndarray:
-    """Least time to goal (worlds,) of the episodes that have just begun, s; see :mod:`vibgym.bounds`.
+    """Return lower bounds of the time to goal (worlds,), s, of episodes that have just begun; see :mod:`vibgym.bounds`.
 
-    With several parts it is that of the slowest. Parts that actions do not speak for are pushed by those that they do.
+    With several parts it is that of the slowest. Parts that are not driven are pushed by driven ones.
 
     Args:
         env: with all worlds at the start of an episode.
 
     Returns:
         nan where no bound is known: for tasks without goal poses or with goals that move, models other than the planar one,
-        disturbances, parts that may stick, and where friction or the table's incline are not what part and table say.
+        disturbances, parts that may stick, and where friction or incline differ from those of part and table.
     """
     task, truth = env.task, env.truth
-    known = task.has_goal and not task.goal_moves and not task.flows and _undisturbed(env)
-    slide = all(env.surface.slides_permanently(part.static_friction) and part.friction > 0.0 for part in env.parts)
     steps = None
-    if known and slide:
+    if task.has_goal and not task.goal_moves and not task.flows and _slides_undisturbed(env):
         pushed = task.asked & ~task.driven
         steps = _steps_pushed(env, truth, pushed) if pushed.any() else _steps_driven(env, truth)
     if steps is None:
@@ -129,20 +108,21 @@ def least_times(env: SharedInterface) -> np.ndarray:
     return np.where(_usual(env, truth.present), env.step_time * steps, np.nan)
 
 
-def _undisturbed(env: SharedInterface) -> bool:
-    """Whether parts lie in the plane, and nothing but the drive moves them."""
-    return env.core.simulator.model == "planar" and env.core.disturbances is None
+def _slides_undisturbed(env: SharedInterface) -> bool:
+    """Return whether parts slide permanently in the plane, and only the drive moves them."""
+    slide = all(env.surface.slides_permanently(part.static_friction) and part.friction > 0.0 for part in env.parts)
+    return slide and env.core.simulator.model == "planar" and env.core.disturbances is None
 
 
 def _usual(env: SharedInterface, present: np.ndarray) -> np.ndarray:
-    """(worlds,) bool: friction and the table's incline are what parts and table say."""
+    """Return (worlds,) bool, whether friction and incline are those of part and table."""
     state = env.core.simulator.state
     even = (state.patches == 1.0).all(axis=(1, 2))
     return ((state.friction == 1.0) | ~present).all(axis=1) & (state.incline == 0.0).all(axis=1) & even
 
 
 def most_rates(env: SharedInterface) -> np.ndarray:
-    """Most good parts a minute (worlds,) of the episodes that have just begun; see :class:`vibgym.bounds.FlowBound`.
+    """Return upper bounds of good parts a minute (worlds,) of episodes just begun; see :class:`vibgym.bounds.FlowBound`.
 
     Args:
         env: with all worlds at the start of an episode, and a limit.
@@ -152,12 +132,11 @@ def most_rates(env: SharedInterface) -> np.ndarray:
     """
     task, surface, worlds = env.task, env.surface, len(env.truth.pose)
     limit = getattr(env, "max_episode_steps", None)
-    slide = all(surface.slides_permanently(part.static_friction) and part.friction > 0.0 for part in env.parts)
-    if not isinstance(task, Feed) or limit is None or not _undisturbed(env) or not slide:
+    if not isinstance(task, Feed) or limit is None or not _slides_undisturbed(env):
         return np.full(worlds, np.nan)
     assert task.zones is not None  # its gates
     inlet = task.inlet
-    # Heaps lie wholly in the room that they have, one part alone with its centre in a strip.
+    # Heaps lie entirely within the inlet's room, single parts with their centres in a strip.
     inner = np.array([part.inner_radius for part in env.parts])
     begin = np.full(len(env.parts), inlet.high) if inlet.heap == 1 else inlet.room.width - inner
     bound = FlowBound(
@@ -168,7 +147,7 @@ def most_rates(env: SharedInterface) -> np.ndarray:
 
 
 def _asks(env: SharedInterface, part: Any) -> dict[str, Any]:
-    """What a bound has to know of one part's goal and of the machine."""
+    """Return a bound's arguments about one part's goal and the hardware."""
     away, turned = env.task.tolerances()[part].tolist()
     return {
         "position_tolerance": away,
@@ -182,7 +161,7 @@ def _asks(env: SharedInterface, part: Any) -> dict[str, Any]:
 
 
 def _steps_driven(env: SharedInterface, truth: Truth) -> np.ndarray:
-    """Fewest steps where the elements drive all parts of which something is asked."""
+    """Return the least number of steps (worlds,) where the elements drive all parts with goals."""
     asked, parts = np.flatnonzero(env.task.asked), _pushed_together(env.parts)
     stopped = len(parts) > 1 or bool(env.walls)
     bound = SeveralBound([TimeBound(env.surface, parts[k], stopped=stopped, **_asks(env, k)) for k in asked])
@@ -193,13 +172,13 @@ def _steps_driven(env: SharedInterface, truth: Truth) -> np.ndarray:
 
 
 def _pushed_together(parts: Sequence[Part]) -> list[Part]:
-    """The parts with the friction of the one that has most: who is pushed by that one may gain speed as fast as it."""
+    """Return the parts with the largest friction of all: a part that another one pushes may gain speed as fast as that one."""
     most, sticks = (max(getattr(part, name) for part in parts) for name in ("friction", "static_friction"))
     return [replace(part, friction=most, static_friction=sticks) for part in parts]
 
 
 def _steps_pushed(env: SharedInterface, truth: Truth, pushed: np.ndarray) -> np.ndarray | None:
-    """Fewest steps where one part is to be pushed by those that the elements drive; None: no bound is known."""
+    """Return the least number of steps (worlds,) where driven parts push one part; None: no bound is known."""
     driven, (part, *others) = np.flatnonzero(env.task.driven), np.flatnonzero(pushed)
     if others or not truth.present.all():
         return None

@@ -1,15 +1,14 @@
-"""Model-predictive control by sampling: plans are simulated, and weighted by the reward of each part.
+"""Model-predictive path integral control: plans are sampled, simulated, and weighted by the reward of each part.
 
-It is model-predictive path integral control (Williams et al., "Information theoretic MPC for model-based reinforcement
-learning", ICRA 2017): a plan is a sequence of actions, samples are the plan plus noise, and the new plan is their mean,
-weighted by the exponential of their rewards. In addition rewards and weights are computed part by part, so that sixteen parts
-need no more samples than one. The best sample so far is executed.
-
-With a base policy, samples are changes of what the base would do.
+See Williams et al., "Information theoretic MPC for model-based reinforcement learning", ICRA 2017. A plan is a sequence of
+actions, samples are the plan plus noise, and the new plan is their mean, weighted by the exponential of their rewards. In
+addition rewards and weights are computed part by part, so that sixteen parts need no more samples than one. The best sample so
+far is executed. With a base policy, samples are changes of the base's actions.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,17 +22,10 @@ from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks import Start
 
-WIDTHS = (1.0, 0.3, 0.1)
-"""Factors of ``noise``, one after the other: wide samples for parts far from the goal, narrow ones at the goal."""
-
-KNOTS = 12
-"""Steps between the random values of a plan, which is interpolated linearly."""
-
-COLDNESS = 10.0
-"""Exponent of the weights from the mean to the best sample."""
-
-MODEL_WORLDS = 256
-"""Maximum number of simulated worlds."""
+WIDTHS = (1.0, 0.3, 0.1)  # factors of the noise of successive samples: wide far from the goal, narrow at the goal
+KNOTS = 12  # steps between the random values of a plan, which is interpolated linearly
+COLDNESS = 10.0  # exponent of the weights from the mean to the best sample
+MODEL_WORLDS = 256  # maximum number of simulated worlds
 
 
 class Plan(NamedTuple):
@@ -94,7 +86,7 @@ class MPCPolicy:
             checks.choice("base.action", base.action, (self.action,))
 
     def _model(self, worlds: int) -> Model:
-        """Return the simulation of so many worlds."""
+        """Return the simulation of this number of worlds."""
         if worlds not in self._models:
             self._models[worlds] = Model(self.info, worlds, self.action)
         return self._models[worlds]
@@ -274,9 +266,6 @@ def rows_of(memory: Any, chosen: np.ndarray) -> Any:
 
 
 def measured_rows(seen: Measured, chosen: np.ndarray) -> Measured:
-    """Return the rows of some worlds (index array) of measurements."""
-    rows: dict[str, Any] = dict(vars(seen))
-    for name, value in rows.items():
-        if isinstance(value, np.ndarray) and len(value) == len(seen.centre):
-            rows[name] = value[chosen]
-    return Measured(**rows)
+    """Return the rows of some worlds (index array) of measurements; fields that broadcast are unchanged."""
+    given = {name: value for name, value in vars(seen).items() if isinstance(value, np.ndarray)}
+    return replace(seen, **{name: each[chosen] for name, each in given.items() if len(each) == len(seen.centre)})

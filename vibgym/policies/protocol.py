@@ -1,7 +1,6 @@
-"""The protocol that every policy follows, and nothing else.
+"""The protocol of policies: the call of Stable-Baselines3 models, for one environment or a batch.
 
-A policy has the call that Stable-Baselines3 models have, for one environment or a batch. It sees observations only; what it
-may know beforehand is in :class:`vibgym.policies.task_info.TaskInfo`.
+A policy gets observations only; public properties of the environment are in :class:`vibgym.policies.task_info.TaskInfo`.
 """
 
 from __future__ import annotations
@@ -12,27 +11,20 @@ import numpy as np
 
 
 class Policy(Protocol):
-    """What can act in an environment."""
+    """A policy, made for an environment with this ``action=`` and ``observation=``."""
 
     action: str
-    """Value of the environment's ``action=`` that the policy speaks."""
-
     observation: str
-    """Value of the environment's ``observation=`` that the policy reads."""
 
     def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Actions (n,) or (batch, n) for one observation or a batch, and the state to hand back at the next call.
+        """Return actions (n,) or (batch, n) for one observation or a batch, and the state for the next call.
 
         Args:
             observation: one observation or a batch of them.
-            state: what the last call returned; None at the very start.
-            episode_start: (batch,) bool, where an episode has just begun; None: nowhere but where state is None.
-            deterministic: False lets a stochastic policy explore.
+            state: returned by the last call; None in the first one.
+            episode_start: (batch,) bool, where an episode has just begun; None: nowhere, unless state is None.
+            deterministic: False: a stochastic policy samples its actions.
         """
         ...

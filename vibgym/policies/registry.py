@@ -1,4 +1,4 @@
-"""From a name, a mapping, a file or an object to a policy."""
+"""Make policies from names, mappings, files and objects."""
 
 from __future__ import annotations
 
@@ -25,19 +25,17 @@ from vibgym.registry import Registry
 Maker = Callable[..., Policy]
 """``make(info, **arguments)``."""
 
-EXTRA = ("safetensors", "scipy")
-"""What the extra ``policies`` installs: files of trained policies, and the planner's and some laws' algebra."""
-
-STEERED = ("local_field", "planner", "lanes", "two_phases", "push")
-"""Policies that steer parts by a law, and speak any action that steering knows."""
-
-FILES = ("trained", "residual", "learned")
-"""Policies that are read from files and act in environments with the action that they were trained with alone."""
+EXTRA = ("safetensors", "scipy")  # modules of the extra ``policies``
+STEERED = ("local_field", "planner", "lanes", "two_phases", "push")  # with a law, and any action of steering.OUTPUTS
+FILES = ("trained", "residual", "learned")  # loaded from files, with the action that they were trained with only
+DEFAULT = "element"  # the environment's default action, which requires no action of the policy
 
 
 def lawful(law: str) -> Maker:
-    """Maker of a policy under one of :data:`.laws.LAWS`: parts with goal poses go straight there, as
-    :class:`LocalFieldPolicy` has them, others by the :class:`PlannerPolicy`."""
+    """Return the maker of policies under one of :data:`.steering.LAWS`.
+
+    Single parts with goals, and parts with moving goals, go straight there (:class:`LocalFieldPolicy`), others by the planner.
+    """
 
     def make(info: TaskInfo, **arguments: Any) -> Policy:
         if "law" in arguments:
@@ -49,16 +47,15 @@ def lawful(law: str) -> Maker:
 
 
 def lanes(info: TaskInfo, **arguments: Any) -> Policy:
-    """Lanes to the gates where parts come and go (:class:`FeedingPolicy`), else both ways past one another
-    (:class:`CrossingPolicy`)."""
+    """Return lanes through gates where parts come and go (:class:`FeedingPolicy`), else :class:`CrossingPolicy`."""
     return (FeedingPolicy if info.flows else CrossingPolicy)(info, **arguments)
 
 
 def file_of(path: Any, info: TaskInfo) -> Path:
-    """The file at a path in which ``{task}`` stands for the task's name in lower case.
+    """Return the file at a path in which ``{task}`` stands for the task's name in lower case.
 
     Raises:
-        ValueError: no text.
+        ValueError: no path, or a model of Stable-Baselines3.
     """
     if not isinstance(path, str | os.PathLike):
         raise checks.refuse("policy.path", path, "the path of a policy's JSON file")
@@ -68,29 +65,25 @@ def file_of(path: Any, info: TaskInfo) -> Path:
     return Path(str(path).replace("{task}", info.name.lower()))
 
 
-def trained(info: TaskInfo, *, path: str) -> Policy:
-    """The trained policy in a JSON file (:func:`file_of`).
+# The modules of trained policies require the extra "policies", so makers import them.
 
-    Raises:
-        ValueError: the file holds no policy for this task.
-    """
-    from vibgym.policies.trained.trained import load_trained  # safetensors is an extra
+
+def trained(info: TaskInfo, *, path: str) -> Policy:
+    """Load the trained policy in a JSON file (:func:`file_of`)."""
+    from vibgym.policies.trained.trained import load_trained
 
     return load_trained(file_of(path, info), info)
 
 
 def residual(info: TaskInfo, *, path: str, base: Any = None, scale: float | None = None) -> Policy:
-    """A base policy with a learned correction (:class:`vibgym.policies.trained.residual.ResidualPolicy`).
+    """Load a base policy with a learned correction (:class:`vibgym.policies.trained.residual.ResidualPolicy`).
 
     Args:
         info: task and scene.
-        path: as for :func:`trained`; the file says what is corrected, and by how much.
-        base, scale: of these, where they are given, nothing else than the file's: a name or a mapping, and a number.
-
-    Raises:
-        ValueError: another base or scale than the file's, or a file that holds no correction for this task.
+        path: as for :func:`trained`; the file contains the base and the scale of the correction.
+        base, scale: None, or the same as in the file: a name or a mapping, and a number.
     """
-    from vibgym.policies.trained.residual import ResidualPolicy, load_correction  # safetensors is an extra
+    from vibgym.policies.trained.residual import ResidualPolicy, load_correction
 
     found = load_correction(file_of(path, info), info, base, scale)
     return ResidualPolicy(info, make_policy(found.base, info), found.learned, scale=found.scale)
@@ -99,26 +92,26 @@ def residual(info: TaskInfo, *, path: str, base: Any = None, scale: float | None
 def learned(
     info: TaskInfo, *, action: str | None = None, hardware: str | None = None, variant: str | None = None
 ) -> Policy:
-    """The agent that is shipped for this task and hardware (:func:`vibgym.policies.trained.catalogue.shipped_agent`).
-
-    Raises:
-        ValueError: there is none.
-    """
-    from vibgym.policies.trained.catalogue import shipped_agent  # safetensors is an extra
+    """Load the shipped agent for this task and hardware (:func:`vibgym.policies.trained.catalogue.shipped_agent`)."""
+    from vibgym.policies.trained.catalogue import shipped_agent
 
     agent = shipped_agent(info, action=action, hardware=hardware, variant=variant)
     return CONTROLLERS[agent.kind](info, path=str(agent.path))
 
 
+def schedule(info: TaskInfo, *, path: str) -> Policy:
+    """Load the sensorless schedule in a JSON file."""
+    from vibgym.policies.trained.schedule import load_schedule
+
+    return load_schedule(file_of(path, info), info)
+
+
 def by_task(info: TaskInfo, **policies: Any) -> Policy:
-    """Another policy for every task: ``{"kind": "by_task", "Swap": "lanes", "Pack": {"kind": "two_phases"}}``.
+    """Return the policy for the task: ``{"kind": "by_task", "Swap": "lanes", "Pack": {"kind": "two_phases"}}``.
 
     Args:
         info: task and scene.
         **policies: by the names of environments, each as :func:`make_policy` takes it.
-
-    Raises:
-        ValueError: none for this task, or one that does not serve it.
     """
     if info.name not in policies:
         raise checks.refuse("policy 'by_task'", f"the task {info.name}", f"tasks that it names: {', '.join(policies)}")
@@ -126,33 +119,23 @@ def by_task(info: TaskInfo, **policies: Any) -> Policy:
 
 
 def mpc(info: TaskInfo, *, base: Any = None, action: str | None = None, seed: int = 0, **settings: Any) -> Policy:
-    """Plans by sampling in a simulation (:class:`vibgym.policies.mpc.MPCPolicy`).
+    """Return model-predictive control (:class:`vibgym.policies.mpc.MPCPolicy`).
 
     Args:
         info: task and scene.
         base: None, or a policy whose actions plans begin with, as :func:`make_policy` takes it.
-        action, seed, **settings: of the search.
-
-    Raises:
-        ValueError: a bad argument, or a policy that does not serve this task.
+        action, seed, **settings: of :class:`vibgym.policies.mpc.MPCPolicy`.
     """
     if base is not None:
         named = dict(base) if isinstance(base, Mapping) else {"kind": base}
-        kind = named.get("kind")
-        spoken = {"action": action or "wrench"} if kind in STEERED or kind in LAWS else {}
+        spoken = {"action": action or "wrench"} if steers(named.get("kind")) else {}
         base = make_policy(spoken | named, info, seed)
     return MPCPolicy(info, base=base, action=action, seed=seed, **settings)
 
 
-def schedule(info: TaskInfo, *, path: str) -> Policy:
-    """The sensorless schedule in a JSON file.
-
-    Raises:
-        ValueError: the file holds none, or none for this surface.
-    """
-    from vibgym.policies.trained.schedule import load_schedule  # safetensors is an extra
-
-    return load_schedule(file_of(path, info), info)
+def steers(kind: Any) -> bool:
+    """Return whether a controller steers parts by a law."""
+    return kind in STEERED or kind in LAWS
 
 
 class Controllers(Registry[Maker]):
@@ -187,44 +170,44 @@ CONTROLLERS = Controllers(
         "schedule": schedule,
     },
 )
-"""Policies by name; ``CONTROLLERS.register(name, cls)`` adds one of your own, made as ``cls(info, **arguments)``.
+"""Policies by name; ``CONTROLLERS.register(name, cls)`` adds a custom one, made as ``cls(info, **arguments)``.
 
-``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose, ``"local_field"`` and
-``"planner"`` those that ask for places: goals, zones, or a distance to keep; the first takes every part straight there, the
-second past the others. ``"mpc"`` serves all tasks whose goals stay, ``"by_task"`` those that it names. The names of laws are in
-the first one's place with one part, in the second one's with several:
-``vibgym.policies.classical.steering.LAWS.register(name, cls)`` adds one of your own. ``"learned"`` is the shipped agent.
+``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose. ``"local_field"`` and
+``"planner"`` serve tasks with goals, zones or a distance to keep; the first takes every part straight there, the second past
+the others. ``"mpc"`` serves all tasks whose goals stay, ``"by_task"`` those that it names. ``"learned"`` is the shipped agent.
+A law's name is that of the first with one part, of the second with several:
+``vibgym.policies.classical.steering.LAWS.register(name, cls)`` adds a custom law.
 """
 LAWS.taken = CONTROLLERS
 
 
 def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
-    """A policy from a name, the path of a trained one's JSON file, a mapping, or anything that has ``predict``.
+    """Return a policy from a name, the path of a trained one's JSON file, a mapping, or an object with ``predict``.
 
     - ``{"kind": name, **arguments}``: one of :data:`CONTROLLERS`. ``{"kind": "trained", "path":
       "vibgym/policies/trained/shipped/{task}.json"}``: ``{task}`` is replaced by the task's name in lower case.
-    - ``"learned"``, or ``{"kind": "learned", "hardware": "prototype", "variant": "cloned", "action": "wrench"}``: the agent
-      that is shipped for this task and hardware.
-    - ``{"policy": model, "action": name, "observation": name}``: a model with ``predict`` alone; see
-      :class:`vibgym.policies.foreign.ModelPolicy`. An object with ``action`` and ``observation`` is a policy already.
+    - ``"learned"``, or ``{"kind": "learned", "hardware": "prototype", "variant": "cloned", "action": "wrench"}``: the shipped
+      agent for this task and hardware.
+    - ``{"policy": model, "action": name, "observation": name}``: a model that has only ``predict``; see
+      :class:`vibgym.policies.foreign.ModelPolicy`. An object with ``action`` and ``observation`` is returned unchanged.
 
-    What a policy speaks and reads says ``policy.action`` and ``policy.observation``: an environment is made with these. Where
-    ``env`` has an action already and the policy knows several, it speaks that one.
+    Make the environment with ``policy.action`` and ``policy.observation``. A policy that supports several actions takes that of
+    ``env``.
 
     Args:
         policy: see above.
-        env: that it shall act in, single or vector, wrapped or not; or a :class:`TaskInfo`.
-        seed: of policies that draw random numbers, where the mapping has none.
+        env: single or vector environment, wrapped or not; or a :class:`TaskInfo`.
+        seed: of policies that draw random numbers, unless the mapping has one.
 
     Raises:
-        ValueError: unknown name or arguments, a policy that does not serve this task, or a file that holds none for it.
-        ModuleNotFoundError: it needs the extra ``policies``.
+        ValueError: unknown name or arguments, a policy that does not serve this task, or a file without one for it.
+        ModuleNotFoundError: the policy requires the extra ``policies``.
     """
     info = env if isinstance(env, TaskInfo) else TaskInfo.of(env)
     spoken = None if env is info else action_of(env)
     if hasattr(policy, "predict"):
-        known = hasattr(policy, "action") and hasattr(policy, "observation")
-        return policy if known else ModelPolicy(policy, info, usual=spoken)
+        complete = hasattr(policy, "action") and hasattr(policy, "observation")
+        return policy if complete else ModelPolicy(policy, info, usual=spoken)
     if isinstance(policy, os.PathLike):
         policy = {"kind": "trained", "path": os.fspath(policy)}
     if isinstance(policy, str):
@@ -240,40 +223,29 @@ def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
         return ModelPolicy(model, info, usual=spoken, **arguments)
     kind = arguments.pop("kind", None)
     CONTROLLERS.choose("policy.kind", kind)
-    assert isinstance(kind, str)
-    chosen = _made(kind, arguments | _spoken(kind, arguments, spoken), info, seed)
-    if kind in FILES and spoken not in (None, UNSAID, chosen.action):
+    if spoken not in (None, DEFAULT) and "action" not in arguments and _takes_action(kind, spoken):
+        arguments["action"] = spoken
+    chosen = _made(kind, arguments, info, seed)
+    if kind in FILES and spoken not in (None, DEFAULT, chosen.action):
         raise checks.conflict(f"policy {kind!r} requires action {chosen.action!r}, got an environment with {spoken!r}")
     return InElements(chosen) if (spoken, chosen.action) == ("element", "phasor") else chosen
 
 
-UNSAID = "element"
-"""Action of environments for which none has been chosen: it asks a policy for nothing."""
-
-
 def action_of(env: Any) -> str | None:
-    """Name of an environment's action; None of one without a name."""
+    """Return the name of an environment's action; None for one without a name."""
     acting = type(env.unwrapped.core.action)
     return next((name for name, each in ACTIONS.items() if each is acting), None)
 
 
-def _spoken(kind: str, arguments: Mapping[str, Any], spoken: str | None) -> dict[str, str]:
-    """The argument by which a policy that knows several actions speaks that of its environment."""
-    if spoken is None or "action" in arguments:
-        return {}
-    steers = kind in STEERED or kind in LAWS
-    if not (spoken in OUTPUTS if steers else ACTIONS[spoken].by_part if kind == "mpc" else kind == "learned"):
-        return {}
-    return {} if spoken == UNSAID else {"action": spoken}
+def _takes_action(kind: str, action: str) -> bool:
+    """Return whether a controller supports this action among several."""
+    if steers(kind):
+        return action in OUTPUTS
+    return ACTIONS[action].by_part if kind == "mpc" else kind == "learned"
 
 
 def _made(kind: str, arguments: dict[str, Any], info: TaskInfo, seed: int) -> Policy:
-    """One of :data:`CONTROLLERS`.
-
-    Raises:
-        ValueError: see :func:`make_policy`.
-        ModuleNotFoundError: likewise.
-    """
+    """Return one of :data:`CONTROLLERS`; raise the errors of :func:`make_policy`."""
     make = CONTROLLERS[kind]
     if "seed" in inspect.signature(make).parameters:
         arguments.setdefault("seed", seed)

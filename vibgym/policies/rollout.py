@@ -1,8 +1,4 @@
-"""Episodes of a policy, run by one loop for all uses.
-
-:func:`rollout` runs an episode per seed and returns the outcomes. It uses :class:`Episodes`, the loop itself, which evaluation,
-recording and films iterate step by step.
-"""
+"""Episodes of a policy: :func:`rollout` returns their outcomes, :class:`Episodes` iterates them step by step."""
 
 from __future__ import annotations
 
@@ -23,48 +19,39 @@ from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks.episode import EVENTS
 
-OWN_ARGUMENTS = ("num_envs", "autoreset_mode")
-"""Of an environment, which follow from the seeds."""
-
-
 OWN_FACTS = (
     *(f"{event}_per_minute" for event in EVENTS[1:]), "transit", "on_table", "pattern_error", "coverage"
 )  # fmt: skip
-"""What ``info`` says at the end of episodes of some tasks alone: parts a minute by what became of them, s from arrival to
-leaving, parts on the table (Feed); m, rms (Pack); share of the goal's area that is covered (Push)."""
+"""Entries of ``info`` at the end of episodes of some tasks only: parts a minute by event, s from arrival to leaving, parts on
+the table (Feed); rms error, m (Pack); covered share of the goal's area (Push)."""
 
 
 @dataclass
 class Timing:
-    """Wall times of a rollout, s, as long as all worlds are at work. The first step is left out: it may compile kernels."""
+    """Wall times of a rollout, s, while all worlds are in use. The first step is excluded: it may compile kernels."""
 
     world_steps: int = 0  # steps of all worlds together
     policy: float = 0.0  # in predict()
     environment: float = 0.0  # in step()
 
-    @property
-    def total(self) -> float:
-        """Of both together."""
-        return self.policy + self.environment
-
     def rates(self) -> tuple[float, float, float]:
-        """Steps of worlds per second: all in all, of the policy alone, of the environment alone; nan without a step."""
-        all_in_all, policy, environment = (
+        """Return steps of worlds per second: in total, of the policy alone, of the environment alone; nan without a step."""
+        total, policy, environment = (
             self.world_steps / each if each > 0.0 else float("nan")
-            for each in (self.total, self.policy, self.environment)
+            for each in (self.policy + self.environment, self.policy, self.environment)
         )
-        return all_in_all, policy, environment
+        return total, policy, environment
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
     """Result of one step of all worlds. Arrays are (worlds, ...)."""
 
-    episode: np.ndarray  # int64, which of the seeds the world's episode belongs to
+    episode: np.ndarray  # int64, index of the episode's seed
     age: np.ndarray  # int64, steps of this episode, this one included
     playing: np.ndarray  # bool; False where no seeds are left: the world's data are ignored
     ended: np.ndarray  # bool, where an episode that counts has ended
-    action: np.ndarray  # that was done
+    action: np.ndarray  # of this step
     observation: Any  # after the step, as are all below
     reward: np.ndarray
     terminated: np.ndarray
@@ -73,21 +60,21 @@ class Step:
 
 
 class Episodes:
-    """Plays an episode for every seed; iterating gives a :class:`Step` after the other, until all have ended.
+    """Iterator over the steps (:class:`Step`) of an episode for every seed, until all have ended.
 
     A world whose episode has ended takes the next seed. Where none is left it begins another episode with its first part alone,
     which costs little. Actions are deterministic.
 
     Args:
         policy: acts in all worlds.
-        env: a batch of vibgym's that is not reset by itself (``autoreset_mode="Disabled"``), with the action and the
-            observation of the policy, of at most as many worlds as there are seeds.
+        env: vector environment of vibgym with ``autoreset_mode="Disabled"`` and the policy's action and observation, of at
+            most as many worlds as there are seeds.
         seeds: of the episodes' resets.
         began: called with (worlds,) bool, observation and info where episodes that count have begun.
         options: of every reset of an episode that counts.
 
     Attributes:
-        timing: what the steps have taken so far.
+        timing: wall times so far.
     """
 
     def __init__(
@@ -101,13 +88,9 @@ class Episodes:
         self.policy, self.env, self.seeds = policy, env, list(seeds)
         self.timing = Timing()
         self._began, self._options = began, options or {}
-        self._episode, self._age = np.arange(env.num_envs), np.zeros(env.num_envs, dtype=np.int64)
-        self._taken = env.num_envs
-        self._idle: dict[str, Any] = {"parts": [0]} if len(env.unwrapped.parts) > 1 else {}
-        everyone = np.ones(env.num_envs, dtype=bool)
-        self._observation, info = env.reset(seed=self.seeds[: env.num_envs], options=options)
-        if began is not None:
-            began(everyone, self._observation, info)
+        self._episode, self._age = np.zeros((2, env.num_envs), dtype=np.int64)
+        self._taken, self._idle = 0, {"parts": [0]} if len(env.unwrapped.parts) > 1 else {}
+        self._renew(np.ones(env.num_envs, dtype=bool))
 
     def __iter__(self) -> Iterator[Step]:
         env, state, start = self.env, None, np.ones(self.env.num_envs, dtype=bool)
@@ -133,7 +116,7 @@ class Episodes:
             playing = self._episode < len(self.seeds)
 
     def _renew(self, over: np.ndarray) -> None:
-        """Other episodes begin in the worlds ``over``, as long as there is anything to play."""
+        """Begin other episodes in the worlds ``over`` (worlds,) bool, unless all episodes have ended."""
         worlds = np.flatnonzero(over)
         self._age[worlds] = 0
         self._episode[worlds] = self._taken + np.arange(len(worlds))
@@ -151,19 +134,19 @@ class Episodes:
 
 @dataclass(frozen=True)
 class Outcomes:
-    """How one policy's episodes on one task ended. Arrays are (episodes,), in the order of the seeds."""
+    """Outcomes of a policy's episodes on one task. Arrays are (episodes,), in the order of the seeds."""
 
     task: str
     seeds: tuple[int, ...]
-    step_time: float  # s that one step lasts in the simulated world
+    step_time: float  # s, simulated time of a step
     steps: np.ndarray  # int64, until success, fall, divergence or the step limit
     success: np.ndarray  # bool
     fallen: np.ndarray  # bool
     diverged: np.ndarray  # bool
     returns: np.ndarray  # sum of rewards
-    position_error: np.ndarray  # m, at the end; nan where a task does not say it
+    position_error: np.ndarray  # m, at the end; nan where a task does not report it
     heading_error: np.ndarray  # rad, at the end, magnitude; nan where the heading does not count
-    path_error: np.ndarray  # m, rms distance from a goal that moves, of the part that was worst; nan where goals stay
+    path_error: np.ndarray  # m, rms distance of the worst part from a goal that moves; nan where goals stay
     facts: np.ndarray  # (episodes, OWN_FACTS) values of ``info`` at the end; nan where a task does not report them
 
     @property
@@ -172,12 +155,12 @@ class Outcomes:
         return np.where(self.success, self.steps * self.step_time, np.nan)
 
     def fact(self, name: str) -> np.ndarray:
-        """One of :data:`OWN_FACTS`, (episodes,)."""
+        """Return one of :data:`OWN_FACTS`, (episodes,)."""
         return self.facts[..., OWN_FACTS.index(name)]
 
 
 class Ends:
-    """Keeps how episodes end, and what they were rewarded with.
+    """Collector of the outcomes of episodes.
 
     Args:
         env: a vector environment whose episodes have just begun.
@@ -199,7 +182,7 @@ class Ends:
         }
 
     def add(self, step: Step) -> None:
-        """What a step has brought."""
+        """Add a step."""
         fields, info = self.fields, step.info
         fields["returns"][step.episode[step.playing]] += step.reward[step.playing]
         if step.ended.any():
@@ -214,7 +197,7 @@ class Ends:
                     fields["facts"][which, column] = info[key][step.ended]
 
     def result(self, task: str, timing: Timing) -> Outcomes:
-        """All of it, when all episodes have ended."""
+        """Return the result, when all episodes have ended."""
         return Outcomes(task, self.seeds, self.env.step_time, **self.fields)
 
 
@@ -228,32 +211,30 @@ def rollout(
     progress: Callable[[int], Any] | None = None,
     **environment: Any,
 ) -> Any:
-    """Play an episode for every seed, all of them in one batch of worlds.
-
-    The policy gets observations and nothing else; its actions are deterministic.
+    """Run an episode for every seed, all of them in one batch of worlds, with deterministic actions.
 
     Args:
         policy: anything that :func:`vibgym.policies.make_policy` takes.
-        task: the id of a registered environment, such as ``"vibgym/Sort-v0"`` or one of your own; ``"Sort"`` means the first.
-        seeds: of the episodes' resets, whole numbers.
-        keep: collector class: ``keep(env, info, seeds)`` receives every :class:`Step` and gives the result, as :class:`Ends`;
+        task: id of a registered environment, such as ``"vibgym/Sort-v0"``, or short ``"Sort"``.
+        seeds: of the episodes' resets, integers.
+        keep: collector class: ``keep(env, info, seeds)`` receives every :class:`Step` and returns the result, as :class:`Ends`;
             :class:`vibgym.policies.measures.Measures` also has time bounds and collisions.
-        progress: called with a number of episodes whenever so many more have ended.
-        **environment: keyword arguments of the environment, as ``gym.make`` takes them.
+        progress: called with the number of episodes that have ended since the last call.
+        **environment: keyword arguments of the environment, as for ``gym.make``.
 
     Returns:
-        :class:`Outcomes`, or what ``keep`` gives; arrays in the order of the seeds.
+        :class:`Outcomes`, or the result of ``keep``; arrays in the order of the seeds.
 
     Raises:
-        ValueError: no such environment, one that is not of vibgym or has no step limit, a policy that does not serve it, or a
-            bad seed or setting.
+        ValueError: an unknown environment, one that is not of vibgym or has no step limit, a policy that does not serve it, or
+            a bad seed or setting.
     """
     name, numbers = environment_id(task), list(seeds)
     if not numbers:
         raise checks.refuse("seeds", numbers, "one seed at least")
     for each in numbers:
         checks.count("seeds", each, least=0, most=2**63 - 1)
-    for key in OWN_ARGUMENTS:
+    for key in ("num_envs", "autoreset_mode"):
         if key in environment:
             raise checks.conflict(f"{key} cannot be set: rollout runs one world per seed")
     acting, spoken = _acting(policy, name, environment, numbers[0])
@@ -276,12 +257,12 @@ def run(
     progress: Callable[[int], Any] | None = None,
     options: dict[str, Any] | None = None,
 ) -> Any:
-    """What ``keep`` makes of an episode for every seed; see :func:`rollout`.
+    """Run an episode for every seed in an environment; see :func:`rollout`.
 
     Args:
         policy, env, options: see :class:`Episodes`.
         seeds: one for every world.
-        task: what the result calls the environment.
+        task: name of the environment in the result.
         keep, progress: see :func:`rollout`.
     """
     kept: list[Any] = []
@@ -294,7 +275,7 @@ def run(
 
 
 def _acting(policy: Any, name: str, environment: dict[str, Any], seed: int) -> tuple[Policy, dict[str, str]]:
-    """The policy itself, and the action and observation that its environment has."""
+    """Return the policy, and the action and observation of its environment."""
     wanted = {key: environment[key] for key in ("action", "observation") if key in environment}
     if not all(hasattr(policy, each) for each in ("predict", "action", "observation")):
         if hasattr(policy, "predict") and not hasattr(policy, "action") and "action" in wanted:
@@ -309,7 +290,7 @@ def _acting(policy: Any, name: str, environment: dict[str, Any], seed: int) -> t
 
 
 def worlds_of(task: str, count: int, **arguments: Any) -> VectorEnv:
-    """A batch of worlds in which :class:`Episodes` can play.
+    """Return a vector environment for :class:`Episodes`.
 
     Args:
         task: see :func:`vibgym.envs.vector.environment_id`.
@@ -317,7 +298,7 @@ def worlds_of(task: str, count: int, **arguments: Any) -> VectorEnv:
         **arguments: of the environment.
 
     Raises:
-        ValueError: a bad setting, or an environment without a limit of steps.
+        ValueError: a bad setting, or an environment without a step limit.
     """
     env = batch_of(task, num_envs=count, autoreset_mode=AutoresetMode.DISABLED, **arguments)
     if env.unwrapped.max_episode_steps is None:

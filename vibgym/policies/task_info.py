@@ -1,4 +1,4 @@
-"""What a policy may know beforehand: what an engineer would tell it of the machine and the job."""
+"""Public properties of an environment, for policies: task, scene, timing and data sheet of the hardware."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from vibgym.scene.sliding import Sliding, sliding_of
 SCENE = (
     "task", "surface", "parts", "model", "walls", "start", "zones", "slots", "task_settings", "periods_per_step"
 )  # fmt: skip
-"""Options of an environment that say what :attr:`TaskInfo.scene` is: neither the machine nor what an episode draws."""
+"""Options of an environment in :attr:`TaskInfo.scene`: without hardware and randomization."""
 
 
 @dataclass(frozen=True, eq=False)
 class TaskInfo:
-    """Task, scene and timing of an environment, never the state behind its observations."""
+    """Task, scene and timing of an environment; its state is accessible by observations only."""
 
     name: str  # the environment's without "vibgym/" and version, such as "SortTwelve"; else the task's
     summary: str  # first paragraph of the task's documentation, in one line
@@ -35,39 +35,40 @@ class TaskInfo:
     kind: tuple[int, ...]  # of each part
     walls: tuple[str, ...]
     zones: np.ndarray | None  # (kinds, 4) m: x_low, y_low, x_high, y_high; None where there are none
-    has_goal: bool  # every part has a goal pose of its own
+    has_goal: bool  # every part has a goal pose
     has_heading: bool  # headings count
-    wraps: bool  # headings that differ by a turn of some size are the same
+    wraps: bool  # headings count modulo the symmetry of the part
     position_tolerance: float  # m
     heading_tolerance: float  # rad; infinite where headings do not count
-    apart: float | None  # m, distance that all parts shall keep; None where it does not count
+    apart: float | None  # m, distance between parts that the task requires; None where it does not count
     goal_gap: float | None  # m, least distance between goals in all episodes; None where the task states none
     periods_per_step: int  # oscillation periods
     step_time: float  # s
     layout: Layout  # of the state observation
-    parts_layout: tuple[Any, ...]  # what the numbers of a row of the observation by parts mean
-    hardware: DataSheet  # what the actuators' data sheet says
+    parts_layout: tuple[Any, ...]  # columns of the observation by parts
+    hardware: DataSheet  # of the actuators
     step_limit: int | None  # steps
-    driven: tuple[bool, ...] = ()  # of each part: whether actions speak for it
-    asked: tuple[bool, ...] = ()  # of each part: whether anything is asked of it
-    flows: bool = False  # parts arrive and leave while an episode goes on
-    goal_moves: bool = False  # while an episode goes on; observations tell how, see vibgym.policies.classical.measured
-    lead: int = 0  # periods after the present of which measurements tell: what an estimator predicts
-    # keyword arguments, as given, of an environment with this task and scene: for policies that simulate
-    scene: Mapping[str, Any] = field(default_factory=dict)
+    driven: tuple[bool, ...] = ()  # of each part: whether actions drive it
+    asked: tuple[bool, ...] = ()  # of each part: whether success depends on it
+    flows: bool = False  # parts arrive and leave during an episode
+    goal_moves: bool = False  # during an episode, see vibgym.policies.classical.measured
+    lead: int = 0  # periods by which measurements are ahead of the present: the estimator's prediction
+    scene: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # keyword arguments of an environment, for policies that simulate
     observation: str = "state"  # the environment's ``observation=``
     observation_space: Any = None  # of one world
 
     @classmethod
     def of(cls, env: Any, name: str | None = None) -> TaskInfo:
-        """What is public of an environment, single or vector, wrapped or not.
+        """Return the properties of an environment, single or vector, wrapped or not.
 
         Args:
             env: a :class:`vibgym.envs.VibgymEnv` or :class:`vibgym.envs.VibgymVectorEnv`.
             name: instead of the environment's.
 
         Raises:
-            ValueError: it is no such environment.
+            ValueError: another environment.
         """
         base, spec = getattr(env, "unwrapped", env), getattr(env, "spec", None)
         if not hasattr(base, "measurement_lead"):
@@ -114,20 +115,16 @@ class TaskInfo:
 
     @property
     def plant(self) -> Sliding:
-        """The parts as plants: how hard this hardware can push them on this surface, and how friction brakes them."""
+        """Return the parts as plants: accelerations by pushes of this hardware on this surface, and drag by friction."""
         return sliding_of(self.surface, self.parts, strongest(self.surface, self.hardware))
 
     @property
     def hard_dead_zone(self) -> bool:
-        """Whether elements have a hard dead zone: no motion below a smallest commanded amplitude."""
+        """Return whether elements have a hard dead zone: no motion below a minimum commanded amplitude."""
         return self.hardware.dead_zone > 0.0 and self.hardware.dead_zone_form == "hard"
 
     def check_places(self, policy: str) -> None:
-        """Refuse a task that asks for no place of a part: neither goals nor zones nor a distance to keep.
-
-        Raises:
-            ValueError: names the policy and the task.
-        """
+        """Raise ValueError for a task without goals, zones or a distance to keep."""
         if not self.has_goal and self.zones is None and self.apart is None:
             raise self.unsupported(policy, "a task with goals, zones or a distance to keep")
 

@@ -1,7 +1,7 @@
-"""State to picture: arrays in SI units in, pixels out.
+"""Pictures of a state, from arrays in SI units.
 
-Knows nothing of environments, tasks or scenes. Names are looked up on first use, so that importing this package costs
-neither pygame nor numba: pygame is an optional dependency, needed once a painter or a window is constructed.
+Names are imported on first use: this package imports neither numba nor pygame. Painters and windows need pygame, an optional
+dependency.
 """
 
 from __future__ import annotations
@@ -16,16 +16,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Marks", "Scenery", "Side", "SurfacePainter", "View", "Window", "Zone", "rasterise"]
 
-_HOMES = {
-    "Marks": "raster",
-    "Scenery": "view",
-    "Side": "view",
-    "SurfacePainter": "view",
-    "View": "view",
-    "Window": "window",
-    "Zone": "view",
-    "rasterise": "raster",
-}
+_HOMES: dict[str, str] = dict.fromkeys(("Scenery", "Side", "SurfacePainter", "View", "Zone"), "view")
+_HOMES |= {"Marks": "raster", "Window": "window", "rasterise": "raster"}
 
 
 def __getattr__(name: str) -> object:
@@ -34,7 +26,3 @@ def __getattr__(name: str) -> object:
     value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
     globals()[name] = value
     return value
-
-
-def __dir__() -> list[str]:
-    return sorted(set(globals()) | set(__all__))

@@ -2,39 +2,53 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vibgym import checks
-from vibgym.rendering import colours as palette
-from vibgym.rendering._pygame import require_pygame
+from vibgym.rendering.colours import PARTS
 
 if TYPE_CHECKING:
     from vibgym.rendering.canvas import Canvas
 
 DEFAULT_SIZE = (960, 640)
-"""The table is drawn as large as fits into this (width, height) in pixels, elements being 4 to 64 whole pixels."""
+"""Largest width and height of the table in pixels; elements take 4 to 64 whole pixels."""
 
 TRAIL_STEPS = 250
-"""Older places are left out of trails."""
+"""Steps of a trail."""
 
 WALLS = ("left", "right", "bottom", "top")
-"""Borders of the surface at which a wall can stand."""
+"""Borders of the surface that can have a wall."""
+
+
+def require_pygame() -> ModuleType:
+    """Import pygame without its greeting.
+
+    Raises:
+        ImportError: pygame is not installed.
+    """
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
+    try:
+        import pygame
+    except ImportError as error:
+        raise ImportError("drawing needs pygame: pip install vibgym[render]") from error
+    return pygame
 
 
 @dataclass(frozen=True)
 class Zone:
-    """Rectangle in which the parts of one kind shall end.
+    """Goal zone of a kind of parts.
 
     Attributes:
-        low: smallest x, y, m.
-        high: largest x, y, m.
-        kind: number of the parts' kind.
-        label: what is written on it.
+        low, high: smallest and largest x, y, m.
+        kind: number of the kind.
+        label: text on the zone.
 
     Raises:
         ValueError: a number is not finite, the rectangle has no area or the kind is not a whole number >= 0.
@@ -57,11 +71,11 @@ class Zone:
 
 @dataclass(frozen=True)
 class Side:
-    """What is to be seen of a world from the side.
+    """A world from the side.
 
     Attributes:
-        bottoms: of each part, (n, 3) m, the corners of its bottom; one that is not finite is not drawn.
-        plates: (k, 3) m, from where to where along x plates reach that parts lie over, and how high they stand.
+        bottoms: corners of the bottom of each part, (n, 3) m; not drawn unless finite.
+        plates: (k, 3) m, smallest and largest x and height of the plates under parts.
     """
 
     bottoms: Sequence[np.ndarray]
@@ -70,19 +84,18 @@ class Side:
 
 @dataclass(frozen=True)
 class View:
-    """All that a picture needs: one world, SI units, y up, origin in the lower left corner of the surface.
+    """Content of a picture of one world; SI units, y up, origin in the lower left corner of the surface.
 
     Attributes:
-        pose: (parts, 3) x, y (m) and heading (rad) of each part; one that is not finite is not drawn.
+        pose: (parts, 3) x, y (m) and heading (rad); not drawn unless finite.
         phasors: (rows, columns, 2) vertical oscillation (C, S) of each element as a fraction of full scale.
-        goals: (parts, 3) x, y, heading or (parts, 2) x, y of each part's goal, one that is not finite is not drawn; None for
-            no goals.
+        goals: (parts, 3) x, y, heading or (parts, 2) x, y; not drawn unless finite; None for no goals.
         tolerance: radius of the circle around each goal, m; None for no circles.
-        trails: one (k, 2) array of past centres for each part, m, oldest first, drawn in the part's colour; none for no trails.
-        zones: drawn under everything that moves, in the colours of their kinds.
-        paths: one (k, 2) array for each part, m: the line that its goal goes along; none for goals that stay.
+        trails: past centres of each part, (k, 2) m, oldest first; empty for no trails.
+        zones: drawn in the colours of their kinds.
+        paths: line along which each part's goal moves, (k, 2) m; empty for goals that stay.
         caption: one line of text under the table.
-        side: what is drawn from the side, with heights magnified, under the picture; None: nothing.
+        side: view from the side, under the picture; None: nothing.
     """
 
     pose: np.ndarray
@@ -97,7 +110,7 @@ class View:
 
 
 def _kinds(outlines: Sequence[np.ndarray]) -> list[int]:
-    """Return the number of each part's kind: parts with the same outline are of one kind."""
+    """Return kinds of parts by their outlines."""
     shapes: list[bytes] = []
     for outline in outlines:
         if outline.tobytes() not in shapes:
@@ -106,13 +119,13 @@ def _kinds(outlines: Sequence[np.ndarray]) -> list[int]:
 
 
 def _colour_of(kind: int) -> tuple[int, int, int]:
-    return palette.PARTS[kind % len(palette.PARTS)]
+    return PARTS[kind % len(PARTS)]
 
 
 class SurfacePainter:
     """Draws views of one surface with fixed parts. Needs no display.
 
-    Its surfaces are made with the first picture; copies, pickled or not, make their own and draw the same.
+    Copies and pickles draw the same.
 
     Args:
         rows: elements along y.
@@ -120,15 +133,13 @@ class SurfacePainter:
         element_size: edge of an element, m.
         outlines: (n, 2) corners of each part in its own frame, m.
         pixels_per_metre: scale; by default the prototype's picture is 1000 pixels wide.
-        colours: fill (r, g, b) of each part; by default that of its kind.
         kinds: number of each part's kind, 0 or more; by default parts with the same outline are of one kind.
-        walls: borders at which a wall stands, among "left", "right", "bottom" and "top".
-        side: whether pictures have room under them for a view from the side.
+        walls: borders with a wall, among "left", "right", "bottom" and "top".
+        side: whether pictures include a view from the side.
 
     Raises:
         ImportError: pygame is not installed.
-        ValueError: there are more or fewer kinds or colours than parts, a kind is not a whole number >= 0, or there is
-            no such wall.
+        ValueError: a wrong number of kinds, a kind that is not a whole number >= 0, or an unknown wall.
     """
 
     def __init__(
@@ -138,7 +149,6 @@ class SurfacePainter:
         element_size: float,
         outlines: Sequence[np.ndarray],
         pixels_per_metre: float | None = None,
-        colours: Sequence[tuple[int, int, int]] | None = None,
         kinds: Sequence[int] | None = None,
         walls: Sequence[str] = (),
         side: bool = False,
@@ -149,13 +159,9 @@ class SurfacePainter:
         self._outlines = [np.ascontiguousarray(outline, dtype=np.float64) for outline in outlines]
         kinds = _kinds(self._outlines) if kinds is None else kinds
         kinds = [checks.count(f"kinds[{k}]", kind, least=0) for k, kind in enumerate(kinds)]
-        colours = [_colour_of(kind) for kind in kinds] if colours is None else colours
-        for name, values in (("kinds", kinds), ("colours", colours)):
-            if len(values) != len(self._outlines):
-                raise checks.refuse(name, values, f"one for each of {len(self._outlines)} parts")
-        self._colours = [tuple(colour) for colour in colours]
-        # A zone has the colour of the first part that shall end there, also where colours were given.
-        self._kinds = dict(zip(reversed(kinds), reversed(self._colours), strict=True))
+        if len(kinds) != len(self._outlines):
+            raise checks.refuse("kinds", kinds, f"one for each of {len(self._outlines)} parts")
+        self._colours = [_colour_of(kind) for kind in kinds]
         borders = [checks.choice(f"walls[{k}]", wall, WALLS) for k, wall in enumerate(walls)]
         self._side = side
         self._table = (rows, columns, element_size, pixels_per_metre, borders)
@@ -167,17 +173,17 @@ class SurfacePainter:
         return Canvas(*self._table)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the surfaces."""
+        """Return everything except the surfaces."""
         return {name: value for name, value in vars(self).items() if name != "_canvas"}
 
     @property
     def width(self) -> int:
-        """Of the picture, in pixels."""
+        """Width in pixels."""
         return self._canvas.size[0]
 
     @property
     def height(self) -> int:
-        """Of the picture, in pixels."""
+        """Height in pixels."""
         if not self._side:
             return self._canvas.size[1]
         from vibgym.rendering.side import HEIGHT
@@ -198,8 +204,7 @@ class SurfacePainter:
         canvas = self._canvas
         canvas.begin(np.asarray(view.phasors, dtype=np.float64))
         for zone in view.zones:
-            colour = self._kinds.get(zone.kind, _colour_of(zone.kind))
-            canvas.zone(np.array(zone.low), np.array(zone.high), colour, zone.label)
+            canvas.zone(np.array(zone.low), np.array(zone.high), _colour_of(zone.kind), zone.label)
         for path, colour in zip(view.paths, self._colours, strict=False):
             canvas.path(np.asarray(path, dtype=np.float64).reshape(-1, 2), colour)
         if view.goals is not None:
@@ -224,20 +229,20 @@ class SurfacePainter:
 
 @dataclass(frozen=True)
 class Scenery:
-    """What stays the same in all pictures of a task; can be pickled, and needs no pygame until something is painted.
+    """Content that all pictures of a task share; can be pickled, and needs pygame only for painting.
 
     Attributes:
         rows, columns: elements along y and x.
         element_size: edge of an element, m.
         outlines: (n, 2) corners of each part in its own frame, m.
         kinds: number of each part's kind.
-        walls: borders at which a wall stands.
-        zones: where the kinds shall end; empty for tasks without.
-        goal_size: numbers of a goal that count: 3 for poses, 2 for positions, 0 for tasks without.
-        tolerance: m, from goals; None for tasks without.
-        trail: past centres of each part that are shown.
-        asked: of each part, whether it has a goal; empty: all of them.
-        side: whether pictures have room for a view from the side.
+        walls: borders with a wall.
+        zones: goal zones of the kinds.
+        goal_size: 3 for goal poses, 2 for goal positions, 0 without goals.
+        tolerance: m, from goals; None without goals.
+        trail: number of past centres of each part that are shown.
+        asked: whether each part has a goal; empty: all have one.
+        side: whether pictures include a view from the side.
     """
 
     rows: int
@@ -259,7 +264,7 @@ class Scenery:
         return SurfacePainter(*table, kinds=self.kinds, walls=self.walls, side=self.side)
 
     def _since_it_came(self, trail: np.ndarray) -> np.ndarray:
-        """Return trails (k, parts, 2) from the latest arrival of each part in its slot on."""
+        """Return trails (k, parts, 2) since the last arrival of each part in its slot; nan before."""
         middle = 0.5 * self.element_size * np.array([self.columns, self.rows])
         beside = np.asarray((np.abs(trail - middle) > 2.0 * middle).any(axis=-1))
         before = np.asarray(np.maximum.accumulate(beside[::-1], axis=0))[::-1]
@@ -279,13 +284,10 @@ class Scenery:
         """Return the view of a world.
 
         Args:
-            pose, goal: (parts, 3) x, y (m), heading (rad); goals of tasks without are not looked at.
+            pose, goal: (parts, 3) x, y (m), heading (rad).
             present: (parts,) bool; absent parts are not drawn.
-            phasors: (rows, columns, 2) fractions of full scale.
-            trail: (k, parts, 2) centres of the steps up to now, m, oldest first, of which the last ones are drawn.
-            caption: one line.
-            paths: (n, 2) of each part, m: lines along which goals move; none where they stay.
-            side: what is drawn from the side.
+            trail: (k, parts, 2) past centres, m, oldest first.
+            phasors, caption, paths, side: see :class:`View`.
         """
         there = np.asarray(present, dtype=bool)[:, None]
         asked = there & np.array(self.asked)[:, None] if self.asked else there

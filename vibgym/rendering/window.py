@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from vibgym.rendering._pygame import require_pygame
-from vibgym.rendering.view import SurfacePainter
+from vibgym.rendering.view import SurfacePainter, require_pygame
 
 
 class Window:
-    """Shows frames of a painter's size at a steady pace.
+    """Shows frames of a painter's size at a steady rate.
 
-    pygame has one display per process, so one window can be open at a time. The user may close it at any moment:
-    further frames are then dropped. Copies, pickled or not, open a separate window.
+    pygame has one display per process, so one window can be open at a time. After the user has closed it, further frames are
+    dropped. Copies and pickles open a separate window.
 
     Args:
         painter: its width and height become the window's.

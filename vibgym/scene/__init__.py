@@ -1,4 +1,4 @@
-"""What is on the table: surface, parts, outlines. No engine."""
+"""Surface, parts and their geometry."""
 
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part

@@ -1,8 +1,8 @@
 """Parts as convex hulls, for distances and contacts; decomposition of outlines.
 
-A non-convex outline becomes few convex pieces: triangles (mapbox_earcut), merged as long as they stay convex. Merging across
-diagonals leaves at most four times as many pieces as the fewest possible (S. Hertel, K. Mehlhorn, 1983). The contact solver's
-own library has a decomposition, which reads beyond its memory for some outlines.
+A non-convex outline is cut into triangles (mapbox_earcut), which are merged across diagonals while they stay convex: at most
+four times as many pieces as the fewest possible (S. Hertel, K. Mehlhorn, 1983). pymunk's decomposition is not used: it reads
+beyond its memory for some outlines.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from vibgym.scene.outlines import is_convex, signed_area
 from vibgym.scene.parts import Part
 
 STRAIGHT = 1e-12
-"""Turn to the right, over the size squared, that still counts as straight on."""
+"""Turn to the right, over the size squared, that counts as straight."""
 
 
 def convex_decomposition(outline: np.ndarray) -> list[np.ndarray]:
-    """Convex polygons (n, 2), counter-clockwise, that together cover a simple polygon (n, 2) and nothing else."""
+    """Return convex polygons (n, 2), counter-clockwise, into which a simple polygon (n, 2) is cut."""
     from mapbox_earcut import triangulate_float64  # imported late: most scenes have convex parts
 
     size = float(np.abs(outline).max())
@@ -30,7 +30,7 @@ def convex_decomposition(outline: np.ndarray) -> list[np.ndarray]:
     pieces = {k: _counter_clockwise(outline, triangle.tolist()) for k, triangle in enumerate(triangles)}
     owner = {edge: k for k, piece in pieces.items() for edge in zip(piece, piece[1:] + piece[:1], strict=True)}
     diagonals = [edge for edge in owner if edge[0] < edge[1] and edge[::-1] in owner]
-    # The longest first: what is left are rather short edges between roundish pieces.
+    # The longest first, for compact pieces.
     diagonals.sort(key=lambda edge: -float(np.hypot(*(outline[edge[0]] - outline[edge[1]]))))
     for a, b in diagonals:
         one, other = owner[a, b], owner[b, a]
@@ -52,7 +52,7 @@ def _counter_clockwise(outline: np.ndarray, corners: list[int]) -> list[int]:
 
 
 def _merged(one: list[int], other: list[int], a: int, b: int) -> list[int]:
-    """Two pieces without the edge between them, which goes from ``a`` to ``b`` in the first one."""
+    """Return the union of two pieces that share an edge, from ``a`` to ``b`` in the first one."""
     first, second = one.index(b), other.index(a)
     return one[first:] + one[:first] + (other[second:] + other[:second])[1:-1]
 
@@ -69,7 +69,7 @@ WALLS = ("left", "right", "bottom", "top")
 
 @functools.lru_cache(maxsize=1024)
 def convex_pieces(part: Part) -> list[np.ndarray]:
-    """Convex polygons (n, 2), counter-clockwise, that make up a part's outline; one corner, the centre, for a disc."""
+    """Return the convex polygons (n, 2), counter-clockwise, of a part's outline; one corner, the centre, for a disc."""
     if part.symmetry == 0:
         return [np.zeros((1, 2))]
     if is_convex(part.outline):
@@ -78,12 +78,12 @@ def convex_pieces(part: Part) -> list[np.ndarray]:
 
 
 def rounding(part: Part) -> float:
-    """Radius of the circle around each corner of a part's hulls, m: the radius for a disc, 0 for others."""
+    """Return the radius of the circle around each corner of a part's hulls, m: the radius of a disc, 0 for others."""
     return float(np.sqrt(part.area / np.pi)) if part.symmetry == 0 else 0.0
 
 
 def hulls_of(parts: Sequence[Part]) -> Hulls:
-    """The hulls of the parts of a world, as the kernels take them."""
+    """Return the hulls of the parts of a world for kernels."""
     pieces = [(part, piece) for part in parts for piece in convex_pieces(part)]
     corners = []
     for _, piece in pieces:
@@ -101,7 +101,7 @@ def hulls_of(parts: Sequence[Part]) -> Hulls:
 
 
 def gaps_between(parts: Sequence[Part], pose: np.ndarray) -> np.ndarray:
-    """Distances between the outlines of all parts, (worlds, parts, parts) m; negative: overlap; infinite on the diagonal.
+    """Return distances between all outlines, (worlds, parts, parts) m; negative: overlap; infinite on the diagonal.
 
     Args:
         parts: of a world.

@@ -1,4 +1,4 @@
-"""Geometry of outlines: area, centroid, inertia, convexity, symmetry, and whether they cross themselves."""
+"""Geometry of outlines: area, centroid, inertia, convexity, symmetry, self-intersection."""
 
 from __future__ import annotations
 
@@ -9,31 +9,31 @@ import numpy as np
 from vibgym import checks
 
 DISC_CORNERS = 64
-"""A disc's outline is a regular polygon of this many corners with the disc's exact area: its border deviates by at most 0.08 %
-of the radius. Its inertia is the disc's own. Where it slides it has fewer, see :func:`sliding_corners`."""
+"""Corners of the regular polygon that represents a disc. Its area is exact, its border deviates by up to 0.08 % of the radius.
+The inertia is that of the disc. For sliding there are fewer corners, see :func:`sliding_corners`."""
 
 SAGITTA = 1.0 / 300.0
-"""Of an element, by which the border of a disc's contact area may deviate where sliding is computed. Measured with discs of 10
-to 160 mm on random fields, one second: what the corners add is at most about a quarter of the planar model's own error."""
+"""Largest deviation of the border of a disc's contact area for sliding, as a share of an element. It adds at most about a
+quarter of the planar model's error (discs of 10 to 160 mm on random fields, one second)."""
 
 FEWEST_CORNERS = 16
-"""Of a disc, however small."""
+"""Fewest corners of a disc."""
 
 LEAST_SIZE, MOST_PLACE = 1e-5, 1e3
-"""m: size of an outline, and how far from its origin it may be given."""
+"""m: least size of an outline, and largest coordinate of a corner."""
 
 MOST_CORNERS = 1000
-"""Corners of an outline; checking it takes their square."""
+"""Most corners of an outline; the cost of checks is quadratic."""
 
 
 def signed_area(outline: np.ndarray) -> float:
-    """Area enclosed by ``outline`` (n, 2), positive if counter-clockwise."""
+    """Return the area enclosed by ``outline`` (n, 2), positive if counter-clockwise."""
     x, y = outline.T
     return 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
 
 
 def centroid(outline: np.ndarray) -> np.ndarray:
-    """Centre of the enclosed area (2,)."""
+    """Return the centre of the enclosed area (2,)."""
     origin = outline.mean(axis=0)  # keeps digits when the outline lies far from its origin
     here = outline - origin
     there = np.roll(here, -1, axis=0)
@@ -42,7 +42,7 @@ def centroid(outline: np.ndarray) -> np.ndarray:
 
 
 def gyration(outline: np.ndarray) -> float:
-    """Planar inertia over mass about the origin, which must be the centroid, m^2."""
+    """Return planar inertia over mass about the origin, which must be the centroid, m^2."""
     there = np.roll(outline, -1, axis=0)
     cross = outline[:, 0] * there[:, 1] - outline[:, 1] * there[:, 0]
     squares = (outline * outline + outline * there + there * there).sum(axis=1)
@@ -50,7 +50,7 @@ def gyration(outline: np.ndarray) -> float:
 
 
 def rotation(x: float, y: float, z: float) -> np.ndarray:
-    """(3, 3) matrix of a rotation vector, rad (Rodrigues)."""
+    """Return the (3, 3) matrix of a rotation vector, rad (Rodrigues)."""
     angle = math.sqrt(x * x + y * y + z * z)
     if angle == 0.0:
         return np.eye(3)
@@ -59,8 +59,7 @@ def rotation(x: float, y: float, z: float) -> np.ndarray:
 
 
 def inertia(outline: np.ndarray) -> np.ndarray:
-    """(3,) inertia over mass of a thin plate about its own axes through the origin, which must be the centroid: xx, yy and xy,
-    m^2."""
+    """Return (3,) m^2, xx, yy and xy of a thin plate's inertia over mass about the origin, which must be the centroid."""
     there = np.roll(outline, -1, axis=0)
     (x, y), (u, v) = outline.T, there.T
     cross = x * v - u * y
@@ -69,14 +68,14 @@ def inertia(outline: np.ndarray) -> np.ndarray:
 
 
 def inner_distance(outline: np.ndarray) -> float:
-    """Distance from the origin to the nearest line through an edge of a convex outline around it, m; 0 where it is outside."""
+    """Return the distance from the origin to the nearest edge line of a convex outline, m; 0 if the origin is outside."""
     edges = np.roll(outline, -1, axis=0) - outline
     distance = (outline[:, 0] * edges[:, 1] - outline[:, 1] * edges[:, 0]) / np.hypot(edges[:, 0], edges[:, 1])
     return max(float(distance.min()), 0.0)
 
 
 def is_convex(outline: np.ndarray) -> bool:
-    """Whether a counter-clockwise outline never turns right."""
+    """Return whether a counter-clockwise outline never turns right."""
     edges = np.roll(outline, -1, axis=0) - outline
     following = np.roll(edges, -1, axis=0)
     turn = edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0]
@@ -85,7 +84,7 @@ def is_convex(outline: np.ndarray) -> bool:
 
 
 def narrowest_width(outline: np.ndarray) -> float:
-    """Smallest extent of an outline over all directions, m: it is across an edge of the convex hull."""
+    """Return the smallest extent of an outline over all directions, m; it is normal to an edge of the convex hull."""
     corners = convex_hull(outline)
     edges = np.roll(corners, -1, axis=0) - corners
     normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.hypot(edges[:, 0], edges[:, 1])[:, None]
@@ -94,7 +93,7 @@ def narrowest_width(outline: np.ndarray) -> float:
 
 
 def convex_hull(points: np.ndarray) -> np.ndarray:
-    """Corners of the convex hull, counter-clockwise (A. M. Andrew, 1979: from left to right below, and back above)."""
+    """Return the corners of the convex hull, counter-clockwise (A. M. Andrew's monotone chain, 1979)."""
     ordered = sorted(map(tuple, points.tolist()))
     hull: list[tuple[float, ...]] = []
     for way in (ordered, ordered[::-1]):
@@ -111,7 +110,7 @@ def convex_hull(points: np.ndarray) -> np.ndarray:
 
 
 def symmetry_order(outline: np.ndarray) -> int:
-    """Largest n for which a turn by 2 pi / n about the origin maps the outline onto itself."""
+    """Return the largest n for which a turn by 2 pi / n about the origin maps the outline onto itself."""
     size = float(np.abs(outline).max())
     before, after = outline - np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0) - outline
     outline = outline[np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]) > 1e-9 * size**2]  # real corners
@@ -128,23 +127,23 @@ def symmetry_order(outline: np.ndarray) -> int:
 
 
 def _first_fault(outline: np.ndarray) -> str | None:
-    """What keeps an outline from being a simple polygon: two edges that cross or touch, or fold back onto one another."""
+    """Return two edges that cross, touch or fold back onto one another, as text; None for a simple polygon."""
     n = len(outline)
     size = float(np.abs(outline).max())
     begin, end = outline, np.roll(outline, -1, axis=0)
     along = end - begin
 
     def side(point: np.ndarray) -> np.ndarray:
-        """On which side of each edge (rows) each point (columns) lies: twice the area of the triangle."""
+        """Return the side of each edge (rows) on which each point (columns) lies: twice the area of the triangle."""
         off = point[None, :, :] - begin[:, None, :]
         return along[:, None, 0] * off[..., 1] - along[:, None, 1] * off[..., 0]
 
     def within(point: np.ndarray) -> np.ndarray:
-        """Whether each point (columns) lies in the box around each edge (rows)."""
+        """Return whether each point (columns) lies in the box around each edge (rows)."""
         low, high = np.minimum(begin, end)[:, None, :], np.maximum(begin, end)[:, None, :]
         return np.all((low <= point[None]) & (point[None] <= high), axis=2)
 
-    from_begin, from_end = side(begin), side(end)  # of edge i's line: where edge j begins and ends
+    from_begin, from_end = side(begin), side(end)  # of the line of edge i, for both ends of edge j
     apart = (from_begin != 0.0) & (from_end != 0.0) & ((from_begin > 0.0) != (from_end > 0.0))
     on = ((from_begin == 0.0) & within(begin)) | ((from_end == 0.0) & within(end))
     crossing = (apart & apart.T) | on | on.T
@@ -202,19 +201,19 @@ def simple_outline(vertices: object) -> np.ndarray:
     given = np.array(vertices, dtype=np.float64)
     if area < 0.0:
         outline, given = outline[::-1], given[::-1]
-    # Corners that are given about the centroid keep every bit: an outline that is written down and read again is the same.
+    # Corners about the centroid keep every bit: a stored outline is restored exactly.
     centred = np.abs(centroid(given)).max() <= 1e-14 * size
     return np.ascontiguousarray(given if centred else outline - centroid(outline))
 
 
 def sliding_corners(radius: float, element_size: float) -> int:
-    """Corners of a disc's contact area, a multiple of four: as few as keep its border within :data:`SAGITTA`."""
+    """Return the fewest corners of a disc's contact area, a multiple of four, with a border within :data:`SAGITTA`."""
     corners = 2.0 * math.pi * math.sqrt(radius / (8.0 * SAGITTA * element_size))
     return min(max(4 * math.ceil(0.25 * corners), FEWEST_CORNERS), DISC_CORNERS)
 
 
 def disc_outline(radius: float, corners: int = DISC_CORNERS) -> np.ndarray:
-    """Regular polygon with the area of a disc, about its centre."""
+    """Return a regular polygon with the area of a disc, about its centre."""
     angle = 2.0 * math.pi / corners
     corner = radius * math.sqrt(angle / math.sin(angle))
     k = np.arange(corners) * angle

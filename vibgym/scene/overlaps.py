@@ -1,4 +1,4 @@
-"""Starting poses: parts apart, and what is wrong where they are not."""
+"""Checks of poses: centres on the surface, parts that do not overlap."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
 AT_REST = 1e-4
-"""m of overlap that a start may have: what contacts leave between parts at rest."""
+"""m, largest overlap of a start: that of parts at rest in contact."""
 
 IN_MOTION = 1e-3
-"""m of overlap beyond which a state did not come from a simulation with contacts."""
+"""m, largest overlap in a state of a simulation with contacts."""
 
 
 def apart(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
-    """Poses (parts, 3) before the first reset: a single part in the middle, several in a row or a grid about it."""
+    """Return poses (parts, 3) before the first reset: a single part in the middle, several in a row or a grid."""
     columns = int(np.ceil(np.sqrt(len(parts) * surface.width / surface.depth)))
     rows = -(-len(parts) // columns)
     index = np.arange(len(parts))
@@ -58,7 +58,7 @@ def check(
     Args:
         name: of the argument.
         pose: (worlds, parts, 3).
-        away: (worlds, parts) bool, parts that take no part.
+        away: (worlds, parts) bool, parts that are not checked.
         allowed: m of overlap; of small parts at most a quarter of their radius, half of it in motion.
 
     Raises:

@@ -20,7 +20,7 @@ LEAST_MASS, MOST_MASS = 1e-9, 1e9
 STEEL_DENSITY = 7850.0  # kg/m^3, for parts given without a mass
 
 LEAST_DENSITY, MOST_DENSITY = 5.0, 50e3
-"""kg/m^3, of plausible parts: foam, and twice osmium. Beyond them there is a warning."""
+"""kg/m^3, range of plausible densities, from foam to twice osmium; others give a warning."""
 
 DEFAULTS: dict[str, Any] = {
     "name": None,
@@ -36,7 +36,7 @@ DEFAULTS: dict[str, Any] = {
 
 
 class _Shape(NamedTuple):
-    """An outline and what follows from it, see :class:`Part`."""
+    """An outline and its properties, see :class:`Part`."""
 
     outline: np.ndarray
     area: float
@@ -55,13 +55,13 @@ class Part:
         friction: coefficient of sliding friction between part and surface.
         static_friction: coefficient of static friction, at least ``friction``.
         area: m^2.  gyration: planar inertia over mass, m^2.  radius: of the smallest circle about the centre of mass, m.
-        symmetry: turns by ``2 pi / symmetry`` map the part onto itself; 0 for a disc, whose heading shows nowhere.
-        height: m.  mass: kg (of steel, if not given; sliding does not depend on it).
+        symmetry: turns by ``2 pi / symmetry`` map the part onto itself; 0 for a disc, whose heading is not observable.
+        height: m.  mass: kg (default: of steel; sliding does not depend on it).
         restitution, contact_friction: of contacts with other parts and walls; the energetic coefficient of restitution
             (:mod:`vibgym.physics.contacts.impact`).
-        centre_height: of the centre of mass above the bottom, m (half the height, if not given).
-        coupling: share of the elements' vertical motion that reaches the part, 0 to 1: a soft foot takes the rest. With 0 it
-            presses evenly for every motion of the elements: friction brakes it, and only other parts can move it.
+        centre_height: of the centre of mass above the bottom, m (default: half the height).
+        coupling: share of the elements' vertical motion that reaches the part, 0 to 1; a soft foot absorbs the rest. With 0 the
+            part presses evenly: friction brakes it, and only other parts can move it.
     """
 
     outline: np.ndarray
@@ -81,7 +81,7 @@ class Part:
 
     @classmethod
     def rectangle(cls, length: float, width: float, *, friction: float, **properties: Any) -> Part:
-        """A block ``length`` (along its own x) by ``width``, m. Keyword arguments as for :meth:`polygon`."""
+        """Return a block ``length`` (along its own x) by ``width``, m. Keyword arguments as for :meth:`polygon`."""
         a = checks.number("length", length, least=outlines.LEAST_SIZE, most=outlines.MOST_PLACE) / 2
         b = checks.number("width", width, least=outlines.LEAST_SIZE, most=outlines.MOST_PLACE) / 2
         properties.setdefault("name", "rectangle")
@@ -89,7 +89,7 @@ class Part:
 
     @classmethod
     def disc(cls, radius: float, *, friction: float, **properties: Any) -> Part:
-        """A disc of ``radius`` m. Keyword arguments as for :meth:`polygon`."""
+        """Return a disc of ``radius`` m. Keyword arguments as for :meth:`polygon`."""
         radius = checks.number("radius", radius, least=outlines.LEAST_SIZE, most=outlines.MOST_PLACE)
         properties.setdefault("name", "disc")
         shape = _Shape(outlines.disc_outline(radius), math.pi * radius**2, 0.5 * radius**2, 0)
@@ -97,7 +97,7 @@ class Part:
 
     @classmethod
     def polygon(cls, vertices: Any, *, friction: float, **properties: Any) -> Part:
-        """A part with a simple polygonal outline, convex or not, given about any origin and in either sense.
+        """Return a part with a simple polygonal outline, convex or not, about any origin and in either sense.
 
         Args:
             vertices: (n, 2), m.
@@ -118,8 +118,7 @@ class Part:
     def _build(cls, shape: _Shape, friction: float, properties: dict[str, Any]) -> Part:
         unknown = [name for name in properties if name not in DEFAULTS]
         if unknown:
-            allowed = "static_friction, height, centre_height, mass, name, restitution, contact_friction, coupling"
-            raise checks.refuse("part", sorted(unknown), f"properties among {allowed}")
+            raise checks.refuse("part", sorted(unknown), f"properties among {', '.join(DEFAULTS)}")
         given = {**DEFAULTS, **properties}
         friction = checks.number("friction", friction, least=0.0)
         static = friction if given["static_friction"] is None else given["static_friction"]
@@ -153,7 +152,7 @@ class Part:
 
     @property
     def inner_radius(self) -> float:
-        """Of the largest circle about the centre of mass that no edge crosses, m."""
+        """Radius of the largest circle about the centre of mass that no edge crosses, m."""
         ends = np.roll(self.outline, -1, axis=0)
         edge = ends - self.outline
         along = np.clip(-(self.outline * edge).sum(axis=1) / (edge**2).sum(axis=1), 0.0, 1.0)
@@ -161,33 +160,35 @@ class Part:
 
     @property
     def tipping_ratio(self) -> float:
-        """``mu h_C`` over the distance from the centre of mass to the nearest edge that the part can tip over: the centre of
-        pressure of a flat part that slides lies ``mu h_C`` off, against friction, so that from 1 on friction alone tips it."""
-        return self.friction * self.centre_height / outlines.inner_distance(outlines.convex_hull(self.outline))
+        """``mu h_C`` over the distance from the centre of mass to the nearest edge that the part can tip over.
+
+        Under a sliding part the centre of pressure is displaced by ``mu h_C``: from 1 on, friction alone tips the part.
+        """
+        return self.friction * self.centre_height / self._tipping_distance
 
     @property
     def height_is_known(self) -> bool:
-        """Whether a height or centre height other than the default was set. Checks of slenderness skip parts of default height,
-        without a warning or an error."""
+        """Whether height or centre height differ from the default; slenderness is not checked for parts of default height."""
         return self.height != DEFAULTS["height"] or self.centre_height != 0.5 * self.height
 
     @property
     def slenderness(self) -> float:
         """Height of the centre of mass over the distance to the nearest edge that the part can tip over."""
-        return self.centre_height / outlines.inner_distance(outlines.convex_hull(self.outline))
+        return self.centre_height / self._tipping_distance
+
+    @property
+    def _tipping_distance(self) -> float:
+        """Distance from the centre of mass to the nearest edge of the convex hull, m."""
+        return outlines.inner_distance(outlines.convex_hull(self.outline))
 
     @property
     def inertia(self) -> np.ndarray:
-        """Return xx, yy and xy of the inertia about horizontal axes through the centre of mass, divided by the mass.
-
-        Shape (3,), m^2, for a prism of uniform density with the height of the part.
-        """
-        return outlines.inertia(self.outline) * (self.gyration / outlines.gyration(self.outline)) + np.array(
-            [self.height**2 / 12.0, self.height**2 / 12.0, 0.0]
-        )
+        """(3,) m^2, xx, yy and xy of a prism's inertia over mass about horizontal axes through the centre of mass."""
+        upright = np.array([self.height**2 / 12.0, self.height**2 / 12.0, 0.0])
+        return outlines.inertia(self.outline) * (self.gyration / outlines.gyration(self.outline)) + upright
 
     def body(self, element_size: float | None = None) -> Body:
-        """The part as the kernels take it; a disc with as few corners as sliding on elements of that size (m) needs."""
+        """Return the part for kernels; of a disc a polygon, with fewer corners if ``element_size`` (m) is given."""
         outline = np.array(self.outline)
         if self.symmetry == 0 and element_size is not None:
             radius = math.sqrt(self.area / math.pi)
@@ -205,7 +206,7 @@ class Part:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """The part as a mapping for JSON, from which :func:`vibgym.config.part_from` makes an equal one."""
+        """Return the part as a mapping for JSON, from which :func:`vibgym.config.part_from` restores an equal one."""
         shape: dict[str, Any] = {"shape": "polygon", "vertices": self.outline.tolist()}
         if self.symmetry == 0:
             shape = {"shape": "disc", "radius": self._disc_radius()}
@@ -216,31 +217,31 @@ class Part:
         return {**shape, **{name: getattr(self, name) for name in names}, **more}
 
     def _disc_radius(self) -> float:
-        """The number that the disc was made from, to the last bit."""
+        """Return the radius from which the disc was constructed, to the last bit."""
         near = math.sqrt(self.area / math.pi)
         around = [near + k * math.ulp(near) for k in (0, -1, 1, -2, 2, -3, 3, -4, 4)]
         same = (radius for radius in around if math.pi * radius**2 == self.area)
         return next((radius for radius in same if np.array_equal(outlines.disc_outline(radius), self.outline)), near)
 
     def slides_as(self, other: Part) -> bool:
-        """Whether the other part is equal to this one in all that its motion in the plane depends on, which height does not."""
+        """Return whether both parts have the same motion in the plane, which does not depend on height."""
         names = ("friction", "static_friction", "mass", "restitution", "contact_friction", "symmetry", "coupling")
         return all(getattr(self, name) == getattr(other, name) for name in names) and np.array_equal(
             self.outline, other.outline
         )
 
     def same_as(self, other: Part) -> bool:
-        """Whether the other part is one of the same kind: equal in all but its name."""
+        """Return whether both parts are equal except for their names."""
         return self.height == other.height and self.centre_height == other.centre_height and self.slides_as(other)
 
 
 def kinds_of(
     parts: Sequence[Part], same: Callable[[Part, Part], bool] = Part.slides_as
 ) -> tuple[list[Part], np.ndarray]:
-    """The different parts among ``parts``, in order of appearance, and the kind of each, (parts,).
+    """Return the different parts among ``parts``, in order of appearance, and the kind of each, (parts,).
 
     Args:
-        same: whether two parts are of one kind: :meth:`Part.slides_as`, or :meth:`Part.same_as` for those who see heights.
+        same: whether two parts are of one kind: :meth:`Part.slides_as`, or :meth:`Part.same_as` where heights matter.
     """
     kinds: list[Part] = []
     numbers = []
@@ -255,22 +256,16 @@ def kinds_of(
 def bodies_of(
     parts: Sequence[Part], element_size: float, same: Callable[[Part, Part], bool] = Part.slides_as
 ) -> Bodies:
-    """The parts of a world as the kernels take them, on elements of that size (m); ``same``: see :func:`kinds_of`."""
+    """Return the parts of a world for kernels, on elements of that size (m); ``same``: see :func:`kinds_of`."""
     kinds, numbers = kinds_of(parts, same)
     bodies = [kind.body(element_size) for kind in kinds]
+    names = ("area", "radius", "gyration", "friction", "static_friction", "convex", "turns", "coupling")
     return Bodies(
         kind=numbers,
         outline=np.concatenate([body.outline for body in bodies]),
         first=np.cumsum([0, *(len(body.outline) for body in bodies)]),
-        area=np.array([body.area for body in bodies]),
-        radius=np.array([body.radius for body in bodies]),
-        gyration=np.array([body.gyration for body in bodies]),
-        friction=np.array([body.friction for body in bodies]),
-        static_friction=np.array([body.static_friction for body in bodies]),
-        convex=np.array([body.convex for body in bodies]),
-        turns=np.array([body.turns for body in bodies]),
-        coupling=np.array([body.coupling for body in bodies]),
         even=EVEN.copy(),
+        **{name: np.array([getattr(body, name) for body in bodies]) for name in names},
     )
 
 
@@ -282,6 +277,6 @@ SHIPPED: dict[str, dict[str, Any]] = {
 
 
 def shipped_part(name: str) -> Part:
-    """One of the shipped parts by name."""
+    """Return one of the shipped parts by name."""
     checks.choice("part", name, tuple(SHIPPED))
     return Part.rectangle(**SHIPPED[name], name=name)

@@ -1,7 +1,6 @@
-"""The one local model of a part that slides on the surface, which laws, filters and planners share.
+"""Linear model of a part that slides near rest, for controllers, filters and planners.
 
-Near rest friction brakes a part at a constant rate, positions and heading alike, so that with a push that would accelerate it
-by ``u`` each of them follows, by itself,
+Friction brakes a part at a constant rate. Under an acceleration ``u`` by the elements each of x, y and heading follows
 
     p' = v,   v' = -c v + u        c = mu g / (2 a_h w)
 
@@ -22,7 +21,7 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
 LEAST_SPEED = 1e-3
-"""m/s, taken for the table's where that is slower."""
+"""m/s, lower bound of the table's speed in the model."""
 
 TOP_SLIP = 0.71
 """Speed of a part on elements at full amplitude, over the table's: 0.30 m/s on the prototype."""
@@ -43,7 +42,7 @@ class Sliding(NamedTuple):
 
 
 def sliding_of(surface: Surface, parts: Sequence[Part], strength: float = 1.0) -> Sliding:
-    """Of parts on a surface whose elements go up to a share ``strength`` of its largest amplitude."""
+    """Return the model of parts on a surface whose elements reach a share ``strength`` of its largest amplitude."""
     push = strength * 0.5 * reached(parts) * np.array([part.friction for part in parts]) * surface.full_scale
     return Sliding(
         strength=strength,
@@ -60,7 +59,7 @@ def reached(parts: Sequence[Part]) -> np.ndarray:
 
 
 def drag_of(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
-    """(parts,) 1/s, the rates ``c`` at which friction brakes parts near rest."""
+    """Return (parts,) 1/s, the rates ``c`` at which friction brakes parts near rest."""
     friction = np.array([part.friction for part in parts])
     return getattr(friction_rate, "py_func", friction_rate)(
         friction, surface.gravity, max(surface.table_speed, LEAST_SPEED)
@@ -68,7 +67,7 @@ def drag_of(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
 
 
 def top_slip(strength: float) -> float:
-    """Speed of a part over the table's on elements at a share of full amplitude: where friction takes what they give."""
+    """Return the steady speed of a part over the table's on elements at a share ``strength`` of full amplitude."""
     if strength == 1.0:
         return TOP_SLIP
     given = strength * TOP_SLIP * (1.0 + DRAG_GROWTH * TOP_SLIP**2)
@@ -80,7 +79,7 @@ def top_slip(strength: float) -> float:
 
 @borrowing
 def motion(drag, time):
-    """Solution of the model after a time: ``p + way v + fall u`` and ``left v + way u``; returns ``way, fall, left``."""
+    """Solve the model: after ``time``, ``p + way v + fall u`` and ``left v + way u``; returns ``way, fall, left``."""
     left = math.exp(-drag * time)
     way = (1.0 - left) / drag if drag * time > 1e-9 else time
     fall = (time - way) / drag if drag * time > 1e-4 else 0.5 * time * time

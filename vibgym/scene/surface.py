@@ -1,4 +1,4 @@
-"""The segmented surface: its elements, its shared horizontal motion, its limits."""
+"""The segmented surface: elements, horizontal motion, limits."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from vibgym import checks
 from vibgym.physics.core.records import Table
 
 LEDGE = 1e-3
-"""m that a centre of mass may lie beyond a border with a wall: contacts let parts into walls by less."""
+"""m, distance of a centre of mass beyond a border with a wall at which a part falls; overlaps with walls are smaller."""
 
 MOST_ELEMENTS = 1_000_000
-"""Of a surface: a kernel goes through all of them."""
+"""Most elements of a surface."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Surface:
         return self.horizontal_amplitude * self.angular_frequency**2 > friction * (self.gravity + self.full_scale)
 
     def idle_velocity(self, friction: float) -> np.ndarray:
-        """Velocity (x, y) at the start of a period of a part that slides in place on elements at rest, m/s.
+        """Return the velocity (x, y) at the start of a period of a part that slides in place on elements at rest, m/s.
 
         The part circles with radius ``a_o = mu g / w^2`` and lags the table by ``arccos(a_o / a_h)`` (thesis eq. 3.30);
         without permanent sliding it moves with the table.
@@ -127,24 +127,15 @@ class Surface:
         return radius * w * np.array([math.sin(lag), math.cos(lag)])
 
     def element_centres(self) -> tuple[np.ndarray, np.ndarray]:
-        """x and y of every element's centre, each (rows, columns), m."""
+        """Return x and y of every element's centre, each (rows, columns), m."""
         x = (np.arange(self.columns) + 0.5) * self.element_size
         y = (np.arange(self.rows) + 0.5) * self.element_size
         return np.meshgrid(x, y)
 
     def table(self, walls: Sequence[str] = ()) -> Table:
-        """The surface as the kernels take it, with walls along some of its borders."""
-        room = {name: LEDGE if name in walls else 0.0 for name in ("left", "right", "bottom", "top")}
+        """Return the surface for kernels, with walls along some of its borders."""
+        left, right, bottom, top = (LEDGE if name in walls else 0.0 for name in ("left", "right", "bottom", "top"))
         return Table(
-            self.rows,
-            self.columns,
-            self.element_size,
-            self.gravity,
-            self.period,
-            self.horizontal_amplitude,
-            self.table_speed,
-            -room["left"],
-            self.width + room["right"],
-            -room["bottom"],
-            self.depth + room["top"],
-        )
+            self.rows, self.columns, self.element_size, self.gravity, self.period, self.horizontal_amplitude,
+            self.table_speed, -left, self.width + right, -bottom, self.depth + top,
+        )  # fmt: skip

@@ -128,11 +128,7 @@ class Sensor(ABC):
         self.looking = worlds
         self._read(state, fresh)
         self.looking = self._everyone
-        for each in self._readings:
-            for kept, read in zip(each, fresh, strict=True):
-                kept[worlds] = read[worlds]
-        for each in self._readings[1:]:  # no new reading until the first sample of a step is due
-            each.seen[worlds] = False
+        self._repeat(worlds)
 
     def renew(self, which: np.ndarray, state: State) -> None:
         """Restart single parts during an episode: ``which`` (worlds, parts) have been added or removed.
@@ -146,11 +142,15 @@ class Sensor(ABC):
         if self._effects:
             self._effects.renew(which, fresh)
         self.looking = self._everyone
+        self._repeat(which)
+
+    def _repeat(self, where: np.ndarray) -> None:
+        """Make the fresh reading the present one in worlds or of parts, with no new one until a sample of a step is due."""
         for each in self._readings:
-            for kept, read in zip(each, fresh, strict=True):
-                kept[which] = read[which]
+            for kept, read in zip(each, self._fresh, strict=True):
+                kept[where] = read[where]
         for each in self._readings[1:]:
-            each.seen[which] = False
+            each.seen[where] = False
 
     def look(self, state: State) -> None:
         """Sample the true state; called once a step, at :attr:`instant`."""

@@ -1,10 +1,10 @@
-"""Effects: what goes wrong on the way from what a sensor sees to what it reads, as stages that every sensor has.
+"""Effects: measurement errors as stages that all sensors share.
 
-A sensor's mapping names them beside its own settings (``{"kind": "camera", "dropout": 0.1}``), or in ``effects`` where the
-sensor has a setting of that name itself (``{"kind": "camera", "effects": {"noise": 1e-4}}``: the camera's own ``noise`` is that
-of its pixels). Custom effects apply in the order of registration, not of the mapping; then
-bias, noise and dropout. Last of all, velocities are made of what is left: they are differences, the pose less the one read
-before over the time between them. Delay and rate are timing, and belong to :class:`vibgym.sensing.Sensor` itself.
+A sensor's mapping names effects beside its settings (``{"kind": "camera", "dropout": 0.1}``), or under ``effects`` where the
+sensor has a setting of the same name (``{"kind": "camera", "effects": {"noise": 1e-4}}``: ``noise`` is that of the camera's
+pixels). Custom effects apply in the order of registration; bias, noise and dropout follow. Finally velocities are computed from
+the resulting poses: the difference to the previous reading over the time between them. Delay and rate belong to
+:class:`vibgym.sensing.Sensor`.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ if TYPE_CHECKING:
     from vibgym.sensing.base import Sensor
 
 MOST_PLAUSIBLE_TURN = 1.0
-"""rad, of a heading's standard deviation. Beyond it there is a warning."""
+"""rad, largest standard deviation of a heading without a warning."""
 
 
 class Effect:
-    """Base of all effects: batched, made as ``cls(sensor, where, value)`` for each sensor that has it.
+    """Base class of effects: batched, constructed as ``cls(sensor, where, value)`` for each sensor.
 
-    An effect of your own is a subclass with :meth:`apply`, and ``vibgym.sensing.EFFECTS.register`` gives it a name.
+    A custom effect is a subclass with :meth:`apply`, registered by ``vibgym.sensing.EFFECTS.register``.
 
     Args:
-        sensor: whose readings it changes.
+        sensor: the sensor.
         where: the setting's name, for errors.
     """
 
     draws: int = 0
-    """Uniform numbers that it needs at the start of each episode, in :meth:`begin`."""
+    """Number of uniform random numbers for :meth:`begin` at the start of each episode."""
 
     def __init__(self, sensor: Sensor, where: str) -> None:
         self.sensor, self.where = sensor, where
@@ -55,18 +55,18 @@ class Effect:
         return np.zeros(3)
 
     def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
-        """Set what holds for the whole episodes of ``worlds``; see :meth:`vibgym.sensing.Sensor.reset`."""
+        """Draw what is constant during the episodes of ``worlds``; see :meth:`vibgym.sensing.Sensor.reset`."""
 
     def apply(self, reading: Reading) -> None:
-        """Change what one look has read, in place: poses, which parts are gone, and, by ``seen``, which ones it misses.
+        """Change a reading in place: poses, ``gone``, and ``seen`` (False for missed parts).
 
-        What an effect remembers may change in the worlds ``sensor.looking`` alone.
+        Stored state may change only in the worlds ``sensor.looking``.
         """
 
     def normals(self) -> np.ndarray:
-        """Return (worlds, parts, 3) independent standard normal numbers, new ones at each look; a copy.
+        """Return (worlds, parts, 3) independent standard normal numbers, new at each sample; a copy.
 
-        They are drawn by counter from the episode's key: the same alone, in a batch, and restored.
+        They are drawn by counter from the key of the episode: the same alone, in a batch, and after a restored snapshot.
         """
         sensor = self.sensor
         drawn = np.zeros((sensor.worlds, len(sensor.parts), 3))
@@ -74,12 +74,12 @@ class Effect:
         return drawn
 
     def own_state(self) -> dict[str, np.ndarray]:
-        """Return live arrays that belong to a snapshot, by name."""
+        """Return live arrays of a snapshot, by name."""
         return {}
 
 
 class Noise(Effect):
-    """White noise, normal, anew at each look; drawn by :func:`read_poses`.
+    """White normal noise, new at each sample; drawn by :func:`read_poses`.
 
     The value is its standard deviation: [position in m, heading in rad], a number for the position alone, or a mapping with
     ``position`` and ``heading`` (``position_mm``, ``heading_deg``).
@@ -87,9 +87,7 @@ class Noise(Effect):
 
     def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
         super().__init__(sensor, where)
-        self.deviation = plausible(
-            where, deviations(where, value, sensor.surface.width + sensor.surface.depth), sensor.surface
-        )
+        self.deviation = deviations(where, value, sensor.surface)
 
     @property
     def sigma(self) -> np.ndarray:
@@ -97,16 +95,14 @@ class Noise(Effect):
 
 
 class Bias(Effect):
-    """An error that stays for the episode: one shift of all positions, and one turn for each part; normal.
+    """Constant error of an episode: one shift of all positions, one turn for each part; normal.
 
-    The value is as that of :class:`Noise`. Estimators take ``sigma`` for new at every look, so it is not counted there.
+    The value is as for :class:`Noise`. It does not add to ``sigma``, which is noise that is new at every sample.
     """
 
     def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
         super().__init__(sensor, where)
-        self.deviation = plausible(
-            where, deviations(where, value, sensor.surface.width + sensor.surface.depth), sensor.surface
-        )
+        self.deviation = deviations(where, value, sensor.surface)
         self.offset = np.zeros((sensor.worlds, len(sensor.parts), 3))
 
     def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
@@ -117,7 +113,7 @@ class Bias(Effect):
 
 
 class Dropout(Effect):
-    """Looks that miss a part, with a probability; the first look of an episode misses none, so with 1 it is the only one."""
+    """Probability that a sample misses a part. The first sample of an episode misses none: with 1 it is the only reading."""
 
     def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
         super().__init__(sensor, where)
@@ -127,15 +123,15 @@ class Dropout(Effect):
 EFFECTS: Registry[Callable[[Sensor, str, Any], Effect]] = Registry(
     "effect", {"noise": Noise, "bias": Bias, "dropout": Dropout}
 )
-"""Effects by name; ``EFFECTS.register(name, cls)`` adds one of your own."""
+"""Effects by name; ``EFFECTS.register(name, cls)`` adds a custom one."""
 
 
 class Effects:
-    """The effects of a sensor, one after the other, and the velocities that follow from what they leave.
+    """The effects of a sensor in order, and the velocities computed from their result.
 
     Args:
-        sensor: whose readings they change.
-        flat: name -> value, of effects given beside the sensor's own settings.
+        sensor: the sensor.
+        flat: name -> value, of effects beside the sensor's settings.
         more: likewise, of those under ``effects``.
 
     Raises:
@@ -171,17 +167,17 @@ class Effects:
 
     @property
     def variance(self) -> np.ndarray:
-        """(parts, 3) that they add to readings of a pose."""
+        """(parts, 3) variance that the effects add to a measured pose."""
         return sum((each.sigma**2 for each in self._stages.values()), np.zeros((len(self._sensor.parts), 3)))
 
     def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
-        """Draw what holds for the whole episodes of ``worlds``."""
+        """Draw what is constant during the episodes of ``worlds``."""
         self._sensor.key[worlds] = keys_from(uniform[:, :KEY_DRAWS])
         for each, start in zip(self._stages.values(), self._splits):
             each.begin(worlds, uniform[:, start : start + each.draws])
 
     def apply(self, reading: Reading) -> None:
-        """Change what one look has read."""
+        """Apply all effects to a reading, in place."""
         for each in self._stages.values():
             each.apply(reading)
         sensor = self._sensor
@@ -191,7 +187,7 @@ class Effects:
         )  # fmt: skip
 
     def renew(self, which: np.ndarray, reading: Reading) -> None:
-        """Change what has been read of parts that have just come, ``which`` (worlds, parts): no look misses them."""
+        """Apply all effects to the reading of parts that have just arrived, ``which`` (worlds, parts); none is missed."""
         others = ~which
         last, elapsed = self._last[others], self._elapsed[others]
         self._new[...] = which
@@ -208,7 +204,7 @@ class Effects:
 
 
 class Stream(IntEnum):
-    """Third word of a counter: what a random number is drawn for."""
+    """Third word of a counter: the purpose of a random number."""
 
     NOISE = 0
     DROPOUT = 1
@@ -226,7 +222,7 @@ def draw_normals(worlds, key, looks, stream, drawn):
 
 @borrowing
 def draw_offsets(worlds, key, bias, offset):
-    """Write the errors of episodes, an image shift and a rotation of each part's axis, into ``offset`` (worlds, parts, 3)."""
+    """Write the constant errors of episodes, a shift and a turn of each part, into ``offset`` (worlds, parts, 3)."""
     for w in worlds:
         dx, dy, _, _ = normals(key[w], 0, 0, Stream.SHIFT, 0)
         for p in range(offset.shape[1]):
@@ -236,17 +232,17 @@ def draw_offsets(worlds, key, bias, offset):
 
 @borrowing
 def read_poses(worlds, key, looks, new, noise, offset, dropout, step, last, elapsed, reading):
-    """Add noise and bias to the poses of a reading, miss parts, and make mean velocities of the poses' differences.
+    """Add noise and bias to the poses of a reading, drop parts, and compute mean velocities from pose differences.
 
     Args:
         worlds: (n,) indices of the sampled worlds.
-        key: (worlds, 2).  looks: (worlds,) number of this look.
-        new: (worlds, parts) bool, parts that have come since the one before; at the first look of an episode all have.
-        noise: (2,) standard deviations of position (m) and heading (rad), anew at each look.
-        offset: (worlds, parts, 3) error of the whole episode.
-        dropout: probability that a look misses a part; the first look at a part does not.
+        key: (worlds, 2).  looks: (worlds,) number of this sample.
+        new: (worlds, parts) bool, parts that have arrived since the last sample; at the first sample of an episode, all.
+        noise: (2,) standard deviations of position (m) and heading (rad).
+        offset: (worlds, parts, 3) constant error of the episode.
+        dropout: probability that a sample misses a part, except the first sample of the part.
         step: s of a step.
-        last: (worlds, parts, 3) pose that was read last; overwritten.
+        last: (worlds, parts, 3) last measured pose; overwritten.
         elapsed: (worlds, parts) int64, steps since then; overwritten.
         reading: overwritten.
     """
@@ -272,8 +268,8 @@ def read_poses(worlds, key, looks, new, noise, offset, dropout, step, last, elap
             elapsed[w, p] = 0
 
 
-def deviations(name: str, value: Any, largest: float) -> np.ndarray:
-    """Return standard deviations (2,) of position (m, at most ``largest``) and heading (rad).
+def deviations(name: str, value: Any, surface: Surface) -> np.ndarray:
+    """Return standard deviations (2,) of position (m) and heading (rad); warn if they look like mm or degrees.
 
     Raises:
         ValueError: not a number, a pair or a mapping, or a value out of range.
@@ -284,20 +280,12 @@ def deviations(name: str, value: Any, largest: float) -> np.ndarray:
         if not set(given) <= {"position", "heading"}:
             raise checks.refuse(name, dict(value), allowed)
         value = [given.get("position", 0.0), given.get("heading", 0.0)]
-    elif checks.listed(value):
-        if len(value) != 2:
-            raise checks.refuse(name, value, allowed)
-    else:
+    elif not checks.listed(value):
         value = [value, 0.0]
-    bounds = (("position", largest), ("heading", 2.0 * math.pi))
-    return np.array(
-        [checks.number(f"{name} ({what})", each, least=0.0, most=most) for (what, most), each in zip(bounds, value)]
-    )
-
-
-def plausible(name: str, deviation: np.ndarray, surface: Surface) -> np.ndarray:
-    """Return standard deviations (2,) of position (m) and heading (rad); warn if they look like mm or degrees."""
-    position, heading = deviation.tolist()
+    elif len(value) != 2:
+        raise checks.refuse(name, value, allowed)
+    position = checks.number(f"{name} (position)", value[0], least=0.0, most=surface.width + surface.depth)
+    heading = checks.number(f"{name} (heading)", value[1], least=0.0, most=2.0 * math.pi)
     if position > surface.element_size:
         warnings.warn(
             f"{name}: {position:g} m is more than an element of {surface.element_size:g} m; positions are in m",
@@ -305,4 +293,4 @@ def plausible(name: str, deviation: np.ndarray, surface: Surface) -> np.ndarray:
         )
     if heading > MOST_PLAUSIBLE_TURN:
         warnings.warn(f"{name}: {heading:g} rad is {math.degrees(heading):.0f} deg; headings are in rad", stacklevel=2)
-    return deviation
+    return np.array([position, heading])

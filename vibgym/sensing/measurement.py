@@ -1,4 +1,4 @@
-"""What a sensor reads, and what is known after it: two records that every stage of sensing passes on."""
+"""Readings of sensors and measurements: records that the stages of sensing exchange."""
 
 from __future__ import annotations
 
@@ -8,25 +8,24 @@ import numpy as np
 
 
 class Reading(NamedTuple):
-    """What one look of a sensor gave; not to be kept, since a later look overwrites it."""
+    """One sample of a sensor; the next sample overwrites it."""
 
-    pose: np.ndarray  # (worlds, parts, 3) m, m, rad; always finite, and meaningless where a part was not seen
+    pose: np.ndarray  # (worlds, parts, 3) m, m, rad; always finite, undefined where a part was not seen
     mean_velocity: np.ndarray  # (worlds, parts, 3) m/s, m/s, rad/s, likewise
     gone: np.ndarray  # (worlds, parts) bool, parts that are not on the surface
-    seen: np.ndarray  # (worlds, parts) bool, whether this look has measured the part
+    seen: np.ndarray  # (worlds, parts) bool, whether this sample has measured the part
 
 
 class Measurement(NamedTuple):
-    """What is known of the parts of all worlds; not to be kept, since the next step overwrites it."""
+    """Measured state of the parts of all worlds; the next step overwrites it."""
 
     pose: np.ndarray  # (worlds, parts, 3) m, m, rad
     mean_velocity: np.ndarray  # (worlds, parts, 3) over the last period, m/s, m/s, rad/s
     gone: np.ndarray  # (worlds, parts) bool, parts that are not on the surface
     age: np.ndarray  # (worlds, parts) int64, periods since the sample of the part's last reading
-    sigma: np.ndarray  # (worlds, parts, 3) standard deviation that the pose is thought to have, m, m, rad
-    pushed: (
-        np.ndarray
-    )  # (worlds, parts, 2) m/s, by which contacts have changed the velocity over the last period; 0: not sensed
+    sigma: np.ndarray  # (worlds, parts, 3) estimated standard deviation of the pose, m, m, rad
+    # (worlds, parts, 2) m/s, change of the velocity by contacts over the last period; 0: not sensed
+    pushed: np.ndarray
 
 
 def new_reading(worlds: int, parts: int) -> Reading:

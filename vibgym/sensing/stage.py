@@ -2,53 +2,95 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
 from vibgym.sensing.base import Sensor
-from vibgym.sensing.measurement import Measurement, Reading
+from vibgym.sensing.measurement import Measurement, Reading, new_measurement
 from vibgym.snapshots import Live
 
 
 class Estimator(Protocol):
-    """Turns readings into what is known now; batched."""
+    """Computes measurements from readings; batched."""
 
     measurement: Measurement
     lead: int
     """Periods after the present for which the measurement is predicted; default 0."""
 
     def prepare(self, command: Drive) -> None:
-        """See what commands will look like, once, before the first of them."""
+        """Allocate buffers for commands of this form, once, before the first of them."""
 
     def reset(self, worlds: np.ndarray, reading: Reading) -> None:
-        """Start afresh in ``worlds`` (index array) from what was read of them at the start."""
+        """Restart in ``worlds`` (index array) from the first reading of an episode."""
 
     def renew(self, which: np.ndarray, reading: Reading) -> None:
-        """Start afresh with parts that have come or gone, ``which`` (worlds, parts); only tasks whose parts do ask for it."""
+        """Restart for parts that have arrived or left, ``which`` (worlds, parts); called by tasks with such parts."""
 
     def predict(self, command: Drive) -> None:
-        """Carry the estimate on by a step under its command, before it acts."""
+        """Predict the state after a step under its command, before the step."""
 
     def correct(self, reading: Reading) -> None:
-        """Correct the estimate by the reading that is due at the step's end."""
+        """Correct the estimate by the reading that is due at the end of the step."""
 
     def live(self) -> dict[str, np.ndarray]:
         """Return all live arrays of a snapshot."""
         ...
 
 
+class Hold:
+    """Estimator that holds the last reading of each part; see :class:`Estimator`."""
+
+    lead = 0
+
+    def __init__(self, sensor: Sensor, plant: Any, latency: int, walls: Sequence[str]) -> None:
+        self._sensor = sensor
+        self.measurement = new_measurement(sensor.worlds, len(sensor.parts))
+        self.measurement.sigma[...] = sensor.all_sigma
+
+    def prepare(self, command: Drive) -> None:
+        pass
+
+    def reset(self, worlds: np.ndarray, reading: Reading) -> None:
+        self.renew(worlds, reading)
+
+    def renew(self, which: np.ndarray, reading: Reading) -> None:
+        for kept, read in zip(self.measurement[:3], reading[:3]):
+            kept[which] = read[which]
+        self.measurement.age[which] = 0
+
+    def predict(self, command: Drive) -> None:
+        pass
+
+    def correct(self, reading: Reading) -> None:
+        pose, mean_velocity, gone, age, *_ = self.measurement
+        seen = reading.seen
+        if seen.all():
+            pose[...], mean_velocity[...], gone[...] = reading.pose, reading.mean_velocity, reading.gone
+            age[...] = self._sensor.delay
+            return
+        for kept, read in ((pose, reading.pose), (mean_velocity, reading.mean_velocity)):
+            np.copyto(kept, read, where=seen[..., None])
+        np.copyto(gone, reading.gone, where=seen)
+        age += self._sensor.periods
+        age[seen] = self._sensor.delay
+
+    def live(self) -> dict[str, np.ndarray]:
+        return self.measurement._asdict()
+
+
 class Sensing(Live):
     """A sensor and an estimator.
 
     Attributes:
-        exact: whether the measurement is always the truth of this instant.
+        exact: whether the measurement always equals the true state. Then the stages :meth:`predict`, :meth:`look` and
+            :meth:`correct` are left out.
         instant: periods after a step's start at which :meth:`look` is due.
         lead: periods after the present for which the measurement is predicted.
-        measurement: what is known now.
-        draws: uniform numbers that an episode's start needs.
+        draws: uniform random numbers for the start of an episode.
         tell: features of the measurement added to observations, see :data:`vibgym.sensing.MEASUREMENT_FEATURES`.
     """
 
@@ -61,38 +103,38 @@ class Sensing(Live):
 
     @property
     def measurement(self) -> Measurement:
-        """What is known now."""
+        """The present measurement, live."""
         return self.estimator.measurement
 
     def facts(self) -> dict[str, np.ndarray]:
         """Return live arrays (worlds, ...) of the measurement that ``info`` reports, by name."""
-        known = self.estimator.measurement
-        return {"age": known.age, "sigma": known.sigma, **self.sensor.facts()}
+        measured = self.estimator.measurement
+        return {"age": measured.age, "sigma": measured.sigma, **self.sensor.facts()}
 
     def prepare(self, command: Drive) -> None:
-        """See what commands will look like, once, before the first of them."""
+        """Allocate buffers for commands of this form, once, before the first of them."""
         self.estimator.prepare(command)
 
     def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
-        """Start afresh in ``worlds``, see :meth:`Sensor.reset`."""
+        """Restart in ``worlds``, see :meth:`Sensor.reset`."""
         self.sensor.reset(worlds, state, uniform)
         self.estimator.reset(worlds, self.sensor.due)
 
     def renew(self, which: np.ndarray, state: State) -> None:
-        """Start afresh with single parts, see :meth:`Sensor.renew`."""
+        """Restart for single parts, see :meth:`Sensor.renew`."""
         self.sensor.renew(which, state)
         self.estimator.renew(which, self.sensor.due)
 
     def predict(self, command: Drive) -> None:
-        """Carry the estimate on by a step under its command, before it acts."""
+        """Predict the state after a step under its command, before the step."""
         self.estimator.predict(command)
 
     def look(self, state: State) -> None:
-        """Take in the true state of this instant."""
+        """Sample the true state of this instant."""
         self.sensor.look(state)
 
     def correct(self) -> None:
-        """Bring the measurement up to date at a step's end."""
+        """Update the measurement at the end of a step."""
         self.estimator.correct(self.sensor.due)
 
     def live(self) -> dict[str, np.ndarray]:
@@ -101,7 +143,7 @@ class Sensing(Live):
 
 
 class ExactSensing(Sensing):
-    """An exact sensor by itself: the measurement is the live true state, and nothing is copied or kept."""
+    """An exact sensor without estimator: the measurement is the live true state; nothing is copied."""
 
     exact = True
 
@@ -128,15 +170,6 @@ class ExactSensing(Sensing):
         self._truth = Measurement(state.pose, state.mean_velocity, state.fallen, *self._none, state.pushed)
 
     def renew(self, which: np.ndarray, state: State) -> None:
-        pass
-
-    def predict(self, command: Drive) -> None:
-        pass
-
-    def look(self, state: State) -> None:
-        pass
-
-    def correct(self) -> None:
         pass
 
     def live(self) -> dict[str, np.ndarray]:

@@ -1,10 +1,10 @@
 """Coefficients of the averaged model as functions of slip, and the tables that its kernels read.
 
 ``s`` is the part's mean speed over the table's. In the frame of the mean velocity (first axis along it) and with
-``theta = w t + pi / 2 - direction`` the sliding direction is ``n = (exp(i theta) - s) / |exp(i theta) - s|``, and all that
-the model needs are averages over ``theta`` of ``n``, of its derivative and of its antiderivatives. Near ``s = 1``, where slip
-passes through zero once a period, the averages of the derivative have a logarithm; the tables run over ``-log(1 - t)`` with
-``t = min(s, 1 / s)``, in which everything is smooth, once for parts slower and once for parts faster than the table.
+``theta = w t + pi / 2 - direction`` the sliding direction is ``n = (exp(i theta) - s) / |exp(i theta) - s|``. The model needs
+averages over ``theta`` of ``n``, of its derivative and of its antiderivatives. At ``s = 1`` slip passes through zero once a
+period, and the averages of the derivative have a logarithm. The tables run over ``-log(1 - t)`` with ``t = min(s, 1 / s)``, in
+which all averages are smooth, for parts slower and faster than the table.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from vibgym.physics.averaged.averages import POLYNOMIAL_END, Averages
 
 MEAN_STEP, MEAN_NODES = 0.05, 277  # up to 1 - t = 1e-6
-COUPLING_STEP, COUPLING_NODES = 0.05, 93  # up to 1 - t = 0.01: nearer to 1 the logarithm has no meaning
+COUPLING_STEP, COUPLING_NODES = 0.05, 93  # up to 1 - t = 0.01; beyond, the logarithm is meaningless
 WOBBLE_STEP, WOBBLE_NODES, ANGLES = 0.1, 47, 49  # likewise
 DEGREE = 11
 _TERMS = 40

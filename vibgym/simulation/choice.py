@@ -1,16 +1,16 @@
 """``model="auto"``: the cheapest model and settings that keep a tolerance, from evidence measured once and stored.
 
-The evidence (``evidence.json``, written by ``python -m studies.accuracy.evidence``) holds, for classes of scenes, how far every
-candidate strays from a converged run in 25 periods and what a period costs. Scenes of one class are alike up to scale: errors
-are in units of the table's amplitude ``a_h``, and what decides is
+The evidence (``evidence.json``, written by ``python -m studies.accuracy.evidence``) contains, for classes of scenes, the
+deviation of every candidate from a converged run in 25 periods, and the cost of a period. Errors are in units of the table's
+amplitude ``a_h``. A class is determined by
 
 - whether the part always slides or may stick (only ``"planar"`` covers that), and whether there is one element or many,
-- ``eps = mu g / (a_h w^2)``, how far friction bends the motion within a period,
-- ``scale``, the radius of gyration of the part or of an element, whichever is smaller, over the way ``2 pi a_h`` that the table
-  makes in a period: how fast what rests on an element changes.
+- ``eps = mu g / (a_h w^2)``, the change of the motion by friction within a period,
+- ``scale``, the smaller radius of gyration, of the part or of an element, over the displacement ``2 pi a_h`` of the table in a
+  period: the rate at which the contact area of an element changes.
 
-A scene takes the class whose ``eps`` is just above and whose ``scale`` is just below its own, so that it is easier than what
-was measured, and :data:`MARGIN` comes on top.
+A scene takes the class with the next larger ``eps`` and the next smaller ``scale``, which is harder than the scene; errors are
+multiplied by :data:`MARGIN`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ PERIODS = 25
 """Periods after which an error is measured: one second at 25 Hz."""
 
 MARGIN = 1.5
-"""Factor between a measured error and what is promised."""
+"""Factor between measured and promised errors."""
 
 DEFAULT_TOLERANCE = 1e-4  # m
 
@@ -43,11 +43,11 @@ class Choice:
     Attributes:
         model: its name.
         knobs: settings of the model.
-        tolerance: m, as asked for; None if the model was named.
-        error: m, promised: how far a part's outline strays at most from the converged model's in 25 periods, in the median
-            over worlds with random fields; None if the model was named.
-        error_95: m, the same that 95 of 100 worlds kept in the evidence; None likewise, and where more than 5 of 100 failed.
-        cost: microseconds per period, world and core on the machine where the evidence was measured; None likewise.
+        tolerance: m, as requested; None if the model was named.
+        error: m, promised largest deviation of a part's outline from the converged model in 25 periods, median over worlds with
+            random fields; None if the model was named.
+        error_95: m, the same for 95 of 100 worlds; None likewise, and where more than 5 of 100 failed.
+        cost: microseconds per period, world and core on the host of the evidence; None likewise.
         reason: one sentence.
     """
 
@@ -125,9 +125,8 @@ def choose(
 
     Args:
         tolerance: m, see :attr:`Choice.error`.
-        periods_per_call: how many periods ``advance`` will typically be asked for at once. Averaging costs something at the
-            start of every call.
-        models: that may be chosen; None: all.
+        periods_per_call: periods of a typical call of ``advance``; the averaged model has a cost per call.
+        models: allowed models; None: all.
 
     Raises:
         ValueError: no candidate is good enough, or no evidence covers the scene; the message names a setting that works.

@@ -1,10 +1,10 @@
 """Interface to pymunk's contact solver for kernels.
 
-A space serves one island of parts at a time. Bodies and shapes are made once, of all parts and walls; the kernel puts those of
-an island in, steps the space by the addresses of the library's own functions, and takes them out again
-(:mod:`vibgym.physics.contacts.coupling`), so that every island finds it empty. The order in which the library goes through
-shapes is that of the numbers that they are given, from 0 on: it keeps them in hash tables with more places than shapes. Tables
-grow and never shrink, and each step goes through all of them: so there are several spaces, for islands of different sizes.
+A space serves one island of parts at a time. Bodies and shapes of all parts and walls are constructed once. The kernel adds
+those of an island, steps the space by the addresses of the library's functions, and removes them
+(:mod:`vibgym.physics.contacts.coupling`), so that the space is empty for the next island. The library iterates over shapes in
+the order of their ids: its hash tables have more slots than shapes. Tables never shrink, and each step scans them: so there
+are several spaces, for islands of different sizes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pymunk
 from pymunk._chipmunk_cffi import ffi, lib
 
 from vibgym import checks
-from vibgym.kernels.foreign import foreign
+from vibgym.kernels.jit import foreign
 from vibgym.physics.contacts.impact import ImpactProperties
 from vibgym.physics.contacts.solver import Solver
 from vibgym.scene.hulls import WALLS, convex_pieces, rounding
@@ -27,23 +27,23 @@ from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 
 INSET = 1e-6
-"""m; the solver's shapes are smaller all around, so that parts laid against one another by computed numbers do not overlap."""
+"""m, by which the solver's shapes are smaller all around, so that touching parts do not overlap by rounding."""
 
 SLOP = 3e-5
-"""m of overlap that is left alone; contacts that come and go would lose what the solver has learnt."""
+"""m, overlap that the solver does not correct, so that contacts persist and it can warm-start."""
 
 LEAST_WIDTH = 1e-4
-"""m, of a part that may touch others: overlaps are to stay small against it."""
+"""m, least width of a part that may touch others: overlaps must be small against it."""
 
 MOST_MASS_RATIO = 2000.0
-"""Between parts that may touch: the solver's rounds bring a push through light parts between heavy ones up to here."""
+"""Largest ratio of masses of parts that may touch, up to which the solver's iterations converge."""
 
 KEPT_PER_SECOND = 1e-150
-"""Share of the overlap beyond it that is left after a second. In 2 ms, half of it goes."""
+"""Share of the overlap beyond ``SLOP`` that is left after a second; half of it is corrected in 2 ms."""
 
 ROOM = 12
-"""Shapes that the smallest space is for; each other one is for four times as many as the one before. About so many fit into the
-library's tables before they grow."""
+"""Shapes of the smallest space, about as many as the library's tables hold before they grow; each further one has four times
+as many."""
 
 MATERIALS = 31
 """Most different coefficients of friction with walls: bits of pymunk's shape filter."""
@@ -52,8 +52,8 @@ MATERIALS = 31
 class ContactSpace:
     """pymunk spaces for the parts of a world and the walls.
 
-    Contacts in them do not rebound: :mod:`vibgym.physics.contacts.impact` does that. Friction of a contact between
-    two parts is the geometric mean of theirs; a wall takes on that of the part that touches it.
+    Contacts in them do not rebound: :mod:`vibgym.physics.contacts.impact` computes rebounds. Friction of a contact between two
+    parts is the geometric mean of theirs; a wall has the friction of the part that touches it.
 
     Args:
         surface: the table.
@@ -61,7 +61,7 @@ class ContactSpace:
         walls: names among :data:`vibgym.scene.hulls.WALLS`.
 
     Attributes:
-        solver: what the kernels take. It holds addresses into this object: keep both together.
+        solver: record for kernels, with addresses into this object: keep both together.
     """
 
     def __init__(self, surface: Surface, parts: Sequence[Part], walls: Sequence[str]) -> None:
@@ -93,18 +93,20 @@ class ContactSpace:
         self._keep: list[Any] = [bars]
         self.solver = self._solver(
             spaces=np.array([_address(space._space) for space in self._spaces]),
-            room=np.array(rooms),
+            capacity=np.array(rooms),
             owner=np.array(owner),
             material=np.array([materials.index(part.contact_friction) for part in parts]),
-            bars=np.array([[[_address(bar._shape) if bar else 0 for bar in each] for each in some] for some in bars]),
-            raised=np.zeros((len(WALLS), len(materials)), np.bool_),
+            wall_shapes=np.array(
+                [[[_address(bar._shape) if bar else 0 for bar in each] for each in some] for some in bars]
+            ),
+            added_walls=np.zeros((len(WALLS), len(materials)), np.bool_),
         )
 
     def _solver(self, **more: np.ndarray) -> Solver:
-        """Return addresses of all that kernels call and hand over."""
+        """Return the addresses of functions and arguments of the library."""
         data = np.zeros(
             6 * len(self._bodies) + 8
-        )  # the library grows its arrays when they are nearly full: never let it
+        )  # with room, since the library reallocates arrays that are nearly full
         floats = ffi.new("pmFloatArray *")
         floats.arr, floats.max, floats.num = ffi.from_buffer("cpFloat[]", data), 1 << 30, 0
         integers = ffi.new("pmIntArray *")
@@ -145,16 +147,12 @@ class ContactSpace:
         )
 
     def __reduce__(self) -> Any:
-        """Return copies and pickles are built anew: the solver's addresses are this object's own."""
+        """Construct copies anew: the solver's addresses point into this object."""
         return ContactSpace, self._made_of
 
 
 def check_parts(parts: Sequence[Part]) -> None:
-    """Refuse parts that contacts cannot be relied on for.
-
-    Raises:
-        ValueError: one is too thin, or much heavier than another.
-    """
+    """Raise ValueError for parts that are too thin, or much heavier than another, for reliable contacts."""
     kinds, _ = kinds_of(parts)
     width, thinnest = min(((narrowest_width(kind.outline), kind) for kind in kinds), key=lambda each: each[0])
     if width < LEAST_WIDTH:
@@ -166,7 +164,7 @@ def check_parts(parts: Sequence[Part]) -> None:
 
 
 def slop_of(part: Part) -> float:
-    """Return overlap of a part that the solver leaves alone, m."""
+    """Return the overlap of a part that the solver does not correct, m."""
     return min(SLOP, 0.05 * narrowest_width(part.outline))
 
 
@@ -218,18 +216,18 @@ def _inset(piece: np.ndarray) -> np.ndarray:
     edges = edges / np.hypot(edges[:, 0], edges[:, 1])[:, None]
     before = np.roll(edges, 1, axis=0)
     turn = before[:, 0] * edges[:, 1] - before[:, 1] * edges[:, 0]
-    # Where edges are parallel the corner moves straight in.
+    # Between parallel edges the corner moves along the normal.
     way = np.where(
         turn[:, None] > 1e-9, (edges - before) / np.maximum(turn, 1e-9)[:, None], edges[:, ::-1] * [-1.0, 1.0]
     )
-    # A sharp corner moves far; not so far that a sliver turns inside out.
+    # The displacement of a sharp corner is limited, so that a sliver keeps its orientation.
     return piece + INSET * way / np.maximum(np.hypot(way[:, 0], way[:, 1]) / 100.0, 1.0)[:, None]
 
 
 def _wall_shapes(
     space: pymunk.Space, surface: Surface, walls: Sequence[str], materials: Sequence[float]
 ) -> list[list[pymunk.Shape | None]]:
-    """Return the walls of a space, in the order of all of them, once for each material, as thick bars outside the surface."""
+    """Return the walls of a space as thick bars outside the surface, by wall and material; None without a wall."""
     width, height = surface.width, surface.depth
     thick = max(width, height)
     bars = {
@@ -240,9 +238,9 @@ def _wall_shapes(
     }
     shapes: list[list[pymunk.Shape | None]] = [[None] * len(materials) for _ in WALLS]
     for wall, name in enumerate(WALLS):
+        low_x, low_y, high_x, high_y = bars[name]
+        corners = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
         for index, friction in enumerate(materials if name in walls else ()):
-            low_x, low_y, high_x, high_y = bars[name]
-            corners = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
             bar = pymunk.Poly(space.static_body, corners)
             bar.friction = math.sqrt(friction)
             bar.filter = pymunk.ShapeFilter(mask=1 << index)

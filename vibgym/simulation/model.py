@@ -15,6 +15,7 @@ from vibgym.kernels.reference import Pinned
 from vibgym.physics.contacts.hulls import Hulls
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
+from vibgym.scene.outlines import rotation
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 
@@ -28,8 +29,7 @@ LEAST_FACTOR, MOST_FACTOR = 0.01, 100.0
 """Range of the factors on friction and on mass."""
 
 SLENDER_DISC, SLENDER = 0.4, 1.0
-"""Height of the centre of mass over radius, and over half the width. Above it, a disturbed part wobbles, fed by the drive, for
-longer than a second."""
+"""Slenderness of discs and of others, above which a disturbed part wobbles for longer than a second, driven by the table."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Conditions(NamedTuple):
 
     @property
     def strongest(self) -> np.ndarray:
-        """(n, parts) largest factor on friction that a part can meet."""
+        """(n, parts) largest factor on friction of a part on any element."""
         return self.friction * self.patches.max(axis=(1, 2), initial=0.0)[:, None]
 
     @property
@@ -87,8 +87,13 @@ class Model(ABC):
     """Base class of models: advances blocks of worlds, several at a time in threads.
 
     A model is registered by name: ``vibgym.simulation.MODELS.register(name, cls)``, or an entry point in group
-    ``vibgym.models``. It is called with a :class:`Setup` and its settings as keyword arguments. Everything that it keeps from
-    one call of :meth:`advance` to the next, besides ``state``, is in :meth:`live`.
+    ``vibgym.models``. It is called with a :class:`Setup` and its settings as keyword arguments. Only ``advance`` is required:
+
+    - ``check_parts``, ``check_conditions``: scenes that the model does not cover.
+    - ``live``, ``check_live``, ``begin``: state between calls of :meth:`advance` besides ``state``.
+    - ``reset``, ``statistics``, ``deepest_overlap``: statistics of contacts.
+    - ``part_info``, ``quantities``, ``ADDS``: further results, attributes and methods.
+    - ``flat``, ``tilted``, ``bottoms``, ``disturb``: models in which parts can tilt.
 
     Args:
         setup: the scene.
@@ -100,6 +105,10 @@ class Model(ABC):
 
     flat: ClassVar[bool] = True
     """Whether parts always lie flat. If so, parts that friction alone tips are refused, and no side view is drawn."""
+
+    ADDS: ClassVar[tuple[str, ...]] = ()
+    """Names of attributes and methods that simulators of this model have in addition to those of
+    :class:`vibgym.Simulator`; methods take the simulator as their first argument."""
 
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
@@ -156,37 +165,14 @@ class Model(ABC):
         """Return arrays (worlds, ...) that :attr:`vibgym.Simulator.quantities` reports, by name."""
         return {}
 
-    def lean(self) -> np.ndarray:
-        """See :attr:`vibgym.Simulator.lean`."""
-        return np.zeros((self.setup.worlds, len(self.setup.parts), 2))
+    def tilted(self) -> np.ndarray:
+        """Return (worlds, parts) whether a part does not lie flat; bool, or broadcastable."""
+        return np.zeros((1, 1), dtype=bool)
 
-    def height(self) -> np.ndarray:
-        """Return (worlds, parts) m, height of the centres of mass above their height in parts that lie flat."""
-        return np.zeros((self.setup.worlds, len(self.setup.parts)))
-
-    def time_tilted(self) -> np.ndarray:
-        """See :attr:`vibgym.Simulator.time_tilted`."""
-        return np.zeros((self.setup.worlds, len(self.setup.parts)))
-
-    def toppled(self) -> np.ndarray:
-        """See :attr:`vibgym.Simulator.toppled`."""
-        return np.zeros((self.setup.worlds, len(self.setup.parts)), dtype=bool)
-
-    def tip(
-        self, worlds: np.ndarray, which: np.ndarray, heading: np.ndarray, lean: np.ndarray, rocking: np.ndarray
-    ) -> None:
-        """Put parts on an edge or a corner, see :meth:`vibgym.Simulator.tip`.
-
-        Args:
-            worlds: (n,) indices.
-            which: (n, parts) bool.
-            heading: (n, parts) rad.
-            lean, rocking: (n, parts, 2) rad, rad/s.
-
-        Raises:
-            ValueError: the model keeps parts flat, or a part would topple; nothing has changed.
-        """
-        raise checks.conflict(f"tip requires model='tilting', whose parts can tilt; this is {self.setup.model!r}")
+    def bottoms(self, pose: np.ndarray, world: int) -> list[np.ndarray]:
+        """Return the corners of the bottom of each part of a world at poses (parts, 3), each (n, 3) m; flat parts: z = 0."""
+        flat = (part.outline @ rotation(0.0, 0.0, at[2])[:2, :2].T + at[:2] for part, at in zip(self.setup.parts, pose))
+        return [np.column_stack([corners, np.zeros(len(corners))]) for corners in flat]
 
     def disturb(self, state: State, lean: np.ndarray, kick: np.ndarray) -> None:
         """Apply impulse disturbances, see :meth:`vibgym.Simulator.disturb`; the default adds ``kick`` to the velocity."""

@@ -12,12 +12,12 @@ import numpy as np
 from vibgym import checks
 from vibgym.kernels.reference import Pinned
 from vibgym.kernels.vector import LANES
-from vibgym.physics.averaged import contact, integrator
-from vibgym.physics.averaged.contact import AveragedScheme
+from vibgym.physics.averaged import integrator
+from vibgym.physics.averaged.integrator import AveragedScheme
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
 from vibgym.physics.planar.friction import slide_rows
-from vibgym.physics.planar.tipping import tipping_shares
+from vibgym.physics.planar.tipping import edge_fractions
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.registry import Registry
 from vibgym.scene.outlines import convex_hull
@@ -37,8 +37,8 @@ class Planar(Model):
         self._rows = np.arange(setup.worlds)
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
-        rows = self._rows  # a local: another thread may replace the attribute by a shorter array
-        if stop > len(rows):  # the model is used without a simulator, for more worlds
+        rows = self._rows  # a local, since another thread may replace the attribute
+        if stop > len(rows):  # used without a simulator, for more worlds
             rows = self._rows = np.arange(stop)
         setup = self._setups.take()
         slide_rows(rows[start:stop], setup.address, drive.address, state.address, periods, NO_PATHS, 0)
@@ -57,7 +57,7 @@ class Averaged(Model):
     def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:
         super().__init__(setup)
         self._table, self._body, self._scheme = setup.surface.table(), setup.parts[0].body(), scheme
-        self._workspaces = Pool(partial(contact.new_workspace, self._table, self._body))
+        self._workspaces = Pool(partial(integrator.new_workspace, self._table, self._body))
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         workspace = self._workspaces.take()
@@ -153,5 +153,5 @@ class TippingMargin:
         """Return (worlds, parts) one minus the worst share; minus infinity for parts that have fallen."""
         shares = np.empty(state.record.fallen.shape)
         hull, first, kind = self._hull, self._first, self._kind
-        tipping_shares(self._scene.address, drive.address, state.address, self._height, hull, first, kind, shares)
+        edge_fractions(self._scene.address, drive.address, state.address, self._height, hull, first, kind, shares)
         return 1.0 - shares

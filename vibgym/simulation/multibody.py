@@ -1,4 +1,4 @@
-"""The planar model of several parts in a world, or walls: by the ways of :mod:`vibgym.physics.contacts.multibody`."""
+"""The planar model with several parts in a world, or walls, see :mod:`vibgym.physics.contacts.multibody`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from vibgym.kernels.reference import Pinned
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import CONTACT, FREE, NEAR
-from vibgym.physics.contacts.coupling import FIXED_ENCOUNTER, Coupling, FixedEncounter, new_contacts
+from vibgym.physics.contacts.coupling import CONTACT_SCENE, ContactScene, Coupling, new_contacts
 from vibgym.physics.contacts.multibody import (
     BROAD_PHASE,
     CALLS,
@@ -45,7 +45,7 @@ class Multibody(Model):
         self._bend = min(schemes.bend)
         self._buffers = Pool(partial(ContactBuffers, setup, schemes))
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
-        self._smallest_gap = np.zeros(setup.worlds)  # in the place of a block's first world
+        self._smallest_gap = np.zeros(setup.worlds)  # of a block, at the index of its first world
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         def work(buffers: ContactBuffers) -> None:
@@ -70,11 +70,11 @@ class Multibody(Model):
     def slide(
         self, start: int, stop: int, buffers: ContactBuffers, prospect: BroadPhase, drive: int, state: int, near: bool
     ) -> None:
-        """Take the parts of a block's worlds that touch nothing through a period.
+        """Advance the parts of a block's worlds that touch nothing by a period.
 
         Args:
             drive, state: addresses of pinned records.
-            near: whether any may come to touch: then their paths are written down.
+            near: whether parts may come into contact; then their paths are recorded.
         """
         paths = prospect.paths if near else NO_PATHS
         for kind, alone in enumerate(buffers.alone):
@@ -90,7 +90,7 @@ class Multibody(Model):
         super().check_conditions(conditions, where)
 
     def check_contacts(self, conditions: Conditions, where: str) -> None:
-        """Refuse masses that are too different, and friction that contacts cannot follow."""
+        """Refuse masses that are too different, and friction that requires too many contact steps."""
         if not len(conditions.incline):
             return
         parts, surface = self.setup.parts, self.setup.surface
@@ -113,41 +113,41 @@ class Multibody(Model):
 
 
 class ContactBuffers:
-    """What one thread needs.
+    """Constants and working arrays of one thread.
 
     Attributes:
-        parts: of a world.
-        together: for the parts of a world, with contacts.
-        contacts: their working arrays.
-        alone: for any eight parts of each kind, without; all of them work on the same arrays.
+        parts: number of parts of a world.
+        together: for all parts of a world, with contacts.
+        contacts: working arrays of contacts.
+        alone: for eight parts of each kind, without contacts; they share working arrays.
     """
 
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
         table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
         self.parts = len(setup.parts)
-        self._space = ContactSpace(setup.surface, setup.parts, setup.walls)  # the solver's addresses point into it
-        most = max(schemes.alone, key=lambda scheme: scheme.substeps)  # working arrays are for the longest steps
+        self._space = ContactSpace(setup.surface, setup.parts, setup.walls)  # kept, since the solver points into it
+        most = max(schemes.alone, key=lambda scheme: scheme.substeps)  # for the size of the working arrays
         friction = FixedScene(table, bodies, most, new_workspace(table, bodies, most, self.parts))
         self.contacts = new_contacts(self.parts, setup.hulls)
-        together = FixedEncounter(
+        together = ContactScene(
             friction, setup.hulls, self._space.solver, impact_properties_of(setup.parts), self.contacts,
             coupling_of(kinds_of(setup.parts)[0], schemes), schemes.walls,
         )  # fmt: skip
-        self.together = Pinned(FIXED_ENCOUNTER, together)
+        self.together = Pinned(CONTACT_SCENE, together)
         workspace = new_workspace(table, bodies, most, LANES)
         self.alone = [Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, workspace)) for scheme in schemes.alone]
         self._steps = np.array([scheme.steps for scheme in schemes.alone])
         self._prospects: dict[int, Pinned[BroadPhase]] = {}
 
     def prospect(self, worlds: int) -> Pinned[BroadPhase]:
-        """Return arrays for a block of so many worlds."""
+        """Return working arrays of the broad phase for a block of so many worlds."""
         if worlds not in self._prospects:
             self._prospects[worlds] = Pinned(BROAD_PHASE, new_broad_phase(worlds, self.parts, self._steps))
         return self._prospects[worlds]
 
 
 def coupling_of(kinds: Sequence[Part], schemes: PlanarSchemes) -> Coupling:
-    """Return how finely friction and contacts take turns, for the kernels."""
+    """Return the resolution of the coupling between friction and contacts, for kernels."""
     return Coupling(
         steps=np.array([scheme.steps for scheme in schemes.alone]),
         substeps=np.array([scheme.substeps for scheme in schemes.alone]),

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.averaged.contact import AveragedScheme
+from vibgym.physics.averaged.integrator import AveragedScheme
 from vibgym.physics.core.records import Scheme
 from vibgym.scene.hulls import WALLS
 from vibgym.scene.outlines import narrowest_width
@@ -21,28 +21,28 @@ RUNGE_KUTTA_STEPS = 18
 """Default for the fewest in a period."""
 
 FEWEST_STEPS = 4
-"""Fewest cuts of the contact area in a period: with fewer, errors reach millimetres in a second."""
+"""Fewest cuts of the contact area in a period; with fewer, errors reach millimetres in a second."""
 
 MOST_STEPS, MOST_SUBSTEPS = 10_000, 4096
-"""In a period, and in a step: far beyond any gain in accuracy."""
+"""In a period, and in a step; more do not improve accuracy."""
 
 CONTACT_OVERLAP = 5e-6
 """Default for the overlap of two parts by an impact, m."""
 
 FRICTION_OVERLAP = 1.7e-4
-"""m that ``mu g h^2``, what friction makes two parts that it drives together overlap in a step ``h``, may be."""
+"""m, largest ``mu g h^2``: overlap in a step ``h`` of two parts that friction drives together."""
 
 CONTACT_STEPS = 10
 """Default for the fewest steps of the coupling between friction and contacts in a period."""
 
 
 class PlanarSchemes(NamedTuple):
-    """Schemes of the planar model: each kind's own, and what goes for it where there are contacts."""
+    """Schemes of the planar model by kind of parts, and settings for contacts."""
 
-    alone: tuple[Scheme, ...]  # one a kind
+    alone: tuple[Scheme, ...]  # by kind
     fewest: int  # steps of the coupling in a period
-    bend: tuple[float, ...]  # m that ``mu g h^2`` may be in such a step ``h``; infinite: no limit by friction
-    overlap: tuple[float, ...]  # m that an impact may add to the overlap of two parts
+    bend: tuple[float, ...]  # m, largest ``mu g h^2`` in a step ``h``; infinite: no limit by friction
+    overlap: tuple[float, ...]  # m, largest overlap of two parts by an impact
     walls: int  # set of walls, a bit each
 
 
@@ -60,17 +60,11 @@ def planar_scheme(
     travel = 2.0 * math.pi * surface.horizontal_amplitude
     cuts = chosen("steps", steps, most=MOST_STEPS) or (5 if part.gyration >= travel**2 else 9)
     if cuts < FEWEST_STEPS and surface.rows * surface.columns > 1 and surface.horizontal_amplitude > 0.0:
-        raise checks.refuse(
-            "steps",
-            cuts,
-            f"a whole number >= {FEWEST_STEPS} on several elements",
-        )
+        raise checks.refuse("steps", cuts, f"a whole number >= {FEWEST_STEPS} on several elements")
     inner = chosen("substeps", substeps, most=MOST_SUBSTEPS) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
     if cuts * inner < FEWEST_STEPS and surface.horizontal_amplitude > 0.0:
-        allowed = (
-            f"a whole number >= {math.ceil(FEWEST_STEPS / cuts)} with steps={cuts}: the table turns too far in one step"
-        )
-        raise checks.refuse("substeps", inner, allowed)
+        least = math.ceil(FEWEST_STEPS / cuts)
+        raise checks.refuse("substeps", inner, f"a whole number >= {least} with steps={cuts}")
     cells = chosen("pieces", pieces, most=64) or 0
     phase = np.arange(3 * cuts * inner + 1) * (2.0 * math.pi / (3 * cuts * inner))
     return Scheme(cuts, inner, cells, np.cos(phase), np.sin(phase))
@@ -87,12 +81,10 @@ def planar_schemes(
     contact_steps: int | str = "auto",
     contact_overlap: float | str = "auto",
 ) -> PlanarSchemes:
-    """Return the schemes of the planar model with contacts: :func:`planar_scheme` for each kind, and steps for contacts.
+    """Return the schemes of the planar model with contacts: :func:`planar_scheme` for each kind, and settings for contacts.
 
-    ``contact_steps``: fewest steps of the coupling in a period with contacts; ``"auto"``: ten, or as many as keep what friction
-    adds to an overlap in a step small. ``contact_overlap``: m, how far parts may run into one another before the solver sees
-    the impact; steps are cut short for it. Both are finer for parts that are not much larger than the overlaps, and for what
-    they meet.
+    Settings are those of :class:`vibgym.Simulator`. Steps and overlaps are smaller for parts that are not much larger than the
+    overlaps, and in their contacts with others.
     """
     half_widths = [0.5 * narrowest_width(kind.outline) for kind in kinds]
     overlaps = [min(CONTACT_OVERLAP, half_width / 50.0) for half_width in half_widths]
@@ -113,10 +105,10 @@ def planar_schemes(
 
 
 def check_contact_steps(argument: str, surface: Surface, friction: float, incline: float, bend: float) -> None:
-    """Refuse friction (and an incline, m/s^2) that contacts would need too many steps of a period for;
-    ``bend``: see ``PlanarSchemes``.
+    """Refuse friction (and an incline, m/s^2) that requires too many contact steps in a period.
 
-    The kernels find the number of steps for each island (:func:`vibgym.physics.contacts.islands.run_island`).
+    Kernels compute the number of steps for each island (:func:`vibgym.physics.contacts.islands.run_island`); ``bend``: see
+    :class:`PlanarSchemes`.
     """
     needed = surface.period * math.sqrt((friction * surface.gravity + 0.5 * incline) / bend)
     if not needed <= MOST_STEPS:
@@ -140,7 +132,7 @@ def averaged_scheme(
 def check_sliding(
     surface: Surface, static_friction: float, incline: float = 0.0, argument: str = "model", value: Any = "averaged"
 ) -> None:
-    """Refuse scenes that the averaged model does not cover, by the argument that makes them so; ``incline``: m/s^2."""
+    """Refuse scenes that the averaged model does not cover, naming the argument; ``incline``: m/s^2."""
     needed = static_friction * (surface.gravity + surface.full_scale) + incline
     horizontal = surface.horizontal_amplitude * surface.angular_frequency**2
     if not horizontal > needed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,6 @@ from vibgym.physics.core.drive import DRIVE, Drive, polar_drive
 from vibgym.physics.core.records import CONDITIONS, STATE, State, new_state
 from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
-from vibgym.scene.outlines import rotation
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
@@ -31,6 +31,11 @@ MOST_TIME = 10**15
 """Most periods since a reset in a snapshot."""
 
 
+def _copy_of(name: str, doc: str) -> Any:
+    """Return a property with copies of an array of the state."""
+    return property(lambda self: getattr(self._state, name).copy(), doc=doc)
+
+
 class Simulator:
     """Worlds of one surface and its parts.
 
@@ -42,25 +47,22 @@ class Simulator:
         model: ``"planar"``: flat contact with static and sliding friction, resolved in time. ``"averaged"``: the same, averaged
             over the period, for parts that always slide; faster where drives are held for several periods, and less exact.
             ``"auto"``: the cheapest of these two that keeps a tolerance; :attr:`choice` reports it, with the reason.
-            Further names are those of plug-ins, such as ``"tilting"`` (:func:`vibgym.plugins.tilting.tilting`): rigid bodies
-            that tilt and rock on plates of different heights.
+            Plug-ins add further names, such as ``"tilting"`` (:func:`vibgym.plugins.tilting.tilting`).
         threads: None uses all processors of this process.
         knobs: of the model.
 
             planar:
-                - steps: times per period that the contact area is cut by the element grid; its error is of second order.
-                  ``"auto"``: 5, or 9 for parts whose radius of gyration is below ``2 pi a_h``, the way that the table's
-                  speed makes in a period: what rests on an element changes faster under them.
-                - substeps: Runge-Kutta steps of the friction dynamics in each of them; fourth order. ``"auto"``: so many that
-                  a period has at least 18, which resolve the fast table to 0.1 % at full speed.
-                - pieces: cells per element and direction into which the contact area is cut. ``"auto"`` sums friction as a
-                  series over the whole contact area where slip varies little under the part, and over as many cells as
-                  the spin asks for elsewhere.
-                - contact_steps: with several parts or walls, fewest steps of friction and contacts in turn in a period;
+                - steps: times per period that the contact area is cut by the element grid; second order. ``"auto"``: 5, or 9
+                  for parts whose radius of gyration is below ``2 pi a_h``, the displacement of the table in a period.
+                - substeps: Runge-Kutta steps of the friction dynamics in each step; fourth order. ``"auto"``: at least 18 in a
+                  period, which resolve the table's motion to 0.1 % at full speed.
+                - pieces: cells per element and direction into which the contact area is cut. ``"auto"``: friction as a
+                  series over the whole contact area where slip varies little under the part, elsewhere as many cells as the
+                  spin requires.
+                - contact_steps: with several parts or walls, fewest alternating steps of friction and contacts in a period;
                   ``"auto"``: 10, or as many as keep what friction adds to an overlap small (long periods, narrow parts).
                   Steps are shorter where parts come together or spin fast.
-                - contact_overlap: m, likewise: how far parts may run into one another before contacts see it;
-                  ``"auto"``: 5e-6,
+                - contact_overlap: m, with several parts or walls, overlap of two parts before contacts act; ``"auto"``: 5e-6,
                   or a fiftieth of half the narrowest part.
 
             averaged (one part and no walls):
@@ -69,9 +71,9 @@ class Simulator:
                 - steps: in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1.
 
             auto:
-                - tolerance: m, default 1e-4: how far a part's outline may stray from the converged model's in 25 periods, in
+                - tolerance: m, default 1e-4: deviation of a part's outline from the converged model's in 25 periods, in
                   the median over worlds with random fields.
-                - periods_per_call: periods that :meth:`advance` will typically be asked for at once, default 1.
+                - periods_per_call: periods of a typical call of :meth:`advance`, default 1.
 
     Attributes:
         choice: model and knobs in effect, and why (:class:`vibgym.simulation.choice.Choice`).
@@ -165,6 +167,15 @@ class Simulator:
             getattr(state, name)[worlds] = usual
         self._model.begin(worlds)
 
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute that the model adds, see :attr:`vibgym.simulation.Model.ADDS`."""
+        model = self.__dict__.get("_model")
+        if model is None or name not in model.ADDS:
+            where = "" if model is None else f" with model={self.model!r}"
+            raise AttributeError(f"a simulator{where} has no attribute {name!r}")
+        added = getattr(model, name)
+        return partial(added, self) if callable(added) else added
+
     @property
     def flat(self) -> bool:
         """Whether the model keeps all parts flat."""
@@ -172,7 +183,7 @@ class Simulator:
 
     @property
     def quantities(self) -> dict[str, np.ndarray]:
-        """Arrays (worlds, ...) by name, of a model that has quantities besides those of this class; copies."""
+        """Arrays (worlds, ...) by name that the model computes in addition to the properties of this class; copies."""
         return copied(self._model.quantities())
 
     def part_info(self) -> dict[str, np.ndarray]:
@@ -213,10 +224,10 @@ class Simulator:
         given = {"friction": friction, "mass": mass, "incline": incline, "patches": patches}
         found = self.check_conditions(now, given, "{}")
         if patches is not None:
-            self.tell_elements_apart()
+            self.allocate_patches()
         self.condition(rows, found._asdict())
 
-    def tell_elements_apart(self) -> None:
+    def allocate_patches(self) -> None:
         """Allocate a friction factor per element in :attr:`state`; before, all elements of a world share one."""
         elements = self.surface.rows, self.surface.columns
         if self._state.patches.shape[1:] != elements:
@@ -258,8 +269,7 @@ class Simulator:
         surface = self.surface
         shape = (self.worlds, surface.rows, surface.columns)
         amplitude = checks.array("amplitude", amplitude, shape, least=0.0)
-        if amplitude.max() > _limit(surface):
-            raise _too_large(surface, float(amplitude.max()))
+        _check_amplitude(amplitude, surface)
         phase = checks.array("phase", phase, shape)
         self.run(polar_drive(amplitude, phase, surface.angular_frequency), periods)
 
@@ -268,7 +278,7 @@ class Simulator:
         self.go_on(drive, checks.count("periods", periods, most=checks.MOST_PERIODS))
 
     def go_on(self, drive: Drive, periods: int, stages: Sequence[Callable[[int], None]] = ()) -> None:
-        """Return :meth:`run`, and then some stages for each of :attr:`blocks` as soon as its worlds have been advanced.
+        """Advance as :meth:`run`, unchecked, and run stages for each of :attr:`blocks` once its worlds have been advanced.
 
         Args:
             stages: called with a block's number on the thread that has advanced it, several blocks at a time.
@@ -294,20 +304,38 @@ class Simulator:
         self._periods += periods
         self._counted += periods
 
-    @property
-    def pose(self) -> np.ndarray:
-        """(worlds, parts, 3) x, y (m) and heading (rad, not wrapped) at the current instant; a copy."""
-        return self._state.pose.copy()
+    pose = _copy_of(
+        "pose", "(worlds, parts, 3) x, y (m) and heading (rad, not wrapped) at the current instant; a copy."
+    )
+    velocity = _copy_of(
+        "velocity", "(worlds, parts, 3) at the current instant, m/s and rad/s; a copy. It is not the mean velocity."
+    )
+    mean_velocity = _copy_of(
+        "mean_velocity",
+        "(worlds, parts, 3) mean over the last period, m/s and rad/s; before the first, the starting velocity.",
+    )
+    fallen = _copy_of(
+        "fallen",
+        "(worlds, parts) whether the part's centre of mass has left its support; the part then rests at that position.",
+    )
+    sticking = _copy_of(
+        "sticking", "(worlds, parts) whether the part sticks to the table at the current instant; a copy."
+    )
+    doubtful = _copy_of(
+        "doubtful",
+        """(worlds, parts) whether since the reset the part has left the range for which the model is validated.
 
-    @property
-    def velocity(self) -> np.ndarray:
-        """(worlds, parts, 3) at the current instant, m/s and rad/s; a copy. It is not the mean velocity."""
-        return self._state.velocity.copy()
-
-    @property
-    def mean_velocity(self) -> np.ndarray:
-        """(worlds, parts, 3) mean over the last period, m/s and rad/s; before the first, the starting velocity."""
-        return self._state.mean_velocity.copy()
+        Averaged: slip may have passed through zero within a period. Planar: never.
+        """,
+    )
+    diverged = _copy_of(
+        "diverged", "(worlds,) whether a value became non-finite; the world then keeps its last finite state."
+    )
+    friction = _copy_of(
+        "friction", "(worlds, parts) factor on the parts' coefficients of friction with the table; a copy."
+    )
+    mass = _copy_of("mass", "(worlds, parts) factor on the parts' masses; a copy.")
+    incline = _copy_of("incline", "(worlds, 2) acceleration x and y of everything on the table, m/s^2; a copy.")
 
     @property
     def contact_impulse(self) -> np.ndarray:
@@ -316,113 +344,20 @@ class Simulator:
         return mass[..., None] * self._state.pushed
 
     @property
-    def fallen(self) -> np.ndarray:
-        """(worlds, parts) whether the part's centre of mass has left its support; the part then rests at that position."""
-        return self._state.fallen.copy()
-
-    @property
-    def sticking(self) -> np.ndarray:
-        """(worlds, parts) whether the part sticks to the table at the current instant."""
-        return self._state.sticking.copy()
-
-    @property
-    def doubtful(self) -> np.ndarray:
-        """(worlds, parts) whether since the reset the part has left the range for which the model is validated.
-
-        Averaged: slip may have passed through zero within a period. Planar: never.
-        """
-        return self._state.doubtful.copy()
-
-    @property
-    def diverged(self) -> np.ndarray:
-        """(worlds,) whether a value became non-finite; the world then keeps its last finite state."""
-        return self._state.diverged.copy()
-
-    @property
-    def friction(self) -> np.ndarray:
-        """(worlds, parts) factor on the parts' coefficients of friction with the table; a copy."""
-        return self._state.friction.copy()
-
-    @property
-    def mass(self) -> np.ndarray:
-        """(worlds, parts) factor on the parts' masses; a copy."""
-        return self._state.mass.copy()
-
-    @property
-    def incline(self) -> np.ndarray:
-        """(worlds, 2) acceleration x and y of everything on the table, m/s^2; a copy."""
-        return self._state.incline.copy()
-
-    @property
     def patches(self) -> np.ndarray:
         """(worlds, rows, columns) factor of every element on friction; a copy."""
         return np.broadcast_to(self._state.patches, (self.worlds, self.surface.rows, self.surface.columns)).copy()
 
-    @property
-    def lean(self) -> np.ndarray:
-        """(worlds, parts, 2) rad, rotation vector, about the world's x and y, applied to a part after its heading; a copy.
-
-        Zeros in models that keep parts flat.
-        """
-        return self._model.lean()
-
-    @property
-    def tilt(self) -> np.ndarray:
-        """(worlds, parts) rad, angle between a part's axis and the vertical; 0 in models that keep parts flat."""
-        lean = self.lean
-        return np.hypot(lean[..., 0], lean[..., 1])
-
-    @property
-    def time_tilted(self) -> np.ndarray:
-        """(worlds, parts) s from the last tip of a part until its tilt was last above 0.05 deg; 0 in flat models."""
-        return self._model.time_tilted()
-
-    @property
-    def toppled(self) -> np.ndarray:
-        """(worlds, parts) whether a part has tipped beyond its edge, and fallen; never in models that keep parts flat."""
-        return self._model.toppled()
-
     def bottoms(self, world: int) -> list[np.ndarray]:
-        """Return the corners of the bottom of each part of a world, (n, 3) m; z = 0 is the middle of the plates' stroke.
-
-        Of parts that lie flat, z is 0.
-        """
-        rise, lean = self._model.height()[world], self._model.lean()[world]
-        found = []
-        for k, part in enumerate(self.parts):
-            x, y, heading = self._state.pose[world, k]
-            corners = np.column_stack([part.outline, np.full(len(part.outline), -part.centre_height)])
-            turned = corners @ (rotation(lean[k, 0], lean[k, 1], 0.0) @ rotation(0.0, 0.0, heading)).T
-            found.append(turned + [x, y, rise[k] + part.centre_height])
-        return found
-
-    def tip(self, worlds: Any, lean: Any, *, rocking: Any = 0.0, which: Any = True) -> None:
-        """Put parts of some worlds on an edge or a corner; only in models that let parts tilt, such as ``"tilting"``.
-
-        A tipped part keeps its position, heading and velocity in the plane. Its lowest point touches the plates as they stand
-        when the next period begins.
-
-        Args:
-            worlds: mask (worlds,), indices, or a slice; n worlds.
-            lean: rad, see :attr:`lean`, broadcastable to (n, parts, 2).
-            rocking: rad/s, angular velocity about the world's x and y, likewise.
-            which: (n, parts) or broadcastable, bool: the parts to tip; fallen parts are skipped.
-
-        Raises:
-            ValueError: the model keeps parts flat, a value is not finite, or a part would topple; nothing has changed.
-        """
-        rows = worlds_from(worlds, self.worlds)
-        shape = (len(rows), len(self.parts), 2)
-        lean, rocking = checks.array("lean", lean, shape), checks.array("rocking", rocking, shape)
-        meant = checks.array("which", which, shape[:2], dtype=np.bool_) & ~self._state.fallen[rows]
-        self._model.tip(rows, meant, self._state.pose[rows, :, 2], lean, rocking)
+        """Return the corners of the bottom of each part of a world, (n, 3) m; z = 0 is the middle of the plates' stroke."""
+        return self._model.bottoms(self._state.pose[world], world)
 
     def disturb(self, lean: np.ndarray, kick: np.ndarray) -> None:
-        """Apply an impulse disturbance to parts: the tilt, or in models that keep parts flat the kick that has its statistics.
+        """Apply an impulse disturbance to parts: in models that keep parts flat the impulse, in others the tilt.
 
         Args:
-            lean: (worlds, parts, 2) rad, zeros for undisturbed parts.
-            kick: (worlds, parts, 3) m/s, m/s, rad/s, likewise.
+            lean: (worlds, parts, 2) rad, rotation vector about the world's x and y, zeros for undisturbed parts.
+            kick: (worlds, parts, 3) m/s, m/s, rad/s, impulse over mass with the statistics of the tilt's effect, likewise.
         """
         self._model.disturb(self._state, lean, kick)
 
@@ -441,7 +376,7 @@ class Simulator:
             still = np.zeros((self.worlds, self.surface.rows, self.surface.columns))
             drive = Pinned(DRIVE, polar_drive(still, still, self.surface.angular_frequency))
         margin = self._tipping(drive, self._pinned)
-        return np.where((self.tilt > 0.0) & ~self._state.fallen, 0.0, margin)
+        return np.where(self._model.tilted() & ~self._state.fallen, 0.0, margin)
 
     @property
     def statistics(self) -> dict[str, int]:
@@ -494,7 +429,7 @@ class Simulator:
         self.check_conditions(conditions, conditions._asdict(), "state['{}']")
         self._model.check_live(more)
         if values["patches"].shape[1:] != (1, 1):
-            self.tell_elements_apart()
+            self.allocate_patches()
         put_back(self._state._asdict(), values)
         put_back(own, more)
         self._periods = periods
@@ -510,18 +445,17 @@ def _model_from(setup: Setup, name: str, knobs: Mapping[str, Any]) -> Model:
     return make(setup, **knobs)
 
 
-def _limit(surface: Surface) -> float:
-    """Return the largest allowed amplitude, with a margin for rounding."""
+def _check_amplitude(amplitude: np.ndarray, surface: Surface) -> None:
+    """Refuse amplitudes above the largest, with a margin for rounding."""
+    largest = float(amplitude.max())
     assert surface.max_amplitude is not None
-    return surface.max_amplitude * (1.0 + 1e-12)
-
-
-def _too_large(surface: Surface, amplitude: float) -> ValueError:
+    if largest <= surface.max_amplitude * (1.0 + 1e-12):
+        return
     allowed = f"numbers in [0, {surface.max_amplitude:.10g}]"
-    if amplitude > surface.lift_off_amplitude:
-        best = math.sqrt(surface.gravity / amplitude) / (2.0 * math.pi)
+    if largest > surface.lift_off_amplitude:
+        best = math.sqrt(surface.gravity / largest) / (2.0 * math.pi)
         allowed += (
             f"; parts lift off above g / w^2 = {surface.lift_off_amplitude:.4g} m, which no model covers: lower the amplitude, "
             f"or the surface's frequency to {best:.4g} Hz"
         )
-    return checks.refuse("amplitude", f"{amplitude!r} m", allowed)
+    raise checks.refuse("amplitude", f"{largest!r} m", allowed)

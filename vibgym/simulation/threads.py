@@ -40,7 +40,7 @@ class Pool(Generic[Tool]):
         self._free = deque([make()])  # an invalid setting raises immediately
 
     def take(self) -> Tool:
-        """Return an unused tool; one that is not given back after an error is replaced."""
+        """Return an unused tool, or a new one."""
         try:
             return self._free.pop()
         except IndexError:
@@ -74,7 +74,7 @@ def available_threads() -> int:
 
 
 class _Crew:
-    """Worker threads of this process. ``SimpleQueue`` takes half the time of an executor."""
+    """Worker threads of this process; with ``SimpleQueue`` a call takes half the time of an executor."""
 
     def __init__(self) -> None:
         self.process, self.threads = os.getpid(), 0

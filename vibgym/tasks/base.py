@@ -15,7 +15,7 @@ from vibgym.physics.core.records import State
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.episode import LIMITS, QUANTITIES, Episode, Relations, Rules, Start
+from vibgym.tasks.episode import QUANTITIES, Episode, Relations, Rules, Start
 from vibgym.tasks.scoring import Scoring, Step, terms_of
 
 HOLD_PERIODS = 10
@@ -109,14 +109,12 @@ class Task(ABC):
         if self.MOST_PARTS is not None and len(parts) > self.MOST_PARTS:
             raise checks.refuse("parts", f"{len(parts)} parts", f"at most {self.MOST_PARTS} for {self.name}")
         self.hold = checks.count("task_settings['hold']", hold, most=MOST_HOLD)
-        self.surface, self.parts = surface, tuple(parts)
+        self.surface, self.parts, self.features = surface, tuple(parts), tuple(self.FEATURES)
         self.kinds, self.kind = kinds_by_name(self.parts)
+        self.slots = len(parts) if slots is None else checks.count("slots", slots, least=len(parts), most=10_000)
         self.zones: np.ndarray | None = None
-        self.apart, self.lasts = -math.inf, 0.0
-        self.slots, self.features = len(self.parts), tuple(self.FEATURES)
-        if slots is not None:
-            self.slots = checks.count("slots", slots, least=len(self.parts), most=10_000)
         self.goal_gap: float | None = None
+        self.apart, self.lasts = -math.inf, 0.0
         self.driven = np.array([part.coupling > 0.0 for part in self.parts])
         self.asked = np.ones(len(self.parts), dtype=bool)
         self.hulls = hulls_of(self.parts)
@@ -185,13 +183,6 @@ class Task(ABC):
             zone = self.zones[self.kind]
         elif self.has_goal:
             zone = np.zeros((len(self.parts), 4))
-        limits = {
-            "slow": self.speed_limit,
-            "apart": self.apart,
-            "far": math.hypot(self.surface.width, self.surface.depth),
-            "hold": self.hold,
-            "periods": periods,
-        }
         counted = [(of, self.weights[name]) for name, of in self.made_of.items()]
         if self.has_own_reward:  # takes all quantities without weights
             counted = [(of, 1.0) for of in QUANTITIES]
@@ -200,7 +191,11 @@ class Task(ABC):
             tolerance=np.ascontiguousarray(np.where(self.asked[:, None], self.tolerances(), math.inf)),
             asked=self.asked,
             heading_period=np.array([self.heading_period(part) for part in self.parts]),
-            limit=np.array([limits[name] for name in LIMITS]),
+            slow=float(self.speed_limit),
+            apart=float(self.apart),
+            far=math.hypot(self.surface.width, self.surface.depth),
+            hold=self.hold,
+            periods=periods,
             term=np.array([QUANTITIES.index(of) for of, _ in counted], dtype=np.int64),
             weight=np.array([w * (periods if of in PER_PERIOD else 1) for of, w in counted], dtype=np.float64),
         )
@@ -242,8 +237,14 @@ class Task(ABC):
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
         """Return one line of text for a picture of a world."""
         done, present = episode.parts_done[world], episode.present[world].sum()
-        clearance = round(1e3 * float(episode.clearance[world]), 1) + 0.0  # + 0.0: not "-0.0"
-        return f"{self.name}   {done} of {present} parts done   smallest distance {clearance} mm"
+        clearance = rounded(1e3 * float(episode.clearance[world]))
+        text = f"{self.name}   {done} of {present} parts done   smallest distance {clearance} mm"
+        return f"{text}   error {1e3 * episode.position_error[world]:.1f} mm" if self.has_goal else text
+
+
+def rounded(value: float) -> float:
+    """Return a number with one decimal for a caption, 0.0 instead of -0.0."""
+    return round(value, 1) + 0.0
 
 
 def kinds_by_name(parts: Sequence[Part]) -> tuple[tuple[str, ...], np.ndarray]:

@@ -53,18 +53,15 @@ class Rules(NamedTuple):
     tolerance: np.ndarray  # (parts, 2) m from the rectangle, and rad, which is infinite where headings do not count
     asked: np.ndarray  # (parts,) bool, parts with a goal; others are done unless they fall, and have no errors
     heading_period: np.ndarray  # (parts,) rad; headings that differ by it are the same; 0: headings are not wrapped
-    limit: np.ndarray  # (LIMITS,)
+    slow: float  # m/s, speed below which a part is done
+    apart: float  # m, distance to the nearest other part above which a part is done; -inf where it does not count
+    far: float  # m, distance reported where there is no other part
+    hold: int  # consecutive periods with all parts done for success
+    periods: int  # of a step
     term: np.ndarray  # (terms,) int64 index among QUANTITIES of each reward term
     weight: np.ndarray  # (terms,)
 
 
-LIMITS = ("slow", "apart", "far", "hold", "periods")
-"""- slow: m/s, speed below which a part is done
-- apart: m, distance to the nearest other part above which a part is done; -inf where it does not count
-- far: m, distance reported where there is no other part
-- hold: consecutive periods with all parts done for success; periods: of a step
-"""
-SLOW, APART, FAR, HOLD, PERIODS = range(len(LIMITS))
 AWAY, TURNED = range(2)  # of Rules.tolerance
 
 
@@ -122,50 +119,23 @@ class Episode(NamedTuple):
     part_terms: np.ndarray  # (worlds, parts, terms) reward terms of each part alone, see QUANTITIES; 0 of absent ones
     part_reward: np.ndarray  # (worlds, parts) their sum
 
-    @property
-    def reward(self) -> np.ndarray:
-        """(worlds,) sum of the terms."""
-        return self.number[:, REWARD]
-
-    @property
-    def position_error(self) -> np.ndarray:
-        """(worlds,) m, largest distance of a part to its goal, or shortfall of the smallest gap if that is larger."""
-        return self.number[:, POSITION_ERROR]
-
-    @property
-    def heading_error(self) -> np.ndarray:
-        """(worlds,) rad, largest magnitude of a heading error; 0 where headings do not count."""
-        return self.number[:, HEADING_ERROR]
-
-    @property
-    def clearance(self) -> np.ndarray:
-        """(worlds,) m, smallest distance between parts; negative: overlap."""
-        return self.number[:, SMALLEST_GAP]
-
-    @property
-    def parts_done(self) -> np.ndarray:
-        """(worlds,) int64, number of parts done."""
-        return self.count[:, PARTS_DONE]
-
-    @property
-    def touching(self) -> np.ndarray:
-        """(worlds,) int64, pairs of touching parts."""
-        return self.count[:, IN_TOUCH]
-
-    @property
-    def fallen(self) -> np.ndarray:
-        """(worlds,) bool, whether a present part has fallen."""
-        return self.flag[:, DOWN]
-
-    @property
-    def success(self) -> np.ndarray:
-        """(worlds,) bool."""
-        return self.flag[:, SUCCEEDED]
-
-    @property
-    def ended(self) -> np.ndarray:
-        """(worlds,) bool: success, fallen or diverged."""
-        return self.flag[:, ENDED]
+    reward = property(lambda self: self.number[:, REWARD], doc="(worlds,) sum of the terms")
+    position_error = property(
+        lambda self: self.number[:, POSITION_ERROR],
+        doc="(worlds,) m, largest distance of a part to its goal, or shortfall of the smallest gap if that is larger",
+    )
+    heading_error = property(
+        lambda self: self.number[:, HEADING_ERROR],
+        doc="(worlds,) rad, largest magnitude of a heading error; 0 where headings do not count",
+    )
+    clearance = property(
+        lambda self: self.number[:, SMALLEST_GAP], doc="(worlds,) m, smallest distance between parts; negative: overlap"
+    )
+    parts_done = property(lambda self: self.count[:, PARTS_DONE], doc="(worlds,) int64, number of parts done")
+    touching = property(lambda self: self.count[:, IN_TOUCH], doc="(worlds,) int64, pairs of touching parts")
+    fallen = property(lambda self: self.flag[:, DOWN], doc="(worlds,) bool, whether a present part has fallen")
+    success = property(lambda self: self.flag[:, SUCCEEDED], doc="(worlds,) bool")
+    ended = property(lambda self: self.flag[:, ENDED], doc="(worlds,) bool: success, fallen or diverged")
 
 
 class Context(NamedTuple):
@@ -258,12 +228,9 @@ def relate_gaps(context, pose, gone, world):
     Returns:
         The smallest gap, m, and the number of touching pairs.
     """
-    parts, hulls, placed, far = pose.shape[1], context.hulls, context.placed, context.rules.limit[FAR]
-    here, gap, neighbour = (
-        context.episode.present[world],
-        context.relations.gap[world],
-        context.relations.neighbour[world],
-    )
+    parts, hulls, placed, far = pose.shape[1], context.hulls, context.placed, context.rules.far
+    here, relations = context.episode.present[world], context.relations
+    gap, neighbour = relations.gap[world], relations.neighbour[world]
     for i in range(parts):
         gap[i], neighbour[i] = far, -1
         if parts > 1 and here[i] and not gone[world, i]:
@@ -316,9 +283,8 @@ def evaluate_world(context, mean_velocity, fallen, world, clearance, touching):
     Returns:
         Whether all parts are done, and whether all are within their limits, fallen or not.
     """
-    relations, episode, rules, limit = context.relations, context.episode, context.rules, context.rules.limit
-    number = episode.number[world]
-    apart = limit[APART]
+    relations, episode, rules = context.relations, context.episode, context.rules
+    number, apart = episode.number[world], rules.apart
     error, clear = max(apart - clearance, 0.0), 0.0
     down, count, asked, done, fit, distance, turn, inside, most_turned = False, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0
     for i in range(mean_velocity.shape[1]):
@@ -335,7 +301,7 @@ def evaluate_world(context, mean_velocity, fallen, world, clearance, touching):
             inside += ex == 0.0 and ey == 0.0
             if apart > 0.0:
                 clear += min(max(gap, 0.0), apart) / apart
-        slow = vx * vx + vy * vy < limit[SLOW] * limit[SLOW]
+        slow = vx * vx + vy * vy < rules.slow * rules.slow
         fitting = away <= rules.tolerance[i, AWAY] and turned <= rules.tolerance[i, TURNED] and slow and gap > apart
         fitting = fitting or not rules.asked[i]
         fit += fitting
@@ -389,7 +355,7 @@ def reward_world(context, within, world):
 def reward_part(context, world, part):
     """Compute the reward terms of one part and their sum from the change of ``part_number``, which is updated."""
     rules, episode, relations, quantity = context.rules, context.episode, context.relations, context.quantity
-    before, apart = episode.part_number[world, part], rules.limit[APART]
+    before, apart = episode.part_number[world, part], rules.apart
     ex, ey, turned = relations.error[world, part, 0], relations.error[world, part, 1], relations.error[world, part, 2]
     away, turned = math.sqrt(ex * ex + ey * ey), abs(turned)
     near, aligned = math.tanh(away / APPROACH_SCALE), math.tanh(turned / ALIGNMENT_SCALE)
@@ -427,9 +393,7 @@ def reward_parts(context, fallen, starting, world):
         if here:
             reward_part(context, world, i)
         if starting or not here:
-            episode.part_reward[world, i] = 0.0
-            for k in range(episode.part_terms.shape[2]):
-                episode.part_terms[world, i, k] = 0.0
+            episode.part_reward[world, i], episode.part_terms[world, i] = 0.0, 0.0
 
 
 @borrowing
@@ -457,7 +421,7 @@ def score_worlds(state, address, starting, worlds):
         worlds: (n,) index.
     """
     true, context = state_at(state), context_at(address)
-    episode, limit, before = context.episode, context.rules.limit, context.before
+    episode, rules, before = context.episode, context.rules, context.before
     for k in range(worlds.shape[0]):
         world = worlds[k]
         number, count, flag = episode.number, episode.count, episode.flag
@@ -467,16 +431,13 @@ def score_worlds(state, address, starting, worlds):
         complete, within = evaluate_world(context, true.mean_velocity, true.fallen, world, clearance, touching)
         if starting:
             count[world, HELD], flag[world, SUCCEEDED], flag[world, ENDED] = 0, False, False
-            number[world, REWARD] = 0.0
-            for term in range(episode.terms.shape[1]):
-                episode.terms[world, term] = 0.0
+            number[world, REWARD], episode.terms[world] = 0.0, 0.0
             reward_parts(context, true.fallen, True, world)
             continue
         sound = not (flag[world, DOWN] or true.diverged[world])
-        count[world, HELD] = (
-            count[world, HELD] + int(limit[PERIODS]) if sound and complete and not flag[world, BARRED] else 0
-        )
-        flag[world, SUCCEEDED] = count[world, HELD] >= limit[HOLD]
+        held = sound and complete and not flag[world, BARRED]
+        count[world, HELD] = count[world, HELD] + rules.periods if held else 0
+        flag[world, SUCCEEDED] = count[world, HELD] >= rules.hold
         flag[world, ENDED] = flag[world, SUCCEEDED] or not sound
         reward_world(context, within, world)
         reward_parts(context, true.fallen, False, world)

@@ -1,4 +1,4 @@
-"""Feed: a part feeder, in at one end and out through the gate of its kind at the other, straight and apart."""
+"""Feed: a part feeder. Parts arrive at one end and leave through the gate of their kind at the other."""
 
 from __future__ import annotations
 
@@ -11,18 +11,12 @@ import numpy as np
 from vibgym import checks
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from
-from vibgym.physics.core.records import STATE, State
+from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.sliding import LEAST_SPEED, sliding_of
 from vibgym.scene.surface import Surface
 from vibgym.tasks.base import Task
-from vibgym.tasks.episode import (
-    EVENTS,
-    STAYS,
-    Episode,
-    Relations,
-    Start,
-)
+from vibgym.tasks.episode import EVENTS, STAYS, Episode, Relations, Start
 from vibgym.tasks.flow import FLOW, MEAN_LOAD, MEAN_TRANSIT, STEPS, Flow, Inlet, begin_flow, score_flow
 from vibgym.tasks.scoring import Scoring, Stage
 from vibgym.tasks.sort import zones_from
@@ -45,24 +39,24 @@ class Feed(Task):
     """Parts arrive at the left end at any heading, and leave when their centre enters a gate at the right end.
 
     A part is *good* if it leaves through the gate of its kind, within 5 degrees of straight (heading 0, modulo its symmetry),
-    with nothing nearer than the largest dimension of an element (36.8 mm), and no sooner after the last one through that gate
-    than such parts follow each other at full speed (0.28 s). Else it is *wrong*, *tilted* or *close*, in this order; *lost* is
-    one that has fallen. Where a part has left, another of its kind arrives as soon as there is room for it, so an episode has
-    no end but its limit, and no success: what counts is good parts a minute.
+    at least the largest dimension of an element (36.8 mm) from the others, and no sooner after the last one through that gate
+    than such parts follow each other at full speed (0.28 s). Otherwise it is *wrong*, *tilted* or *close*, in this order.
+    Fallen parts are *lost*. When a part has left, another of its kind arrives as soon as there is room. Episodes end at the
+    limit only and have no success; the measure is good parts a minute.
 
-    ``info`` says how many parts have been ``good``, ``tilted``, ``close``, ``wrong``, ``lost``, and how many of each a minute
-    (``good_per_minute`` and so on), the mean time of parts from arrival to leaving (``transit``, s), and the mean number of
-    parts ``on_table``, all without the first 12 s. ``info["parts"]`` says which have ``arrived`` in this step, and what has
-    become of those that have left in it (``event``, an index of :data:`vibgym.tasks.episode.EVENTS`). The reward of the step
-    that a part leaves in is still its own; a world's terms are the sums of its parts', over the number of parts in play.
+    ``info`` reports the numbers of parts that were ``good``, ``tilted``, ``close``, ``wrong``, ``lost``, their rates per minute
+    (``good_per_minute``, ...), the mean time from arrival to leaving (``transit``, s), and the mean number of parts
+    ``on_table``, all without the first 12 s. ``info["parts"]`` reports the parts that have ``arrived`` in this step, and the
+    ``event`` of those that have left in it (index of :data:`vibgym.tasks.episode.EVENTS`). A world's reward terms are the sums
+    over its parts, divided by the number of slots in use.
 
     Args:
         surface: the table.
-        parts: as many as there may be on the table; those with the same name are of one kind; at most three kinds.
+        parts: one per slot; parts with the same name are of one kind; at most three kinds.
         zones: gates, a mapping from kind to [x_low, y_low, x_high, y_high], m; None: strips across the last 50 mm.
-        heap: parts that arrive at once, in a heap in which they touch, as soon as the first 0.2 m of the table are free;
+        heap: parts that arrive at once, in a heap in which they touch, when the first 0.2 m of the table are free;
             1: parts arrive one at a time, with centres 20 to 55 mm from the left border.
-        warm_up: s that the rates leave out.
+        warm_up: s that rates exclude.
 
     Raises:
         ValueError: a gate for no kind or none for a kind, gates that overlap, a heap of more parts than there are or than fit.
@@ -98,7 +92,7 @@ class Feed(Task):
     ) -> None:
         super().__init__(surface, parts)
         self.zones = zones_from(default_gates(surface, self.kinds) if zones is None else zones, surface, self.kinds)
-        self.inlet = new_inlet(surface, self.parts, *INLET, heap, HEAP_LENGTH)
+        self.inlet = new_inlet(surface, self.parts, heap)
         self.warm_up = round(checks.number("task_settings['warm_up']", warm_up, least=0.0, most=1e9) / surface.period)
         self.spacing = math.sqrt(2.0) * surface.element_size
         shortest = min(float(np.ptp(part.outline[:, 0])) for part in self.parts)
@@ -106,14 +100,14 @@ class Feed(Task):
         self.headway = math.floor((shortest + self.spacing) / (top * surface.period))
 
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
-        """None are on the table yet: ``present`` says which may come."""
+        """Return starts without parts on the table; ``present``: the parts that arrive during the episode."""
         shape = len(uniform), len(self.parts)
         pose = np.tile(pose_of_absent(self.surface), (*shape, 1))
         there = np.ones(shape, dtype=bool) if present is None else present
         return Start(pose, there, np.zeros_like(pose), key=keys_from(uniform))
 
     def scoring(self, state: State, periods: int) -> FlowScoring:
-        return FlowScoring(self, state, periods, self.inlet, self.spacing, self.headway, self.warm_up)
+        return FlowScoring(self, state, periods)
 
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
         on_table = episode.present[world].sum()
@@ -121,7 +115,7 @@ class Feed(Task):
 
 
 def default_gates(surface: Surface, names: Sequence[str]) -> dict[str, Any]:
-    """Strips of equal width across the last 50 mm, the first kind's at the bottom.
+    """Return strips of equal width across the last 50 mm, the first kind's at the bottom.
 
     Raises:
         ValueError: the surface is shorter than inlet and gates.
@@ -135,26 +129,12 @@ def default_gates(surface: Surface, names: Sequence[str]) -> dict[str, Any]:
 
 
 class FlowScoring(Scoring):
-    """Scores episodes in which parts arrive and leave: no success, no end but the limit or a simulation that has diverged.
+    """Scores episodes in which parts arrive and leave; they end at the limit or if the simulation diverges."""
 
-    Args:
-        task: with its parts, gates (``task.zones``) and an ``inlet``.
-        state: true state of the worlds.
-        periods: oscillation periods of a step.
-        inlet: where parts come in.
-        spacing: m, that parts keep from the nearest other when they leave.
-        headway: periods between parts that leave through the same gate.
-        warm_up: periods that rates leave out.
-    """
-
-    def __init__(
-        self, task: Task, state: State, periods: int, inlet: Inlet, spacing: float, headway: int, warm_up: int
-    ) -> None:
+    def __init__(self, task: Feed, state: State, periods: int) -> None:
         super().__init__(task, state, periods)
         worlds, parts = state.pose.shape[:2]
-        surface = task.surface
         gates = np.array(task.zones)
-        self._periods, self._true = periods, Pinned(STATE, state)
         self._flow = Flow(
             clock=np.zeros(worlds, dtype=np.int64),
             key=np.zeros((worlds, 2), dtype=np.int64),
@@ -167,14 +147,14 @@ class FlowScoring(Scoring):
             tally=np.zeros((worlds, STEPS + 1), dtype=np.int64),
             rate=np.zeros((worlds, MEAN_LOAD + 1)),
             idle=np.zeros((worlds, parts, 3)),
-            gate=np.ascontiguousarray(gates),
-            kind=np.ascontiguousarray(task.kind),
-            away=pose_of_absent(surface),
-            spacing=spacing,
-            headway=headway,
-            warm_up=warm_up,
-            period=surface.period,
-            inlet=inlet,
+            gate=gates,
+            kind=task.kind,
+            away=pose_of_absent(task.surface),
+            spacing=task.spacing,
+            headway=task.headway,
+            warm_up=task.warm_up,
+            period=task.surface.period,
+            inlet=task.inlet,
             context=self._context.record,
         )
         self.players, self.rewarded, self.changed = self._flow.pool, self._flow.there, self._flow.changed
@@ -195,42 +175,35 @@ class FlowScoring(Scoring):
 
     def begin(self, worlds: np.ndarray, start: Start) -> None:
         self._flow.key[worlds] = start.key
-        begin_flow(self._true.address, self._pinned.address, worlds, np.ascontiguousarray(start.present))
+        begin_flow(self._state.address, self._pinned.address, worlds, np.ascontiguousarray(start.present))
 
     def stages(self) -> list[Stage]:
-        return [bound(score_flow, self._true, self._with_scratch(), self._periods)]
+        return [bound(score_flow, self._state, self._with_scratch(), self._rules.periods)]
 
     def _with_scratch(self) -> Pinned[Flow]:
-        """What one thread needs."""
+        """Return the flow with scratch memory for one thread."""
         shared = self._flow.inlet
         scratch = {name: getattr(shared, name).copy() for name in ("numbers", "order", "chance", "pose")}
         inlet = shared._replace(**scratch)
         return Pinned(FLOW, self._flow._replace(inlet=inlet, context=self.context(self.relations).record))
 
 
-def new_inlet(surface: Surface, parts: Sequence[Part], low: float, high: float, together: int, length: float) -> Inlet:
-    """An inlet at the left border.
-
-    Args:
-        low, high: m, least and largest x of the centres of parts that come one at a time.
-        together: parts of a heap; 1: they come one at a time.
-        length: m, along the table, that a heap may take.
+def new_inlet(surface: Surface, parts: Sequence[Part], together: int) -> Inlet:
+    """Return an inlet at the left border for heaps of so many parts; 1: parts arrive one at a time.
 
     Raises:
-        ValueError: a heap of more parts than there are, or than lie there for sure.
+        ValueError: a heap of more parts than there are, or than there is certainly room for.
     """
     together = checks.count("task_settings['heap']", together, most=len(parts))
-    radius = max(part.radius for part in parts)
+    count, radius, length = len(parts), max(part.radius for part in parts), HEAP_LENGTH
     cells = lattice(np.zeros(2), np.array([length, surface.depth]), radius, 0.0)
     if together > 1 and len(cells) < together:
         allowed = f"at most {len(cells)} parts of radius {radius:.4g} m on {length:g} x {surface.depth:g} m at the left border"
         raise checks.refuse("task_settings['heap']", together, allowed)
     if 2.0 * radius > surface.depth:
-        raise checks.refuse(
-            "parts", f"a part of radius {radius:.4g} m", f"at most {surface.depth / 2:g} m on this surface"
-        )
-    count = len(parts)
+        got = f"a part of radius {radius:.4g} m"
+        raise checks.refuse("parts", got, f"at most {surface.depth / 2:g} m on this surface")
     return Inlet(
-        low, high, together, Room(length, surface.depth, cells, CLEAR), np.zeros((count, TRIES, 2)),
+        *INLET, together, Room(length, surface.depth, cells, CLEAR), np.zeros((count, TRIES, 2)),
         np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros((count, 3)),
     )  # fmt: skip

@@ -1,14 +1,13 @@
-"""Episodes in which parts arrive and leave: what becomes of each, and how many a minute leave as they should.
+"""Episodes in which parts arrive and leave: events of parts, and rates per minute.
 
-A part's place among the parts is a slot: a part leaves when its centre enters a gate, or when it has fallen, and some steps
-later another one of its kind arrives in its slot. A part that leaves is gone at the end of that step, and one that arrives is
-there at the end of its step, so no slot is ever handed on within a step. The reward of the step that it leaves in is its own.
+Each index of a part is a slot. A part leaves at the end of the step in which its centre enters a gate or in which it falls, and
+gets the reward of this step. In a later step another part of its kind arrives in its slot.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,21 +17,15 @@ from vibgym.physics.contacts.hulls import place_hulls
 from vibgym.physics.core.noise import uniforms
 from vibgym.physics.core.records import state_at
 from vibgym.tasks.episode import (
-    BARRED,
-    DOWN,
     ENDED,
     EVENTS,
-    HEADING_ERROR,
-    HELD,
     IN_TOUCH,
     LEFT_GOOD,
     LOST,
     PARTS_DONE,
-    POSITION_ERROR,
     REWARD,
     SMALLEST_GAP,
     STAYS,
-    SUCCEEDED,
     TILTED,
     TOO_CLOSE,
     TURNED,
@@ -43,21 +36,17 @@ from vibgym.tasks.episode import (
 )
 from vibgym.tasks.starts import TRIES, Room, heap, is_clear
 
-if TYPE_CHECKING:
-    pass
-
-
 WHICH, WHERE, HEAPED = 17, 18, 19
-"""Third word of a counter: what a random number is drawn for."""
+"""Third word of a counter, by the purpose of a random number."""
 
 
 class Inlet(NamedTuple):
-    """Where parts come in, and in what company; with what it works on."""
+    """Region in which parts arrive, and scratch memory."""
 
-    low: float  # m, least and largest x of the centres of parts that come one at a time
+    low: float  # m, least and largest x of the centres of parts that arrive one at a time
     high: float
-    heap: int  # parts that come at once, in touch; 1: they come one at a time
-    room: Room  # that a heap lies in, from the left border on
+    heap: int  # parts that arrive at once, in touch; 1: they arrive one at a time
+    room: Room  # of a heap, from the left border on
     numbers: np.ndarray  # scratch: (parts, TRIES, 2)
     order: np.ndarray  # scratch: (parts,) int64
     chance: np.ndarray  # scratch: (parts,)
@@ -66,7 +55,7 @@ class Inlet(NamedTuple):
 
 @borrowing
 def shuffle_waiting(inlet, key, tried, waiting):
-    """Let ``order`` begin with the parts that wait, at random; returns their number."""
+    """Write the waiting parts into ``order``, shuffled; returns their number."""
     order, chance, count = inlet.order, inlet.chance, 0
     for part in range(waiting.shape[0]):
         if waiting[part]:
@@ -82,14 +71,11 @@ def shuffle_waiting(inlet, key, tried, waiting):
 
 @borrowing
 def find_free_pose(inlet, hulls, placed, key, tried, present, pose):
-    """Look for room for the part ``order[0]``; its pose is left in ``inlet.pose``.
+    """Draw a free pose for the part ``order[0]``, into ``inlet.pose``; returns whether one has been found.
 
     Args:
         hulls, placed: of all parts; those that are present have been placed.
-        present: (parts,) bool.  pose: (parts, 3), theirs.
-
-    Returns:
-        Whether there is any.
+        present: (parts,) bool.  pose: (parts, 3).
     """
     order, own, part, room = inlet.order, inlet.pose, inlet.order[0], inlet.room
     count = 0
@@ -116,12 +102,9 @@ def find_free_pose(inlet, hulls, placed, key, tried, present, pose):
 
 @borrowing
 def draw_heap(inlet, hulls, placed, key, tried, present, pose):
-    """Pile the parts ``order[:inlet.heap]`` up, if their room is free; their poses are left in ``inlet.pose``.
+    """Draw the poses of a heap of the parts ``order[:inlet.heap]``, into ``inlet.pose``; returns False if its room is occupied.
 
     Args: as for :func:`find_free_pose`.
-
-    Returns:
-        Whether it is.
     """
     room, numbers = inlet.room, inlet.numbers
     for other in range(present.shape[0]):
@@ -137,14 +120,13 @@ def draw_heap(inlet, hulls, placed, key, tried, present, pose):
 
 @borrowing
 def draw_arrivals(inlet, hulls, placed, key, tried, waiting, present, pose):
-    """Let parts arrive that wait for it.
+    """Draw which waiting parts arrive, and their poses; returns their number.
+
+    They are the first ones of ``inlet.order``, at ``inlet.pose``.
 
     Args:
-        key: (2,) of the episode.  tried: how often it has been tried.
-        waiting, present: (parts,) bool.  pose: (parts, 3) of those that are present.
-
-    Returns:
-        How many arrive: the first ones of ``inlet.order``, at ``inlet.pose``.
+        key: (2,) of the episode.  tried: number of previous draws.
+        waiting, present: (parts,) bool.  pose: (parts, 3) of present parts.
     """
     if shuffle_waiting(inlet, key, tried, waiting) < inlet.heap:
         return 0
@@ -154,32 +136,34 @@ def draw_arrivals(inlet, hulls, placed, key, tried, waiting, present, pose):
 
 
 LEFT, TRANSIT, ON_TABLE, STEPS = len(EVENTS), len(EVENTS) + 1, len(EVENTS) + 2, len(EVENTS) + 3
-"""Columns of :attr:`Flow.tally` behind those of the events."""
+"""Columns of :attr:`Flow.tally` after those of the events."""
 
 MEAN_TRANSIT, MEAN_LOAD = len(EVENTS), len(EVENTS) + 1
-"""Columns of :attr:`Flow.rate` behind those of the events."""
+"""Columns of :attr:`Flow.rate` after those of the events."""
 
 
 class Flow(NamedTuple):
-    """Parts that come and go in all worlds, pinned in memory and changed in place."""
+    """Arrivals and departures in all worlds, pinned in memory and changed in place."""
 
     clock: np.ndarray  # (worlds,) int64, periods since the episode's start
     key: np.ndarray  # (worlds, 2) int64 of its random numbers
-    tried: np.ndarray  # (worlds,) int64, arrivals that have been tried
+    tried: np.ndarray  # (worlds,) int64, draws of arrivals
     pool: np.ndarray  # (worlds, parts) bool, parts of this episode, on the table or not
     there: np.ndarray  # (worlds, parts) bool, parts that were on the table in this step
     changed: np.ndarray  # (worlds, parts) bool, parts that have arrived or left in this step
     age: np.ndarray  # (worlds, parts) int64, periods since the part's arrival
     last: np.ndarray  # (worlds, kinds) int64, when a part has last left through each gate
-    # (worlds, ...) int64 since the warm-up: parts by what became of them, all that left, periods that they took, ends of steps
-    # that parts were on the table at, all ends of steps
+    # (worlds, ...) int64 since the warm-up: parts by event, all that left, sum of their periods, sum over steps of the parts on
+    # the table, steps
     tally: np.ndarray
-    rate: np.ndarray  # (worlds, ...) of these: parts a minute by event, s of a transit, parts on the table
+    rate: (
+        np.ndarray
+    )  # (worlds, ...) since the warm-up: parts a minute by event, mean transit (s), mean parts on the table
     idle: np.ndarray  # (worlds, parts, 3) velocity of a part that slides in place
     gate: np.ndarray  # (kinds, 4) m: x_low, y_low, x_high, y_high
-    kind: np.ndarray  # (parts,) int64, whose gate is a part's own
+    kind: np.ndarray  # (parts,) int64, index of each part's gate
     away: np.ndarray  # (3,) pose of parts that are not on the table
-    spacing: float  # m that parts keep when they leave
+    spacing: float  # m, required distance of a part that leaves to the nearest other
     headway: int  # periods between parts that leave through the same gate
     warm_up: int  # periods that do not count
     period: float  # s
@@ -193,7 +177,7 @@ flow_at = FLOW.at
 
 @borrowing
 def gate_of(flow, x, y):
-    """The gate in which a place lies; -1: in none."""
+    """Return the gate that contains a point; -1: none."""
     gate = flow.gate
     for k in range(gate.shape[0]):
         if gate[k, 0] <= x and x <= gate[k, 2] and gate[k, 1] <= y and y <= gate[k, 3]:
@@ -203,7 +187,7 @@ def gate_of(flow, x, y):
 
 @borrowing
 def is_straight_and_apart(flow, world, part):
-    """Whether a part is straight and far enough from the others to leave, by relations that are up to date."""
+    """Return whether a part is straight and far enough from the others to leave; relations must be up to date."""
     relations, rules = flow.context.relations, flow.context.rules
     return abs(relations.error[world, part, 2]) <= rules.tolerance[part, TURNED] and (
         relations.gap[world, part] >= flow.spacing
@@ -212,7 +196,7 @@ def is_straight_and_apart(flow, world, part):
 
 @borrowing
 def event_of(flow, state, world, part):
-    """What becomes of a part on the table in this step, see :data:`vibgym.tasks.episode.EVENTS`."""
+    """Return the event of a present part in this step, see :data:`vibgym.tasks.episode.EVENTS`."""
     if state.fallen[world, part]:
         return LOST
     gate = gate_of(flow, state.pose[world, part, 0], state.pose[world, part, 1])
@@ -232,12 +216,10 @@ def event_of(flow, state, world, part):
 
 @borrowing
 def evaluate_parts(flow, state, world):
-    """Say what becomes of every part of a world, and reward it."""
-    episode, done = flow.context.episode, 0
+    """Compute event and reward of every part of a world."""
+    episode, done, slots = flow.context.episode, 0, 0
     total = episode.terms[world]
-    slots = 0
-    for k in range(total.shape[0]):
-        total[k] = 0.0
+    total[:] = 0.0
     for part in range(state.fallen.shape[1]):
         here = episode.present[world, part]
         flow.there[world, part], episode.arrived[world, part] = here, False
@@ -248,9 +230,7 @@ def evaluate_parts(flow, state, world):
         episode.done[world, part] = flow.context.fits[part] and at_own
         done += episode.done[world, part]
         slots += flow.pool[world, part]
-        episode.part_reward[world, part] = 0.0
-        for k in range(total.shape[0]):
-            episode.part_terms[world, part, k] = 0.0
+        episode.part_reward[world, part], episode.part_terms[world, part] = 0.0, 0.0
         if here:
             reward_part(flow.context, world, part)
             for k in range(total.shape[0]):
@@ -265,7 +245,7 @@ def evaluate_parts(flow, state, world):
 
 @borrowing
 def remove_part(flow, state, world, part):
-    """Take a part off the table."""
+    """Remove a part from the table."""
     for k in range(3):
         state.pose[world, part, k] = flow.away[k]
         state.velocity[world, part, k] = state.mean_velocity[world, part, k] = 0.0
@@ -276,7 +256,7 @@ def remove_part(flow, state, world, part):
 
 @borrowing
 def place_part(flow, state, world, part, pose):
-    """Put a part on the table at a pose (3,), where it slides in place."""
+    """Place a part on the table at a pose (3,), where it slides in place."""
     for k in range(3):
         state.pose[world, part, k] = pose[k]
         state.velocity[world, part, k], state.mean_velocity[world, part, k] = flow.idle[world, part, k], 0.0
@@ -288,7 +268,7 @@ def place_part(flow, state, world, part, pose):
 
 @borrowing
 def remove_leaving(flow, state, world):
-    """Take parts off the table that leave in this step, and count them; returns whether there are any."""
+    """Remove and count the parts that leave in this step; returns whether there are any."""
     event, counts, tally = flow.context.episode.event, flow.clock[world] > flow.warm_up, flow.tally[world]
     some = False
     for part in range(event.shape[1]):
@@ -306,12 +286,12 @@ def remove_leaving(flow, state, world):
 
 @borrowing
 def add_waiting(flow, state, world, most):
-    """Let up to ``most`` parts, or heaps, arrive; returns how many parts have come."""
+    """Let up to ``most`` parts or heaps arrive; returns the number of parts that have arrived."""
     inlet, context, pose, arrivals = flow.inlet, flow.context, state.pose[world], 0
     present, placed, hulls = context.episode.present[world], context.placed, context.hulls
     waiting = context.fits
     for _ in range(most):
-        for part in range(present.shape[0]):  # who has left in this step comes later
+        for part in range(present.shape[0]):  # a slot is not refilled in the step in which its part left
             waiting[part] = flow.pool[world, part] and not present[part] and not flow.changed[world, part]
             if present[part]:
                 place_hulls(hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], placed)
@@ -330,7 +310,7 @@ def add_waiting(flow, state, world, most):
 
 @borrowing
 def update_rates(flow, world):
-    """Bring rates and means up to date."""
+    """Update rates and means."""
     tally, rate, present = flow.tally[world], flow.rate[world], flow.context.episode.present
     if flow.clock[world] <= flow.warm_up:
         return
@@ -346,7 +326,7 @@ def update_rates(flow, world):
 
 @borrowing
 def update_relations(flow, state, world):
-    """Bring the relations of a world up to date, and what ``info`` says of them."""
+    """Update the relations of a world, and the fields of ``info`` that depend on them."""
     clearance, touching = relate_world(flow.context, state.pose, state.fallen, world)
     episode = flow.context.episode
     episode.number[world, SMALLEST_GAP], episode.count[world, IN_TOUCH] = clearance, touching
@@ -354,40 +334,38 @@ def update_relations(flow, state, world):
 
 @borrowing
 def begin_arrived(flow, state, world):
-    """After arrivals: relations, and what the rewards of those who have come will be held against."""
+    """Update relations after arrivals, and the values with which the next step of the new parts is compared."""
     episode = flow.context.episode
     update_relations(flow, state, world)
     for part in range(state.fallen.shape[1]):
         if episode.arrived[world, part]:
             episode.event[world, part] = STAYS
             reward_part(flow.context, world, part)
-            episode.part_reward[world, part] = 0.0
-            for k in range(episode.part_terms.shape[2]):
-                episode.part_terms[world, part, k] = 0.0
+            episode.part_reward[world, part], episode.part_terms[world, part] = 0.0, 0.0
 
 
 @borrowing
 def begin_flow(state, flow, worlds, pools):
     """Start the episodes of ``worlds`` (n,), whose keys are set, with the parts of ``pools`` (n, parts).
 
-    Parts whose centres are on the table are present at once. No other part arrives at the start if there are any.
+    Parts whose centres are on the table are present. If there are none, parts arrive.
 
     Args:
-        state: address of the pinned true state, in which parts of the pool have the velocity of those that slide in place.
+        state: address of the pinned true state, with the velocities of parts that slide in place.
         flow: address of a pinned :class:`Flow`.
     """
     true, all_of = state_at(state), flow_at(flow)
     episode, parts = all_of.context.episode, pools.shape[1]
     for k in range(worlds.shape[0]):
         world, begun = worlds[k], 0
-        all_of.clock[world] = all_of.tried[world] = 0
+        all_of.clock[world], all_of.tried[world], all_of.age[world] = 0, 0, 0
+        all_of.there[world], all_of.changed[world], all_of.last[world] = False, False, -all_of.headway
+        all_of.tally[world], all_of.rate[world] = 0, 0.0
+        episode.arrived[world], episode.event[world], episode.part_fallen[world] = False, STAYS, False
+        episode.part_reward[world], episode.part_terms[world], episode.terms[world] = 0.0, 0.0, 0.0
+        episode.number[world], episode.count[world], episode.flag[world] = 0.0, 0, False
         for part in range(parts):
             all_of.pool[world, part] = pools[k, part]
-            episode.arrived[world, part] = all_of.changed[world, part] = all_of.there[world, part] = False
-            episode.event[world, part], all_of.age[world, part] = STAYS, 0
-            episode.part_fallen[world, part], episode.part_reward[world, part] = False, 0.0
-            for term in range(episode.terms.shape[1]):
-                episode.part_terms[world, part, term] = 0.0
             for axis in range(3):
                 all_of.idle[world, part, axis] = true.velocity[world, part, axis]
             x, y = true.pose[world, part, 0], true.pose[world, part, 1]
@@ -396,19 +374,6 @@ def begin_flow(state, flow, worlds, pools):
                 begun += 1
             else:
                 remove_part(all_of, true, world, part)
-        for gate in range(all_of.last.shape[1]):
-            all_of.last[world, gate] = -all_of.headway
-        for column in range(all_of.tally.shape[1]):
-            all_of.tally[world, column] = 0
-        for column in range(all_of.rate.shape[1]):
-            all_of.rate[world, column] = 0.0
-        for flag in (DOWN, SUCCEEDED, ENDED, BARRED):
-            episode.flag[world, flag] = False
-        for number in (REWARD, POSITION_ERROR, HEADING_ERROR):
-            episode.number[world, number] = 0.0
-        episode.count[world, HELD] = episode.count[world, PARTS_DONE] = 0
-        for term in range(episode.terms.shape[1]):
-            episode.terms[world, term] = 0.0
         if begun == 0:
             add_waiting(all_of, true, world, parts)
         begin_arrived(all_of, true, world)
@@ -416,7 +381,7 @@ def begin_flow(state, flow, worlds, pools):
 
 @borrowing
 def score_flow(state, flow, periods, worlds):
-    """Score one step of some worlds, take parts away that leave, and let others in; see :func:`begin_flow`."""
+    """Score one step of some worlds, remove the parts that leave and add those that arrive; see :func:`begin_flow`."""
     true, all_of = state_at(state), flow_at(flow)
     for k in range(worlds.shape[0]):
         world = worlds[k]

@@ -1,4 +1,4 @@
-"""Follow: move along a path, on time."""
+"""Follow: goals that move along paths."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ from vibgym.tasks.starts import pose_of_absent
 class Follow(Task):
     """The centre within 5 mm and the heading within 5 degrees of a goal that moves along a path, all the way to its end.
 
-    Each part, there may be several, has a path of its own and starts where it begins. The goal starts from rest, speeds up,
-    keeps its speed, and slows down to rest at the end, where it stays. Success is that every step has ended within these
-    tolerances, and that ten periods have passed at the end. Headings count modulo the part's symmetry.
+    Each part has its own path and starts at its beginning. The goal accelerates from rest, keeps its speed, and decelerates to
+    rest at the end. Success: every step has ended within these tolerances, the last ten periods at the end of the path.
+    Headings count modulo the part's symmetry.
 
     ``paths`` is a list with a mapping for each part, or a mapping for paths that are drawn for every episode (the default):
 
-    | ``shape`` | its own keys |
+    | ``shape`` | keys |
     |---|---|
     | ``"circle"`` | ``centre``, ``radius``; ``start``: the angle at which it begins; ``laps``, ``clockwise`` |
     | ``"square"`` | ``centre``, ``side``; ``turn``: of its sides; ``corner``, ``laps``, ``clockwise`` |
@@ -40,32 +40,29 @@ class Follow(Task):
     | ``"figure_eight"`` | ``centre``, ``radius`` of both circles; ``turn``: of the line of centres; ``laps``, ``clockwise`` |
     | none: drawn | ``shapes``: some of ``"circle"``, ``"square"``, ``"figure_eight"`` |
 
-    Lengths are in m, or in mm in keys with ``_mm``; angles in rad, or in degrees with ``_deg``. All of them also have
+    Lengths are in m, or in mm in keys with ``_mm``; angles in rad, or in degrees with ``_deg``. All shapes also have
 
     - ``speed``, m/s: by default half of the part's top speed (0.15 m/s), a third where it turns with its path;
     - ``acceleration``, m/s^2, at both ends: by default a quarter of what the part can do from rest, or what bends there allow;
     - ``heading``: ``"kept"``, as at the start (default), or ``"along"``: the part turns with its path. Its heading is the mean
-      direction of the path over the part's size, since no part can turn at once where a line meets an arc.
+      direction of the path over the part's size.
 
-    Corners are rounded with the radius ``corner``, m, and the speed stays the same there. By default the radius is the
-    smallest with which a corner takes no more than half of the amplitude that a straight line leaves. Drawn
-    paths keep parts 46.8 mm apart for all headings: an element's largest dimension plus twice the tolerance. Given paths must
-    keep them 36.8 mm apart.
+    Corners are rounded with the radius ``corner``, m, at constant speed. By default a corner takes half of the amplitude that a
+    straight line leaves. Drawn paths keep parts 46.8 mm apart for all headings: an element's largest dimension plus twice the
+    tolerance. Given paths must keep them 36.8 mm apart.
 
     Args:
         surface: the table.
         parts: the parts.
         paths: see above.
-        hold: see :class:`vibgym.tasks.Task`; it is at the end of the path.
+        hold: see :class:`vibgym.tasks.Task`; at the end of the path.
 
     Raises:
-        ValueError: a bad setting; a path that leaves the surface, or is faster, or bends or speeds up more, than its part can
-            follow with 90 % of the largest amplitude (:class:`vibgym.tasks.paths.Reach`); parts that would come too
-            near; no room for paths to be drawn.
+        ValueError: a bad setting; a path that leaves the surface, or that its part cannot follow with 90 % of the largest
+            amplitude (:class:`vibgym.tasks.paths.Reach`); parts that would come too near; no room for drawn paths.
     """
 
-    # Time costs less over an episode than a fall, so that falling does not pay.
-    TERMS = {**PoseTask.TERMS, "time": ("time", 0.005)}
+    TERMS = {**PoseTask.TERMS, "time": ("time", 0.005)}  # a whole episode of it costs less than a fall
     FEATURES = (
         "present", "element", "heading", "position", "way", "way_coarse", "way_fine", "turn", "turn_coarse", "turn_fine",
         "velocity", "spin", "gap", "neighbour", "goal_velocity", "goal_spin", "way_ahead", "turn_ahead",
@@ -81,8 +78,8 @@ class Follow(Task):
         super().__init__(surface, parts, hold=hold)
         apart = self._apart = math.sqrt(2.0) * surface.element_size
         if paths is None or isinstance(paths, Mapping):
-            drawn = DrawnPaths(surface, parts, paths or {}, apart + 2.0 * self.position_tolerance)
-            self.paths: DrawnPaths | GivenPaths = drawn
+            most = apart + 2.0 * self.position_tolerance
+            self.paths: DrawnPaths | GivenPaths = DrawnPaths(surface, parts, paths or {}, most)
         elif checks.listed(paths):
             self.paths = GivenPaths(surface, parts, paths, apart)
         else:
@@ -105,7 +102,7 @@ class Follow(Task):
         routes = np.stack([route.padded(each, rows) for each in given.routes])
 
         def start(uniform: np.ndarray, present: np.ndarray | None) -> Start:
-            # Headings that are kept come from the number that draws them without this wish, too: the last one of a part.
+            # Kept headings are drawn by the same number as without this option: the last one of a part.
             last = uniform.reshape(len(uniform), len(self.parts), -1)[..., -1]
             return self._start(with_headings(routes, last), present)
 
@@ -127,13 +124,13 @@ class Follow(Task):
             raise checks.refuse("options['pose']", pose[far][0].tolist(), allowed)
         paths, goal = start.paths.copy(), start.goal.copy()
         kept = paths[:, :, 0, route.ALONG] == 0.0
-        # A heading that is kept is the one that the part has at the start.
+        # A kept heading is that of the part at the start.
         goal[..., 2] = np.where(kept, pose[..., 2], goal[..., 2])
         paths[:, :, 0, route.HEADING] = np.where(kept, pose[..., 2], paths[:, :, 0, route.HEADING])
         return start._replace(pose=pose, goal=goal, paths=paths)
 
     def scoring(self, state: State, periods: int) -> PursuitScoring:
-        return PursuitScoring(self, state, periods, self.surface.period, self.paths.shape)
+        return PursuitScoring(self, state, periods)
 
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
         return f"{self.name}   error {1e3 * episode.position_error[world]:.2f} mm"
@@ -152,7 +149,7 @@ class Pursuit(NamedTuple):
 
     path: np.ndarray  # (worlds, parts, rows, 6), see vibgym.tasks.route
     clock: np.ndarray  # (worlds,) int64, periods since the episode's start
-    looks: np.ndarray  # (worlds,) int64, ends of steps at which errors were noted
+    looks: np.ndarray  # (worlds,) int64, number of steps
     squares: np.ndarray  # (worlds, parts) m^2, sum of the squared distances to the goal at these
     error: np.ndarray  # (worlds, 3): rms of the part that was worst (m), largest (m), 1: a tolerance has been left
     motion: np.ndarray  # (9,) scratch
@@ -169,7 +166,7 @@ pursuit_at = PURSUIT.at
 
 @borrowing
 def place_goals(record, world):
-    """Put the goals of one world where its clock says, with their motion."""
+    """Set the goals of one world, and their motion, at the time of its clock."""
     episode, motion, period = record.episode, record.motion, record.period
     time = record.clock[world] * period
     waiting = record.error[world, LEFT] > 0.0
@@ -218,7 +215,7 @@ def move_goals(pursuit, worlds):
 
 @borrowing
 def record_errors(pursuit, worlds):
-    """Note how far the parts of ``worlds`` (n,) are from their goals at a step's end, by relations that are up to date."""
+    """Record the distances of the parts of ``worlds`` (n,) to their goals after a step; relations must be up to date."""
     record = pursuit_at(pursuit)
     error, tolerance, present = record.relations.error, record.rules.tolerance, record.episode.present
     for k in range(worlds.shape[0]):
@@ -242,21 +239,14 @@ def record_errors(pursuit, worlds):
 class PursuitScoring(Scoring):
     """Scores episodes whose goals move along the paths of their starts.
 
-    An episode cannot succeed while a goal moves, nor after a part has left the tolerances at the end of some step.
-
-    Args:
-        task: with its parts.
-        state: true state of the worlds.
-        periods: oscillation periods of a step.
-        period: s of one.
-        shape: of a world's paths, (parts, rows, 6).
+    An episode cannot succeed while a goal moves, nor after a part was outside the tolerances at the end of a step.
     """
 
-    def __init__(self, task: Task, state: State, periods: int, period: float, shape: tuple[int, int, int]) -> None:
+    def __init__(self, task: Follow, state: State, periods: int) -> None:
         super().__init__(task, state, periods, MOTION)
         worlds, parts = state.pose.shape[:2]
-        still = np.zeros(shape)
-        # Until the first reset all goals stand at the origin.
+        still = np.zeros(task.paths.shape)
+        # Until the first reset all goals are at the origin.
         still[:, 0] = [route.SMALL, 1.0, 1.0, 1.0, 0.0, 0.0]
         self._pursuit = Pursuit(
             path=np.tile(still, (worlds, 1, 1, 1)),
@@ -266,7 +256,7 @@ class PursuitScoring(Scoring):
             error=np.zeros((worlds, 3)),
             motion=np.zeros(len(route.MOTION)),
             periods=periods,
-            period=period,
+            period=task.surface.period,
             episode=self.episode,
             relations=self.relations,
             rules=self._rules,
@@ -301,5 +291,5 @@ class PursuitScoring(Scoring):
         return [bound(move_goals, pursuit), *super().stages(), bound(record_errors, pursuit)]
 
     def _with_scratch(self) -> Pinned[Pursuit]:
-        """What one thread needs."""
+        """Return the pursuit with scratch memory for one thread."""
         return Pinned(PURSUIT, self._pursuit._replace(motion=np.zeros(len(route.MOTION))))

@@ -1,4 +1,4 @@
-"""Pack: bring the parts to a pattern, close together."""
+"""Pack: bring the parts to the poses of a pattern, close together."""
 
 from __future__ import annotations
 
@@ -15,24 +15,20 @@ from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.base import HOLD_PERIODS, Start, Task
-from vibgym.tasks.episode import Episode, Relations
 from vibgym.tasks.patterns import Pattern
 from vibgym.tasks.pose import PATIENT_TERMS, PoseTask
-from vibgym.tasks.scoring import Stage
+from vibgym.tasks.scoring import FactScoring, Stage
 from vibgym.tasks.sort import ArrangedTask
-from vibgym.tasks.swap import FreeScoring
 
 
 class Pack(ArrangedTask):
     """Every part in its place of a pattern, within 1 mm and 3 degrees, all of them at once for ten periods; none has fallen.
 
-    The pattern is a lattice of the parts, 2 mm apart, somewhere on the surface, or what the settings make of it
-    (:class:`vibgym.tasks.patterns.Pattern`). Headings count modulo a part's symmetry.
+    By default the pattern is a lattice with gaps of 2 mm at a drawn place. Headings count modulo a part's symmetry.
 
     Args:
-        free: parts of a kind are as good as one another: goals are given out at the start, so that the cubes of the ways add up
-            to the least, and two parts exchange theirs at the end of a step where that makes their ways shorter. False: each
-            part has the goal of its number among its kind's.
+        free: parts of a kind are interchangeable, see :class:`vibgym.tasks.Swap`. False: each part has the goal of its number
+            among its kind's.
         pattern, rows, columns, gap, gap_mm, heading, heading_deg, place, place_mm: of the
             :class:`vibgym.tasks.patterns.Pattern`.
         start, randomize, slots, hold: see :class:`ArrangedTask`. With fewer parts the last goals of each kind stay open.
@@ -88,45 +84,19 @@ class Pack(ArrangedTask):
     def scoring(self, state: State, periods: int) -> PatternScoring:
         return PatternScoring(self, state, periods)
 
-    def caption(self, relations: Relations, episode: Episode, world: int) -> str:
-        error = 1e3 * float(episode.position_error[world])
-        return f"{super().caption(relations, episode, world)}   error {error:.1f} mm"
 
+class PatternScoring(FactScoring):
+    """Reports how far the parts are from their pattern: m, root of the mean square distance to the goals."""
 
-class PatternScoring(FreeScoring):
-    """Says besides how far the parts are off their pattern.
+    FACT = "pattern_error"
 
-    Args:
-        task, state, periods: see :class:`vibgym.tasks.scoring.Scoring`.
-
-    Attributes:
-        pattern_error: (worlds,) m, root of the mean square distance to the goals.
-    """
-
-    def __init__(self, task: Pack, state: State, periods: int) -> None:
-        super().__init__(task, state, periods, task.free)
-        self.pattern_error = np.zeros(len(state.pose))
-
-    def own_state(self) -> dict[str, np.ndarray]:
-        return {"pattern_error": self.pattern_error}
-
-    def facts(self) -> dict[str, np.ndarray]:
-        return self.own_state()
-
-    def begin(self, worlds: np.ndarray, start: Start) -> None:
-        super().begin(worlds, start)
-        self._note()(worlds)
-
-    def stages(self) -> list[Stage]:
-        return [*super().stages(), self._note()]
-
-    def _note(self) -> Stage:
-        return bound(update_pattern_error, self.relations.error, self.episode.present, self.pattern_error)
+    def measure(self) -> Stage:
+        return bound(update_pattern_error, self.relations.error, self.episode.present, self.fact)
 
 
 @borrowing
 def update_pattern_error(error, present, pattern_error, worlds):
-    """Root of the mean square distances of the present parts of ``worlds`` (n,) to their goals, m.
+    """Compute the root of the mean square distance to the goals, m, of the present parts of ``worlds`` (n,).
 
     Args:
         error: (worlds, parts, 3) m, m, rad.  present: (worlds, parts) bool.

@@ -1,4 +1,4 @@
-"""Timed paths: given as settings or drawn for every episode, and what a part can follow."""
+"""Timed paths, given as settings or drawn for every episode, and the motions that a part can follow."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from vibgym.tasks import route
 from vibgym.tasks.route import PathSettings, Shape, shape_from
 
 EFFORT = 0.9
-"""Largest effort of a path: the rest is left for corrections."""
+"""Largest effort of a path; the rest is for corrections."""
 
 SWIRL = 0.4
-"""Share of mu A m k / 2, the torque under a swirl, that is counted on: elements have but one phase each. An optimum over
-all phasors reaches 0.42 to 0.85 of it under the aluminium block, 0.38 to 0.85 under a disc of 40 mm, in 400 poses."""
+"""Assumed share of mu A m k / 2, the torque under a swirl, since every element has one phase. An optimum over all phasors
+reaches 0.42 to 0.85 of it under the aluminium block, 0.38 to 0.85 under a disc of 40 mm, in 400 poses."""
 
 SHARE = {"kept": 1.0 / 2.0, "along": 1.0 / 3.0}
-"""Speed of paths over the part's top speed where none is given, by heading: turning takes its share of the amplitude."""
+"""Default speed over the part's top speed, by heading: turning takes a share of the amplitude."""
 
 RAMP = 0.25
-"""Acceleration at both ends over what the part can do from rest, where none is given."""
+"""Default acceleration at both ends over the part's largest one from rest."""
 
 STRAIGHT = 1e-6
 """1/m, smallest curvature of a corner."""
@@ -39,7 +39,7 @@ _HALVINGS = 30
 
 @functools.cache
 def means() -> np.ndarray:
-    """(4, nodes) s in [0, 1), d, P and Q, each by the mean over phases."""
+    """Return s in [0, 1), d, P and Q, the last three means over phases, (4, nodes)."""
     phase = (np.arange(_PHASES) + 0.5) * (2.0 * math.pi / _PHASES)
     cos, sin, s = np.cos(phase), np.sin(phase), np.arange(_NODES)[:, None] / _NODES
     slip = np.sqrt(1.0 - 2.0 * s * cos + s * s)
@@ -48,7 +48,7 @@ def means() -> np.ndarray:
 
 
 def bisected(low: float, high: float, holds: Callable[[float], bool]) -> float:
-    """The largest number from ``low`` to ``high`` that ``holds``, if all smaller ones do; ``low`` if none does."""
+    """Return the largest number from ``low`` to ``high`` that ``holds``, if all smaller ones do; ``low`` if none does."""
     if holds(high):
         return high
     for _ in range(_HALVINGS):
@@ -58,14 +58,11 @@ def bisected(low: float, high: float, holds: Callable[[float], bool]) -> float:
 
 
 class Reach:
-    """What the elements can do with a part.
-
-    Args:
-        surface, part: the pair.
+    """Motions that the elements can give a part.
 
     Attributes:
         top_speed: m/s, on a straight line with the largest amplitude.
-        fastest: m/s, on a straight line with the effort that paths may take.
+        fastest: m/s, on a straight line with the largest effort of paths.
         acceleration: m/s^2, from rest with that effort.
 
     Raises:
@@ -90,11 +87,11 @@ class Reach:
         return bisected(0.0, 0.999 * self.surface.table_speed, lambda speed: self.effort(speed) <= effort)
 
     def effort(self, speed: Any, along: Any = 0.0, across: Any = 0.0, turning: Any = 0.0, spin: Any = 0.0) -> Any:
-        """Share of the largest amplitude that motions need; more than 1: out of reach. All broadcast against one another.
+        """Return the share of the largest amplitude that motions need; more than 1: impossible. Arguments broadcast.
 
         Args:
             speed: m/s.  along, across: acceleration along the velocity and to its left, m/s^2.
-            turning, spin: rad/s^2, rad/s; what they need is added, which is safe.
+            turning, spin: rad/s^2, rad/s; their share is added, which is an upper bound.
         """
         s = np.asarray(speed) / self.surface.table_speed
         drag, side, ahead = (np.interp(s, self._node, each) for each in (self._drag, self._across, self._along))
@@ -102,10 +99,10 @@ class Reach:
         return push + (np.abs(turning) + self._spin_drag * np.abs(spin)) / self._twist
 
     def corner(self, speed: float, window: float = math.inf) -> float:
-        """Radius of a corner, m, at which ``speed`` takes half of what a straight line leaves of the effort.
+        """Return the radius of a corner, m, at which ``speed`` takes half of the effort that a straight line leaves.
 
         Args:
-            window: m, over which a part that turns with its path does so; infinite for parts that keep their heading.
+            window: m, over which a part turns with its path; infinite for parts that keep their heading.
         """
         most = 0.5 * (self.effort(speed) + EFFORT)
         turns = 0.0 if math.isinf(window) else 1.0
@@ -117,7 +114,7 @@ class Reach:
         return 1.0 / max(bisected(0.0, self._push / (speed * speed), easy), STRAIGHT)
 
     def most_effort(self, motion: np.ndarray) -> float:
-        """Largest effort of a motion (n, 9), see :data:`vibgym.tasks.route.MOTION`."""
+        """Return the largest effort of a motion (n, 9), see :data:`vibgym.tasks.route.MOTION`."""
         speed = np.minimum(np.hypot(motion[:, 3], motion[:, 4]), self.surface.table_speed)
         return float(self.effort(speed, motion[:, 6], motion[:, 7], motion[:, 8], motion[:, 5]).max())
 
@@ -125,31 +122,31 @@ class Reach:
 Name = Literal["circle", "square", "figure_eight"]
 
 LARGEST, SMALLEST = 0.1, 0.4
-"""m, largest radius (or half a side); smallest one as a share of the largest one that fits."""
+"""m, largest radius (or half a side); smallest one over the largest one that fits."""
 
 ROOM = 1.2
 """Smallest radius (or half a side) over that of a corner."""
 
 NUMBERS = 7
-"""Uniform numbers for a path: shape, size, place in x and y, start, direction, heading."""
+"""Uniform numbers of a path: shape, size, place in x and y, start, direction, heading."""
 
 PIECES = 9
 
 INSTANTS = 1000
-"""At which the effort of a path is looked at."""
+"""Samples of the effort of a path."""
 
 AROUND = {"circle": 2.0 * math.pi, "square": 8.0, "figure_eight": 4.0 * math.pi}
 """Length of a path over its radius (or half a side), at most."""
 
 
 class DrawnSettings(PathSettings):
-    """What drawn paths have in common: ``shapes``, all of them by default, and :class:`PathSettings`."""
+    """Settings of drawn paths."""
 
     shapes: list[Name] = Field(default=["circle", "square", "figure_eight"], min_length=1)
 
 
 class DrawnPaths:
-    """Paths of random shape, size, place, start and direction. Each part has a cell of the surface to itself.
+    """Paths of random shape, size, place, start and direction. Each part has its own cell of the surface.
 
     Args:
         surface, parts: the scene.
@@ -157,7 +154,7 @@ class DrawnPaths:
         apart: m, minimum distance between parts that the cells ensure, for all headings.
 
     Attributes:
-        draws: uniform numbers for an episode.  lasts: s, of the longest path that can be drawn.
+        draws: uniform numbers per episode.  lasts: s, duration of the longest possible path.
 
     Raises:
         ValueError: a bad setting, or no room for a path that the parts can follow.
@@ -189,7 +186,7 @@ class DrawnPaths:
         self.lasts = float(route.duration(np.array([longest, *self._header[1:]])))
 
     def _effort(self, reach: Sequence[Reach], rate: float) -> float:
-        """Largest effort of all paths with the smallest radii, which are the hardest, at this acceleration."""
+        """Return the largest effort of all paths with the smallest radii, which are the hardest, at this acceleration."""
         number = np.zeros((len(self._shapes), len(self.parts), NUMBERS))
         number[..., 0] = (np.arange(len(self._shapes))[:, None] + 0.5) / len(self._shapes)
         paths = self.draw(number.reshape(len(self._shapes), -1))
@@ -201,7 +198,7 @@ class DrawnPaths:
         return max(efforts)
 
     def _radii(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest radius (or half a side) of each shape in each cell, (shapes, n) from cells (n, 4)."""
+        """Return smallest and largest radius (or half a side) of each shape in each cell, (shapes, n) from cells (n, 4)."""
         size = cells[:, 2:] - cells[:, :2]
         short, long = 0.5 * size.min(axis=1), 0.5 * size.max(axis=1)
         each = [np.minimum(short, 0.5 * long) if name == "figure_eight" else short for name in self._shapes]
@@ -209,7 +206,7 @@ class DrawnPaths:
         return np.maximum(SMALLEST * most, np.minimum(most, ROOM * self._corner)), most
 
     def _cells_of(self, surface: Surface, apart: float, least: float) -> np.ndarray:
-        """(parts, 4) where the centres of each part may be: x_low, y_low, x_high, y_high; as large as can be."""
+        """Return the largest cells (parts, 4) of the parts' centres: x_low, y_low, x_high, y_high."""
         radius = max(part.radius for part in self.parts)
         size, best, found = np.array([surface.width, surface.depth]), -math.inf, np.zeros((0, 4))
         for columns in range(1, len(self.parts) + 1):
@@ -234,7 +231,7 @@ class DrawnPaths:
         return found
 
     def draw(self, uniform: np.ndarray) -> np.ndarray:
-        """Routes (n, parts, rows, 6) from ``uniform`` (n, draws)."""
+        """Return routes (n, parts, rows, 6) from ``uniform`` (n, draws)."""
         n, parts = len(uniform), len(self.parts)
         number = uniform.reshape(n, parts, NUMBERS)
         choice = np.minimum((len(self._shapes) * number[..., 0]).astype(int), len(self._shapes) - 1)
@@ -278,26 +275,26 @@ class DrawnPaths:
 
 
 SPACING = 1e-3
-"""m, at most, between the places at which a path is checked."""
+"""m, largest distance between the points at which a path is checked."""
 
 MOST_PLACES = 200_000
-"""Of all checks of one path: 200 m."""
+"""Points of one path: 200 m."""
 
 SLACK = 1e-9
 
 
 class GivenPaths:
-    """The same paths in all episodes; only headings that are kept are drawn.
+    """The same paths in all episodes; only kept headings are drawn.
 
     Args:
         surface, parts: the scene.
-        paths: a mapping for each part, see :mod:`vibgym.tasks.route`.
+        paths: a mapping for each part, see :class:`vibgym.tasks.Follow`.
         apart: m, required minimum distance between parts at all times and for all headings.
-        argument: what errors call the paths.
+        argument: name for errors.
 
     Attributes:
-        draws: uniform numbers for an episode.  lasts: s, of the longest path.
-        routes: (parts, rows, 6), see :mod:`vibgym.tasks.route`; headings that are kept are 0.  shape: of these.
+        draws: uniform numbers per episode.  lasts: s, duration of the longest path.
+        routes: (parts, rows, 6), see :mod:`vibgym.tasks.route`; kept headings are 0.  shape: of these.
 
     Raises:
         ValueError: a bad setting, a path that leaves the surface or that its part cannot follow, or two that come too near.
@@ -309,10 +306,7 @@ class GivenPaths:
         if len(paths) != len(parts):
             raise checks.refuse(argument, f"{len(paths)} paths", f"one for each of {len(parts)} parts")
         self.surface, self.parts, self._argument = surface, tuple(parts), argument
-        made = [
-            self._route(f"{argument}[{k}]", value, part)
-            for k, (value, part) in enumerate(zip(paths, parts, strict=True))
-        ]
+        made = [self._route(f"{argument}[{k}]", value, part) for k, (value, part) in enumerate(zip(paths, parts))]
         rows = max(len(each) for each in made)
         self.routes = np.stack([route.padded(each, rows) for each in made])
         self.shape = (len(parts), rows, 6)
@@ -321,7 +315,7 @@ class GivenPaths:
         self._check_apart(apart)
 
     def draw(self, uniform: np.ndarray) -> np.ndarray:
-        """Routes (n, parts, rows, 6) from ``uniform`` (n, draws)."""
+        """Return routes (n, parts, rows, 6) from ``uniform`` (n, draws)."""
         return with_headings(self.routes, uniform)
 
     def _route(self, name: str, value: Any, part: Part) -> np.ndarray:
@@ -337,8 +331,10 @@ class GivenPaths:
             raise checks.refuse(f"{name}.acceleration", rate, allowed)
         along = shape.heading == "along"
         corner = getattr(shape, "corner", None) or reach.corner(speed, *([window] if along else []))
-        header = [0.0, speed, rate, window, 0.0, float(along)]
-        found = self._assembled(name, shape, corner, header)
+        with checks.within(name, "."):
+            course = shape.course(corner)
+        rows = (np.array([each], dtype=np.float64) for each in (*course, [0.0, speed, rate, window, 0.0, float(along)]))
+        found = route.routes(*rows)[0]
         self._check_place(name, shape, found, part)
         fastest = bisected(0.0, speed, lambda each: reach.most_effort(self._motion(found, each)) <= EFFORT)
         if fastest < speed * (1.0 - 1e-6):
@@ -347,15 +343,8 @@ class GivenPaths:
         return found
 
     @staticmethod
-    def _assembled(name: str, shape: Shape, corner: float, header: list[float]) -> np.ndarray:
-        with checks.within(name, "."):  # the shape does not know whose it is
-            start, lengths, curvatures = shape.course(corner)
-        rows = [np.array([each], dtype=np.float64) for each in (start, lengths, curvatures, header)]
-        return route.routes(*rows)[0]
-
-    @staticmethod
     def _motion(path: np.ndarray, speed: float | None = None) -> np.ndarray:
-        """Motion (n, 9) at instants that are near enough to one another."""
+        """Return the motion (n, 9) at points at most :data:`SPACING` apart, optionally at another speed."""
         path = path.copy()
         if speed is not None:
             path[0, route.SPEED] = speed
@@ -363,7 +352,7 @@ class GivenPaths:
         return route.sample(path, np.linspace(0.0, route.duration(path[0]), count))
 
     def _check_place(self, name: str, shape: Shape, path: np.ndarray, part: Part) -> None:
-        """Whether the part stays on the surface; if not, its size is at fault, or where it lies if it would fit elsewhere."""
+        """Check that the part stays on the surface; errors name the size, or the place if the path would fit elsewhere."""
         place, margin = self._motion(path)[:, :2], part.radius - SLACK
         room = np.array([self.surface.width, self.surface.depth])
         off = ((place < margin) | (place > room - margin)).any(axis=1)
@@ -377,7 +366,7 @@ class GivenPaths:
             raise checks.refuse(f"{name}.{key}", f"a path through {place[off][0].round(4).tolist()}", allowed)
 
     def _check_apart(self, apart: float) -> None:
-        """Whether no two parts come near at any instant, each within its circumscribed circle."""
+        """Check that no two circumscribed circles come near at any instant."""
         speed = max(path[0, route.SPEED] for path in self.routes)
         count = min(int(self.lasts * speed / SPACING) + 100, MOST_PLACES)
         times = np.linspace(0.0, self.lasts, count)
@@ -386,15 +375,14 @@ class GivenPaths:
             for j in range(k):
                 gap = np.hypot(*(places[k] - places[j]).T) - part.radius - self.parts[j].radius
                 if gap.min() < apart - SLACK:
-                    at = times[gap.argmin()]
-                    near = f"comes within {1e3 * gap.min():.4g} mm of that of {self._argument}[{j}] at {at:.2f} s"
-                    got = f"a path on which the part {near}"
+                    at = f"of that of {self._argument}[{j}] at {times[gap.argmin()]:.2f} s"
+                    got = f"a path on which the part comes within {1e3 * gap.min():.4g} mm {at}"
                     allowed = f"at least {1e3 * apart:.4g} mm between parts at all times, for all headings"
                     raise checks.refuse(f"{self._argument}[{k}]", got, allowed)
 
 
 def with_headings(routes: np.ndarray, uniform: np.ndarray) -> np.ndarray:
-    """Routes (n, parts, rows, 6) like these (parts, rows, 6), with headings that are kept drawn by ``uniform`` (n, parts)."""
+    """Return routes (n, parts, rows, 6) with kept headings drawn by ``uniform`` (n, parts), from routes (parts, rows, 6)."""
     drawn = np.tile(routes, (len(uniform), 1, 1, 1))
     kept = 1.0 - drawn[:, :, 0, route.ALONG]
     drawn[:, :, 0, route.HEADING] = kept * np.pi * (2.0 * uniform - 1.0)

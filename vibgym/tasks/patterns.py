@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.kernels.jit import jit
-from vibgym.physics.core.assignment import assign
 from vibgym.scene.hulls import gaps_between
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.tasks.assignment import give_out
 from vibgym.tasks.base import kinds_by_name, setting_in_si
 
 GAP = 0.002
@@ -220,34 +219,3 @@ class Pattern:
         if gaps.min() < -ROUNDING:
             one, other = sorted(int(k) for k in np.unravel_index(int(gaps.argmin()), gaps.shape))
             raise checks.conflict(f"{name}: goals {one} and {other} overlap by {-1e3 * gaps.min():.3g} mm")
-
-
-@jit
-def give_out(kind, present, pose, goal):
-    """Give the goals of present parts out anew within each kind, in place: the cubes of the ways add up to the least.
-
-    Args:
-        kind: (parts,).  present: (worlds, parts) bool.
-        pose, goal: (worlds, parts, 3) m, m, rad.
-    """
-    parts = kind.shape[0]
-    who, column_of, goals = np.empty(parts, np.int64), np.empty(parts, np.int64), np.empty((parts, 3))
-    for w in range(pose.shape[0]):
-        for own in range(kind.max() + 1):
-            count = 0
-            for p in range(parts):
-                if present[w, p] and kind[p] == own:
-                    who[count] = p
-                    goals[count] = goal[w, p]
-                    count += 1
-            cost = np.empty((count, count))
-            for i in range(count):
-                for j in range(count):
-                    dx, dy = goals[j, 0] - pose[w, who[i], 0], goals[j, 1] - pose[w, who[i], 1]
-                    cost[i, j] = (dx * dx + dy * dy) ** 1.5
-            assign(
-                cost, np.empty(count + 1), np.empty(count + 1), np.empty(count + 1, np.int64), np.empty(count + 1, np.int64),
-                np.empty(count + 1), np.empty(count + 1, np.bool_), column_of,
-            )  # fmt: skip
-            for i in range(count):
-                goal[w, who[i]] = goals[column_of[i]]

@@ -12,7 +12,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import HOLD_PERIODS, Start, Task
+from vibgym.tasks.base import HOLD_PERIODS, Start, Task, rounded
 from vibgym.tasks.episode import Episode, Relations, misses_goal
 
 PATIENT_TERMS = {
@@ -29,7 +29,7 @@ PATIENT_TERMS = {
 
 
 class PoseTask(Task):
-    """One part and a goal pose. Subclasses set tolerances and draw start and goal from uniform numbers.
+    """One part with a goal pose. Subclasses set tolerances and draw start and goal from uniform numbers.
 
     Args:
         surface: the table.
@@ -60,7 +60,7 @@ class PoseTask(Task):
     has_goal = True
 
     FALL_REWARD: ClassVar[float] = -50.0
-    """Goal reward of the step that ends on the floor: worse than a discounted episode (0.98) of steps outside."""
+    """Goal reward of a fall: worse than a discounted episode (0.98) of steps outside the tolerances."""
 
     def __init__(self, surface: Surface, parts: Sequence[Part], *, hold: int = HOLD_PERIODS) -> None:
         super().__init__(surface, parts, hold=hold)
@@ -72,7 +72,7 @@ class PoseTask(Task):
 
     @abstractmethod
     def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Start and goal poses, each (n, 3), from ``uniform`` (n, draws) in [0, 1)."""
+        """Return start and goal poses, each (n, 3), from ``uniform`` (n, draws) in [0, 1)."""
 
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
         pose, goal = self.draw(uniform)
@@ -80,24 +80,24 @@ class PoseTask(Task):
         return Start(pose[:, None, :], there, goal[:, None, :])
 
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
-        text = f"{self.name}   distance {1e3 * episode.position_error[world]:.1f} mm"
-        if self.has_heading:
-            turn = round(float(np.degrees(relations.error[world, 0, 2])), 1) + 0.0  # + 0.0: not "-0.0"
-            text += f"   heading {turn:+.1f} deg to go"
-        return text
+        return pose_caption(self, relations, episode, world)
 
     def somewhere(self, uniform: np.ndarray) -> np.ndarray:
-        """Positions (n, 2) at which the part lies wholly on the surface, from ``uniform`` (n, 2)."""
+        """Return positions (n, 2) at which the part lies wholly on the surface, from ``uniform`` (n, 2)."""
         margin = self.parts[0].radius
         room = np.array([self.surface.width - 2.0 * margin, self.surface.depth - 2.0 * margin])
         return margin + room * uniform
 
+    def _anywhere(self, uniform: np.ndarray) -> np.ndarray:
+        """Return poses (n, 3) at any position and heading at which the part lies wholly on the surface, from (n, 3)."""
+        return np.column_stack([self.somewhere(uniform[:, :2]), 2.0 * math.pi * uniform[:, 2] - math.pi])
+
     def goal_size(self) -> int:
-        """Length of achieved and desired goals: position, and heading where it counts."""
+        """Return the length of achieved and desired goals: position, and heading where it counts."""
         return 3 if self.has_heading else 2
 
     def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray:
-        """Goal reward: 0 within tolerance, -1 outside, :attr:`FALL_REWARD` where ``info`` says the part has fallen.
+        """Return the goal reward: 0 within tolerance, -1 outside, :attr:`FALL_REWARD` where ``info["fallen"]`` is true.
 
         Args:
             achieved_goal, desired_goal: (..., goal_size) x, y (m) and, where it counts, heading (rad).
@@ -119,6 +119,14 @@ class PoseTask(Task):
         return np.where(fallen, self.FALL_REWARD, -outside.astype(np.float64))
 
 
+def pose_caption(task: Task, relations: Relations, episode: Episode, world: int, part: int = 0) -> str:
+    """Return the distance of the only part with a goal, and its heading error where headings count."""
+    text = f"{task.name}   distance {1e3 * episode.position_error[world]:.1f} mm"
+    if task.has_heading:
+        text += f"   heading {rounded(float(np.degrees(relations.error[world, part, 2]))):+.1f} deg to go"
+    return text
+
+
 def _fallen(info: Any) -> np.ndarray:
     if isinstance(info, dict):
         return np.asarray(info.get("fallen", False), dtype=bool)
@@ -135,16 +143,14 @@ class Transport(PoseTask):
     FACTS = ("is_success", "position_error", "fallen", "diverged")
 
     def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        heading = 2.0 * math.pi * uniform[:, 2] - math.pi
-        start = np.column_stack([self.somewhere(uniform[:, 0:2]), heading])
-        goal = np.column_stack([self.somewhere(uniform[:, 3:5]), heading])
-        return start, goal
+        start = self._anywhere(uniform[:, 0:3])
+        return start, np.column_stack([self.somewhere(uniform[:, 3:5]), start[:, 2]])
 
 
 class Align(PoseTask):
     """The centre within 2 mm and the heading within 3 degrees of a goal pose anywhere on the surface.
 
-    Headings that look the same are the same: they count modulo the part's symmetry (180 degrees for a rectangle).
+    Headings count modulo the part's symmetry (180 degrees for a rectangle).
     """
 
     position_tolerance = 0.002
@@ -153,10 +159,7 @@ class Align(PoseTask):
     draws = 6
 
     def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        headings = 2.0 * math.pi * uniform[:, 4:6] - math.pi
-        start = np.column_stack([self.somewhere(uniform[:, 0:2]), headings[:, 0]])
-        goal = np.column_stack([self.somewhere(uniform[:, 2:4]), headings[:, 1]])
-        return start, goal
+        return self._anywhere(uniform[:, [0, 1, 4]]), self._anywhere(uniform[:, [2, 3, 5]])
 
 
 class Rotate(PoseTask):
@@ -173,7 +176,6 @@ class Rotate(PoseTask):
         return start.goal + (pose - start.pose)  # in place, wherever that is
 
     def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        heading = 2.0 * math.pi * uniform[:, 2] - math.pi
-        start = np.column_stack([self.somewhere(uniform[:, 0:2]), heading])
+        start = self._anywhere(uniform[:, 0:3])
         turn = 4.0 * math.pi * uniform[:, 3] - 2.0 * math.pi
         return start, start + np.column_stack([np.zeros((len(turn), 2)), turn])

@@ -1,45 +1,46 @@
-"""Push: parts that the table drives push one that it does not drive to a pose."""
+"""Push: parts that the elements drive push one that they do not drive to a pose."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.kernels.jit import borrowing, jit
 from vibgym.kernels.reference import bound, reference
+from vibgym.physics.contacts.hulls import place_hulls
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.base import HOLD_PERIODS, Start, Task, setting_in_si
 from vibgym.tasks.episode import Episode, Relations
-from vibgym.tasks.pose import PoseTask
-from vibgym.tasks.scoring import Scoring, Stage
+from vibgym.tasks.pose import PoseTask, pose_caption
+from vibgym.tasks.scoring import FactScoring, Stage
 from vibgym.tasks.starts import pose_of_absent
 
 NEAR, NEAR_DEG = 0.150, 60.0
 """m and degrees, how far goals lie from the starts at most, unless they may lie anywhere."""
 
 MARGIN = 0.025
-"""m beyond its circle that a pushed part, and its goal, keep from the borders, so that others get behind it."""
+"""m between the circle of a pushed part or its goal and the borders, so that pushers can get behind it."""
 
 CLEAR = 0.002
 """m between the circles of parts at the start."""
 
 TRIES = 12
-"""Random places for each part that pushes; then it starts in a corner."""
+"""Random positions tried for each pusher; then it starts in a corner."""
 
 
 class Push(Task):
     """Every part that the elements do not move, within 5 mm and 5 degrees of its goal for ten periods; none has fallen.
 
-    Such a part has a ``coupling`` of 0: friction brakes it, and only the others, which the elements do move, can push it. They
-    have no goals, and actions speak for them alone. By default two discs push a T of 72 mm, as in PushT (Chi et al., RSS 2023),
-    and all borders have walls. Headings count modulo a part's symmetry.
-
-    ``info`` also says ``coverage``: the share of the goals' area that the pushed parts cover.
+    Such a part has a ``coupling`` of 0: friction brakes it, and only the other parts can push it. The others have no goals and
+    are the only ones that actions control. By default two discs push a T of 72 mm, as in PushT (Chi et al., RSS 2023), and all
+    borders have walls. Headings count modulo a part's symmetry. ``info["coverage"]`` is the share of the goal's area that
+    the pushed part covers.
 
     Args:
         surface: the table.
@@ -77,16 +78,14 @@ class Push(Task):
             raise checks.refuse("parts", got, "one part with coupling 0, which is pushed, and at least one that pushes")
         far = math.hypot(surface.width, surface.depth)
         self.near = setting_in_si("task_settings", "near", near, near_mm, default=far, above=0.0)
-        most = (
-            180.0 if near_deg is None else checks.number("task_settings['near_deg']", near_deg, above=0.0, most=180.0)
-        )
-        self.turn = math.radians(most)
+        near_deg = 180.0 if near_deg is None else near_deg
+        self.turn = math.radians(checks.number("task_settings['near_deg']", near_deg, above=0.0, most=180.0))
         self.pushed, self.pushers = int(np.flatnonzero(self.asked)[0]), np.flatnonzero(self.driven)
-        size = np.array([surface.width, surface.depth])
-        edge = self.parts[self.pushed].radius + MARGIN
-        if 2.0 * self.parts[self.pushed].radius > size.min():
-            got = f"a pushed part of radius {self.parts[self.pushed].radius:.4g} m"
+        size, radius = np.array([surface.width, surface.depth]), self.parts[self.pushed].radius
+        if 2.0 * radius > size.min():
+            got = f"a pushed part of radius {radius:.4g} m"
             raise checks.refuse("parts", got, f"at most {0.5 * size.min():g} m on this surface")
+        edge = radius + MARGIN
         self.low = np.minimum(edge, 0.5 * size)
         self.high = size - self.low
         largest = max(self.parts[k].radius for k in self.pushers)
@@ -110,7 +109,7 @@ class Push(Task):
         return Start(pose, there, np.where(there[..., None], goal, 0.0))
 
     def _goals(self, pose: np.ndarray, uniform: np.ndarray) -> np.ndarray:
-        """Goals (n, 3) of the part that is pushed, of those that may be evenly spread, from ``uniform`` (n, 3)."""
+        """Return goals (n, 3) of the pushed part at ``pose`` (n, 3), uniform over the allowed ones, from ``uniform`` (n, 3)."""
         low, high = np.maximum(self.low, pose[:, :2] - self.near), np.minimum(self.high, pose[:, :2] + self.near)
         way = low + (high - low) * uniform[:, :2] - pose[:, :2]
         length = np.hypot(way[:, 0], way[:, 1])[:, None]
@@ -118,25 +117,22 @@ class Push(Task):
         return np.column_stack([pose[:, :2] + way, pose[:, 2] + self.turn * (2.0 * uniform[:, 2] - 1.0)])
 
     def _put_pusher(self, number: int, part: int, tries: np.ndarray, pose: np.ndarray) -> None:
-        """Put a part that pushes anywhere clear of the others, or into the corner of its number; in place.
+        """Place a pusher at random clear of the others, else in the corner of its number; in place.
 
         Args:
             tries: (n, TRIES, 3) uniform.
         """
         radius, size = self.parts[part].radius, np.array([self.surface.width, self.surface.depth])
-        corner = np.where([number & 1, number >> 1], size - radius, radius)
+        corner, *corners = (np.where([k & 1, k >> 1], size - radius, radius) for k in range(number, len(self.pushers)))
         place = np.tile(corner, (len(pose), 1))
         found = np.zeros(len(pose), dtype=bool)
         before = [self.pushed, *self.pushers[:number].tolist()]
         reach = np.array([self.parts[k].radius for k in before]) + radius + CLEAR
-        corners = np.array(
-            [np.where([k & 1, k >> 1], size - radius, radius) for k in range(number + 1, len(self.pushers))]
-        )
         for t in range(TRIES):
             at = radius + (size - 2.0 * radius) * tries[:, t, :2]
             clear = (np.hypot(*np.moveaxis(at[:, None] - pose[:, before, :2], -1, 0)) > reach).all(axis=1)
-            if len(corners):  # which others may need
-                clear &= (np.hypot(*np.moveaxis(at[:, None] - corners, -1, 0)) > 2.0 * radius + CLEAR).all(axis=1)
+            for other in corners:  # which later pushers may need
+                clear &= np.hypot(*(at - other).T) > 2.0 * radius + CLEAR
             place = np.where((clear & ~found)[:, None], at, place)
             found |= clear
         pose[:, part, :2], pose[:, part, 2] = place, math.pi * (2.0 * tries[:, 0, 2] - 1.0)
@@ -145,49 +141,31 @@ class Push(Task):
         return CoverageScoring(self, state, periods)
 
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
-        turn = round(float(np.degrees(relations.error[world, self.pushed, 2])), 1) + 0.0  # + 0.0: not "-0.0"
-        return f"{self.name}   distance {1e3 * episode.position_error[world]:.1f} mm   heading {turn:+.1f} deg to go"
+        return pose_caption(self, relations, episode, world, self.pushed)
 
 
-class CoverageScoring(Scoring):
-    """Says besides how much of the goal is covered; arguments as of :class:`vibgym.tasks.scoring.Scoring`."""
+class CoverageScoring(FactScoring):
+    """Reports the share of the goal that the pushed part covers."""
 
-    def __init__(self, task: Push, state: State, periods: int) -> None:
-        super().__init__(task, state, periods)
-        self._pose, self._hulls, self._pushed = state.pose, task.hulls, task.pushed
-        self.coverage = np.zeros(len(state.pose))
+    FACT = "coverage"
 
-    def own_state(self) -> dict[str, np.ndarray]:
-        return {"coverage": self.coverage}
-
-    def facts(self) -> dict[str, np.ndarray]:
-        return self.own_state()
-
-    def begin(self, worlds: np.ndarray, start: Start) -> None:
-        super().begin(worlds, start)
-        self._cover()(worlds)
-
-    def stages(self) -> list[Stage]:
-        return [*super().stages(), self._cover()]
-
-    def _cover(self) -> Stage:
-        return bound(goal_coverage, self._hulls, self._pushed, self._pose, self.episode.goal, self.coverage)
+    def measure(self) -> Stage:
+        task: Any = self._task
+        return bound(goal_coverage, task.hulls, task.pushed, self._state.record.pose, self.episode.goal, self.fact)
 
 
 @borrowing
-def place_piece(hulls, piece, pose, corners):
-    """Write the corners of a convex piece at a pose (3,) into ``corners``; returns how many."""
-    cosine, sine, first = math.cos(pose[2]), math.sin(pose[2]), hulls.first[piece]
-    for k in range(hulls.first[piece + 1] - first):
-        x, y = hulls.corner[first + k, 0], hulls.corner[first + k, 1]
-        corners[k, 0], corners[k, 1] = pose[0] + cosine * x - sine * y, pose[1] + sine * x + cosine * y
-    return hulls.first[piece + 1] - first
+def copy_corners(hulls, piece, placed, corners):
+    """Write the corners of a placed convex piece into ``corners``; returns their number."""
+    first, count = hulls.first[piece], hulls.first[piece + 1] - hulls.first[piece]
+    for k in range(count):
+        corners[k, 0], corners[k, 1] = placed[first + k, 0], placed[first + k, 1]
+    return count
 
 
 @borrowing
 def clip(corners, count, ax, ay, bx, by, result):
-    """Cut off of a convex polygon what lies to the right of the line from a to b (Sutherland & Hodgman, 1974); returns how many
-    corners are left."""
+    """Clip a convex polygon to the left of the line from a to b (Sutherland & Hodgman, 1974); returns the number of corners."""
     left = 0
     for k in range(count):
         px, py = corners[k, 0], corners[k, 1]
@@ -206,7 +184,7 @@ def clip(corners, count, ax, ay, bx, by, result):
 
 @borrowing
 def area(corners, count):
-    """m^2 of a polygon, counter-clockwise."""
+    """Return the area of a polygon, m^2; positive if counter-clockwise."""
     total = 0.0
     for k in range(count):
         j = (k + 1) % count
@@ -215,9 +193,9 @@ def area(corners, count):
 
 
 @borrowing
-def shared_area(hulls, a, pose, b, goal, one, other, spare):
-    """m^2 that piece ``a`` at a pose and piece ``b`` at another share; the last three are scratch."""
-    count, edges = place_piece(hulls, a, pose, one), place_piece(hulls, b, goal, other)
+def shared_area(hulls, a, placed, b, aimed, one, other, spare):
+    """Return the area, m^2, that piece ``a`` of a placed part shares with piece ``b`` of its goal; last three: scratch."""
+    count, edges = copy_corners(hulls, a, placed, one), copy_corners(hulls, b, aimed, other)
     for k in range(edges):
         j = (k + 1) % edges
         count = clip(one, count, other[k, 0], other[k, 1], other[j, 0], other[j, 1], spare)
@@ -228,7 +206,7 @@ def shared_area(hulls, a, pose, b, goal, one, other, spare):
 
 @borrowing
 def shared_by_discs(radius, distance):
-    """m^2 that two discs of the same radius share."""
+    """Return the area that two discs of the same radius share, m^2."""
     if distance >= 2.0 * radius:
         return 0.0
     half = 0.5 * distance
@@ -237,25 +215,28 @@ def shared_by_discs(radius, distance):
 
 @jit
 def goal_coverage(hulls, part, pose, goal, coverage, worlds):
-    """Share of a part's goal that it covers, (worlds,), of ``worlds`` (n,), overwritten.
+    """Compute the share of a part's goal that it covers, (worlds,), of ``worlds`` (n,).
 
     Args:
-        part: which.
+        part: index.
         pose, goal: (worlds, parts, 3) m, m, rad.
+        coverage: (worlds,), overwritten.
     """
     hulls = reference(hulls)
     first, last, whole = hulls.owner[part], hulls.owner[part + 1], 0.0
-    most = 2 * (hulls.first[last] - hulls.first[first])  # cutting adds a corner for every edge at most
+    most = 2 * (hulls.first[last] - hulls.first[first])  # clipping adds at most one corner for every edge
     one, other, spare = np.empty((most, 2)), np.empty((most, 2)), np.empty((most, 2))
+    placed, aimed = np.empty_like(hulls.corner), np.empty_like(hulls.corner)
     for piece in range(first, last):
-        count = place_piece(hulls, piece, np.zeros(3), one)
-        whole += area(one, count)
+        whole += area(one, copy_corners(hulls, piece, hulls.corner, one))
     round_off = hulls.rounding[first]
     for k in range(worlds.shape[0]):
         w, shared = worlds[k], 0.0
+        place_hulls(hulls, part, pose[w, part, 0], pose[w, part, 1], pose[w, part, 2], placed)
+        place_hulls(hulls, part, goal[w, part, 0], goal[w, part, 1], goal[w, part, 2], aimed)
         for a in range(first, last):
             for b in range(first, last):
-                shared += shared_area(hulls, a, pose[w, part], b, goal[w, part], one, other, spare)
+                shared += shared_area(hulls, a, placed, b, aimed, one, other, spare)
         if whole > 0.0:
             coverage[w] = shared / whole
         else:  # a disc: one corner, rounded

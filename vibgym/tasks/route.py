@@ -1,18 +1,14 @@
-"""Routes: paths made of straight lines and arcs, run through with a trapezoidal profile of speed.
+"""Routes: paths of straight lines and arcs with a trapezoidal speed profile, and their settings.
 
-A route is an array (rows, 6). Its first row is a header (:data:`HEADER`), the others are its pieces (:data:`PIECE`) in order,
-and the last ones are straight pieces of no length at the end, so that routes of all kinds have as many rows. Along the path,
-``s`` m from its beginning, the direction phi has slope kappa, the curvature: u m into a piece
+A route is an array (rows, 6): a header (:data:`HEADER`), the pieces (:data:`PIECE`) in order, and straight pieces of no
+length up to the number of rows. At a distance ``u`` into a piece with direction ``phi`` and curvature ``kappa``
 
     position = (x, y) + u sinc(kappa u / 2) (cos, sin)(phi + kappa u / 2).
 
-The speed grows from rest with the header's acceleration, stays, and falls to rest in the same way at the end. Where a part
-shall turn with its path, its heading is the mean direction of the path over a window about its centre, so that heading and
-spin are continuous where a line meets an arc:
+The heading of a part that turns with its path is the mean direction of the path over a window ``w``, so that heading and
+spin are continuous where a line meets an arc; for this, the path is extended straight beyond its ends:
 
-    heading(s) = (Phi(s + w / 2) - Phi(s - w / 2)) / w,   Phi = integral of phi over s,
-
-which is a difference of two quadratic functions. Beyond its ends the path goes straight on for that.
+    heading(s) = (Phi(s + w / 2) - Phi(s - w / 2)) / w,   Phi = integral of phi over s.
 """
 
 from __future__ import annotations
@@ -30,23 +26,23 @@ from vibgym.kernels.jit import borrowing
 
 HEADER = ("length", "speed", "acceleration", "window", "heading", "along")
 """- length: m, of the whole path; speed: m/s; acceleration: m/s^2; window: m
-- heading: rad, of the part, or what is added to the path's; along: 1 where the part turns with the path, else 0
+- heading: rad, of the part, or added to that of the path; along: 1 if the part turns with the path, else 0
 """
 LENGTH, SPEED, ACCELERATION, WINDOW, HEADING, ALONG = range(len(HEADER))
 
 PIECE = ("start", "x", "y", "direction", "curvature", "turned")
-"""- start: m, s at its beginning; x, y: m, direction: rad, there; curvature: 1/m, to the left; turned: m rad, Phi there"""
+"""- start: m, s at its beginning; x, y (m), direction (rad), turned (m rad, Phi): there; curvature: 1/m, to the left"""
 START, X, Y, DIRECTION, CURVATURE, TURNED = range(len(PIECE))
 
 MOTION = ("x", "y", "heading", "vx", "vy", "spin", "along", "across", "turning")
-"""Of a route at an instant: m, m, rad; m/s, m/s, rad/s; acceleration along the path and to its left, m/s^2; rad/s^2."""
+"""Motion at an instant: m, m, rad; m/s, m/s, rad/s; acceleration along the path and to its left, m/s^2; rad/s^2."""
 
 SMALL = 1e-9
-"""m, of a path that stands still."""
+"""m, length of a path that stays at a point."""
 
 
 class Course(NamedTuple):
-    """Where a path begins and the pieces that it is made of."""
+    """The beginning of a path, and its pieces."""
 
     start: Sequence[float]  # x, y (m), direction (rad)
     lengths: Sequence[float]  # m
@@ -54,12 +50,12 @@ class Course(NamedTuple):
 
 
 def routes(start: np.ndarray, lengths: np.ndarray, curvatures: np.ndarray, header: np.ndarray) -> np.ndarray:
-    """Routes (n, pieces + 2, 6) from their pieces.
+    """Return routes (n, pieces + 2, 6).
 
     Args:
         start: (n, 3) x, y (m), direction (rad).
-        lengths, curvatures: (n, pieces) m, 1/m; pieces of no length count for nothing.
-        header: (n, 6) whose lengths are overwritten.
+        lengths, curvatures: (n, pieces) m, 1/m.
+        header: (n, 6); lengths are computed.
     """
     n, pieces = lengths.shape
     turn = lengths * curvatures
@@ -80,26 +76,26 @@ def routes(start: np.ndarray, lengths: np.ndarray, curvatures: np.ndarray, heade
 
 
 def padded(route: np.ndarray, rows: int) -> np.ndarray:
-    """A route (k, 6) with as many as ``rows`` rows."""
+    """Return a route (k, 6) extended to ``rows`` rows."""
     return np.concatenate([route, np.repeat(route[-1:], rows - len(route), axis=0)])
 
 
 @borrowing
 def peak_speed(header):
-    """m/s that the route reaches: its speed, unless it is too short for that."""
+    """Return the largest speed, m/s: that of the header, or less on a short route."""
     return min(header[SPEED], math.sqrt(header[ACCELERATION] * header[LENGTH]))
 
 
 @borrowing
 def duration(header):
-    """s from rest at the beginning to rest at the end."""
+    """Return the time from rest at the beginning to rest at the end, s."""
     speed = peak_speed(header)
     return header[LENGTH] / speed + speed / header[ACCELERATION]
 
 
 @borrowing
 def progress(header, time):
-    """Place s (m), speed and acceleration along the path at ``time`` (s); at rest before and after."""
+    """Return s (m), speed and acceleration along the path at ``time`` (s); at rest before and after."""
     speed, rate = peak_speed(header), header[ACCELERATION]
     ramp, end = speed / rate, header[LENGTH] / speed + speed / rate
     if time <= 0.0:
@@ -116,7 +112,7 @@ def progress(header, time):
 
 @borrowing
 def piece_at(route, s):
-    """Row of the piece in which ``s`` lies, the first or the last one beyond the ends."""
+    """Return the row of the piece that contains ``s``; beyond the ends that of the first or last one."""
     low, high = 1, route.shape[0] - 1
     while low < high:
         middle = (low + high + 1) // 2
@@ -129,7 +125,7 @@ def piece_at(route, s):
 
 @borrowing
 def directed(route, s):
-    """Direction (rad), curvature (1/m) and Phi (m rad) of the path at ``s``; straight on beyond its ends."""
+    """Return direction (rad), curvature (1/m) and Phi (m rad) of the path at ``s``; straight beyond its ends."""
     row = route[piece_at(route, s)]
     u = s - row[START]
     curvature = row[CURVATURE] if u >= 0.0 else 0.0
@@ -161,7 +157,7 @@ def motion_at(route, time, motion):
 
 @borrowing
 def first_poses(paths, motion, pose):
-    """Where routes (n, parts, rows, 6) begin: ``pose`` (n, parts, 3), overwritten; ``motion`` (9,) is scratch."""
+    """Compute the first poses (n, parts, 3) of routes (n, parts, rows, 6); ``motion`` (9,) is scratch."""
     for world in range(paths.shape[0]):
         for i in range(paths.shape[1]):
             motion_at(paths[world, i], 0.0, motion)
@@ -171,13 +167,13 @@ def first_poses(paths, motion, pose):
 
 @borrowing
 def sample_route(route, times, motion):
-    """:data:`MOTION` (n, 9) of a route at ``times`` (n,)."""
+    """Compute the :data:`MOTION` (n, 9) of a route at ``times`` (n,)."""
     for k in range(times.shape[0]):
         motion_at(route, times[k], motion[k])
 
 
 def sample(route: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """:data:`MOTION` of a route (rows, 6) at ``times`` (n,), s: array (n, 9)."""
+    """Return the :data:`MOTION` (n, 9) of a route (rows, 6) at ``times`` (n,), s."""
     motion = np.empty((len(times), len(MOTION)))
     sample_route(np.ascontiguousarray(route), np.ascontiguousarray(times, dtype=np.float64), motion)
     return motion
@@ -195,7 +191,7 @@ LEAST_SPEED = 1e-3
 """m/s; of the ramps: m/s^2."""
 
 SHARPEST = math.radians(170.0)
-"""Turn at a corner beyond which a rounded one would reach too far away from it."""
+"""Largest turn at a corner."""
 
 Coordinate = Annotated[float, Field(ge=-MOST_SIZE, le=MOST_SIZE)]
 
@@ -203,19 +199,14 @@ Place = list[Coordinate]
 
 
 class PathSettings(Settings):
-    """What all shapes have.
+    """Settings of all shapes, see :class:`vibgym.tasks.Follow`.
 
     Attributes:
-        speed: m/s between the ramps at both ends; by default a share of the part's top speed.
-        acceleration: m/s^2, of the ramps; by default a share of what the part can do from rest.
-        heading: ``"kept"``: as at the start; ``"along"``: the part turns with the path.
+        PLACE, SIZE: settings of place and size, for errors.
     """
 
     PLACE: ClassVar[str] = "centre"
-    """The setting that says where the shape lies, for errors ..."""
-
     SIZE: ClassVar[str] = "radius"
-    """... and the one that says how large it is."""
 
     speed: float | None = Field(default=None, ge=LEAST_SPEED)
     acceleration: float | None = Field(default=None, ge=LEAST_SPEED)
@@ -223,14 +214,14 @@ class PathSettings(Settings):
 
 
 class ClosedSettings(PathSettings):
-    """What closed shapes have: ``laps``, and whether they are run through ``clockwise``."""
+    """Settings of closed shapes: ``laps`` and direction."""
 
     laps: int = Field(default=1, ge=1, le=MOST_LAPS)
     clockwise: bool = False
 
 
 class CircleSettings(ClosedSettings):
-    """A circle: ``centre`` and ``radius``, m; ``start``: rad, where on it the path begins, 0: at the largest x."""
+    """A circle; ``start``: rad, where the path begins, 0: at the largest x."""
 
     shape: Literal["circle"]
     centre: Place = Field(min_length=2, max_length=2)
@@ -238,7 +229,7 @@ class CircleSettings(ClosedSettings):
     start: float = Field(default=0.0, ge=-MOST_TURN, le=MOST_TURN)
 
     def course(self, corner: float) -> Course:
-        """Its pieces."""
+        """Return the pieces."""
         sign = -1.0 if self.clockwise else 1.0
         x = self.centre[0] + self.radius * math.cos(self.start)
         y = self.centre[1] + self.radius * math.sin(self.start)
@@ -247,10 +238,7 @@ class CircleSettings(ClosedSettings):
 
 
 class EightSettings(ClosedSettings):
-    """Two circles that touch at ``centre``, m, where the path begins.
-
-    ``radius``: m, of both; ``turn``: rad, from x to the line of centres. ``clockwise`` is the first of them.
-    """
+    """Two circles that touch at ``centre``, where the path begins; ``clockwise``: the first of them."""
 
     shape: Literal["figure_eight"]
     centre: Place = Field(min_length=2, max_length=2)
@@ -258,7 +246,7 @@ class EightSettings(ClosedSettings):
     turn: float = Field(default=0.0, ge=-MOST_TURN, le=MOST_TURN)
 
     def course(self, corner: float) -> Course:
-        """Its pieces."""
+        """Return the pieces."""
         sign = -1.0 if self.clockwise else 1.0
         lengths = [2.0 * math.pi * self.radius] * (2 * self.laps)
         curvatures = [sign / self.radius, -sign / self.radius] * self.laps
@@ -266,11 +254,7 @@ class EightSettings(ClosedSettings):
 
 
 class SquareSettings(ClosedSettings):
-    """A square with round corners: ``centre`` and ``side``, m; ``turn``: rad, of its sides.
-
-    The path begins in the middle of a side, the lower one without turn. ``corner``: radius, m; by default as small as the speed
-    allows, see :meth:`vibgym.tasks.paths.Reach.corner`.
-    """
+    """A square with round corners; the path begins in the middle of the lower side."""
 
     SIZE: ClassVar[str] = "side"
 
@@ -281,7 +265,7 @@ class SquareSettings(ClosedSettings):
     corner: float | None = Field(default=None, ge=LEAST_SIZE, le=MOST_SIZE)
 
     def course(self, corner: float) -> Course:
-        """Its pieces."""
+        """Return the pieces."""
         half, cos, sin = 0.5 * self.side, math.cos(self.turn), math.sin(self.turn)
         rows = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
         points = np.array(self.centre) + rows @ np.array([[cos, sin], [-sin, cos]])
@@ -289,12 +273,7 @@ class SquareSettings(ClosedSettings):
 
 
 class PolylineSettings(PathSettings):
-    """A line through ``points`` (n, 2), m, with round corners, see :class:`SquareSettings`.
-
-    Attributes:
-        closed: back to the first point; the path then begins in the middle between the first two.
-        laps: of a closed one.
-    """
+    """A line through ``points`` with round corners; if ``closed``, it begins in the middle between the first two points."""
 
     PLACE: ClassVar[str] = "points"
     SIZE: ClassVar[str] = "points"
@@ -306,7 +285,7 @@ class PolylineSettings(PathSettings):
     corner: float | None = Field(default=None, ge=LEAST_SIZE, le=MOST_SIZE)
 
     def course(self, corner: float) -> Course:
-        """Its pieces."""
+        """Return the pieces."""
         if self.laps > 1 and not self.closed:
             raise checks.conflict(f"laps {self.laps} requires a closed polyline")
         if self.closed and len(self.points) < 3:
@@ -322,11 +301,11 @@ SHAPES: dict[str, type[Shape]] = {
     "polyline": PolylineSettings,
     "figure_eight": EightSettings,
 }
-"""By the name in ``shape``."""
+"""Shapes by name."""
 
 
 def shape_from(value: Any, where: str) -> Shape:
-    """A shape from a mapping.
+    """Return a shape from a mapping.
 
     Raises:
         ValueError: an unknown shape, or a bad setting of it.
@@ -337,7 +316,7 @@ def shape_from(value: Any, where: str) -> Shape:
 
 
 def rounded(points: np.ndarray, corner: float, laps: int, name: str) -> Course:
-    """A line through points (n, 2), m, with round corners.
+    """Return a line through points (n, 2), m, with round corners.
 
     Args:
         corner: radius, m.
@@ -345,7 +324,7 @@ def rounded(points: np.ndarray, corner: float, laps: int, name: str) -> Course:
         name: of the setting, for errors.
 
     Raises:
-        ValueError: two points in a row are the same, the line turns back, or a corner finds no room.
+        ValueError: two consecutive points are the same, the line turns back, or there is no room for a corner.
     """
     if laps:
         middle = 0.5 * (points[0] + points[1])
@@ -362,7 +341,7 @@ def rounded(points: np.ndarray, corner: float, laps: int, name: str) -> Course:
         sharp = int(np.abs(turn).argmax())
         got = f"a turn of {math.degrees(abs(turn[sharp])):.1f} deg at {points[sharp + 1].round(6).tolist()}"
         raise checks.refuse(name, got, f"at most {math.degrees(SHARPEST):g} deg")
-    # Of edges, by the corners at their ends.
+    # Length of each edge that the corners at its ends take.
     taken = np.concatenate([[0.0], corner * np.tan(0.5 * np.abs(turn)), [0.0]])
     left = length - taken[:-1] - taken[1:]
     if left.min() < -1e-9:

@@ -1,4 +1,4 @@
-"""Sort and Singulate: several parts, each done by where it lies, and all of them done at once."""
+"""Sort and Singulate: several parts in zones, or at a distance from each other."""
 
 from __future__ import annotations
 
@@ -16,17 +16,15 @@ from vibgym.tasks.starts import Starts, lattice
 
 
 class ArrangedTask(Task):
-    """Parts without goals of their own, each done under conditions that all of them have to meet at once for 10 periods.
+    """Base class of tasks with several parts whose starts are drawn by :class:`vibgym.tasks.Starts`.
 
     Args:
         surface: the table.
         parts: the parts; those with the same name are of one kind, and there are at most three kinds.
-        start: ``"scattered"`` (random poses at least 2 mm apart), ``"crowded"`` (one heap, in touch) or ``"pattern"``; or a
-            mapping with ``kind`` and settings, see :data:`vibgym.tasks.starts.STARTS`.
-        randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there in an episode.
-        slots: blocks of the state observation, at least the number of parts, which is the default.
+        start: see :data:`vibgym.tasks.starts.STARTS`.
+        randomize: ``{"parts": [low, high]}``, the number of parts present in an episode, which are drawn.
         apart: m, distance to the nearest other part above which a part is done; None: it does not count.
-        hold: see :class:`vibgym.tasks.Task`.
+        slots, hold: see :class:`vibgym.tasks.Task`.
 
     Raises:
         ValueError: a bad setting, or too little room on the surface.
@@ -73,7 +71,7 @@ class ArrangedTask(Task):
 class Sort(ArrangedTask):
     """Every present part's centre inside its kind's zone and slower than 20 mm/s; none has fallen.
 
-    The speed is that of the mean over the last period: a part that slides in place circles at 37 mm/s.
+    The speed is that of the mean velocity over the last period: a part that slides in place circles at 37 mm/s.
 
     Args:
         zones: a mapping from kind to [x_low, y_low, x_high, y_high], m; None for end zones.
@@ -101,8 +99,7 @@ class Sort(ArrangedTask):
 class Singulate(ArrangedTask):
     """All distances between present parts above the largest dimension of an element, sqrt(2) x element_size; none has fallen.
 
-    Then no two parts touch the same element, and each can be moved on its own (thesis, section 4.1). Parts start in one
-    heap, in touch.
+    Then no two parts touch the same element (thesis, section 4.1). Parts start in one heap, in touch.
 
     Args:
         randomize, slots, hold: see :class:`ArrangedTask`.
@@ -128,7 +125,7 @@ ROUNDING = 1e-9  # m, that a zone may stick out: borders are products of a size 
 
 
 def default_zones(surface: Surface, names: Sequence[str]) -> dict[str, tuple[float, float, float, float]]:
-    """End zones of six columns: the first kind's at the left, the second's at the right, the third's in the middle.
+    """Return zones of six columns: the first kind's at the left, the second's at the right, the third's in the middle.
 
     Raises:
         ValueError: the surface has too few columns.
@@ -147,10 +144,10 @@ def default_zones(surface: Surface, names: Sequence[str]) -> dict[str, tuple[flo
 
 
 def zones_from(value: Any, surface: Surface, names: Sequence[str]) -> np.ndarray:
-    """Zones of all kinds, (kinds, 4): x_low, y_low, x_high, y_high, m.
+    """Return the zones of all kinds, (kinds, 4): x_low, y_low, x_high, y_high, m.
 
     Args:
-        value: a mapping from kind to those four numbers; None for the default.
+        value: a mapping from kind to these four numbers; None for the default.
 
     Raises:
         ValueError: a kind is unknown or has no zone, or a zone is empty, not on the surface or overlaps another one.
@@ -187,7 +184,7 @@ def _rectangle(name: str, value: Any, surface: Surface) -> np.ndarray:
 
 
 def check_room(zones: np.ndarray, parts: Sequence[Part], names: Sequence[str], kind: np.ndarray, most: int) -> None:
-    """Whether each zone holds its parts, by a lattice of circles around them.
+    """Check that each zone has room for its parts, by a lattice of circles around them.
 
     Args:
         most: number of parts that may be present at once.
@@ -200,8 +197,5 @@ def check_room(zones: np.ndarray, parts: Sequence[Part], names: Sequence[str], k
         radius, number = max(part.radius for part in own), min(len(own), most)
         fit = len(lattice(zones[k, :2], zones[k, 2:], radius, 0.0))
         if fit < number:
-            raise checks.refuse(
-                f"zones[{name!r}]",
-                f"{number} parts of radius {radius:.4g} m in {zones[k].round(6).tolist()}",
-                f"at most {fit} parts in this zone",
-            )
+            got = f"{number} parts of radius {radius:.4g} m in {zones[k].round(6).tolist()}"
+            raise checks.refuse(f"zones[{name!r}]", got, f"at most {fit} parts in this zone")

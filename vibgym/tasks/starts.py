@@ -1,7 +1,7 @@
-"""Where parts start: scattered over the surface, in a heap and in touch, or in a pattern.
+"""Starts of parts: scattered over the surface, in a heap and in touch, or in a pattern.
 
-All is computed from uniform numbers, which the environments draw, so an episode's start depends on nothing but them. Where
-chance finds no room within a number of tries, parts go to a lattice that has been checked to hold them.
+A start depends only on the uniform numbers that the environment draws. Where no random pose is free after a number of tries,
+parts are placed on a lattice, for which there is room.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def pose_of_absent(surface: Surface) -> np.ndarray:
 
 
 def lattice(low: np.ndarray, high: np.ndarray, radius: float, gap: float) -> np.ndarray:
-    """Centres (n, 2) of circles of ``radius`` at least ``gap`` apart in a rectangle, m: as many as a square lattice holds.
+    """Return centres (n, 2) of circles of ``radius`` in a rectangle, at least ``gap`` apart, m, on a square lattice.
 
     They are spread evenly, column by column, each from the bottom to the top.
     """
@@ -57,17 +57,17 @@ START_NUMBERS = {"scattered": 3, "crowded": 2}
 """Uniform numbers of one try."""
 
 STARTS = (*START_NUMBERS, "pattern")
-"""Arrangements that ``start=`` knows, by name or as a mapping with ``kind`` and settings:
+"""Values of ``start=``, a name or a mapping with ``kind`` and settings:
 
 - ``"scattered"``: random poses at least 2 mm apart
 - ``"crowded"``: one heap, in touch
-- ``"pattern"``: a pattern (:class:`vibgym.tasks.patterns.Pattern`), whose settings it takes: ``{"kind": "pattern", "gap_mm":
-  5.0, "rows": 2}``. Which part lies in which place of a lattice is drawn; poses that are given are those parts' own.
+- ``"pattern"``, with the settings of :class:`vibgym.tasks.patterns.Pattern`: ``{"kind": "pattern", "gap_mm": 5.0,
+  "rows": 2}``. The places of parts in a lattice are drawn; given poses belong to their parts.
 """
 
 
 class Room(NamedTuple):
-    """What the drawing kernels know of the surface."""
+    """The surface, for the drawing kernels."""
 
     width: float  # m
     depth: float  # m
@@ -77,26 +77,8 @@ class Room(NamedTuple):
 
 
 @jit
-def choose_present(low, high, numbers, order):
-    """How many parts are present, between ``low`` and ``high``; ``order`` begins with those, at random.
-
-    Args:
-        numbers: (1 + parts,) uniform.
-        order: (parts,) int64, overwritten.
-    """
-    parts = order.shape[0]
-    for k in range(parts):  # sorted by their numbers, by insertion
-        at = k
-        while at > 0 and numbers[1 + order[at - 1]] > numbers[1 + k]:
-            order[at] = order[at - 1]
-            at -= 1
-        order[at] = k
-    return min(low + int(numbers[0] * (high - low + 1)), high)
-
-
-@jit
 def is_clear(hulls, placed, pose, order, count, clear):
-    """Whether the part ``order[count]`` keeps ``clear`` from those before it; all are placed."""
+    """Return whether the part ``order[count]`` is at least ``clear`` from those before it; all are placed."""
     part = order[count]
     for k in range(count):
         other = order[k]
@@ -109,7 +91,7 @@ def is_clear(hulls, placed, pose, order, count, clear):
 
 @jit
 def scatter(hulls, room, order, count, numbers, placed, pose):
-    """Put the parts ``order[:count]`` anywhere, each wholly on the surface and clear of the others.
+    """Place the parts ``order[:count]`` at random, each wholly on the surface and clear of the others.
 
     Args:
         numbers: (parts, TRIES, 3) uniform.
@@ -134,7 +116,7 @@ def scatter(hulls, room, order, count, numbers, placed, pose):
 
 @jit
 def spread(room, order, count, numbers, pose):
-    """Put the parts into cells of the lattice, chosen at random, with random headings."""
+    """Place the parts in random cells of the lattice, with random headings."""
     cells = np.arange(room.cells.shape[0])
     for k in range(count):
         part = order[k]
@@ -148,8 +130,8 @@ def spread(room, order, count, numbers, pose):
 def slide(hulls, placed, pose, order, count, ux, uy, length):
     """Move the part ``order[count]`` along ``(ux, uy)`` until it touches one of those before it, ``length`` m at most.
 
-    Each step is the longest that is safe: along the direction in which two hulls are apart they cannot meet before their gap
-    is used up. Changes the part's pose and placed corners; returns whether it touches.
+    Conservative advancement: along the direction of their gap two hulls cannot meet before they have closed it. Changes the
+    part's pose and placed corners; returns whether it touches.
     """
     part = order[count]
     travelled = 0.0
@@ -177,7 +159,7 @@ def slide(hulls, placed, pose, order, count, ux, uy, length):
 
 @jit
 def is_on_surface(hulls, placed, part, room):
-    """Whether a placed part lies wholly on the surface."""
+    """Return whether a placed part lies wholly on the surface."""
     for wall in range(4):
         if not wall_gap(hulls, placed, part, wall, room.width, room.depth) >= 0.0:
             return False
@@ -186,9 +168,9 @@ def is_on_surface(hulls, placed, part, room):
 
 @jit
 def heap(hulls, room, order, count, numbers, placed, pose):
-    """Put the parts ``order[:count]`` down in one heap: each comes from afar towards the first and stops where it touches.
+    """Place the parts ``order[:count]`` in one heap: each moves towards the first from afar and stops where it touches.
 
-    The first lies near a random point. A part that would stick out of the surface tries another direction and heading.
+    The first lies near a random point. A part that would overhang the surface tries another direction and heading.
 
     Args: as for :func:`scatter`, but for numbers: (parts, TRIES, 2) uniform.
     """
@@ -221,10 +203,9 @@ def heap(hulls, room, order, count, numbers, placed, pose):
 
 @jit
 def push_together(hulls, room, order, count, numbers, placed, pose):
-    """Put the parts into the first cells of the lattice and push each to the left, and at the border down, until it touches.
+    """Place the parts in the first cells of the lattice and push each to the left, and at the border down, until it touches.
 
-    Cells are filled column by column, so a part's way is within the lattice and those before it are out of its cell. At the
-    border it meets the part below head on.
+    Cells are filled column by column, so that parts move within the lattice and their cells are free.
     """
     for k in range(count):
         part = order[k]
@@ -235,62 +216,37 @@ def push_together(hulls, room, order, count, numbers, placed, pose):
 
 
 @jit
-def chosen_first(present, order):
-    """Let ``order`` begin with the parts that are present, as they stand; returns their number."""
-    count = 0
-    for k in range(order.shape[0]):
-        if present[order[k]]:
-            first = order[k]
-            for at in range(k, count, -1):
-                order[at] = order[at - 1]
-            order[count] = first
-            count += 1
-    return count
-
-
-@jit
-def draw_starts(hulls, room, heaped, low, high, given, uniform, pose, present):
-    """Starts of n worlds.
+def draw_starts(hulls, room, heaped, order, count, tries, pose):
+    """Draw the poses of the present parts of n worlds.
 
     Args:
-        heaped: whether parts start in one heap; else they are scattered.
-        low, high: smallest and largest number of parts present.
-        given: whether ``present`` says which parts there are; else it is drawn.
-        uniform: (n, 1 + parts + parts * TRIES * numbers per try): how many, which, and the tries.
-        pose: (n, parts, 3), overwritten; of absent parts beside the surface.
-        present: (n, parts) bool, overwritten.
+        heaped: whether parts start in one heap; otherwise they are scattered.
+        order: (n, parts) int64, the present parts first, in the order in which they are placed.
+        count: (n,) number of present parts.
+        tries: (n, parts, TRIES, numbers of a try) uniform.
+        pose: (n, parts, 3), overwritten for present parts.
     """
-    parts = pose.shape[1]
-    order, placed = np.empty(parts, np.int64), np.empty_like(hulls.corner)
+    placed = np.empty_like(hulls.corner)
     for world in range(pose.shape[0]):
-        count = choose_present(low, high, uniform[world], order)
-        if given:
-            count = chosen_first(present[world], order)
-        pose[world], present[world] = 0.0, False
-        for k in range(parts):
-            pose[world, k, 0], pose[world, k, 1] = -room.width, -room.depth
-        for k in range(count):
-            present[world, order[k]] = True
-        tries = uniform[world, 1 + parts :].reshape((parts, TRIES, -1))
         if heaped:
-            heap(hulls, room, order, count, tries, placed, pose[world])
+            heap(hulls, room, order[world], count[world], tries[world], placed, pose[world])
         else:
-            scatter(hulls, room, order, count, tries, placed, pose[world])
+            scatter(hulls, room, order[world], count[world], tries[world], placed, pose[world])
 
 
 class Starts:
-    """Draws where the parts of an episode lie, and which there are.
+    """Draws which parts are present in an episode, and where they start.
 
     Args:
         surface, parts: the scene.
         arrangement: one of :data:`STARTS`, or a mapping with ``kind`` and its settings.
-        randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there; None: all.
-        apart: m, distance that the surface has to have room for between parts.
+        randomize: ``{"parts": [low, high]}``, the number of parts present, which are drawn; None: all.
+        apart: m, distance between parts for which the surface must have room.
         clear: m, smallest distance between scattered parts.
 
     Attributes:
         most: largest number of parts in an episode.
-        draws: uniform numbers for an episode.
+        draws: uniform numbers per episode.
 
     Raises:
         ValueError: a bad setting, or too little room.
@@ -320,28 +276,33 @@ class Starts:
         cells = lattice(np.zeros(2), np.array([surface.width, surface.depth]), radius, gap)
         if self.pattern is None and len(cells) < self.most:
             names = ", ".join(dict.fromkeys(part.name for part in parts))
-            raise checks.refuse(
-                "parts",
-                f"{self.most} parts ({names}) of radius up to {radius:.4g} m, {1e3 * gap:.3g} mm apart",
-                f"at most {len(cells)} on this surface, {surface.width:g} x {surface.depth:g} m",
-            )
+            got = f"{self.most} parts ({names}) of radius up to {radius:.4g} m, {1e3 * gap:.3g} mm apart"
+            allowed = f"at most {len(cells)} on this surface, {surface.width:g} x {surface.depth:g} m"
+            raise checks.refuse("parts", got, allowed)
         self._hulls, self._absent = hulls_of(parts), pose_of_absent(surface)
         self._room = Room(surface.width, surface.depth, cells, clear)
 
     def draw(self, uniform: np.ndarray, present: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Poses (n, parts, 3) and which parts are there (n, parts), from ``uniform`` (n, draws) in [0, 1).
+        """Return poses (n, parts, 3) and the parts that are present (n, parts), from ``uniform`` (n, draws) in [0, 1).
 
         Args:
-            present: (n, parts) bool to say which are there; None: drawn.
+            present: (n, parts) bool; None: drawn.
         """
-        shape = (len(uniform), len(self.parts))
-        pose, given = np.empty((*shape, 3)), present is not None
-        there = np.array(present) if present is not None else np.empty(shape, dtype=bool)
-        uniform = np.ascontiguousarray(uniform)
+        worlds, parts = len(uniform), len(self.parts)
+        present = self.draw_present(uniform) if present is None else np.array(present)
+        pose = np.tile(self._absent, (worlds, parts, 1))
         if self.pattern is not None:
-            return self._in_pattern(self.pattern, uniform, there, given)
-        draw_starts(self._hulls, self._room, self.heaped, self.fewest, self.most, given, uniform, pose, there)
-        return pose, there
+            goals = self.pattern.draw(uniform[:, 1 + 2 * parts :])
+            if self.pattern.shuffles:
+                mixed = uniform[:, 1 + parts : 1 + 2 * parts].argsort(axis=1, kind="stable")
+                drawn = goals[np.arange(worlds)[:, None], mixed]
+            else:
+                drawn = self.pattern.own(goals, present)
+            return np.where(present[..., None], drawn, pose), present
+        order = np.where(present, uniform[:, 1 : 1 + parts], 1.0).argsort(axis=1, kind="stable")
+        tries = np.ascontiguousarray(uniform[:, 1 + parts :]).reshape(worlds, parts, TRIES, -1)
+        draw_starts(self._hulls, self._room, self.heaped, order, present.sum(axis=1), tries, pose)
+        return pose, present
 
     def draw_present(self, uniform: np.ndarray) -> np.ndarray:
         """Return the parts of each episode (n, parts), drawn from the first ``1 + parts`` columns of ``uniform``."""
@@ -349,24 +310,9 @@ class Starts:
         rank = uniform[:, 1 : 1 + len(self.parts)].argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
         return rank < np.minimum(count, self.most)[:, None]
 
-    def _in_pattern(
-        self, pattern: Pattern, uniform: np.ndarray, there: np.ndarray, given: bool
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """As :meth:`draw`, of parts in a pattern; ``there`` says who, where that is given."""
-        worlds, parts = there.shape
-        if not given:
-            there = self.draw_present(uniform)
-        goals = pattern.draw(uniform[:, 1 + 2 * parts :])
-        if pattern.shuffles:
-            mixed = uniform[:, 1 + parts : 1 + 2 * parts].argsort(axis=1, kind="stable")
-            pose = goals[np.arange(worlds)[:, None], mixed]
-        else:
-            pose = pattern.own(goals, there)
-        return np.where(there[..., None], pose, self._absent), there
-
 
 def _number_present(randomize: Any, parts: int) -> tuple[int, int]:
-    """Smallest and largest number of parts in an episode."""
+    """Return the smallest and largest number of parts in an episode."""
     allowed = f"None, or {{'parts': [low, high]}} with whole numbers 1 <= low <= high <= {parts}"
     if randomize is None or (isinstance(randomize, Mapping) and not randomize):
         return parts, parts

@@ -1,4 +1,4 @@
-"""Swap: two kinds of parts exchange the ends of the table, and parts of a kind may exchange goals."""
+"""Swap: two kinds of parts exchange the ends of the table."""
 
 from __future__ import annotations
 
@@ -10,16 +10,11 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.kernels.jit import borrowing
-from vibgym.kernels.reference import bound
-from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.tasks.assignment import give_out
 from vibgym.tasks.base import HOLD_PERIODS, Start, Task, setting_in_si
-from vibgym.tasks.episode import Episode, Relations
-from vibgym.tasks.patterns import give_out
 from vibgym.tasks.pose import PATIENT_TERMS, PoseTask
-from vibgym.tasks.scoring import Scoring, Stage
 from vibgym.tasks.starts import Starts, pose_of_absent
 
 APART = 0.005
@@ -38,9 +33,9 @@ class Swap(Task):
     Args:
         surface: the table.
         parts: of two kinds, by their names, in any order.
-        free: parts of a kind are as good as one another: goals are given out at the start, so that the cubes of the ways add up
-            to the least, and two parts exchange theirs at the end of a step where that makes their ways shorter. False: each
-            part has the goal that was drawn for it.
+        free: parts of a kind are interchangeable. Goals are assigned at the start with the least sum of cubed distances, and
+            two parts exchange theirs after a step where that shortens their distances. False: each part keeps the goal drawn
+            for it.
         apart: m, least distance between goals, and between starts (5 mm); ``apart_mm`` in mm.
         columns: elements along x of each end.
         randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there.
@@ -75,13 +70,12 @@ class Swap(Task):
     ) -> None:
         super().__init__(surface, parts, hold=hold, slots=slots)
         if len(self.kinds) != 2:
-            raise checks.refuse(
-                "parts", f"{len(self.kinds)} kinds: {', '.join(self.kinds)}", "parts of two kinds (names)"
-            )
+            kinds = f"{len(self.kinds)} kinds: {', '.join(self.kinds)}"
+            raise checks.refuse("parts", kinds, "parts of two kinds (names)")
         self.free = self.exchanges = checks.flag("task_settings['free']", free)
         least = setting_in_si("task_settings", "apart", apart, apart_mm, default=APART, least=0.0)
         columns = checks.count("task_settings['columns']", columns, most=surface.columns // 2)
-        self._everyone = Starts(surface, self.parts, "scattered", randomize)
+        self._whole = Starts(surface, self.parts, "scattered", randomize)
         end = replace(surface, columns=columns)
         self._own = [self.kind == k for k in range(2)]
         own = ([part for part, its in zip(self.parts, mine, strict=True) if its] for mine in self._own)
@@ -92,7 +86,7 @@ class Swap(Task):
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
         parts = len(self.parts)
         if present is None:
-            present = self._everyone.draw_present(uniform)
+            present = self._whole.draw_present(uniform)
         pose, goal = (np.zeros((len(uniform), parts, 3)) for _ in range(2))
         at = 1 + parts
         for k, (own, end) in enumerate(zip(self._own, self._ends, strict=True)):
@@ -112,61 +106,3 @@ class Swap(Task):
         goal = start.goal.copy()
         give_out(self.kind, start.present, np.ascontiguousarray(pose), goal)
         return goal
-
-    def scoring(self, state: State, periods: int) -> Scoring:
-        return FreeScoring(self, state, periods, self.free)
-
-    def caption(self, relations: Relations, episode: Episode, world: int) -> str:
-        error = 1e3 * float(episode.position_error[world])
-        return f"{super().caption(relations, episode, world)}   error {error:.1f} mm"
-
-
-EXCHANGE = 0.010
-"""m, minimum reduction of two parts' distances to their goals for an exchange; prevents repeated exchanges to and fro."""
-
-
-@borrowing
-def exchange_goals(kind, present, pose, goal, gain, worlds):
-    """Let parts of a kind exchange goals, in place, where their ways, each cubed with ``gain`` (m) more, then add up to less.
-
-    Args:
-        kind: (parts,).  present: (worlds, parts) bool.
-        pose, goal: (worlds, parts, 2 or 3) m, m, rad.
-        worlds: (n,) index.
-    """
-    for k in range(worlds.shape[0]):
-        w = worlds[k]
-        for i in range(kind.shape[0]):
-            for j in range(i):
-                if kind[i] != kind[j] or not (present[w, i] and present[w, j]):
-                    continue
-                now = cubed_way(pose[w], i, goal[w], i, 0.0) + cubed_way(pose[w], j, goal[w], j, 0.0)
-                then = cubed_way(pose[w], i, goal[w], j, gain) + cubed_way(pose[w], j, goal[w], i, gain)
-                if then < now:
-                    for axis in range(goal.shape[2]):
-                        goal[w, i, axis], goal[w, j, axis] = goal[w, j, axis], goal[w, i, axis]
-
-
-@borrowing
-def cubed_way(pose, i, goal, j, gain):
-    """Cube of the way from pose i to goal j and ``gain`` more, m^3."""
-    x, y = goal[j, 0] - pose[i, 0], goal[j, 1] - pose[i, 1]
-    way = math.sqrt(x * x + y * y) + gain
-    return way * way * way
-
-
-class FreeScoring(Scoring):
-    """Scores episodes in which parts of a kind exchange goals where that makes their ways shorter.
-
-    Args:
-        task, state, periods: see :class:`vibgym.tasks.scoring.Scoring`.
-        free: whether parts exchange goals.
-    """
-
-    def __init__(self, task: Task, state: State, periods: int, free: bool = True) -> None:
-        super().__init__(task, state, periods)
-        self._free, self._kind, self._pose = free, np.ascontiguousarray(task.kind), state.pose
-
-    def stages(self) -> list[Stage]:
-        exchange = bound(exchange_goals, self._kind, self.episode.present, self._pose, self.episode.goal, EXCHANGE)
-        return [*([exchange] if self._free else []), *super().stages()]

@@ -2,19 +2,10 @@
 
 from __future__ import annotations
 
-from studies.accuracy.hard_cases import bounds, crowds, drives, endurance, geometry, thresholds
-from studies.accuracy.hard_cases.case import HardCase, Outcome, run_case
+from studies.accuracy.hard_cases import crowds, drives, endurance, geometry, invariants, sliding  # noqa: F401
+from studies.accuracy.hard_cases.case import CASES, HardCase, Outcome, run_case
 
 __all__ = ["CASES", "HardCase", "Outcome", "run_all", "run_case"]
-
-CASES: tuple[HardCase, ...] = (
-    *thresholds.CASES,
-    *geometry.CASES,
-    *drives.CASES,
-    *endurance.CASES,
-    *bounds.CASES,
-    *crowds.CASES,
-)
 
 
 def run_all() -> list[tuple[HardCase, Outcome]]:

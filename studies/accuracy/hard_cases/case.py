@@ -1,4 +1,4 @@
-"""Hard cases: named checks, scenes and their motion by the planar model, and comparison with the independent reference."""
+"""Hard cases: their registry, scenes and the motion of the planar model, and comparison with the independent reference."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import functools
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,9 +18,17 @@ from vibgym.simulation.simulator import Simulator
 LONGEST = 900.0
 """s; guard against hangs only. The slowest case takes 7 s with compiled kernels."""
 
+FINE: dict[str, Any] = {"steps": 100, "substeps": 2, "pieces": 4}
+"""Knobs at which second order leaves 1/400 of the default's error in time, and 1/16 of it in space."""
 
-@dataclass(frozen=True)
-class Outcome:
+DEFAULT_BOUND = 2.5e-4
+"""m; a tenth of the table's amplitude, a fifth of a pixel of the prototype's camera."""
+
+FINE_BOUND = 1e-6
+"""m; what second order from 5 to 100 steps makes of the default's bound, and some room."""
+
+
+class Outcome(NamedTuple):
     """Result of a case.
 
     Attributes:
@@ -37,13 +44,27 @@ class Outcome:
     note: str = ""
 
 
-@dataclass(frozen=True)
-class HardCase:
+class HardCase(NamedTuple):
     """A named check; ``question`` states in one sentence what could go wrong."""
 
     name: str
     question: str
     run: Callable[[], Outcome]
+
+
+CASES: list[HardCase] = []
+"""All cases, in the order of their definition."""
+
+
+def case(name: str, question: str, *arguments: tuple) -> Callable[[Callable[..., Outcome]], Callable[..., Outcome]]:
+    """Return a decorator that registers a check, once for each tuple of ``arguments``, with which ``name`` is formatted."""
+
+    def register(check: Callable[..., Outcome]) -> Callable[..., Outcome]:
+        for each in arguments or [()]:
+            CASES.append(HardCase(name.format(*each), question, functools.partial(check, *each)))
+        return check
+
+    return register
 
 
 def at_most(measured: float, bound: float, unit: str, note: str = "") -> Outcome:
@@ -73,19 +94,8 @@ def run_case(case: HardCase, longest: float = LONGEST) -> Outcome:
     return found[0] if found else Outcome(math.inf, longest, "s", False, f"did not end within {longest:g} s")
 
 
-FINE: dict[str, Any] = {"steps": 100, "substeps": 2, "pieces": 4}
-"""Knobs at which second order leaves 1/400 of the default's error in time, and 1/16 of it in space."""
-
-DEFAULT_BOUND = 2.5e-4
-"""m; a tenth of the table's amplitude, a fifth of a pixel of the prototype's camera."""
-
-FINE_BOUND = 1e-6
-"""m; what second order from 5 to 100 steps makes of the default's bound, and some room."""
-
-
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """A part on a surface, put down at ``pose`` (3,) with ``velocity`` (3,), under a held drive."""
+class Scene(NamedTuple):
+    """A part on a surface with initial ``pose`` (3,) and ``velocity`` (3,), under a held drive."""
 
     surface: Surface
     part: Part
@@ -96,8 +106,7 @@ class Scene:
     periods: int
 
 
-@dataclass(frozen=True)
-class Path:
+class Path(NamedTuple):
     """State at the boundaries of the periods: pose and velocity (periods + 1, 3), flags (periods + 1,)."""
 
     pose: np.ndarray
@@ -118,94 +127,83 @@ def sound(sim: Simulator) -> None:
 
 
 def follow(scene: Scene, **knobs: Any) -> Path:
-    """The planar model's motion, period by period.
+    """Return the planar model's motion, period by period.
 
     Raises:
         ArithmeticError: a number is not finite, or the world diverged.
     """
     sim = Simulator(scene.surface, scene.part, **knobs)
     sim.reset(scene.pose, scene.velocity)
-    pose, velocity, sticking, fallen = [sim.pose[0, 0]], [sim.velocity[0, 0]], [False], [False]
+    states = [(sim.pose[0, 0], sim.velocity[0, 0], False, False)]
     for _ in range(scene.periods):
         sim.advance(scene.amplitude, scene.phase)
-        pose.append(sim.pose[0, 0])
-        velocity.append(sim.velocity[0, 0])
-        sticking.append(bool(sim.sticking[0, 0]))
-        fallen.append(bool(sim.fallen[0, 0]))
+        states.append((sim.pose[0, 0], sim.velocity[0, 0], bool(sim.sticking[0, 0]), bool(sim.fallen[0, 0])))
         sound(sim)
-    return Path(np.array(pose), np.array(velocity), np.array(sticking), np.array(fallen))
+    return Path(*(np.array(each) for each in zip(*states, strict=True)))
 
 
 def exactly(scene: Scene) -> Trajectory:
-    """The same by the independent reference."""
-    return integrate(
-        scene.surface, scene.part, scene.pose, scene.velocity, scene.amplitude, scene.phase, scene.periods,
-        tolerance=1e-8, estimate=False,
-    )  # fmt: skip
+    """Return the motion by the independent reference."""
+    return integrate(*scene, tolerance=1e-8, estimate=False)
 
 
 def gap(part: Part, one: np.ndarray, other: np.ndarray) -> float:
-    """Largest distance (m) that poses (..., 3) put between the same point of a part: shift, and turn times radius."""
+    """Return the largest distance (m) between the same point of a part at poses (..., 3): shift, and turn times radius."""
     apart = np.asarray(one) - np.asarray(other)
     return float((np.hypot(apart[..., 0], apart[..., 1]) + part.radius * np.abs(apart[..., 2])).max())
 
 
 def against_reference(
-    name: str,
-    question: str,
-    make: Callable[[], Scene],
-    *,
-    fine: float = FINE_BOUND,
-    pieces: int = FINE["pieces"],
+    name: str, question: str, make: Callable[[], Scene], pieces: int = FINE["pieces"]
 ) -> tuple[HardCase, HardCase]:
-    """Two cases on one scene: with default knobs and with fine ones; ``fine`` is the bound of the latter, m."""
+    """Return two cases on one scene: with default knobs, and with fine ones and ``pieces``."""
 
     @functools.cache
     def both() -> tuple[Scene, Trajectory]:
         scene = make()
         return scene, exactly(scene)
 
-    def run(knobs: dict[str, Any], bound: float) -> Any:
+    def run(knobs: dict[str, Any], bound: float) -> Outcome:
         scene, exact = both()
         path = follow(scene, **knobs)
         way = np.hypot(*np.diff(exact.pose[:, :2], axis=0).T).sum()
         turn = np.abs(exact.pose[-1, 2] - exact.pose[0, 2])
-        outcome = at_most(
-            gap(scene.part, path.pose, exact.pose),
-            bound,
-            "m",
-            f"farthest point; way {1e3 * way:.3g} mm, turn {turn:.3g} rad",
-        )
         if path.fallen[-1] != exact.fallen or path.sticking[-1] != exact.sticking[-1]:
             raise ArithmeticError(
                 f"sticking, fallen {path.sticking[-1]}, {path.fallen[-1]}; reference {exact.sticking[-1]}, "
                 f"{exact.fallen}",
             )
-        return outcome
+        note = f"farthest point; way {1e3 * way:.3g} mm, turn {turn:.3g} rad"
+        return at_most(gap(scene.part, path.pose, exact.pose), bound, "m", note)
 
     return (
         HardCase(name, question, lambda: run({}, DEFAULT_BOUND)),
-        HardCase(f"{name}, fine steps", question, lambda: run({**FINE, "pieces": pieces}, fine)),
+        HardCase(f"{name}, fine steps", question, lambda: run({**FINE, "pieces": pieces}, FINE_BOUND)),
     )
 
 
+def block(friction: float = 0.6, static: float | None = None, **properties: Any) -> Part:
+    """Return a block of 50 x 35 mm."""
+    return Part.rectangle(0.05, 0.035, friction=friction, static_friction=static, **properties)
+
+
 def one_element(size: float = 2.0, **properties: Any) -> Surface:
-    """A surface of a single large element: the same pressure wherever the part goes."""
+    """Return a surface of a single large element: the same pressure at any position."""
     return Surface(rows=1, columns=1, element_size=size, **properties)
 
 
 def threshold(friction: float, frequency: float = 25.0, gravity: float = 9.81) -> float:
-    """Horizontal amplitude (m) at which ``a_h w^2 = friction g``."""
+    """Return the horizontal amplitude (m) at which ``a_h w^2 = friction g``."""
     return friction * gravity / (2.0 * math.pi * frequency) ** 2
 
 
 def table_velocity(surface: Surface) -> list[float]:
-    """Of the table at the start of a period."""
+    """Return the table's velocity at the start of a period."""
     return [0.0, surface.table_speed, 0.0]
 
 
 def random_drive(surface: Surface, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Amplitude and phase, uniform over their ranges."""
+    """Return amplitude and phase (rows, columns), uniform over their ranges."""
     rng = np.random.default_rng(seed)
     shape = (surface.rows, surface.columns)
     return rng.uniform(0.0, surface.lift_off_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from studies.accuracy.hard_cases.case import HardCase, Outcome, at_most, one_element, random_drive, sound
-from vibgym.fields import radial, uniform
+from studies.accuracy.hard_cases.case import Outcome, at_most, case, one_element, random_drive, sound
+from vibgym.fields import Field, radial, uniform
 from vibgym.physics.contacts.hulls import all_gaps, place_hulls, wall_gap
 from vibgym.scene.hulls import WALLS
 from vibgym.scene.parts import Part, shipped_part
@@ -42,26 +43,34 @@ def overlap(sim: Simulator) -> float:
     return max(-smallest, 0.0)
 
 
-def masses(parts: Sequence[Part]) -> tuple[np.ndarray, np.ndarray]:
-    """Return mass (kg) and inertia (kg m^2) of each part."""
-    mass = np.array([part.mass for part in parts])
-    return mass, mass * [part.gyration for part in parts]
+def driven(
+    parts: Sequence[Part], pose: Any, field: Field, periods: int, walls: Sequence[str] = ()
+) -> tuple[float, Simulator]:
+    """Return the largest overlap (m) at the ends of ``periods`` under a held field on the prototype, and the simulator."""
+    sim, deepest = Simulator(Surface(), parts, walls=walls), 0.0
+    sim.reset(pose)
+    drive = field.drive(sim.surface)
+    for _ in range(periods):
+        sim.advance(*drive)
+        deepest = max(deepest, overlap(sim))
+    return deepest, sim
 
 
-def energy(sim: Simulator) -> np.ndarray:
-    """Return the kinetic energy (worlds,), J."""
-    mass, inertia = masses(sim.parts)
-    velocity = sim.velocity
-    return 0.5 * ((velocity[..., :2] ** 2).sum(axis=2) @ mass + velocity[..., 2] ** 2 @ inertia)
+def masses(parts: Sequence[Part]) -> np.ndarray:
+    """Return the mass (kg) of each part."""
+    return np.array([part.mass for part in parts])
+
+
+def energy(sim: Simulator) -> float:
+    """Return the kinetic energy of the first world, J."""
+    mass, velocity = masses(sim.parts), sim.velocity
+    inertia = mass * [part.gyration for part in sim.parts]
+    return float((0.5 * ((velocity[..., :2] ** 2).sum(axis=2) @ mass + velocity[..., 2] ** 2 @ inertia))[0])
 
 
 def shape(corners: list[tuple[float, float]], name: str, **properties: float) -> Part:
     """Return a part with corners in mm."""
     return Part.polygon(np.array(corners) * 1e-3, name=name, **{"friction": MU, **properties})
-
-
-def l_shape(**properties: float) -> Part:
-    return shape([(0, 0), (50, 0), (50, 20), (20, 20), (20, 50), (0, 50)], "L", **properties)
 
 
 def u_shape(**properties: float) -> Part:
@@ -79,8 +88,9 @@ def _laid_together() -> tuple[list[Part], np.ndarray]:
     return [steel] * 6 + [disc] * 3, np.array(pose)
 
 
+@case("in touch, still table", "Do parts that lie against one another fly apart?")
 def stays_where_it_is() -> Outcome:
-    """A still table: nothing moves, whether parts touch or start with 0.09 mm of overlap, which is only removed."""
+    """Nothing moves, whether parts touch or start with 0.09 mm of overlap, which is only removed."""
     parts, pose = _laid_together()
     surface, worst = Surface(horizontal_amplitude=0.0), 0.0
     for squeezed, allowed in ((0.0, 0.0), (0.9e-4, 3e-4)):
@@ -95,8 +105,8 @@ def stays_where_it_is() -> Outcome:
     return at_most(worst, 0.0, "m, m/s", "9 parts in touch; with 0.09 mm of overlap, at most 0.3 mm of motion")
 
 
+@case("in touch, driven", "Do parts that begin in touch become faster than what drives them?")
 def starts_in_touch() -> Outcome:
-    """Fastest part, over the table's speed, under random fields, of parts that start in contact."""
     parts, pose = _laid_together()
     surface, fastest = Surface(), 0.0
     for seed in range(8):
@@ -109,48 +119,45 @@ def starts_in_touch() -> Outcome:
     return at_most(fastest / surface.table_speed, 1.0, "of table speed", "8 fields, 10 periods, 9 parts")
 
 
+@case("wedge at a wall", "A wedge driven between a wall and a part: does it sink into either?")
 def wedge() -> Outcome:
-    """A slender wedge, driven point first between a wall and a block by the full field."""
-    surface = Surface()
     slender = shape([(0, 60), (0, 0), (2, 0), (12, 60)], "wedge")
+    pose = [[-slender.outline[:, 0].min() + 5e-4, 0.13, 0.0], [0.004 + 0.025, 0.05, 0.0]]
     deepest = 0.0
     for mass in (0.05, 50.0):
-        sim = Simulator(
-            surface, [slender, Part.rectangle(0.05, 0.06, friction=MU, mass=mass)], walls=["left", "bottom"]
-        )
-        left = -slender.outline[:, 0].min()
-        sim.reset([[left + 5e-4, 0.13, 0.0], [0.004 + 0.025, 0.05, 0.0]])
-        for _ in range(80):
-            sim.advance(*uniform(math.radians(262)).drive(surface))
-            deepest = max(deepest, overlap(sim))
+        parts = [slender, Part.rectangle(0.05, 0.06, friction=MU, mass=mass)]
+        found, sim = driven(parts, pose, uniform(math.radians(262)), 80, walls=("left", "bottom"))
+        deepest = max(deepest, found)
         if sim.fallen.any() or sim.pose[0, 0, 0] < 0.0:
             raise ArithmeticError(f"the wedge went through the wall: {sim.pose[0, 0]}")
     return at_most(deepest, PUSHED, "m", "80 periods at full amplitude; block of 0.05 and 50 kg")
 
 
-def heavy_on_light(ratio: float) -> Outcome:
+@case("heavy on light", "A thousandfold mass behind a light part at a wall: is it squashed?")
+def heavy_on_light() -> Outcome:
     """A heavy part presses a light one against a wall, and the other way round."""
-    surface = Surface()
-    heavy = Part.rectangle(0.05, 0.04, friction=MU, mass=0.01 * ratio)
+    heavy = Part.rectangle(0.05, 0.04, friction=MU, mass=0.01 * 1000.0)
     light = Part.rectangle(0.03, 0.03, friction=MU, mass=0.01)
     deepest = 0.0
     for parts, x in (([light, heavy], (0.0151, 0.0553)), ([heavy, light], (0.0252, 0.0655))):
-        sim = Simulator(surface, parts, walls=WALLS)
-        sim.reset([[x[0], 0.1, 0.0], [x[1], 0.1, 0.0]])
-        for _ in range(80):
-            sim.advance(*uniform(math.pi).drive(surface))
-            deepest = max(deepest, overlap(sim))
+        found, _ = driven(parts, [[each, 0.1, 0.0] for each in x], uniform(math.pi), 80, WALLS)
+        deepest = max(deepest, found)
     return at_most(deepest, PUSHED, "m", "80 periods at full amplitude, either next to the wall")
 
 
 # -- fast and thin -----------------------------------------------------------------------------------------------------
 
 
+@case(
+    "{:g} m/s on a plate of 1 mm",
+    "A fast part against a thin one: does it pass through, is momentum lost?",
+    (5.0,), (50.0,),
+)  # fmt: skip
 def fast_on_thin(speed: float) -> Outcome:
-    """A disc on a plate of 1 mm from 24 distances: against the closed form of the impact."""
+    """Compare a disc's impact from 24 distances with the closed form."""
     surface, worst = one_element(40.0, horizontal_amplitude=0.0), 0.0
     parts = [Part.disc(0.01, friction=0.0, restitution=0.5), Part.rectangle(0.001, 0.06, friction=0.0, restitution=0.5)]
-    mass, _ = masses(parts)
+    mass = masses(parts)
     sim = Simulator(surface, parts, worlds=24)
     pose, velocity = np.full((24, 2, 3), 20.0), np.zeros((24, 2, 3))
     pose[..., 2] = 0.0
@@ -171,18 +178,17 @@ def fast_on_thin(speed: float) -> Outcome:
 # -- shapes ------------------------------------------------------------------------------------------------------------
 
 
+@case("hooks torn apart", "Two U hooked into one another: do they hold without overlap?")
 def hooks() -> Outcome:
-    """Two U, an arm of each in the other's slot, pulled apart: they hold, and momentum is kept."""
+    """An arm of each in the other's slot, pulled apart: they hold, and momentum is kept."""
     surface, deepest = one_element(2.0, horizontal_amplitude=0.0), 0.0
     u = u_shape(friction=0.0)
-    mass, _ = masses([u, u])
+    mass = masses([u, u])
+    low = u.outline.min(axis=0)  # the arms' play in the slots is 5 mm to either side and to the bottom
+    pose = [[1.0, 1.0, 0.0], [1.0 + 0.095 + 2.0 * low[0], 1.0 + 0.075 + 2.0 * low[1], math.pi]]
     for x, y, spin in ((0.3, 0.0, 0.0), (-0.3, 0.05, 0.0), (0.2, 0.0, 3.0), (0.0, -0.2, 0.0)):
         sim = Simulator(surface, [u, u])
-        low = u.outline.min(axis=0)  # the arms' play in the slots is 5 mm to either side and to the bottom
-        sim.reset(
-            [[1.0, 1.0, 0.0], [1.0 + 0.095 + 2.0 * low[0], 1.0 + 0.075 + 2.0 * low[1], math.pi]],
-            [[-x, -y, spin], [x, y, 0.0]],
-        )
+        sim.reset(pose, [[-x, -y, spin], [x, y, 0.0]])
         before = sim.velocity[0, :, :2].T @ mass
         apart = sim.pose[0, 1, :2] - sim.pose[0, 0, :2]
         for period in range(8):
@@ -197,33 +203,31 @@ def hooks() -> Outcome:
     return at_most(deepest, 1e-4, "m of overlap", "4 directions of pulling, 8 periods")
 
 
+@case("hooks driven", "Non-convex parts inside one another under full fields: do they overlap?")
 def hooked_and_driven() -> Outcome:
-    """L-shapes one inside the other and a U around a block, under full fields."""
-    surface, deepest = Surface(), 0.0
-    parts = [l_shape(), l_shape(), u_shape(), Part.rectangle(0.025, 0.025, friction=MU)]
+    """L-shapes one inside the other and a U around a block."""
+    deepest = 0.0
+    l_shape = shape([(0, 0), (50, 0), (50, 20), (20, 20), (20, 50), (0, 50)], "L")
+    parts = [l_shape, l_shape, u_shape(), Part.rectangle(0.025, 0.025, friction=MU)]
     corner, slot = parts[0].outline.min(axis=0), parts[2].outline.min(axis=0)
-    pose = np.array(
-        [
-            [0.3, 0.1, 0.0],
-            # Its inner corner faces the other's: each reaches into the other by 25 mm.
-            [0.3 + 2.0 * corner[0] + 0.075, 0.1 + 2.0 * corner[1] + 0.075, math.pi],
-            [0.5, 0.1, 0.0],
-            [0.5 + slot[0] + 0.035, 0.1 + slot[1] + 0.0335, 0.0],
-        ]
-    )
+    pose = [
+        [0.3, 0.1, 0.0],
+        # Its inner corner faces the other's: each reaches into the other by 25 mm.
+        [0.3 + 2.0 * corner[0] + 0.075, 0.1 + 2.0 * corner[1] + 0.075, math.pi],
+        [0.5, 0.1, 0.0],
+        [0.5 + slot[0] + 0.035, 0.1 + slot[1] + 0.0335, 0.0],
+    ]
     for direction in (0.0, 90.0, 180.0, 270.0, 45.0):
-        sim = Simulator(surface, parts, walls=WALLS)
-        sim.reset(pose)
-        for _ in range(20):
-            sim.advance(*uniform(math.radians(direction)).drive(surface))
-            deepest = max(deepest, overlap(sim))
+        found, sim = driven(parts, pose, uniform(math.radians(direction)), 20, WALLS)
+        deepest = max(deepest, found)
         if sim.fallen.any():
             raise ArithmeticError(f"fallen in spite of walls: {sim.fallen}")
     return at_most(deepest, PUSHED, "m", "5 directions, 20 periods")
 
 
+@case("spinning bar", "A bar that hits discs: does energy grow, or does it overlap discs?")
 def spinning_bar() -> Outcome:
-    """A bar that spins among discs on a still table: largest rise of kinetic energy in a period, over the initial one."""
+    """Return the largest rise of kinetic energy in a period on a still table, over the initial one."""
     bar = Part.rectangle(0.12, 0.008, friction=0.2)
     parts = [bar] + [Part.disc(0.012, friction=0.2)] * 10
     angle = np.arange(10) * 2.0 * math.pi / 10
@@ -234,41 +238,35 @@ def spinning_bar() -> Outcome:
     velocity[0, 2] = 60.0
     velocity[1:, :2] = 0.5 * ([0.4, 0.1] - around[:, :2]) / 0.065
     sim.reset(np.vstack([[0.4, 0.1, 0.0], around]), velocity)
-    begun = before = float(energy(sim)[0])
+    begun = before = energy(sim)
     worst, deepest = 0.0, 0.0
     for _ in range(25):
         sim.advance(0.0, 0.0)
         deepest = max(deepest, overlap(sim))
-        now = float(energy(sim)[0])
+        now = energy(sim)
         worst, before = max(worst, (now - before) / begun), now
     if deepest > 1e-4 or sim.statistics["contact_steps"] < 10:
         raise ArithmeticError(f"overlap {1e3 * deepest:.3g} mm, {sim.statistics}")
     return at_most(worst, 1e-12, "of energy", f"60 rad/s, 10 discs, overlap at most {1e3 * deepest:.3g} mm")
 
 
+@case("grains between blocks", "Parts much smaller than an element, squeezed: do they overlap?")
 def grains() -> Outcome:
     """Discs of 2 and 4 mm, a tenth of an element, between blocks that a field drives together."""
-    surface = Surface()
     steel = shipped_part("steel_block")
     small, smaller = Part.disc(0.004, friction=MU), Part.disc(0.002, friction=MU)
     parts = [steel, steel] + [small, smaller] * 4
-    pose = [[0.36, 0.1, 0.0], [0.44, 0.1, 0.0]] + [
-        [0.395 + 0.004 * (k % 2) + 0.003, 0.076 + 0.0065 * k, 0.0] for k in range(8)
-    ]
-    sim = Simulator(surface, parts)
-    sim.reset(pose)
-    deepest = 0.0
-    for _ in range(40):
-        sim.advance(*radial(0.4, 0.1).drive(surface))
-        deepest = max(deepest, overlap(sim))
+    pose = [[0.36, 0.1, 0.0], [0.44, 0.1, 0.0]]
+    pose += [[0.395 + 0.004 * (k % 2) + 0.003, 0.076 + 0.0065 * k, 0.0] for k in range(8)]
+    deepest, _ = driven(parts, pose, radial(0.4, 0.1), 40)
     return at_most(deepest, PUSHED, "m", f"40 periods; mass ratio {steel.mass / smaller.mass:.0f}")
 
 
 # -- crowds ------------------------------------------------------------------------------------------------------------
 
 
+@case("64 parts", "A table full of parts driven together: overlaps, escapes, excessive speeds?")
 def crowded() -> Outcome:
-    """64 parts of three kinds, driven together from all sides."""
     surface = Surface()
     kinds = [Part.rectangle(0.022, 0.016, friction=0.64), Part.disc(0.009, friction=MU)]
     kinds.append(shape([(0, 0), (20, 0), (20, 8), (8, 8), (8, 20), (0, 20)], "small L"))
@@ -286,8 +284,11 @@ def crowded() -> Outcome:
     return at_most(deepest, PUSHED, "m", f"30 periods, {sim.statistics['contact_steps']} calls of the solver")
 
 
+@case(
+    "pushed over the border",
+    "Others push a part off: does it fall, stay where it fell, and let them go on?",
+)
 def over_the_border() -> Outcome:
-    """Others push a part over the border: it rests where it fell, unchanged, and the others go on."""
     surface = Surface()
     frictionless = Part.rectangle(0.04, 0.04, friction=0.0, name="pushed")  # only contacts move it
     parts = [shipped_part("steel_block"), shipped_part("aluminium_block"), frictionless]
@@ -307,30 +308,3 @@ def over_the_border() -> Outcome:
     if rest is None or not sim.fallen.all():
         raise ArithmeticError(f"fallen: {sim.fallen[0].tolist()}, from {x - 0.1:.3g} m to {sim.pose[0, 0, 0]:.3g} m")
     return at_most(wrong, 0, "numbers", f"fell in period {when}; the others followed")
-
-
-CASES = (
-    HardCase("in touch, still table", "Do parts that lie against one another fly apart?", stays_where_it_is),
-    HardCase("in touch, driven", "Do parts that begin in touch become faster than what drives them?", starts_in_touch),
-    HardCase("wedge at a wall", "A wedge driven between a wall and a part: does it sink into either?", wedge),
-    HardCase(
-        "heavy on light", "A thousandfold mass behind a light part at a wall: is it squashed?", lambda: heavy_on_light(1000.0)
-    ),
-    *(
-        HardCase(
-            f"{speed:g} m/s on a plate of 1 mm",
-            "A fast part against a thin one: does it pass through, is momentum lost?",
-            lambda speed=speed: fast_on_thin(speed),
-        )
-        for speed in (5.0, 50.0)
-    ),
-    HardCase("hooks torn apart", "Two U hooked into one another: do they hold without overlap?", hooks),
-    HardCase("hooks driven", "Non-convex parts inside one another under full fields: do they overlap?", hooked_and_driven),
-    HardCase("spinning bar", "A bar that hits discs: does energy grow, or does it overlap discs?", spinning_bar),
-    HardCase("grains between blocks", "Parts much smaller than an element, squeezed: do they overlap?", grains),
-    HardCase("64 parts", "A table full of parts driven together: overlaps, escapes, excessive speeds?", crowded),
-    HardCase(
-        "pushed over the border", "Others push a part off: does it fall, stay where it fell, and let them go on?",
-        over_the_border,
-    ),
-)  # fmt: skip

@@ -8,16 +8,18 @@ import math
 import numpy as np
 
 from studies.accuracy.hard_cases.case import (
-    HardCase,
+    CASES,
     Outcome,
     Scene,
     against_reference,
     at_most,
+    block,
+    case,
     follow,
     one_element,
     random_drive,
     sound,
-)
+)  # fmt: skip
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation.simulator import Simulator
@@ -28,66 +30,61 @@ STEADY = {0.3: (0.30485, 4.96), 0.6: (0.30438, 9.93), 0.9: (0.30359, 14.94)}
 degrees, from an integration of thesis eqs. 3.26 and 3.27."""
 
 
-def mean_velocity(surface: Surface, part: Part, start: complex, periods: int = 40) -> complex:
-    """Return the steady mean velocity (m/s) at full amplitude and alpha = 270 degrees; each period starts at the middle."""
-    sim = Simulator(surface, part)
-    middle = 0.5 * surface.width
-    for _ in range(periods):
-        sim.reset([middle, middle, 0.3], sim.velocity if sim.time else [start.real, start.imag, 0])
-        sim.advance(surface.lift_off_amplitude, 1.5 * math.pi)
-        sound(sim)
-    return complex(*sim.mean_velocity[0, 0, :2])
-
-
+@case("a_v exactly at lift-off", "Pressure touches zero: is the motion still right?")
 def at_lift_off() -> Outcome:
-    """Steady mean velocity at full amplitude, relative to ``STEADY``."""
+    """Compare the steady mean velocity at full amplitude with ``STEADY``; each period starts at the middle."""
     surface, worst = one_element(), 0.0
+    middle = 0.5 * surface.width
     for friction, (speed, degrees) in STEADY.items():
         expected = cmath.rect(speed, math.radians(degrees))
-        got = mean_velocity(surface, Part.rectangle(0.05, 0.035, friction=friction), expected)
-        worst = max(worst, abs(got - expected) / speed)
+        sim = Simulator(surface, block(friction))
+        for _ in range(40):
+            sim.reset([middle, middle, 0.3], sim.velocity if sim.time else [expected.real, expected.imag, 0])
+            sim.advance(surface.lift_off_amplitude, 1.5 * math.pi)
+            sound(sim)
+        worst = max(worst, abs(complex(*sim.mean_velocity[0, 0, :2]) - expected) / speed)
     return at_most(worst, 1e-3, "of speed", "steady mean velocity for mu = 0.3, 0.6, 0.9; pressure touches zero")
 
 
+@case("a_v above lift-off", "A part would leave the surface: is that refused, by name, before anything moves?")
 def beyond_lift_off() -> Outcome:
-    """Count amplitudes above lift-off that are accepted, refused without the argument's name, or change the state."""
     surface, missing = Surface(), []
-    sim = Simulator(surface, Part.rectangle(0.05, 0.035, friction=0.6))
+    above = surface.lift_off_amplitude * (1 + 1e-9)
+    sim = Simulator(surface, block())
     one = np.zeros((8, 32))
-    one[3, 7] = surface.lift_off_amplitude * (1 + 1e-9)
+    one[3, 7] = above
     start = sim.pose
-    for amplitude in (surface.lift_off_amplitude * (1 + 1e-9), 1.0, one, -1e-12, math.nan, math.inf):
+    calls = [
+        ("amplitude", lambda each=each: sim.advance(each, 0.0))
+        for each in (above, 1.0, one, -1e-12, math.nan, math.inf)
+    ]
+    for name, call in (*calls, ("max_amplitude", lambda: Surface(max_amplitude=above))):
         try:
-            sim.advance(amplitude, 0.0)
-            missing.append(repr(amplitude))
+            call()
+            missing.append(name)
         except ValueError as error:
-            if not str(error).startswith("amplitude must be"):
+            if not str(error).startswith(f"{name} must be"):
                 missing.append(str(error))
-    try:
-        Surface(max_amplitude=surface.lift_off_amplitude * (1 + 1e-9))
-        missing.append("max_amplitude")
-    except ValueError as error:
-        if not str(error).startswith("max_amplitude must be"):
-            missing.append(str(error))
     moved = (sim.pose != start).any() or sim.time != 0.0
     return Outcome(len(missing) + moved, 0, "of 7", not missing and not moved, "; ".join(missing))
 
 
 # -- four elements against each other ----------------------------------------------------------------------------------
 
+SQUARE = Part.rectangle(2 * L, 2 * L, friction=0.6)
+TANGENTIAL = [math.pi - math.pi / 4 * k for k in (-3, -1, 3, 1)]
+"""alpha(-r) = alpha(r) + pi. A phase alpha pushes a resting part along -(sin alpha, cos alpha): here to the left of r."""
+
 
 def four(surface: Surface, phases: list[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Full amplitude on the four elements around the grid corner (12, 4); phases from the lower left, row by row."""
+    """Return full amplitude on the four elements around the grid corner (12, 4); phases from the lower left, row by row."""
     amplitude, phase = np.zeros((8, 32)), np.zeros((8, 32))
     amplitude[3:5, 11:13] = surface.lift_off_amplitude
     phase[3:5, 11:13] = np.reshape(phases, (2, 2))
     return amplitude, phase
 
 
-TANGENTIAL = [math.pi - math.pi / 4 * k for k in (-3, -1, 3, 1)]
-"""alpha(-r) = alpha(r) + pi. A phase alpha pushes a resting part along -(sin alpha, cos alpha): here to the left of r."""
-
-
+@case("four elements in opposite phase, pure torque", "Do opposed elements cancel in force and add up in torque?")
 def pure_torque() -> Outcome:
     """Little friction, so that first order in eps = mu g / (a_h w^2) is good to a few eps: torque and no force.
 
@@ -110,22 +107,46 @@ def pure_torque() -> Outcome:
     drift = np.hypot(*(path.pose[-1] - path.pose[0])[:2]) / periods / (2 * math.pi * radius)
     if drift > 0.01:
         raise ArithmeticError(f"drifts by {drift:.3g} of its circle in a period")
-    return at_most(
-        abs(rate / expected - 1.0), 0.01, "of torque", f"eps = 1.5e-4; drift {drift:.2g} of its circle a period"
-    )
+    note = f"eps = 1.5e-4; drift {drift:.2g} of its circle a period"
+    return at_most(abs(rate / expected - 1.0), 0.01, "of torque", note)
 
 
 def _four(phases: list[float]) -> Scene:
     surface = Surface()
-    square = Part.rectangle(2 * L, 2 * L, friction=0.6)
-    return Scene(surface, square, [12 * L, 4 * L, 0.0], [0, 0, 0], *four(surface, phases), 5)
+    return Scene(surface, SQUARE, [12 * L, 4 * L, 0.0], [0, 0, 0], *four(surface, phases), 5)
 
+
+CASES += against_reference(
+    "four elements in opposite phase, tangential",
+    "Is a part at the meeting point of four opposed elements right?",
+    lambda: _four(TANGENTIAL),
+)
+CASES += against_reference(
+    "four elements in opposite phase, chequered",
+    "Opposed neighbours: force and torque nearly cancel; is what is left right?",
+    lambda: _four([0, math.pi, math.pi, 0]),
+)
 
 # -- spin --------------------------------------------------------------------------------------------------------------
 
 
+def _spinning() -> Scene:
+    surface, part = Surface(), block()
+    spin = 10.0 * surface.table_speed / part.radius
+    return Scene(surface, part, [0.4, 0.1, 0.3], [0, 0, spin], *random_drive(surface, 14), 3)
+
+
+CASES += against_reference(
+    "spin of ten times the table's speed",
+    "Corners ten times faster than the table: is friction over the area still right?",
+    _spinning,
+    pieces=32,
+)
+
+
+@case("spin on a still table", "Does a spinning disc stop after the right angle, in place, and exactly?")
 def spun_out() -> Outcome:
-    """A disc that spins on a still table: omega falls by (4/3) mu g / r a second, down to exactly 0."""
+    """omega falls by (4/3) mu g / r a second, down to exactly 0."""
     surface, radius, friction = one_element(horizontal_amplitude=0.0), 0.03, 0.6
     disc = Part.disc(radius, friction=friction)
     slowing, worst = 4.0 * friction * surface.gravity / (3.0 * radius), 0.0
@@ -138,7 +159,13 @@ def spun_out() -> Outcome:
     return at_most(worst, 1e-2, "of angle", "the torque's area integral has an error of its own")
 
 
-def slides_and_spins(bound: float, **knobs: int) -> Outcome:
+@case("slide and spin on a still table, fine pieces", "Does that ratio converge?", ({"pieces": 64}, 0.01))
+@case(
+    "slide and spin on a still table",
+    "Do sliding and spinning of a disc end at the same instant, with speeds in the known ratio?",
+    ({}, 0.05),
+)
+def slides_and_spins(knobs: dict[str, int], bound: float) -> Outcome:
     """Sliding and spinning end together, at v / (omega r) = 0.653, which a disc that has it keeps (Farkas et al. 2003)."""
     surface, radius = one_element(0.12, horizontal_amplitude=0.0, frequency=400.0), 0.03
     disc, worst = Part.disc(radius, friction=0.6), 0.0
@@ -153,53 +180,3 @@ def slides_and_spins(bound: float, **knobs: int) -> Outcome:
         elif not abs(ratio[-1] - 0.653) < 0.8 * abs(ratio[0] - 0.653):
             raise ArithmeticError(f"v / (omega r) goes from {ratio[0]:.3f} to {ratio[-1]:.3f}")
     return at_most(worst, bound, "of 0.653", "kept until the end by two motions, approached by two")
-
-
-def _spinning() -> Scene:
-    surface, disc = Surface(), Part.rectangle(0.05, 0.035, friction=0.6)
-    spin = 10.0 * surface.table_speed / disc.radius
-    return Scene(surface, disc, [0.4, 0.1, 0.3], [0, 0, spin], *random_drive(surface, 14), 3)
-
-
-CASES = (
-    HardCase("a_v exactly at lift-off", "Pressure touches zero: is the motion still right?", at_lift_off),
-    HardCase(
-        "a_v above lift-off",
-        "A part would leave the surface: is that refused, by name, before anything moves?",
-        beyond_lift_off,
-    ),
-    HardCase(
-        "four elements in opposite phase, pure torque",
-        "Do opposed elements cancel in force and add up in torque?",
-        pure_torque,
-    ),
-    *against_reference(
-        "four elements in opposite phase, tangential",
-        "Is a part at the meeting point of four opposed elements right?",
-        lambda: _four(TANGENTIAL),
-    ),
-    *against_reference(
-        "four elements in opposite phase, chequered",
-        "Opposed neighbours: force and torque nearly cancel; is what is left right?",
-        lambda: _four([0, math.pi, math.pi, 0]),
-    ),
-    *against_reference(
-        "spin of ten times the table's speed",
-        "Corners ten times faster than the table: is friction over the area still right?",
-        _spinning,
-        pieces=32,
-    ),
-    HardCase(
-        "spin on a still table", "Does a spinning disc stop after the right angle, in place, and exactly?", spun_out
-    ),
-    HardCase(
-        "slide and spin on a still table",
-        "Do sliding and spinning of a disc end at the same instant, with speeds in the known ratio?",
-        lambda: slides_and_spins(0.05),
-    ),
-    HardCase(
-        "slide and spin on a still table, fine pieces",
-        "Does that ratio converge?",
-        lambda: slides_and_spins(0.01, pieces=64),
-    ),
-)

@@ -8,12 +8,13 @@ import math
 import numpy as np
 
 from studies.accuracy.hard_cases.case import (
+    CASES,
     FINE,
-    HardCase,
     Outcome,
     Scene,
     against_reference,
     at_most,
+    case,
     exactly,
     follow,
     gap,
@@ -30,13 +31,13 @@ TWO_BY_ONE = Part.rectangle(2 * L, L, friction=MU)
 U_SHAPE = Part.polygon(
     np.array([[0, 0], [7, 0], [7, 5], [5, 5], [5, 2], [2, 2], [2, 5], [0, 5]]) * 0.01, friction=MU, name="U"
 )  # its centre of mass lies outside its material
+GRID = [12 * L, 4.5 * L, 0.0]  # TWO_BY_ONE exactly on two elements, its corners on grid corners
 
 
 def regular(corners: int, radius: float) -> Part:
     angle = 2.0 * math.pi * np.arange(corners) / corners
-    return Part.polygon(
-        np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius, friction=MU, name=f"{corners} corners"
-    )
+    outline = np.stack([np.cos(angle), np.sin(angle)], axis=1) * radius
+    return Part.polygon(outline, friction=MU, name=f"{corners} corners")
 
 
 def prototype(part: Part, pose: list[float], velocity: list[float], seed: int, periods: int = 4) -> Scene:
@@ -47,25 +48,37 @@ def prototype(part: Part, pose: list[float], velocity: list[float], seed: int, p
 # -- on the grid -------------------------------------------------------------------------------------------------------
 
 
+@case("a shift of one rounding", "Does a shift by the last bit change the motion?", (GRID, 6e-17, 1e-12))
+@case(
+    "corners on grid lines",
+    "Does a shift of 1e-12 m change the motion of a part whose centre lies on a grid corner?",
+    ([12 * L, 4 * L, math.pi / 4], 1e-12, 1e-10),
+)
+@case(
+    "edges on grid lines, corners on grid corners",
+    "Does a shift of 1e-12 m off the grid lines change the motion?",
+    (GRID, 1e-12, 1e-10),
+)
 def shifted(pose: list[float], by: float, bound: float) -> Outcome:
-    """Largest difference that an invisible shift of the start makes, in eight directions and two turns."""
-    base = follow(prototype(TWO_BY_ONE, pose, [0, 0, 0], 7, 6)).pose
-    worst = 0.0
-    for k in range(8):
-        shift = by * np.array([round(math.cos(k * math.pi / 4)), round(math.sin(k * math.pi / 4)), 0])
-        worst = max(
-            worst, gap(TWO_BY_ONE, follow(prototype(TWO_BY_ONE, list(pose + shift), [0, 0, 0], 7, 6)).pose, base)
-        )
-    for turn in (by / TWO_BY_ONE.radius, -by / TWO_BY_ONE.radius):
-        moved = follow(prototype(TWO_BY_ONE, [pose[0], pose[1], pose[2] + turn], [0, 0, 0], 7, 6)).pose
-        worst = max(worst, gap(TWO_BY_ONE, moved, base))
-    return at_most(worst, bound, "m", f"shifts of {by:g} m, 6 periods")
+    """Return the largest difference that a small shift of the start makes, in eight directions and two turns."""
+    angles = math.pi / 4 * np.arange(8)
+    shifts = [by * np.array([round(math.cos(each)), round(math.sin(each)), 0]) for each in angles]
+    shifts += [np.array([0.0, 0.0, turn]) for turn in (by / TWO_BY_ONE.radius, -by / TWO_BY_ONE.radius)]
+    base, *others = (
+        follow(prototype(TWO_BY_ONE, list(pose + each), [0, 0, 0], 7, 6)).pose for each in [np.zeros(3), *shifts]
+    )
+    return at_most(max(gap(TWO_BY_ONE, each, base) for each in others), bound, "m", f"shifts of {by:g} m, 6 periods")
 
 
+@case(
+    "sliver of {:.0e} of the area",
+    "Does a sliver on a neighbouring element have more effect than its area has, or break its centroid?",
+    (1e-4,), (1e-6,), (1e-12,), (-1e-12,),
+)  # fmt: skip
 def sliver(share: float) -> Outcome:
     """A block slides along a grid line on a still table, ``share`` of it on the column beside, which is at full amplitude.
 
-    Its way differs by no more than the sliver's share of the friction, and it neither turns nor leaves the line.
+    The distance changes by no more than the sliver's share of the friction, and the block neither turns nor leaves the line.
     """
     surface, part = Surface(horizontal_amplitude=0.0), Part.rectangle(L / 2, L / 2, friction=MU)
     amplitude = np.zeros((8, 32))
@@ -81,8 +94,8 @@ def sliver(share: float) -> Outcome:
     return at_most(gap(part, beside.pose, alone.pose), bound, "m", f"way {1e3 * way:.3g} mm")
 
 
+@case("uniform field around a grid corner", "Do four equal quarters give exactly equal wrenches?")
 def mirrored() -> Outcome:
-    """Four equal quarters around a grid corner: a field that is uniform over them does not turn the part."""
     surface, square = Surface(), Part.rectangle(L, L, friction=MU)
     worst = 0.0
     for heading in (0.0, math.pi / 4, math.pi / 2, 0.3):
@@ -91,8 +104,9 @@ def mirrored() -> Outcome:
     return at_most(worst, 1e-12, "rad", "uniform field, 3 periods, edges on grid lines at the start")
 
 
+@case("part within one element", "A part within one element must not turn, and its size must not matter.")
 def alone_on_an_element() -> Outcome:
-    """A small part stays within its element: no rotation, and the path of any part on one large element."""
+    """Compare with the path of another part on one large element."""
     surface, small = Surface(), Part.rectangle(0.005, 0.004, friction=MU)
     amplitude, phase = random_drive(surface, 8)
     amplitude *= 0.3  # so that it stays within the element
@@ -104,14 +118,37 @@ def alone_on_an_element() -> Outcome:
     return at_most(np.abs(apart).max(), 1e-12, "m, rad", "same path and no rotation for any part")
 
 
+# -- against the reference ---------------------------------------------------------------------------------------------
+
+
+def _covering() -> Scene:
+    surface = Surface(rows=4, columns=6)
+    plate = Part.rectangle(0.2, 0.15, friction=MU)
+    return Scene(surface, plate, [0.078, 0.052, 0.1], [0, 0, 1.0], *random_drive(surface, 10), 4)
+
+
+def _small() -> Scene:
+    return prototype(Part.rectangle(0.005, 0.004, friction=MU), [12 * L, 4 * L + 0.001, 0.4], [0, 0, 2], 11)
+
+
+for _name, _question, _make in (
+    ("part exactly on two elements", "Are grid lines under the edges counted twice or not at all?",
+     lambda: prototype(TWO_BY_ONE, GRID, [0, 0, 0], 7)),
+    ("part smaller than an element",
+     "A part of 5 x 4 mm crosses element edges in a fraction of a period: is it still right?", _small),
+    ("part that covers the surface", "A plate larger than the surface rests on all of it: is the load shared rightly?",
+     _covering),
+    ("64 corners", "Does an outline of 64 corners cut rightly?",
+     lambda: prototype(regular(64, 0.03), [0.4, 0.1, 0.4], [0, 0, 3], 12)),
+    ("non-convex outline", "Does a U whose centre of mass lies outside its material cut rightly?",
+     lambda: prototype(U_SHAPE, [0.4, 0.1, 0.4], [0, 0, 3], 13)),
+    ("overhang without falling",
+     "Is the load of an overhanging part carried by what is supported, while its area changes?",
+     lambda: prototype(TWO_BY_ONE, [0.012, 0.19, 0.5], [0.05, -0.1, 1.0], 9, 3)),
+):  # fmt: skip
+    CASES += against_reference(_name, _question, _make)
+
 # -- the border --------------------------------------------------------------------------------------------------------
-
-
-def _push(surface: Surface, part: Part, direction: float, periods: int, pose: list[float]) -> Scene:
-    """The table's strongest push towards ``direction``: alpha = 270 degrees pushes along x (and mu's angle beyond it)."""
-    phase = 1.5 * math.pi - direction
-    return Scene(surface, part, pose, [0, 0, 0], surface.lift_off_amplitude, phase, periods)
-
 
 BORDERS = (
     ("right", 0.0, [0.80, 0.1, 0.3]),
@@ -123,17 +160,24 @@ BORDERS = (
 
 @functools.cache
 def _falls() -> list[tuple[str, Scene, Trajectory]]:
-    """A block, and a part whose centre of mass lies outside its material, over all borders, with the reference's motion."""
-    scenes = [
-        (f"{part.name} at the {name}", _push(Surface(), part, direction, 12, pose))
-        for part in (TWO_BY_ONE, U_SHAPE)
-        for name, direction, pose in BORDERS
-    ]
-    return [(name, scene, exactly(scene)) for name, scene in scenes]
+    """Return motions by the reference of a block, and of a part whose centre of mass lies outside its material, over all
+    borders. The table pushes most strongly towards ``direction`` with phase 270 degrees less that."""
+    surface, found = Surface(), []
+    for part in (TWO_BY_ONE, U_SHAPE):
+        for name, direction, pose in BORDERS:
+            phase = 1.5 * math.pi - direction
+            scene = Scene(surface, part, pose, [0, 0, 0], surface.lift_off_amplitude, phase, 12)
+            found.append((f"{part.name} at the {name}", scene, exactly(scene)))
+    return found
 
 
+@case("overhang up to falling, fine steps", "Do time and place of the fall converge?", (FINE,))
+@case(
+    "overhang up to falling",
+    "Does a part that is pushed over the border fall when and where its centre of mass leaves its support?",
+    ({},),
+)
 def falling(knobs: dict[str, int]) -> Outcome:
-    """Period and place of the falls."""
     worst, note = 0.0, []
     steps = knobs.get("steps", 5)
     for name, scene, exact in _falls():
@@ -141,7 +185,7 @@ def falling(knobs: dict[str, int]) -> Outcome:
         if not exact.fallen or not path.fallen[-1]:
             raise ArithmeticError(f"{name}: fallen {path.fallen[-1]}, reference {exact.fallen}")
         period, expected = int(np.argmax(path.fallen)), exact.fall_time / scene.surface.period
-        # The model looks once a step, and sees a fall within a step of it.
+        # The model checks once a step, and detects a fall within a step of it.
         if not math.ceil(expected - 1 / steps) <= period <= math.ceil(expected + 1 / steps):
             raise ArithmeticError(f"{name}: fell in period {period}, reference {expected:.3f}")
         speed = float(np.hypot(*exact.velocity[math.floor(expected), :2]))
@@ -149,84 +193,3 @@ def falling(knobs: dict[str, int]) -> Outcome:
         worst = max(worst, off / (speed * scene.surface.period / steps))
         note.append(f"{1e3 * off:.2g}")
     return at_most(worst, 1.2, "steps", "distance over the way of one step; mm: " + ", ".join(note))
-
-
-def _overhang() -> Scene:
-    surface = Surface()
-    return Scene(surface, TWO_BY_ONE, [0.012, 0.19, 0.5], [0.05, -0.1, 1.0], *random_drive(surface, 9), 3)
-
-
-def _covering() -> Scene:
-    surface = Surface(rows=4, columns=6)
-    plate = Part.rectangle(0.2, 0.15, friction=MU)
-    return Scene(surface, plate, [0.078, 0.052, 0.1], [0, 0, 1.0], *random_drive(surface, 10), 4)
-
-
-GRID = [12 * L, 4.5 * L, 0.0]  # a part of two elements exactly on them, its corners on grid corners
-CASES = (
-    HardCase(
-        "edges on grid lines, corners on grid corners",
-        "Does a shift of 1e-12 m off the grid lines change the motion?",
-        lambda: shifted(GRID, 1e-12, 1e-10),
-    ),
-    HardCase(
-        "corners on grid lines",
-        "Does a shift of 1e-12 m change the motion of a part whose centre lies on a grid corner?",
-        lambda: shifted([12 * L, 4 * L, math.pi / 4], 1e-12, 1e-10),
-    ),
-    HardCase(
-        "a shift of one rounding",
-        "Does a shift by the last bit change the motion?",
-        lambda: shifted(GRID, 6e-17, 1e-12),
-    ),
-    *against_reference(
-        "part exactly on two elements",
-        "Are grid lines under the edges counted twice or not at all?",
-        lambda: prototype(TWO_BY_ONE, GRID, [0, 0, 0], 7),
-    ),
-    *(
-        HardCase(
-            f"sliver of {share:.0e} of the area",
-            "Does a sliver on a neighbouring element have more effect than its area has, or break its centroid?",
-            lambda share=share: sliver(share),
-        )
-        for share in (1e-4, 1e-6, 1e-12, -1e-12)
-    ),
-    HardCase("uniform field around a grid corner", "Do four equal quarters give exactly equal wrenches?", mirrored),
-    HardCase(
-        "part within one element",
-        "A part within one element must not turn, and its size must not matter.",
-        alone_on_an_element,
-    ),
-    *against_reference(
-        "part smaller than an element",
-        "A part of 5 x 4 mm crosses element edges in a fraction of a period: is it still right?",
-        lambda: prototype(Part.rectangle(0.005, 0.004, friction=MU), [12 * L, 4 * L + 0.001, 0.4], [0, 0, 2], 11),
-    ),
-    *against_reference(
-        "part that covers the surface",
-        "A plate larger than the surface rests on all of it: is the load shared rightly?",
-        _covering,
-    ),
-    *against_reference(
-        "64 corners",
-        "Does an outline of 64 corners cut rightly?",
-        lambda: prototype(regular(64, 0.03), [0.4, 0.1, 0.4], [0, 0, 3], 12),
-    ),
-    *against_reference(
-        "non-convex outline",
-        "Does a U whose centre of mass lies outside its material cut rightly?",
-        lambda: prototype(U_SHAPE, [0.4, 0.1, 0.4], [0, 0, 3], 13),
-    ),
-    *against_reference(
-        "overhang without falling",
-        "Is the load of an overhanging part carried by what is supported, while its area changes?",
-        _overhang,
-    ),
-    HardCase(
-        "overhang up to falling",
-        "Does a part that is pushed over the border fall when and where its centre of mass leaves its support?",
-        lambda: falling({}),
-    ),
-    HardCase("overhang up to falling, fine steps", "Do time and place of the fall converge?", lambda: falling(FINE)),
-)

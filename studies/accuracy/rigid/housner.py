@@ -11,8 +11,7 @@ import math
 import numpy as np
 
 from studies.accuracy.rigid.body import prism
-from studies.accuracy.rigid.motion import STEP, Track, simulate, touching
-from studies.accuracy.rigid.plates import level
+from studies.accuracy.rigid.motion import STEP, Track, level, simulate, touching
 
 HALF_WIDTH = 0.01  # m
 GRAVITY = 9.81

@@ -3,12 +3,11 @@
 import math
 import re
 
-import numpy as np
 import pytest
 
 from agents.__main__ import main
 from agents.evaluation import datasheet
-from agents.evaluation.settings import DatasheetSettings
+from agents.evaluation.datasheet import DatasheetSettings
 from tests.browser import chromium, faults_at_all_sizes, watch
 from vibgym import Part, Surface
 from vibgym.actuators import DataSheet
@@ -42,14 +41,12 @@ def test_limits_follow_from_closed_forms(sheet):
 
 
 def test_measured_rates_keep_the_bounds(sheet):
-    assert all(reached == 8 for _, reached in sheet.reached.values()) and set(sheet.reached) == {
-        "Transport",
-        "Align",
-        "Rotate",
-    }
+    assert set(sheet.infos) == {"Transport", "Align", "Rotate"}
+    assert all(sheet.played[task].success.all() for task in sheet.infos)
     assert (sheet.speed < sheet.limits.top_speed).all() and (sheet.speed > 0.05).all()
-    assert sheet.position.shape == sheet.heading.shape == (8,)
-    assert sheet.position.max() < 1e-3 and sheet.heading.max() < math.radians(2.0) and sheet.lost == 0
+    position, heading = sheet.at_rest("position_error"), sheet.at_rest("heading_error")
+    assert position.shape == heading.shape == (8,)
+    assert position.max() < 1e-3 and heading.max() < math.radians(2.0) and sheet.lost == 0
 
 
 def test_a_part_on_a_single_element_cannot_be_turned():
@@ -59,11 +56,6 @@ def test_a_part_on_a_single_element_cannot_be_turned():
         part = Part.polygon(factor * scale * SQUARE.outline, friction=0.58)
         assert bool(datasheet.reach_of(SURFACE, part, IDEAL).min() >= datasheet.TURNABLE) is turns
     assert math.isnan(datasheet.smallest_scale(SURFACE, Part.rectangle(0.01, 0.01, friction=0.58), IDEAL))
-
-
-def test_what_an_episode_does_not_say_is_left_out():
-    assert datasheet._middle(np.array([math.nan, 1.0, 3.0, 2.0]), 1e3, 0, "mm/s") == "2000 mm/s (1500 to 2500)"
-    assert datasheet._most(np.array([math.nan]), 1.0, "°") == "–"
 
 
 def test_the_page_is_one_of_a4_without_scripts(written, tmp_path):
@@ -81,31 +73,15 @@ def test_the_page_is_one_of_a4_without_scripts(written, tmp_path):
     assert [round(float(each) / 72.0 * 25.4) for each in box] == [210, 297]
 
 
-def test_summary_has_every_line(sheet):
-    text = datasheet.summary(sheet)
-    for label in (
-        "Parts moved",
-        "Rotation in place",
-        "Heading at rest",
-        "Smallest part",
-        "Margin to tipping: 71 %",
-        "Latency: 40 ms",
-    ):
-        assert label in text
-
-
 @pytest.mark.parametrize(
     ("content", "said"),
     [
         ("part: {shape: rectangle, length_mm: 40, width_mm: 40, friction: 5.0}", "friction 5"),
-        ("part: {shape: rectangle, length_mm: 40, friction: 0.5}", "width"),
-        ("part: {shape: rectangle, length_mm: 4000, width_mm: 40, friction: 0.5}", "datasheet"),
         ("colour: red", "colour"),
         ("episodes: 3", "datasheet.episodes"),
         ("surface: {rows: 0}", "rows"),
         ("actuators: magic", "actuators"),
         ("policy: {kind: trained, path: none.json}", "none.json"),
-        ("policy: nobody", "nobody"),
         ("model: [1]", "model"),
     ],
 )
@@ -128,7 +104,7 @@ def test_a_disc_has_no_heading(tmp_path):
     part = {"shape": "disc", "radius_mm": 20, "friction": 0.5}
     settings = DatasheetSettings.checked({"part": part, "episodes": 8, "output": str(tmp_path)})
     found = datasheet.measure(settings, quiet=True)
-    assert found.turn_speed is None and found.heading is None and "Rotate" not in found.reached
+    assert found.turn_speed is None and "Rotate" not in found.played
     text = datasheet.summary(found)
     assert (
         "Heading" not in text

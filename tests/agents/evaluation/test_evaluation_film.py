@@ -28,10 +28,7 @@ def read(text):
 
 
 def watched(found):
-    return [
-        (place, one.film, found.prepared.scenery[place.task], one.step_time)
-        for (place, _), one in found.rollouts.items()
-    ]
+    return [(place, one.film, found.scenery[place.task], one.step_time) for (place, _), one in found.rollouts.items()]
 
 
 @pytest.mark.parametrize("several_parts", [False, True])
@@ -71,7 +68,7 @@ def test_elements_come_back_with_their_colours(found):
 
 
 def test_who_is_absent_or_waits_beside_the_table_is_not_there(several):
-    each, scenery = several.rollout("Sort", "ideal", "shepherd").film, several.prepared.scenery["Sort"]
+    each, scenery = several.rollout("Sort", "ideal", "shepherd").film, several.scenery["Sort"]
     present, poses = each.present.copy(), each.poses.copy()
     present[:, 0], present[2:4, 1], poses[5:, 2, 0], poses[1, 3] = False, False, 30.0, math.nan
     changed = dataclasses.replace(each, present=present, poses=poses)
@@ -81,7 +78,7 @@ def test_who_is_absent_or_waits_beside_the_table_is_not_there(several):
 
 
 def test_the_view_from_the_side(found):
-    each, scenery = found.rollout("Align", "ideal", "pusher").film, found.prepared.scenery["Align"]
+    each, scenery = found.rollout("Align", "ideal", "pusher").film, found.scenery["Align"]
     side = Side([np.array([[0.1, 0.05, 1e-4], [0.12, 0.05, -2e-4], [0.11, 0.07, 0.0]])], np.array([[0.1, 0.126, 3e-4]]))
     tilting = dataclasses.replace(each, sides=(side,) * len(each.sides))
     plates, (bottom,) = read(films.packed(tilting, scenery, 0.04))["sides"][0]

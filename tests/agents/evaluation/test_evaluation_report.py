@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from agents import evaluation
-from agents.evaluation import films, report
+from agents.evaluation import films, report, report_rows
 
 
 class Links(HTMLParser):
@@ -61,14 +60,14 @@ def test_page_says_what_was_found(found, written):
 
 
 def best_rows(found, rows):
-    return {(task, "ideal"): report.best_row(found, rows, task, "ideal") for task in found.tasks}
+    return {(task, "ideal"): report_rows.best_row(found, rows, task, "ideal") for task in found.tasks}
 
 
 def test_bold_differences_are_those_that_are_clear(found, written):
     text = (written / "report.html").read_text(encoding="utf-8")
-    gaps = report.against_best(found, report.comparisons(found), best_rows(found, report.rows(found)))
+    gaps = report_rows.against_best(found, report.comparisons(found), best_rows(found, report.rows(found)))
     clear = [gap[name].clear for gap in gaps for name in ("success", "time") if gap[name].interval is not None]
-    assert text.count('<td class="clear">') == sum(clear) and not all(clear)
+    assert text.count('<td class="clear"') == sum(clear) and not all(clear)
 
 
 def test_best_policy_has_most_successes_then_the_lowest_time(found):
@@ -76,7 +75,7 @@ def test_best_policy_has_most_successes_then_the_lowest_time(found):
 
     def best(**changes):
         changed = [{**row, **changes.get(row["policy"], {})} if row["task"] == "Transport" else row for row in rows]
-        return report.best_row(found, changed, "Transport", "ideal")["policy"]
+        return report_rows.best_row(found, changed, "Transport", "ideal")["policy"]
 
     nan, every = float("nan"), {"successes": 8, "success_rate": 1.0}
     assert (
@@ -126,12 +125,6 @@ def test_csv_rows(found, written):
     np.testing.assert_array_equal([float(row["position_error_m"]) for row in mine], pusher.position_error)
 
 
-def test_summary_table(found):
-    head, rule, *lines = evaluation.summary_table(found).splitlines()
-    assert len(lines) == 6 and len({line.count("|") for line in (head, rule, *lines)}) == 1
-    assert lines[0].startswith("| Transport | still <&> | 0.0 % | 0.0 to 36.9 % | – | ")
-
-
 def test_only_the_files_are_left(written):
     assert sorted(path.name for path in written.iterdir()) == [
         "episodes.csv",
@@ -143,7 +136,7 @@ def test_only_the_files_are_left(written):
 
 def test_gif(found):
     film = found.rollout("Align", "ideal", "pusher").film
-    frames, interval = films.frames_of(film, found.prepared.scenery["Align"], 0.04, 300)
+    frames, interval = films.frames_of(film, found.scenery["Align"], 0.04, 300)
     assert len(frames) <= films.MOST_FRAMES and frames[0].dtype == np.uint8
     with Image.open(io.BytesIO(films.gif(frames[:6], 1.0 / interval))) as image:
         assert image.n_frames == 6 and image.info["loop"] == 0

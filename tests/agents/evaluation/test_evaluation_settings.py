@@ -3,7 +3,6 @@
 import pytest
 
 from agents import evaluation
-from agents.evaluation import pages
 from tests.agents.evaluation.conftest import Pusher, Shepherd
 
 
@@ -62,10 +61,6 @@ def test_every_environment_can_be_evaluated():
         "aluminium block",
         "disc",
     ]
-    assert pages.inventory(facts.parts) == (
-        "two steel blocks (50 × 40 mm, friction 0.64), two aluminium blocks (50 × 35 mm, friction 0.58) "
-        "and two discs (40 × 40 mm, friction 0.6)"
-    )
 
 
 def test_one_error_names_what_does_not_fit():
@@ -73,7 +68,7 @@ def test_one_error_names_what_does_not_fit():
         evaluation.prepare(settings(policies=["zero", {"kind": "open_loop", "tasks": ["Sort"]}]))
 
 
-@pytest.mark.parametrize("name", ["\ud800", "a\nb", "", "x" * 41, "\x1b[2J", "\u202ebackwards", 3])
+@pytest.mark.parametrize("name", ["\ud800", "a\nb", "", "x" * 41, 3])
 def test_names_that_nothing_can_show_are_refused_before_anything_runs(name):
     with pytest.raises(ValueError, match=r"policies.0.name"):
         settings(policies=[{"kind": "zero", "name": name}])
@@ -85,18 +80,6 @@ def test_names_that_nothing_can_show_are_refused_before_anything_runs(name):
     if isinstance(name, str) and name:
         with pytest.raises(ValueError, match=r"policies.0.name"):
             settings(policies=[f"{name * 2}.json"])
-
-
-def test_what_is_asked_in_words():
-    tasks = evaluation.prepare(settings(tasks=["Transport", "Align", "Sort", "Singulate"])).tasks
-    assert {name: pages.success_criterion(info) for name, info in tasks.items()} == {
-        "Transport": "within 5 mm",
-        "Align": "within 2 mm and 3°",
-        "Sort": "all parts in their zones",
-        "Singulate": "all parts more than 36.8 mm apart",
-    }
-    assert pages.task_facts(tasks["Transport"], 5)["heading_tolerance"] is None
-    assert pages.task_facts(tasks["Sort"], 5)["position_tolerance"] is None
 
 
 def test_a_model_may_be_told_what_it_speaks():

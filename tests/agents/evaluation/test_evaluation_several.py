@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import json
 import math
 import re
 
@@ -12,7 +11,6 @@ import pytest
 import shapely
 from shapely import affinity
 
-from agents import evaluation
 from agents.evaluation import films
 from agents.evaluation.films import Log
 from tests.agents.evaluation.conftest import Shepherd
@@ -168,35 +166,15 @@ def test_columns(several, written_several):
     assert rows["Transport", "pusher"]["collisions_mean"] == "" == row["heading_error_median_rad"]
 
 
-def test_json(several, written_several):
-    content = json.loads((written_several / "results.json").read_text(encoding="utf-8"))
-    assert content["tasks"]["Sort"]["episodes"] == 6 and content["tasks"]["Transport"]["zones"] == {}
-    assert content["tasks"]["Sort"]["zones"]["steel_block"] == pytest.approx([0.0, 0.0, 0.156, 0.208])
-    assert content["tasks"]["Singulate"]["apart"] == pytest.approx(0.026 * math.sqrt(2.0))
-    assert content["settings"]["policies"]["shepherd"]["tasks"] == ["Sort", "Singulate"]
-    assert {(each["task"], each["second"]) for each in content["comparisons"]} == {
-        ("Sort", "lazy shepherd"),
-        ("Singulate", "lazy shepherd"),
-    }
-
-
-def test_summary_has_a_table_of_its_own(several):
-    goals, together = evaluation.summary_table(several).split("\n\n")
-    assert len(goals.splitlines()) == 3 and len(together.splitlines()) == 6
-    for table in (goals, together):
-        assert len({line.count("|") for line in table.splitlines()}) == 1
-    assert "throughput" in together.splitlines()[0] and "heading" not in together
-
-
 def test_pictures_show_zones_and_trails(several):
     film = several.rollout("Sort", "ideal", "shepherd").film
-    frames, _ = films.frames_of(film, several.prepared.scenery["Sort"], 0.04, 520)
+    frames, _ = films.frames_of(film, several.scenery["Sort"], 0.04, 520)
     assert (frames[0] != frames[-1]).any()
     assert re.match(r"0\.00 s   \d of 6 parts done ", film.captions[0]) and len(film.captions) == len(film.poses)
     # A zone tints its end of the table: the picture differs from Singulate's at the left and at the right, not between.
     pictures = []
     for task in ("Sort", "Singulate"):
-        own, scenery = several.rollout(task, "ideal", "lazy shepherd").film, several.prepared.scenery[task]
+        own, scenery = several.rollout(task, "ideal", "lazy shepherd").film, several.scenery[task]
         empty = dataclasses.replace(own, present=np.zeros_like(own.present))
         pictures.append(films.picture(empty, scenery, 0, films.painter_for(scenery, 520)))
     columns = (pictures[0][:140] != pictures[1][:140]).any(axis=(0, 2))

@@ -212,7 +212,7 @@ def test_only_a_run_of_the_same_settings_is_published(folder, capsys):
     rewritten(folder / "mine.yaml", "first_seed: 7", "first_seed: 8")
     for arguments, words in (
         ([], ["run/results.json", "first_seed", "a run of mine.yaml"]),
-        (["--run", "nowhere"], ["nowhere/results.json", "an evaluation that has been run"]),
+        (["--run", "nowhere"], ["nowhere/results.json", "No such file"]),
     ):
         line = refusal(capsys, command.main, "publish", "mine.yaml", "--output", "out", *arguments)
         assert all(word in line for word in words)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tests.plugins.camera.helpers import SURFACE, setup
 from vibgym.kernels.jit import jit
-from vibgym.plugins.camera.calibration import Grid, assign_marks, at_height, grid_of, locate, template_for
+from vibgym.plugins.camera.calibration import Grid, Template, assign_marks, at_height, grid_of, locate
 from vibgym.plugins.camera.optics import projected
 from vibgym.scene.parts import shipped_part
 
@@ -43,7 +43,7 @@ def test_bilinear_interpolation_is_inverted_within_its_tetragon(shifts, xi, eta)
     """Any convex tetragon near a square of 40 px, from either side."""
     square = np.array([[[0.0, 40.0], [40.0, 40.0]], [[0.0, 0.0], [40.0, 0.0]]])
     places = square + np.array(shifts).reshape(2, 2, 2)
-    grid = grid_of(template_for(0.1, 0.2, (1, 1), 0.01), places)
+    grid = grid_of(Template(0.1, 0.2, 2, 2, 0.01), places)
     weights = np.array([[(1 - eta) * (1 - xi), (1 - eta) * xi], [eta * (1 - xi), eta * xi]])
     u, v = (weights[..., None] * places).sum(axis=(0, 1))
     x, y = located(grid, u, v, np.empty(4))

@@ -1,13 +1,11 @@
-"""Optics: closed forms of the pinhole, and the way back."""
+"""Optics: closed forms of the pinhole."""
 
 import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from vibgym.plugins.camera.optics import optics_of, projected, unproject_all
+from vibgym.plugins.camera.optics import optics_of, projected
 
 MIDDLE = (0.416, 0.104)
 
@@ -40,14 +38,3 @@ def test_a_tilted_camera_looks_along_its_axis():
 
 def test_nothing_is_seen_behind_the_lens():
     assert np.isnan(projected(optics_of(MIDDLE), np.array([[0.4, 0.1, 0.772], [0.4, 0.1, 2.0]]))).all()
-
-
-@given(
-    st.floats(0.0, 0.832), st.floats(0.0, 0.208), st.floats(0.0, 0.05), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1),
-    st.floats(-0.1, 0.1), st.sampled_from([1, 2]),
-)  # fmt: skip
-def test_the_way_back(x, y, z, about_x, about_y, distortion, pitch):
-    optics = optics_of(MIDDLE, tilt=(about_x, about_y), distortion=distortion, pitch=pitch)
-    there = np.empty((1, 2))
-    unproject_all(optics, projected(optics, np.array([[x, y, z]])), z, there)
-    assert there[0] == pytest.approx([x, y], abs=1e-9)

@@ -7,20 +7,19 @@ import math
 import numpy as np
 import pytest
 
-from studies.tilting import housner, transport
-from studies.tilting.housner import STILL
-from studies.tilting.states import energy
+from studies.tilting import closed_forms
+from studies.tilting.closed_forms import STILL, energy
 from tests.plugins.tilting.rigid import ALUMINIUM, LARGE, PARTS, STEEL, in_the_middle, leans
 from vibgym import Part, Simulator
 
 # -- Housner's block ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("width", "height"), housner.BLOCKS)
+@pytest.mark.parametrize(("width", "height"), closed_forms.BLOCKS)
 def test_energy_of_a_rocking_block_after_an_impact(width, height):
     """Angular momentum about the new edge is kept: ``r = (1 - m R^2 / I (1 - cos 2 alpha))^2``, at 200 steps within 2 %."""
-    ratios = housner.measured(width, height, np.radians(np.linspace(*housner.TILTS, 12)))
-    kept = housner.kept(width, height)
+    ratios = closed_forms.measured(width, height, np.radians(np.linspace(*closed_forms.TILTS, 12)))
+    kept = closed_forms.kept(width, height)
     assert np.mean(ratios) == pytest.approx(kept, rel=0.02)
     assert np.abs(ratios / kept - 1.0).max() < 0.03  # an impact may come anywhere in a step
 
@@ -48,8 +47,8 @@ def test_a_block_on_its_edge_begins_to_fall_as_a_pendulum():
 
 def test_uniform_transport_is_that_of_the_plane():
     """A rigid part on level ground above the plane moves as one that lies flat: within 0.02 %, and of second order."""
-    away, way = transport.errors("steel_block")
-    assert away[transport.STEPS.index(200)] < 2e-4 * way
+    away, way = closed_forms.errors("steel_block")
+    assert away[closed_forms.STEPS.index(200)] < 2e-4 * way
     assert (np.log2(away[:-1] / away[1:]) > 1.7).all()
 
 

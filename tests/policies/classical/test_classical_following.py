@@ -1,12 +1,15 @@
-"""Along paths on the table: how far off, by all laws, one part and several, and the same bits alone."""
+"""Following paths with all laws, and one law with phasors and with wrenches."""
 
 import numpy as np
 import pytest
 
-from studies.benchmarks.following import HARDWARE, PATHS
+from studies.benchmarks.following import PATHS
 from studies.benchmarks.following import follow as followed
 from tests.envs.helpers import batch, single
+from tests.policies.helpers import HARDWARE, info_of
+from vibgym.policies.classical.measured import Measured
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 
 CORNER = [{"shape": "polyline", "points_mm": [[300, 60], [380, 60], [380, 140]]}]
@@ -16,6 +19,9 @@ SIDE_BY_SIDE = [  # the first two 37.0 mm apart, the same way
     {"shape": "polyline", "points_mm": [[300, 138], [400, 138]]},
     {"shape": "polyline", "points_mm": [[500, 40], [500, 140]]},
 ]
+
+EXACT = {"kind": "pose", "noise": {"position": 0.0, "heading": 0.0}, "estimator": "model"}
+ALIKE = {"kind": "prototype", "dead_zone": 0.0, "gain_spread": 0.0, "phase_spread": 0.0}
 
 
 def follow(*arguments, **environment):
@@ -31,67 +37,45 @@ def rms(errors):
     return np.sqrt(np.nanmean(away**2, axis=0)).max(axis=-1)
 
 
-@pytest.mark.parametrize("law, most", [("pose", 0.2e-3), ("local", 0.3e-3), ("lqr", 0.4e-3), ("pid", 1.5e-3)])
-def test_half_the_top_speed_round_a_corner(law, most):
-    errors = follow({"kind": "local_field", "law": law}, CORNER, 3)
-    assert 1e-6 < rms(errors).max() < most
+@pytest.mark.parametrize("policy, path, worlds, environment, most", [
+    ({"kind": "local_field", "law": "pose"}, CORNER, 3, {}, 0.2e-3),
+    ({"kind": "local_field", "law": "local"}, CORNER, 3, {}, 0.3e-3),
+    ({"kind": "local_field", "law": "lqr"}, CORNER, 3, {}, 0.4e-3),
+    ({"kind": "local_field", "law": "pid"}, CORNER, 3, {}, 1.5e-3),
+    ("pose", SIDE_BY_SIDE, 3, {}, 0.2e-3),
+    ("pose", CORNER, 2, {"periods_per_step": 3}, 1.5e-3),
+    ("pose", CORNER, 2, {"actuators": {**ALIKE, "latency": 1}, "sensor": EXACT}, 0.6e-3),
+    ("pose", CORNER, 2, {"actuators": {**ALIKE, "latency": 3}, "sensor": EXACT}, 0.6e-3),
+])  # fmt: skip
+def test_errors_at_half_the_top_speed(policy, path, worlds, environment, most):
+    """The goal at the instant at which the command begins to act counts: a period of latency at 0.15 m/s is 6 mm."""
+    assert 1e-6 < rms(follow(policy, path, worlds, **environment)).max() < most
 
 
-@pytest.mark.parametrize("name", ["circle", "square", "three parts", "three parts side by side"])
-def test_half_a_millimetre_at_half_the_top_speed(name):
-    errors = follow("pose", PATHS[name], 2)
-    assert rms(errors).max() < 0.3e-3
-    assert np.nanmax(np.abs(errors[..., 2])) < np.radians(0.5)
-
-
-def test_parts_side_by_side_and_one_that_turns_with_its_path():
-    assert rms(follow("pose", SIDE_BY_SIDE, 3)).max() < 0.2e-3
-    errors = follow("pose", TURNING, 3)
-    assert rms(errors).max() < 0.2e-3 and np.nanmax(np.abs(errors[..., 2])) < np.radians(0.5)
+@pytest.mark.parametrize("path, worlds, most", [
+    (PATHS["circle"], 2, 0.3e-3), (PATHS["square"], 2, 0.3e-3), (PATHS["three parts"], 2, 0.3e-3),
+    (PATHS["three parts side by side"], 2, 0.3e-3), (TURNING, 3, 0.2e-3),
+])  # fmt: skip
+def test_headings_are_kept_at_half_the_top_speed(path, worlds, most):
+    errors = follow("pose", path, worlds)
+    assert rms(errors).max() < most and np.nanmax(np.abs(errors[..., 2])) < np.radians(0.5)
 
 
 def test_on_the_prototype():
     """With a dead zone, elements that are not alike, latency and noise."""
-    errors = follow("pose", CORNER, 10, **HARDWARE["prototype"])
+    errors = follow("pose", CORNER, 10, **HARDWARE)
     assert np.median(rms(errors)) < 0.5e-3 and np.nanmax(np.hypot(errors[..., 0], errors[..., 1])) < 2e-3
 
 
-def test_latency_costs_nothing_where_it_is_predicted():
-    """The goal counts that there will be when the command begins to act: a period at 0.15 m/s is 6 mm."""
-    exact = {"kind": "pose", "noise": {"position": 0.0, "heading": 0.0}, "estimator": "model"}
-    alike = {"kind": "prototype", "dead_zone": 0.0, "gain_spread": 0.0, "phase_spread": 0.0}
-    for latency in (1, 3):
-        errors = follow("pose", CORNER, 2, actuators={**alike, "latency": latency}, sensor=exact)
-        assert rms(errors).max() < 0.6e-3
-
-
-def test_long_steps_keep_to_the_path():
-    errors = follow("pose", CORNER, 2, periods_per_step=3)
-    assert rms(errors).max() < 1.5e-3
-
-
 def test_paths_that_are_drawn_are_followed():
-    env = batch("Follow", 20, action="phasor", autoreset_mode="Disabled")
-    policy = make_policy("pose", TaskInfo.of(env))
-    seen, _ = env.reset(seed=5)
-    state, alive, error = None, np.ones(20, dtype=bool), np.zeros(20)
-    while alive.any():
-        action, state = policy.predict(seen, state)
-        seen, _, terminated, truncated, info = env.step(action)
-        ended = alive & (terminated | truncated)
-        assert info["is_success"][ended].all()
-        error[ended] = info["path_error"][ended]
-        alive &= ~ended
-        if (terminated | truncated).any() and alive.any():
-            seen, _ = env.reset(options={"reset_mask": terminated | truncated})
-    assert 0.0 < error.max() < 0.3e-3
+    found = rollout("pose", "Follow", seeds=range(5, 25))
+    assert found.success.all() and 0.0 < found.path_error.max() < 0.3e-3
 
 
 @pytest.mark.parametrize("task, name", [("Follow", "pose"), ("Align", "local_field"), ("Sort", "planner")])
 def test_one_world_by_itself_has_the_same_bits(task, name):
     """To the bit: near a dead zone a rounding error may be another choice of elements."""
-    machine = HARDWARE["prototype"]
-    many, one = batch(task, 3, action="phasor", **machine), single(task, action="phasor", **machine)
+    many, one = batch(task, 3, action="phasor", **HARDWARE), single(task, action="phasor", **HARDWARE)
     policy = make_policy(name, TaskInfo.of(one))
     seen, _ = many.reset(seed=[4, 5, 6])
     alone, _ = one.reset(seed=5)
@@ -101,3 +85,63 @@ def test_one_world_by_itself_has_the_same_bits(task, name):
         by_itself, state_alone = policy.predict(alone, state_alone)
         assert action[1].tobytes() == by_itself.tobytes()
         seen, alone = many.step(action)[0], one.step(by_itself)[0]
+
+
+def played(policy, steps, **settings):
+    """Poses (steps, worlds, parts, 3) under a policy on Align."""
+    env = batch("Align", 20, action=policy.action, **settings)
+    seen, _ = env.reset(seed=11)
+    state, poses = None, []
+    for _ in range(steps):
+        action, state = policy.predict(seen, state)
+        seen, *_ = env.step(action)
+        poses.append(env.unwrapped.truth.pose.copy())
+    return np.array(poses)
+
+
+@pytest.mark.parametrize("hardware", [{}, HARDWARE], ids=["ideal", "prototype"])
+def test_wrenches_ask_for_the_pushes_that_phasors_make(hardware):
+    """From rest, a part moves alike within what allocating half a step later makes of it."""
+    info = info_of("Align", **hardware)
+    kind = {"kind": "pose", "learn": False}
+    phasor, wrench = (
+        played(make_policy({**kind, "action": action}, info), 8, **hardware) for action in ("phasor", "wrench")
+    )
+    way = np.linalg.norm(phasor[-1, :, 0, :2] - phasor[0, :, 0, :2], axis=-1)
+    off = np.linalg.norm(wrench[-1, :, 0, :2] - phasor[-1, :, 0, :2], axis=-1)
+    assert np.median(way) > 0.03 and np.median(off) < 0.04 * np.median(way)
+
+
+def test_a_part_that_slides_home_is_let_rest():
+    """Elements are off under parts in motion of which the law wants nothing, though zeros would ask for a push."""
+    env = batch("Align", 12, action="wrench", **HARDWARE)
+    policy, state, rests, driven = make_policy({"kind": "pose", "action": "wrench"}, TaskInfo.of(env)), None, 0, 0
+    seen, _ = env.reset(seed=5)
+    for _ in range(60):
+        action, state = policy.predict(seen, state)
+        seen, *_ = env.step(action)
+        moving = np.linalg.norm(Measured.of(seen, policy.info).velocity[:, 0], axis=-1) > 1e-4
+        off = np.array([not env.unwrapped.phasors(world).any() for world in range(12)])
+        rests += (off & moving & action.any(axis=-1)).sum()
+        driven += (~off).sum()
+    assert rests > 60 and driven > 200
+
+
+def test_absent_parts_want_nothing():
+    settings = {"randomize": {"parts": [2, 3]}}
+    env = batch("Sort", 4, action="wrench", **settings)
+    policy = make_policy({"kind": "planner", "law": "pose", "action": "wrench"}, TaskInfo.of(env))
+    seen, _ = env.reset(seed=2)
+    action, _ = policy.predict(seen)
+    there = env.unwrapped.truth.present
+    wanted = action.reshape(4, 6, 3)
+    assert not wanted[~there].any() and wanted[there].any(axis=-1).all() and not there.all()
+    assert action.dtype == np.float32 and policy.predict(seen[0])[0].shape == (18,)
+
+
+def test_other_actions_are_refused():
+    for kind in ("pose", "local_field"):
+        with pytest.raises(ValueError, match=r"action"):
+            make_policy({"kind": kind, "action": "patch"}, info_of("Align"))
+    with pytest.raises(ValueError, match=r"action"):
+        make_policy({"kind": "planner", "action": 3}, info_of("Sort"))

@@ -1,14 +1,12 @@
-"""Fields planned once: what is looked at, and when they act."""
-
-import dataclasses
+"""Policies without a sensor: zero, random, and fields planned once."""
 
 import numpy as np
 import pytest
 
-from tests.envs.helpers import single
-from tests.policies.classical.test_classical_protocol import observations
-from tests.policies.helpers import POSE_TASKS, episodes, info_of
+from tests.envs.helpers import batch, single
+from tests.policies.helpers import POSE_TASKS, info_of
 from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
 
 
 @pytest.mark.parametrize("task", POSE_TASKS)
@@ -32,15 +30,6 @@ def test_it_looks_once_an_episode(task):
     assert (restarted[1] == fresh[1]).all() and (restarted[1] != going_on[1]).any()
 
 
-def test_it_leaves_the_state_it_is_given():
-    policy = make_policy("open_loop", info_of("Rotate"))
-    seen = observations("Rotate", steps=2)
-    _, state = policy.predict(seen[0])
-    before = [array.copy() for array in state]
-    policy.predict(seen[1], state, np.ones(6, dtype=bool))
-    assert all((array == copy).all() for array, copy in zip(state, before, strict=True))
-
-
 def strengths(turn, periods, steps):
     """Largest amplitude in each step of a turn (rad) in place at 10 rad/s."""
     policy = make_policy({"kind": "open_loop", "turn_rate": 10.0}, info_of("Rotate", periods_per_step=periods))
@@ -53,11 +42,6 @@ def strengths(turn, periods, steps):
     return np.array(amplitude)
 
 
-def test_it_turns_and_then_stops():
-    acting = strengths(2.0, 1, 10)  # 2 rad at 10 rad/s last 5 periods of 40 ms
-    assert acting == pytest.approx([1.0] * 5 + [0.0] * 5, abs=1e-5)
-
-
 @pytest.mark.parametrize("turn, periods", [(1.0, 1), (2.0, 4), (-1.9, 3), (0.3, 4)])
 def test_its_fields_act_for_their_time_whatever_a_step_lasts(turn, periods):
     """The last step acts by its share: strengths times step time add up to the turn over its rate."""
@@ -65,20 +49,41 @@ def test_its_fields_act_for_their_time_whatever_a_step_lasts(turn, periods):
     assert acting.sum() * 0.04 * periods == pytest.approx(abs(turn) / 10.0, rel=1e-4)
 
 
-def test_it_transports_without_looking():
-    assert episodes(make_policy("open_loop", info_of("Transport")), "Transport").success >= 95
+def observations(task, worlds=6, steps=8, seed=0):
+    """States that a batch comes through, (steps, worlds, n)."""
+    env = batch(task, worlds, action="patch")
+    env.action_space.seed(seed)
+    return np.array([env.reset(seed=seed)[0], *[env.step(env.action_space.sample())[0] for _ in range(steps - 1)]])
 
 
-@pytest.mark.parametrize("periods", [1, 4])
-def test_it_turns_as_far_as_it_should_whatever_a_step_lasts(periods):
-    """With four periods a step it had turned four times as far as it was asked to, and none of 500 episodes succeeded."""
-    info = info_of("Rotate", periods_per_step=periods)
-    assert episodes(make_policy("open_loop", info), "Rotate", 200, periods_per_step=periods).success >= 14
+def test_random_policy():
+    policy, again, other = (make_policy("random", info_of(), seed=seed) for seed in (1, 1, 2))
+    seen = observations("Align", steps=1)[0]
+    first, second = policy.predict(seen)[0], policy.predict(seen)[0]
+    assert first.shape == (6, 512) and first.dtype == np.float32
+    assert np.abs(first).max() <= 1 and first.mean() == pytest.approx(0, abs=0.05) and first.std() > 0.5
+    assert (first == again.predict(seen)[0]).all()
+    assert (first != second).any() and (first != other.predict(seen)[0]).any()
+    assert (make_policy({"kind": "random", "seed": 2}, info_of(), seed=1).predict(seen)[0] != first).any()
 
 
-def test_headings_that_are_not_wrapped_are_turned_to_whatever_the_task_is_called():
-    """It goes by the task's properties, not by its name."""
-    seen = observations("Rotate", steps=1)[0]
-    policy = make_policy("open_loop", info_of("Rotate"))
-    renamed = make_policy("open_loop", dataclasses.replace(policy.info, name="Mine"))
-    assert (policy.predict(seen)[0] == renamed.predict(seen)[0]).all()
+@pytest.mark.parametrize("task", ["Transport", "Sort"])
+def test_zero_policy_lets_the_parts_rest(task):
+    env = single(task, action="field")
+    seen, _ = env.reset(seed=0)
+    start = env.unwrapped.truth.pose
+    policy = make_policy("zero", TaskInfo.of(env))
+    for _ in range(20):
+        seen, *_ = env.step(policy.predict(seen)[0])
+    assert np.abs(env.unwrapped.truth.pose - start).max() < 1e-4
+
+
+def test_local_field_remembers_what_parts_were_given():
+    policy = make_policy("local_field", info_of("Rotate"))
+    seen = observations("Rotate", steps=2)
+    first, state = policy.predict(seen[0])
+    assert state.acceleration.shape == (6, 1, 3) and state.law == () and state.acceleration.any()
+    quick = state._replace(acceleration=state.acceleration + 5.0)
+    later = policy.predict(seen[1], state)[0]
+    assert (later != policy.predict(seen[1], quick)[0]).any()
+    assert (policy.predict(seen[1], quick, np.ones(6, dtype=bool))[0] == policy.predict(seen[1])[0]).all()

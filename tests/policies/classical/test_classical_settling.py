@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import batch
-from tests.policies.helpers import SURFACE, episodes, info_of
+from tests.policies.helpers import info_of
 from vibgym.policies.classical.law import BAND, LOOSE_BAND, NEAR, REACH_TURN, Settling
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.steering import Steering
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
-from vibgym.scene.sliding import top_slip
-
-HARDWARE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
 
 
 def steering(name="Align", periods=1, **arguments):
@@ -125,46 +122,4 @@ def test_tasks_without_poses_have_a_band_of_their_own():
     assert settle.band == LOOSE_BAND and 0.0 < settle.slack < 0.005
 
 
-def test_a_limit_below_lift_off_is_known():
-    """Stopping distances and the top speed follow from what the elements can do."""
-    half = info_of("Align", actuators={"kind": "prototype", "limit": 0.5 * SURFACE.max_amplitude})
-    weak, full = half.plant, info_of("Align").plant
-    assert weak.strength == pytest.approx(0.5) and full.strength == 1.0
-    assert weak.push == pytest.approx(0.5 * full.push) and weak.turn_push == pytest.approx(0.5 * full.turn_push)
-    assert 0.5 * full.top_speed < weak.top_speed < full.top_speed  # friction grows faster than speed
-    law = Steering(half).law
-    short = np.array([0.001])
-    assert law.stopping_rate(short, weak.push) == pytest.approx(
-        np.minimum(np.sqrt(2.0 * law.braking * weak.push * short), law.approach * short)
-    )
-    assert top_slip(1.0) == pytest.approx(top_slip(1.0 - 1e-12), abs=1e-9)
-
-
 # -- what it achieves --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("task, most_time", [("Transport", 1.6), ("Align", 1.75), ("Rotate", 1.1)])
-def test_local_fields_reach_the_goal_on_the_prototype(task, most_time):
-    outcome = episodes(make_policy("local_field", info_of(task, **HARDWARE)), task, **HARDWARE)
-    assert outcome.success >= 99 and outcome.time < most_time
-
-
-def test_those_that_know_nothing_of_the_dead_zone_do_not():
-    outcome = episodes(make_policy("local_field", info_of("Align")), "Align", 50, **HARDWARE)
-    assert outcome.success <= 30
-
-
-@pytest.mark.parametrize(
-    "change",
-    [{"dead_zone": 1.5e-4}, {"dead_zone_form": "soft"}, {"dead_zone_form": "cubic"}, {"limit": 2.5e-4}, {"latency": 2}],
-    ids=lambda change: " ".join(change),
-)
-def test_it_does_so_on_other_hardware(change):
-    settings = {**HARDWARE, "actuators": {"kind": "prototype", **change}}
-    assert episodes(make_policy("local_field", info_of("Align", **settings)), "Align", 40, **settings).success >= 39
-
-
-@pytest.mark.parametrize("task, name", [("Sort", "planner"), ("Singulate", "planner"), ("Singulate", "local_field")])
-def test_several_parts_reach_their_places_on_the_prototype(task, name):
-    outcome = episodes(make_policy(name, info_of(task, **HARDWARE)), task, 12, **HARDWARE)
-    assert outcome.success == 12 and outcome.collisions < 1.0

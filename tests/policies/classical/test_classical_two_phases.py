@@ -5,12 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from tests.policies.helpers import ALUMINIUM, STEEL, SURFACE, episodes, info_of
+from tests.policies.helpers import ALUMINIUM, STEEL, SURFACE, info_of
 from vibgym.policies.classical.two_phases import EDGE, TwoPhasesPolicy, drawn_apart
 from vibgym.scene.hulls import gaps_between
 from vibgym.tasks import Pattern
-
-PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
 
 
 @pytest.mark.parametrize(
@@ -40,50 +38,6 @@ def test_a_pattern_that_fills_the_width_is_slanted():
     place = drawn_apart(SURFACE, [ALUMINIUM] * 12, goal[:, :2], goal[:, 2], 0.036)
     assert gaps_between([ALUMINIUM] * 12, np.c_[place, goal[:, 2]][None])[0].min() > 0.01
     assert drawn_apart(SURFACE, [ALUMINIUM], goal[:1, :2], goal[:1, 2], 0.036) == pytest.approx(goal[:1, :2])
-
-
-def test_twelve_are_packed():
-    """Sanity only: figures with their commands are in docs/pack.md."""
-    found = episodes("two_phases", "Pack", 40)
-    assert found.success >= 39 and found.time < 2.6 and found.collisions < 2.0
-    found = episodes("two_phases", "Pack", 20, **PROTOTYPE)
-    assert found.success >= 18 and found.time < 3.0
-
-
-def test_twenty_are_packed():
-    found = episodes({"kind": "two_phases", "action": "wrench"}, "PackFull", 20)
-    assert found.success >= 19 and found.time < 4.5
-
-
-def test_a_pattern_that_fills_the_width_is_packed():
-    found = episodes("two_phases", "Pack", 12, task_settings={"heading_deg": 90})
-    assert found.success >= 11 and found.time < 4.5
-
-
-def test_absent_parts_do_not_count():
-    found = episodes(
-        "two_phases", "Pack", 20, parts=["steel_block", "aluminium_block"] * 3, randomize={"parts": [1, 6]}
-    )
-    assert found.success >= 19  # two kinds that cross may jam
-
-
-def test_worlds_do_not_depend_on_one_another():
-    policy = TwoPhasesPolicy(info_of("Pack"))
-    layout, generator = policy.info.layout, np.random.default_rng(3)
-    rows = np.clip(generator.normal(size=(5, layout.size)) * 0.3, -1.0, 1.0)
-    rows.reshape(5, 12, -1)[..., 0] = 1.0
-    together, memory = policy.predict(rows)
-    again, _ = policy.predict(rows, memory)
-    for k in range(5):
-        alone, own = policy.predict(rows[k : k + 1])
-        assert (alone[0] == together[k]).all()
-        assert (policy.predict(rows[k : k + 1], own)[0][0] == again[k]).all()
-
-
-@pytest.mark.parametrize("task", ["Sort", "Singulate", "Follow"])
-def test_tasks_without_goals_that_stay_are_refused(task):
-    with pytest.raises(ValueError, match="two_phases"):
-        TwoPhasesPolicy(info_of(task))
 
 
 @pytest.mark.parametrize("name", ["apart", "margin", "growth", "share", "doubt", "give_up"])

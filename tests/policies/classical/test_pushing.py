@@ -2,16 +2,13 @@
 
 import math
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 from tests.envs.helpers import single
 from vibgym.config import part_from
-from vibgym.policies import TaskInfo, make_policy
+from vibgym.policies import TaskInfo
 from vibgym.policies.classical.pushing import Outline, PushingPolicy
-from vibgym.policies.measures import Measures
-from vibgym.policies.rollout import rollout
 from vibgym.registration import TEE
 from vibgym.scene.parts import Part
 
@@ -82,35 +79,6 @@ def test_borders_are_in_the_way():
     barred = policy.barred(np.arctan2(at[..., 1], at[..., 0]), sweeps, part_near_border, np.eye(2)[None])
     assert barred.shape == (1, 2, 2, 2)
     assert barred[0, 0, 0].tolist() == [True, False]  # clockwise from the right: below the part, where no room is
-
-
-@pytest.mark.parametrize("action", ["wrench", "phasor"])
-def test_the_part_comes_to_its_goal(action):
-    played = rollout({"kind": "push", "action": action}, "vibgym/Push-v0", seeds=range(8), keep=Measures)
-    assert played.success.mean() >= 7 / 8 and not played.fallen.any()
-
-
-def test_both_on_the_same_side_do_not_wait_for_one_another():
-    """Seeds in which both stood on one side, and each was in the other's way."""
-    played = rollout("push", "vibgym/PushAny-v0", seeds=[0, 35, 71, 106], keep=Measures)
-    assert played.success.all()
-
-
-def test_actions_do_not_depend_on_the_worlds_beside():
-    env = gym.make_vec("vibgym/PushAny-v0", num_envs=6, action="wrench")
-    policy = make_policy("push", env)
-    observation, _ = env.reset(seed=5)
-    many, _ = policy.predict(observation)
-    for world in range(6):
-        one, _ = policy.predict(observation[world : world + 1])
-        assert one.tobytes() == many[world : world + 1].tobytes()
-    assert not many.reshape(6, -1, 3)[:, 2].any()  # the part that is pushed is asked nothing
-
-
-@pytest.mark.parametrize("task", ["Align", "Swap", "Feed"])
-def test_other_tasks_are_refused(task):
-    with pytest.raises(ValueError, match="policy 'push'"):
-        make_policy("push", TaskInfo.of(single(task)))
 
 
 def test_bad_settings_are_refused():

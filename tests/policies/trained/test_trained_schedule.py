@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import single
-from tests.policies.classical.test_classical_protocol import observations
+from tests.policies.classical.test_classical_open_loop import observations
 from tests.policies.helpers import SURFACE, info_of
 from vibgym import Surface
 from vibgym.policies.registry import make_policy

@@ -9,16 +9,14 @@ import pytest
 
 from agents import locks
 from studies.accuracy import __main__ as command
-from studies.accuracy import mujoco_scene, page, report, settings, tables
-from tests.commands import fill_the_disk, refusal, said_in_one_line, saved
+from studies.accuracy import mujoco_scene, report, settings
+from tests.commands import refusal, saved
 
 GOOD = {
     "rounds": 2,
     "peer_worlds": 1,
     "orders": False,
-    "bound": True,
     "hard_cases": False,
-    "friction_experiment": False,
     "truth": {"steps": 32, "pieces": 2, "reference_worlds": 1, "reference_periods": 1, "reference_tolerance": 1e-6},
     "strong_tolerances": [1e-3, 1e-12],
     "models": [{"model": "planar"}, {"model": "planar", "steps": [4, 8]}, {"model": "averaged", "order": [1, 2]}],
@@ -31,7 +29,6 @@ GOOD = {
             "periods": 2,
             "drive": {"kind": "random"},
             "surface": {"horizontal_amplitude": 3e-4},
-            "success": {"point": [0.416, 0.104], "within_mm": 1},
         },
     ],
 }
@@ -77,9 +74,9 @@ def test_bad_files(tmp_path, capsys):
     assert stop.value.code == 2
 
 
-@pytest.mark.parametrize("place", ["file", "x" * 300, "a\0b", "a\ud800", "/proc/vibgym", "taken", "kept"])
+@pytest.mark.parametrize("place", ["file", "a\0b", "taken", "kept"])
 def test_bad_places(place, tmp_path, capsys, monkeypatch):
-    """A file, names that no file system takes, a directory in the place of the table, and another run's directory."""
+    """A file, a name that no file system accepts, a directory in the place of the table, and another run's directory."""
     monkeypatch.setattr(report, "run", lambda *_: pytest.fail("runs"))
     (tmp_path / "file").write_text("mine")
     (tmp_path / "taken" / "results.csv").mkdir(parents=True)
@@ -89,29 +86,6 @@ def test_bad_places(place, tmp_path, capsys, monkeypatch):
         line = refusal(capsys, command.main, str(path), "--output", str(tmp_path / place))
     assert line.startswith(f"{path}: output") and (tmp_path / "file").read_text() == "mine"
     assert (f"process {os.getpid()} on host" in line) == (place == "kept")
-
-
-def test_a_full_disk_leaves_the_old_report(tmp_path, capsys, monkeypatch):
-    """Nothing is measured here, and nothing drawn: it is about the files."""
-    out = tmp_path / "out"
-    text = {"page": "old", "csv_text": "old", "json_text": "old"}
-    for name in text:
-        monkeypatch.setattr(page, name, lambda _, name=name: text[name])
-    monkeypatch.setattr(report, "run", lambda *_: None)
-    monkeypatch.setattr(tables, "summary", lambda _: "")
-    path = str(saved(tmp_path, GOOD))
-    assert command.main([path, "--quiet"]) == 0
-    capsys.readouterr()
-
-    def measured(*_):
-        text.update(dict.fromkeys(text, "new"))
-        fill_the_disk(monkeypatch, room=1)
-
-    monkeypatch.setattr(report, "run", measured)
-    assert command.main([path, "--quiet"]) == 1
-    assert "No space left" in said_in_one_line(capsys)
-    names = ("report.html", "results.csv", "results.json")
-    assert {each.name: each.read_text() for each in out.iterdir()} == dict.fromkeys(names, "old")
 
 
 def test_interruption(tmp_path, capsys, monkeypatch):
@@ -156,13 +130,11 @@ def test_whole_report(tmp_path, capsys, monkeypatch):
     refused = {(row["scene"], row["method"]): row["refused"] for row in rows if row["refused"]}
     assert "pip install vibgym[mujoco]" in refused["fields <&>", "MuJoCo"]
     assert "model='planar'" in refused["stick", "averaged, order 2"] and "static" in refused["stick", "SciPy LSODA"]
-    assert {row["success_rate"] for row in rows if row["scene"] == "fields <&>"} == {""}
 
     found = json.loads((tmp_path / "there" / "results.json").read_text())
     assert [each["name"] for each in found["scenes"]] == ["fields <&>", "stick"]
     check = found["scenes"][0]["truth"]
     assert check["trouble"] == "" and check["gap"] < 1e-5 and check["estimate"] < 1e-5
-    assert found["bounds"][0]["period"] < found["bounds"][0]["cost_us"]
 
     page = (tmp_path / "there" / "report.html").read_text()
     assert "fields &lt;&amp;&gt;" in page and "fields <&>" not in page

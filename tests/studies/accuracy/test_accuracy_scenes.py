@@ -35,14 +35,6 @@ BAD = {
         {"settle": 0, "drive": {"kind": "fields", "fields": [{"kind": "squeeze", "x": 0.1, "y": 0.1}]}},
         "scenes.0.drive.fields.0.angle",
     ),
-    "success": ({"success": {"within": 0.01}}, "scenes.0.success"),
-    "success of a disc": (
-        {
-            "part": {"shape": "disc", "radius": 0.01, "friction": 0.5},
-            "success": {"line": [0, 0, 0], "heading_within": 0.1},
-        },
-        "scenes.0.success.heading_within",
-    ),
     "worlds": ({"worlds": 0}, "scenes.0.worlds"),
     "tolerance": ({"weak_tolerances": [-1.0]}, "scenes.0.weak_tolerances"),
 }
@@ -93,20 +85,6 @@ def test_starts():
     assert np.abs(still.pose[:, 1] - 0.104).max() <= 0.026
     idle = scene()
     assert idle.velocity[0, :2] == pytest.approx(idle.surface.idle_velocity(idle.part.friction))
-
-
-def test_success_by_hand():
-    met = scene(success={"line": [0.4, 0.1, math.pi / 2], "within_mm": 5, "heading_within_deg": 10}).success
-    pose = [
-        [0.4, 0.3, math.pi / 2],  # anywhere along the line
-        [0.406, 0.1, math.pi / 2],  # beside it
-        [0.404, 0.1, -math.pi / 2 + 0.17],  # a rectangle turned by half a turn is the same
-        [0.404, 0.1, 0.0],
-        [math.nan, 0.1, math.pi / 2],
-    ]
-    assert met(np.array(pose)).tolist() == [True, False, True, False, False]
-    near = scene(success={"point": [0.4, 0.1], "within": 0.005}).success
-    assert near(np.array([[0.403, 0.104, 9.0], [0.404, 0.104, 0.0]])).tolist() == [True, False]
 
 
 def test_a_beginning_is_the_beginning():

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from studies.manual import rivals as shown
-from studies.rivals import tables
+from studies.rivals import figures
 from studies.rivals.__main__ import main
 from studies.rivals.by_turns import ByTurnsPolicy
-from studies.rivals.contenders import OWN_SPEED, policy_of, scene_of, strength_of
-from studies.rivals.figures import played, row_of
+from studies.rivals.figures import OWN_SPEED, played, policy_of, row_of, scene_of, strength_of
 from studies.rivals.film import FILM, Sweep, frames
 from studies.rivals.film import played as seen
 from studies.rivals.machines import MACHINES, register
@@ -166,7 +165,7 @@ def test_the_page_shows_the_tables():
         assert all(
             title in make() for title in ("segmented surface", "rigid plate, as fast", "conveyor cells, one way")
         )
-    first = tables.read(ROOT / tables.FIGURES)[1]
+    first = figures.read(ROOT / figures.FIGURES)[1]
     assert f"{float(first['time_median']):.2f} s, x {float(first['time_ratio']):.2f}" in shown.TABLES["rivals"]()
 
 
@@ -194,7 +193,7 @@ def test_the_plate_serves_by_turns_where_there_are_zones():
 
 def test_new_lines_replace_those_of_their_task():
     old = [{"task": "Sort", "machine": "plate"}, {"task": "Align", "machine": "plate"}]
-    found = tables.merged(old, [{"task": "Sort", "machine": "conveyor"}])
+    found = figures.merged(old, [{"task": "Sort", "machine": "conveyor"}])
     assert found == [{"task": "Align", "machine": "plate"}, {"task": "Sort", "machine": "conveyor"}]
 
 

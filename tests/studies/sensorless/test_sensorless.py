@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from studies.sensorless.__main__ import main
-from studies.sensorless.errors import COARSE, FINE, cost, errors_of
 from studies.sensorless.handmade import FAMILIES, made, plain, shifted
-from studies.sensorless.play import Trials, draw_trials, play
+from studies.sensorless.play import COARSE, FINE, Trials, cost, draw_trials, errors_of, play
 from studies.sensorless.search import costs, decoded, encoded, search
 from studies.sensorless.settings import SensorlessSettings
 from tests.envs.helpers import batch

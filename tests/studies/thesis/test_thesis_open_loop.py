@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from studies.accuracy.friction_experiment import experiment, fit_friction, transition_frequency
+from studies.accuracy.friction_experiment import experiment, fit_friction
 from studies.thesis import friction_radius
 from studies.thesis.element_size import ALIGNED, PITCH, aligned
 from studies.thesis.squeeze import Squeezed, largest_deviations, objects, squeezed
@@ -79,10 +79,10 @@ def test_four_elements_attract_a_block_and_fewer_do_not(name):
 def test_the_friction_experiment():
     """Figs. 7.1 and 7.2: closed forms, the coefficients that went in, and a window that the steps do not resolve."""
     frequencies = np.linspace(5.0, 10.0, 26)
-    found = experiment(frequencies=frequencies, static_ratio=friction_radius.STATIC_RATIO, settle_periods=80)
+    found = experiment(frequencies=frequencies, static_ratio=friction_radius.STATIC_RATIO)
     for block in found.blocks:
         assert friction_radius.largest_misfit(block, frequencies) < 3e-6
         assert fit_friction(frequencies, block.down)[0] == pytest.approx(block.friction, abs=2e-4)
         assert abs(block.fitted - block.friction) < 4.0 * block.standard_error < 0.03
-        width = transition_frequency(block.static_friction) - transition_frequency(block.friction)
+        width = block.window[1] - block.window[0]
         assert 0.0 < width < 0.5 * np.diff(friction_radius.FREQUENCIES).min()

@@ -53,13 +53,6 @@ def test_drawn_paths_keep_their_promises(surface, parts, settings):
     assert shapes == set(settings.get("shapes", ["circle", "square", "figure_eight"]))
 
 
-def test_shapes_are_those_that_are_asked_for():
-    for shape in ("circle", "square", "figure_eight"):
-        drawn = DrawnPaths(SURFACE, [BLOCK], {"shapes": [shape]}, APART)
-        for (path,) in drawn.draw(np.random.default_rng(1).random((20, drawn.draws))):
-            assert shape_of(path) == shape
-
-
 def test_draws_do_not_depend_on_what_is_drawn_beside_them():
     drawn = DrawnPaths(SURFACE, [BLOCK, STEEL], {}, APART)
     uniform = np.random.default_rng(2).random((9, drawn.draws))

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibgym.tasks import route
-from vibgym.tasks.route import MOTION
 
 WINDOW = 0.06
 
@@ -109,14 +108,3 @@ def test_rows_that_only_pad_change_nothing():
     path = made([0.1, 0.2, 0.3], [0.1, 0.05], [0.0, 30.0], along=1.0)
     times = np.linspace(-0.1, 3.0, 200)
     assert (route.sample(route.padded(path, 20), times) == route.sample(path, times)).all()
-
-
-def test_routes_do_not_depend_on_what_is_beside_them():
-    random = np.random.default_rng(0)
-    start, lengths = random.random((7, 3)), random.random((7, 5))
-    curvatures, header = 20 * random.random((7, 5)), random.random((7, 6))
-    together = route.routes(start, lengths, curvatures, header)
-    for k in range(7):
-        each = slice(k, k + 1)
-        assert (route.routes(start[each], lengths[each], curvatures[each], header[each])[0] == together[k]).all()
-    assert len(MOTION) == 9

@@ -1,18 +1,18 @@
-"""Averages over a period of the friction on a part under a circling table, to first and second order.
+"""Averages over a period of the friction on a part on a circling table, to first and second order.
 
-The small number is ``eps = mu g / (a_h w^2)``: velocity ``v = vbar + wobble``, where the wobble is the antiderivative without
-mean of the fast part of the acceleration of the whole rigid part, about ``eps`` of the table's speed. To first order the
-mean acceleration is that at ``vbar`` (thesis eqs. 5.60 and 5.61); to second order
+The small parameter is ``eps = mu g / (a_h w^2)``. The velocity is ``v = vbar + wobble``; the wobble is the zero-mean
+antiderivative of the fast part of the rigid part's acceleration, about ``eps`` of the table's speed. To first order the mean
+acceleration is that at ``vbar`` (thesis eqs. 5.60 and 5.61); to second order
 
     <v'> = < f(vbar) > + < Df . wobble >
 
-First order goes point by point, each with its own slip. Wobble and second order take the slip of the centre for the
-whole part: what they leave out is of the order ``eps^2 spin r / V``. They then depend on the field under the part only through
-the zeroth, first and second moments of its phasors, and on slip through tabulated coefficients.
+The first order is summed over points, each with its own slip. Wobble and second order use the slip of the centre for the whole
+part; the error is of the order ``eps^2 spin r / V``. They then depend on the field under the part only through the zeroth,
+first and second moments of its phasors, and on slip through tabulated coefficients.
 
-A table has two sides, slip ``s`` below and above 1, and runs over ``-log(1 - min(s, 1 / s))``; it is read by cubic
-interpolation. Nothing is undefined at any slip, but where slip passes near zero (``|s - 1|`` up to ``2 eps``) the expansion
-itself loses its meaning; :func:`slip_margin` says how far that is.
+A table has two sides, slip ``s`` below and above 1, over ``-log(1 - min(s, 1 / s))``, with cubic interpolation. Values are
+finite at any slip, but the expansion is meaningless where slip passes near zero (``|s - 1|`` up to ``2 eps``); see
+:func:`slip_margin`.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ import numpy as np
 from vibgym.kernels.jit import borrowing
 
 POLYNOMIAL_END = 0.8
-"""Square of slip up to which the first-order coefficients are polynomials; above, they come from the table."""
+"""Square of slip up to which the first-order coefficients are polynomials; above, they are tabulated."""
 
 WOBBLES = 12
 MOMENTS = (6, 3)
-"""Moments 1, x, y, xx, xy, yy of the load, of C and of S."""
+"""Shape of the moments: 1, x, y, xx, xy, yy of the load, of C and of S."""
 
 
 class Scratch(NamedTuple):
-    """Room for intermediate values."""
+    """Working arrays."""
 
     weights: np.ndarray  # (2, 4)
     values: np.ndarray  # (27)
@@ -41,7 +41,7 @@ class Scratch(NamedTuple):
 
 
 class Averages(NamedTuple):
-    """Tables from :mod:`vibgym.simulation.averages_tables`, which says what their columns mean."""
+    """Tables of coefficients; their columns are defined in :mod:`vibgym.simulation.averages_tables`."""
 
     polynomials: np.ndarray  # (3, 12) of s^2, highest power first
     mean_scale: float  # nodes per unit of -log(1 - t)
@@ -55,18 +55,18 @@ class Averages(NamedTuple):
 
 @borrowing
 def friction_rate(friction, gravity, speed):
-    """1/s, ``c = mu g / (2 a_h w)`` at which friction brakes a part that is slow beside the table (thesis eq. 5.60)."""
+    """Return the rate ``mu g / (2 a_h w)`` (1/s) at which friction brakes a part much slower than the table (eq. 5.60)."""
     return 0.5 * friction * gravity / speed
 
 
 def new_scratch() -> Scratch:
-    """Room for one thread."""
+    """Allocate working arrays for one thread."""
     return Scratch(np.zeros((2, 4)), np.zeros(27), np.zeros((6, 3)))
 
 
 @borrowing
 def cubic_weights(position, nodes, weights):
-    """First of four neighbouring nodes, and their weights in the cubic through them."""
+    """Compute the weights of four neighbouring nodes in cubic interpolation; return the first node."""
     first = min(max(int(position) - 1, 0), nodes - 4)
     a = min(position, nodes - 1.0) - first
     b, c, d = a - 1.0, a - 2.0, a - 3.0
@@ -79,7 +79,7 @@ def cubic_weights(position, nodes, weights):
 
 @borrowing
 def place(slip):
-    """Side of the tables and coordinate on it."""
+    """Return the side of the tables and the coordinate on it."""
     side = 0 if slip <= 1.0 else 1
     t = slip if slip <= 1.0 else 1.0 / slip
     return side, -math.log(max(1.0 - t, 1e-15))
@@ -87,7 +87,7 @@ def place(slip):
 
 @borrowing
 def interpolate(table, scale, slip, scratch):
-    """One row of a table of slip, into ``scratch.values``."""
+    """Interpolate a row of a table into ``scratch.values``."""
     side, y = place(slip)
     weights, values = scratch.weights[0], scratch.values
     first = cubic_weights(y * scale, table.shape[1], weights)
@@ -103,7 +103,7 @@ def interpolate(table, scale, slip, scratch):
 
 @borrowing
 def mean_row(tables, slip, scratch):
-    """``d / s``, ``(Q - P) / s^2`` and ``P + Q`` from the table, into ``scratch.values``."""
+    """Interpolate ``d / s``, ``(Q - P) / s^2`` and ``P + Q`` into ``scratch.values``."""
     interpolate(tables.mean, tables.mean_scale, slip, scratch)
     if slip > 1.0:
         scratch.values[0] /= slip
@@ -112,7 +112,7 @@ def mean_row(tables, slip, scratch):
 
 @borrowing
 def interpolate_wobble(tables, slip, theta, count, scratch):
-    """The first ``count`` of the twelve antiderivatives at slip and angle in [-pi, pi], into ``scratch.values``."""
+    """Interpolate the first ``count`` of twelve antiderivatives at slip and angle in [-pi, pi] into ``scratch.values``."""
     weights, values = scratch.weights, scratch.values
     side, y = place(slip)
     table = tables.wobble
@@ -129,14 +129,14 @@ def interpolate_wobble(tables, slip, theta, count, scratch):
                 + b3 * table[side, first + i, start + 3, k]
             )
         values[k] = total
-    if theta < 0.0:  # functions 0, 1 and 5 are odd, 2, 3 and 4 even; their own antiderivatives the other way round
+    if theta < 0.0:  # functions 0, 1 and 5 are odd, 2, 3 and 4 even; their antiderivatives the reverse
         values[0], values[1], values[5] = -values[0], -values[1], -values[5]
         values[8], values[9], values[10] = -values[8], -values[9], -values[10]
 
 
 @borrowing
 def gather_moments(points, phasor_c, phasor_s, n, moments):
-    """Moments of load, C and S over the contact points, about the centre of mass."""
+    """Compute the moments (6, 3) of load, C and S over ``n`` contact points, about the centre of mass."""
     for i in range(6):
         for j in range(3):
             moments[i, j] = 0.0
@@ -174,7 +174,7 @@ def gather_moments(points, phasor_c, phasor_s, n, moments):
 
 @borrowing
 def polynomial(p, i, x):
-    """Polynomial ``i`` at ``x``: in groups of four terms, which wait less for one another than Horner's rule."""
+    """Evaluate polynomial ``i`` at ``x`` by Estrin's scheme, whose latency is less than Horner's."""
     x2 = x * x
     x4 = x2 * x2
     high = (p[i, 0] * x + p[i, 1]) * x2 + (p[i, 2] * x + p[i, 3])
@@ -184,18 +184,19 @@ def polynomial(p, i, x):
 
 @borrowing
 def first_order(tables, points, phasor_c, phasor_s, n, gravity, speed, radius, vx, vy, spin, scratch):
-    """Mean force and torque per unit mass and friction coefficient at the mean velocity ``(vx, vy, spin)``.
+    """Compute mean force and torque per unit mass and friction coefficient at the mean velocity ``(vx, vy, spin)``.
 
     Args:
-        points, phasor_c, phasor_s, n: contact points (:func:`vibgym.physics.planar.outline.contact_points`) and
-        phasors, m/s^2. speed: of the table, m/s.
-        radius: of a circle about the centre of mass that holds all points, m.
+        points, phasor_c, phasor_s, n: contact points (:func:`vibgym.physics.planar.contact_area.contact_points`) and
+            phasors, m/s^2.
+        speed: of the table, m/s.
+        radius: of a circle about the centre of mass that contains all points, m.
 
     Returns:
         Force x and y (m/s^2) and torque about the centre of mass (m^2/s^2).
     """
-    # At a point: i/2 (zeta u^2 E - conj(zeta) B) - g u D with zeta = C + i S, u = ux + i uy and coefficients D, E, B. Written
-    # out in both loops, because the compiler turns the first one into vector instructions only so.
+    # At a point: i/2 (zeta u^2 E - conj(zeta) B) - g u D with zeta = C + i S, u = ux + i uy and coefficients D, E, B. Repeated
+    # in both loops, since the compiler vectorises the first one only in this form.
     inverse = 1.0 / speed
     weight, px, py, p = points[0], points[1], points[2], tables.polynomials
     force_x, force_y, torque = 0.0, 0.0, 0.0
@@ -235,7 +236,7 @@ def first_order(tables, points, phasor_c, phasor_s, n, gravity, speed, radius, v
 
 @borrowing
 def turn_phasors(moments, gravity, cosine, sine, turned):
-    """Moments 1, x, y in the mean velocity's frame, for the shapes 1, cos(theta), sin(theta) of the normal acceleration."""
+    """Rotate moments 1, x, y to the mean velocity's frame, for the terms 1, cos(theta), sin(theta) of normal acceleration."""
     for i in range(3):
         c, s = moments[i, 1], moments[i, 2]
         turned[i, 0] = gravity * moments[i, 0]
@@ -248,7 +249,7 @@ def turn_phasors(moments, gravity, cosine, sine, turned):
 
 @borrowing
 def turn_moments(moments, gravity, cosine, sine, turned):
-    """Likewise with the second moments."""
+    """Rotate all moments, see :func:`turn_phasors`."""
     turn_phasors(moments, gravity, cosine, sine, turned)
     for i in range(3, 6):
         c, s = moments[i, 1], moments[i, 2]
@@ -265,7 +266,7 @@ def turn_moments(moments, gravity, cosine, sine, turned):
 
 @borrowing
 def direction(vx, vy):
-    """Length and unit vector; along x for a velocity of zero, where direction has no meaning and no effect."""
+    """Return length and unit vector; along x for zero velocity, for which the direction has no effect."""
     length = math.sqrt(vx * vx + vy * vy)
     if length < 1e-150:
         return 0.0, 1.0, 0.0
@@ -274,7 +275,7 @@ def direction(vx, vy):
 
 @borrowing
 def second_order(tables, moments, gravity, speed, gyration, vx, vy, scratch):
-    """``< Df . wobble >`` times ``w / mu^2``: what second order adds to mean force and torque per unit mass.
+    """Compute ``< Df . wobble >`` times ``w / mu^2``: the second order of mean force and torque per unit mass.
 
     Args:
         moments: from :func:`gather_moments`.
@@ -289,7 +290,7 @@ def second_order(tables, moments, gravity, speed, gyration, vx, vy, scratch):
 
 @borrowing
 def coupled(coupling, moments, gravity, speed, gyration, cosine, sine, turned):
-    """:func:`second_order` with the coefficients (27,) at hand, for a mean velocity along ``(cosine, sine)``."""
+    """Compute :func:`second_order` from its coefficients (27,), for a mean velocity along ``(cosine, sine)``."""
     turn_moments(moments, gravity, cosine, sine, turned)
     q0, q1, q2 = turned[0, 0], turned[0, 1], turned[0, 2]
     inverse = 1.0 / gyration
@@ -322,7 +323,7 @@ def coupled(coupling, moments, gravity, speed, gyration, cosine, sine, turned):
 
 @borrowing
 def velocity_wobble(tables, moments, gravity, speed, vx, vy, scratch):
-    """Wobble of the centre's velocity x, y at the start of a period, for ``mu = w = 1``."""
+    """Return the wobble of the centre's velocity x, y at the start of a period, for ``mu = w = 1``."""
     length, cosine, sine = direction(vx, vy)
     values = scratch.values
     interpolate_wobble(tables, length / speed, math.atan2(cosine, sine), WOBBLES // 2, scratch)
@@ -335,7 +336,7 @@ def velocity_wobble(tables, moments, gravity, speed, vx, vy, scratch):
 
 @borrowing
 def wobble(tables, moments, gravity, speed, gyration, vx, vy, result, scratch):
-    """Wobble of velocity and position at the start of a period, for ``mu = w = 1``; :func:`velocity_wobble` is cheaper.
+    """Compute the wobble of velocity and position at the start of a period, for ``mu = w = 1``.
 
     Args:
         result: (6) overwritten: velocity x, y and spin, to be multiplied by ``mu / w``; position x, y and heading, by
@@ -360,7 +361,7 @@ def wobble(tables, moments, gravity, speed, gyration, vx, vy, result, scratch):
 
 @borrowing
 def slip_margin(moments, gravity, speed, friction, frequency, vx, vy):
-    """How far slip stays from zero, over the table's speed; below zero the wobble can carry it through.
+    """Return a bound on the distance of slip from zero, over the table's speed; below zero, slip may vanish.
 
     Args:
         frequency: angular, rad/s.

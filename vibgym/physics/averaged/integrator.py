@@ -1,17 +1,16 @@
-"""Planar contact, averaged over the period: one part per world in permanent sliding on the vibrating elements.
+"""Averaged model: one part per world in permanent sliding on the vibrating elements.
 
-The state is that of the planar model, pose and velocity at one instant. Every call goes over to the slow variables, pose
-and velocity without their wobble (:mod:`vibgym.physics.averaged.averages`), advances those, and goes back under the same
-drive: the wobble depends on the drive, so that without this a drive that changes would cost an error of first order each
-time. Both orders do so and differ in the mean acceleration alone: with a drive that changes every period it takes 2.6 times
-the error off first order, too.
+The state is that of the planar model, pose and velocity at an instant. Each call converts it to the slow variables, pose and
+velocity without wobble (:mod:`vibgym.physics.averaged.averages`), advances these, and converts them back under the same drive.
+The wobble depends on the drive, so without this conversion each change of the drive would cause an error of first order. With
+a drive that changes every period it reduces the error of the first-order model by a factor of 2.6, too.
 
-A step spans one or several periods or a part of one. Both its ends cut the outline; between them the acceleration less
-``-mu g / (2 a_h w) v``, the linear part of friction, is taken as linear in time and the rest is solved exactly (exponential
-Runge-Kutta, second order). So steps of several periods stay sound: what friction damps within them is no error.
+A step covers one or several periods or a fraction of one. Both its ends cut the outline. Between them the acceleration less
+``-mu g / (2 a_h w) v``, the linear part of friction, is linear in time, and the rest is solved exactly (exponential
+Runge-Kutta, second order), so that steps of several periods are stable and damping is exact.
 
-Where slip may have passed through zero within a period the world is marked in ``state.doubtful``, and the result is not
-certified from there on: the wobble may then carry the part to the speed of the table.
+If slip may have passed through zero within a period, the world is marked in ``state.doubtful``: the wobble may then accelerate
+the part to the speed of the table, which this model does not describe.
 """
 
 from __future__ import annotations
@@ -19,23 +18,140 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from vibgym.kernels.jit import borrowing
 from vibgym.kernels.reference import reference
-from vibgym.physics.averaged.averages import friction_rate, slip_margin, wobble
-from vibgym.physics.averaged.contact import (
-    AveragedScheme,
-    AveragedWorkspace,
-    look_under,
-    mean_acceleration,
-    steady_part,
+from vibgym.physics.averaged.averages import (
+    Averages,
+    Scratch,
+    first_order,
+    friction_rate,
+    gather_moments,
+    new_scratch,
+    second_order,
+    slip_margin,
+    velocity_wobble,
+    wobble,
 )
-from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.drive import Drive, Phasors, clear_phasors, new_phasors
 from vibgym.physics.core.records import Body, Motion, State, Table, is_finite, under_conditions
-from vibgym.physics.planar.phasors import forget_phasors
+from vibgym.physics.planar.contact_area import (
+    PLACED,
+    Cut,
+    cells_across,
+    cut_into_points,
+    finest_split,
+    new_cut,
+    place_part,
+    read_points,
+    spin_split,
+)
+
+CLOSE = 1e-5
+"""Tolerance of :func:`mean_velocity_of`, over the table's speed."""
+
+
+class AveragedScheme(NamedTuple):
+    """Order, step sizes and tables."""
+
+    order: int  # 1 or 2
+    stride: int  # periods in a span of steps
+    steps: int  # in each span
+    tables: Averages
+
+
+class AveragedWorkspace(NamedTuple):
+    """Working arrays for one part at a time."""
+
+    cut: Cut
+    phasors: Phasors
+    moments: np.ndarray  # (6, 3) of the pressure at the last cut
+    before: np.ndarray  # (6, 3) of the pressure at the cut before
+    shift: np.ndarray  # (6) a wobble
+    scratch: Scratch
+
+
+def new_workspace(table: Table, body: Body) -> AveragedWorkspace:
+    """Allocate working arrays for parts of one kind."""
+    return AveragedWorkspace(
+        cut=new_cut(len(body.outline), cells_across(table, body, finest_split(table, body))),
+        phasors=new_phasors(1, cells_across(table, body, 1), body.coupling),
+        moments=np.zeros((6, 3)),
+        before=np.zeros((6, 3)),
+        shift=np.zeros(6),
+        scratch=new_scratch(),
+    )
+
+
+@borrowing
+def cut_at(table, body, x, y, heading, spin, work):
+    """Cut the outline at a pose into contact points; return their number, 0 without support."""
+    split = spin_split(table, body, table.speed, spin)
+    if place_part(table, body, split, x, y, heading, work.cut) != PLACED:
+        return 0
+    return cut_into_points(table, body, split, x, y, work.cut)
+
+
+@borrowing
+def sample_contact(table, body, drive, world, x, y, heading, spin, work):
+    """Cut the outline at a pose, read phasors and compute their moments; return the number of points, 0 without support."""
+    n = cut_at(table, body, x, y, heading, spin, work)
+    if n > 0:
+        read_points(table, body, drive, world, n, work.cut, work.phasors, 0)
+        gather_moments(work.cut.points, work.cut.phasor_c, work.cut.phasor_s, n, work.moments)
+    return n
+
+
+@borrowing
+def mean_acceleration(table, body, scheme, n, vx, vy, spin, work):
+    """Return the mean acceleration (m/s^2, m/s^2, rad/s^2) by friction at a mean velocity, for the last cut."""
+    mu = body.friction
+    cut = work.cut
+    ax, ay, aw = first_order(
+        scheme.tables, cut.points, cut.phasor_c, cut.phasor_s, n, table.gravity, table.speed, body.radius, vx, vy, spin,
+        work.scratch,
+    )  # fmt: skip
+    if scheme.order == 2:
+        small = mu * table.period / (2.0 * math.pi)
+        bx, by, bw = second_order(
+            scheme.tables, work.moments, table.gravity, table.speed, body.gyration, vx, vy, work.scratch
+        )
+        ax, ay, aw = ax + small * bx, ay + small * by, aw + small * bw
+    return mu * ax, mu * ay, mu / body.gyration * aw
+
+
+@borrowing
+def mean_velocity_of(table, body, scheme, vx, vy, work):
+    """Return the mean velocity of an instantaneous one, by Broyden's method; write its wobble to ``work.shift``."""
+    size = body.friction * table.period / (2.0 * math.pi)
+    tables, scratch, moments, result = scheme.tables, work.scratch, work.moments, work.shift
+    ux, uy = vx, vy
+    rx, ry = velocity_wobble(tables, moments, table.gravity, table.speed, ux, uy, scratch)
+    rx, ry = size * rx, size * ry
+    hxx, hxy, hyx, hyy = 1.0, 0.0, 0.0, 1.0
+    for _ in range(12):
+        if abs(rx) + abs(ry) < CLOSE * table.speed:
+            break
+        sx, sy = -(hxx * rx + hxy * ry), -(hyx * rx + hyy * ry)
+        ux, uy = ux + sx, uy + sy
+        qx, qy = velocity_wobble(tables, moments, table.gravity, table.speed, ux, uy, scratch)
+        qx, qy = ux + size * qx - vx, uy + size * qy - vy
+        dx, dy = qx - rx, qy - ry
+        rx, ry = qx, qy
+        px, py = hxx * dx + hxy * dy, hyx * dx + hyy * dy
+        lx, ly = sx * hxx + sy * hyx, sx * hxy + sy * hyy
+        scale = sx * px + sy * py
+        if abs(scale) > 1e-12 * (sx * sx + sy * sy):
+            ex, ey = (sx - px) / scale, (sy - py) / scale
+            hxx, hxy, hyx, hyy = hxx + ex * lx, hxy + ex * ly, hyx + ey * lx, hyy + ey * ly
+    # The result differs from the instantaneous velocity by exactly a wobble.
+    wobble(tables, moments, table.gravity, table.speed, body.gyration, ux, uy, result, scratch)
+    return vx - size * result[0], vy - size * result[1]
 
 
 class AveragedScene(NamedTuple):
-    """What the averaged model moves, and how; kernels hand it on by reference."""
+    """Part, drive and scheme of the averaged model; kernels pass it by reference."""
 
     table: Table
     body: Body
@@ -47,14 +163,14 @@ class AveragedScene(NamedTuple):
 
 @borrowing
 def in_world(scene, world):
-    """The scene with the part as it is in a world."""
+    """Return the scene with the part's conditions in a world."""
     body = under_conditions(scene.body, scene.state, world, 0)
     return AveragedScene(scene.table, body, scene.scheme, scene.drive, scene.state, scene.work)
 
 
 @borrowing
 def exponential(z):
-    """(1 - exp(-z)) / z and the next two of its kind, each the integral of the one before: 1, 1/2 and 1/6 at z = 0."""
+    """Return the functions phi_1, phi_2, phi_3 of exponential integrators at -z: 1, 1/2 and 1/6 at z = 0."""
     if z < 0.5:
         third = 1.0
         for k in range(15, 3, -1):
@@ -68,23 +184,23 @@ def exponential(z):
 
 
 class Span(NamedTuple):
-    """A span of one or several periods, in equal steps."""
+    """A span of one or several periods in equal steps."""
 
     h: float  # s, of a step
     rate: float  # 1/s, of the linear part of friction
     phi1: float  # see exponential
     phi2: float
     phi3: float
-    last: int  # the step in which the last period of a call begins, -1: in none
-    part: float  # and at which part of it
+    last: int  # step in which the last period of a call starts, -1: none
+    part: float  # fraction of that step
 
 
 @borrowing
 def span_of(scene, length, is_last, vx, vy):
-    """The span that covers the next ``length`` periods."""
+    """Return the span of the next ``length`` periods."""
     table, steps = scene.table, scene.scheme.steps
     h = length * table.period / steps
-    # The faster a part is than the table, the less its friction depends on its speed.
+    # For a part faster than the table, friction depends less on its speed.
     damping = friction_rate(scene.body.friction, table.gravity, table.speed)
     rate = damping * min(1.0, table.speed * table.speed / max(vx * vx + vy * vy, 1e-300))
     phi1, phi2, phi3 = exponential(rate * h)
@@ -96,16 +212,16 @@ def span_of(scene, length, is_last, vx, vy):
 
 
 @borrowing
-def look_ahead(scene, world, motion):
-    """Cut the outline where the part is and look under it; returns the number of points."""
-    return look_under(
+def sample_at(scene, world, motion):
+    """Sample the contact at a part's pose, see :func:`sample_contact`."""
+    return sample_contact(
         scene.table, scene.body, scene.drive, world, motion.x, motion.y, motion.heading, motion.spin, scene.work
     )
 
 
 @borrowing
 def acceleration_of(scene, n, motion):
-    """Mean acceleration for the cut at hand, by friction and by the table's incline, a constant that does not wobble."""
+    """Return the mean acceleration for the last cut, by friction and incline; the incline causes no wobble."""
     body = scene.body
     ax, ay, aw = mean_acceleration(scene.table, body, scene.scheme, n, motion.vx, motion.vy, motion.spin, scene.work)
     return ax + body.incline_x, ay + body.incline_y, aw
@@ -113,7 +229,7 @@ def acceleration_of(scene, n, motion):
 
 @borrowing
 def margin_of(scene, motion):
-    """How far slip stays from zero, see :func:`vibgym.physics.averaged.averages.slip_margin`."""
+    """Return :func:`vibgym.physics.averaged.averages.slip_margin` at a motion."""
     table, frequency = scene.table, 2.0 * math.pi / scene.table.period
     return slip_margin(
         scene.work.moments, table.gravity, table.speed, scene.body.friction, frequency, motion.vx, motion.vy
@@ -122,14 +238,14 @@ def margin_of(scene, motion):
 
 @borrowing
 def wobble_sizes(scene):
-    """Of velocity (s) and position (s^2), by which the wobble's numbers are multiplied."""
+    """Return the factors of the wobble of velocity (s) and position (s^2)."""
     size = scene.body.friction * scene.table.period / (2.0 * math.pi)
     return size, size * scene.table.period / (2.0 * math.pi)
 
 
 @borrowing
 def find_wobble(scene, moments, vx, vy):
-    """Leave the wobble at a mean velocity in ``work.shift``."""
+    """Write the wobble at a mean velocity to ``work.shift``."""
     table, work = scene.table, scene.work
     wobble(
         scene.scheme.tables, moments, table.gravity, table.speed, scene.body.gyration, vx, vy, work.shift, work.scratch
@@ -137,11 +253,11 @@ def find_wobble(scene, moments, vx, vy):
 
 
 @borrowing
-def without_wobble(scene, motion):
-    """Slow variables that belong to those of one instant."""
+def mean_motion(scene, motion):
+    """Convert instantaneous to slow variables."""
     shift = scene.work.shift
     size, reach = wobble_sizes(scene)
-    vx, vy = steady_part(scene.table, scene.body, scene.scheme, motion.vx, motion.vy, scene.work)
+    vx, vy = mean_velocity_of(scene.table, scene.body, scene.scheme, motion.vx, motion.vy, scene.work)
     return Motion(
         motion.x - reach * shift[3], motion.y - reach * shift[4], motion.heading - reach * shift[5],
         vx, vy, motion.spin - size * shift[2],
@@ -149,8 +265,8 @@ def without_wobble(scene, motion):
 
 
 @borrowing
-def with_wobble(scene, motion):
-    """Variables of one instant that belong to the slow ones."""
+def instantaneous_motion(scene, motion):
+    """Convert slow to instantaneous variables."""
     shift = scene.work.shift
     size, reach = wobble_sizes(scene)
     find_wobble(scene, scene.work.moments, motion.vx, motion.vy)
@@ -162,7 +278,7 @@ def with_wobble(scene, motion):
 
 @borrowing
 def predict(span, motion, ax, ay, aw):
-    """Motion after a step in which the acceleration changes by its linear part alone."""
+    """Return the motion after a step in which only the linear part of friction changes."""
     h, phi1, phi2 = span.h, span.phi1, span.phi2
     return Motion(
         motion.x + h * (motion.vx + h * phi2 * ax),
@@ -176,7 +292,7 @@ def predict(span, motion, ax, ay, aw):
 
 @borrowing
 def pose_within(scene, span, motion, ax, ay, aw, bx, by, bw):
-    """Pose at one instant, at ``span.part`` of a step whose ends' moments are in ``work.before`` and ``work.moments``."""
+    """Return the instantaneous pose at ``span.part`` of a step; moments of its ends: ``work.before``, ``work.moments``."""
     before, moments, shift, part = scene.work.before, scene.work.moments, scene.work.shift, span.part
     t = part * span.h
     psi1, psi2, psi3 = exponential(span.rate * t)
@@ -198,18 +314,18 @@ def advance_world(scene, world, motion, periods):
     """Advance one world by whole periods.
 
     Returns:
-        Motion at the end, pose one period before it, smallest margin of slip, number of points (0: the part falls), and whether
-        all numbers make sense.
+        Motion at the end, pose one period before, smallest margin of slip, number of points (0: the part falls), and whether
+        all values are finite.
     """
     scheme, work = scene.scheme, scene.work
     pose = motion.x, motion.y, motion.heading
     margin, n, sound = math.inf, 0, is_finite(motion)
     ax, ay, aw = 0.0, 0.0, 0.0
     if sound:
-        forget_phasors(work.phasors, 0)
-        n = look_ahead(scene, world, motion)
+        clear_phasors(work.phasors, 0)
+        n = sample_at(scene, world, motion)
     if n > 0:
-        motion = without_wobble(scene, motion)
+        motion = mean_motion(scene, motion)
         margin = margin_of(scene, motion)
         ax, ay, aw = acceleration_of(scene, n, motion)
     spans = (periods + scheme.stride - 1) // scheme.stride
@@ -226,11 +342,11 @@ def advance_world(scene, world, motion, periods):
             for i in range(6):
                 for j in range(3):
                     work.before[i, j] = work.moments[i, j]
-            n = look_ahead(scene, world, ahead)
+            n = sample_at(scene, world, ahead)
             if n == 0:
                 break
             cx, cy, cw = acceleration_of(scene, n, ahead)
-            # by how much the acceleration without the linear part of friction has changed
+            # change of the acceleration without the linear part of friction
             bx = cx - ax + span.rate * (ahead.vx - motion.vx)
             by = cy - ay + span.rate * (ahead.vy - motion.vy)
             bw = cw - aw + span.rate * (ahead.spin - motion.spin)
@@ -241,12 +357,12 @@ def advance_world(scene, world, motion, periods):
                 ahead.x + third * bx, ahead.y + third * by, ahead.heading + third * bw,
                 ahead.vx + second * bx, ahead.vy + second * by, ahead.spin + second * bw,
             )  # fmt: skip
-            # The next step's acceleration, at the corrected velocity: the linear part is enough for second order.
+            # Acceleration at the corrected velocity, for the next step; its linear part suffices for second order.
             damped = span.rate * second
             ax, ay, aw = cx - damped * bx, cy - damped * by, cw - damped * bw
             margin = min(margin, margin_of(scene, motion))
     if sound and n > 0:
-        motion = with_wobble(scene, motion)
+        motion = instantaneous_motion(scene, motion)
         sound = is_finite(motion)
     return motion, pose, margin, n, sound
 

@@ -1,10 +1,9 @@
-"""Which parts can come to touch: pairs that are near before a period, and paths that have come near after it.
+"""Broad phase: pairs of parts that may touch within a period, and a test of the paths after it.
 
-Before a period nothing is known but speeds: friction accelerates a part by at most ``2 mu g`` (and an inclined table by as much
-as it is inclined), which bounds how far it gets.
-Parts whose circumscribed circles stay apart under that bound are not near; such pairs are found by cells of a grid, in time
-that grows with the number of parts. After a period the paths are known, and the outlines' distances along them say whether
-anything came to touch.
+Before a period, friction bounds the distance that a part can travel: its acceleration is at most ``2 mu g``, plus that of the
+incline. Pairs are near if the circumscribed circles, enlarged by these distances, overlap. They are found with a hashed uniform
+grid in time proportional to the number of parts (C. Ericson, Real-Time Collision Detection, 2005, sec. 7.1). After the period
+the paths of near pairs are compared.
 """
 
 from __future__ import annotations
@@ -19,27 +18,27 @@ from vibgym.physics.contacts.hulls import BOTTOM, LEFT, RIGHT, part_gap, place_h
 from vibgym.physics.core.records import friction_in, incline_size
 
 IN_TOUCH = 2e-4
-"""m; what begins a period nearer than this is taken to touch in it, and no path without contacts is tried."""
+"""Gap (m) at the start of a period below which parts are taken to touch in it; no path without contacts is tried."""
 
 FREE, NEAR, CONTACT = 0, 1, 2
-"""What a world's period is: nothing is near enough to touch; something is, and what was near stays apart; with contacts."""
+"""Kinds of periods of a world: no near pairs; near pairs that stay apart; with contacts."""
 
 
 class Circles(NamedTuple):
-    """What the search for near pairs looks at: one circle for every part that takes part, and the cells of their centres."""
+    """One circle for each part on the table, and the grid cells of their centres."""
 
-    part: np.ndarray  # (parts,) whose circle it is
+    part: np.ndarray  # (parts,) index of the part
     x: np.ndarray  # (parts,) m
     y: np.ndarray
     reach: np.ndarray  # (parts,) m, radius
     column: np.ndarray  # (parts,) of the cell
     row: np.ndarray
     following: np.ndarray  # (parts,) the next circle in the same bucket, -1: none
-    first: np.ndarray  # (buckets,) the first one; their number is a power of two
+    first: np.ndarray  # (buckets,) the first circle of each; their number is a power of two
 
 
 def new_circles(parts: int) -> Circles:
-    """Working arrays for up to so many parts."""
+    """Allocate working arrays for up to ``parts`` parts."""
 
     def numbers() -> np.ndarray:
         return np.zeros(parts, np.int64)
@@ -59,15 +58,15 @@ def new_circles(parts: int) -> Circles:
 
 @borrowing
 def travel_bound(table, friction, incline, vx, vy):
-    """Largest distance, m, that a part can cover in a period while nothing but the table (incline in m/s^2) moves it."""
-    # Not less for parts at the table's speed: what spins on an uneven pressure may become faster than the table.
+    """Return the largest distance (m) that a part can travel in a period without contacts; incline in m/s^2."""
+    # Not less for parts at the table's speed: spin under an uneven pressure may accelerate a part beyond it.
     pull = friction * table.gravity + 0.5 * incline
     return (math.sqrt(vx * vx + vy * vy) + pull * table.period) * table.period
 
 
 @borrowing
 def wall_distance(table, wall, x, y):
-    """Distance of a point from the wall along a border, m."""
+    """Return the distance of a point from the wall along a border, m."""
     if wall == LEFT:
         return x
     if wall == RIGHT:
@@ -79,13 +78,13 @@ def wall_distance(table, wall, x, y):
 
 @borrowing
 def bucket_of(circles, column, row):
-    """Where circles of a cell are kept; other cells may share it."""
+    """Return the bucket (hash) of a cell; other cells may share it."""
     return (column * 73856093 ^ row * 19349663) & (circles.first.shape[0] - 1)
 
 
 @borrowing
 def enter_cells(circles, count, size):
-    """Put the first ``count`` circles into cells of ``size`` m."""
+    """Assign the first ``count`` circles to cells of ``size`` m."""
     for bucket in range(circles.first.shape[0]):
         circles.first[bucket] = -1
     for k in range(count):
@@ -98,7 +97,7 @@ def enter_cells(circles, count, size):
 
 @borrowing
 def is_near(circles, k, other):
-    """Whether two circles overlap, of which the second is not the larger: so each pair is found once, by its larger one."""
+    """Return whether two circles overlap and the second is not the larger one, so that each pair is found once."""
     mine, theirs = circles.reach[k], circles.reach[other]
     if not (theirs < mine or (theirs == mine and other > k)):
         return False
@@ -110,13 +109,13 @@ def is_near(circles, k, other):
 def near_pairs(table, walls, circles, count, pairs):
     """Find the pairs of circles that overlap, and the circles that reach over a border with a wall.
 
-    Each circle searches for circles that are not larger, within twice its own radius. The cell size is the mean size of the
-    circles, so a small circle searches a few cells, independently of the largest circle.
+    Each circle searches for circles that are not larger, within twice its own radius. The cell size is the mean diameter, so a
+    small circle searches a few cells, independently of the largest circle.
 
     Args:
         walls: set of walls, a bit each.
-        circles: of which the first ``count`` are there.
-        pairs: (:func:`pair_capacity`, 2) overwritten, in no particular order: places of both circles, or place and
+        circles: of which the first ``count`` are in use.
+        pairs: (:func:`pair_capacity`, 2) overwritten, in no particular order: indices of both circles, or index and
             ``-1 - wall``.
 
     Returns:
@@ -158,7 +157,7 @@ def near_pairs(table, walls, circles, count, pairs):
 
 @borrowing
 def pair_gap(table, hulls, placed, i, j):
-    """Gap between two placed parts, or a part and a wall (``j = -1 - wall``), m."""
+    """Return the gap between two placed parts, or a part and a wall (``j = -1 - wall``), m."""
     if j >= 0:
         return part_gap(hulls, placed, i, j)
     return wall_gap(hulls, placed, i, -1 - j, table.columns * table.element_size, table.rows * table.element_size)
@@ -166,8 +165,10 @@ def pair_gap(table, hulls, placed, i, j):
 
 @borrowing
 def circle_gap(table, hulls, i, at, j, there):
-    """Gap between the circumscribed circles of two parts, or of a part and a wall, at poses ``at`` and ``there``, m: never more
-    than that between the parts. Of a wall ``there`` is not looked at."""
+    """Return the gap between the circumscribed circles of two parts, or of a part and a wall, at poses ``at`` and ``there``, m.
+
+    It is a lower bound of the gap between the parts. For a wall ``there`` is not used.
+    """
     if j < 0:
         return wall_distance(table, -1 - j, at[0], at[1]) - hulls.radius[i]
     dx, dy = there[0] - at[0], there[1] - at[1]
@@ -176,27 +177,24 @@ def circle_gap(table, hulls, i, at, j, there):
 
 @borrowing
 def curvature_bound(table, bodies, hulls, state, world, part, step):
-    """How far a point of a part can be from the straight line between two poses ``step`` s apart, m."""
+    """Return a bound on the distance of a point of a part from the straight line between two poses ``step`` s apart, m."""
     friction, radius = friction_in(bodies, state, world, part), hulls.radius[part]
     gyration, bend = bodies.gyration[bodies.kind[part]], incline_size(state, world) * step * step / 8.0
     return 2.0 * friction * table.gravity * (1.0 + radius * radius / gyration) * step * step / 8.0 + bend
 
 
 class Paths(NamedTuple):
-    """Where the parts of a world went in a period."""
+    """Paths of the parts of a world in a period."""
 
     pose: np.ndarray  # (parts, most steps + 1, 3) at the ends of a part's steps
     steps: np.ndarray  # (parts,) of the part's path
-    driven: np.ndarray  # (parts,) bool: with contacts
-    travel: (
-        np.ndarray
-    )  # (parts, most steps) m, farthest that a point of a driven part gets in a step from where it began it
+    driven: np.ndarray  # (parts,) bool: path with contacts
+    travel: np.ndarray  # (parts, most steps) m, bound on the displacement of any point of a driven part in a step
 
 
 @borrowing
-def move_in(hulls, paths, part, first, last):
-    """What a part does from step ``first`` to ``last`` of its path: x, y (m) in a straight line, and m that any of its points
-    may be off it."""
+def path_segment(hulls, paths, part, first, last):
+    """Return a part's displacement x, y (m) from step ``first`` to ``last``, and a bound on its points' deviation (m)."""
     if paths.driven[part]:
         off = 0.0
         for step in range(first, last):
@@ -208,9 +206,9 @@ def move_in(hulls, paths, part, first, last):
 
 @borrowing
 def paths_cross(table, bodies, hulls, state, world, paths, i, j, placed):
-    """Whether two parts, or a part and a wall (``j = -1 - wall``), may have touched on their ways.
+    """Return whether two parts, or a part and a wall (``j = -1 - wall``), may have touched on their paths.
 
-    Where one of them has gone with contacts, its way is only known by how far it got in each step.
+    Of a path with contacts only the distance travelled in each step is known.
     """
     mine = paths.steps[i]
     common = mine if j < 0 else math.gcd(mine, paths.steps[j])
@@ -221,9 +219,9 @@ def paths_cross(table, bodies, hulls, state, world, paths, i, j, placed):
     stride = mine // common
     other, theirs = (i, stride) if j < 0 else (j, paths.steps[j] // common)
     for k in range(common):
-        dx, dy, off = move_in(hulls, paths, i, k * stride, (k + 1) * stride)
+        dx, dy, off = path_segment(hulls, paths, i, k * stride, (k + 1) * stride)
         if j >= 0:
-            ox, oy, more = move_in(hulls, paths, j, k * theirs, (k + 1) * theirs)
+            ox, oy, more = path_segment(hulls, paths, j, k * theirs, (k + 1) * theirs)
             dx, dy, off = dx - ox, dy - oy, off + more
         apart = math.sqrt(dx * dx + dy * dy) + off + slack
         at, there = paths.pose[i, k * stride], paths.pose[other, k * theirs]
@@ -238,5 +236,5 @@ def paths_cross(table, bodies, hulls, state, world, paths, i, j, placed):
 
 
 def pair_capacity(parts: int) -> int:
-    """Pairs that a world of so many parts can have: every part with every other and with every wall."""
+    """Return the largest number of pairs in a world: each part with each other part and each wall."""
     return parts * (parts - 1) // 2 + 4 * parts

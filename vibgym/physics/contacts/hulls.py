@@ -1,9 +1,9 @@
-"""How far parts are apart: signed distance between outlines, and how it changes while they move.
+"""Signed distances between outlines: convex hulls, gaps, support points and contact segments.
 
-A part is one convex hull or several (non-convex outlines); a hull is the corners of a convex polygon, counter-clockwise, and a
-rounding: a disc is one corner with a large one. For convex hulls the distance is the largest gap along any direction, and
-that direction is normal to an edge or leads from corner to corner; where hulls overlap the largest gap is negative,
-and its magnitude is how far they have to be moved apart.
+A part is one convex hull, or several for a non-convex outline. A hull is a convex polygon (corners counter-clockwise) and a
+rounding radius; a disc is one corner with a rounding. The gap of two convex hulls is the largest separation along any
+direction, which is normal to an edge or joins two corners (separating axis theorem; C. Ericson, Real-Time Collision Detection,
+2005, sec. 5.2.1). A negative gap is the penetration depth.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LEFT, RIGHT, BOTTOM, TOP = 0, 1, 2, 3
 """Walls along the borders: bits of a set of walls, and sides of :func:`wall_gap`."""
 
 CORNERS, A_FACE, B_FACE = 0, 1, 2
-"""What two hulls face each other with, see :func:`hull_contact`."""
+"""Owner of a contact normal, see :func:`hull_contact`."""
 
 
 class Hulls(NamedTuple):
@@ -30,7 +30,7 @@ class Hulls(NamedTuple):
     first: np.ndarray  # (hulls + 1,) of each hull's corners
     rounding: np.ndarray  # (hulls,) m
     owner: np.ndarray  # (parts + 1,) first hull of each part
-    radius: np.ndarray  # (parts,) m, of the circle about the centre of mass that holds the part
+    radius: np.ndarray  # (parts,) m, of the circumscribed circle about the centre of mass
 
 
 @borrowing
@@ -48,7 +48,7 @@ def place_hulls(hulls, part, x, y, heading, placed):
 
 @borrowing
 def hull_contact(hulls, placed, a, b):
-    """Gap between two placed hulls (negative: overlap), m, the unit vector from ``a`` to ``b`` along it, and its owner.
+    """Return the gap between two placed hulls (m, negative: overlap), the unit normal from ``a`` to ``b``, and its owner.
 
     The owner is ``A_FACE`` or ``B_FACE`` if an edge of ``a`` or ``b`` is normal to the vector, and ``CORNERS`` otherwise.
     """
@@ -95,14 +95,14 @@ def hull_contact(hulls, placed, a, b):
 
 @borrowing
 def hull_gap(hulls, placed, a, b):
-    """Gap between two placed hulls (negative: overlap), m, and the unit vector from ``a`` to ``b`` along which it is."""
+    """Return the gap between two placed hulls (m, negative: overlap) and the unit normal from ``a`` to ``b``."""
     gap, nx, ny, _ = hull_contact(hulls, placed, a, b)
     return gap, nx, ny
 
 
 @borrowing
 def gap_along(hulls, placed, a, b, nx, ny):
-    """Gap between the corners of two placed hulls along a unit vector from ``a`` to ``b``, without rounding."""
+    """Return the gap between two placed hulls along a unit vector from ``a`` to ``b``, without rounding radii, m."""
     low, high = math.inf, -math.inf
     for j in range(hulls.first[b], hulls.first[b + 1]):
         low = min(low, nx * placed[j, 0] + ny * placed[j, 1])
@@ -113,14 +113,14 @@ def gap_along(hulls, placed, a, b, nx, ny):
 
 @borrowing
 def part_gap(hulls, placed, i, j):
-    """Smallest gap between the placed hulls of two parts, m; negative: overlap."""
+    """Return the smallest gap between the placed hulls of two parts, m; negative: overlap."""
     gap, _, _ = part_contact(hulls, placed, i, j)
     return gap
 
 
 @borrowing
 def part_contact(hulls, placed, i, j):
-    """Smallest gap between the placed hulls of two parts (negative: overlap), m, and the unit vector along it from i."""
+    """Return the smallest gap between the placed hulls of two parts (m, negative: overlap) and the unit normal from i to j."""
     smallest, nx, ny = math.inf, 1.0, 0.0
     for a in range(hulls.owner[i], hulls.owner[i + 1]):
         for b in range(hulls.owner[j], hulls.owner[j + 1]):
@@ -131,8 +131,8 @@ def part_contact(hulls, placed, i, j):
 
 
 @borrowing
-def farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
-    """How far hull ``a`` reaches along ``(nx, ny)`` after moving for ``h`` in a straight line, rounding included.
+def moved_support(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
+    """Return the support of hull ``a`` along ``(nx, ny)`` after moving for ``h`` on straight lines, with rounding, m.
 
     Args:
         x, y: m, the point about which ``spin`` (rad/s) turns.  vx, vy: its velocity, m/s.  h: s.
@@ -147,7 +147,7 @@ def farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
 
 @borrowing
 def wall_direction(table, wall):
-    """Unit vector towards the wall along a border, and where the wall is along it, m."""
+    """Return the unit vector towards the wall along a border, and the wall's position along it, m."""
     if wall == LEFT:
         return -1.0, 0.0, 0.0
     if wall == RIGHT:
@@ -159,7 +159,7 @@ def wall_direction(table, wall):
 
 @borrowing
 def wall_gap(hulls, placed, part, wall, width, height):
-    """Gap between a placed part and the wall along a border, m; negative: overlap."""
+    """Return the gap between a placed part and the wall along a border, m; negative: overlap."""
     smallest = math.inf
     for a in range(hulls.owner[part], hulls.owner[part + 1]):
         for k in range(hulls.first[a], hulls.first[a + 1]):
@@ -177,7 +177,7 @@ def wall_gap(hulls, placed, part, wall, width, height):
 
 @jit
 def all_gaps(hulls, pose, gaps):
-    """Gaps between all parts of every world.
+    """Compute the gaps between all parts of every world.
 
     Args:
         pose: (worlds, parts, 3) m, m, rad.
@@ -196,24 +196,24 @@ def all_gaps(hulls, pose, gaps):
 
 
 LEVEL = 4e-6
-"""m; corners that lie as deep as the deepest to within so much touch as well."""
+"""Difference in depth (m) from the deepest corner up to which corners touch as well."""
 
 
 class Span(NamedTuple):
-    """A contact between two hulls, or a hull and a wall. The tangent is the normal turned by 90 degrees."""
+    """Contact segment between two hulls, or a hull and a wall. The tangent is the normal rotated by 90 degrees."""
 
     gap: float  # m; negative: overlap
     nx: float  # unit vector from the first to the second
     ny: float
     x: float  # m, the middle of the segment
     y: float
-    low: float  # m, its ends along the tangent, from there
+    low: float  # m, ends of the segment along the tangent, from the middle
     high: float
 
 
 @borrowing
-def foremost(hulls, placed, a, nx, ny):
-    """How far a hull reaches along ``(nx, ny)``, m, and from where to where along the tangent its foremost corners lie."""
+def support_segment(hulls, placed, a, nx, ny):
+    """Return a hull's support along ``(nx, ny)`` and the interval of its supporting corners along the tangent, m."""
     most, low, high = -math.inf, math.inf, -math.inf
     for k in range(hulls.first[a], hulls.first[a + 1]):
         most = max(most, nx * placed[k, 0] + ny * placed[k, 1])
@@ -226,23 +226,23 @@ def foremost(hulls, placed, a, nx, ny):
 
 @borrowing
 def span_at(gap, nx, ny, level, low, high):
-    """The span on the line ``level`` along the normal, between ``low`` and ``high`` along the tangent."""
+    """Return the span at ``level`` along the normal, between ``low`` and ``high`` along the tangent, m."""
     middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.0)
     return Span(gap, nx, ny, level * nx - middle * ny, level * ny + middle * nx, -half, half)
 
 
 @borrowing
 def hull_span(hulls, placed, a, b):
-    """Where two placed hulls touch, or would if they came together."""
+    """Return the contact segment of two placed hulls; of separated hulls, that on which they would meet."""
     gap, nx, ny = hull_gap(hulls, placed, a, b)
-    mine, low, high = foremost(hulls, placed, a, nx, ny)
-    theirs, right, left = foremost(hulls, placed, b, -nx, -ny)  # seen from the other side the tangent points back
+    mine, low, high = support_segment(hulls, placed, a, nx, ny)
+    theirs, right, left = support_segment(hulls, placed, b, -nx, -ny)  # seen from b the tangent is reversed
     return span_at(gap, nx, ny, 0.5 * (mine - theirs), max(low, -left), min(high, -right))
 
 
 @borrowing
 def wall_span(table, hulls, placed, a, wall):
-    """Where a placed hull and a wall touch, or would if they came together."""
+    """Return the contact segment of a placed hull and a wall; of separated ones, that on which they would meet."""
     nx, ny, border = wall_direction(table, wall)
-    reach, low, high = foremost(hulls, placed, a, nx, ny)
+    reach, low, high = support_segment(hulls, placed, a, nx, ny)
     return span_at(border - reach, nx, ny, 0.5 * (border + reach), low, high)

@@ -1,20 +1,18 @@
-"""The impact of two bodies: one impulse, integrated in closed pieces (Darboux and Keller).
+"""Impacts of two bodies with dry friction, and the sequence of impacts in a step.
 
-While two bodies are in touch for an instant, the impulse between them grows and their velocities change with it, linearly as
-long as nothing switches. First the normal velocity at the contact goes to zero (compression); then they are driven apart
-(restitution) until the normal impulse has given back a share ``e^2`` of the work that compression took: Stronge's energetic
-coefficient of restitution (W. J. Stronge, Impact Mechanics, 2000, ch. 3; J. B. Keller, J. Appl. Mech. 53, 1986). On the way
-dry friction opposes the slip at every instant: slip may end, stick or reverse. So normal impulse and friction both
-dissipate energy in every impact, for all shapes, whereas Newton's ratio of velocities can add energy where slip reverses.
+During an impact the impulse grows, and velocities change linearly with it until a switch (Darboux and Keller): the slip ends
+or the faces become parallel. In the compression phase the normal velocity falls to zero. In the restitution phase the normal
+impulse returns a share ``e^2`` of the work of compression: Stronge's energetic coefficient of restitution (W. J. Stronge,
+Impact Mechanics, 2000, ch. 3; J. B. Keller, J. Appl. Mech. 53, 1986). Friction opposes the slip at every instant, so slip may
+end, stick or reverse. Every impact dissipates energy, for all shapes, whereas Newton's ratio of velocities can add energy if
+slip reverses.
 
-Two faces meet along a segment. The impulse acts at the end that is pressed in fastest, until both are equally fast, and then
-where it keeps the faces flat on one another, as long as that place lies between the ends.
+Two faces touch along a segment. The impulse acts at the end that closes fastest until both are equally fast, and then where it
+keeps the faces parallel, as long as that place is between the ends.
 
-The impacts of a step: one after the other, the fastest first, until nothing that was hit comes together any more.
-
-What an impact sets in motion may hit the next part. Taken one by one (:mod:`vibgym.physics.contacts.impact`), impacts run
-through a row as they do through Newton's cradle, and none of them can add energy. What is left when parts bounce between
-others too often to follow is for the solver, which brings it to rest.
+The impacts of a step are resolved one by one, the fastest first, until no pair that was hit approaches. In this way they
+propagate through a row as in Newton's cradle, and none of them adds energy. Parts that bounce between others too often are
+left to the solver, which brings them to rest.
 """
 
 from __future__ import annotations
@@ -30,21 +28,20 @@ from vibgym.physics.contacts.approach import RESTING, part_motion
 from vibgym.physics.contacts.hulls import Span, hull_span, wall_span
 
 MOST_PIECES = 24
-"""Switches are few: slip ends or turns once, faces come to lie flat or tip over."""
-
+"""Limit of linear pieces in an impact; switches are few."""
 
 LOW, HIGH, FLAT = 0, 1, 2
-"""At which end of the contact the bodies press against one another; ``FLAT``: somewhere between."""
+"""End of the segment at which the impulse acts; ``FLAT``: between them."""
 
 NOTHING, SLIP_ENDS, FACES_FLAT = 0, 1, 2
-"""What ends a piece of an impact besides compression and restitution."""
+"""Switch that ends a linear piece; ``NOTHING``: the end of compression or restitution."""
 
 
 class Mobility(NamedTuple):
     """Change of the relative velocity at a contact by a unit impulse; a symmetric matrix.
 
-    Rows and columns: normal (n), tangential (t) and rotation (w). The tangent is the normal turned by 90 degrees; an impulse
-    ``p`` at the place ``s`` along the tangent is ``p`` at the origin and ``-s p`` about it.
+    Rows and columns: normal (n), tangential (t) and rotation (w). The tangent is the normal rotated by 90 degrees. An impulse
+    ``p`` at the place ``s`` along the tangent is ``p`` at the origin and the moment ``-s p`` about it.
     """
 
     nn: float
@@ -56,7 +53,7 @@ class Mobility(NamedTuple):
 
 
 class Impulse(NamedTuple):
-    """What an impact hands over at the contact's origin."""
+    """Impulse of an impact at the contact's origin."""
 
     normal: float  # N s
     tangential: float  # N s
@@ -65,7 +62,7 @@ class Impulse(NamedTuple):
 
 @borrowing
 def mobility_of(inverse_mass, inverse_inertia, rn, rt):
-    """The mobility of one body.
+    """Return the mobility of one body.
 
     Args:
         inverse_mass: 1/kg.  inverse_inertia: 1/(kg m^2).
@@ -78,8 +75,8 @@ def mobility_of(inverse_mass, inverse_inertia, rn, rt):
 
 
 @borrowing
-def both(one, other):
-    """The mobility of a contact between two bodies."""
+def sum_mobilities(one, other):
+    """Return the mobility of a contact between two bodies."""
     return Mobility(
         one.nn + other.nn, one.nt + other.nt, one.nw + other.nw, one.tt + other.tt, one.tw + other.tw,
         one.ww + other.ww,
@@ -88,9 +85,7 @@ def both(one, other):
 
 @borrowing
 def friction_ratio(slip, coefficient, coupling, resistance):
-    """Tangential over normal impulse while the slip is what it is.
-
-    Where nothing slips, as much as holds it, at most ``coefficient``.
+    """Return the ratio of tangential to normal impulse; without slip the one that maintains sticking, at most ``coefficient``.
 
     Args:
         coupling, resistance: change of slip by a unit normal and by a unit tangential impulse.
@@ -103,17 +98,17 @@ def friction_ratio(slip, coefficient, coupling, resistance):
 
 
 @borrowing
-def acting(mobility, slip, end, low, high, coefficient):
-    """Where the impulse acts now: its place along the contact, the ratio of its friction, and at which end that is.
+def impulse_location(mobility, slip, end, low, high, coefficient):
+    """Return the place where the impulse acts (m, along the tangent), its ratio of friction, and the end.
 
     Args:
         slip: m/s, tangential velocity of one body against the other.
-        end: ``LOW``, ``HIGH``, or ``FLAT`` where both go in as fast.
+        end: ``LOW``, ``HIGH``, or ``FLAT`` if both close equally fast.
         low, high: m, the contact's ends.
         coefficient: of friction.
     """
     if end == FLAT:
-        # As if a torque kept the faces parallel: it is there as long as its force lies between the ends.
+        # A torque keeps the faces parallel, as long as the impulse acts between the ends.
         coupling = mobility.nt - mobility.tw * mobility.nw / mobility.ww
         resistance = mobility.tt - mobility.tw * mobility.tw / mobility.ww
         ratio = friction_ratio(slip, coefficient, coupling, resistance)
@@ -127,7 +122,7 @@ def acting(mobility, slip, end, low, high, coefficient):
 
 @borrowing
 def impact_impulse(mobility, approach, slip, turning, low, high, restitution, coefficient):
-    """The impulse of an impact.
+    """Compute the impulse of an impact.
 
     Args:
         mobility: of the contact.
@@ -137,8 +132,8 @@ def impact_impulse(mobility, approach, slip, turning, low, high, restitution, co
         restitution: energetic coefficient, 0 to 1.  coefficient: of dry friction.
 
     Returns:
-        The impulse on the second body. No part of it ever adds energy: to rounding, the kinetic energy after the impact, or
-        after any part of it, is not above that before.
+        The impulse on the second body. To rounding, kinetic energy after the impact or any piece of it is not above that
+        before.
     """
     normal, tangential, turn, taken, owed = 0.0, 0.0, 0.0, 0.0, 0.0
     compressed = False
@@ -148,16 +143,16 @@ def impact_impulse(mobility, approach, slip, turning, low, high, restitution, co
     elif turning > 0.0:
         end = HIGH
     for _ in range(MOST_PIECES):
-        place, ratio, end = acting(mobility, slip, end, low, high, coefficient)
+        place, ratio, end = impulse_location(mobility, slip, end, low, high, coefficient)
         by_normal = mobility.nn + ratio * mobility.nt - place * mobility.nw
         by_slip = mobility.nt + ratio * mobility.tt - place * mobility.tw
         by_turning = mobility.nw + ratio * mobility.tw - place * mobility.ww
         if slip == 0.0 and abs(ratio) < coefficient:
-            by_slip = 0.0  # not only to rounding
+            by_slip = 0.0  # exactly
         if end == FLAT:
             by_turning = 0.0
         speed, gain = approach - place * turning, by_normal - place * by_turning
-        # The piece ends where the normal velocity is zero, or the work is done, unless something switches before.
+        # The piece ends where the normal velocity is zero, or the work has been returned, unless a switch occurs before.
         length, switch = math.inf, NOTHING
         if not compressed:
             if speed >= 0.0:
@@ -169,7 +164,7 @@ def impact_impulse(mobility, approach, slip, turning, low, high, restitution, co
                 length, switch = until_flat, FACES_FLAT
         else:
             root = speed * speed + 2.0 * gain * owed
-            # Without gain the speed may not last: then it all ends where it is zero.
+            # Without gain the speed may reach zero first: the impact ends there.
             length = 2.0 * owed / (speed + math.sqrt(root)) if root > 0.0 else -speed / gain
         if slip * by_slip < 0.0 and -slip / by_slip < length:
             length, switch = -slip / by_slip, SLIP_ENDS
@@ -198,25 +193,25 @@ def impact_impulse(mobility, approach, slip, turning, low, high, restitution, co
 
 
 CONTACT_FROM = 2e-6
-"""m of overlap from which there is a contact; the solver's shapes are so much smaller together."""
+"""Overlap (m) from which on there is a contact; the solver's shapes of a pair are smaller by this."""
 
 MOST_IMPACTS, IMPACTS_A_PAIR = 32, 8
-"""Most of them in a step, and for each pair that may touch."""
+"""Limit of impacts in a step: constant, plus this for each near pair."""
 
 
 class ImpactProperties(NamedTuple):
-    """What an impact depends on besides shapes."""
+    """Properties of parts for impacts."""
 
-    mass: np.ndarray  # (parts,) kg, of the parts as they were made
+    mass: np.ndarray  # (parts,) kg, without the factor on mass
     gyration: np.ndarray  # (parts,) m^2, inertia over mass
-    inverse_mass: np.ndarray  # (parts,) 1/kg, in the world at hand
+    inverse_mass: np.ndarray  # (parts,) 1/kg, in the current world
     inverse_inertia: np.ndarray  # (parts,) 1/(kg m^2), likewise
-    restitution: np.ndarray  # (parts,) energetic coefficient; a pair has the geometric mean, a wall what the part has
+    restitution: np.ndarray  # (parts,) energetic coefficient; a pair uses the geometric mean, a wall the part's
     friction: np.ndarray  # (parts,) likewise
 
 
 class RelativeMotion(NamedTuple):
-    """Velocity of the second of two bodies relative to the first, in the middle of the span where they touch."""
+    """Velocity of the second body relative to the first, in the middle of the contact segment."""
 
     approach: float  # m/s, along the normal
     slip: float  # m/s, along the tangent
@@ -224,11 +219,11 @@ class RelativeMotion(NamedTuple):
 
 
 @borrowing
-def weigh_parts(encounter):
-    """Set what the parts weigh, by the factors on their masses."""
-    properties, factor = encounter.properties, encounter.scene.state.mass[encounter.world]
-    for slot in range(encounter.parts):
-        p = encounter.scene.workspace.part[slot]
+def set_inverse_masses(island):
+    """Compute the inverse masses and inertias of the island's parts."""
+    properties, factor = island.properties, island.scene.state.mass[island.world]
+    for slot in range(island.parts):
+        p = island.scene.workspace.part[slot]
         mass = factor[p] * properties.mass[p]
         properties.inverse_mass[p] = 1.0 / mass
         properties.inverse_inertia[p] = 1.0 / (mass * properties.gyration[p])
@@ -236,7 +231,7 @@ def weigh_parts(encounter):
 
 @borrowing
 def relative_motion(scene, i, j, span):
-    """The relative motion of two bodies at a contact: the part in slot ``i``, and that in ``j``, or a wall, ``-1 - wall``."""
+    """Return the relative motion of the part in slot ``i`` and that in ``j``, or a wall (``-1 - wall``), at a contact."""
     x, y, vx, vy, spin = part_motion(scene.workspace, i)
     ux, uy, turning = spin * (span.y - y) - vx, -spin * (span.x - x) - vy, -spin
     if j >= 0:
@@ -247,8 +242,7 @@ def relative_motion(scene, i, j, span):
 
 @borrowing
 def closing_speed(scene, i, j, span):
-    """Relative velocity along the normal, m/s, at the end of a contact that goes in faster; negative: together. Infinite where
-    nothing touches."""
+    """Return the normal velocity at the end that closes faster, m/s, negative: approaching; infinite without overlap."""
     if span.gap < -CONTACT_FROM:
         meeting = relative_motion(scene, i, j, span)
         return meeting.approach - span.high * abs(meeting.turning)
@@ -256,13 +250,13 @@ def closing_speed(scene, i, j, span):
 
 
 @borrowing
-def fastest_impact(encounter, pairs, n, hit):
-    """Which two bodies come together fastest, and where: of the pairs that met in this step or of which one was hit.
+def fastest_impact(island, pairs, n, hit):
+    """Find the pair that closes fastest among those that met in this step or have a part that was hit.
 
     Returns:
-        Number of the pair, -1 if there is none, and the span of its contact.
+        Index of the pair, -1 if there is none, and its contact segment.
     """
-    scene, hulls, contacts = encounter.scene, encounter.hulls, encounter.contacts
+    scene, hulls, contacts = island.scene, island.hulls, island.contacts
     part = scene.workspace.part
     chosen, where, fastest = -1, Span(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0), -RESTING
     for pair in range(n):
@@ -283,19 +277,19 @@ def fastest_impact(encounter, pairs, n, hit):
 
 
 @borrowing
-def mobility_at(encounter, slot, span):
-    """Mobility of the part in a slot at a contact."""
-    x, y, _, _, _ = part_motion(encounter.scene.workspace, slot)
+def mobility_at(island, slot, span):
+    """Return the mobility of the part in a slot at a contact."""
+    x, y, _, _, _ = part_motion(island.scene.workspace, slot)
     rx, ry = span.x - x, span.y - y
-    properties, part = encounter.properties, encounter.scene.workspace.part[slot]
+    properties, part = island.properties, island.scene.workspace.part[slot]
     normal, tangent = span.nx * rx + span.ny * ry, span.nx * ry - span.ny * rx
     return mobility_of(properties.inverse_mass[part], properties.inverse_inertia[part], normal, tangent)
 
 
 @borrowing
-def apply_impulse(encounter, slot, span, normal, tangential, turn):
-    """Change the velocity of a slot's part by an impulse at a contact; returns the largest change of a point's, m/s."""
-    workspace, properties = encounter.scene.workspace, encounter.properties
+def apply_impulse(island, slot, span, normal, tangential, turn):
+    """Apply an impulse at a contact to a slot's part; return the largest change of velocity of any point, m/s."""
+    workspace, properties = island.scene.workspace, island.properties
     part = workspace.part[slot]
     x, y, _, _, _ = part_motion(workspace, slot)
     px, py = normal * span.nx - tangential * span.ny, normal * span.ny + tangential * span.nx
@@ -306,49 +300,49 @@ def apply_impulse(encounter, slot, span, normal, tangential, turn):
     velocity[lane] += dx
     velocity[LANES + lane] += dy
     velocity[2 * LANES + lane] += spin
-    encounter.scene.state.sticking[encounter.world, part] = False
-    return max(abs(dx), abs(dy), encounter.hulls.radius[part] * abs(spin))
+    island.scene.state.sticking[island.world, part] = False
+    return max(abs(dx), abs(dy), island.hulls.radius[part] * abs(spin))
 
 
 @borrowing
-def resolve_impacts(encounter, pairs, n, jolt):
-    """Change the velocities of parts that hit one another, or a wall, at the poses where they are placed.
+def resolve_impacts(island, pairs, n, hit_speed):
+    """Resolve the impacts of parts with each other and with walls at the current poses, changing velocities.
 
     Args:
-        pairs: of which ``n`` may touch.
-        jolt: m/s; parts whose velocity an impact changes by more are marked as stale.
+        pairs: (pairs, 2), of which the first ``n`` may touch.
+        hit_speed: m/s; parts whose velocity an impact changes by more are marked in ``workspace.stale``.
 
     Returns:
         Whether there was any impact, and whether any part was marked.
     """
-    scene, properties, hit = encounter.scene, encounter.properties, encounter.contacts.hit
+    scene, properties, hit = island.scene, island.properties, island.contacts.hit
     part = scene.workspace.part
-    for slot in range(encounter.parts):
+    for slot in range(island.parts):
         hit[slot] = False
     any_impact, marked = False, False
     for _ in range(MOST_IMPACTS + IMPACTS_A_PAIR * n):
-        pair, span = fastest_impact(encounter, pairs, n, hit)
+        pair, span = fastest_impact(island, pairs, n, hit)
         if pair < 0:
             break
         i, j = pairs[pair, 0], pairs[pair, 1]
         met = relative_motion(scene, i, j, span)
-        mobility, other = mobility_at(encounter, i, span), Mobility(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        mobility, other = mobility_at(island, i, span), Mobility(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         restitution, friction = properties.restitution[part[i]], properties.friction[part[i]]
         if j >= 0:
-            other = mobility_at(encounter, j, span)
+            other = mobility_at(island, j, span)
             restitution = (restitution * properties.restitution[part[j]]) ** 0.5
             friction = (friction * properties.friction[part[j]]) ** 0.5
         impulse = impact_impulse(
-            both(mobility, other), met.approach, met.slip, met.turning, span.low, span.high, restitution, friction
-        )
+            sum_mobilities(mobility, other), met.approach, met.slip, met.turning, span.low, span.high, restitution, friction,
+        )  # fmt: skip
         any_impact = True
         for end in range(2):
             slot, sign = (i, -1.0) if end == 0 else (j, 1.0)
             if slot >= 0:
                 change = apply_impulse(
-                    encounter, slot, span, sign * impulse.normal, sign * impulse.tangential, sign * impulse.turn
+                    island, slot, span, sign * impulse.normal, sign * impulse.tangential, sign * impulse.turn
                 )
                 hit[slot] = True
-                if change > jolt:
+                if change > hit_speed:
                     scene.workspace.stale[slot] = marked = True
     return any_impact, marked

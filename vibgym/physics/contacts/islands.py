@@ -1,14 +1,12 @@
-"""Islands: the parts of a world that go through a period together, each island as if nothing else were on the table.
+"""Islands: groups of parts that may interact within a period; each advances independently of all other parts.
 
-A part alone is not in any. Two parts are joined if they touch when the period begins, or if their ways through it, each taken
-as if the other were not there, may have crossed. A part's way is that without contacts; once it is in an island, it is the
-way that the island takes. So islands are run, their ways compared with those of all others, and those that cross are
-joined, taken back to the period's start, and run as one, until none do.
+Two parts belong to the same island if they touch at the start of the period, or if their paths may have crossed. Paths are
+first computed without contacts, then with those of the island. Islands whose paths cross those of other parts are merged,
+reset to the start of the period, and advanced again, until no paths cross.
 
-What an island does depends on its own parts alone, which are sorted by where they lie. So does which parts it has: whether
-two ways cross is a question to these two, and of parts that end up in one island no step on the way there has looked at any
-other. When the rounds are over, every pair of parts of different islands has been proven to stay apart: it was not near to
-begin with, farther apart than both could get, or its ways do not cross.
+An island's result depends on its own parts only, which are sorted by pose. So does its composition: whether two paths cross
+depends on these two paths only. In the end every pair of parts of different islands is proven to stay apart: it was not near,
+it was farther apart than both could travel, or the paths do not cross.
 """
 
 from __future__ import annotations
@@ -22,34 +20,34 @@ from vibgym.kernels.jit import borrowing
 from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import IN_TOUCH, circle_gap, pair_capacity, paths_cross
-from vibgym.physics.contacts.coupling import Encounter, collide_period, order_pairs
+from vibgym.physics.contacts.coupling import Island, advance_island, order_pairs
 from vibgym.physics.core.records import Scheme, friction_in, incline_size
 from vibgym.physics.planar.workspace import Scene
 
 CLOSE = 5e-3
-"""m; what begins a period nearer than this to a part of an island is taken along: else most would have to be run again."""
+"""Gap (m) at the start of a period below which a part joins an island; most such islands would have to be run again."""
 
 
 class Islands(NamedTuple):
-    """Working arrays for the parts of the world at hand."""
+    """Working arrays for the parts of one world: a union-find forest with lists of members."""
 
-    parent: np.ndarray  # (parts,) of a forest: a tree is an island, or a part alone
-    waiting: np.ndarray  # (parts,) bool: of a root, its island has to be run
-    ran: np.ndarray  # (parts,) bool: in this round
-    first: np.ndarray  # (parts,) of a root, one of the parts of its island, -1: none
-    following: np.ndarray  # (parts,) another one
-    slot: np.ndarray  # (parts,) of the island at hand
-    entry: np.ndarray  # (parts,) the first pair of each part, see link_pairs
-    link: np.ndarray  # (2 * pairs,) the next one
-    bound: np.ndarray  # (parts,) m, way that is expected of a part at most
-    far: np.ndarray  # (parts,) m, way that it has made at most
-    calls: np.ndarray  # (parts,) of the solver, of a root
-    deepest: np.ndarray  # (parts,) m, of a root
-    beyond: np.ndarray  # (parts,) indices of parts that moved farther than their bound
+    parent: np.ndarray  # (parts,) parent in the forest; a tree is an island or a single part
+    waiting: np.ndarray  # (parts,) bool, of a root: the island has to be run
+    ran: np.ndarray  # (parts,) bool: was run in this round
+    first: np.ndarray  # (parts,) of a root, first member of its list, -1: none
+    following: np.ndarray  # (parts,) next member
+    slot: np.ndarray  # (parts,) slot in the current island
+    entry: np.ndarray  # (parts,) first pair of each part, see link_pairs
+    link: np.ndarray  # (2 * pairs,) next pair
+    expected_travel: np.ndarray  # (parts,) m, bound on the distance travelled that the broad phase assumed
+    travelled: np.ndarray  # (parts,) m, bound on the distance travelled
+    calls: np.ndarray  # (parts,) of a root, calls of the solver
+    deepest: np.ndarray  # (parts,) m, of a root, smallest gap
+    exceeding: np.ndarray  # (parts,) indices of parts that travelled farther than expected
 
 
 def new_islands(parts: int) -> Islands:
-    """Working arrays for worlds with so many parts."""
+    """Allocate working arrays for a world with ``parts`` parts."""
 
     def numbers() -> np.ndarray:
         return np.zeros(parts, np.int64)
@@ -66,17 +64,17 @@ def new_islands(parts: int) -> Islands:
         slot=numbers(),
         entry=numbers(),
         link=np.empty(2 * pair_capacity(parts), np.int64),
-        bound=np.zeros(parts),
-        far=np.zeros(parts),
+        expected_travel=np.zeros(parts),
+        travelled=np.zeros(parts),
         calls=numbers(),
         deepest=np.zeros(parts),
-        beyond=numbers(),
+        exceeding=numbers(),
     )
 
 
 @borrowing
 def root_of(islands, part):
-    """The part that stands for an island."""
+    """Return the root of a part's island."""
     parent = islands.parent
     while parent[part] != part:
         parent[part] = parent[parent[part]]
@@ -86,7 +84,7 @@ def root_of(islands, part):
 
 @borrowing
 def join(islands, i, j):
-    """Make one island of two, which has to be run."""
+    """Merge two islands; the result has to be run."""
     one, other = root_of(islands, i), root_of(islands, j)
     if other < one:
         one, other = other, one
@@ -96,7 +94,7 @@ def join(islands, i, j):
 
 @borrowing
 def link_pairs(islands, pairs, n):
-    """Make a list of each part's pairs: ``2 k`` is pair ``k`` seen from its first part, ``2 k + 1`` from its second."""
+    """Build linked lists of each part's pairs: entry ``2 k`` is pair ``k`` for its first part, ``2 k + 1`` for its second."""
     for part in range(islands.entry.shape[0]):
         islands.entry[part] = -1
     for k in range(n):
@@ -109,7 +107,7 @@ def link_pairs(islands, pairs, n):
 
 @borrowing
 def gather_islands(islands):
-    """Make a list of the parts of every island that has to be run."""
+    """Build linked lists of the members of every island that has to be run."""
     parts = islands.parent.shape[0]
     for part in range(parts):
         islands.first[part] = -1
@@ -122,8 +120,8 @@ def gather_islands(islands):
 
 
 @borrowing
-def lies_before(pose, part, other):
-    """The order of an island's parts, which is that of their places and not of their numbers."""
+def precedes(pose, part, other):
+    """Return whether a part precedes another one in an island: order by pose, not by index."""
     if pose[part, 0] != pose[other, 0]:
         return pose[part, 0] < pose[other, 0]
     return pose[part, 1] < pose[other, 1] or (pose[part, 1] == pose[other, 1] and pose[part, 2] < pose[other, 2])
@@ -131,16 +129,16 @@ def lies_before(pose, part, other):
 
 @borrowing
 def sort_parts(member, n, pose):
-    """Bring an island's parts into their order: a heap sort, for it needs no more room."""
+    """Sort an island's parts in place (heap sort)."""
     for end in range(n - 1, 0, -1):
-        # The first time all of the heap is built, later only its top sinks.
+        # The first iteration builds the heap; later ones sift its top down.
         for top in range((n - 2) // 2 if end == n - 1 else 0, -1, -1):
             at, part = top, member[top]
             while 2 * at + 1 <= end:
                 below = 2 * at + 1
-                if below < end and lies_before(pose, member[below], member[below + 1]):
+                if below < end and precedes(pose, member[below], member[below + 1]):
                     below += 1
-                if not lies_before(pose, part, member[below]):
+                if not precedes(pose, part, member[below]):
                     break
                 member[at] = member[below]
                 at = below
@@ -149,8 +147,8 @@ def sort_parts(member, n, pose):
 
 
 @borrowing
-def put_together(islands, root, pairs, workspace, pose, contacts):
-    """Write an island's parts into slots, and its pairs into ``contacts.pairs``; returns the numbers of both."""
+def load_members(islands, root, pairs, workspace, pose, contacts):
+    """Write an island's parts into slots and its pairs into ``contacts.pairs``; return the numbers of both."""
     parts, part = 0, islands.first[root]
     while part >= 0:
         workspace.part[parts] = part
@@ -175,7 +173,7 @@ def put_together(islands, root, pairs, workspace, pose, contacts):
 
 @borrowing
 def scheme_of(fixed, part, parts):
-    """The steps of an island: those of the kind among its parts that takes most."""
+    """Return an island's step sizes: those of its kind with the most steps."""
     coupling, kinds, finest = fixed.coupling, fixed.friction.bodies.kind, part[0]
     for slot in range(parts):
         if coupling.steps[kinds[part[slot]]] > coupling.steps[kinds[finest]]:
@@ -186,15 +184,15 @@ def scheme_of(fixed, part, parts):
 
 @borrowing
 def run_island(islands, root, fixed, drive, state, world, pairs, paths):
-    """Take an island through the period, from the state that its parts have.
+    """Advance an island by a period.
 
     Args:
-        pairs: of the world, see :func:`link_pairs`.
+        pairs: near pairs of the world, see :func:`link_pairs`.
         paths: overwritten for its parts.
     """
     friction, coupling, contacts = fixed.friction, fixed.coupling, fixed.contacts
     kinds, part = friction.bodies.kind, friction.workspace.part
-    parts, n = put_together(islands, root, pairs, friction.workspace, state.pose[world], contacts)
+    parts, n = load_members(islands, root, pairs, friction.workspace, state.pose[world], contacts)
     scheme = scheme_of(fixed, part, parts)
     groups = (parts + LANES - 1) // LANES
     scene = Scene(friction.table, friction.bodies, reference(scheme), drive, state, friction.workspace, groups)
@@ -203,54 +201,54 @@ def run_island(islands, root, fixed, drive, state, world, pairs, paths):
         kind = kinds[part[slot]]
         bend, overlap = min(bend, coupling.bend[kind]), min(overlap, coupling.overlap[kind])
         slop, most = min(slop, coupling.slop[kind]), max(most, friction_in(friction.bodies, state, world, part[slot]))
-    # So many steps that friction and incline add little to an overlap in each.
+    # Enough steps that friction and incline add little to an overlap in each.
     pull = most * friction.table.gravity + 0.5 * incline_size(state, world)
     needed = max(float(coupling.fewest), friction.table.period * math.sqrt(pull / bend))
     couplings = int(math.ceil(needed / scheme.steps - 1e-9))
     contacts.deepest[0] = 0.0
-    encounter = Encounter(
+    island = Island(
         reference(scene), fixed.hulls, fixed.solver, fixed.properties, contacts, world, parts, couplings, overlap, slop,
         fixed.walls,
     )  # fmt: skip
-    islands.calls[root] = collide_period(reference(encounter), n, paths)
+    islands.calls[root] = advance_island(reference(island), n, paths)
     islands.deepest[root] = contacts.deepest[0]
     for slot in range(parts):
         islands.ran[part[slot]] = True
-        islands.far[part[slot]] = 0.0
+        islands.travelled[part[slot]] = 0.0
         for step in range(scheme.steps):
-            islands.far[part[slot]] += paths.travel[part[slot], step]
+            islands.travelled[part[slot]] += paths.travel[part[slot], step]
 
 
 @borrowing
 def may_cross(islands, fixed, state, world, paths, i, j):
-    """Whether two parts' ways may have crossed; seldom asked for parts that never came near one another."""
+    """Return whether two parts' paths may have crossed."""
     table, hulls = fixed.friction.table, fixed.hulls
     apart = circle_gap(table, hulls, i, paths.pose[i, 0], j, paths.pose[j, 0])
-    if apart > islands.far[i] + islands.far[j]:
+    if apart > islands.travelled[i] + islands.travelled[j]:
         return False
     return paths_cross(table, fixed.friction.bodies, hulls, state, world, paths, i, j, fixed.contacts.placed)
 
 
 @borrowing
-def join_crossing_islands(islands, fixed, state, world, pairs, paths, away, beyond):
-    """Join the islands that have just been run with parts whose paths may cross theirs.
+def join_crossing_islands(islands, fixed, state, world, pairs, paths, away, exceeding):
+    """Merge the islands that were run in this round with parts whose paths may cross theirs.
 
     Args:
         away: (parts,) bool, parts that had fallen before the period.
-        beyond: how many parts have come farther than expected, in ``islands.beyond``.
+        exceeding: number of parts in ``islands.exceeding``.
 
     Returns:
-        The number of these now.
+        The new number.
     """
     parts = islands.parent.shape[0]
     for part in range(parts):
-        if islands.ran[part] and islands.far[part] > islands.bound[part]:
+        if islands.ran[part] and islands.travelled[part] > islands.expected_travel[part]:
             known = False
-            for k in range(beyond):
-                known = known or islands.beyond[k] == part
+            for k in range(exceeding):
+                known = known or islands.exceeding[k] == part
             if not known:
-                islands.beyond[beyond] = part
-                beyond += 1
+                islands.exceeding[exceeding] = part
+                exceeding += 1
     for part in range(parts):
         if not islands.ran[part]:
             continue
@@ -262,19 +260,19 @@ def join_crossing_islands(islands, fixed, state, world, pairs, paths, away, beyo
                 if may_cross(islands, fixed, state, world, paths, part, other):
                     join(islands, part, other)
             entry = islands.link[entry]
-        # The list of pairs does not hold for parts that were pushed hard.
-        all_of_them = islands.far[part] > islands.bound[part]
-        for k in range(parts if all_of_them else beyond):
-            other = k if all_of_them else islands.beyond[k]
+        # The near pairs are incomplete for parts that travelled farther than expected.
+        all_of_them = islands.travelled[part] > islands.expected_travel[part]
+        for k in range(parts if all_of_them else exceeding):
+            other = k if all_of_them else islands.exceeding[k]
             if not away[other] and root_of(islands, other) != root_of(islands, part):
                 if may_cross(islands, fixed, state, world, paths, part, other):
                     join(islands, part, other)
-    return beyond
+    return exceeding
 
 
 @borrowing
 def mark_touching(pairs, n, gap, driven):
-    """Mark parts in touch with, or close to, a marked part in ``driven``; the pairs of both get a gap of -1."""
+    """Mark parts in ``driven`` that touch each other or are close to a marked part; their pairs get a gap of -1."""
     for k in range(n):
         i, j = pairs[k, 0], pairs[k, 1]
         if gap[k] < IN_TOUCH or (j >= 0 and gap[k] < CLOSE and (driven[i] or driven[j])):
@@ -288,20 +286,19 @@ def mark_touching(pairs, n, gap, driven):
 
 @borrowing
 def begin_islands(islands, fixed, state, world, pairs, n, gap, paths, away):
-    """Find the first islands of a world: what touched to begin with, parts alone whose ways have crossed, or that a wall was in
-    the way of, and what is close to any of these.
+    """Find the first islands: parts that touch initially, parts whose paths have crossed each other or a wall, and close ones.
 
     Args:
-        state: after the parts that nothing touched have gone through the period.
-        pairs: of which ``n`` are near.
-        gap: (pairs,) as :func:`mark_touching` left it.
+        state: after the period of the parts without initial contacts.
+        pairs: (pairs, 2), of which the first ``n`` are near.
+        gap: (pairs,) from :func:`mark_touching`.
         away: (parts,) bool, parts that had fallen before the period.
     """
     table, bodies, hulls, placed = fixed.friction.table, fixed.friction.bodies, fixed.hulls, fixed.contacts.placed
     crossed = islands.ran
     for part in range(islands.parent.shape[0]):
         islands.parent[part], islands.waiting[part], crossed[part] = part, False, False
-        islands.far[part], paths.driven[part] = islands.bound[part], False
+        islands.travelled[part], paths.driven[part] = islands.expected_travel[part], False
     for k in range(n):
         if gap[k] == -1.0:
             paths.driven[pairs[k, 0]] = True
@@ -311,7 +308,7 @@ def begin_islands(islands, fixed, state, world, pairs, n, gap, paths, away):
         i, j = pairs[k, 0], pairs[k, 1]
         if paths.driven[i] or (j >= 0 and paths.driven[j]):
             continue
-        # A wall may be in the way of a part that leaves the table.
+        # A part that has left the table may have crossed a wall.
         off = j < 0 and state.fallen[world, i] and not away[i]
         if off or paths_cross(table, bodies, hulls, state, world, paths, i, j, placed):
             gap[k], crossed[i] = -1.0, True

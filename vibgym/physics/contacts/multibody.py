@@ -1,11 +1,9 @@
-"""Worlds with several parts, or with walls: each period, only what each part needs.
+"""Worlds with several parts, or with walls: a period in three steps.
 
-1. :func:`broad_phase` finds out which parts are near enough to touch within the period.
-2. What touches already goes with contacts. All other parts go through
-   :func:`vibgym.physics.planar.friction.slide_rows`, kind by kind, with the numbers of worlds that have one part.
-3. :func:`resolve` compares the paths of what was near. Where none have crossed, that is all; other parts go back to
-   the period's start and take it with contacts (:mod:`vibgym.physics.contacts.coupling`), together with what they meet
-   (:mod:`vibgym.physics.contacts.islands`) and nothing else.
+1. :func:`broad_phase` finds the near pairs. Parts that touch initially are left to step 3.
+2. All other parts advance without contacts (:func:`vibgym.physics.planar.friction.slide_rows`), with the same bits as alone.
+3. :func:`resolve` compares the paths of near pairs. Parts whose paths cross return to the start of the period and advance with
+   contacts in islands (:mod:`vibgym.physics.contacts.islands`, :mod:`vibgym.physics.contacts.coupling`).
 """
 
 from __future__ import annotations
@@ -28,7 +26,7 @@ from vibgym.physics.contacts.broad_phase import (
     pair_gap,
     travel_bound,
 )
-from vibgym.physics.contacts.coupling import fixed_encounter_at
+from vibgym.physics.contacts.coupling import contact_scene_at
 from vibgym.physics.contacts.hulls import place_hulls
 from vibgym.physics.contacts.islands import (
     CLOSE,
@@ -45,7 +43,7 @@ from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import State, friction_in, incline_size, new_state, state_at
 
 CALLS = 3
-"""Column of the counts with calls of the solver; those before it count periods ``FREE``, ``NEAR`` and with ``CONTACT``."""
+"""Column of the counts with calls of the solver; the columns before count periods ``FREE``, ``NEAR`` and ``CONTACT``."""
 
 COUNTS = 4
 
@@ -55,15 +53,15 @@ class BroadPhase(NamedTuple):
 
     pairs: np.ndarray  # (worlds, capacity, 2)
     found: np.ndarray  # (worlds,) number of pairs
-    gap: np.ndarray  # (worlds, capacity) m at the period's start, or less; -1: both are joined
-    driven: np.ndarray  # (worlds, parts) bool: touches something, or is taken along
-    rows: np.ndarray  # (kinds, worlds * parts) what goes without contacts, as world * parts + part
+    gap: np.ndarray  # (worlds, capacity) m, lower bound at the period's start; -1: both are in one island
+    driven: np.ndarray  # (worlds, parts) bool: in an island from the start
+    rows: np.ndarray  # (kinds, worlds * parts) parts without contacts, as world * parts + part
     count: np.ndarray  # (kinds,) number of rows
     paths: np.ndarray  # (worlds * parts, most steps + 1, 3)
-    travel: np.ndarray  # (parts, most steps) of the world at hand
+    travel: np.ndarray  # (parts, most steps) m, of the current world
     path_steps: np.ndarray  # (parts,) likewise
     steps: np.ndarray  # (kinds,) steps a period of each kind
-    kept: State  # of the worlds in which parts may have to take the period again
+    kept: State  # at the period's start, of worlds with near pairs
     islands: Islands
 
 
@@ -72,7 +70,7 @@ broad_phase_at = BROAD_PHASE.at
 
 
 def new_broad_phase(worlds: int, parts: int, steps: np.ndarray) -> BroadPhase:
-    """Arrays for a block of ``worlds`` with so many parts, of kinds that take ``steps`` a period."""
+    """Allocate arrays for a block of ``worlds``, for kinds that take ``steps`` (kinds,) a period."""
     capacity, most = pair_capacity(parts), int(steps.max())
     return BroadPhase(
         pairs=np.empty((worlds, capacity, 2), np.int64),
@@ -92,19 +90,17 @@ def new_broad_phase(worlds: int, parts: int, steps: np.ndarray) -> BroadPhase:
 
 @borrowing
 def copy_part(source, world, target, to, part):
-    """Copy a part from one state to another, but for the conditions, which stay as they are."""
+    """Copy a part's motion and flags from one state to another."""
     for k in range(3):
-        target.pose[to, part, k], target.velocity[to, part, k] = (
-            source.pose[world, part, k],
-            source.velocity[world, part, k],
-        )
+        target.pose[to, part, k] = source.pose[world, part, k]
+        target.velocity[to, part, k] = source.velocity[world, part, k]
         target.mean_velocity[to, part, k] = source.mean_velocity[world, part, k]
     target.fallen[to, part], target.sticking[to, part] = source.fallen[world, part], source.sticking[world, part]
 
 
 @borrowing
 def find_pairs(fixed, state, world, pairs):
-    """Write the pairs of a world that may come to touch within a period without contacts; returns their number."""
+    """Write the near pairs of a world and return their number."""
     table, bodies, circles, count = fixed.friction.table, fixed.friction.bodies, fixed.contacts.circles, 0
     incline = incline_size(state, world)
     for part in range(state.pose.shape[1]):
@@ -124,8 +120,12 @@ def find_pairs(fixed, state, world, pairs):
 
 @borrowing
 def find_touching(fixed, pose, pairs, n, gap, driven):
-    """Write the gaps of a world's pairs at its pose (parts, 3), or less where that is plenty, and mark the parts that touch
-    anything, and those close to one that does."""
+    """Write the gaps of a world's near pairs (of distant ones lower bounds), and mark parts that touch or are close.
+
+    Args:
+        pose: (parts, 3).
+        gap: (pairs,) m, overwritten.  driven: (parts,) bool, overwritten.
+    """
     table, hulls, contacts = fixed.friction.table, fixed.hulls, fixed.contacts
     for part in range(driven.shape[0]):
         contacts.fresh[part] = driven[part] = False
@@ -147,56 +147,56 @@ def find_touching(fixed, pose, pairs, n, gap, driven):
 
 
 @borrowing
-def broad_phase(start, stop, fixed, state, prospect):
-    """Find what may touch in worlds ``start`` to ``stop`` within the next period, and write it into ``prospect``.
+def broad_phase(start, stop, fixed, state, broad):
+    """Find the near pairs of worlds ``start`` to ``stop``, and the parts that advance without contacts.
 
     Args:
-        fixed, state, prospect: addresses of pinned records.
+        fixed, state, broad: addresses of pinned records.
 
     Returns:
-        Whether any world has near pairs, whose paths must be written down.
+        Whether any world has near pairs, so that paths must be recorded.
     """
-    fixed, state, prospect = fixed_encounter_at(fixed), state_at(state), broad_phase_at(prospect)
+    fixed, state, broad = contact_scene_at(fixed), state_at(state), broad_phase_at(broad)
     parts, any_near = state.pose.shape[1], False
-    for kind in range(prospect.count.shape[0]):
-        prospect.count[kind] = 0
+    for kind in range(broad.count.shape[0]):
+        broad.count[kind] = 0
     for world in range(start, stop):
         w, found = world - start, 0
         if not state.diverged[world]:
-            found = find_pairs(fixed, state, world, prospect.pairs[w])
-        prospect.found[w] = found
+            found = find_pairs(fixed, state, world, broad.pairs[w])
+        broad.found[w] = found
         if found > 0:
             any_near = True
-            find_touching(fixed, state.pose[world], prospect.pairs[w], found, prospect.gap[w], prospect.driven[w])
+            find_touching(fixed, state.pose[world], broad.pairs[w], found, broad.gap[w], broad.driven[w])
         for part in range(parts):
             state.pushed[world, part, 0] = state.pushed[world, part, 1] = 0.0
             if found > 0:
-                copy_part(state, world, prospect.kept, w, part)
-            if found == 0 or not prospect.driven[w, part]:
+                copy_part(state, world, broad.kept, w, part)
+            if found == 0 or not broad.driven[w, part]:
                 kind = fixed.friction.bodies.kind[part]
-                prospect.rows[kind, prospect.count[kind]] = world * parts + part
-                prospect.count[kind] += 1
+                broad.rows[kind, broad.count[kind]] = world * parts + part
+                broad.count[kind] += 1
     return any_near
 
 
 @borrowing
-def begin_world(world, w, fixed, state, prospect, paths):
-    """Find the first islands of a world, see :func:`vibgym.physics.contacts.islands.begin_islands`."""
-    table, bodies, islands, kept = fixed.friction.table, fixed.friction.bodies, prospect.islands, prospect.kept
+def begin_islands_of_world(world, w, fixed, state, broad, paths):
+    """Find the first islands of a world."""
+    table, bodies, islands, kept = fixed.friction.table, fixed.friction.bodies, broad.islands, broad.kept
     incline = incline_size(state, world)
     for part in range(state.pose.shape[1]):
         mu, velocity = friction_in(bodies, state, world, part), kept.velocity[w, part]
-        islands.bound[part] = travel_bound(table, mu, incline, velocity[0], velocity[1])
-        paths.steps[part] = prospect.steps[bodies.kind[part]]
-    pairs, found = prospect.pairs[w], prospect.found[w]
+        islands.expected_travel[part] = travel_bound(table, mu, incline, velocity[0], velocity[1])
+        paths.steps[part] = broad.steps[bodies.kind[part]]
+    pairs, found = broad.pairs[w], broad.found[w]
     link_pairs(islands, pairs, found)
-    begin_islands(islands, fixed, state, world, pairs, found, prospect.gap[w], paths, kept.fallen[w])
+    begin_islands(islands, fixed, state, world, pairs, found, broad.gap[w], paths, kept.fallen[w])
 
 
 @borrowing
-def run_waiting(world, w, fixed, drive, state, prospect, paths):
-    """Take the islands of a world that wait for it through the period; returns whether there were any."""
-    islands, kept, any_run = prospect.islands, prospect.kept, False
+def run_waiting_islands(world, w, fixed, drive, state, broad, paths):
+    """Reset and advance the waiting islands of a world; return whether there were any."""
+    islands, kept, any_run = broad.islands, broad.kept, False
     gather_islands(islands)
     for root in range(state.pose.shape[1]):
         if islands.waiting[root]:
@@ -205,31 +205,25 @@ def run_waiting(world, w, fixed, drive, state, prospect, paths):
             while part >= 0:
                 copy_part(kept, w, state, world, part)
                 part = islands.following[part]
-            run_island(islands, root, fixed, drive, state, world, prospect.pairs[w], paths)
+            run_island(islands, root, fixed, drive, state, world, broad.pairs[w], paths)
     return any_run
 
 
 @borrowing
-def resolve_world(world, w, fixed, drive, state, prospect, counts):
-    """Take a world's parts that need it through the period with contacts.
-
-    Returns:
-        What the world's period was.
-    """
-    islands, parts, first = prospect.islands, state.pose.shape[1], w * state.pose.shape[1]
-    paths = reference(
-        Paths(prospect.paths[first : first + parts], prospect.path_steps, prospect.driven[w], prospect.travel)
-    )
-    begin_world(world, w, fixed, state, prospect, paths)
-    mode, beyond = NEAR, 0
-    while not state.diverged[world] and run_waiting(world, w, fixed, drive, state, prospect, paths):
+def resolve_world(world, w, fixed, drive, state, broad, counts):
+    """Advance a world's islands until no paths cross; return the kind of period, ``NEAR`` or ``CONTACT``."""
+    islands, parts, first = broad.islands, state.pose.shape[1], w * state.pose.shape[1]
+    paths = reference(Paths(broad.paths[first : first + parts], broad.path_steps, broad.driven[w], broad.travel))
+    begin_islands_of_world(world, w, fixed, state, broad, paths)
+    mode, exceeding = NEAR, 0
+    while not state.diverged[world] and run_waiting_islands(world, w, fixed, drive, state, broad, paths):
         mode = CONTACT
-        beyond = join_crossing_islands(
-            islands, fixed, state, world, prospect.pairs[w], paths, prospect.kept.fallen[w], beyond
+        exceeding = join_crossing_islands(
+            islands, fixed, state, world, broad.pairs[w], paths, broad.kept.fallen[w], exceeding
         )
     if state.diverged[world]:
         for part in range(parts):
-            copy_part(prospect.kept, w, state, world, part)
+            copy_part(broad.kept, w, state, world, part)
         return mode
     for part in range(parts):
         if paths.driven[part] and islands.parent[part] == part:
@@ -239,18 +233,18 @@ def resolve_world(world, w, fixed, drive, state, prospect, counts):
 
 
 @borrowing
-def resolve(start, stop, fixed, drive, state, prospect, counts):
-    """After the period without contacts: take it with contacts where it needs them.
+def resolve(start, stop, fixed, drive, state, broad, counts):
+    """Advance the parts with contacts, after those without have taken the period.
 
     Args:
-        fixed, drive, state, prospect: addresses of pinned records.
+        fixed, drive, state, broad: addresses of pinned records.
         counts: (worlds, COUNTS) int64, added to.
     """
-    fixed, state, prospect = fixed_encounter_at(fixed), state_at(state), broad_phase_at(prospect)
+    fixed, state, broad = contact_scene_at(fixed), state_at(state), broad_phase_at(broad)
     drive = reference(pinned_drive(drive))
     for world in range(start, stop):
         w = world - start
         mode = FREE
-        if prospect.found[w] > 0:
-            mode = resolve_world(world, w, fixed, drive, state, prospect, counts)
+        if broad.found[w] > 0:
+            mode = resolve_world(world, w, fixed, drive, state, broad, counts)
         counts[world, mode] += 1

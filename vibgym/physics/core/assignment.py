@@ -1,4 +1,4 @@
-"""Linear assignment: each row gets one column at the least total cost."""
+"""Linear assignment: a different column for each row at the least total cost."""
 
 from __future__ import annotations
 

@@ -1,11 +1,10 @@
-"""What each element does: the phasor ``(C, S)`` of its vertical motion, read where a part needs it.
+"""Phasor ``(C, S)`` of each element's vertical motion, computed from commands where a part needs it.
 
 With ``A = a_v w^2`` the normal acceleration over an element is ``g - C cos wt + S sin wt``, where ``C = A cos(alpha)`` and
-``S = A sin(alpha)`` (m/s^2): linear in ``(C, S)``, and lift-off is the disc ``C^2 + S^2 = g^2``.
+``S = A sin(alpha)`` (m/s^2). It is linear in ``(C, S)``; lift-off is the disc ``C^2 + S^2 = g^2``.
 
-A drive says how the phasors of a batch of worlds are written down. There is one record for all of them, with a mode, so that
-the kernels that read it are compiled once. Nothing is converted for the whole surface: a part rests on about nine of 256
-elements, so only these are read, once per call, and the mode costs a branch in each reading.
+A :class:`Drive` stores the commands of a batch of worlds. One record with a mode serves all kinds of commands, so kernels are
+compiled once. A part rests on about nine of 256 elements, so only these are converted, once per call (:class:`Phasors`).
 """
 
 from __future__ import annotations
@@ -20,14 +19,13 @@ from vibgym.kernels.reference import Layout, is_given
 from vibgym.physics.core.hardware import NO_HARDWARE, hardware_at, realise
 
 FIELD_STRENGTHS = 6
-"""Numbers of one part in :func:`field_drive`: uniform x, uniform y, squeeze x, squeeze y, radial, tangential."""
+"""Strengths per part in :func:`field_drive`: uniform x, uniform y, squeeze x, squeeze y, radial, tangential."""
 
 NOWHERE = 1e300
-"""Centre of a part that commands nothing: so far away that its squared distance is infinite, yet a number for snapshots."""
+"""Centre of a part without commands: its squared distance is infinite, but it is finite for snapshots."""
 
 POLAR, ELEMENT, PHASOR, PATCH, FIELD, CARTESIAN = range(6)
-"""How a drive is written down; see the function of that name, such as :func:`polar_drive`."""
-
+"""Modes of a drive; see the function of that name, such as :func:`polar_drive`."""
 
 _NO_VALUES = np.zeros((0, 0), dtype=np.float32)
 _NO_MOTION = np.zeros((0, 0, 0))
@@ -35,7 +33,7 @@ _NO_ORIGIN = np.zeros((0, 0, 0), dtype=np.int64)
 
 
 class Drive(NamedTuple):
-    """The elements' motion in a batch of worlds; the mode says which fields count, and the others are empty.
+    """Motion of the elements in a batch of worlds; fields that a mode does not use are empty.
 
     Made by :func:`polar_drive`, :func:`element_drive`, :func:`phasor_drive`, :func:`patch_drive` and :func:`field_drive`.
     """
@@ -45,17 +43,15 @@ class Drive(NamedTuple):
     amplitude: np.ndarray = _NO_MOTION  # (worlds, rows, columns) m: POLAR; C, m/s^2: CARTESIAN
     phase: np.ndarray = _NO_MOTION  # (worlds, rows, columns) rad: POLAR; S, m/s^2: CARTESIAN
     origin: np.ndarray = _NO_ORIGIN  # (worlds, parts, 2) int64, row and column of a patch's first element: PATCH
-    centre: np.ndarray = (
-        _NO_MOTION  # (worlds, parts, 2), of the parts; PATCH: rows, columns in elements; FIELD: x, y in m
-    )
+    # (worlds, parts, 2), of the parts; PATCH: rows, columns in elements; FIELD: x, y in m
+    centre: np.ndarray = _NO_MOTION
     size: int = 0  # elements along a side of a patch: PATCH
     columns: int = 0  # of the surface: ELEMENT, PHASOR
     full_scale: float = 0.0  # a_v w^2 at the largest amplitude, m/s^2: all modes but POLAR
     angular_frequency: float = 0.0  # rad/s: POLAR
     element_size: float = 0.0  # m: FIELD
     reach: float = 0.0  # m, at which squeeze, radial and tangential fields are at full strength: FIELD
-    # Address of pinned Hardware through which commands go, and which says whose rows they are.
-    hardware: int = NO_HARDWARE
+    hardware: int = NO_HARDWARE  # address of pinned Hardware, with the rows of commands that act now
 
 
 DRIVE: Layout[Drive] = Layout("DRIVE", __name__)
@@ -63,25 +59,25 @@ drive_at = DRIVE.at
 
 
 def _plain(values: Any, kind: type) -> np.ndarray:
-    """The values as an array of the one layout that kernels are compiled for: in C order and writeable."""
+    """Return the values as a writeable array in C order, the layout that kernels are compiled for."""
     if isinstance(values, np.ndarray) and values.dtype == kind and values.flags.carray:
         return values
     return np.array(values, dtype=kind, order="C")
 
 
 def polar_drive(amplitude: np.ndarray, phase: np.ndarray, angular_frequency: float) -> Drive:
-    """Amplitude ``a_v`` (m) and phase ``alpha`` (rad) of every element, each (worlds, rows, columns)."""
+    """Return a drive of amplitude ``a_v`` (m) and phase ``alpha`` (rad) of every element, each (worlds, rows, columns)."""
     amplitude, phase = _plain(amplitude, np.float64), _plain(phase, np.float64)
     return Drive(POLAR, amplitude=amplitude, phase=phase, angular_frequency=float(angular_frequency))
 
 
 def cartesian_drive(c: np.ndarray, s: np.ndarray) -> Drive:
-    """The phasors themselves: ``C`` and ``S`` of every element, each (worlds, rows, columns), m/s^2."""
+    """Return a drive of ``C`` and ``S`` of every element, each (worlds, rows, columns), m/s^2."""
     return Drive(CARTESIAN, amplitude=_plain(c, np.float64), phase=_plain(s, np.float64))
 
 
 def element_drive(values: np.ndarray, columns: int, full_scale: float) -> Drive:
-    """Amplitude [-1, 1] -> [0, largest] and phase [-1, 1] -> [-pi, pi] of every element.
+    """Return a drive of amplitude [-1, 1] -> [0, largest] and phase [-1, 1] -> [-pi, pi] of every element.
 
     Args:
         values: (worlds, rows * columns * 2) float32.
@@ -92,15 +88,18 @@ def element_drive(values: np.ndarray, columns: int, full_scale: float) -> Drive:
 
 
 def phasor_drive(values: np.ndarray, columns: int, full_scale: float) -> Drive:
-    """Amplitude times (cos, sin) of phase of every element, shortened to the unit disc; see :func:`element_drive`."""
+    """Return a drive of amplitude times (cos, sin) of phase of every element, clipped to the unit disc.
+
+    Args: see :func:`element_drive`.
+    """
     return Drive(PHASOR, _plain(values, np.float32), columns=int(columns), full_scale=float(full_scale))
 
 
 def patch_drive(values: np.ndarray, origin: np.ndarray, centre: np.ndarray, size: int, full_scale: float) -> Drive:
-    """Phasors of the k x k elements around each part, all others at rest.
+    """Return a drive of phasors of the k x k elements around each part; all others are at rest.
 
-    An element in several patches obeys the part whose centre is nearest to the element's centre; ties go to the lower index.
-    A part whose centre is :data:`NOWHERE` commands nothing.
+    An element in several patches belongs to the part whose centre is nearest to the element's centre, ties to the lower index.
+    A part whose centre is :data:`NOWHERE` has no elements.
 
     Args:
         values: (worlds, parts * k * k * 2) float32, rows first.
@@ -115,11 +114,11 @@ def patch_drive(values: np.ndarray, origin: np.ndarray, centre: np.ndarray, size
 
 
 def field_drive(values: np.ndarray, centre: np.ndarray, element_size: float, reach: float, full_scale: float) -> Drive:
-    """Strengths of the basic fields around each part, on the whole surface: those of :mod:`vibgym.fields`.
+    """Return a drive of strengths of the basic fields (:mod:`vibgym.fields`) around each part, on the whole surface.
 
-    The field's vector at an element's centre (thesis fig. 4.4) is the direction in which the element shall push. Every element
-    obeys the part whose centre is nearest to its own; ties go to the lower index. A part whose centre is :data:`NOWHERE`
-    commands nothing, and where none commands the elements rest.
+    The field's vector at an element's centre (thesis fig. 4.4) is the direction of the element's push. Each element belongs to
+    the part whose centre is nearest, ties to the lower index. A part whose centre is :data:`NOWHERE` has no elements; without
+    any part the elements are at rest.
 
     Args:
         values: (worlds, parts * FIELD_STRENGTHS) float32.
@@ -128,19 +127,14 @@ def field_drive(values: np.ndarray, centre: np.ndarray, element_size: float, rea
         reach: m, distance at which squeeze, radial and tangential fields are at full strength.
         full_scale: m/s^2.
     """
-    return Drive(
-        FIELD,
-        _plain(values, np.float32),
-        centre=_plain(centre, np.float64),
-        full_scale=float(full_scale),
-        element_size=float(element_size),
-        reach=float(reach),
-    )
+    values, centre = _plain(values, np.float32), _plain(centre, np.float64)
+    full_scale, element_size, reach = float(full_scale), float(element_size), float(reach)
+    return Drive(FIELD, values, centre=centre, full_scale=full_scale, element_size=element_size, reach=reach)
 
 
 @borrowing
 def pinned_drive(address):
-    """The drive that is pinned at an address, for a kernel that hands a reference to it on: reading that takes less time."""
+    """Return the drive pinned at an address as a record; a reference to this copy is faster to read than the pinned one."""
     drive = drive_at(address)
     return Drive(
         drive.mode, drive.values, drive.amplitude, drive.phase, drive.origin, drive.centre, drive.size, drive.columns,
@@ -155,7 +149,7 @@ def _clipped(value):
 
 @borrowing
 def unit_phasor(first, second, full_scale):
-    """Phasor of a vector in the unit disc; longer vectors are shortened to it."""
+    """Return the phasor of a vector, clipped to the unit disc, m/s^2."""
     length = math.sqrt(first * first + second * second)
     scale = full_scale / max(length, 1.0)
     return first * scale, second * scale
@@ -163,7 +157,7 @@ def unit_phasor(first, second, full_scale):
 
 @borrowing
 def push_phasor(push_x, push_y, full_scale):
-    """Phasor that pushes a resting part along ``(push_x, push_y)``; length 1 is full amplitude.
+    """Return the phasor that pushes a resting part along ``(push_x, push_y)``; length 1 is full amplitude.
 
     Near rest the mean acceleration is ``-(mu / 2) (S, C)`` to first order (thesis eqs. 5.60 and 5.61 at zero velocity).
     """
@@ -213,7 +207,7 @@ def _patch(drive, world, row, column):
 def _field(drive, world, row, column):
     part, nearest = -1, math.inf
     for k in range(drive.centre.shape[1]):
-        # In elements: a product shared with the lines below would be rounded differently, for a single part as well.
+        # In elements: a product shared with the lines below would be rounded differently.
         dx = column + 0.5 - drive.centre[world, k, 0] / drive.element_size
         dy = row + 0.5 - drive.centre[world, k, 1] / drive.element_size
         square = dx * dx + dy * dy
@@ -279,7 +273,7 @@ def commands_equal(drive, world, row, column, last_row, last_column):
 
 @borrowing
 def element_phasor(drive, world, row, column):
-    """``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``."""
+    """Return ``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``."""
     source = world
     if is_given(drive.hardware):
         source = hardware_at(drive.hardware).source[world]
@@ -316,7 +310,7 @@ def limit_phasors(phasors, limit, c, s):
 
 @borrowing
 def follow_phasors(drive, keep, reached, c, s):
-    """Elements that follow their phasors with a lag of first order, for a period.
+    """Let elements follow their phasors with a first-order lag, for a period.
 
     Args:
         keep: (worlds, 2) shares of the distance to the phasor that are left at the period's end, and in its mean.
@@ -331,3 +325,44 @@ def follow_phasors(drive, keep, reached, c, s):
                 dc, ds = reached[world, row, column, 0] - real, reached[world, row, column, 1] - imaginary
                 c[world, row, column], s[world, row, column] = real + mean * dc, imaginary + mean * ds
                 reached[world, row, column, 0], reached[world, row, column, 1] = real + end * dc, imaginary + end * ds
+
+
+class Phasors(NamedTuple):
+    """Cache of the phasors under parts, a slot each: a direct-mapped cache by row and column modulo its size.
+
+    The size is a power of two and at least a part's extent in elements, so elements under a part do not share an entry.
+    """
+
+    coupling: np.ndarray  # (slots,) share of the elements' vertical motion that reaches the part
+    element: np.ndarray  # (slots, size, size) element of each entry, ``row << 32 | column``, -1: none
+    c: np.ndarray  # (slots, size, size) m/s^2
+    s: np.ndarray
+
+
+def new_phasors(slots: int, across: int, coupling: float = 1.0) -> Phasors:
+    """Allocate a cache for parts that extend over up to ``across`` elements along an axis."""
+    size = 1 << max(across - 1, 0).bit_length()
+    shape = slots, size, size
+    return Phasors(np.full(slots, coupling), np.full(shape, -1), np.zeros(shape), np.zeros(shape))
+
+
+@borrowing
+def clear_phasors(phasors, slot):
+    """Clear the entries of a slot."""
+    size = phasors.element.shape[1]
+    for i in range(size):
+        for j in range(size):
+            phasors.element[slot, i, j] = -1
+
+
+@borrowing
+def phasor_under(phasors, slot, drive, world, row, column):
+    """Return ``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``, times the coupling of a slot's part."""
+    mask = phasors.element.shape[1] - 1
+    i, j = row & mask, column & mask
+    element = row << 32 | column
+    if phasors.element[slot, i, j] != element:
+        phasors.element[slot, i, j] = element
+        c, s = element_phasor(drive, world, row, column)
+        phasors.c[slot, i, j], phasors.s[slot, i, j] = phasors.coupling[slot] * c, phasors.coupling[slot] * s
+    return phasors.c[slot, i, j], phasors.s[slot, i, j]

@@ -1,8 +1,8 @@
-"""What real elements make of a command: late, in steps, not below the dead zone, each a little differently, some not at all.
+"""Imperfect elements: latency, resolution, limits, dead zone, gain and phase errors, faults.
 
-A commanded phasor ``(C, S)`` becomes the one that acts, element by element: its amplitude is rounded to the resolution and
-limited, the dead zone takes what is small, and the element's own gain and phase error turn and scale the rest. Only the
-elements under a part are looked at, when a kernel asks for them (:func:`vibgym.physics.core.drive.element_phasor`).
+A commanded phasor ``(C, S)`` becomes the actual one element by element: its amplitude is rounded to the resolution, limited and
+passed through the dead zone; the element's gain and phase error scale and rotate the result. Only the elements under a part are
+computed, when a kernel reads them (:func:`vibgym.physics.core.drive.element_phasor`).
 """
 
 from __future__ import annotations
@@ -17,30 +17,32 @@ from vibgym.kernels.reference import Layout, Pinned
 from vibgym.physics.core.noise import normals, uniforms
 
 FORMS = ("hard", "soft", "cubic")
-"""What becomes of an amplitude ``a`` below the dead zone ``d``: nothing, ``a^2 / d``, ``a^3 / d^2``; larger ones stay."""
+"""Amplitude that results from ``a`` below the dead zone ``d``: 0, ``a^2 / d``, ``a^3 / d^2``; larger ones are unchanged."""
 
 HARD, SOFT, CUBIC = range(len(FORMS))
 
 ROUNDING = 1e-6
-"""Of commands in float32, with room."""
+"""Relative tolerance for commands in float32."""
 
 NUMBERS = ("dead_zone", "limit", "resolution")
 """Columns of :attr:`Hardware.number`."""
 
 DEAD_ZONE, LIMIT, RESOLUTION = range(len(NUMBERS))
 
-_SPREAD, _FAULTS = range(2)  # second word of the counter: what a number is drawn for
+_SPREAD, _FAULTS = range(2)  # second word of the counter
 
 
 class Hardware(NamedTuple):
-    """The elements of all worlds, pinned in memory; amplitudes as ``a_v w^2``, m/s^2."""
+    """Imperfect elements of all worlds, pinned in memory; amplitudes are ``a_v w^2``, m/s^2."""
 
-    source: np.ndarray  # (worlds,) int64, row of the commands on record that acts now; -1: none yet, the elements rest
-    # (worlds, rows, columns, 4): gain as a complex number, and the phasor of one that obeys no command
+    source: (
+        np.ndarray
+    )  # (worlds,) int64, row of the drive that acts now (latency); -1: none yet, the elements are at rest
+    # (worlds, rows, columns, 4): complex gain, and the phasor of an element that is stuck
     element: np.ndarray
     number: np.ndarray  # (worlds, NUMBERS)
     form: int  # of the dead zone
-    top: float  # upper limit of every element's amplitude, for all gains
+    top: float  # upper limit of the actual amplitudes
 
 
 HARDWARE: Layout[Hardware] = Layout("HARDWARE", __name__)
@@ -52,12 +54,12 @@ _NONE = Pinned(
 )
 
 NO_HARDWARE = HARDWARE.none(_NONE.record)
-"""Address in drives that go through no hardware."""
+"""Address in drives of ideal elements."""
 
 
 @borrowing
 def realised_amplitude(amplitude, dead_zone, form):
-    """What becomes of an amplitude behind a dead zone; see :data:`FORMS`. At exactly its width rounding decides nothing."""
+    """Return the amplitude after a dead zone, see :data:`FORMS`; amplitudes within ``ROUNDING`` of its width are unchanged."""
     if amplitude >= (1.0 - ROUNDING) * dead_zone:
         return amplitude
     if form == HARD:
@@ -68,7 +70,7 @@ def realised_amplitude(amplitude, dead_zone, form):
 
 @borrowing
 def realise(hardware, world, row, column, c, s):
-    """The phasor that an element makes of a commanded one, m/s^2."""
+    """Return the actual phasor of an element for a commanded one, m/s^2."""
     number, element = hardware.number, hardware.element
     square = c * c + s * s
     real, imaginary = 0.0, 0.0
@@ -91,7 +93,7 @@ def realise(hardware, world, row, column, c, s):
 
 @borrowing
 def draw_elements(hardware, worlds, key, spread, faulty):
-    """Give every element of some worlds its own gain, phase error and faults.
+    """Draw gain, phase error and faults of every element of some worlds.
 
     Args:
         hardware: address of a pinned :class:`Hardware`, whose elements are overwritten; limits must be set.

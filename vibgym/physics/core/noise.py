@@ -1,7 +1,7 @@
 """Counter-based random numbers: equal key and counter give equal numbers, independently of earlier draws.
 
-So a world's noise does not depend on how many worlds run beside it, on their order, or on threads, and a restored state
-needs its key and counter alone. The generator is Philox4x32-10 (J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw: Parallel
+A world's noise therefore does not depend on the number and order of worlds, or on threads, and a restored state needs its key
+and counter alone. The generator is Philox4x32-10 (J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw: Parallel
 random numbers: as easy as 1, 2, 3. SC'11, 2011). Keys are drawn outside the kernels, from the world's own generator.
 """
 
@@ -15,17 +15,17 @@ from vibgym.kernels.jit import borrowing
 
 WORD = 0xFFFFFFFF
 _FIRST, _SECOND = 0xD2511F53, 0xCD9E8D57  # multipliers
-_WEYL_FIRST, _WEYL_SECOND = 0x9E3779B9, 0xBB67AE85  # by which the key grows each round
+_WEYL_FIRST, _WEYL_SECOND = 0x9E3779B9, 0xBB67AE85  # increments of the key in each round
 _ROUNDS = 10
 _STEP = 2.0**-32
 
 KEY_DRAWS = 2
-"""Uniform numbers that :func:`keys_from` takes for a key."""
+"""Uniform random numbers that :func:`keys_from` needs for a key."""
 
 
 @borrowing
 def philox(key, a, b, c, d):
-    """Four independent numbers, whole and in [0, 2^32), of a key and a counter of four words.
+    """Return four independent integers in [0, 2^32) for a key and a counter of four words.
 
     Args:
         key: (2,) int64, each in [0, 2^32).
@@ -44,14 +44,14 @@ def philox(key, a, b, c, d):
 
 @borrowing
 def uniforms(key, a, b, c, d):
-    """Four independent numbers in (0, 1): the middles of 2^32 equal intervals."""
+    """Return four independent uniform numbers in (0, 1), the centres of 2^32 equal intervals."""
     x0, x1, x2, x3 = philox(key, a, b, c, d)
     return (x0 + 0.5) * _STEP, (x1 + 0.5) * _STEP, (x2 + 0.5) * _STEP, (x3 + 0.5) * _STEP
 
 
 @borrowing
 def normals(key, a, b, c, d):
-    """Four independent standard normal numbers (Box and Muller), within 6.7 of zero."""
+    """Return four independent standard normal numbers (Box-Muller transform), within 6.7 of zero."""
     u0, u1, u2, u3 = uniforms(key, a, b, c, d)
     r, s = math.sqrt(-2.0 * math.log(u0)), math.sqrt(-2.0 * math.log(u2))
     t, v = 2.0 * math.pi * u1, 2.0 * math.pi * u3
@@ -59,5 +59,5 @@ def normals(key, a, b, c, d):
 
 
 def keys_from(uniform: np.ndarray) -> np.ndarray:
-    """Keys (n, 2) int64 from uniform numbers (n, 2) in [0, 1)."""
+    """Convert uniform numbers (n, 2) in [0, 1) to keys (n, 2) int64."""
     return (uniform * 2.0**32).astype(np.int64)

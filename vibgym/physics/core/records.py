@@ -1,4 +1,4 @@
-"""What the kernels of all models share: the table, the parts and the state of the worlds."""
+"""Records of all models' kernels: table, parts and state of the worlds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vibgym.kernels.reference import Layout
 
 
 class Table(NamedTuple):
-    """The surface as the kernels need it."""
+    """The vibrating surface."""
 
     rows: int
     columns: int
@@ -21,39 +21,41 @@ class Table(NamedTuple):
     period: float  # s
     radius: float  # m, of the horizontal motion
     speed: float  # m/s, of the horizontal motion
-    left: float  # m; a part falls when its centre of mass lies beyond: a border, or a little farther where there is a wall,
-    right: float  # for parts are pressed into walls by a little
+    left: (
+        float  # m; a part falls when its centre of mass is beyond: the border, or a little farther if there is a wall,
+    )
+    right: float  # since parts overlap walls a little
     bottom: float
     top: float
 
 
 EVEN = np.ones((1, 1))
-"""Patches of a surface that is the same everywhere."""
+"""Friction factors of a uniform surface."""
 
 
 class Body(NamedTuple):
-    """One part as the kernels need it; without contacts the motion does not depend on mass."""
+    """One part; without contacts its motion does not depend on mass."""
 
     outline: np.ndarray  # (n, 2) m, about the centre of mass, counter-clockwise
     area: float  # m^2
-    radius: float  # m, of the circle about the centre of mass that holds the outline
+    radius: float  # m, of the circumscribed circle about the centre of mass
     gyration: float  # m^2, planar inertia over mass
     friction: float
     static_friction: float
     convex: bool
     turns: bool  # False for a disc, whose contact area does not depend on heading
     coupling: float = 1.0  # share of the elements' vertical motion that reaches the part
-    incline_x: float = 0.0  # m/s^2, constant acceleration of what lies on the table, for that is inclined
+    incline_x: float = 0.0  # m/s^2, constant acceleration by the incline of the table
     incline_y: float = 0.0
-    patches: np.ndarray = EVEN  # (rows, columns) factor of every element on both coefficients, or (1, 1): of all
+    patches: np.ndarray = EVEN  # (rows, columns) or (1, 1): factor of elements on friction
 
 
 class Bodies(NamedTuple):
-    """The parts of a world, field by field, so that one compiled kernel takes any number of them."""
+    """The parts of a world as arrays, so that one compiled kernel takes any number of them."""
 
-    kind: np.ndarray  # (parts,) parts of the same kind are the same body
+    kind: np.ndarray  # (parts,) index of the part's kind
     outline: np.ndarray  # (all corners, 2)
-    first: np.ndarray  # (kinds + 1,) of each kind's corners
+    first: np.ndarray  # (kinds + 1,) first corner of each kind
     area: np.ndarray  # (kinds,) and so on
     radius: np.ndarray
     gyration: np.ndarray
@@ -67,7 +69,7 @@ class Bodies(NamedTuple):
 
 @borrowing
 def body_of(bodies, kind):
-    """The body of a kind."""
+    """Return the body of a kind."""
     return Body(
         outline=bodies.outline[bodies.first[kind] : bodies.first[kind + 1]],
         area=bodies.area[kind],
@@ -85,7 +87,7 @@ def body_of(bodies, kind):
 
 
 class Scheme(NamedTuple):
-    """Steps of the friction dynamics in a period, and their tables."""
+    """Step sizes of the friction dynamics, and trigonometric tables."""
 
     steps: int  # cuts of the contact area a period
     substeps: int  # Runge-Kutta steps from cut to cut
@@ -100,27 +102,23 @@ class State(NamedTuple):
     pose: np.ndarray  # (worlds, parts, 3) m, m, rad
     velocity: np.ndarray  # (worlds, parts, 3) m/s, m/s, rad/s
     mean_velocity: np.ndarray  # (worlds, parts, 3) over the last period
-    pushed: (
-        np.ndarray
-    )  # (worlds, parts, 2) m/s, by which contacts with parts and walls have changed the velocity, likewise
+    pushed: np.ndarray  # (worlds, parts, 2) m/s, change of velocity by contacts with parts and walls in the last period
     fallen: np.ndarray  # (worlds, parts) bool
     sticking: np.ndarray  # (worlds, parts) bool, at the current instant
-    doubtful: np.ndarray  # (worlds, parts) bool: since the start the model has left the range that it is certified for
+    doubtful: np.ndarray  # (worlds, parts) bool: the model has left its range of validity since the start
     diverged: np.ndarray  # (worlds,) bool
     friction: np.ndarray  # (worlds, parts) factor on both coefficients of friction between part and table
     mass: np.ndarray  # (worlds, parts) factor on mass and inertia
-    incline: np.ndarray  # (worlds, 2) m/s^2, constant acceleration of what lies on the table
-    patches: (
-        np.ndarray
-    )  # (worlds, rows, columns) factor of every element on friction, or (worlds, 1, 1): of all of them
+    incline: np.ndarray  # (worlds, 2) m/s^2, acceleration by the incline
+    patches: np.ndarray  # (worlds, rows, columns) or (worlds, 1, 1): factor of elements on friction
 
 
 CONDITIONS = {"friction": 1.0, "mass": 1.0, "incline": 0.0, "patches": 1.0}
-"""Fields of the state that the physics does not change, and what they are unless somebody says otherwise."""
+"""Fields of the state that the physics does not change, and their defaults."""
 
 
 def new_state(worlds: int, parts: int) -> State:
-    """Arrays for parts at rest at the origin of a level table."""
+    """Allocate the state of parts at rest at the origin of a level table."""
     return State(
         pose=np.zeros((worlds, parts, 3)),
         velocity=np.zeros((worlds, parts, 3)),
@@ -139,7 +137,7 @@ def new_state(worlds: int, parts: int) -> State:
 
 @borrowing
 def incline_size(state, world):
-    """Magnitude of a world's incline, m/s^2."""
+    """Return the magnitude of a world's incline, m/s^2."""
     return math.sqrt(
         state.incline[world, 0] * state.incline[world, 0] + state.incline[world, 1] * state.incline[world, 1]
     )
@@ -147,19 +145,19 @@ def incline_size(state, world):
 
 @borrowing
 def body_incline(body):
-    """Magnitude of the incline that a body is under, m/s^2."""
+    """Return the magnitude of a body's incline, m/s^2."""
     return math.sqrt(body.incline_x * body.incline_x + body.incline_y * body.incline_y)
 
 
 @borrowing
 def grip_of(patches, row, column):
-    """Factor on friction of the element at ``(row, column)``, from patches (rows, columns) or (1, 1)."""
+    """Return the factor on friction of the element at ``(row, column)``, from patches (rows, columns) or (1, 1)."""
     return patches[min(row, patches.shape[0] - 1), min(column, patches.shape[1] - 1)]
 
 
 @borrowing
 def best_grip(patches):
-    """The largest factor on friction of any element."""
+    """Return the largest factor on friction of any element."""
     most = patches[0, 0]
     for row in range(patches.shape[0]):
         for column in range(patches.shape[1]):
@@ -169,19 +167,19 @@ def best_grip(patches):
 
 @borrowing
 def most_friction(body):
-    """The largest coefficient of sliding friction that a body can meet."""
+    """Return the largest coefficient of sliding friction of a body on any element."""
     return body.friction * best_grip(body.patches)
 
 
 @borrowing
 def friction_in(bodies, state, world, part):
-    """Coefficient of sliding friction of a part in its world."""
+    """Return the coefficient of sliding friction of a part in its world."""
     return state.friction[world, part] * bodies.friction[bodies.kind[part]]
 
 
 @borrowing
 def under_conditions(body, state, world, part):
-    """A body as it is in its world: with the factors on its friction, its own and the elements', and the table's incline."""
+    """Return a body with its world's factors on friction and incline."""
     factor = state.friction[world, part]
     return Body(
         outline=body.outline,
@@ -201,7 +199,7 @@ def under_conditions(body, state, world, part):
 
 @borrowing
 def body_in(bodies, state, world, part):
-    """The body of a part in its world."""
+    """Return the body of a part in its world."""
     return under_conditions(body_of(bodies, bodies.kind[part]), state, world, part)
 
 
@@ -218,7 +216,7 @@ class Motion(NamedTuple):
 
 @borrowing
 def is_finite(motion):
-    """Whether all numbers are finite. A comparison, since isfinite(a + b) does not survive reassociation."""
+    """Return whether all numbers are finite; by comparison, since isfinite(a + b) does not survive reassociation."""
     return abs(motion.x + motion.y + motion.heading + motion.vx + motion.vy + motion.spin) < math.inf
 
 

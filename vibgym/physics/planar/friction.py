@@ -1,9 +1,8 @@
-"""Planar contact, resolved in time: parts that touch nothing but the vibrating elements, sliding and sticking.
+"""Planar model without contacts, resolved in time: parts that slide and stick on the vibrating elements.
 
-A period is divided into ``steps``. Each step cuts the outline once, at the pose predicted for its middle, and then takes
-``substeps`` Runge-Kutta steps of the friction dynamics on these pieces (:mod:`vibgym.physics.planar.stepper`): fourth order
-in time where no element edge is crossed, second order across edges. Cutting is what edges need and friction is what the fast
-table needs, so each gets its own step. Trigonometry of the drive is tabulated at the stage times.
+A period has ``steps``. Each step cuts the outline once, at the pose predicted for its middle, and takes ``substeps``
+Runge-Kutta steps of the friction dynamics on these pieces (:mod:`vibgym.physics.planar.stepper`). The result is fourth order
+in time where no element edge is crossed, second order across edges. Trigonometry of the drive is tabulated at the stage times.
 """
 
 from __future__ import annotations
@@ -17,17 +16,17 @@ from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES
 from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import state_at
-from vibgym.physics.planar.stepper import apply_friction, copy_lane, cut_stale, enter_part, finite_lane
+from vibgym.physics.planar.stepper import apply_friction, copy_lane, cut_stale, finite_lane, load_part
 from vibgym.physics.planar.workspace import Scene, Step, fixed_scene_at
 
 
 @borrowing
 def begin_period(scene):
-    """Remember where the period began; returns whether any part can move."""
+    """Store the state at the period's start; return whether any part can move."""
     state, workspace = scene.state, scene.workspace
     pose, velocity = workspace.pose[0], workspace.velocity[0]
     for k in range(3 * LANES):
-        workspace.begun_pose[0, k], workspace.begun_velocity[0, k] = pose[k], velocity[k]
+        workspace.start_pose[0, k], workspace.start_velocity[0, k] = pose[k], velocity[k]
     anything = False
     for lane in range(LANES):
         world = workspace.world[lane]
@@ -47,8 +46,8 @@ def end_period(scene, lane):
     if state.diverged[world] or not (finite_lane(pose, lane) and finite_lane(velocity, lane)):
         # Restore the last finite state and discard the diverged one.
         state.diverged[world], state.fallen[world, part] = True, False
-        copy_lane(workspace.begun_pose[0], pose, lane)
-        copy_lane(workspace.begun_velocity[0], velocity, lane)
+        copy_lane(workspace.start_pose[0], pose, lane)
+        copy_lane(workspace.start_velocity[0], velocity, lane)
     if state.fallen[world, part]:
         state.sticking[world, part] = False
         for k in range(lane, 3 * LANES, LANES):
@@ -56,8 +55,8 @@ def end_period(scene, lane):
 
 
 @borrowing
-def write_paths(scene, count, paths, base, node):
-    """Write down where the first ``count`` lanes are, if paths are asked for."""
+def record_paths(scene, count, paths, base, node):
+    """Record the poses of the first ``count`` lanes at a node of the paths, if there are paths."""
     if paths.shape[0] == 0:
         return
     workspace, parts = scene.workspace, scene.state.pose.shape[1]
@@ -69,9 +68,9 @@ def write_paths(scene, count, paths, base, node):
 
 @borrowing
 def slide_period(scene, count, paths, base):
-    """Advance the first ``count`` lanes by a period; returns whether any part could move."""
+    """Advance the first ``count`` lanes by a period; return whether any part could move."""
     can_move = begin_period(scene)
-    write_paths(scene, count, paths, base, np.int64(0))
+    record_paths(scene, count, paths, base, np.int64(0))
     if not can_move:
         return False
     table, scheme, workspace = scene.table, scene.scheme, scene.workspace
@@ -87,7 +86,7 @@ def slide_period(scene, count, paths, base):
             scheme.cosine, scheme.sine, stages * turn, 3,
         )  # fmt: skip
         apply_friction(scene, reference(step))
-        write_paths(scene, count, paths, base, turn + 1)
+        record_paths(scene, count, paths, base, turn + 1)
     for lane in range(count):
         end_period(scene, lane)
     return True
@@ -99,9 +98,10 @@ def slide_rows(rows, fixed, drive, state, periods, paths, base):
 
     Args:
         rows: (n,) the parts, as ``world * parts + part``.
-        fixed, drive, state: addresses of pinned records; the workspace is one for a group of lanes.
-        paths: (all rows, steps + 1, 3) overwritten with the poses of the last period at the ends of its steps, or no rows at
-            all. The first is that of row ``base``.
+        fixed, drive, state: addresses of pinned records, with a workspace for one group of lanes.
+        periods: number of periods.
+        paths: (all rows, steps + 1, 3) overwritten with the poses of the last period at the ends of its steps, or empty.
+        base: row of ``paths[0]``.
     """
     fixed = fixed_scene_at(fixed)
     scene = reference(
@@ -115,7 +115,7 @@ def slide_rows(rows, fixed, drive, state, periods, paths, base):
         count = min(LANES, rows.shape[0] - first)
         for lane in range(LANES):
             row = rows[first + min(lane, count - 1)]
-            enter_part(scene, lane, row // parts, row % parts, lane >= count)
+            load_part(scene, lane, row // parts, row % parts, lane >= count)
         for _ in range(periods):
             if not slide_period(scene, count, paths, base):
                 break
@@ -125,4 +125,4 @@ def slide_rows(rows, fixed, drive, state, periods, paths, base):
                 at = k * LANES + lane
                 pose = workspace.pose[0, at]
                 state.pose[world, part, k], state.velocity[world, part, k] = pose, workspace.velocity[0, at]
-                state.mean_velocity[world, part, k] = (pose - workspace.begun_pose[0, at]) / scene.table.period
+                state.mean_velocity[world, part, k] = (pose - workspace.start_pose[0, at]) / scene.table.period

@@ -1,10 +1,9 @@
-"""Disturbances: when something tips a part, by how much, and what a planar model makes of it.
+"""Impulse disturbances: times and magnitudes of random tilts of parts, and the equivalent kick in a planar model.
 
-Parts are struck at random, independently: the times between are exponential. With a model that holds parts above the plane, a
-struck part is let go from a tilt. A planar model gives it at once what friction under one corner makes of that until it has
-landed: a kick of spin and velocity, normal, with deviations that grow with the root of the tilt, fitted to what the other model
-does (``python -m studies.tilting kick``). Its heading does not jump: all of what a tilt does to it in a second comes of the
-spin.
+Disturbances of a part are a Poisson process. The tilting model releases the part from a tilt. A planar model changes spin and
+velocity at
+once, by what friction under one corner causes until the part has landed: normal deviates whose standard deviations grow with
+the root of the tilt, fitted to the tilting model (``python -m studies.tilting kick``). The heading does not jump.
 """
 
 from __future__ import annotations
@@ -15,23 +14,23 @@ from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.noise import normals, uniforms
 
 SPIN, SPEED = 0.57, 0.0057
-"""Deviations of spin (rad/s) and of each component of velocity (m/s), per root of a degree of tilt."""
+"""Standard deviations of spin (rad/s) and each component of velocity (m/s), per root of a degree of tilt."""
 
 
 @borrowing
 def next_wait(key, part, count, rate):
-    """s until a part is struck again, for the ``count``-th time."""
+    """Return the time until a part's disturbance number ``count``, s."""
     u, _, _, _ = uniforms(key, part, count, 0, 0)
     return -math.log(u) / rate if rate > 0.0 else math.inf
 
 
 @borrowing
 def begin_waiting(worlds, key, rate, wait, count):
-    """Draw when the parts of some worlds (n,) are struck first.
+    """Draw the times of the first disturbance of each part of some worlds (n,).
 
     Args:
         key: (worlds, 2) of the worlds' generators.  rate: 1/s.
-        wait, count: (worlds, parts) s until then, and how often each has been struck; overwritten.
+        wait, count: (worlds, parts) s until the next disturbance, and number of disturbances so far; overwritten.
     """
     for k in range(worlds.shape[0]):
         world = worlds[k]
@@ -42,19 +41,19 @@ def begin_waiting(worlds, key, rate, wait, count):
 
 @borrowing
 def strike_parts(key, rate, low, high, span, away, wait, count, lean, kick):
-    """Strike those parts whose time has come within ``span`` s.
+    """Disturb the parts whose waiting time ends within ``span`` s.
 
     Args:
         key: (worlds, 2).  rate: 1/s.  low, high: rad, range of the tilt.
-        away: (worlds, parts) bool: parts that cannot be struck.
+        away: (worlds, parts) bool: parts that cannot be disturbed.
         wait, count: (worlds, parts), see :func:`begin_waiting`; changed.
-        lean: (worlds, parts, 2) rad, overwritten with the rotation vectors by which struck parts are tilted, and noughts.
-        kick: (worlds, parts, 3) likewise, m/s, m/s, rad/s.
+        lean: (worlds, parts, 2) rad, overwritten with the tilts' rotation vectors; zero without disturbance.
+        kick: (worlds, parts, 3) m/s, m/s, rad/s, overwritten with changes of velocity; zero without disturbance.
 
     Returns:
-        Whether any part is struck.
+        Whether any part is disturbed.
     """
-    struck = False
+    disturbed = False
     for world in range(wait.shape[0]):
         for part in range(wait.shape[1]):
             lean[world, part, 0] = lean[world, part, 1] = 0.0
@@ -68,7 +67,7 @@ def strike_parts(key, rate, low, high, span, away, wait, count, lean, kick):
             wait[world, part] = max(wait[world, part] + next_wait(key[world], part, n + 1, rate), 0.0)
             if away[world, part]:
                 continue
-            struck = True
+            disturbed = True
             _, u, v, _ = uniforms(key[world], part, n, 0, 0)
             tilt, way = low + (high - low) * u, 2.0 * math.pi * v
             lean[world, part, 0], lean[world, part, 1] = tilt * math.cos(way), tilt * math.sin(way)
@@ -76,4 +75,4 @@ def strike_parts(key, rate, low, high, span, away, wait, count, lean, kick):
             root = math.sqrt(math.degrees(tilt))
             kick[world, part, 0], kick[world, part, 1] = SPEED * root * a, SPEED * root * b
             kick[world, part, 2] = SPIN * root * c
-    return struck
+    return disturbed

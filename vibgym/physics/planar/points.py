@@ -1,10 +1,10 @@
-"""One part's steps by contact points: where slip nearly vanishes, where it turns across the part, where it sticks.
+"""Steps of one part by contact points: for slip that nearly vanishes or varies strongly across the part, and for sticking.
 
-The series of :mod:`vibgym.physics.planar.wrench` needs slip that varies little under the part. Elsewhere friction is
-summed over contact points, four a piece, and the pieces are cut finer the more slip varies across an element. Slip that
-comes near zero turns fast: substeps are shortened in proportion to it, and the last stretch is taken by implicit steps, in
-which friction takes hold or lets go (:mod:`vibgym.physics.planar.static`). A part that sticks moves with the table until
-static friction cannot carry it any longer; that instant is found by bisection.
+The series of :mod:`vibgym.physics.planar.wrench` requires slip that varies little under the part. Otherwise friction is summed
+over contact points, four per piece, and pieces are cut finer the more slip varies across an element. Slip near zero turns
+fast: substeps are shortened in proportion to it, and the last ones are implicit, in which the part may stick or slip
+(:mod:`vibgym.physics.planar.static`). A part that sticks moves with the table until static friction is too weak; bisection
+finds that instant.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ import math
 
 from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.records import Motion, body_incline, is_finite, most_friction
-from vibgym.physics.planar.cut import points_at, spin_split
-from vibgym.physics.planar.static import holds, slip_step
+from vibgym.physics.planar.contact_area import points_at, spin_split
+from vibgym.physics.planar.static import slip_step, static_friction_holds
 from vibgym.physics.planar.wrench import sliding_wrench
 
 SHORTEST = 1 / 32
-"""Length of the implicit steps, as a share of a substep."""
+"""Length of the implicit steps over that of a substep."""
 
 TURN = 0.5
-"""Largest change of slip in an explicit step, as a share of the slip."""
+"""Largest relative change of slip in an explicit step."""
 
 MOST_TURN, MOST_TRAVEL, MOST_CUTS = 0.5, 0.5, 64
-"""A part that turns by more than this angle (rad) in a step, or travels by more of an element, is cut more often."""
+"""Rotation (rad) and travel (elements) in a step above which a part is cut more often, and the limit of cuts."""
 
 
 @borrowing
 def slide(table, body, cut, n, phase, h, motion):
-    """One step of length ``h`` of Kutta's 3/8 rule from ``phase = w t`` on."""
+    """Take a step of ``h`` s by Kutta's 3/8 rule from ``phase = w t`` on."""
     weight, rx, ry = cut.points[0], cut.points[1], cut.points[2]
     pc, ps = cut.phasor_c, cut.phasor_s
     x, y, heading, vx, vy, spin = motion
@@ -69,13 +69,10 @@ def slide(table, body, cut, n, phase, h, motion):
 
 @borrowing
 def release(table, body, cut, n, start, stop):
-    """First phase ``w t`` after ``start`` at which static friction cannot carry the part along; ``stop`` if it always can.
-
-    Bisection: it is looked for at ``stop``, at ``start``, then between them.
-    """
+    """Return the first phase ``w t`` at which static friction cannot carry the part, by bisection; ``stop`` if none."""
     at, held_until, lost_at = stop, start, stop
     for look in range(44):
-        held = holds(
+        held = static_friction_holds(
             table, body.static_friction, cut.points, cut.phasor_c, cut.phasor_s, n, body.gyration,
             math.cos(at), math.sin(at), body.incline_x, body.incline_y, cut.load,
         )  # fmt: skip
@@ -97,14 +94,14 @@ def release(table, body, cut, n, start, stop):
 
 
 @borrowing
-def near_rest(table, body, cut, n, phase, h, motion, stuck):
-    """A substep of length ``h`` from ``phase = w t`` on, while slip is small or the part sticks; ``motion`` and ``stuck``."""
+def step_near_rest(table, body, cut, n, phase, h, motion, stuck):
+    """Take a substep of ``h`` s from ``phase = w t`` on with small slip or sticking; return ``motion`` and ``stuck``."""
     x, y, heading, vx, vy, spin = motion
     omega = 2.0 * math.pi / table.period
     harshest = table.speed * omega + 2.0 * most_friction(body) * table.gravity + body_incline(body)  # m/s^2, of slip
     shortest = SHORTEST * h
     stop = phase + omega * h
-    let_go = -1.0  # the phase at which static friction was found too weak
+    let_go = -1.0  # phase at which static friction became too weak
     while phase < stop:
         c0, s0 = math.cos(phase), math.sin(phase)
         slip_x, slip_y = -table.speed * s0 - vx, table.speed * c0 - vy
@@ -147,27 +144,27 @@ def near_rest(table, body, cut, n, phase, h, motion, stuck):
 
 @borrowing
 def cuts_needed(table, step, vx, vy, spin):
-    """Cuts that a step takes: one, and more for a part that turns or travels far in it."""
+    """Return the number of cuts in a step: one, and more for a part that rotates or travels far."""
     way = math.sqrt(vx * vx + vy * vy) * step / (MOST_TRAVEL * table.element_size)
     return int(math.ceil(min(max(abs(spin) * step / MOST_TURN, way, 1.0), float(MOST_CUTS))))
 
 
 @borrowing
 def slide_by_points(table, body, pieces, drive, world, step, cut, phasors, slot, motion, stuck):
-    """A step of one part, in its substeps or a few more.
+    """Take a step of one part, in its substeps or a few more.
 
     Args:
-        pieces: cells per element and direction; 0: as the spin asks for.
+        pieces: cells per element and direction; 0: by :func:`spin_split`.
         cut, phasors, slot: working arrays.
 
     Returns:
-        Motion, whether the part sticks, and whether anything supported it.
+        Motion, whether the part sticks, and whether it is supported.
     """
     omega = 2.0 * math.pi / table.period
     cuts = cuts_needed(table, step.span, motion.vx, motion.vy, motion.spin)
     substeps = (step.substeps + cuts - 1) // cuts
     h = step.span / (cuts * substeps)
-    # The most that slip can change in a substep.
+    # Largest change of slip in a substep.
     slow = (table.speed * omega + 2.0 * most_friction(body) * table.gravity + body_incline(body)) * h
     ahead = 0.5 * step.span / cuts
     for k in range(cuts):
@@ -186,12 +183,12 @@ def slide_by_points(table, body, pieces, drive, world, step, cut, phasors, slot,
             slip_x, slip_y = -table.speed * math.sin(at) - motion.vx, table.speed * math.cos(at) - motion.vy
             square = slip_x * slip_x + slip_y * slip_y + body.gyration * motion.spin * motion.spin
             if stuck or square <= slow * slow:
-                motion, stuck = near_rest(table, body, cut, n, at, h, motion, stuck)
+                motion, stuck = step_near_rest(table, body, cut, n, at, h, motion, stuck)
             else:
                 motion = slide(table, body, cut, n, at, h, motion)
             if not is_finite(motion):
                 return motion, stuck, True
-    if stuck:  # exactly, on the values of the step's last stage
+    if stuck:  # the table's velocity at the step's last stage, exactly
         end = step.node + step.stride * (step.substeps - 1) + 3
         motion = Motion(
             motion.x, motion.y, motion.heading, -table.speed * step.sine[end], table.speed * step.cosine[end], 0.0

@@ -1,14 +1,14 @@
-"""Moments of the pressure under eight parts at a time.
+"""Moments of the pressure under a group of eight parts.
 
-Friction does not care for single pieces of the contact area where slip varies little across the part: the moments of the
-pressure, up to the fourth order, give force and torque as a series (:func:`vibgym.physics.planar.wrench.expanded_wrench`)
-at a cost that does not depend on the number of elements underneath. With ``z = x + i y`` from the centre of mass,
+If slip varies little across a part, friction depends only on the moments of the pressure under it. Up to the fourth order they
+give force and torque as a series (:func:`vibgym.physics.planar.wrench.expanded_wrench`), at a cost that does not depend on the
+number of elements. With ``z = x + i y`` from the centre of mass,
 
     M_ab = sum over pieces of p * integral of z^a conj(z)^b,      a >= b, a + b <= 4
 
-and ``M_ba`` is its conjugate. Pressure is ``g - C cos wt + S sin wt`` on each piece, so every moment comes three times: for
-``g``, C and S; times the element's factor on friction, where elements differ in that. Worlds stand side by side in the
-innermost index of flat arrays (lanes, :mod:`vibgym.kernels.vector`).
+and ``M_ba`` is its conjugate. Pressure is ``g - C cos wt + S sin wt`` on each piece, so each moment is stored three times: for
+``g``, C and S. Factors on friction of elements are included. The innermost index of flat arrays is the lane
+(:mod:`vibgym.kernels.vector`).
 """
 
 from __future__ import annotations
@@ -20,34 +20,34 @@ from vibgym.kernels.vector import (
     LANES,
     WIDTH,
     bits,
+    broadcast_register,
     load_register,
     maximum,
     minimum,
     select,
-    spread_register,
     store,
 )
+from vibgym.physics.core.drive import phasor_under
 from vibgym.physics.core.records import grip_of
 from vibgym.physics.planar.group_cut import CELL
-from vibgym.physics.planar.phasors import phasor_under
 
 MOMENT_ROWS = 45
-"""M00, M11, M22, then real and imaginary part of M10, M21, M20, M31, M30, M40; each for ``g``, C and S."""
+"""Rows M00, M11, M22, then real and imaginary part of M10, M21, M20, M31, M30, M40; each for ``g``, C and S."""
 
 SHAPE_MOMENTS = 14
-"""Of a piece, all but M00, over its weight."""
+"""Moments of a piece over its weight: all but M00."""
 
 PIECE_FIELDS = 3 + SHAPE_MOMENTS
-"""Weight, times C, times S, and the moments."""
+"""Fields of a piece: weight, weight times C, weight times S, and the moments."""
 
 PIECE = PIECE_FIELDS * WIDTH
 
 AT_A_TIME = 2
-"""Moments that are summed over all pieces together: as many as registers hold."""
+"""Moments summed over all pieces in one loop: as many as registers hold."""
 
 STRIP_KURTOSIS = 0.6
-"""A piece's central fourth moments, relative to those of a normal distribution with its second moments. Uniform strips
-have 0.6 along their length. They only count where slip varies strongly across a part, and third ones are taken as zero."""
+"""A piece's central fourth moments over those of a normal distribution with its second moments. Uniform strips have 0.6 along
+their length. Third moments are neglected. Both matter only if slip varies strongly across a part."""
 
 
 @exact_inlined
@@ -55,7 +55,7 @@ def store_moments(pieces, at, uu, uv, vv, x, y):
     """Write the moments of a piece over its weight.
 
     Args:
-        pieces, at: where.
+        pieces, at: flat array and index of the first moment.
         uu, uv, vv: second central moments, m^2.
         x, y: centroid from the centre of mass, m.
     """
@@ -87,7 +87,7 @@ def store_moments(pieces, at, uu, uv, vv, x, y):
 
 @exact
 def read_missing(scene, g, first, row, column, missing):
-    """Read phasors and grip of the elements in a cell of the window, for those lanes from ``first`` on whose bits are set."""
+    """Read phasor and friction factor of a cell's elements, for the lanes from ``first`` on whose bits are set."""
     workspace = scene.workspace
     cell, base = row * workspace.across + column, workspace.base[g]
     workspace.known[g, cell] |= missing << first
@@ -107,25 +107,25 @@ def read_missing(scene, g, first, row, column, missing):
 
 @exact
 def collect_pieces(scene, g, first, x, y, smallest, box):
-    """Turn the cells that a group's outlines touch into pieces, in the group's working array, and clear them.
+    """Convert the cells that a group's outlines touch to pieces in ``workspace.pieces``, and clear the cells.
 
     Args:
         x, y: centres of mass in the window, in elements.
-        smallest: area (in cells) below which a piece is left out.
+        smallest: area (in cells) below which a piece is omitted.
         box: first and last row and column, from :func:`vibgym.physics.planar.group_cut.cut_outlines`.
 
     Returns:
-        Number of pieces, their area (in cells), and the sums of the weights with which they rub (areas times the elements'
-        factors on friction), of these times C, and times S.
+        Number of pieces, their area (in cells), and the sums of the weights (areas times the elements' factors on friction), of
+        weights times C, and of weights times S.
     """
     table, workspace = scene.table, scene.workspace
     pitch, cells, pieces, across = table.element_size, workspace.cells, workspace.pieces, workspace.across
     base_x, base_y = load_register(workspace.base[g], first), load_register(workspace.base[g], LANES + first)
-    covered, total = spread_register(0.0), spread_register(0.0)
-    total_c, total_s, n = spread_register(0.0), spread_register(0.0), 0
-    nought, square = spread_register(0.0), pitch * pitch
+    covered, total = broadcast_register(0.0), broadcast_register(0.0)
+    total_c, total_s, n = broadcast_register(0.0), broadcast_register(0.0), 0
+    zero, square = broadcast_register(0.0), pitch * pitch
     for row in range(box[0], box[1] + 1):
-        height, height_y, height_yy = nought, nought, nought
+        height, height_y, height_yy = zero, zero, zero
         place = base_y + float(row)
         on_row = (place >= 0.0) & (place < float(table.rows))
         for column in range(box[3], box[2] - 1, -1):
@@ -147,7 +147,7 @@ def collect_pieces(scene, g, first, x, y, smallest, box):
                 covered = covered + weight
                 weight = weight * load_register(workspace.grip[g], cell * LANES + first)
                 weight_c, weight_s = weight * c, weight * s
-                # Clamping only ever touches slivers whose moments have lost their digits.
+                # Clamping changes only slivers whose moments are dominated by rounding.
                 u = minimum(maximum(0.5 * (load_register(cells, at + WIDTH) + height) * inverse, 0.0), 1.0)
                 v = minimum(maximum((load_register(cells, at + 2 * WIDTH) + height_y) * inverse, 0.0), 1.0)
                 uu = (load_register(cells, at + 3 * WIDTH) + height) * (1.0 / 3.0) * inverse - u * u
@@ -168,13 +168,13 @@ def collect_pieces(scene, g, first, x, y, smallest, box):
             height_y = height_y + load_register(cells, at + 7 * WIDTH)
             height_yy = height_yy + load_register(cells, at + 8 * WIDTH)
             for field in range(0, CELL, WIDTH):
-                store(cells, at + field, nought)
+                store(cells, at + field, zero)
     return n, covered, total, total_c, total_s
 
 
 @exact_inlined
 def _keep(moments, at, cutting, value):
-    """Write a moment into the lanes that have been cut."""
+    """Store a moment in the lanes that were cut."""
     store(moments, at, select(cutting, value, load_register(moments, at)))
 
 
@@ -183,14 +183,14 @@ def sum_moments(pieces, n, cutting, inverse, gravity, moments, first):
     """Sum the moments of ``n`` pieces of every lane.
 
     Args:
-        cutting: lanes whose moments are overwritten.
-        inverse: one over their areas.
-        gravity: m/s^2, times the same.
-        moments: flat (MOMENT_ROWS, lane); the first three rows are the caller's.
+        cutting: mask of the lanes whose moments are overwritten.
+        inverse: one over the areas, 1 / cells.
+        gravity: m/s^2, times ``inverse``.
+        moments: flat (MOMENT_ROWS, lane); the first three rows are not written.
     """
     for shape in range(0, SHAPE_MOMENTS, AT_A_TIME):
-        a, ac, a_s = spread_register(0.0), spread_register(0.0), spread_register(0.0)
-        b, bc, bs = spread_register(0.0), spread_register(0.0), spread_register(0.0)
+        a, ac, a_s = broadcast_register(0.0), broadcast_register(0.0), broadcast_register(0.0)
+        b, bc, bs = broadcast_register(0.0), broadcast_register(0.0), broadcast_register(0.0)
         for piece in range(0, n * PIECE, PIECE):
             weight = load_register(pieces, piece)
             weight_c, weight_s = load_register(pieces, piece + WIDTH), load_register(pieces, piece + 2 * WIDTH)
@@ -209,14 +209,14 @@ def sum_moments(pieces, n, cutting, inverse, gravity, moments, first):
 
 @exact
 def pressure_moments(scene, g, first, x, y, smallest, box, cutting):
-    """Moments with which a group's pieces rub, over their area, from the cells that its outlines touch; clears the cells.
+    """Compute the moments of the pressure over the area, from the cells that a group's outlines touch; clear the cells.
 
     Args:
         x, y, smallest, box: see :func:`collect_pieces`.
-        cutting: lanes whose moments are overwritten.
+        cutting: mask of the lanes whose moments are overwritten.
 
     Returns:
-        Lanes that are supported.
+        Mask of the lanes that are supported.
     """
     moments = scene.workspace.moments[g]
     n, covered, total, total_c, total_s = collect_pieces(scene, g, first, x, y, smallest, box)

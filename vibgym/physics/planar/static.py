@@ -1,19 +1,18 @@
-"""Static friction of an area contact, and the implicit step that lets it take hold and let go.
+"""Static friction of an area contact, and an implicit step in which a part may stick or start to slip.
 
-Write ``eta = (u_x, u_y, omega)`` for the slip of the table relative to the part's centre of mass and the part's spin, and
-``H(eta) = mu * integral of p |u - omega z^ x r|``, the power of friction. It is convex, and friction is its subgradient:
+Let ``eta = (u_x, u_y, omega)`` be the slip of the table relative to the part's centre of mass and the part's spin, and
+``H(eta) = mu * integral of p |u - omega z^ x r|`` the power of friction. It is convex, and friction is its subgradient:
 
     M d(eta)/dt = (a_table - incline, 0) - dH(eta),        M = diag(1, 1, k^2)
 
-Where slip vanishes the subgradient is a whole set, the limit surface: every wrench that a stress of at most ``mu p`` can
-have. An implicit Euler step of length ``h`` is the minimum of a strictly convex function, so it always has exactly one
-solution,
+At zero slip the subgradient is a set bounded by the limit surface: every wrench of a stress of at most ``mu p``. An implicit
+Euler step of length ``h`` is the minimum of a strictly convex function and therefore has exactly one solution,
 
     eta_new = argmin 1/2 |eta - eta_free|_M^2 + h H(eta)
 
-which is zero just when friction can carry what is needed: sticking needs no threshold, no regularisation that anybody has to
-tune, and a part that breaks away starts in the right direction (the normal of the limit surface). That is the step of
-Moreau's and Jean's sweeping process; :func:`slip_step` takes it twice for second order (the L-stable SDIRK2 scheme).
+which is zero if and only if friction can carry the load: sticking needs neither a threshold nor regularisation, and a part that
+breaks away starts along the normal of the limit surface. This is the step of Moreau's and Jean's sweeping process;
+:func:`slip_step` takes it twice for second order (the L-stable SDIRK2 scheme).
 """
 
 from __future__ import annotations
@@ -23,18 +22,18 @@ import math
 from vibgym.kernels.jit import borrowing
 
 GAMMA = 1.0 - math.sqrt(0.5)
-"""Of SDIRK2: stiffly accurate, so its last stage is its result, and sticking is exact."""
+"""Coefficient of SDIRK2, which is stiffly accurate: the last stage is the result, so sticking is exact."""
 
-# Newton's method rounds off |u| near zero, relative to the slip that friction can stop in the step: coarsely first, so that it
-# finds its way along the kinks (a contact point at rest under a part that turns about it), then by so little that it is gone.
+# Newton's method smooths |u| near zero, relative to the slip that friction can stop in the step: coarsely first, to converge
+# along kinks (a contact point at rest under a part that rotates about it), then negligibly.
 _COARSEST, _FINER, _FINEST = 1e-1, 1e-2, 1e-9
-_STOPPED = 1e-6  # below this, relative to the same, the solution is zero
+_STOPPED = 1e-6  # relative slip below which the solution is zero
 _DIRECT, _ITERATIONS = 8, 100
 
 
 @borrowing
 def set_loads(weight, phasor_c, phasor_s, n, gravity, cosine, sine, scale, load):
-    """``load = scale * pressure share`` of every contact point; returns their sum."""
+    """Compute ``load = scale * pressure share`` of every contact point; return the sum."""
     total = 0.0
     for k in range(n):
         load[k] = scale * weight[k] * max(gravity - phasor_c[k] * cosine + phasor_s[k] * sine, 0.0)
@@ -43,10 +42,10 @@ def set_loads(weight, phasor_c, phasor_s, n, gravity, cosine, sine, scale, load)
 
 
 @borrowing
-def balanced(load, total, x, y, n, gyration, rx, ry, rw):
-    """Whether one simple stress, uniform plus a rotation about the centre of pressure, holds the load ``(rx, ry, k^2 rw)``.
+def uniform_stress_holds(load, total, x, y, n, gyration, rx, ry, rw):
+    """Return whether a stress, uniform plus a rotation about the centre of pressure, balances the load ``(rx, ry, k^2 rw)``.
 
-    Sufficient for sticking, and cheap; exact where the pressure is centred and no torque is asked for.
+    This is sufficient for sticking and cheap, and exact if the pressure is centred and the torque zero.
     """
     px, py = 0.0, 0.0
     for k in range(n):
@@ -57,7 +56,7 @@ def balanced(load, total, x, y, n, gyration, rx, ry, rw):
     for k in range(n):
         polar += load[k] * ((x[k] - px) ** 2 + (y[k] - py) ** 2)
     torque = gyration * rw - (py * rx - px * ry)
-    if polar <= 1e-9 * gyration * total:  # all load in one point, which carries no torque
+    if polar <= 1e-9 * gyration * total:  # all load at one point, without torque
         return torque == 0.0 and rx * rx + ry * ry <= total * total
     turn = torque * total / polar
     largest = 0.0
@@ -79,14 +78,14 @@ def _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin):
 
 @borrowing
 def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw, guess_x, guess_y, guess_w):
-    """Minimum of ``1/2 |eta - r|_M^2 + sum load |u - spin z^ x r|``: slip and spin at the end of an implicit step.
+    """Minimise ``1/2 |eta - r|_M^2 + sum load |u - spin z^ x r|``: slip and spin at the end of an implicit step.
 
     Args:
         load, total: from :func:`set_loads`, scaled by step and friction coefficient: the slip that each point can stop, m/s.
         x, y, n: contact points about the centre of mass, m.
         gyration: planar inertia over mass, m^2.
         rx, ry, rw: slip (m/s) and spin (rad/s) that the step would reach without friction.
-        guess_x, guess_y, guess_w: where the solution may be; zeros if that is not known.
+        guess_x, guess_y, guess_w: initial guess; zeros for none.
 
     Returns:
         Slip x, y and spin; exactly (0, 0, 0) where friction holds.
@@ -94,14 +93,14 @@ def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw, guess_x, guess_y, 
     if total <= 0.0:
         return rx, ry, rw
     size = math.sqrt(rx * rx + ry * ry)
-    if size <= total and balanced(load, total, x, y, n, gyration, rx, ry, rw):
+    if size <= total and uniform_stress_holds(load, total, x, y, n, gyration, rx, ry, rw):
         return 0.0, 0.0, 0.0
     shorter = max(1.0 - total / max(size, 1e-300), 0.01)
     sx, sy, spin = guess_x, guess_y, guess_w
     if sx == 0.0 and sy == 0.0 and spin == 0.0:
-        # Exact for a centred pressure without torque: slip is shortened, its direction stays.
+        # Exact for a centred pressure without torque: slip is shortened along its direction.
         sx, sy, spin = shorter * rx, shorter * ry, shorter * rw
-    # From a good guess the finest rounding-off gets there in a few iterations; else it begins anew, coarsely.
+    # From a good guess the finest smoothing converges in a few iterations; otherwise it restarts with the coarsest.
     level = _FINEST
     smooth = (level * total) ** 2
     value = _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin)
@@ -152,9 +151,9 @@ def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw, guess_x, guess_y, 
                 break
             length *= 0.5
             step += 1
-        if step < 40:  # else there is no descent left but rounding
+        if step < 40:  # else converged to rounding
             sx, sy, spin, value = sx + length * dx, sy + length * dy, spin + length * dw, trial
-        # Coarser levels need not be solved well: they only lead the way.
+        # Coarser levels only need approximate solutions.
         if done or step == 40 or (level > _FINEST and -slope <= 1e-6 * level * total * total):
             if level <= _FINEST:
                 break
@@ -167,9 +166,10 @@ def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw, guess_x, guess_y, 
 
 
 @borrowing
-def holds(table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine, incline_x, incline_y, load):
-    """Whether friction of coefficient ``friction`` can carry the part along with the table (thesis eq. 3.2), less the incline's
-    acceleration (m/s^2), which it need not give or has to hold up."""
+def static_friction_holds(
+    table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine, incline_x, incline_y, load
+):
+    """Return whether friction can carry the part with the table (thesis eq. 3.2) against the incline's acceleration (m/s^2)."""
     drive = table.speed * 2.0 * math.pi / table.period
     # | -drive (cos, sin) - incline |, written so that it is exactly ``drive`` on a level table.
     square = (
@@ -181,7 +181,7 @@ def holds(table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine
     total = set_loads(points[0], phasor_c, phasor_s, n, table.gravity, cosine, sine, friction, load)
     if needed == 0.0:
         return True
-    if needed > total * (1.0 + 1e-12):  # the margin makes a part stick at exactly mu_0 g, despite rounding
+    if needed > total * (1.0 + 1e-12):  # with the margin a part sticks at exactly mu_0 g, despite rounding
         return False
     sx, sy, spin = implicit_slip(
         load, total, points[1], points[2], n, gyration,
@@ -194,9 +194,7 @@ def holds(table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine
 def slip_step(
     table, friction, points, phasor_c, phasor_s, n, gyration, incline_x, incline_y, load, phase, h, slip_x, slip_y, spin
 ):
-    """One SDIRK2 step of slip and spin from ``phase = w t`` on.
-
-    The incline (m/s^2) accelerates the part, so it takes from the slip of the table against it.
+    """Take an SDIRK2 step of slip and spin from ``phase = w t`` on; the incline (m/s^2) reduces the slip.
 
     Returns:
         Slip x, y and spin at the end, and the integrals of slip x, y and spin over the step.
@@ -205,7 +203,7 @@ def slip_step(
     needed = table.speed * omega
     part = GAMMA * h
     way_x, way_y, turned = 0.0, 0.0, 0.0
-    from_x, from_y, from_spin = slip_x, slip_y, spin  # what a stage starts from, before its own implicit part
+    from_x, from_y, from_spin = slip_x, slip_y, spin  # start of a stage, before its implicit part
     sx, sy, sw = slip_x, slip_y, spin
     for stage in range(2):
         at = phase + omega * (part if stage == 0 else h)
@@ -213,22 +211,12 @@ def slip_step(
         total = set_loads(points[0], phasor_c, phasor_s, n, table.gravity, c, s, part * friction, load)
         if (
             incline_x != 0.0 or incline_y != 0.0
-        ):  # asked, for else the compiler rounds differently on a level table, too
+        ):  # without the test, results on a level table would be rounded differently
             from_x, from_y = from_x - part * incline_x, from_y - part * incline_y
         sx, sy, sw = implicit_slip(
-            load,
-            total,
-            points[1],
-            points[2],
-            n,
-            gyration,
-            from_x - part * needed * c,
-            from_y - part * needed * s,
-            from_spin,
-            sx,
-            sy,
-            sw,
-        )
+            load, total, points[1], points[2], n, gyration,
+            from_x - part * needed * c, from_y - part * needed * s, from_spin, sx, sy, sw,
+        )  # fmt: skip
         share = h - part if stage == 0 else part
         way_x, way_y, turned = way_x + share * sx, way_y + share * sy, turned + share * sw
         carry = (1.0 - GAMMA) / GAMMA

@@ -1,10 +1,10 @@
-"""The friction stepper: a step of parts on the vibrating elements, alone or between contacts with others.
+"""Friction stepper: a step of parts on the vibrating elements, alone or between contacts.
 
-A part's contact area is cut once for a step, at the pose predicted for its middle. Then friction moves a group of eight parts
-together, as a series in the moments of the pressure (:mod:`vibgym.physics.planar.series`). A part where that series is not
-good enough, because slip varies too much across it or nearly vanishes, or that sticks, takes the step again on its own, by
-contact points (:mod:`vibgym.physics.planar.points`). No lane ever looks at another, so a part's numbers do not depend on
-its company.
+A step cuts a part's contact area once, at the pose predicted for its middle. Friction then moves a group of eight parts
+together, by a series in the moments of the pressure (:func:`vibgym.physics.planar.wrench.slide_by_series`). A part for which
+the series is inaccurate, because slip varies strongly across it or nearly vanishes, or that sticks, repeats the step by
+contact points (:mod:`vibgym.physics.planar.points`). Lanes are independent, so a part's result does not depend on the others
+in its group.
 """
 
 from __future__ import annotations
@@ -15,45 +15,44 @@ from vibgym.kernels.jit import borrowing, exact, exact_inlined
 from vibgym.kernels.vector import (
     LANES,
     WIDTH,
+    absolute,
     bits,
     floor,
     load,
     load_mask,
     load_register,
-    magnitude,
+    logical_not,
     mask_of,
     mask_register,
     maximum,
     minimum,
-    no,
     select,
     store,
     store_mask,
 )
+from vibgym.physics.core.drive import clear_phasors
 from vibgym.physics.core.records import Motion, body_in, body_of, under_conditions
-from vibgym.physics.planar.cut import OFF, PLACED, place_part
+from vibgym.physics.planar.contact_area import NEGLIGIBLE_PIECE, OFF, PLACED, place_part
 from vibgym.physics.planar.group_cut import MARGIN, cut_outlines
-from vibgym.physics.planar.outline import NEGLIGIBLE_PIECE
-from vibgym.physics.planar.phasors import forget_phasors
 from vibgym.physics.planar.points import MOST_TRAVEL, MOST_TURN, slide_by_points
 from vibgym.physics.planar.pressure_moments import pressure_moments
-from vibgym.physics.planar.series import limits, slide_by_series
 from vibgym.physics.planar.workspace import SECTORS
+from vibgym.physics.planar.wrench import limits, slide_by_series
 
 _PER_QUARTER = 2.0 / math.pi
 
-# A quarter turn in three numbers, the first two of 33 bits: products with whole numbers of up to 20 bits are exact.
+# A quarter turn as a sum of three numbers, the first two of 33 bits: products with integers of up to 20 bits are exact.
 _HIGH, _MIDDLE, _LOW = 1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21
 
 _WIDEST = 0.8
-"""More than an eighth of a turn is left only of angles so large that their neighbours are farther away than that."""
+"""Limit of the reduced angle; only angles larger than 1e15 rad, whose spacing exceeds an eighth of a turn, reach it."""
 
 
 @exact_inlined
 def sincos(angle):
-    """``(sin, cos)`` to 1e-16, for angles of up to 1e6 rad; for larger ones to the angle's own last digit.
+    """Return ``(sin, cos)`` to 1e-16 for angles of up to 1e6 rad; for larger ones to the angle's last digit.
 
-    By the Taylor series up to the 16th order within an eighth of a turn, where its next terms are below 1e-16.
+    Taylor series up to the 16th order within an eighth of a turn; the next terms are below 1e-16.
     """
     turns = floor(angle * _PER_QUARTER + 0.5)
     x = ((angle - turns * _HIGH) - turns * _MIDDLE) - turns * _LOW
@@ -82,27 +81,26 @@ def sincos(angle):
     return select(quarter > 1.5, -one, one), select((quarter > 0.5) & (quarter < 2.5), -other, other)
 
 
-ELSEWHERE = -1e300
-"""First column of a window that has not been placed."""
+UNPLACED = -1e300
+"""First column of a window that is not placed yet."""
 
 
 @borrowing
 def copy_lane(source, target, lane):
-    """Copy the lane's three numbers."""
+    """Copy a lane's three values."""
     for k in range(lane, 3 * LANES, LANES):
         target[k] = source[k]
 
 
 @borrowing
 def finite_lane(values, lane):
-    """Whether the lane's three numbers are finite. A comparison, since isfinite(a + b) does not survive reassociation."""
+    """Return whether a lane's three values are finite; by comparison, since isfinite(a + b) does not survive reassociation."""
     return abs(values[lane] + values[LANES + lane] + values[2 * LANES + lane]) < math.inf
 
 
 @borrowing
-def enter_shape(scene, slot, kind):
-    """Write down what of a kind's shape the cut needs: radius and smallest piece (in elements), whether its outline turns with
-    it, and whether it cannot fall while its centre of mass is on the table."""
+def load_shape(scene, slot, kind):
+    """Load ``workspace.shape`` of a kind: radius and smallest piece (elements), whether the outline rotates, and is convex."""
     workspace, bodies, pitch = scene.workspace, scene.bodies, scene.table.element_size
     g, lane = slot // LANES, slot % LANES
     shape = workspace.shape[g]
@@ -115,8 +113,8 @@ def enter_shape(scene, slot, kind):
 
 
 @borrowing
-def enter_outlines(scene, g, lanes):
-    """Write down the outlines of those lanes whose bits are set, beginning with their lowest corner."""
+def load_outlines(scene, g, lanes):
+    """Load the outlines of the lanes whose bits are set, starting at the lowest corner."""
     workspace, bodies = scene.workspace, scene.bodies
     outline, sector = workspace.outline[g], workspace.sector[g]
     for lane in range(LANES):
@@ -132,8 +130,8 @@ def enter_outlines(scene, g, lanes):
 
 
 @borrowing
-def enter_part(scene, slot, world, part, away):
-    """Put a part into a slot; ``away``: it is not on the table, or the slot stays empty and only copies that part."""
+def load_part(scene, slot, world, part, away):
+    """Load a part into a slot; ``away``: it is not on the table, or the slot is unused and only copies that part."""
     state, workspace = scene.state, scene.workspace
     g, lane = slot // LANES, slot % LANES
     kind = scene.bodies.kind[part]
@@ -147,15 +145,15 @@ def enter_part(scene, slot, world, part, away):
         workspace.pose[g, k * LANES + lane] = state.pose[world, part, k]
         workspace.velocity[g, k * LANES + lane] = state.velocity[world, part, k]
     if workspace.kind[slot] != kind:
-        enter_shape(scene, slot, kind)
-    workspace.base[g, lane] = ELSEWHERE
+        load_shape(scene, slot, kind)
+    workspace.base[g, lane] = UNPLACED
     workspace.phasors.coupling[slot] = body.coupling
-    forget_phasors(workspace.phasors, slot)
+    clear_phasors(workspace.phasors, slot)
 
 
 @borrowing
-def take_away(scene, slot, fate):
-    """Take a part out of play that has fallen, or whose pose is no number."""
+def remove_part(scene, slot, fate):
+    """Mark a part as away that has fallen or whose pose is not finite."""
     state, workspace = scene.state, scene.workspace
     world = workspace.world[slot]
     workspace.away[slot] = True
@@ -164,9 +162,11 @@ def take_away(scene, slot, fate):
 
 
 @borrowing
-def settle(scene, slot, pushed):
-    """Whether a part is on the table in the pose at which it is to be cut, or, if others may push it, in the one that it has
-    now, which then takes its place; one that is not is taken out of play."""
+def find_support(scene, slot, pushed):
+    """Return whether a part is on the table at the pose of the cut, or, if others may push it, at its current pose.
+
+    The current pose then replaces that of the cut. A part that is not on the table is removed.
+    """
     table, workspace = scene.table, scene.workspace
     lane, pose, middle = slot % LANES, workspace.pose[slot // LANES], workspace.middle
     body = body_of(scene.bodies, workspace.kind[slot])
@@ -177,13 +177,13 @@ def settle(scene, slot, pushed):
         copy_lane(pose, middle, lane)
         fate = place_part(table, body, 1, pose[lane], pose[LANES + lane], pose[2 * LANES + lane], workspace.cut)
     if fate != PLACED:
-        take_away(scene, slot, fate)
+        remove_part(scene, slot, fate)
     return fate == PLACED
 
 
 @borrowing
 def sticking_lanes(scene, first):
-    """Which parts in the slots of a group from ``first`` on stick, a bit each."""
+    """Return which parts in a group's slots from ``first`` on stick, a bit each."""
     state, workspace, stuck = scene.state, scene.workspace, 0
     for lane in range(LANES):
         if state.sticking[workspace.world[first + lane], workspace.part[first + lane]]:
@@ -192,49 +192,54 @@ def sticking_lanes(scene, first):
 
 
 @exact
-def choose_lanes(scene, g, active, left, pushed):
-    """Say where a group's parts will be after half of ``left`` s, and which of the active lanes take their next steps by
-    points and which by the series.
+def choose_method(scene, g, active, left, pushed):
+    """Predict the poses of a group's parts after half of ``left`` s, and choose the method of the active lanes' next steps.
 
     Returns:
-        The latter.
+        Mask of the lanes that use the series.
     """
     table, workspace, first = scene.table, scene.workspace, g * LANES
     pose, velocity, middle, shape = workspace.pose[g], workspace.velocity[g], workspace.middle, workspace.shape[g]
     half, pitch = 0.5 * left, table.element_size
     vx, vy, spin = load(velocity, 0), load(velocity, LANES), load(velocity, 2 * LANES)
-    # Where the part will be in the middle of the step decides on what it rests.
+    # The pose in the middle of the step determines the elements under the part.
     x, y = load(pose, 0) + half * vx, load(pose, LANES) + half * vy
     heading = load(pose, 2 * LANES) + half * spin
     store(middle, 0, x)
     store(middle, LANES, y)
     store(middle, 2 * LANES, heading)
     width, depth = table.columns * pitch, table.rows * pitch
-    clear = select(load(shape, 3 * LANES) > 0.0, 0.0, load(shape, 0) * pitch)  # from the border: then it cannot fall
+    clear = select(
+        load(shape, 3 * LANES) > 0.0, 0.0, load(shape, 0) * pitch
+    )  # distance from the border at which it cannot fall
     safe = (
-        (x >= clear) & (y >= clear) & (x <= width - clear) & (y <= depth - clear) & (magnitude(heading) < math.inf)
+        (x >= clear) & (y >= clear) & (x <= width - clear) & (y <= depth - clear) & (absolute(heading) < math.inf)
         & (x >= table.left) & (y >= table.bottom) & (x <= table.right) & (y <= table.top)
     )  # fmt: skip
     placed = bits(active)
     doubtful = placed & ~bits(safe)
     for lane in range(LANES):
-        if doubtful >> lane & 1 and not settle(scene, first + lane, pushed):
+        if doubtful >> lane & 1 and not find_support(scene, first + lane, pushed):
             placed &= ~(1 << lane)
     stuck = 0 if pushed else sticking_lanes(scene, first)
     far = MOST_TRAVEL * pitch
-    by_points = (magnitude(spin) * left > MOST_TURN) | (left * left * (vx * vx + vy * vy) > far * far) | mask_of(stuck)
+    by_points = (absolute(spin) * left > MOST_TURN) | (left * left * (vx * vx + vy * vy) > far * far) | mask_of(stuck)
     if scene.scheme.pieces > 0:
         by_points = active
     on_table = mask_of(placed)
-    old = load_mask(workspace.by_points, first) & no(active)
+    old = load_mask(workspace.by_points, first) & logical_not(active)
     store_mask(workspace.by_points, first, old | (by_points & on_table))
-    return on_table & no(by_points)
+    return on_table & logical_not(by_points)
 
 
 @exact
 def place_in_window(scene, g, first, cutting):
-    """Place the windows of the lanes from ``first`` on that are cut; returns the centres of mass in them, in elements, and the
-    headings' cosine and sine over the size of an element: noughts for all others."""
+    """Place the windows of the lanes from ``first`` on that are cut.
+
+    Returns:
+        Centres of mass in the windows (elements), and the headings' cosine and sine over the size of an element (m^-1); zero in
+        lanes that are not cut.
+    """
     workspace, scale = scene.workspace, 1.0 / scene.table.element_size
     middle, shape, base, known = workspace.middle, workspace.shape[g], workspace.base[g], workspace.known[g]
     reach = load_register(shape, first)
@@ -254,7 +259,7 @@ def place_in_window(scene, g, first, cutting):
     other = bits(cutting & ((sector > old) | (sector < old)))
     if other != 0:
         store(workspace.sector[g], first, select(cutting, sector, old))
-        enter_outlines(scene, g, other << first)
+        load_outlines(scene, g, other << first)
     sine, cosine = sincos(heading)
     return (
         select(cutting, x - base_x, 0.0), select(cutting, y - base_y, 0.0),
@@ -264,8 +269,7 @@ def place_in_window(scene, g, first, cutting):
 
 @exact
 def cut_lanes(scene, g, first, cutting):
-    """Cut what lies under those of the lanes from ``first`` on whose bits are set; returns the bits of those that lie on
-    something, whose moments are now those of the cut."""
+    """Cut the parts in the lanes from ``first`` on whose bits are set, and update their moments; return the supported ones."""
     workspace, mask = scene.workspace, mask_register(cutting)
     x, y, cosine, sine = place_in_window(scene, g, first, mask)
     box = cut_outlines(
@@ -278,20 +282,20 @@ def cut_lanes(scene, g, first, cutting):
 
 @exact
 def cut_group(scene, g, left, pushed):
-    """Cut what will lie under a group's stale parts after half of ``left`` s; how they take their next steps depends on it.
+    """Cut a group's stale parts at their poses after half of ``left`` s.
 
     Args:
-        pushed: whether others may push the parts. Then they may be stopped before they fall, and may stick no longer.
+        pushed: whether others may push the parts. They may then be stopped before they fall, and no longer stick.
     """
     workspace, slot = scene.workspace, g * LANES
     stale = load_mask(workspace.stale, slot)
     if bits(stale) == 0:
         return
-    store_mask(workspace.stale, slot, no(stale) & stale)
-    active = stale & no(load_mask(workspace.away, slot))
-    held = bits(load_mask(workspace.held, slot) & no(stale))
+    store_mask(workspace.stale, slot, logical_not(stale) & stale)
+    active = stale & logical_not(load_mask(workspace.away, slot))
+    held = bits(load_mask(workspace.held, slot) & logical_not(stale))
     if bits(active) != 0:
-        cutting = bits(choose_lanes(scene, g, active, left, pushed))
+        cutting = bits(choose_method(scene, g, active, left, pushed))
         supported = 0
         for first in range(0, LANES, WIDTH):
             these = cutting >> first & ((1 << WIDTH) - 1)
@@ -300,20 +304,20 @@ def cut_group(scene, g, left, pushed):
         held |= supported
         for lane in range(LANES):
             if (cutting & ~supported) >> lane & 1:
-                take_away(scene, slot + lane, OFF)
+                remove_part(scene, slot + lane, OFF)
     store_mask(workspace.held, slot, mask_of(held))
 
 
 @borrowing
 def cut_stale(scene, left, pushed):
-    """Cut what lies under every stale part, see :func:`cut_group`, and bring the moments of its group up to date."""
+    """Cut all stale parts and update their moments, see :func:`cut_group`."""
     for g in range(scene.groups):
         cut_group(scene, g, left, pushed)
 
 
 @borrowing
-def take_by_points(scene, step, slot):
-    """Take the step for one part, by contact points."""
+def step_by_points(scene, step, slot):
+    """Take a step of one part by contact points."""
     state, workspace = scene.state, scene.workspace
     g, lane = slot // LANES, slot % LANES
     world, part = workspace.world[slot], workspace.part[slot]
@@ -337,7 +341,7 @@ def take_by_points(scene, step, slot):
 
 @exact
 def series_held(workspace, g, h):
-    """Lanes for which the series was good enough all along a step with substeps of ``h`` s."""
+    """Return the mask of lanes for which the series was accurate during a step with substeps of ``h`` s."""
     first, own = g * LANES, workspace.own[g]
     slow = load(workspace.slow_rate, first) * h
     pose, velocity = workspace.pose[g], workspace.velocity[g]
@@ -345,41 +349,42 @@ def series_held(workspace, g, h):
     motion = load(velocity, 0) + load(velocity, LANES) + load(velocity, 2 * LANES)
     return (
         (load(own, 0) <= load(workspace.most_square, first)) & (load(own, LANES) >= slow * slow)
-        & (magnitude(place + motion) < math.inf)
+        & (absolute(place + motion) < math.inf)
     )  # fmt: skip
 
 
 @exact
 def slide_group(scene, g, step):
-    """Let friction alone move a group's parts for a step, by the series; returns bits of the lanes that must take it by points,
-    which have not moved."""
+    """Move a group's parts by the series for a step; return the bits of the lanes that must take it by points, unmoved."""
     workspace, first = scene.workspace, g * LANES
     pose, velocity = workspace.pose[g], workspace.velocity[g]
-    here = no(load_mask(workspace.away, first))
+    here = logical_not(load_mask(workspace.away, first))
     by_points = here & load_mask(workspace.by_points, first)
     if bits(load_mask(workspace.held, first)) == 0:
-        by_series = no(here) & here
+        by_series = logical_not(here) & here
     else:
         old_pose, old_velocity = workspace.old_pose[g], workspace.old_velocity[g]
         for k in range(0, 3 * LANES, LANES):
             store(old_pose, k, load(pose, k))
             store(old_velocity, k, load(velocity, k))
         slide_by_series(scene.table, step, workspace.moments[g], pose, velocity, workspace.own[g])
-        by_series = here & no(by_points | mask_of(sticking_lanes(scene, first))) & series_held(workspace, g, step.h)
-        if bits(no(by_series)) != 0:
+        by_series = (
+            here & logical_not(by_points | mask_of(sticking_lanes(scene, first))) & series_held(workspace, g, step.h)
+        )
+        if bits(logical_not(by_series)) != 0:
             for k in range(0, 3 * LANES, LANES):
                 store(pose, k, select(by_series, load(pose, k), load(old_pose, k)))
                 store(velocity, k, select(by_series, load(velocity, k), load(old_velocity, k)))
-    return bits(here & no(by_series))
+    return bits(here & logical_not(by_series))
 
 
 @borrowing
 def apply_friction(scene, step):
-    """Let friction alone move all parts for a step."""
+    """Move all parts by friction alone for a step."""
     for g in range(scene.groups):
         again = slide_group(scene, g, step)
         lane = 0
         while again >> lane != 0:
             if again >> lane & 1:
-                take_by_points(scene, step, g * LANES + lane)
+                step_by_points(scene, step, g * LANES + lane)
             lane += 1

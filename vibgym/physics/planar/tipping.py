@@ -1,13 +1,12 @@
-"""How near a part that lies flat comes to tipping: where its centre of pressure would have to be, against the edge.
+"""Tipping margin of a flat part: the required centre of pressure relative to the edge of the support.
 
-Friction ``F`` attacks at the bottom, ``h`` below the centre of mass, and elements whose heights differ ask a part that follows
-them for an acceleration of rocking. A rigid part that stays flat needs its pressure, with the sum ``N``, to be centred at
+Friction ``F`` acts at the bottom, ``h`` below the centre of mass. Elements of different heights require an angular
+acceleration of a part that follows them. A rigid part that stays flat needs its pressure, with the sum ``N``, to be centred at
 
     r = (M_1 - h F) / N
 
-where ``M_1`` is the first moment of even pressure ``(m / A)(g + z'')`` about the centre of the area that carries the part,
-which is that of rocking. It cannot tip while that is inside its support: the convex hull of its outline, as far as it lies on
-the table.
+where ``M_1`` is the first moment of uniform pressure ``(m / A)(g + z'')`` about the centre of the supported area. The part
+cannot tip while ``r`` is inside its support: the convex hull of its outline, as far as it is on the table.
 """
 
 from __future__ import annotations
@@ -16,26 +15,24 @@ import math
 
 from vibgym.kernels.jit import borrowing
 from vibgym.kernels.reference import reference
-from vibgym.physics.core.drive import pinned_drive
+from vibgym.physics.core.drive import clear_phasors, pinned_drive
 from vibgym.physics.core.records import body_in, grip_of, state_at
-from vibgym.physics.planar.cut import points_at
-from vibgym.physics.planar.outline import POINTS_PER_PIECE
-from vibgym.physics.planar.phasors import forget_phasors
+from vibgym.physics.planar.contact_area import POINTS_PER_PIECE, points_at
 from vibgym.physics.planar.static import set_loads
 from vibgym.physics.planar.workspace import fixed_scene_at
 from vibgym.physics.planar.wrench import sliding_wrench
 
 PHASES = 24
-"""Instants of a period that are looked at."""
+"""Number of instants in a period that are tested."""
 
 
 @borrowing
-def share_of_way(table, x, y, heading, hull, first, last, rx, ry):
-    """How far a centre of pressure at (rx, ry) (m, from the centre of mass) is on the way to the support's edge; 1: there.
+def edge_fraction(table, x, y, heading, hull, first, last, rx, ry):
+    """Return the distance of a centre of pressure (rx, ry) (m, from the centre of mass) over that of the edge; 1: tipping.
 
     Args:
         x, y, heading: pose of the part.
-        hull: (n, 2) convex hulls of the kinds, of which ``first`` to ``last`` is the part's.
+        hull: (n, 2) m, convex hulls of the kinds; corners ``first`` to ``last`` are the part's.
     """
     cosine, sine = math.cos(heading), math.sin(heading)
     px, py = cosine * rx + sine * ry, -sine * rx + cosine * ry
@@ -54,25 +51,25 @@ def share_of_way(table, x, y, heading, hull, first, last, rx, ry):
 
 @borrowing
 def grip_under(table, body, cut, point):
-    """Factor on friction of the element under a contact point."""
+    """Return the factor on friction of the element under a contact point."""
     element = cut.under[point // POINTS_PER_PIECE]
     return grip_of(body.patches, element // table.columns, element % table.columns)
 
 
 @borrowing
-def worst_share(scene, drive, state, world, part, centre_height, hull, first, last):
-    """The largest share of the way to the edge in a period, for a part at its pose and velocity of this instant."""
+def largest_edge_fraction(scene, drive, state, world, part, centre_height, hull, first, last):
+    """Return the largest edge fraction in a period, for a part at its current pose and velocity."""
     table, cut = scene.table, scene.workspace.cut
     body = body_in(scene.bodies, state, world, part)
     phasors = scene.workspace.phasors
-    forget_phasors(phasors, 0)
+    clear_phasors(phasors, 0)
     phasors.coupling[0] = body.coupling
     x, y, heading = state.pose[world, part, 0], state.pose[world, part, 1], state.pose[world, part, 2]
     n = points_at(table, body, 1, drive, world, x, y, heading, cut, phasors, 0)
     weight, px, py = cut.points[0], cut.points[1], cut.points[2]
     vx, vy, spin = state.velocity[world, part, 0], state.velocity[world, part, 1], state.velocity[world, part, 2]
     carried, ax, ay = 0.0, 0.0, 0.0
-    for point in range(n):  # weights are those with which points rub
+    for point in range(n):  # weights include the factors on friction
         share = weight[point] / grip_under(table, body, cut, point)
         carried += share
         ax += share * px[point]
@@ -96,13 +93,13 @@ def worst_share(scene, drive, state, world, part, centre_height, hull, first, la
         )  # fmt: skip
         down = body.friction * centre_height
         rx, ry = (mx - down * fx) / total, (my - down * fy) / total
-        most = max(most, share_of_way(table, x, y, heading, hull, first, last, rx, ry))
+        most = max(most, edge_fraction(table, x, y, heading, hull, first, last, rx, ry))
     return most
 
 
 @borrowing
-def tipping_shares(fixed, drive, state, centre_height, hull, first, kind, shares):
-    """Write the largest share of the way to the edge of every part.
+def edge_fractions(fixed, drive, state, centre_height, hull, first, kind, shares):
+    """Compute the largest edge fraction of every part, see :func:`edge_fraction`.
 
     Args:
         fixed, drive, state: addresses of pinned records.
@@ -115,6 +112,6 @@ def tipping_shares(fixed, drive, state, centre_height, hull, first, kind, shares
             which = kind[part]
             shares[world, part] = math.inf
             if not state.fallen[world, part]:
-                shares[world, part] = worst_share(
+                shares[world, part] = largest_edge_fraction(
                     scene, drive, state, world, part, centre_height[which], hull, first[which], first[which + 1]
                 )

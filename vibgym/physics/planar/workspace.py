@@ -1,4 +1,4 @@
-"""What the friction stepper works on: its working arrays, the scene with all that it looks at, and what a step is."""
+"""Records of the friction stepper: working arrays, scene and step."""
 
 from __future__ import annotations
 
@@ -9,20 +9,19 @@ import numpy as np
 
 from vibgym.kernels.reference import Layout
 from vibgym.kernels.vector import LANES, WIDTH
-from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.drive import Drive, Phasors, new_phasors
 from vibgym.physics.core.records import Bodies, Body, Scheme, State, Table, body_of
-from vibgym.physics.planar.cut import Cut, cells_across, finest_split, new_cut
+from vibgym.physics.planar.contact_area import Cut, cells_across, finest_split, new_cut
 from vibgym.physics.planar.group_cut import CELL, window
-from vibgym.physics.planar.phasors import Phasors, new_phasors
 from vibgym.physics.planar.pressure_moments import MOMENT_ROWS, PIECE
 
 SECTORS = 8
-"""Of headings: in each, eight outlines begin with their lowest corner, so that their edges go the same way and meet the same
-elements, as far as their shapes are alike."""
+"""Number of sectors of headings. In each, outlines start at their lowest corner, so that edges of similar shapes in a group
+have similar directions and cross the same elements."""
 
 
 class Step(NamedTuple):
-    """A time in which friction alone moves the parts."""
+    """A time span in which friction alone moves the parts."""
 
     phase: float  # w t at its start
     span: float  # s
@@ -35,51 +34,51 @@ class Step(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Parts that friction moves together: each has a slot, ``LANES`` slots are a group, and a slot's place in it is its lane.
+    """Parts that friction moves together. Each has a slot; ``LANES`` slots are a group; the index in the group is the lane.
 
     Arrays of a group are flat, with the lane as their inner index (:mod:`vibgym.kernels.vector`).
     """
 
     world: np.ndarray  # (slots,)
     part: np.ndarray  # (slots,) index in its world
-    away: np.ndarray  # (slots,) bool: not on the table, or no part at all
+    away: np.ndarray  # (slots,) bool: not on the table, or an unused slot
     by_points: np.ndarray  # (slots,) bool: takes its steps by contact points
-    stale: np.ndarray  # (slots,) bool: to be cut again
-    most_square: np.ndarray  # (slots,) s^-2 m^2, see vibgym.physics.planar.series.limits
+    stale: np.ndarray  # (slots,) bool: must be cut again
+    most_square: np.ndarray  # (slots,) s^-2 m^2, see vibgym.physics.planar.wrench.limits
     slow_rate: np.ndarray  # (slots,) m/s^2
     pose: np.ndarray  # (groups, 3 x lane)
     velocity: np.ndarray  # (groups, 3 x lane)
-    old_pose: np.ndarray  # of the step's start, to take it again
+    old_pose: np.ndarray  # at the step's start, to repeat it
     old_velocity: np.ndarray
-    begun_pose: np.ndarray  # of the period's start, for means and divergence
-    begun_velocity: np.ndarray
-    middle: np.ndarray  # (3 x lane) poses at which the group at hand is cut
-    own: np.ndarray  # (groups, 6 x lane), see vibgym.physics.planar.series.slide_by_series
+    start_pose: np.ndarray  # at the period's start, for means and divergence
+    start_velocity: np.ndarray
+    middle: np.ndarray  # (3 x lane) poses at which the current group is cut
+    own: np.ndarray  # (groups, 6 x lane), see vibgym.physics.planar.wrench.slide_by_series
     kind: np.ndarray  # (slots,) kind of the stored outline and shape, -1: none
     outline: np.ndarray  # (groups, corner x 2 x lane) m
     shape: np.ndarray  # (groups, 4 x lane), see vibgym.physics.planar.stepper.enter_shape
-    corners: int  # of the outline with the most
-    lowest: np.ndarray  # (kinds, SECTORS) corner that is the lowest of an outline whose heading is in a sector
-    sector: np.ndarray  # (groups, lane) in which the corner is the lowest that the outline written down begins with
+    corners: int  # largest number of any outline
+    lowest: np.ndarray  # (kinds, SECTORS) lowest corner of an outline whose heading is in a sector
+    sector: np.ndarray  # (groups, lane) sector of the loaded outline
     across: int  # elements along a side of the window that holds any part
     base: np.ndarray  # (groups, 2 x lane) column and row of the window's first element
-    known: np.ndarray  # (groups, across x across) lanes whose phasors in the window have been read, a bit each
+    known: np.ndarray  # (groups, across x across) lanes whose phasors in the window are read, a bit each
     phasor_c: np.ndarray  # (groups, across x across x lane) m/s^2
     phasor_s: np.ndarray
     grip: np.ndarray  # (groups, across x across x lane) factor on friction
     cells: np.ndarray  # (across x across x field x register), see vibgym.physics.planar.group_cut.cut_outlines
     crossings: np.ndarray  # (across x register)
     pieces: np.ndarray  # (across x across x field x register), see vibgym.physics.planar.pressure_moments
-    held: np.ndarray  # (slots,) bool: by elements that the moments are of
+    held: np.ndarray  # (slots,) bool: supported, so that ``moments`` is valid
     moments: np.ndarray  # (groups, row x lane)
-    cosine: np.ndarray  # (4 x substeps) of a step whose times are in no table
+    cosine: np.ndarray  # (4 x substeps) for steps between the table's times
     sine: np.ndarray
     cut: Cut
     phasors: Phasors
 
 
 class FixedScene(NamedTuple):
-    """What stays the same from call to call, pinned in memory (:mod:`vibgym.kernels.reference`)."""
+    """Constant data of a scene, pinned in memory (:mod:`vibgym.kernels.reference`)."""
 
     table: Table
     bodies: Bodies
@@ -92,7 +91,7 @@ fixed_scene_at = FIXED_SCENE.at
 
 
 class Scene(NamedTuple):
-    """What friction moves, and how: references, that kernels hand on to one another."""
+    """Parts and drive of the friction stepper; kernels pass it by reference."""
 
     table: Table
     bodies: Bodies
@@ -103,8 +102,8 @@ class Scene(NamedTuple):
     groups: int  # of slots that are in use, the first ones
 
 
-def _noughts(*shape: int) -> np.ndarray:
-    """An array that begins on a line of the processor's cache: values of eight doubles would lie across two."""
+def _aligned_zeros(*shape: int) -> np.ndarray:
+    """Allocate zeros aligned to the processor's cache lines of 64 bytes, so that eight doubles are in one line."""
     size = math.prod(shape)
     room = np.zeros(size + 8)
     first = -room.ctypes.data % 64 // 8
@@ -112,7 +111,7 @@ def _noughts(*shape: int) -> np.ndarray:
 
 
 def lowest_corners(body: Body) -> list[int]:
-    """The lowest corner of an outline in the middle of every sector of headings."""
+    """Return the lowest corner of an outline for the middle of every sector of headings."""
     headings = (np.arange(SECTORS) + 0.5) * (2.0 * math.pi / SECTORS)
     if not body.turns:
         headings = np.zeros(SECTORS)
@@ -121,7 +120,7 @@ def lowest_corners(body: Body) -> list[int]:
 
 
 def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> Workspace:
-    """Working arrays for any ``slots`` parts of these kinds at a time."""
+    """Allocate working arrays for any ``slots`` parts of these kinds."""
     groups = -(-slots // LANES)
     slots = groups * LANES
     body = getattr(body_of, "py_func", body_of)  # it is Python itself under NUMBA_DISABLE_JIT
@@ -132,7 +131,7 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
     corners = max(len(body.outline) for body in kinds)
 
     def lanes(rows: int) -> np.ndarray:
-        return _noughts(groups, rows * LANES)
+        return _aligned_zeros(groups, rows * LANES)
 
     def flags() -> np.ndarray:
         return np.zeros(slots, np.bool_)
@@ -149,9 +148,9 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
         velocity=lanes(3),
         old_pose=lanes(3),
         old_velocity=lanes(3),
-        begun_pose=lanes(3),
-        begun_velocity=lanes(3),
-        middle=_noughts(3 * LANES),
+        start_pose=lanes(3),
+        start_velocity=lanes(3),
+        middle=_aligned_zeros(3 * LANES),
         own=lanes(6),
         kind=np.full(slots, -1),
         outline=lanes(2 * corners),
@@ -165,9 +164,9 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
         phasor_c=lanes(cells),
         phasor_s=lanes(cells),
         grip=lanes(cells),
-        cells=_noughts(cells * CELL),
-        crossings=_noughts(across * WIDTH),
-        pieces=_noughts(cells * PIECE),
+        cells=_aligned_zeros(cells * CELL),
+        crossings=_aligned_zeros(across * WIDTH),
+        pieces=_aligned_zeros(cells * PIECE),
         held=flags(),
         moments=lanes(MOMENT_ROWS),
         cosine=np.zeros(4 * scheme.substeps + 4),

@@ -1,8 +1,8 @@
-"""From places in the image to places on the surface, by a picture of a template (thesis section 5.1.3).
+"""Calibration: the map from the image to the surface, from a picture of a template (thesis section 5.1.3).
 
-The template carries dark marks in a grid that reaches from border to border of the surface. Between every four of them the way
-back is bilinear: the place within a tetragon follows from a quadratic equation (eqs. 5.25 to 5.27). An object's centroid is
-transformed, not its boundary; how lengths and angles are seen around it comes from the same marks.
+The template has dark marks in a grid from border to border of the surface. Between four marks the map is bilinear: the place
+within a tetragon follows from a quadratic equation (eqs. 5.25 to 5.27). The centroid of an object is transformed, not its
+boundary; the Jacobian for lengths and angles comes from the same marks.
 """
 
 from __future__ import annotations
@@ -19,21 +19,17 @@ from vibgym.plugins.camera.objects import Found, Interest, clear, find, new_foun
 
 
 class Grid(NamedTuple):
-    """Marks in the image and on the surface."""
+    """Marks in the image and on the surface; the first one is at the origin."""
 
     places: np.ndarray  # (rows, columns, 2) px, column and line
     jacobian: np.ndarray  # (rows, columns, 2, 2) derivatives of (x, y) by column and line, m/px
-    left: float  # m, x of the first column of marks
-    bottom: float  # m, y of the first row
     width: float  # m from column to column
     height: float  # m from row to row
 
 
 class Template(NamedTuple):
-    """A grid of square marks on the surface."""
+    """A grid of square marks on the surface, from border to border; the first one is at the origin."""
 
-    left: float  # m, x of the first column of marks
-    bottom: float  # m
     width: float  # m, from mark to mark
     height: float  # m
     rows: int
@@ -42,19 +38,11 @@ class Template(NamedTuple):
 
     def marks(self) -> np.ndarray:
         """Return (rows, columns, 2) m, centres."""
-        x = self.left + self.width * np.arange(self.columns)
-        y = self.bottom + self.height * np.arange(self.rows)
-        return np.stack(np.meshgrid(x, y), axis=-1)
+        return np.stack(np.meshgrid(self.width * np.arange(self.columns), self.height * np.arange(self.rows)), axis=-1)
 
     def outline(self) -> np.ndarray:
         """Return (4, 2) m, a mark about its centre."""
         return 0.5 * self.mark * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-
-
-def template_for(width: float, height: float, tetragons: tuple[int, int], mark: float) -> Template:
-    """Return the template of a surface of ``width`` x ``height``, m, with so many tetragons along x and y."""
-    columns, rows = tetragons
-    return Template(0.0, 0.0, width / columns, height / rows, rows + 1, columns + 1, mark)
 
 
 @jit
@@ -80,8 +68,8 @@ def find_marks(grey: np.ndarray, interest: Interest, meaning: Grey, most: int) -
 def assign_marks(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Assign the marks ``seen`` (n, 2) to those ``expected`` (rows, columns, 2), px; returns places (rows, columns, 2).
 
-    From the middle of the grid outwards, each mark is looked for where it is expected, moved by as much as a neighbour was
-    found to be: the lens may bend the whole grid by more than half the distance of marks, but not its middle.
+    From the middle of the grid outwards, each mark is searched at its expected place plus the displacement of a neighbour:
+    distortion may displace marks by more than half of their distance, except in the middle.
 
     Raises:
         ValueError: a mark is missing, or there is one too many.
@@ -116,28 +104,11 @@ def assign_marks(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
 
 
 def grid_of(template: Template, places: np.ndarray) -> Grid:
-    """Return the way from the image to the surface, from where each mark is seen (rows, columns, 2)."""
+    """Return the map from the image to the surface, from the places of the marks in the image (rows, columns, 2)."""
     along = np.gradient(places, template.width, axis=1, edge_order=2 if template.columns > 2 else 1)
     across = np.gradient(places, template.height, axis=0, edge_order=2 if template.rows > 2 else 1)
     jacobian = np.ascontiguousarray(np.linalg.inv(np.stack([along, across], axis=-1)))
-    return Grid(np.ascontiguousarray(places), jacobian, template.left, template.bottom, template.width, template.height)
-
-
-def calibrate(
-    grey: np.ndarray, template: Template, expected: np.ndarray, interest: Interest, meaning: Grey
-) -> Grid:  # fmt: skip
-    """Calibrate from an image of the template.
-
-    Args:
-        grey: (lines, columns) uint8.
-        expected: (rows, columns, 2) px, where the marks are to be seen by how the camera was put up, without knowledge of its
-            lens.
-
-    Raises:
-        ValueError: a mark is missing, see :func:`assign_marks`.
-    """
-    seen = find_marks(grey, interest, meaning, 4 * expected.shape[0] * expected.shape[1])
-    return grid_of(template, assign_marks(seen, expected))
+    return Grid(np.ascontiguousarray(places), jacobian, template.width, template.height)
 
 
 @borrowing
@@ -147,7 +118,7 @@ def _cross(ax, ay, bx, by):
 
 @borrowing
 def _within(grid, row, column, u, v):
-    """Place (xi, eta) of the pixel (u, v) in a tetragon; the solution of the quadratic that lies nearest to it."""
+    """Return (xi, eta) of the pixel (u, v) in a tetragon: the nearest solution of the quadratic equation."""
     places = grid.places
     u0, v0 = places[row, column, 0], places[row, column, 1]
     ex, ey = places[row, column + 1, 0] - u0, places[row, column + 1, 1] - v0  # along xi
@@ -167,7 +138,7 @@ def _within(grid, row, column, u, v):
 
 @borrowing
 def locate(grid, u, v, jacobian):
-    """Return the place (x, y), m, on the surface that is seen at column ``u``, line ``v``; beyond the marks the map goes on.
+    """Return the place (x, y), m, on the surface of column ``u``, line ``v``; beyond the marks the map is extrapolated.
 
     Args:
         jacobian: (4,) derivatives of x by column and line around there, then of y, written.
@@ -188,7 +159,7 @@ def locate(grid, u, v, jacobian):
             below = (1.0 - s) * grid.jacobian[row, column, i, j] + s * grid.jacobian[row, column + 1, i, j]
             above = (1.0 - s) * grid.jacobian[row + 1, column, i, j] + s * grid.jacobian[row + 1, column + 1, i, j]
             jacobian[2 * i + j] = (1.0 - t) * below + t * above
-    return grid.left + (column + xi) * grid.width, grid.bottom + (row + eta) * grid.height
+    return (column + xi) * grid.width, (row + eta) * grid.height
 
 
 @jit
@@ -201,7 +172,7 @@ def locate_all(grid: Grid, places: np.ndarray, points: np.ndarray) -> None:
 
 @borrowing
 def at_height(x, y, foot_x, foot_y, height, z):
-    """Return where a point at height ``z`` is, if it is seen in front of the place (x, y) of the surface.
+    """Return (x, y) of a point at height ``z`` that appears at the place (x, y) of the surface.
 
     Args:
         foot_x, foot_y: m, the place under the lens, which is ``height`` above it.

@@ -1,7 +1,7 @@
 """Subpixel measurement: the grey level of a pixel at an edge is proportional to its covered area.
 
-Pixels well within an object count in full and those well outside not at all, so that noise enters only from a band around the
-boundary, which is wide enough for the lens's blur.
+Pixels well within an object count in full, pixels well outside not at all. So noise enters only from a band around the
+boundary, which is wide enough for the blur of the lens.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from vibgym.plugins.camera.objects import Found, shift_moments
 
 
 class Grey(NamedTuple):
-    """What grey levels mean."""
+    """Relation of grey levels to coverage."""
 
     level: np.ndarray  # (lines, columns) float32 of the empty surface, known from the reference image
     contrast: float  # 1 - dark: share of the level that a part takes
@@ -26,7 +26,7 @@ class Grey(NamedTuple):
 
 @borrowing
 def _is_nearest(found, number, line, column, reach_l, reach_c):
-    """Return whether of the labelled pixels around one, the nearest is of this object."""
+    """Return whether the nearest labelled pixel around a pixel belongs to this object."""
     mine, other = 1 << 30, 1 << 30
     for l in range(max(line - reach_l, 0), min(line + reach_l + 1, found.label.shape[0])):  # noqa: E741
         for c in range(max(column - reach_c, 0), min(column + reach_c + 1, found.label.shape[1])):
@@ -41,7 +41,7 @@ def _is_nearest(found, number, line, column, reach_l, reach_c):
 
 @jit
 def shares(grey: np.ndarray, meaning: Grey, found: Found, number: int):
-    """Return how much of every pixel around an object belongs to it.
+    """Return the share of every pixel around an object that belongs to it.
 
     Returns:
         (lines, columns) float64, and the line and column of its first pixel.
@@ -119,9 +119,9 @@ def share_moments(share, top, left, moment):
 
 @borrowing
 def complex_moment(share, top, left, column, line, jacobian, order):
-    """Sum of share times z^order, where z = x + i y is the place of a pixel about (column, line), in m by the Jacobian.
+    """Return the sum of share times z^order, where z = x + i y is the place of a pixel about (column, line), m.
 
-    For order 2 its angle is twice that of the principal axis (eq. 5.7); a part with n-fold symmetry shows in order n.
+    For order 2 its angle is twice that of the principal axis (eq. 5.7). Of a part with n-fold symmetry, orders below n vanish.
     """
     total_re, total_im = 0.0, 0.0
     for l in range(share.shape[0]):  # noqa: E741

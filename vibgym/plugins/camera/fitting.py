@@ -1,15 +1,15 @@
 """Measurement error of the camera: sampled from synthetic images, for the statistical sensor and for estimators.
 
-The error has two parts. What comes from pixels, lens and calibration is the same whenever the part lies the same: it freezes
-at rest and cannot be averaged. What comes from the pixels' noise is new at each look.
+The error has two parts. The error from pixels, lens and calibration depends on the pose alone: it is constant at rest and
+cannot be averaged. The error from the noise of pixels is new at each sample.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+import pickle
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,13 +17,13 @@ from vibgym.plugins.camera.look import look_at, new_seen, new_track
 from vibgym.plugins.camera.setup import Setup
 
 SAMPLES = 400
-"""Poses of each kind that are looked at; the deviations are good to a tenth (the errors of whole pixels have long tails)."""
+"""Sampled poses of each kind; deviations are accurate to a tenth (the errors of whole pixels have long tails)."""
 
 CLEAR = 3.0
-"""Standard errors that a mean must have, or it is taken for chance."""
+"""Standard errors below which a mean counts as zero."""
 
 SHIFT = 0.25
-"""px by which the part is moved, to see how fast its error changes."""
+"""px, displacement of the part for the correlation length of its error."""
 
 CELL = 2.0
 """Cell of the lattice of :mod:`vibgym.plugins.camera.statistical` over the length l of a correlation exp(-d^2 / 2 l^2)."""
@@ -34,12 +34,12 @@ class ErrorModel(NamedTuple):
 
     mean: np.ndarray  # (kinds, 3)
     fixed: np.ndarray  # (kinds, 3) standard deviation of what depends on the pose alone
-    white: np.ndarray  # (kinds, 3) standard deviation of what is new at each look
+    white: np.ndarray  # (kinds, 3) standard deviation of white noise
     cell: np.ndarray  # (kinds, 3) m, m, rad over which the fixed error changes
 
 
 def look_alone(setup: Setup, kind: int, pose: np.ndarray, key: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return errors (n, 3) of one look at a part of that kind at each pose (n, 3), and whether it was seen (n,)."""
+    """Return errors (n, 3) of one sample of a part of that kind at each pose (n, 3), and whether it was seen (n,)."""
     rig, known = setup.alone(kind)
     count = len(pose)
     there = np.ascontiguousarray(pose[:, None])
@@ -56,7 +56,7 @@ def look_alone(setup: Setup, kind: int, pose: np.ndarray, key: int) -> tuple[np.
 
 
 def random_poses(setup: Setup, kind: int, count: int, seed: int = 1) -> np.ndarray:
-    """Return poses (count, 3) at which a part of that kind is wholly seen, on the surface where it has room."""
+    """Return random poses (count, 3) at which a part of that kind lies wholly on the surface."""
     random = np.random.default_rng(seed)
     radius = setup.known.traits.radius[kind]
     surface = setup.surface
@@ -71,26 +71,13 @@ MOST_SAMPLED = 64
 
 
 def fit_errors(setup: Setup) -> ErrorModel:
-    """Return the camera's errors for every kind of parts; always the same for the same settings. Not to be changed."""
-    digest = hashlib.sha256()
-    for leaf in _leaves((setup.rig, setup.known, setup.lag)):
-        digest.update(f"{leaf.dtype}{leaf.shape}".encode())
-        digest.update(leaf.tobytes())
-    key = digest.digest()
+    """Return the camera's errors for every kind of parts, the same for the same settings; do not change them."""
+    key = hashlib.sha256(pickle.dumps((setup.rig, setup.known, setup.lag))).digest()
     if key not in _sampled:
         if len(_sampled) == MOST_SAMPLED:
             _sampled.clear()
         _sampled[key] = sampled_errors(setup)
     return _sampled[key]
-
-
-def _leaves(record: Any) -> Iterator[np.ndarray]:
-    """Yield all values of a record of records."""
-    if isinstance(record, tuple):
-        for each in record:
-            yield from _leaves(each)
-    else:
-        yield np.asarray(record)
 
 
 def sampled_errors(setup: Setup) -> ErrorModel:

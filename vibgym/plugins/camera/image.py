@@ -1,8 +1,8 @@
 """Synthesis of the camera's image: coverage, blur, uneven light, noise of the pixels, eight bits.
 
-Parts are dark tops at their height over a light surface; their sides are taken to be as light as the surface. What a pixel
-shows is ``level * (dark + (1 - dark) * bare)``: ``level`` is what the empty surface shows there and ``bare`` the share of it
-that no part hides. A sample draws only the boxes around the parts; everything else shows the empty surface already.
+Parts are dark tops at their height over a light surface; their sides are as light as the surface. The grey level of a pixel is
+``level * (dark + (1 - dark) * bare)``, with the ``level`` of the empty surface and the uncovered share ``bare``. A sample draws
+only the boxes around the parts; the rest of the canvas holds the empty surface.
 
 The covered area of pixels is exact: each edge adds to the pixels that it crosses its contribution to the area right of it
 (Green's theorem, line by line), and a running sum along the line gives the coverage (R. Levien, font-rs, 2016; S. Barrett,
@@ -27,16 +27,16 @@ PIECE = 8.0
 0.001 px."""
 
 BOTH, EVEN, ODD = -1, 0, 1
-"""Lines that an instant is seen on."""
+"""Lines of the image that are taken at one instant."""
 
 _BLOCK = 8
-"""Columns that one number of the generator's counter stands for."""
+"""Columns per counter of the random generator."""
 
 PIXEL_NOISE = 0
 """Last word of the counters of pixel noise."""
 
 _MOST = 1e7
-"""px: what is seen farther away is not drawn."""
+"""px, beyond which nothing is drawn."""
 
 
 class Shapes(NamedTuple):
@@ -96,9 +96,7 @@ def _blur(cover, weights, axis, scratch):
     if reach == 0:
         return
     lines, columns = cover.shape
-    for line in range(lines):
-        for column in range(columns):
-            scratch[line, column] = 0.0
+    scratch[:] = 0.0
     for k in range(-reach, reach + 1):
         weight = weights[k + reach]
         if axis == 1:
@@ -116,7 +114,7 @@ def _blur(cover, weights, axis, scratch):
 
 @jit
 def seen_outline(optics: Optics, outline: np.ndarray, pose: np.ndarray, height: float):
-    """Return places (n, 2) at which an outline is seen, its edges cut into short pieces; empty if it is nowhere near."""
+    """Return the outline in the image (n, 2), its edges cut into short pieces; empty if it is far outside."""
     count = outline.shape[0]
     corners = np.empty((count + 1, 4))
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
@@ -147,16 +145,16 @@ def seen_outline(optics: Optics, outline: np.ndarray, pose: np.ndarray, height: 
 
 @jit
 def hide(places: np.ndarray, exposure: Exposure, lines_seen: int, bare: np.ndarray, box: np.ndarray) -> bool:
-    """Take what the polygon ``places`` covers from ``bare``, on even, odd or both lines.
+    """Subtract the polygon ``places`` from ``bare``, on even, odd or both lines.
 
     Args:
-        box: (4,) first line, line after the last, first column, column after the last of what may have changed, written.
+        box: (4,) first line, line after the last, first column, column after the last of the changed region; overwritten.
 
     Returns:
-        Whether it touches the image.
+        Whether the polygon touches the image.
     """
     lines, columns = bare.shape
-    box[0], box[1], box[2], box[3] = 0, 0, 0, 0
+    box[:] = 0
     if places.shape[0] == 0:
         return False
     margin_l, margin_c = exposure.along.shape[0] // 2 + 1, exposure.across.shape[0] // 2 + 1
@@ -185,7 +183,7 @@ def hide(places: np.ndarray, exposure: Exposure, lines_seen: int, bare: np.ndarr
 
 @jit
 def expose(exposure: Exposure, box: np.ndarray, key: np.ndarray, look: int, canvas: Canvas) -> None:
-    """Turn what is bare within a box into grey levels, with the noise of that look; the same ones in whichever box.
+    """Compute the grey levels within a box from ``bare``, with the noise of the sample, which does not depend on the box.
 
     Args:
         box: (4,) as from :func:`hide`; its columns begin and end with a block, or with the image.
@@ -210,7 +208,7 @@ def draw(
     optics: Optics, shapes: Shapes, exposure: Exposure, pose: np.ndarray, earlier: np.ndarray, shown: np.ndarray,
     key: np.ndarray, look: int, canvas: Canvas, boxes: np.ndarray,
 ) -> None:  # fmt: skip
-    """Draw the parts of one world, and note where.
+    """Draw the parts of one world, and write the changed regions to ``boxes``.
 
     Args:
         pose: (parts, 3) when the even lines are taken.
@@ -222,9 +220,8 @@ def draw(
     for p in range(pose.shape[0]):
         kind = shapes.kind[p]
         outline = shapes.outline[shapes.first[kind] : shapes.first[kind + 1]]
+        boxes[p] = 0
         for half in range(2):  # the even lines, or all of them, and the odd ones
-            for side in range(4):
-                boxes[p, half, side] = 0
             if shown[p] and half < halves:
                 places = seen_outline(optics, outline, pose[p] if half == 0 else earlier[p], shapes.height[kind])
                 hide(places, exposure, BOTH if halves == 1 else half, canvas.bare, boxes[p, half])
@@ -235,7 +232,7 @@ def draw(
 
 @borrowing
 def wipe(boxes, background, canvas):
-    """Show the empty surface again where parts were drawn."""
+    """Restore the empty surface where parts were drawn."""
     for p in range(boxes.shape[0]):
         for field in range(2):
             box = boxes[p, field]
@@ -250,14 +247,12 @@ def whole_image(
     optics: Optics, shapes: Shapes, exposure: Exposure, pose: np.ndarray, earlier: np.ndarray, shown: np.ndarray,
     key: np.ndarray, look: int, bare: np.ndarray, image: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write the whole image (lines, columns) uint8 of one world, with noise everywhere: what :func:`draw` draws, and more.
+    """Write the whole image (lines, columns) uint8 of one world, with noise everywhere.
 
     Args:
         bare: (lines, columns) float32, share of each pixel that no part hides, written.
     """
-    for line in range(image.shape[0]):
-        for column in range(image.shape[1]):
-            bare[line, column] = 1.0
+    bare[:] = 1.0
     canvas = Canvas(bare, image)
     boxes = np.zeros((pose.shape[0], 2, 4), dtype=np.int64)
     draw(optics, shapes, exposure, pose, earlier, shown, key, look, canvas, boxes)
@@ -267,7 +262,7 @@ def whole_image(
 
 @borrowing
 def _add_edge(x0, y0, x1, y1, cover):
-    """Leave the traces of one edge, whose ends lie in ``cover``; pixel (l, c) is [c, c + 1] x [l, l + 1]."""
+    """Add the contributions of one edge, whose ends lie in ``cover``; pixel (l, c) is [c, c + 1] x [l, l + 1]."""
     if y0 == y1:
         return
     sign = 1.0

@@ -57,10 +57,10 @@ class Knowledge(NamedTuple):
     traits: Traits
     foot: np.ndarray  # (3,) m, place of the lens
     grain: float  # m, size of a pixel on the surface, the larger of both
-    aperture: np.ndarray  # (2,) px^2, by which a pixel's own size and the blur widen what is seen, columns and lines
-    reach: float  # m that a part may be away from where it is expected ...
-    speed: float  # m/s ... and more for each second since it was last seen
-    step: float  # s from look to look
+    aperture: np.ndarray  # (2,) px^2, variance added by the pixel size and the blur, columns and lines
+    reach: float  # m, largest distance of a part from its expected position ...
+    speed: float  # m/s, ... and its growth with the time since the part was last seen
+    step: float  # s from sample to sample
 
 
 class Seen(NamedTuple):
@@ -86,8 +86,8 @@ class Track(NamedTuple):
 
     pose: np.ndarray  # (worlds, parts, 3) when it was last seen
     velocity: np.ndarray  # (worlds, parts, 3) then, m/s, m/s, rad/s
-    missed: np.ndarray  # (worlds, parts) int64 looks since then
-    count: np.ndarray  # (worlds, 3) int64 mishaps at the last look
+    missed: np.ndarray  # (worlds, parts) int64 samples since then
+    count: np.ndarray  # (worlds, 3) int64 errors of the last sample, see :class:`Mishap`
 
 
 def new_seen(shape: tuple[int, int], parts: int, background: np.ndarray) -> Seen:
@@ -149,7 +149,7 @@ def on_surface(measure, nearer):
 
 @jit
 def heading_of(grey: np.ndarray, known: Knowledge, found: Found, number: int, measure: np.ndarray, kind: int) -> float:
-    """Return heading of an object that is a part of this kind, one of those that look the same."""
+    """Return the heading of an object that is a part of this kind, modulo the symmetry."""
     order = known.traits.order[kind]
     if order == 2:
         _, xx, xy, yy = on_surface(measure, 1.0)
@@ -162,7 +162,7 @@ def heading_of(grey: np.ndarray, known: Knowledge, found: Found, number: int, me
 
 @borrowing
 def _place(known, measure, kind):
-    """Return where an object is, were it a part of this kind."""
+    """Return (x, y) of an object, assuming a part of this kind."""
     foot = known.foot
     return at_height(measure[X], measure[Y], foot[0], foot[1], foot[2], known.traits.height[kind])
 
@@ -246,12 +246,12 @@ def look_at(
     key: np.ndarray, looks: np.ndarray, seen: Seen, track: Track, read_pose: np.ndarray, read_velocity: np.ndarray,
     read_seen: np.ndarray,
 ) -> None:  # fmt: skip
-    """Look at ``worlds`` (index array), one after the other.
+    """Sample ``worlds`` (index array) in order.
 
     Args:
         pose: (worlds, parts, 3) true poses.  earlier: when the odd lines were taken, or (worlds, 0, 3).
         shown: (worlds, parts) bool, parts that are on the surface.
-        key: (worlds, 2).  looks: (worlds,) number of this look; at look 0 the tracks have just been set to where parts are.
+        key: (worlds, 2).  looks: (worlds,) number of this sample; at 0 the tracks are the true poses.
         seen: working arrays.  track: overwritten.
         read_pose, read_velocity, read_seen: of the reading, overwritten.
     """
@@ -266,7 +266,7 @@ def look_at(
         for k in range(seen.found.count[0]):
             measure_object(seen.canvas.grey, known, seen.found, k, seen.measure[k])
         for p in range(parts):
-            # A part that is long out of sight has most likely met another one: its old velocity is no longer valid.
+            # A part that was missed for long has probably hit another one: its old velocity is no longer valid.
             since = known.step * min(1 + track.missed[w, p], COASTING) if looks[w] > 0 else 0.0
             for axis in range(3):
                 seen.expected[p, axis] = track.pose[w, p, axis] + since * track.velocity[w, p, axis]

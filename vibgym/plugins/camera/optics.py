@@ -1,4 +1,4 @@
-"""From a point of the scene to a place in the image: pinhole, lens with radial distortion, pose of the camera.
+"""Projection of points to the image: pinhole camera with radial distortion, at any pose.
 
 Places in an image are ``(column, line)`` in pixels, with pixel centres at whole numbers and line 0 at the top, which is at
 the largest y when the camera looks straight down. An image may hold every line of the chip or one for every two (``pitch``).
@@ -21,7 +21,7 @@ CHIP = 868e-3 * 6e-3 / 0.772
 Pixels are square: so are the thesis's 1.15 mm, to 0.01 %."""
 
 _NEAREST = 1e-6
-"""m before the lens within which nothing is seen."""
+"""m, least depth of a visible point."""
 
 
 class Optics(NamedTuple):
@@ -86,37 +86,11 @@ def project(optics, x, y, z):
     return optics.column + moved * u, (optics.line + moved * v + 0.5) / optics.pitch - 0.5
 
 
-@borrowing
-def unproject(optics, column, line, z):
-    """Return the point (x, y) at height ``z`` that is seen at ``(column, line)``: the exact inverse, which no camera knows."""
-    u, v = column - optics.column, (line + 0.5) * optics.pitch - 0.5 - optics.line
-    moved = math.sqrt(u * u + v * v)
-    r = moved
-    for _ in range(20):  # Newton; monotone within the image
-        r -= (r + optics.bend * r**3 - moved) / (1.0 + 3.0 * optics.bend * r * r)
-    if moved > 0.0:
-        u, v = u * r / moved, v * r / moved
-    axes, place = optics.axes, optics.place
-    w = optics.focal
-    dx = axes[0, 0] * u + axes[1, 0] * v + axes[2, 0] * w
-    dy = axes[0, 1] * u + axes[1, 1] * v + axes[2, 1] * w
-    dz = axes[0, 2] * u + axes[1, 2] * v + axes[2, 2] * w
-    far = (z - place[2]) / dz
-    return place[0] + far * dx, place[1] + far * dy
-
-
 @jit
 def project_all(optics, points, places):
     """Apply :func:`project` for ``points`` (n, 3) into ``places`` (n, 2)."""
     for k in range(points.shape[0]):
         places[k, 0], places[k, 1] = project(optics, points[k, 0], points[k, 1], points[k, 2])
-
-
-@jit
-def unproject_all(optics, places, z, points):
-    """Apply :func:`unproject` for ``places`` (n, 2) into ``points`` (n, 2)."""
-    for k in range(places.shape[0]):
-        points[k, 0], points[k, 1] = unproject(optics, places[k, 0], places[k, 1], z)
 
 
 def projected(optics: Optics, points: np.ndarray) -> np.ndarray:

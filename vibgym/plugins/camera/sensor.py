@@ -23,7 +23,7 @@ from vibgym.sensing.measurement import Reading
 
 
 class Picture(NamedTuple):
-    """What an image shows; it is drawn when somebody asks for it."""
+    """Content of an image, which is drawn on request."""
 
     pose: np.ndarray  # (worlds, parts, 3)
     earlier: np.ndarray  # (worlds, parts or 0, 3) when the odd lines were taken
@@ -58,7 +58,7 @@ class CameraSensor(Sensor):
     SETTINGS = Settings
     draws = KEY_DRAWS
 
-    renews = False  # it follows parts from look to look by their names
+    renews = False  # parts are tracked from sample to sample
 
     def __init__(
         self,
@@ -81,8 +81,7 @@ class CameraSensor(Sensor):
         self._key = np.zeros((worlds, 2), dtype=np.int64)
         self._pictures: list[Picture] = []
         self._seen: Seen = new_seen(self.setup.shape, count, self.setup.rig.background)
-        self._measure = self._by_statistics if self.statistical else self._by_image
-        self._statistics = self._twin() if self.statistical else None  # now rather than in the first step
+        self._statistics = self._sampled() if self.statistical else None
 
     @property
     def errors(self) -> ErrorModel:
@@ -152,9 +151,19 @@ class CameraSensor(Sensor):
         worlds = self.looking
         if self.every > 1:
             worlds = worlds[np.asarray(self.looks[worlds] % self.every == 0)]
-            if len(worlds) < len(self.looking):  # the others do not look now
+            if len(worlds) < len(self.looking):  # no sample in the others
                 reading.pose[...], reading.mean_velocity[...] = self.track.pose, 0.0
-        self._measure(worlds, state, reading)
+        if self._statistics is not None:
+            guess(
+                worlds, state.pose, state.mean_velocity, state.fallen, self._statistics, self._key, self.looks, self.track,
+                reading.pose, reading.mean_velocity, reading.seen,
+            )  # fmt: skip
+            return
+        pose, earlier, shown = self._scene(state)
+        look_at(
+            worlds, pose, earlier, shown, self.setup.rig, self.setup.known, self._key, self.looks, self._seen, self.track,
+            reading.pose, reading.mean_velocity, reading.seen,
+        )  # fmt: skip
 
     def own_state(self) -> dict[str, np.ndarray]:
         pictures = {
@@ -165,13 +174,13 @@ class CameraSensor(Sensor):
         return {"key": self._key, **{f"track_{name}": each for name, each in self.track._asdict().items()}, **pictures}
 
     def _take(self, picture: Picture, worlds: np.ndarray, state: State) -> None:
-        """Note what an image of now shows."""
+        """Store the content of an image of this instant."""
         pose, earlier, shown = self._scene(state)
         picture.pose[worlds], picture.earlier[worlds] = pose[worlds], earlier[worlds]
         picture.shown[worlds], picture.look[worlds] = shown[worlds], self.looks[worlds]
 
     def _scene(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return poses now and when the odd lines were taken, and which parts there are to see."""
+        """Return poses now and when the odd lines were taken, and which parts are visible."""
         finite = np.asarray(np.isfinite(state.pose).all(axis=-1))
         shown = finite & ~state.fallen
         pose = state.pose if finite.all() else np.where(finite[..., None], state.pose, 0.0)
@@ -180,21 +189,8 @@ class CameraSensor(Sensor):
         moved = self.setup.lag * state.mean_velocity
         return pose, pose - np.where(np.isfinite(moved), moved, 0.0), shown
 
-    def _by_image(self, worlds: np.ndarray, state: State, reading: Reading) -> None:
-        pose, earlier, shown = self._scene(state)
-        setup = self.setup
-        look_at(
-            worlds, pose, earlier, shown, setup.rig, setup.known, self._key, self.looks, self._seen, self.track,
-            reading.pose, reading.mean_velocity, reading.seen,
-        )  # fmt: skip
-
-    def _by_statistics(self, worlds: np.ndarray, state: State, reading: Reading) -> None:
-        guess(
-            worlds, state.pose, state.mean_velocity, state.fallen, self._statistics, self._key, self.looks, self.track,
-            reading.pose, reading.mean_velocity, reading.seen,
-        )  # fmt: skip
-
-    def _twin(self) -> Statistics:
+    def _sampled(self) -> Statistics:
+        """Return the statistical model of this camera."""
         setup, surface = self.setup, self.surface
         border, pixel = setup.border, setup.optics.place[2] / setup.optics.focal
         return Statistics(

@@ -10,7 +10,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.plugins.camera import image
-from vibgym.plugins.camera.calibration import Grid, Template, calibrate, locate_all, template_for
+from vibgym.plugins.camera.calibration import Grid, Template, assign_marks, find_marks, grid_of, locate_all
 from vibgym.plugins.camera.edges import Grey
 from vibgym.plugins.camera.look import Knowledge, Rig
 from vibgym.plugins.camera.objects import Interest, area_of_interest
@@ -39,7 +39,7 @@ class Settings:
         edge: ``"grey"`` uses the grey levels along the edges, ``"threshold"`` counts whole pixels, as the thesis did.
         lines: ``"half"`` of the chip's lines make an image, two and two together (as in the thesis), ``"all"`` at once, or
             ``"interlaced"``: even lines at the instant, odd ones half an oscillation before.
-        noise: grey levels, standard deviation, of each pixel at each look.
+        noise: grey levels, standard deviation, of each pixel at each sample.
         blur: px, standard deviation of the lens's point spread.
         distortion: displacement of the image's corner outwards, over its distance from the centre.
         light: share of the light that is missing in the image's corners; it falls off with the square of the distance.
@@ -47,7 +47,7 @@ class Settings:
         height: of the lens above the surface, m.  position: of the lens over the surface, m; None: its middle.
         tilt: turns away from looking straight down about the surface's x and y axes, rad.
         lens: focal length, m.  chip: width of the chip, m.  pixels: its columns and lines.
-        border: m, width of the light frame around the surface; beyond it nothing is looked at.
+        border: m, width of the light frame around the surface; the area of interest ends there.
         tetragons: of the calibration, along x and y.  mark: length of its square marks, m.
     """
 
@@ -75,7 +75,7 @@ class Setup:
     Args:
         surface: the table.  parts: of every world.
         settings: checked here.
-        step: s from look to look.
+        step: s from sample to sample.
 
     Attributes:
         rig, known: for the kernels.  template: of the calibration.  shape: (lines, columns) of an image.
@@ -108,7 +108,7 @@ class Setup:
         self.rig = Rig(self.optics, shapes, exposure, background)
         interest, meaning = self._processing(settings, frame, exposure, kinds)
         self.template = self._template(settings, border)
-        # Calibrating may take its time: every pixel is looked at, and grey levels always count.
+        # Calibration is done once: it searches every pixel and always uses grey levels.
         self._interest, self._meaning = interest._replace(lines=1, columns=1, least=4), meaning._replace(fine=True)
         grain = self.pitch * self.optics.place[2] / self.optics.focal
         variance = (image.weights_variance(exposure.across), image.weights_variance(exposure.along))
@@ -119,7 +119,7 @@ class Setup:
             traits=traits_of(self.parts),
             foot=self.ideal.place,
             grain=grain,
-            # Sums over shares take what is seen through square pixels, and blurred; sets of whole pixels are right on average.
+            # Sums over shares are widened by the pixels' size and the blur; sets of whole pixels are right on average.
             aperture=1.0 / 12.0 + np.array(variance) if self.edge == "grey" else np.zeros(2),
             reach=REACH,
             speed=surface.table_speed,
@@ -140,7 +140,7 @@ class Setup:
         return self._drawn(shapes, pose, shown.ravel(), self.rig.exposure)[1]
 
     def calibrate(self, picture: Any) -> Grid:
-        """Return the way from the image to the surface, from a picture of the template.
+        """Return the map from the image to the surface, from a picture of the template.
 
         Raises:
             ValueError: not a picture of this camera, or a mark is missing.
@@ -149,7 +149,8 @@ class Setup:
         marks = self.template.marks()
         points = np.column_stack([marks.reshape(-1, 2), np.zeros(marks.size // 2)])
         expected = projected(self.ideal, points).reshape(marks.shape)
-        return calibrate(picture, self.template, expected, self._interest, self._meaning)
+        seen = find_marks(picture, self._interest, self._meaning, 2 * marks.size)
+        return grid_of(self.template, assign_marks(seen, expected))
 
     def alone(self, kind: int) -> tuple[Rig, Knowledge]:
         """Return the camera before worlds of one part each, of that kind."""
@@ -158,13 +159,13 @@ class Setup:
         return rig, self.known._replace(traits=self.known.traits._replace(kind=only))
 
     def residual(self, points: np.ndarray) -> np.ndarray:
-        """Return (n,) px, how far the calibrated way is off at points (n, 2) of the surface, by the local scale."""
+        """Return (n,) px, error of the calibrated map at points (n, 2) of the surface, by the local scale."""
         there = np.empty_like(points)
         locate_all(self.known.grid, projected(self.optics, np.column_stack([points, np.zeros(len(points))])), there)
         return np.hypot(*(there - points).T) * self.optics.focal / self.optics.place[2]
 
     def _optics(self, settings: Settings) -> tuple[Optics, Optics]:
-        """Return the camera as it is, and as the one who put it up knows it: without the lens's distortion."""
+        """Return the true camera, and the nominal one without distortion."""
         surface = self.surface
         height = checks.number("sensor.height", settings.height, least=0.01, most=1e3)
         middle = (0.5 * surface.width, 0.5 * surface.depth)
@@ -290,7 +291,7 @@ class Setup:
         along, across = (checks.count("sensor.tetragons", each, least=1, most=200) for each in tetragons)
         surface = self.surface
         mark = checks.number("sensor.mark", settings.mark, least=4.0 * self._pixel(), most=1.0)
-        template = template_for(surface.width, surface.depth, (along, across), mark)
+        template = Template(surface.width / along, surface.depth / across, across + 1, along + 1, mark)
         needed = 0.5 * mark + 2.0 * self.pitch * self._pixel()
         if border < needed:
             allowed = f"at least {needed:.4g} m, so that marks on the surface's border are seen"
@@ -302,7 +303,7 @@ class Setup:
 
 
 def _pair(name: str, value: Any) -> tuple[Any, Any]:
-    """Return two of something."""
+    """Return the two items of a setting."""
     items = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(items, str) or not isinstance(items, Sequence) or len(items) != 2:
         raise checks.refuse(name, value, "two numbers")

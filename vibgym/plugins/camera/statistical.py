@@ -1,8 +1,8 @@
-"""The camera without its images: a fixed function of the pose as its error, and a little that is new at each look.
+"""Statistical camera: a fixed function of the pose as measurement error, and white noise at each sample; no images.
 
 The function is smooth noise: standard normal numbers, hashed from the corners of a lattice over (x, y, heading), are blended
-between the corners and scaled so that their variance is one everywhere. So the error freezes while a part is at rest. What
-motion does to an image of interlaced lines, and where parts merge or leave the image, is computed.
+between the corners and scaled to variance one everywhere. So the error is constant while a part is at rest. The effect of
+motion on interlaced lines is computed, as are parts that merge or leave the image.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from vibgym.plugins.camera.look import Mishap, Track
 from vibgym.plugins.camera.shapes import Traits
 
 WHITE = 1
-"""Last word of the counters of what is new at each look."""
+"""Last word of the counters of white noise."""
 
 GAP = 0.8
-"""px of surface between two parts below which the threshold leaves them in one piece."""
+"""px of surface between two parts below which they appear as one object."""
 
 LEVELS = 1024
-"""Of the table of normal numbers: ten bits each."""
+"""Entries of the table of normal numbers: ten bits."""
 
 _ALONG_X, _ALONG_Y, _ALONG_Z = 0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9
-"""By which a corner's word grows along the lattice: odd, and unlike each other."""
+"""Odd increments of a corner's hash along the axes of the lattice."""
 
 
 class Statistics(NamedTuple):
-    """What the sensor knows of the camera that it stands in for."""
+    """Constants of the camera and its error model, for kernels."""
 
     shapes: Shapes
     traits: Traits
     model: ErrorModel
-    frame: np.ndarray  # (4,) m, what is seen of the surface: least and largest x, least and largest y
+    frame: np.ndarray  # (4,) m, visible part of the surface: least and largest x, least and largest y
     foot: np.ndarray  # (3,) m, place of the lens
     pixel: np.ndarray  # (2,) m, size of a pixel on the surface along columns and lines
-    step: float  # s from look to look
+    step: float  # s from sample to sample
     lag: float  # s by which the odd lines are taken before the even ones
     quantiles: np.ndarray  # (LEVELS,)
 
@@ -100,7 +100,7 @@ def smooth_noise(x, y, z, kind, quantiles):
 
 @borrowing
 def white_noise(key, look, part, quantiles):
-    """Return three independent normal numbers of variance 1, new at each look: each the sum of two of the table's."""
+    """Return three independent normal numbers of variance 1, new at each sample: each the sum of two of the table's."""
     a, b, c, _ = philox(key, look, part, 0, WHITE)
     scale = math.sqrt(0.5)
     return (
@@ -110,20 +110,12 @@ def white_noise(key, look, part, quantiles):
     )
 
 
-@jit
-def noise_at(places: np.ndarray, kind: int, quantiles: np.ndarray, values: np.ndarray) -> None:
-    """Apply :func:`smooth_noise` for ``places`` (n, 3) into ``values`` (n, 3)."""
-    for n in range(places.shape[0]):
-        x, y, z = places[n, 0], places[n, 1], places[n, 2]
-        values[n, 0], values[n, 1], values[n, 2] = smooth_noise(x, y, z, kind, quantiles)
-
-
 @borrowing
 def turned(order, strength, phase, along, across, turn):
-    """Return how much an image of two halves, the other one shifted and turned, is seen to be turned.
+    """Return the measured turn of an image of two halves, of which one is shifted and turned.
 
-    With n-fold symmetry E[(z + e)^n], averaged over +e and -e, is E[z^n] + e^n for even n: the moment in which the heading
-    shows (:func:`vibgym.plugins.camera.edges.complex_moment`) is that of both halves about their common centre.
+    With n-fold symmetry E[(z + e)^n], averaged over +e and -e, is E[z^n] + e^n for even n: the moment that defines the heading
+    (:func:`vibgym.plugins.camera.edges.complex_moment`) is that of both halves about their common centre.
 
     Args:
         order: n.  strength, phase: of E[z^n] at heading 0, m^n and rad.

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from vibgym.warm import machine
+from vibgym.warm import environment
 
 
 def compile_kernels() -> None:
     """Run a step with camera images, and one with the camera's statistics."""
-    machine(sensor="camera", observation="camera")
-    machine(sensor={"kind": "camera", "statistical": True})
+    environment(sensor="camera", observation="camera")
+    environment(sensor={"kind": "camera", "statistical": True})

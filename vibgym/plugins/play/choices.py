@@ -28,7 +28,7 @@ HARDWARE: dict[str, dict[str, Any]] = {
 MODELS = ("planar", "averaged", "tilting")
 
 NEED_MORE = ("trained", "residual", "schedule", "by_task")
-"""Policies that cannot be made from their name alone: they need a file, or others."""
+"""Policies that require further settings, such as a file."""
 
 MOST_RATE, MOST_TILT = 5.0, math.radians(10.0)
 """1/s and rad of a disturbance."""
@@ -43,11 +43,11 @@ class Settings:
         policy: a name among those that :func:`policies_of` finds; ``"zero"``: only painted elements move.
         hardware: a key of :data:`HARDWARE`.
         model: among :data:`MODELS`; None: what the environment has.
-        rate: how often each part is struck, 1/s; 0: never.
-        tilt: rad, how hard.
+        rate: disturbances of each part, 1/s.
+        tilt: rad, size of a disturbance.
 
     Raises:
-        ValueError: there is no such thing; policies are looked up when the world is made.
+        ValueError: an unknown name or a bad value; policies are checked with the world.
     """
 
     id: str
@@ -83,7 +83,7 @@ class Settings:
         """Return the environment, without a limit of time.
 
         Raises:
-            ValueError: a model or hardware that does not serve the task.
+            ValueError: a model or hardware that does not support the task.
         """
         return gym.make(self.id, disable_env_checker=True, **self.arguments()).unwrapped
 
@@ -101,7 +101,7 @@ def policies_of(info: TaskInfo) -> tuple[str, ...]:
 
 
 def usual_policy(names: Any, info: TaskInfo) -> str:
-    """Return the one that a world begins with: a specialised one, else a general controller."""
+    """Return the initial policy of a world: a specialised one, else a general controller."""
     crossing = info.has_goal and len(info.parts) > 1 and not info.goal_moves
     made_for = ("push", *(("lanes",) if info.flows else ("two_phases",) if crossing else ()), "pose", "zero")
     return next(name for name in made_for if name in names)

@@ -20,15 +20,16 @@ Share = Annotated[float, Field(allow_inf_nan=False, ge=-1.0, le=1.0)]
 
 
 class Message(BaseModel):
-    """Base of messages. ``n`` numbers them from 1 on, so that none is applied twice after a reconnect."""
+    """Base class of messages; ``n`` numbers them from 1 on, so that none is applied twice after a reconnect."""
 
     model_config = ConfigDict(extra="forbid", strict=False, frozen=True)
 
     n: Annotated[int, Field(ge=1, le=2**53)]
+    do: str
 
 
 class Open(Message):
-    """Begin with another environment, or with a start that was shared."""
+    """Open another environment, or a shared start."""
 
     do: Literal["open"]
     id: Annotated[str, Field(max_length=200)] | None = None
@@ -36,14 +37,14 @@ class Open(Message):
 
 
 class Reset(Message):
-    """Begin another episode; without a seed the next one."""
+    """Begin another episode; without a seed, with the next one."""
 
     do: Literal["reset"]
     seed: Annotated[int, Field(ge=0, le=2**31)] | None = None
 
 
 class Pace(Message):
-    """Run or stand still; how many times as fast as the machine."""
+    """Run or pause; ``speed`` is a multiple of real time."""
 
     do: Literal["pace"]
     running: bool | None = None
@@ -51,27 +52,21 @@ class Pace(Message):
 
 
 class Steps(Message):
-    """Stand still, and make single steps."""
+    """Pause, and execute single steps."""
 
     do: Literal["steps"]
     count: Annotated[int, Field(ge=1, le=250)] = 1
 
 
-class Undo(Message):
-    """Take back what was done last."""
-
-    do: Literal["undo"]
-
-
 class Lift(Message):
-    """Take a part into the hand."""
+    """Lift a part."""
 
     do: Literal["lift"]
     part: int
 
 
 class Carry(Message):
-    """Move it there."""
+    """Move a lifted part."""
 
     do: Literal["carry"]
     part: int
@@ -79,7 +74,7 @@ class Carry(Message):
 
 
 class PutDown(Message):
-    """Let go of it."""
+    """Put a lifted part down."""
 
     do: Literal["put_down"]
     part: int
@@ -87,7 +82,7 @@ class PutDown(Message):
 
 
 class Aim(Message):
-    """Ask for another goal; ``begin``: the first of a stroke of such messages, which undo takes back together."""
+    """Set a goal; ``begin``: the first message of a stroke, which is undone as a whole."""
 
     do: Literal["aim"]
     part: int
@@ -96,7 +91,7 @@ class Aim(Message):
 
 
 class Paint(Message):
-    """Paint elements [row, column] with a phasor (C, S), fractions of full scale; None takes paint off."""
+    """Paint elements [row, column] with a phasor (C, S), fractions of full scale; None removes paint."""
 
     do: Literal["paint"]
     elements: Annotated[list[tuple[int, int]], Field(max_length=MOST_ELEMENTS)]
@@ -104,14 +99,8 @@ class Paint(Message):
     begin: bool = True
 
 
-class Wipe(Message):
-    """Take all paint off."""
-
-    do: Literal["wipe"]
-
-
 class Switch(Message):
-    """Go on with another policy, hardware, model or disturbance (1/s, rad)."""
+    """Change policy, hardware, model or disturbance (1/s, rad)."""
 
     do: Literal["switch"]
     policy: Annotated[str, Field(max_length=100)] | None = None
@@ -122,21 +111,19 @@ class Switch(Message):
 
 
 class Record(Message):
-    """Begin to record, or end it and keep a GIF or an episode."""
+    """Begin a recording, or end it and write a GIF or a data set."""
 
     do: Literal["record"]
     what: Literal["begin", "gif", "minari", "drop"]
 
 
-class ShareStart(Message):
-    """Ask for the start as a code for a URL."""
+class Request(Message):
+    """Undo the last intervention, remove all paint, or return the start as a code for a URL."""
 
-    do: Literal["share"]
+    do: Literal["undo", "wipe", "share"]
 
 
-AnyMessage = (
-    Open | Reset | Pace | Steps | Undo | Lift | Carry | PutDown | Aim | Paint | Wipe | Switch | Record | ShareStart
-)  # fmt: skip
+AnyMessage = Open | Reset | Pace | Steps | Lift | Carry | PutDown | Aim | Paint | Switch | Record | Request
 _ADAPTER: TypeAdapter[Any] = TypeAdapter(Annotated[AnyMessage, Field(discriminator="do")])
 
 

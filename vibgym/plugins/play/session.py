@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.plugins.play import messages
 from vibgym.plugins.play.choices import Settings
 from vibgym.plugins.play.picture import frame_of, scene_of
@@ -30,16 +31,16 @@ class Session:
 
     Args:
         settings: of the first world.
-        output: directory for what is recorded.
-        start: code of a shared start, instead of a fresh one.
+        output: directory for recordings.
+        start: code of a shared start; None: a new episode.
 
     Attributes:
-        acknowledged: number of the last message that was done or refused.
-        running: whether time goes on.  speed: times real time.
-        kept: what was written, by its name in URLs.
+        acknowledged: number of the last message that was executed or refused.
+        running: whether time passes.  speed: times real time.
+        kept: written files, by their names in URLs.
 
     Raises:
-        ValueError: settings or a start that cannot be.
+        ValueError: invalid settings or an invalid start.
     """
 
     def __init__(self, settings: Settings, output: Path, start: str | None = None) -> None:
@@ -53,7 +54,7 @@ class Session:
 
     @property
     def step_time(self) -> float:
-        """s from step to step as the visitor sees them."""
+        """s between displayed steps."""
         return self.world.env.step_time / self.speed
 
     def step(self) -> list[Answer]:
@@ -77,7 +78,7 @@ class Session:
         return [self._frame()]
 
     def shown(self) -> list[Answer]:
-        """Return scene and frame, as for a page that has just come or come back."""
+        """Return scene and frame, for a page that has just connected."""
         with self._lock:
             self._scene_due = True
             return self._look()
@@ -90,10 +91,10 @@ class Session:
             except ValueError as error:
                 return [_refusal(str(error))]
             if message.n <= self.acknowledged:
-                return []  # it came twice: the connection was lost before it was answered
+                return []  # sent twice: the connection was lost before the answer
             self.acknowledged = message.n
             try:
-                answers: list[Answer] = self._done[type(message)](self, message) or []
+                answers: list[Answer] = getattr(self, f"_{message.do}")(message) or []
             except (ValueError, ModuleNotFoundError, OSError) as error:
                 answers = [_refusal(str(error))]
             quiet = isinstance(message, messages.Carry | messages.Aim | messages.Paint) and self.running
@@ -126,7 +127,7 @@ class Session:
             self._recorder.cut()
 
     def _tried(self, change: Callable[[], Any]) -> None:
-        """Change something that may be refused: then there is nothing to undo."""
+        """Apply a change; if it is refused, nothing is added to the undo stack."""
         self._note()
         try:
             change()
@@ -170,9 +171,9 @@ class Session:
             answers = self._step()
         return answers[:-1]
 
-    def _undo(self, message: messages.Undo) -> None:
+    def _undo(self, message: messages.Request) -> None:
         if not self._past:
-            raise ValueError("undo: nothing was done yet")
+            raise checks.conflict("undo: there is nothing to undo")
         past = self._past.pop()
         past["world"].set_state(past["state"])
         if self._recorder is not None:
@@ -203,15 +204,13 @@ class Session:
         rows, columns = self.world.paint.shape[:2]
         elements = np.array(message.elements, dtype=int).reshape(-1, 2)
         if ((elements < 0) | (elements >= [rows, columns])).any():
-            raise ValueError(
-                f"elements: got one beside the table; allowed: rows 0 to {rows - 1}, columns 0 to {columns - 1}"
-            )
+            raise checks.refuse("elements", "one beside the table", f"rows 0 to {rows - 1}, columns 0 to {columns - 1}")
         if message.begin:
             self._note()
         phasor = np.array([np.nan, np.nan] if message.phasor is None else message.phasor)
         self.world.draw(elements, phasor / max(1.0, float(np.hypot(*phasor))))
 
-    def _wipe(self, message: messages.Wipe) -> None:
+    def _wipe(self, message: messages.Request) -> None:
         self._note()
         self.world.paint[...] = np.nan
 
@@ -227,7 +226,7 @@ class Session:
             self._recorder = Recorder(self.world)
             return []
         if recorder is None:
-            raise ValueError("record: nothing is being recorded")
+            raise checks.conflict("record: there is no recording")
         self._recorder = None
         if message.what == "drop":
             return []
@@ -246,25 +245,8 @@ class Session:
         text = f"written: {path} (MINARI_DATASETS_PATH={self.output}, data set play/{name}-v0)"
         return [{"kind": "kept", "text": text}]
 
-    def _share(self, message: messages.ShareStart) -> list[Answer]:
+    def _share(self, message: messages.Request) -> list[Answer]:
         return [{"kind": "start", "code": code_of(self.world)}]
-
-    _done: dict[type, Callable[[Session, Any], list[Answer] | None]] = {
-        messages.Open: _open,
-        messages.Reset: _reset,
-        messages.Pace: _pace,
-        messages.Steps: _steps,
-        messages.Undo: _undo,
-        messages.Lift: _lift,
-        messages.Carry: _carry,
-        messages.PutDown: _put_down,
-        messages.Aim: _aim,
-        messages.Paint: _paint,
-        messages.Wipe: _wipe,
-        messages.Switch: _switch,
-        messages.Record: _record,
-        messages.ShareStart: _share,
-    }
 
 
 def _refusal(text: str) -> Answer:

@@ -23,7 +23,7 @@ SEAL = 6
 
 
 def code_of(world: World) -> str:
-    """Return the start that a world is, as text for a URL. Where parts or goals go their own ways it is that of the episode."""
+    """Return the present start of a world as text for a URL; of the episode, if parts arrive and leave or goals move."""
     task = world.core.task
     content: dict[str, Any] = {"settings": vars(world.settings), "seed": world.seed}
     if not (task.flows or task.goal_moves):

@@ -24,22 +24,21 @@ SAME_WORLD = ("pose", "velocity", "mean_velocity", "sticking", "fallen", "fricti
 class World:
     """An environment whose elements follow a policy, except painted ones.
 
-    A part in the hand (:meth:`lift`) takes no part until it is put down; where parts come and go, it stays where it was
-    until then.
+    A lifted part (:meth:`lift`) is not simulated until it is put down. Where parts arrive and leave, it stays at its place.
 
     Args:
-        settings: what it is made of.
+        settings: task, policy, hardware and model.
         seed: of the first episode.
 
     Attributes:
         env: the environment, whose actions are the phasors of all elements.
         policies: names of the policies that serve the task.
-        held: where the hand has each part that it has taken.
+        held: pose of each lifted part.
         paint: (rows, columns, 2) float32 phasors, as fractions of full scale; nan: not painted.
         info: of the last step.
 
     Raises:
-        ValueError: settings that do not fit.
+        ValueError: incompatible settings.
     """
 
     def __init__(self, settings: Settings, seed: int = 0) -> None:
@@ -98,10 +97,10 @@ class World:
             self._hold(part, pose)
 
     def part(self, part: Any) -> int:
-        """Return the number of a part that is there.
+        """Return the number of a part, checked.
 
         Raises:
-            ValueError: it is none, or the part is not.
+            ValueError: an invalid number, or a part that is not in this episode.
         """
         part = checks.count("part", part, least=0, most=len(self.env.parts) - 1)
         if not self.core.episode.present[0, part]:
@@ -109,10 +108,10 @@ class World:
         return part
 
     def lift(self, part: int) -> None:
-        """Hold a part.
+        """Lift a part.
 
         Raises:
-            ValueError: it is in the hand already.
+            ValueError: it is lifted already.
         """
         if part in self.held:
             raise checks.refuse("part", part, "a part that is not held")
@@ -120,10 +119,10 @@ class World:
         self._hold(part, self.held[part])
 
     def carry(self, part: int, pose: np.ndarray) -> None:
-        """Move a part in the hand to a pose (3,), m, m, rad, wherever it is.
+        """Move a lifted part to any pose (3,), m, m, rad.
 
         Raises:
-            ValueError: it is not in the hand.
+            ValueError: it is not lifted.
         """
         if part not in self.held:
             raise checks.refuse("part", part, f"a held part ({sorted(self.held) or 'none'})")
@@ -154,10 +153,10 @@ class World:
         overlaps.check("pose", *where, pose, away, overlaps.AT_REST)
 
     def put_down(self, part: int) -> None:
-        """Release a held part at rest at its pose.
+        """Put a lifted part down, at rest at its pose.
 
         Raises:
-            ValueError: no room; it stays in the hand.
+            ValueError: no room; it stays lifted.
         """
         self.carry(part, self.held.get(part, np.zeros(3)))
         self._check_room(part)
@@ -170,7 +169,7 @@ class World:
         self._anew(np.arange(len(core.parts))[None] == part)
 
     def _anew(self, which: np.ndarray) -> None:
-        """Reset what model, sensor and action store of moved parts, (1, parts) bool."""
+        """Reset the memory of model, sensor and action for moved parts, (1, parts) bool."""
         core = self.core
         core.simulator.renew(which)
         core.sensing.renew(which, core.simulator.state)
@@ -189,7 +188,7 @@ class World:
         """Set the goal pose (3,) of a part.
 
         Raises:
-            ValueError: a task without goals that stay, a part of which nothing is asked, or a goal beside the surface.
+            ValueError: a task without fixed goals, a part without a goal, or a goal beside the surface.
         """
         task = self.core.task
         if not task.has_goal or task.goal_moves:
@@ -202,14 +201,14 @@ class World:
         self._related()
 
     def draw(self, elements: np.ndarray, phasor: np.ndarray) -> None:
-        """Paint elements (n, 2), rows and columns, with a phasor (2,) as fractions of full scale; nan takes paint off."""
+        """Paint elements (n, 2), rows and columns, with a phasor (2,) as fractions of full scale; nan removes paint."""
         self.paint[elements[:, 0], elements[:, 1]] = phasor
 
     def switch(self, settings: Settings) -> None:
-        """Go on with other settings: parts lie where they are and move as they do.
+        """Change the settings; poses and motion of the parts stay.
 
         Raises:
-            ValueError: settings that do not fit; nothing has changed.
+            ValueError: incompatible settings; nothing has changed.
         """
         if settings.policy not in self.policies:
             raise checks.unknown("policy", settings.policy, self.policies)
@@ -225,9 +224,8 @@ class World:
             self.policies = policies_of(about)
         self.settings = settings
         self._bind(policy)
-        if self.held:
-            for part, pose in self.held.items():
-                self._hold(part, pose)
+        for part, pose in self.held.items():
+            self._hold(part, pose)
         self._related()
 
     def get_state(self) -> dict[str, Any]:
@@ -236,7 +234,7 @@ class World:
         return {"own": copy.deepcopy(own), "env": self.env.get_state(), "action": self.action.get_state()}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Go on from what :meth:`get_state` gave."""
+        """Restore a snapshot of :meth:`get_state`."""
         settings, *own = copy.deepcopy(state["own"])
         if settings != self.settings:
             if settings.arguments() != self.settings.arguments():
@@ -258,8 +256,6 @@ def _carry_over(old: Any, new: Any) -> None:
             values = before[group].get(name)
             if values is not None and values.shape == state[group][name].shape:
                 state[group][name] = values
-    if not old.core.simulator.flat:  # tilted parts are laid flat; toppled ones are fallen
-        state["simulator"]["fallen"] = before["simulator"]["fallen"]
     new.set_state(state)
     new.core.sensing.renew(np.ones((1, len(new.parts)), dtype=bool), new.core.simulator.state)
     new.core.relate(ONLY)

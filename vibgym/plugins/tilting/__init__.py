@@ -13,8 +13,8 @@ def tilting(
 ) -> Model:
     """Return the tilting model, for one part or for several; parts are convex.
 
-    Parts that lie flat on plates with equal motion are computed by the planar model, to the last bit. All others are rigid
-    bodies, and cost 50 to 300 times as much.
+    The planar model computes parts that lie flat on plates with equal motion, with the same bits. All others are rigid bodies;
+    they cost 50 to 300 times as much.
 
     Args:
         setup: the scene.

@@ -1,4 +1,4 @@
-"""Attitudes of a rigid body: as swing and turn in the state, as a quaternion in motion, as a matrix where points are placed."""
+"""Attitudes of a rigid body: swing and turn in the state, quaternion during motion, matrix for points."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def leave_attitude(motion, heading):
 
 @borrowing
 def rotate(motion, span):
-    """Turn by the angular velocity for ``span`` s: Cayley's map, whose angle is right to second order in the step."""
+    """Rotate by the angular velocity for ``span`` s: Cayley's map, of second order in the step."""
     x, y, z = 0.5 * span * motion[WX], 0.5 * span * motion[WY], 0.5 * span * motion[WZ]
     qw, qx, qy, qz = motion[QW], motion[QX], motion[QY], motion[QZ]
     a = qw - x * qx - y * qy - z * qz
@@ -64,7 +64,7 @@ def rotate(motion, span):
 
 @borrowing
 def write_frame(motion, frame):
-    """Return the attitude as a matrix: its columns are the part's axes."""
+    """Write the attitude as a matrix, whose columns are the part's axes."""
     w, x, y, z = motion[QW], motion[QX], motion[QY], motion[QZ]
     frame[0], frame[1], frame[2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
     frame[3], frame[4], frame[5] = 2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
@@ -73,7 +73,7 @@ def write_frame(motion, frame):
 
 @borrowing
 def conjugated(frame, xx, yy, xy, zz, i, j):
-    """Return entry of ``R M R^T`` for a matrix whose z is a principal axis."""
+    """Return entry (i, j) of ``R M R^T`` for a matrix ``M`` with principal axis z."""
     a, b, c = frame[3 * i], frame[3 * i + 1], frame[3 * i + 2]
     d, e, f = frame[3 * j], frame[3 * j + 1], frame[3 * j + 2]
     return a * (xx * d + xy * e) + b * (xy * d + yy * e) + c * zz * f
@@ -81,7 +81,7 @@ def conjugated(frame, xx, yy, xy, zz, i, j):
 
 @borrowing
 def write_inverse_inertia(motion, frame, xx, yy, xy, zz):
-    """Return the inverse of the inertia in the world's axes, and the angular velocity that goes with the angular momentum.
+    """Write the inverse of the inertia in the world's axes, and the angular velocity.
 
     Args:
         xx, yy, xy, zz: the inertia over mass in the part's axes, m^2.
@@ -99,7 +99,7 @@ def write_inverse_inertia(motion, frame, xx, yy, xy, zz):
 
 @borrowing
 def spin_up(motion):
-    """Write the angular velocity that goes with the angular momentum."""
+    """Compute the angular velocity from the angular momentum."""
     x, y, z = motion[LX], motion[LY], motion[LZ]
     motion[WX] = motion[MXX] * x + motion[MXY] * y + motion[MXZ] * z
     motion[WY] = motion[MXY] * x + motion[MYY] * y + motion[MYZ] * z
@@ -108,19 +108,10 @@ def spin_up(motion):
 
 @borrowing
 def enter_spin(motion, frame, xx, yy, xy, zz, spin_x, spin_y, spin_z):
-    """Write the angular momentum that goes with an angular velocity (rad/s)."""
-    motion[LX] = (
-        conjugated(frame, xx, yy, xy, zz, 0, 0) * spin_x
-        + conjugated(frame, xx, yy, xy, zz, 0, 1) * spin_y
-        + conjugated(frame, xx, yy, xy, zz, 0, 2) * spin_z
-    )
-    motion[LY] = (
-        conjugated(frame, xx, yy, xy, zz, 1, 0) * spin_x
-        + conjugated(frame, xx, yy, xy, zz, 1, 1) * spin_y
-        + conjugated(frame, xx, yy, xy, zz, 1, 2) * spin_z
-    )
-    motion[LZ] = (
-        conjugated(frame, xx, yy, xy, zz, 2, 0) * spin_x
-        + conjugated(frame, xx, yy, xy, zz, 2, 1) * spin_y
-        + conjugated(frame, xx, yy, xy, zz, 2, 2) * spin_z
-    )
+    """Compute the angular momentum from an angular velocity (rad/s)."""
+    for i in range(3):
+        motion[LX + i] = (
+            conjugated(frame, xx, yy, xy, zz, i, 0) * spin_x
+            + conjugated(frame, xx, yy, xy, zz, i, 1) * spin_y
+            + conjugated(frame, xx, yy, xy, zz, i, 2) * spin_z
+        )

@@ -1,9 +1,9 @@
-"""Where a part may touch the plates: the vertices of the pieces into which its bottom is cut where plates end.
+"""Contact candidates: the vertices of the pieces into which the borders of plates cut a part's bottom.
 
-A convex bottom is a plane, and the ground over one plate is level, so that the gap over a piece of both is least at one of the
-piece's vertices: corners of the bottom, crossings of its edges with the lines where plates begin and end, and those lines' own
-crossings inside it. Over a ramp between two plates the gap is least at the ramp's ends, which are such lines. A disc's edge
-has a lowest point, that moves along it as it rolls, and others evenly around.
+The bottom is a convex plane polygon, and the ground over one plate is level. So the gap over a piece is least at one of its
+vertices: corners of the bottom, crossings of its edges with lines at which plates begin and end, and crossings of these lines
+under the bottom. Over a ramp between two plates the gap is least at the ends of the ramp, which are such lines. Candidates on
+the rim of a disc are its lowest point and points evenly around.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ from vibgym.plugins.tilting.records import (
 )
 
 NEAR = 5e-6
-"""m, above which a point that comes no nearer within half a step is left alone."""
+"""m, largest gap of a contact that does not close within half a step."""
 
 AHEAD = 1e-3
-"""m, farther than any point slides in half a step."""
+"""m, more than any point slides in half a step."""
 
 SAME, LEAST_SAME = 4.0, 1e-5
-"""In a step a contact goes on by no more than these: of the table's way, and m."""
+"""Largest displacement of a contact in a step: in units of the table's displacement, and m."""
 
 KEPT = 0.1
 """Share of the depth of a contact that is made good in a step."""

@@ -1,32 +1,27 @@
-"""The ground under a part: plates that stand at different heights, blended where one ends and the next begins.
-
-In the table's own frame, which circles with it: borders between plates move with them.
-"""
+"""Ground under a part: plates at different heights, blended at their borders; in the frame that moves with the table."""
 
 from __future__ import annotations
 
 import math
 
 from vibgym.kernels.jit import borrowing
-from vibgym.physics.core.drive import commands_equal
+from vibgym.physics.core.drive import clear_phasors, commands_equal, phasor_under
 from vibgym.physics.core.records import grip_of
-from vibgym.physics.planar.phasors import forget_phasors, phasor_under
 from vibgym.plugins.tilting.records import LIFT
 
 ABYSS = -1.0
 """m, height where there is no plate."""
 
 LEVEL = 1e-6
-"""m, difference between heights up to which plates count as one: about what a foil gives way under a part (0.03 um) and far
-less than what tilts one by a hundredth of a degree."""
+"""m, difference between heights up to which plates count as level. It tilts a part by far less than a hundredth of a degree."""
 
 
 @borrowing
 def plate(rigid, world, row, column, node, after):
     """Return the height (m) of a plate ``node`` half steps after the period's start, and its velocity (m/s) ``after`` of them.
 
-    In a step the velocity is that at its end: with which the plate goes on, in the mean, from the middle of the step to the
-    middle of the next. So impulses stand where friction does.
+    In a step the velocity is that at its end: the mean from the middle of the step to the middle of the next. So normal
+    impulses and friction act at the same instant.
     """
     c, s = phasor_under(rigid.work.phasors, 0, rigid.drive, world, row, column)
     w = 2.0 * math.pi / rigid.table.period
@@ -36,14 +31,15 @@ def plate(rigid, world, row, column, node, after):
 
 @borrowing
 def write_plates(rigid, world, low_x, low_y, high_x, high_y, node, after):
-    """Write down heights, velocities and grip of the plates in a box of the table's frame (m), for :func:`ground`.
+    """Write heights, velocities and grip of the plates in a box of the table's frame (m), for :func:`ground`.
+
+    The highest plates of each column and row and the speed of the fastest are written, too.
 
     Args:
         node, after: see :func:`plate`.
 
     Returns:
-        Height (m) of the highest, or that of no plate if there is none. The highest of each column and row and the
-        fastest are written down, too.
+        Height (m) of the highest plate; ``ABYSS`` without plates.
     """
     table, work, highest, fastest = rigid.table, rigid.work, ABYSS, 0.0
     size, mask = table.element_size, rigid.work.height.shape[1] - 1
@@ -88,7 +84,7 @@ def share_of_own(position, index, count, steepness):
 
 @borrowing
 def ground(rigid, x, y):
-    """Return the ground at a point of the table's frame, over plates that are written down.
+    """Return the ground at a point of the table's frame, by the plates of :func:`write_plates`.
 
     Returns:
         Height (m), velocity (m/s), and slope along x and y.
@@ -116,7 +112,7 @@ def ground(rigid, x, y):
 
 @borrowing
 def ground_on_line(rigid, axis, own, along, at):
-    """Return the ground on a line across an axis on which a plate ends, its ramp there having ended, over plates written down.
+    """Return the ground on a line across an axis at which a plate's ramp ends, by the plates of :func:`write_plates`.
 
     Args:
         own, along: the plate's numbers along the axis and along the other.
@@ -137,7 +133,7 @@ def ground_on_line(rigid, axis, own, along, at):
 
 @borrowing
 def grip_at(rigid, x, y):
-    """Return factor on friction of the plate at a point of the table's frame, of the plates in the working arrays."""
+    """Return the factor on friction at a point of the table's frame, by the plates of :func:`write_plates`."""
     table, grip = rigid.table, rigid.work.grip
     mask = grip.shape[1] - 1
     column = min(max(int(x * rigid.scheme.fineness), 0), table.columns - 1)
@@ -147,13 +143,13 @@ def grip_at(rigid, x, y):
 @borrowing
 def begin_reading(rigid, kind):
     """Reset the cached drive, for a part of this kind."""
-    forget_phasors(rigid.work.phasors, 0)
+    clear_phasors(rigid.work.phasors, 0)
     rigid.work.phasors.coupling[0] = rigid.bodies.coupling[kind]
 
 
 @borrowing
 def is_level(rigid, world, kind, x, y, reach):
-    """Whether all plates within ``reach`` (m) of a point move alike, and none is missing; as they reach parts of a kind."""
+    """Return whether all plates within ``reach`` (m) of a point have equal motion for a kind of parts, and none is missing."""
     table = rigid.table
     size = table.element_size
     left, bottom = math.floor((x - reach) / size), math.floor((y - reach) / size)

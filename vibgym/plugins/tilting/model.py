@@ -1,7 +1,7 @@
 """The tilting model: rigid parts on plates of different heights.
 
-A part that lies flat on plates that move alike is the planar model's, to the last bit. All others are rigid bodies on the
-plates (:mod:`vibgym.plugins.tilting`): they rock on the highest ones, tilt, land, or topple.
+The planar model advances parts that lie flat on plates with equal motion, with the same bits. All others are rigid bodies: they
+rock on the highest plates, tilt, land, or topple.
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.kernels.reference import Pinned
-from vibgym.kernels.vector import LANES
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
 from vibgym.physics.planar.friction import slide_rows
-from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
+from vibgym.plugins.tilting.period import rock_rows, sort_rows
 from vibgym.plugins.tilting.records import (
     FIXED_TILTING,
     FLAT,
@@ -33,20 +32,21 @@ from vibgym.plugins.tilting.records import (
     new_work,
     tilt_scheme,
 )
-from vibgym.plugins.tilting.rows import rock_rows, sort_rows
-from vibgym.scene.outlines import is_convex
+from vibgym.scene.outlines import is_convex, rotation
 from vibgym.scene.parts import Part, bodies_of, kinds_of
 from vibgym.scene.surface import Surface
-from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
+from vibgym.simulation import Simulator
+from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup, worlds_from
+from vibgym.simulation.models import planar_scene
 from vibgym.simulation.threads import Pool
 
 STEPS = 200
-"""A period: energies of impacts are right to half a per cent, transport by uniform fields to a hundredth."""
+"""In a period: energies of impacts within 0.5 %, transport by uniform fields within 0.01 %."""
 
 RESTITUTION = 0.2
 
 RAMP = 3e-3
-"""m on either side of a border."""
+"""m, length of the ramp on either side of a border."""
 
 FEWEST_STEPS, MOST_STEPS = 50, 100_000
 
@@ -54,18 +54,17 @@ LEAST_RAMP = 1e-6
 """m, shortest ramp."""
 
 STRETCH = 2
-"""Periods covered by one check for level ground: over more of them a part may travel too far."""
+"""Most periods per check for level ground."""
 
 STEEPEST = 1.5
-"""rad, of a tilt."""
+"""rad, largest tilt."""
 
 LEAST_SETTLING = 0.01
 """m/s, least velocity at which penetration is corrected."""
 
 
 def cross_of(part: Part) -> np.ndarray:
-    """Return (4, 2) m, points of equal load with the first and second moments of even pressure: a rectangle's are its corners,
-    shrunk."""
+    """Return (4, 2) m, points of equal load with the first and second moments of even pressure."""
     xx, yy, xy = part.inertia - [part.height**2 / 12.0, part.height**2 / 12.0, 0.0]
     squares, axes = np.linalg.eigh(np.array([[yy, -xy], [-xy, xx]]))  # moments x x, x y, y y
     reach = np.sqrt(np.maximum(squares, 0.0))
@@ -103,8 +102,7 @@ def scheme_of(
 
 
 def stands(part: Part, heading: np.ndarray, lean: np.ndarray) -> np.ndarray:
-    """Return (n,) whether a part's centre of mass is above its bottom, so that it falls back, at these headings (n,) and leans
-    (n, 2)."""
+    """Return (n,) whether the centre of mass is above the bottom, so that the part falls back, by headings and leans (n, 2)."""
     angle = np.hypot(lean[:, 0], lean[:, 1])
     if part.centre_height == 0.0:
         return angle < STEEPEST
@@ -130,12 +128,14 @@ class AbovePlane(Model):
     """
 
     flat = False
+    ADDS = ("lean", "tilt", "time_tilted", "toppled", "tip")
 
     def __init__(self, setup: Setup, scheme: TiltScheme) -> None:
         Model.__init__(self, setup)  # not super(): a subclass derives from Multibody as well
         self.step = setup.surface.period / scheme.steps
         self.attitudes = new_tilt(setup.worlds, len(setup.parts))
         self.pinned = Pinned(TILT, self.attitudes)
+        self._centres = [part.centre_height for part in setup.parts]
 
     def check_parts(self) -> None:
         """Refuse parts that are not convex."""
@@ -144,7 +144,7 @@ class AbovePlane(Model):
                 raise checks.refuse("parts", f"{part.name!r}, which is not convex", "convex with model='tilting'")
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
-        pass  # a part that friction tips may tip
+        pass  # parts may tip by friction
 
     def live(self) -> dict[str, np.ndarray]:
         return self.attitudes._asdict()
@@ -165,22 +165,65 @@ class AbovePlane(Model):
     def part_info(self) -> dict[str, np.ndarray]:
         return {"toppled": self.attitudes.toppled}
 
+    def tilted(self) -> np.ndarray:
+        return self.tilt > 0.0
+
+    def bottoms(self, pose: np.ndarray, world: int) -> list[np.ndarray]:
+        found, lean = [], self.attitudes.lean[world]
+        rise = np.where(self.attitudes.mode != FLAT, self.attitudes.height - self._centres, 0.0)[world]
+        for k, part in enumerate(self.setup.parts):
+            x, y, heading = pose[k]
+            corners = np.column_stack([part.outline, np.full(len(part.outline), -part.centre_height)])
+            turned = corners @ (rotation(lean[k, 0], lean[k, 1], 0.0) @ rotation(0.0, 0.0, heading)).T
+            found.append(turned + [x, y, rise[k] + part.centre_height])
+        return found
+
+    @property
     def lean(self) -> np.ndarray:
+        """(worlds, parts, 2) rad, rotation vector, about the world's x and y, applied to a part after its heading; a copy."""
         return self.attitudes.lean.copy()
 
-    def height(self) -> np.ndarray:
-        above = self.attitudes.height - [part.centre_height for part in self.setup.parts]
-        return np.where(self.attitudes.mode != FLAT, above, 0.0)
+    @property
+    def tilt(self) -> np.ndarray:
+        """(worlds, parts) rad, angle between a part's axis and the vertical."""
+        return np.hypot(self.attitudes.lean[..., 0], self.attitudes.lean[..., 1])
 
+    @property
     def time_tilted(self) -> np.ndarray:
+        """(worlds, parts) s from the last tip of a part until its tilt was last above 0.05 deg."""
         return self.attitudes.landing * self.step
 
+    @property
     def toppled(self) -> np.ndarray:
+        """(worlds, parts) whether a part has tipped beyond its edge, and fallen; a copy."""
         return self.attitudes.toppled.copy()
 
-    def tip(
+    def tip(self, simulator: Simulator, worlds: Any, lean: Any, *, rocking: Any = 0.0, which: Any = True) -> None:
+        """Put parts of some worlds on an edge or a corner.
+
+        A tipped part keeps its position, heading and velocity in the plane. Its lowest point touches the plates as they stand
+        when the next period begins.
+
+        Args:
+            simulator: passed by ``simulator.tip``.
+            worlds: mask (worlds,), indices, or a slice; n worlds.
+            lean: rad, see :attr:`lean`, broadcastable to (n, parts, 2).
+            rocking: rad/s, angular velocity about the world's x and y, likewise.
+            which: (n, parts) or broadcastable, bool: the parts to tip; fallen parts are skipped.
+
+        Raises:
+            ValueError: a value is not finite, or a part would topple; nothing has changed.
+        """
+        rows = worlds_from(worlds, self.setup.worlds)
+        shape = (len(rows), len(self.setup.parts), 2)
+        lean, rocking = checks.array("lean", lean, shape), checks.array("rocking", rocking, shape)
+        chosen = checks.array("which", which, shape[:2], dtype=np.bool_) & ~simulator.state.fallen[rows]
+        self._tip(rows, chosen, simulator.state.pose[rows, :, 2], lean, rocking)
+
+    def _tip(
         self, worlds: np.ndarray, which: np.ndarray, heading: np.ndarray, lean: np.ndarray, rocking: np.ndarray
     ) -> None:
+        """Tip the parts ``which`` (n, parts) of ``worlds`` (n,) at these headings (n, parts), rad."""
         for k, part in enumerate(self.setup.parts):
             stable = stands(part, heading[:, k], lean[:, k])
             if not stable[which[:, k]].all():
@@ -196,7 +239,7 @@ class AbovePlane(Model):
     def disturb(self, state: State, lean: np.ndarray, kick: np.ndarray) -> None:
         """Tip the disturbed parts."""
         which = lean.any(axis=2) & ~state.fallen
-        self.tip(np.arange(len(lean)), which, state.pose[..., 2], lean, np.zeros_like(lean))
+        self._tip(np.arange(len(lean)), which, state.pose[..., 2], lean, np.zeros_like(lean))
 
 
 class Tilting(AbovePlane):
@@ -210,7 +253,7 @@ class Tilting(AbovePlane):
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         def work(buffers: Buffers) -> None:
             inputs, rows, left = (drive.address, state.address), self._rows[start:stop], periods
-            if periods > STRETCH:  # most parts lie far enough from what is not level
+            if periods > STRETCH:  # most parts are on level ground for all periods
                 flat, rows = sorted_rows(rows, buffers.rigid.address, inputs, self.pinned.address, periods)
                 slide_rows(flat, buffers.planar.address, *inputs, periods, NO_PATHS, 0)
             while left > 0 and len(rows):
@@ -253,8 +296,7 @@ class Buffers:
     """
 
     def __init__(self, setup: Setup, flat: Scheme, scheme: TiltScheme) -> None:
-        table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
-        self.planar = Pinned(FIXED_SCENE, FixedScene(table, bodies, flat, new_workspace(table, bodies, flat, LANES)))
+        self.planar = planar_scene(setup, flat)
         self.rigid = rigid_buffers(setup, scheme)
 
 

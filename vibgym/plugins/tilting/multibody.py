@@ -1,8 +1,7 @@
 """The tilting model with several parts in a world, or walls: contacts of the planar model, rigid bodies between them.
 
-A tilted part takes part in contacts with the footprint that it has when it lies flat. In a period in which it touches another
-part or a wall, the planar model computes its motion in the plane as if it lay flat; height and tilt are integrated as if it
-were alone.
+In contacts a tilted part has its flat footprint. In a period in which it touches another part or a wall, the planar model
+computes its motion in the plane as if it lay flat; height and tilt are integrated as if it were alone.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ import numpy as np
 from vibgym.physics.contacts.multibody import BroadPhase
 from vibgym.physics.planar.friction import slide_rows
 from vibgym.plugins.tilting.model import AbovePlane, rigid_buffers, sorted_rows
+from vibgym.plugins.tilting.period import keep_toppled, rock_rows
 from vibgym.plugins.tilting.records import TiltScheme
-from vibgym.plugins.tilting.rows import keep_toppled, rock_rows
 from vibgym.simulation.model import NO_PATHS, Conditions, Setup
 from vibgym.simulation.multibody import ContactBuffers, Multibody
 from vibgym.simulation.schemes import PlanarSchemes
@@ -36,7 +35,6 @@ class TiltingMultibody(AbovePlane, Multibody):
     def slide(
         self, start: int, stop: int, buffers: ContactBuffers, prospect: BroadPhase, drive: int, state: int, near: bool
     ) -> None:
-        """See :meth:`vibgym.simulation.multibody.Multibody.slide`."""
         paths, base, tilt = prospect.paths if near else NO_PATHS, start * buffers.parts, self.pinned.address
         rigid, inputs = self._rigid.take(), (drive, state)
         touching = prospect.driven[: stop - start] & (prospect.found[: stop - start] > 0)[:, None]
@@ -50,5 +48,4 @@ class TiltingMultibody(AbovePlane, Multibody):
         self._rigid.give(rigid)
 
     def end_period(self, start: int, stop: int, buffers: ContactBuffers, state: int) -> None:
-        """See :meth:`vibgym.simulation.multibody.Multibody.end_period`."""
         keep_toppled(start, stop, state, self.pinned.address)

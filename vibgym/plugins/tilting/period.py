@@ -1,7 +1,7 @@
-"""A period of a rigid part on the plates, in steps of drift, impulses at the midpoint, drift.
+"""A period of rigid parts on the plates: steps of drift, impulses at the midpoint, drift.
 
-Friction and normal impulses stand at the same instant, the middle of the step: half a step between them would cost a hundredth
-of what the drive transports. Steps are fixed and sweeps are capped, so that nothing can get stuck, however often a part knocks.
+Friction and normal impulses act at the same instant, the middle of the step: half a step between them would change transport by
+a hundredth. The numbers of steps and sweeps are bounded, so that the cost is, too.
 """
 
 from __future__ import annotations
@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 
 from vibgym.kernels.jit import borrowing
-from vibgym.physics.core.records import best_grip, friction_in, incline_size
+from vibgym.kernels.reference import reference
+from vibgym.physics.core.drive import pinned_drive
+from vibgym.physics.core.records import best_grip, friction_in, incline_size, state_at
 from vibgym.plugins.tilting.attitude import (
     enter_attitude,
     enter_spin,
@@ -19,9 +21,8 @@ from vibgym.plugins.tilting.attitude import (
     write_inverse_inertia,
 )
 from vibgym.plugins.tilting.candidates import find_contacts, is_inside, on_bottom, place_corners
-from vibgym.plugins.tilting.flat import begin_flat, slide_flat
 from vibgym.plugins.tilting.ground import begin_reading, ground, is_level, plate, write_plates
-from vibgym.plugins.tilting.impulses import IMPACT, resolve_contacts
+from vibgym.plugins.tilting.impulses import IMPACT, begin_flat, resolve_contacts, slide_flat
 from vibgym.plugins.tilting.records import (
     CX,
     CY,
@@ -42,21 +43,24 @@ from vibgym.plugins.tilting.records import (
     WX,
     WY,
     WZ,
+    Rigid,
+    fixed_tilting_at,
+    tilt_at,
 )
 
 FLAT_COSINE = math.cos(math.radians(0.05))
-"""Of the tilt below which a part may count as flat."""
+"""Cosine of the tilt below which a part may count as flat."""
 
 CALM_STEPS = 5
-"""In a row, after which a part on level ground counts as flat."""
+"""Consecutive calm steps after which a part on level ground counts as flat."""
 
 LEAST_RESTITUTION = 0.2
-"""For how slow the edge of a part has to be that counts as flat: so slow that what rebounds of it is no impact."""
+"""Lower bound of the restitution in the largest edge speed of a flat part, whose rebounds are no impacts."""
 
 
 @borrowing
 def reach_of(rigid, world, part, periods):
-    """Return m, around a part's centre of mass, that it may come to lie on within so many periods."""
+    """Return the radius (m) around a part's centre of mass of the plates that it may touch within so many periods."""
     table, state, kind = rigid.table, rigid.state, rigid.bodies.kind[part]
     vx, vy = state.velocity[world, part, 0], state.velocity[world, part, 1]
     span = periods * table.period
@@ -66,7 +70,7 @@ def reach_of(rigid, world, part, periods):
     speed = math.sqrt(vx * vx + vy * vy)
     way = speed * span + 0.5 * pull * span * span
     turning = abs(state.velocity[world, part, 2]) * rigid.bodies.radius[kind]
-    fastest = (max(speed, table.speed) + turning) * span  # friction alone makes no part faster than the table
+    fastest = (max(speed, table.speed) + turning) * span  # friction accelerates parts up to the table's speed
     return rigid.bodies.radius[kind] + rigid.scheme.ramp + table.radius + min(way, fastest + 0.5 * slope * span * span)
 
 
@@ -80,8 +84,7 @@ def is_steady(rigid, world, part):
 
 @borrowing
 def lies_level(rigid, world, part, periods):
-    """Return whether a flat part stays flat for so many periods: all plates that it can reach have equal motion, and
-    friction is too weak to tip it."""
+    """Return whether a flat part stays flat for so many periods: it does not tip, and plates within reach have equal motion."""
     state, kind = rigid.state, rigid.bodies.kind[part]
     if not is_steady(rigid, world, part):
         return False
@@ -91,7 +94,7 @@ def lies_level(rigid, world, part, periods):
 
 @borrowing
 def enter_motion(rigid, world, part, kind):
-    """Write a part's motion and attitude into the working arrays."""
+    """Load a part's motion and attitude into the working arrays."""
     state, tilt, motion, frame, solids = rigid.state, rigid.tilt, rigid.work.motion, rigid.work.frame, rigid.solids
     motion[CX], motion[CY], motion[CZ] = (
         state.pose[world, part, 0],
@@ -111,8 +114,7 @@ def enter_motion(rigid, world, part, kind):
 
 @borrowing
 def set_down(rigid, world, kind):
-    """Put the part that the working arrays hold onto the plates as they stand when a period begins, so that its lowest point
-    touches and moves with what it touches."""
+    """Place the part of the working arrays on the plates at the start of a period: its lowest point moves with the ground."""
     motion, corner, table = rigid.work.motion, rigid.work.corner, rigid.table
     motion[CZ] = rigid.solids.centre_height[kind]
     most, rate = -math.inf, 0.0
@@ -131,7 +133,7 @@ def set_down(rigid, world, kind):
     frame, h = rigid.work.frame, rigid.solids.centre_height[kind]
     for row in range(max(low, 0), min(top, table.rows - 1) + 1):
         for column in range(max(left, 0), min(right, table.columns - 1) + 1):
-            # The place on this plate that is nearest to the centre of mass, if it is under the bottom.
+            # The point of this plate nearest to the centre of mass, if it lies under the bottom.
             x = min(max(motion[CX] - table.radius, column * size), (column + 1) * size)
             y = min(max(motion[CY], row * size), (row + 1) * size)
             u, v = on_bottom(rigid, kind, x + table.radius, y)
@@ -145,13 +147,13 @@ def set_down(rigid, world, kind):
 
 @borrowing
 def forget_contacts(rigid):
-    """Let the first step begin without impulses of an earlier one."""
+    """Delete the impulses stored for the next step."""
     rigid.work.kept[0] = 0
 
 
 @borrowing
 def drift(motion, span):
-    """Go on in free motion for ``span`` s."""
+    """Move freely for ``span`` s."""
     motion[CX] += span * motion[VX]
     motion[CY] += span * motion[VY]
     motion[CZ] += span * motion[VZ]
@@ -160,7 +162,7 @@ def drift(motion, span):
 
 @borrowing
 def take_step(rigid, world, kind, friction, level, turn):
-    """Take one step of the part that the working arrays hold."""
+    """Advance the part of the working arrays by a step."""
     table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
     step = table.period / scheme.steps
     node = 2 * turn + 1
@@ -183,7 +185,7 @@ def take_step(rigid, world, kind, friction, level, turn):
 
 @borrowing
 def is_calm(rigid, world, kind, node):
-    """Return whether the part all but lies flat on level ground, at the end of a step."""
+    """Return whether the part lies almost flat and at rest on level ground at the end of a step."""
     motion, table, frame = rigid.work.motion, rigid.table, rigid.work.frame
     if frame[8] < FLAT_COSINE:
         return False
@@ -218,7 +220,7 @@ def sound(motion):
 
 @borrowing
 def rest(state, tilt, world, part):
-    """Return a part that is out of play does not move any more."""
+    """Stop a part that has fallen or toppled."""
     for k in range(3):
         state.velocity[world, part, k] = 0.0
     state.fallen[world, part], state.sticking[world, part] = True, False
@@ -227,11 +229,11 @@ def rest(state, tilt, world, part):
 
 @borrowing
 def leave_motion(rigid, world, part, flat, follows):
-    """Write the working arrays back, at a period's end.
+    """Store the working arrays in the state, at the end of a period.
 
     Args:
         flat: whether the part has landed on level ground.
-        follows: whether the part's motion in the plane is this one, and not what contacts with other parts make of it.
+        follows: whether the motion in the plane is stored, too; else contacts with other parts determine it.
     """
     state, tilt, motion = rigid.state, rigid.tilt, rigid.work.motion
     old = state.pose[world, part, 2]
@@ -258,7 +260,7 @@ def leave_motion(rigid, world, part, flat, follows):
 
 @borrowing
 def lie_flat(tilt, world, part):
-    """Return a part to the planar model."""
+    """Hand a part over to the planar model."""
     tilt.mode[world, part], tilt.calm[world, part] = FLAT, 0
     tilt.lean[world, part, 0] = tilt.lean[world, part, 1] = 0.0
     tilt.rocking[world, part, 0] = tilt.rocking[world, part, 1] = 0.0
@@ -267,7 +269,7 @@ def lie_flat(tilt, world, part):
 
 @borrowing
 def rock_period(rigid, world, part, follows, paths, base, nodes):
-    """Take a part through a period as a rigid body.
+    """Advance a part by a period as a rigid body.
 
     Args:
         follows: see :func:`leave_motion`.
@@ -321,3 +323,74 @@ def rock_period(rigid, world, part, follows, paths, base, nodes):
     if gone:
         tilt.mode[world, part], tilt.toppled[world, part] = TILTED, toppled
         rest(state, tilt, world, part)
+
+
+@borrowing
+def is_flat(rigid, world, part, periods):
+    """Return whether the planar model advances a part for so many periods, also if it has fallen or diverged."""
+    if rigid.state.fallen[world, part] or rigid.state.diverged[world]:
+        return True
+    return rigid.tilt.mode[world, part] == FLAT and lies_level(rigid, world, part, periods)
+
+
+@borrowing
+def rigid_at(fixed, drive, state, tilt):
+    """Return the record of all data; ``drive`` is a reference, the others are addresses of pinned records."""
+    fixed = fixed_tilting_at(fixed)
+    return Rigid(
+        fixed.table, fixed.bodies, fixed.solids, fixed.scheme, fixed.work, drive, state_at(state), tilt_at(tilt)
+    )
+
+
+@borrowing
+def sort_rows(rows, flat, other, fixed, drive, state, tilt, periods):
+    """Separate parts that lie flat on level ground for so many periods from others.
+
+    Args:
+        rows: (n,) parts, as ``world * parts + part``.
+        flat, other: (n at least,) overwritten with the rows of flat parts and of others.
+        fixed, drive, state, tilt: addresses of pinned records.
+
+    Returns:
+        The number of flat parts.
+    """
+    drive = reference(pinned_drive(drive))
+    rigid = reference(rigid_at(fixed, drive, state, tilt))
+    parts, n = rigid.state.pose.shape[1], 0
+    for k in range(rows.shape[0]):
+        if is_flat(rigid, rows[k] // parts, rows[k] % parts, periods):
+            flat[n] = rows[k]
+            n += 1
+        else:
+            other[k - n] = rows[k]
+    return n
+
+
+@borrowing
+def rock_rows(rows, follows, fixed, drive, state, tilt, paths, base, nodes):
+    """Advance parts by a period as rigid bodies.
+
+    Args:
+        rows: (n,) parts that do not lie flat, see :func:`sort_rows`.
+        fixed, drive, state, tilt: addresses of pinned records.
+        follows, paths, base, nodes: see :func:`rock_period`.
+    """
+    drive = reference(pinned_drive(drive))
+    rigid = reference(rigid_at(fixed, drive, state, tilt))
+    parts = rigid.state.pose.shape[1]
+    for k in range(rows.shape[0]):
+        rock_period(rigid, rows[k] // parts, rows[k] % parts, follows, paths, base, nodes)
+
+
+@borrowing
+def keep_toppled(start, stop, state, tilt):
+    """Stop toppled parts of worlds ``start`` to ``stop``, also after contacts.
+
+    Args:
+        state, tilt: addresses of pinned records.
+    """
+    state, tilt = state_at(state), tilt_at(tilt)
+    for world in range(start, stop):
+        for part in range(state.pose.shape[1]):
+            if tilt.toppled[world, part]:
+                rest(state, tilt, world, part)

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.kernels.reference import Layout
-from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.drive import Drive, Phasors, new_phasors
 from vibgym.physics.core.records import Bodies, State, Table
-from vibgym.physics.planar.phasors import Phasors, new_phasors
 
 FLAT, TILTED, TIPPED = range(3)
 """Modes of a part: the planar model moves it; it is a rigid body; it has just been tipped from outside, and stands on the

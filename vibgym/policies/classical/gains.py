@@ -1,18 +1,17 @@
-"""What each element makes of its phasor, learnt from where parts come to rest after pulses that missed.
+"""Estimate gain and phase of each element from where parts come to rest after pulses.
 
-Near rest a part that is at p with velocity v comes to rest at ``zeta = p + v / c`` (:mod:`.settling`), and a
-step of pushes ``u_e`` of the elements e under it shifts that place by ``B sum_e J_e h_e u_e``: ``J_e`` is the share of the
-part on the element and its lever, ``h_e`` a complex gain, 1 for an ideal element, 0 for a dead one, and
-turned by the element's phase error. An estimator that knows nothing of the ``h_e`` predicts with 1 and is put right by the
-readings that follow. So what the place of rest moves beyond the nominal shift tells ``B sum_e J_e (h_e - 1) u_e``, late and
-spread over some periods: both sides are summed up alike, with a memory of some periods, and a Kalman filter of the ``h_e -
-1`` of the elements under a part goes by these sums. One more unknown for each direction is a drift, by which the place of
-rest moves all the time: on an inclined table, say.
+Near rest a part at p with velocity v comes to rest at ``zeta = p + v / c`` (:class:`.law.Settling`). A step of pushes ``u_e``
+of the elements e under it shifts that place by ``B sum_e J_e h_e u_e``. ``J_e`` is the share of the part on the element and its
+lever, ``h_e`` a complex gain: 1 for an ideal element, 0 for a dead one, with the element's phase error as its angle. An
+estimator of the pose predicts with gains of 1, and later readings correct it. So the place of rest moves beyond its nominal
+shift by ``B sum_e J_e (h_e - 1) u_e``, late and spread over some periods. Both sides are summed with a memory of some periods,
+and a Kalman filter estimates ``h_e - 1`` of the elements under a part from these sums. One more unknown for each direction is
+a drift of the place of rest, for example on an inclined table.
 
-Elements that a part leaves are forgotten when their place in the list is needed for others.
+Elements that a part has left keep their estimates until their slots are needed for others.
 
-The numbers below are tuned by hand on the prototype's hardware, with its readings and estimator: where goals are held
-(``python -m studies.benchmarks.pose_control``), and on elements that are dead or differ by more than there.
+The constants are tuned by hand on the prototype's hardware, with its readings and estimator: where goals are held
+(``python -m studies.benchmarks.pose_control``), and on elements that are dead or differ by more.
 """
 
 from __future__ import annotations
@@ -28,76 +27,42 @@ from vibgym.kernels.jit import borrowing
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 
-KEEP = 0.9
-"""Share of the sums that is kept from step to step."""
-
-BLUR = 0.82
-"""Share of what an estimator has not yet put right that it leaves to the next step."""
-
-UNSEEN = 0.4e-3
-"""m, most that is believed of what readings will yet put right: estimators that see much to put right are faster."""
-
-ARRIVAL = 1.2e-3
-"""m, by which places of rest are off when a part has just become slow; forgotten as the sums are."""
-
-GAIN_SPREAD, PHASE_SPREAD = 0.06, 0.09
-"""Standard deviations of gains and phases (rad) of elements of which nothing is known yet."""
-
-DRIFT = 0.02e-3
-"""m a step, the same of the drift."""
-
-DRIFT_WANDER = 0.05
-"""Share of that by which the drift changes in a step."""
-
-NOISE = 0.08e-3
-"""m, of the sum that is measured."""
-
-MISFIT = 0.05
-"""Share of the sum of nominal shifts by which it may differ, because friction is not as linear as that."""
-
-REPEATS = 4.0
-"""Sums that follow each other tell nearly the same: so many are worth one."""
-
-SURPRISE = 3.0
-"""Standard deviations beyond which elements are taken to be faulty, ..."""
-
-FAULT = 0.3
-"""... and the standard deviation of their gains then."""
-
-WANDER = 0.002
-"""Standard deviation by which gains change in a step in which they work."""
-
-SLOW, SLOW_TURN = 0.040, 1.5
-"""m/s and rad/s, below which the linear motion holds."""
-
-MOST, MOST_PHASE, LEAST = 1.3, 0.35, 0.35
-"""Of gains (and phases, rad) that are believed; those below the last count as dead."""
-
-CAUTION = 1.2
-"""Spread that the allocator counts on, over the standard deviation of what is known."""
-
-SURE = 0.08
-"""Least spread of an element that has been learnt."""
+KEEP = 0.9  # share of the sums that is kept from step to step
+BLUR = 0.82  # share of what an estimator has not yet corrected that it leaves to the next step
+UNSEEN = 0.4e-3  # m, upper limit of what readings will yet correct: estimators that see much to correct are faster
+ARRIVAL = 1.2e-3  # m, error of the place of rest of a part that has just become slow; it fades as the sums do
+GAIN_SPREAD, PHASE_SPREAD = 0.06, 0.09  # prior standard deviations of gains, and of phases (rad)
+DRIFT = 0.02e-3  # m per step, prior standard deviation of the drift
+DRIFT_WANDER = 0.05  # share of that by which the drift changes in a step
+NOISE = 0.08e-3  # m, of the measured sum
+MISFIT = 0.05  # share of the sum of nominal shifts by which it may differ, because friction is not exactly linear
+REPEATS = 4.0  # successive sums contain nearly the same information: this many count as one
+SURPRISE = 3.0  # standard deviations beyond which elements are taken to be faulty
+FAULT = 0.3  # standard deviation of their gains then
+WANDER = 0.002  # standard deviation by which gains change in a step in which they act
+SLOW, SLOW_TURN = 0.040, 1.5  # m/s and rad/s, below which the linear motion holds
+MOST, MOST_PHASE, LEAST = 1.3, 0.35, 0.35  # limits of gains and of phases (rad); elements below LEAST count as dead
+CAUTION = 1.2  # spread that the allocator assumes over the estimated standard deviation
+SURE = 0.08  # minimum spread of an element whose gain has been estimated
 
 
 class Gains(NamedTuple):
-    """What has been learnt: arrays (batch, parts, ...), with ``room`` places for elements under a part."""
+    """Memory of the estimator: arrays (batch, parts, ...), with ``room`` slots for elements under a part."""
 
-    element: np.ndarray  # (..., room) int64, index of the element; -1: a free place
+    element: np.ndarray  # (..., room) int64, index of the element; -1: a free slot
     arm: np.ndarray  # (..., room, 3) share and lever of the part on it now, 0 where it is not under it
     mean: np.ndarray  # (..., 2 room + 3) real and imaginary parts of h - 1, and the drift, m a step
     covariance: np.ndarray  # (..., 2 room + 3, 2 room + 3)
-    # (..., lag, room, 2, 3) m, shifts by h - 1 = 1 and h - 1 = i, in steps of which nothing is read yet
-    waiting: np.ndarray
+    waiting: np.ndarray  # (..., lag, room, 2, 3) m, shifts by h - 1 = 1 and h - 1 = i, in steps not measured yet
     coming: np.ndarray  # (..., room, 2, 3) m, likewise, of which the readings contain a part so far
     summed: np.ndarray  # (..., room, 2, 3) m, sum of the shifts contained in the readings
-    moved: np.ndarray  # (..., 3) m, the sum of what the place of rest moved beyond the nominal shift
-    steps: np.ndarray  # (...) the sum of ones: 0 where nothing has been summed up
+    moved: np.ndarray  # (..., 3) m, the sum of shifts of the place of rest beyond the nominal one
+    steps: np.ndarray  # (...) the sum of ones: 0 where nothing has been summed up; -1: the part is too fast
     rest: np.ndarray  # (..., 3) where the part should come to rest, by the nominal shift: m, m, rad
 
 
 class Numbers(NamedTuple):
-    """Of the parts, for the kernels."""
+    """Constants of the parts, for the kernels."""
 
     outlines: Outlines
     shift: np.ndarray  # (parts,) B, m
@@ -107,13 +72,41 @@ class Numbers(NamedTuple):
 
 @borrowing
 def within(value, most):
-    """A value, cut off at +-most."""
+    """Return a value clipped to +-most."""
     return min(max(value, -most), most)
 
 
 @borrowing
-def give_place(gains, w, p, k, e):
-    """Give place ``k`` to element ``e``, of which nothing is known."""
+def assign_slots(gains, w, pieces, count):
+    """Assign slots to the elements now under the parts of world ``w``, and set their arms."""
+    room = gains.element.shape[2]
+    gains.arm[w] = 0.0
+    for i in range(count):  # elements that have a slot
+        p = pieces.part[i]
+        for k in range(room):
+            if gains.element[w, p, k] == pieces.element[i]:
+                set_arm(gains, w, p, k, pieces, i)
+    for i in range(count):  # the others, in slots whose elements are no longer under the part
+        p, free, known = pieces.part[i], -1, False
+        for k in range(room):
+            known = known or gains.element[w, p, k] == pieces.element[i]
+            if free < 0 and gains.arm[w, p, k, 0] == 0.0:
+                free = k
+        if not known and free >= 0:
+            reset_slot(gains, w, p, free, pieces.element[i])
+            set_arm(gains, w, p, free, pieces, i)
+
+
+@borrowing
+def set_arm(gains, w, p, k, pieces, i):
+    """Set the arm of slot ``k`` to that of piece ``i``."""
+    gains.arm[w, p, k, 0] = pieces.share[i]
+    gains.arm[w, p, k, 1], gains.arm[w, p, k, 2] = pieces.lever[i, 0], pieces.lever[i, 1]
+
+
+@borrowing
+def reset_slot(gains, w, p, k, e):
+    """Assign slot ``k`` to element ``e``, with the prior estimate."""
     gains.element[w, p, k] = e
     for q in range(2):
         i = 2 * k + q
@@ -127,36 +120,8 @@ def give_place(gains, w, p, k, e):
 
 
 @borrowing
-def find_places(gains, w, pieces, count):
-    """Places for the elements now under the parts of world ``w``, and their arms."""
-    room = gains.element.shape[2]
-    gains.arm[w] = 0.0
-    for i in range(count):  # those that are known
-        p = pieces.part[i]
-        for k in range(room):
-            if gains.element[w, p, k] == pieces.element[i]:
-                set_arm(gains, w, p, k, pieces, i)
-    for i in range(count):  # and the others, in places whose elements are no longer under the part
-        p, free, known = pieces.part[i], -1, False
-        for k in range(room):
-            known = known or gains.element[w, p, k] == pieces.element[i]
-            if free < 0 and gains.arm[w, p, k, 0] == 0.0:
-                free = k
-        if not known and free >= 0:
-            give_place(gains, w, p, free, pieces.element[i])
-            set_arm(gains, w, p, free, pieces, i)
-
-
-@borrowing
-def set_arm(gains, w, p, k, pieces, i):
-    """The arm of a piece."""
-    gains.arm[w, p, k, 0] = pieces.share[i]
-    gains.arm[w, p, k, 1], gains.arm[w, p, k, 2] = pieces.lever[i, 0], pieces.lever[i, 1]
-
-
-@borrowing
 def kalman_update(gains, w, p, axis, noise, column):
-    """Kalman's step for the sum along one axis, whose other side is ``summed``; noise is a variance, m^2."""
+    """Correct the estimate by the sum along one axis, whose other side is ``summed``; noise is a variance, m^2."""
     mean, covariance, summed = gains.mean[w, p], gains.covariance[w, p], gains.summed[w, p]
     room, n = summed.shape[0], mean.shape[0]
     drift, steps = 2 * room + axis, gains.steps[w, p]
@@ -171,7 +136,7 @@ def kalman_update(gains, w, p, axis, noise, column):
             error -= summed[k, q, axis] * mean[2 * k + q]
             total += summed[k, q, axis] * column[2 * k + q]
     total += steps * column[drift]
-    if error * error > SURPRISE * SURPRISE * total:  # some element does not do what it should
+    if error * error > SURPRISE * SURPRISE * total:  # some element is faulty
         for k in range(room):
             for q in range(2):
                 s = summed[k, q, axis]
@@ -194,7 +159,7 @@ def kalman_update(gains, w, p, axis, noise, column):
 
 @borrowing
 def correct(gains, numbers, w, p, rest, column):
-    """Correct what is known by where a slow part comes to rest, as the readings of this step have it."""
+    """Correct the estimate by where a slow part comes to rest according to the readings of this step."""
     room, size = gains.summed.shape[2], 0.0
     gains.steps[w, p] = KEEP * gains.steps[w, p] + 1.0
     for axis in range(3):
@@ -224,44 +189,34 @@ def correct(gains, numbers, w, p, rest, column):
 
 
 @borrowing
-def reset_sums(gains, w, p):
-    """Forget the sums: the part was too fast."""
-    gains.steps[w, p] = 0.0
-    gains.moved[w, p] = 0.0
-    gains.summed[w, p] = 0.0
-
-
-@borrowing
 def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead, doubt):
-    """Learn from where the parts come to rest.
+    """Update the estimates from where the parts come to rest.
 
     Args:
-        pose, rest: (batch, parts, 3), now, and where the parts come to rest.  present, slow: (batch, parts) bool.
-        ahead: (batch, parts, 3) m, m, rad: what readings will yet put right, overwritten.
-        doubt: (batch, parts, 3) m, m, rad: its standard deviation, overwritten.
+        pose, rest: (batch, parts, 3), now, and where the parts come to rest.
+        present, slow: (batch, parts) bool.
+        column: (2 room + 3,) scratch.
+        ahead: (batch, parts, 3) m, m, rad: corrections that later readings will contain; overwritten.
+        doubt: (batch, parts, 3) m, m, rad: their standard deviation; overwritten.
     """
     lag, room = gains.waiting.shape[2], gains.element.shape[2]
     for w in range(pose.shape[0]):
-        for p in range(pose.shape[1]):
-            for k in range(room):
-                for q in range(2):
-                    for axis in range(3):
-                        gains.coming[w, p, k, q, axis] = BLUR * (
-                            gains.coming[w, p, k, q, axis] + gains.waiting[w, p, lag - 1, k, q, axis]
-                        )
-            if not (present[w, p] and slow[w, p]):
-                gains.steps[w, p] = -1.0
-            elif gains.steps[w, p] >= 0.0:
-                correct(gains, numbers, w, p, rest[w, p], column)
-            else:
-                reset_sums(gains, w, p)
         any_slow = False
         for p in range(pose.shape[1]):
-            any_slow = any_slow or (present[w, p] and slow[w, p])
-        if not any_slow:
+            if not (present[w, p] and slow[w, p]):
+                gains.steps[w, p] = -1.0
+                continue
+            any_slow = True
+            if gains.steps[w, p] >= 0.0:
+                correct(gains, numbers, w, p, rest[w, p], column)
+            else:
+                gains.steps[w, p] = 0.0
+                gains.moved[w, p] = 0.0
+                gains.summed[w, p] = 0.0
+        if any_slow:
+            assign_slots(gains, w, pieces, cut_parts(numbers.outlines, pose[w], present[w], pieces))
+        else:
             gains.arm[w] = 0.0
-            continue
-        find_places(gains, w, pieces, cut_parts(numbers.outlines, pose[w], present[w], pieces))
     for w in range(pose.shape[0]):
         for p in range(pose.shape[1]):
             for axis in range(3):
@@ -276,12 +231,11 @@ def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead, doub
                 doubt[w, p, axis] = math.sqrt(variance) if axis < 2 else math.sqrt(variance) / numbers.gyration[p]
                 total = within(total, UNSEEN)
                 ahead[w, p, axis] = total if axis < 2 else total / numbers.gyration[p]
-                gains.rest[w, p, axis] = rest[w, p, axis]
 
 
 @borrowing
 def put_known(gains, gain, phase, spread):
-    """Put what the elements under slow parts make of their phasors into (batch, elements) each."""
+    """Write the estimates of the elements under slow parts into arrays (batch, elements)."""
     for w in range(gains.element.shape[0]):
         for p in range(gains.element.shape[1]):
             for k in range(gains.element.shape[2]):
@@ -301,9 +255,9 @@ def put_known(gains, gain, phase, spread):
 
 @borrowing
 def predict(numbers, gains, push, given):
-    """Store the commanded pushes (batch, elements, 2) of the elements, and the predicted places of rest of the parts.
+    """Store the shifts by the commanded pushes (batch, elements, 2), and the predicted places of rest of the parts.
 
-    Into ``given`` (batch, parts, 3) goes what nominal elements do of this with slow parts; other rows are left.
+    Rows of ``given`` (batch, parts, 3) of slow parts are overwritten with the pushes that nominal elements give them.
     """
     room = gains.element.shape[2]
     for w in range(given.shape[0]):
@@ -328,7 +282,7 @@ def predict(numbers, gains, push, given):
 
 
 class GainLearner:
-    """Learns what elements make of their phasors; see the module.
+    """Estimator of gains and phases of elements; see the module.
 
     Args:
         info: task, scene and step time.
@@ -346,15 +300,13 @@ class GainLearner:
         self.lag = -(-info.hardware.latency // info.periods_per_step) + 2
 
     def begin(self, batch: int) -> Gains:
-        """Nothing is known."""
+        """Return the memory before the first measurement."""
         shape, room = (batch, len(self.info.parts)), self.room
-        n = 2 * room + 3
-        prior = np.zeros(n)
-        prior[-3:] = DRIFT**2
+        prior = np.append(np.zeros(2 * room), np.full(3, DRIFT**2))
         return Gains(
             element=np.full((*shape, room), -1),
             arm=np.zeros((*shape, room, 3)),
-            mean=np.zeros((*shape, n)),
+            mean=np.zeros((*shape, 2 * room + 3)),
             covariance=np.tile(np.diag(prior), (*shape, 1, 1)),
             waiting=np.zeros((*shape, self.lag, room, 2, 3)),
             coming=np.zeros((*shape, room, 2, 3)),
@@ -365,31 +317,33 @@ class GainLearner:
         )
 
     def learn(self, measured: Measured, gains: Gains) -> tuple[np.ndarray, np.ndarray]:
-        """Learn from what is measured now; returns what readings will yet put right, and its standard deviation.
+        """Update the estimates, in place, by the present measurement.
 
-        Both are (batch, parts, 3) m, m, rad.
+        Returns:
+            Corrections that later measurements will contain, and their standard deviation: (batch, parts, 3) m, m, rad.
         """
         pose = measured.pose
         rest = pose + self.coast[:, None] * measured.rate
         slow = ((measured.velocity**2).sum(axis=-1) < SLOW**2) & (np.abs(measured.spin) < SLOW_TURN)
-        pieces, ahead = new_pieces(self.info.surface, self.info.parts), np.empty_like(pose)
-        doubt = np.empty_like(pose)
-        column = np.empty(gains.mean.shape[-1])
+        pieces, column = new_pieces(self.info.surface, self.info.parts), np.empty(gains.mean.shape[-1])
+        ahead, doubt = np.empty_like(pose), np.empty_like(pose)
+        gains.coming[...] = BLUR * (gains.coming + gains.waiting[:, :, -1])
         learn(self.numbers, pieces, gains, pose, measured.present, rest, slow, column, ahead, doubt)
+        gains.rest[...] = rest
         return ahead, doubt
 
     def known(self, gains: Gains) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Gain, phase (rad) and spread of the elements, (batch, elements) each."""
+        """Return gain, phase (rad) and spread of the elements, (batch, elements) each."""
         shape = (len(gains.element), self.elements)
         gain, phase, spread = np.ones(shape), np.zeros(shape), np.full(shape, SPREAD)
         put_known(gains, gain, phase, spread)
         return gain, phase, spread
 
     def predict(self, push: np.ndarray, gains: Gains, given: np.ndarray) -> np.ndarray:
-        """Take down the pushes (batch, rows, columns, 2) of elements; returns what nominal ones give to the parts.
+        """Store the pushes (batch, rows, columns, 2) of elements; return the pushes that nominal ones give to the parts.
 
         Args:
-            given: (batch, parts, 3) what the parts were meant to get: it stands for those that are fast.
+            given: (batch, parts, 3) pushes that the parts were meant to get, returned for fast parts.
         """
         gains.waiting[:, :, 1:] = gains.waiting[:, :, :-1].copy()
         given = given.copy()

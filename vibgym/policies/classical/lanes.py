@@ -22,10 +22,10 @@ import numpy as np
 
 from vibgym.kernels.jit import borrowing, jit
 from vibgym.physics.contacts.hulls import hull_gap, place_hulls
-from vibgym.policies.classical import planner
 from vibgym.policies.classical.law import lead_of
-from vibgym.policies.classical.measured import Measured, recall, wrap
-from vibgym.policies.classical.steering import Steering
+from vibgym.policies.classical.measured import Measured, wrap
+from vibgym.policies.classical.planner import Plan
+from vibgym.policies.classical.steering import Memory, Steering
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
@@ -44,14 +44,13 @@ def extents(half: np.ndarray, heading: np.ndarray) -> np.ndarray:
 
 # -- through gates -----------------------------------------------------------------------------------------------------
 
-NEAR, SPARE, BESIDE = 0.003, 0.004, 0.006
-"""m: distance of parts at the inlet; distance at the gate beyond the required one; distance to parts beside."""
-
-ALONG, ACROSS = 0.12, 0.20
-"""s in which a lack of distance along the table is corrected, and in which parts reach the middle of their lanes."""
-
-SLIP = 0.3
-"""Maximum velocity across the table over the top speed."""
+NEAR, SPARE, BESIDE = (
+    0.003,
+    0.004,
+    0.006,
+)  # m: distance at the inlet; added to that at the gate; distance to parts beside
+ALONG, ACROSS = 0.12, 0.20  # s, time constants: distances along the table; displacements to the middle of lanes
+SLIP = 0.3  # maximum velocity across the table over the top speed
 
 
 class FeedingPolicy(Steering):
@@ -78,13 +77,8 @@ class FeedingPolicy(Steering):
         self.half = half_extents(info)
         self.spacing = float(np.sqrt(2.0) * info.surface.element_size)
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Return actions from measured poses and mean velocities; the state is :class:`.steering.Memory`."""
-        measured = Measured.of(observation, self.info)
-        memory, _ = recall(state, episode_start, self.begin(1), len(measured.centre), measured.arrived)
-        measured = self.expected(measured, memory)
+    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+        """See :meth:`.steering.Steering.act`."""
         return self.steer(measured, self.lead * self.velocity(measured), memory)
 
     def velocity(self, measured: Measured) -> np.ndarray:
@@ -116,20 +110,11 @@ class FeedingPolicy(Steering):
 
 # -- both ways ---------------------------------------------------------------------------------------------------------
 
-SIDE = 0.8
-"""Maximum velocity towards the own side of the table over the top speed."""
-
-HOLD, HOLD_ACROSS = 0.13, 0.052
-"""m between centres along and across the table, at which parts wait for an oncoming part on the wrong side."""
-
-PATIENCE = 0.15
-"""s that a part waits off its goal, without oncoming parts, until the planner takes over."""
-
-CROSSES = 0.15
-"""m along the table to the goal, above which other parts may be oncoming."""
-
-TURN_AT = 0.060
-"""m from the goal, where parts turn to its heading."""
+SIDE = 0.8  # maximum velocity towards the own side of the table over the top speed
+HOLD, HOLD_ACROSS = 0.13, 0.052  # m between centres, along and across, below which parts wait for one on the wrong side
+PATIENCE = 0.15  # s that a part waits off its goal, without oncoming parts, until the planner takes over
+CROSSES = 0.15  # m along the table to the goal, above which other parts may be oncoming
+TURN_AT = 0.060  # m from the goal, where parts turn to its heading
 
 
 class CrossingPolicy(TwoPhasesPolicy):
@@ -152,9 +137,9 @@ class CrossingPolicy(TwoPhasesPolicy):
         self.half = half_extents(info)
         self.rules = Rules(info.surface.width, info.surface.depth, self.top, 1.0 / self.lead)
 
-    def choose(self, measured: Measured, memory: planner.Memory) -> tuple[np.ndarray, np.ndarray]:
+    def choose(self, measured: Measured, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
         """See :meth:`.planner.PlannerPolicy.choose`; velocities that pass others in worlds where parts meet."""
-        velocity, waited = super().choose(measured, memory)
+        velocity, waited = super().choose(measured, plan)
         wanted, first, meets = self.wanted(measured)
         crossing = meets.any(axis=1)
         patient = np.where(measured.present, waited, 0.0).max(axis=1) < PATIENCE
@@ -226,22 +211,17 @@ class CrossingPolicy(TwoPhasesPolicy):
 
 # -- velocities that avoid collisions ----------------------------------------------------------------------------------
 
-DIRECTIONS = 20
-SPEEDS = (1.0, 0.6, 0.25)
-"""Over the top speed: candidate velocities in addition to the wanted one, half of it, and rest."""
-
-CLOSE = 0.040
-"""m between the circumscribed circles of parts, below which gaps between outlines are computed."""
-
-AT_ONCE, PUSHING = 0.08, 4.0
-"""s, minimum time to collision of every part, with or without right of way, and the price of less, relative to contact now."""
-
+# Candidate velocities in addition to the wanted one, half of it, and rest: directions, and speeds over the top speed.
+DIRECTIONS, SPEEDS = 20, (1.0, 0.6, 0.25)
+CLOSE = 0.040  # m between the circumscribed circles of parts, below which gaps between outlines are computed
+AT_ONCE = 0.08  # s, minimum time to collision of every part, with or without right of way, ...
+PUSHING = 4.0  # ... and the price of less, relative to contact now
 COSINES = np.cos(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
 SINES = np.sin(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
 
 
 class Rules(NamedTuple):
-    """Constants of a scene and of the search, for the kernels."""
+    """Constants of a scene and of the choice of velocities, for the kernels."""
 
     width: float  # m, of the surface
     depth: float  # m
@@ -251,7 +231,7 @@ class Rules(NamedTuple):
     near: float = 0.003  # m, distance that parts keep
     ahead: float = 0.35  # s, horizon
     meeting: float = (
-        4.0  # price of an immediate collision, over that of rest for a part with the top speed as wanted speed
+        4.0  # price of an immediate collision, over that of rest for a part whose wanted speed is the top speed
     )
     yielding: float = 0.3  # share of this price for a part that has right of way over the other
     faithful: float = 0.1  # price of a velocity that differs from the present one by the top speed

@@ -3,9 +3,9 @@
     observation -> measured -> targets -> law -> wanted accelerations -> inverse of the frictional process, within the limits
     of the elements -> pushes -> allocation -> phasors of the elements
 
-A law controls parts as free bodies, the reduced plant of the thesis (figs. 5.14 to 5.18): :mod:`.steering`, which is the same
-for all laws, compensates friction and allocates pushes to elements. Where goals move, a law gets positions relative to the
-goals, and the goals' acceleration is added to its output (:func:`.measured.from_goals`).
+A law controls parts as free bodies, the reduced plant of the thesis (figs. 5.14 to 5.18). :mod:`.steering` compensates friction
+and allocates pushes to elements, in the same way for all laws. Where goals move, a law gets positions relative to the goals,
+and the goals' acceleration is added to its output (:func:`.measured.from_goals`).
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from vibgym import checks
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 
-LONGEST_LEAD = 10.0
-"""s, upper limit of the search of :func:`lead_of`."""
+LONGEST_LEAD = 10.0  # s, upper limit of the search of :func:`lead_of`
 
 
 class Law(ABC):
     """A control law, made as ``SomeLaw(info, **settings)``; batched, for one part or several.
 
     A law without memory defines :meth:`wanted` only.
+
+    Attributes:
+        lead: s, a target ``lead * v`` ahead of a part makes it move at the velocity ``v``. Planners, which set velocities, use
+            it. None: :func:`lead_of` computes it.
+        slack: m, largest position error of corners of parts that have arrived.
     """
 
     lead: float | None = None
-    """s: a target ``lead * v`` ahead of a part makes it move at the velocity ``v``. Planners, which set velocities, use it;
-    None: :func:`lead_of` finds it."""
-
     slack: float = 0.0
-    """m, largest position error of corners of parts that have arrived."""
 
     def initial(self, batch: int) -> Any:
-        """Memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
+        """Return the memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
         return ()
 
     @abstractmethod
@@ -63,10 +63,10 @@ class Law(ABC):
 
 
 def lead_of(law: Law, info: TaskInfo, speed: float) -> float:
-    """Return the ``lead`` of a law, s; if it is None, find it by bisection of :meth:`Law.wanted` at ``speed`` (m/s).
+    """Return the ``lead`` of a law, s; if it is None, compute it by bisection of :meth:`Law.wanted` at ``speed`` (m/s).
 
     Raises:
-        ValueError: ``lead`` is None, and at no distance the law neither drives nor brakes such parts.
+        ValueError: ``lead`` is None, and at no distance the law neither drives nor brakes parts of this speed.
     """
     if law.lead is not None:
         return law.lead
@@ -91,24 +91,18 @@ def lead_of(law: Law, info: TaskInfo, speed: float) -> float:
     return far
 
 
+# m and rad, errors of the place of rest, and of the pose, below which a part gets single pulses. Friction grows with speed, so
+# the place of rest is known for slow parts only, and fast parts arrive sooner if they are pushed and braked.
 NEAR, NEAR_TURN = 0.003, math.radians(5.0)
-"""m and rad, errors of the place of rest below which a part gets single pulses."""
-
 REACH, REACH_TURN = 0.015, math.radians(10.0)
-"""m and rad, errors of the pose below which it does: friction grows with speed, so the place of rest is known for slow parts
-only, and fast parts arrive sooner if they are pushed and braked."""
 
-BAND = 0.25
-"""Share of the tolerances within which places of rest are not corrected."""
-
-LOOSE_BAND, LOOSE_TURN = 0.001, math.radians(2.5)
-"""m and rad, the same where a task has zones or distances instead of goal poses."""
-
-LEAST_DRAG = 1e-9
-"""1/s, used for parts without friction."""
-
-DOUBT = 1.5
-"""Standard deviations of the place of rest by which bands are widened."""
+BAND = 0.25  # share of the tolerances within which places of rest are not corrected
+LOOSE_BAND, LOOSE_TURN = (
+    0.001,
+    math.radians(2.5),
+)  # m and rad, the same in tasks with zones or distances instead of goals
+LEAST_DRAG = 1e-9  # 1/s, used for parts without friction
+DOUBT = 1.5  # standard deviations of the place of rest by which bands are widened
 
 
 class Settling:
@@ -121,18 +115,17 @@ class Settling:
 
     Args:
         info: task and step time.
-        drag: (parts,) 1/s, c above.
-        band, turn_band: m and rad, within which places of rest are not corrected.
+        band, turn_band: m and rad, within which places of rest are not corrected, in tasks with goals.
 
     Attributes:
         slack: m, largest position error of corners of parts at rest.
     """
 
-    def __init__(self, info: TaskInfo, drag: np.ndarray, band: float, turn_band: float) -> None:
-        self.drag, self.step, self.period = drag, info.step_time, info.surface.period
+    def __init__(self, info: TaskInfo, band: float, turn_band: float) -> None:
+        self.drag, self.step, self.period = info.plant.drag, info.step_time, info.surface.period  # c above, 1/s
         ahead = 0.5 * (info.step_time - info.surface.period)
-        self.coast = 1.0 / np.maximum(drag, LEAST_DRAG) - ahead  # s
-        self.band, self.turn_band = band, turn_band
+        self.coast = 1.0 / np.maximum(self.drag, LEAST_DRAG) - ahead  # s
+        self.band, self.turn_band = (band, turn_band) if info.has_goal else (LOOSE_BAND, LOOSE_TURN)
         self.slack = self.band + self.turn_band * max(part.radius for part in info.parts)
         self.near, self.near_turn = max(NEAR, 2.0 * self.band), max(NEAR_TURN, 2.0 * self.turn_band)
 
@@ -160,11 +153,11 @@ class Settling:
         return np.where(rests[..., None], np.nan, np.where(near[..., None], pulse, wanted))
 
 
+# 1/s, with goal poses, and without, where parts that slow down early keep their distance from others for longer.
 APPROACH, CROWD_APPROACH = 9.0, 7.0
-"""1/s, with goal poses, and without, where other parts are passed at a distance for longer if a part slows down early."""
-
-SLOWER = 2.5
-"""By how many times the time that longer steps add the approach takes longer; tuned with four periods per step."""
+SLOWER = (
+    2.5  # time by which longer steps make the approach longer, over the added time; tuned with four periods per step
+)
 
 
 class LocalLaw(Law):
@@ -200,10 +193,7 @@ class LocalLaw(Law):
         self.response = np.maximum(checks.number("response", response, above=0.0), held)
         self.settling = None
         if info.hard_dead_zone:
-            band, turn_band = LOOSE_BAND, LOOSE_TURN
-            if info.has_goal:
-                band, turn_band = BAND * info.position_tolerance, BAND * info.heading_tolerance
-            self.settling = Settling(info, plant.drag, band, turn_band)
+            self.settling = Settling(info, BAND * info.position_tolerance, BAND * info.heading_tolerance)
             self.slack = self.settling.slack
 
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:

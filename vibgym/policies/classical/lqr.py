@@ -1,11 +1,11 @@
-"""State feedback on the parts' local model: what friction brakes by itself need not be braked by the elements.
+"""Linear-quadratic regulator on the parts' local model.
 
 Near rest friction brakes a part at the rate ``c = mu g / (2 a_h w)``, positions and headings alike (first-order averages,
-thesis eqs. 5.60 and 5.61), so that with a push that would accelerate it by ``u``
+thesis eqs. 5.60 and 5.61). With a push that alone would accelerate it by ``u``
 
     p' = v        v' = -c v + u
 
-The gains on [p, v] make the sum over periods of ``q_p p^2 + q_v v^2 + s u^2`` least, u held for a step.
+The gains on [p, v] minimise the sum over steps of ``q_p p^2 + q_v v^2 + s u^2``, u held for a step.
 """
 
 from __future__ import annotations
@@ -20,25 +20,20 @@ from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 
-WEIGHTS = (30000.0, 1.0)
-"""1/s^4 and 1/s^2, of position and velocity squared beside accelerations squared."""
+WEIGHTS = (30000.0, 1.0)  # 1/s^4 and 1/s^2, of squared positions and velocities, relative to squared accelerations
 
 
 def weights(name: str, values: Any, count: int) -> np.ndarray:
-    """Weights (count,) of a quadratic cost.
-
-    Raises:
-        ValueError: another number of them, or one that is not positive.
-    """
+    """Return the weights (count,) of a quadratic cost; raise ValueError unless there are ``count`` positive ones."""
     if not checks.listed(values) or len(values) != count:
         raise checks.refuse(name, values, f"{count} weights > 0")
     return np.array([checks.number(f"{name}[{k}]", each, above=0.0) for k, each in enumerate(values)])
 
 
 def discretize(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """F and G of ``x_k+1 = F x_k + G u_k`` for ``x' = A x + B u`` with u held for ``period`` s (eqs. 5.69 to 5.72).
+    """Return F and G of ``x_k+1 = F x_k + G u_k`` for ``x' = A x + B u`` with u held for ``period`` s (eqs. 5.69 to 5.72).
 
-    Eq. 5.72 needs the inverse of A, which an integrator does not have; the exponential of both together does not.
+    Eq. 5.72 needs the inverse of A, which an integrator does not have; the exponential of the joint matrix does not.
     """
     from scipy import linalg  # of the extra "policies"
 
@@ -52,10 +47,12 @@ def discretize(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray,
 def discrete_lqr(
     f: np.ndarray, g: np.ndarray, state: Sequence[float], control: float, name: str = "state_weights"
 ) -> np.ndarray:
-    """Gains (n,) of the feedback ``u_k = -gains x_k`` that makes the sum of ``x' Q x + S u^2`` least.
+    """Return the gains (n,) of the feedback ``u_k = -gains x_k`` that minimises the sum of ``x' Q x + S u^2``.
 
     Args:
         f, g: (n, n) and (n, 1) of ``x_k+1 = F x_k + G u_k``, see :func:`discretize`.
+        state: (n,) diagonal of Q.
+        control: S.
         name: of the argument ``state``, for errors.
 
     Raises:
@@ -69,13 +66,13 @@ def discrete_lqr(
 
 
 class LqrLaw(Law):
-    """Linear-quadratic regulator of positions and headings by measured positions and velocities; it has no memory.
+    """Linear-quadratic regulator of positions and headings; see the module.
 
     Args:
         info: task, scene and step time.
-        state_weights: of position and velocity squared, (m, m/s).
-        heading_weights: of heading and spin squared, (rad, rad/s).
-        control_weight: of what pushes would give squared, (m/s^2) and (rad/s^2).
+        state_weights: of squared position (m) and velocity (m/s).
+        heading_weights: of squared heading (rad) and spin (rad/s).
+        control_weight: of squared accelerations by pushes (m/s^2 and rad/s^2).
 
     Attributes:
         gains: (parts, 2, 2) of positions and of headings: 1/s^2 and 1/s.
@@ -93,16 +90,15 @@ class LqrLaw(Law):
         control_weight: float = 1.0,
     ) -> None:
         self.drag = info.plant.drag
-        self.gains = np.empty((len(info.parts), 2, 2))
-        for part, drag in enumerate(self.drag):
-            same = int(np.flatnonzero(self.drag == drag)[0])
-            if same < part:
-                self.gains[part] = self.gains[same]
-                continue
+        gains = {}
+        for drag in set(self.drag.tolist()):
             plant = discretize(np.array([[0.0, 1.0], [0.0, -drag]]), np.array([[0.0], [1.0]]), info.step_time)
-            self.gains[part, 0] = discrete_lqr(*plant, state_weights, control_weight, "state_weights")
-            self.gains[part, 1] = discrete_lqr(*plant, heading_weights, control_weight, "heading_weights")
-        # Net of friction, as laws count: what brakes by itself is not to be made up for.
+            gains[drag] = [
+                discrete_lqr(*plant, state_weights, control_weight, "state_weights"),
+                discrete_lqr(*plant, heading_weights, control_weight, "heading_weights"),
+            ]
+        self.gains = np.array([gains[drag] for drag in self.drag.tolist()])
+        # Laws request accelerations net of friction.
         self._rate = self.gains[:, :, 1] + self.drag[:, None]
         self.lead = float((self._rate[:, 0] / self.gains[:, 0, 0]).max())
 

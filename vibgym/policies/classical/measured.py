@@ -13,6 +13,7 @@ follow paths.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
@@ -28,7 +29,10 @@ Memory = TypeVar("Memory", bound=tuple)
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A batch of decoded observations: arrays (batch, parts) or (batch, parts, 2). Values of absent parts are undefined."""
+    """A batch of decoded observations: arrays (batch, parts) or (batch, parts, 2). Values of absent parts are undefined.
+
+    Values of moving goals, and the last two, are zeros that broadcast to their shapes where they do not apply.
+    """
 
     present: np.ndarray  # bool
     centre: np.ndarray  # m
@@ -40,8 +44,7 @@ class Measured:
     gap: np.ndarray  # distance to the nearest other part, m, at most about eight elements; infinite for one part
     single: bool  # whether one observation without batch axis was given
     # Of moving goals: (batch, parts, 3) velocity, m/s, m/s, rad/s; (batch, parts, PREVIEW, 3) pose 1, 2, ... periods ahead
-    # minus the present one, m, m, rad; (batch, parts, 3) mean acceleration over a step, computed by Preview. Zeros that
-    # broadcast to these shapes where goals are fixed.
+    # minus the present one, m, m, rad; (batch, parts, 3) mean acceleration over a step, computed by Preview.
     goal_velocity: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
     goal_ahead: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, PREVIEW, 3)))
     goal_acceleration: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
@@ -85,11 +88,11 @@ class Measured:
             gap=quantity("gap", none + math.inf)[..., 0],
             single=values.ndim == 1,
             arrived=quantity("arrived")[..., 0] > 0.5,
-            **moving_goals(rows, layout),
+            **_moving_goals(rows, layout),
         )
 
 
-def moving_goals(rows: np.ndarray, layout: Layout) -> dict[str, np.ndarray]:
+def _moving_goals(rows: np.ndarray, layout: Layout) -> dict[str, np.ndarray]:
     """Return velocity and preview of the goals in observations (batch, size); nothing where goals are fixed."""
     if "way_ahead" not in layout:
         return {}
@@ -118,7 +121,7 @@ def check_state(observation: Any, layout: Layout) -> np.ndarray:
     return values
 
 
-def wrap(angle: np.ndarray, symmetry: np.ndarray) -> np.ndarray:
+def wrap(angle: np.ndarray, symmetry: np.ndarray | int = 1) -> np.ndarray:
     """Wrap angles (rad) of parts with this symmetry to +-pi / symmetry."""
     period = 2.0 * math.pi / np.maximum(symmetry, 1)
     return angle - period * np.round(angle / period)
@@ -141,41 +144,43 @@ def recall(
     Raises:
         ValueError: a memory of another controller or batch.
     """
+    fresh = _each(lambda array: np.broadcast_to(array, (batch, *array.shape[1:])), initial)
     if state is None:
-        new = np.ones(batch, dtype=bool)
-        return _kept(None, initial, new), new
+        # In C order, unlike np.copy: another layout would compile every kernel that reads the memory twice.
+        return _each(np.ndarray.copy, fresh), np.ones(batch, dtype=bool)
     new = np.broadcast_to(np.asarray(False if episode_start is None else episode_start, dtype=bool), (batch,))
-    if not _alike(state, initial, batch):
+    if not _alike(state, fresh):
         got = type(state).__name__
         if isinstance(state, tuple) and state and isinstance(state[0], np.ndarray):
             got += f" of {len(state[0])}"
         raise checks.refuse("state", got, f"None, or what predict() returned for {batch}: {type(initial).__name__}")
-    kept = _kept(state, initial, new)
-    return kept if arrived is None or not arrived.any() else _kept(kept, initial, arrived), new
+    reset = new if arrived is None or not arrived.any() else new[:, None] | arrived
+
+    def kept(array: np.ndarray, start: np.ndarray) -> np.ndarray:
+        result = array.copy()
+        result[reset] = start[reset]
+        return result
+
+    return _each(kept, state, fresh), new
 
 
-def _alike(state: Any, initial: Any, batch: int) -> bool:
-    """Return whether a memory has the structure of ``initial``, with arrays (batch, ...)."""
-    if isinstance(initial, np.ndarray):
-        return isinstance(state, np.ndarray) and state.shape == (batch, *initial.shape[1:])
-    return type(state) is type(initial) and all(_alike(a, b, batch) for a, b in zip(state, initial, strict=True))
+def _each(function: Callable[..., np.ndarray], *memories: Any) -> Any:
+    """Return a memory of the results of a function of the arrays of memories."""
+    if isinstance(memories[0], np.ndarray):
+        return function(*memories)
+    rows = [_each(function, *each) for each in zip(*memories, strict=True)]
+    return type(memories[0])(*rows) if rows else memories[0]
 
 
-def _kept(state: Any, initial: Any, new: np.ndarray) -> Any:
-    """Return a copy of a memory, reset where ``new`` (batch,) or (batch, parts); entirely if it is None."""
-    if isinstance(initial, np.ndarray):
-        fresh = np.broadcast_to(initial, (len(new), *initial.shape[1:]))
-        kept = fresh.copy() if state is None else state.copy()
-        if state is not None and new.any():
-            kept[new] = fresh[new]
-        return kept
-    rows = [None] * len(initial) if state is None else state
-    kept = [_kept(a, b, new) for a, b in zip(rows, initial, strict=True)]
-    return type(initial)(*kept) if kept else initial
+def _alike(state: Any, fresh: Any) -> bool:
+    """Return whether two memories have the same structure and shapes."""
+    if isinstance(fresh, np.ndarray):
+        return isinstance(state, np.ndarray) and state.shape == fresh.shape
+    return type(state) is type(fresh) and all(_alike(a, b) for a, b in zip(state, fresh, strict=True))
 
 
 class Preview:
-    """Replaces moving goals by those at the instant at which a step's command begins to act.
+    """Extrapolation of moving goals to the instant at which a step's command begins to act.
 
     Args:
         info: task, scene and step time.

@@ -109,15 +109,8 @@ def set_velocity(wants, motion, time, x, y, target_x, target_y):
 
 @borrowing
 def beyond(wants, x, y):
-    """Return by how much a centre is too near the border, m."""
+    """Return by how much a place is too near the border, m; negative: it is not."""
     return max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.depth + wants.edge)
-
-
-@borrowing
-def allowed_beyond(wants, target):
-    """Return by how much a centre may be too near the border because its target is, m."""
-    out = beyond(wants, target[0], target[1])
-    return out if out > SLACK else 0.0
 
 
 @borrowing
@@ -145,13 +138,6 @@ def follow(wants, centre, velocity, target, state, paths):
             state[0, m], state[1, m], state[2, m], state[3, m] = x, y, nx, ny
         for m in range(MOTIONS):
             paths[m, 0, k], paths[m, 1, k] = state[0, m], state[1, m]
-
-
-@borrowing
-def take(trial, path):
-    """Copy the path ``trial`` (2, INSTANTS) into ``path``."""
-    for k in range(INSTANTS):
-        path[0, k], path[1, k] = trial[0, k], trial[1, k]
 
 
 @borrowing
@@ -201,7 +187,8 @@ def nearness(wants, spacing, safe, gap, patience):
 @borrowing
 def price_of_place(wants, path, target):
     """Return the price of a path (2, INSTANTS) by itself, s: the remaining time to the target, and the border."""
-    price, allowed = 0.0, allowed_beyond(wants, target)
+    price, allowed = 0.0, beyond(wants, target[0], target[1])
+    allowed = allowed if allowed > SLACK else 0.0  # a centre may be as near the border as its target
     for k in range(INSTANTS):
         x, y = path[0, k], path[1, k]
         dx, dy = target[0] - x, target[1] - y
@@ -326,7 +313,7 @@ def choose_motions(start, stop, wants, hulls, scene, faithful, motion, chosen):
             p = scene.order[w, k]
             rank[p] = k if scene.present[w, p] else -1
             follow(wants, centre[p], velocity[p], target[p], state, trials[p])
-            take(trials[p, motion[w, p]], paths[p])
+            paths[p] = trials[p, motion[w, p]]
         for k in range(parts):
             p = scene.order[w, k]
             chosen[w, p] = 0.0
@@ -334,6 +321,6 @@ def choose_motions(start, stop, wants, hulls, scene, faithful, motion, chosen):
                 continue
             best = best_motion(wants, hulls, scene, w, p, motion[w, p], faithful, rank, paths, trials[p])
             motion[w, p] = best
-            take(trials[p, best], paths[p])
+            paths[p] = trials[p, best]
             wx, wy = set_velocity(wants, best, 0.0, centre[p, 0], centre[p, 1], target[p, 0], target[p, 1])
             chosen[w, p, 0], chosen[w, p, 1] = wx, wy

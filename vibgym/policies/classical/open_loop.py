@@ -1,9 +1,8 @@
-"""Fields without a sensor, as in chapter 4 of the thesis: planned at the start of an episode, never corrected.
+"""Sensorless fields, as in chapter 4 of the thesis: planned from the first observation of an episode, never corrected.
 
-The goal and where the part was put down are known (the first observation of an episode); after that nothing is looked at.
-A radial field brings the part to the goal from wherever it is. To align it, a squeeze field towards a line through the
-goal, along the wanted heading, follows. To turn it by more than can be seen of a heading, a tangential field acts for the time
-that the turn takes at its steady rate: friction lets the spin build up and run out with the same lag, so the two cancel.
+A radial field brings the part to the goal from any place. To align it, a squeeze field towards a line through the goal, along
+the wanted heading, follows. To turn it to an unwrapped heading, a tangential field acts for the time that the turn takes at its
+steady rate: the spin builds up and decays with the same lag, so the two cancel.
 """
 
 from __future__ import annotations
@@ -13,49 +12,47 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.envs.actions import Element, Field
+from vibgym.envs.actions import ACTIONS
 from vibgym.fields import radial, squeeze, tangential
 from vibgym.policies.classical.measured import Measured, check_state, recall
 from vibgym.policies.task_info import TaskInfo
 
 
 class ZeroPolicy:
-    """All elements at rest: the parts slide in place."""
+    """Policy that keeps all elements at rest: parts slide in place."""
 
     action, observation = "field", "state"
 
     def __init__(self, info: TaskInfo) -> None:
-        self.layout = info.layout
-        self.size = Field(info.surface, info.parts).size
+        self.layout, self.size = info.layout, ACTIONS[self.action](info.surface, info.parts).size
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Return zeros for every observation."""
-        lead = check_state(observation, self.layout).shape[:-1]
-        return np.zeros((*lead, self.size), dtype=np.float32), state
+        """Return an action for every observation."""
+        return self.draw((*check_state(observation, self.layout).shape[:-1], self.size)), state
+
+    def draw(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Return actions of this shape."""
+        return np.zeros(shape, dtype=np.float32)
 
 
-class RandomPolicy:
-    """Every element with an amplitude and a phase of its own, drawn anew every step."""
+class RandomPolicy(ZeroPolicy):
+    """Policy with uniformly random amplitudes and phases of all elements in every step."""
 
-    action, observation = "element", "state"
+    action = "element"
 
     def __init__(self, info: TaskInfo, *, seed: int = 0) -> None:
-        self.layout = info.layout
-        self.size = Element(info.surface, info.parts).size
+        super().__init__(info)
         self.generator = np.random.default_rng(checks.count("seed", seed, least=0))
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Uniform random amplitudes and phases."""
-        lead = check_state(observation, self.layout).shape[:-1]
-        return 2.0 * self.generator.random((*lead, self.size), dtype=np.float32) - np.float32(1.0), state
+    def draw(self, shape: tuple[int, ...]) -> np.ndarray:
+        """Return actions of this shape."""
+        return 2.0 * self.generator.random(shape, dtype=np.float32) - np.float32(1.0)
 
 
 class Plan(NamedTuple):
-    """What is known from the start of the episodes on."""
+    """Memory of :class:`OpenLoopPolicy`."""
 
     goal: np.ndarray  # (batch, 3) m, m, rad
     turn: np.ndarray  # (batch,) rad, from the heading at the start to the goal's
@@ -68,8 +65,8 @@ class OpenLoopPolicy:
     Args:
         info: task, scene and step time.
         turn_rate: rad/s, steady angular velocity in the tangential field.
-        gather_time: s, time that the radial field gets before the squeeze field aligns the part.
-        centring: strength of the radial field beside the squeeze field.
+        gather_time: s, duration of the radial field before the squeeze field.
+        centring: strength of the radial field added to the squeeze field.
 
     Raises:
         ValueError: a task for several parts or without goal pose, or a bad argument.
@@ -88,13 +85,13 @@ class OpenLoopPolicy:
         self.centring = checks.number("centring", centring, least=0.0, most=1.0)
 
     def initial(self, batch: int) -> Plan:
-        """Memory at the very start, before anything has been seen."""
+        """Return the memory before the first observation."""
         return Plan(np.zeros((batch, 3)), np.zeros(batch), np.zeros(batch))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Field of the goal latched at the episode's start; the state is a :class:`Plan`."""
+        """Return the field about the goal of the episode's first observation; the state is a :class:`Plan`."""
         info, measured = self.info, Measured.of(observation, self.info)
         plan, new = recall(state, episode_start, self.initial(len(measured.centre)), len(measured.centre))
         plan.goal[new, :2] = (measured.centre + measured.way)[new, 0]
@@ -104,9 +101,9 @@ class OpenLoopPolicy:
         return (phasors[0] if measured.single else phasors), plan._replace(time=plan.time + info.step_time)
 
     def _phasors(self, plan: Plan) -> np.ndarray:
-        """Phasors (batch, rows, columns, 2) of this step: of a first field, and from some time on of a second one or none.
+        """Return the phasors (batch, rows, columns, 2) of this step: of a first field, then of a second one or none.
 
-        That time need not be a whole number of steps: the step in which it lies gets its share of both.
+        The fields change at any instant of a step, which gets its share of both.
         """
         x, y, heading = (column[:, None, None] for column in plan.goal.T)
         first, second = radial(x, y), None

@@ -1,4 +1,4 @@
-"""The thesis's PID controller of the reduced plant and its law: gains by pole placement, discrete form, windup (5.3, 7.3.2).
+"""The thesis's PID controller of the reduced plant, and the law: pole placement, discrete form, windup (5.3, 7.3.2).
 
 With the reduced plant 1 / s^2 the closed loop is ``(kI + kP s + kD s^2) / (kI + kP s + kD s^2 + s^3)`` (eq. 5.74), so that
 three poles give three gains. In discrete time, with errors of zero before the first one,
@@ -19,19 +19,13 @@ from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.task_info import TaskInfo
 
-POLES = (-2.0, -2.0, -2.0)
-"""rad/s, the thesis's."""
-
-ROUNDING = 1e-6
-"""m/s^2 or rad/s^2 that the inverse of the frictional process may be off without being at its limit."""
-
-
-CONJUGATE = 1e-9
-"""Largest imaginary part, over the coefficient, that rounding may leave of a polynomial with real coefficients."""
+POLES = (-2.0, -2.0, -2.0)  # rad/s, the thesis's
+ROUNDING = 1e-6  # m/s^2 or rad/s^2, error of the inverse of the frictional process without saturation
+CONJUGATE = 1e-9  # rounding error of imaginary parts, relative to the largest coefficient
 
 
 class Gains(NamedTuple):
-    """Of a PID controller."""
+    """Gains of a PID controller."""
 
     proportional: float  # kP, 1/s^2
     integral: float  # kI, 1/s^3
@@ -39,16 +33,16 @@ class Gains(NamedTuple):
 
 
 class PidMemory(NamedTuple):
-    """Arrays of one shape, an axis each."""
+    """Memory of a PID controller: arrays of one shape, an element per axis."""
 
-    total: np.ndarray  # of all errors so far, times the period
-    error: np.ndarray  # the last one
-    late: np.ndarray  # what the last errors asked for, given out one period later
-    asked: np.ndarray  # what was given out last
+    total: np.ndarray  # sum of all errors so far, times the period
+    error: np.ndarray  # the last error
+    late: np.ndarray  # the output for it, which a late controller returns one period later
+    asked: np.ndarray  # the last output returned
 
 
 def polynomial(name: str, poles: Any, count: int) -> np.ndarray:
-    """Coefficients (count + 1,) of the monic polynomial with these roots, highest power first.
+    """Return the coefficients (count + 1,) of the monic polynomial with these roots, highest power first.
 
     Args:
         name: of the argument, for errors.
@@ -73,7 +67,7 @@ def polynomial(name: str, poles: Any, count: int) -> np.ndarray:
 
 
 def gains_for(poles: Any = POLES) -> Gains:
-    """Gains that put the three poles of the closed loop with the reduced plant (eqs. 5.74 to 5.80).
+    """Return the gains that place the three poles of the closed loop with the reduced plant (eqs. 5.74 to 5.80).
 
     Raises:
         ValueError: poles that are not stable, or complex ones without their conjugates.
@@ -88,8 +82,8 @@ class Pid:
     Args:
         period: s.
         poles: of the closed loop in continuous time, rad/s.
-        late: whether outputs are given out one period later, as in eq. 5.81.
-        anti_windup: whether the sum of errors rests while the elements cannot give what it adds to.
+        late: whether outputs are delayed by one period, as in eq. 5.81.
+        anti_windup: whether errors are not summed while the output is saturated in their direction.
 
     Raises:
         ValueError: a bad argument.
@@ -101,18 +95,18 @@ class Pid:
         self.late, self.anti_windup = checks.flag("late", late), checks.flag("anti_windup", anti_windup)
 
     def initial(self, shape: tuple[int, ...]) -> PidMemory:
-        """Before the first error: all were zero, so that a step in the set value is one for the derivative as well."""
+        """Return the memory before the first error. Earlier errors are 0, so a step in the set value has a derivative."""
         return PidMemory(*np.zeros((4, *shape)))
 
     def output(
         self, error: np.ndarray, memory: PidMemory, change: np.ndarray | None = None
     ) -> tuple[np.ndarray, PidMemory]:
-        """Wanted accelerations, and the new memory.
+        """Return wanted accelerations and the new memory.
 
         Args:
             error: set value minus measured value.
-            memory: of :meth:`initial`, or what the last call made of it.
-            change: of the error since the last one; None: as the errors say.
+            memory: of :meth:`initial`, or what the last call returned.
+            change: of the error since the last one; None: the difference of the errors.
         """
         gains, period = self.gains, self.period
         total = memory.total + period * error
@@ -122,9 +116,9 @@ class Pid:
         return given, PidMemory(total, error, now, given)
 
     def applied(self, acceleration: np.ndarray, memory: PidMemory) -> PidMemory:
-        """The memory, once it is known what the elements can give of the last output.
+        """Return the memory, given the accelerations that the elements can give.
 
-        With anti-windup, an error that asks for more of what they cannot give is taken out of the sum.
+        With anti-windup, an error is subtracted from the sum if the output was saturated in its direction.
         """
         if not self.anti_windup:
             return memory
@@ -133,18 +127,18 @@ class Pid:
 
 
 class PidLawMemory(NamedTuple):
-    """What the law remembers of an episode."""
+    """Memory of :class:`PidLaw`."""
 
     pid: PidMemory  # (batch, parts, 3) each
     heading: np.ndarray  # (batch, parts) rad, the last one
-    known: np.ndarray  # (batch, parts) bool, whether there has been one
+    known: np.ndarray  # (batch, parts) bool, whether there is one
 
 
 class PidLaw(Law):
-    """One PID controller for x, y and heading of every part, by measured positions only.
+    """One PID controller for x, y and heading of every part, from measured positions only.
 
-    A heading's rate is taken from the measured headings, not from what is left to turn: this counts modulo the part's symmetry,
-    and where headings do not count nothing is left, but spin has to be braked all the same.
+    The derivative of the heading error is that of the measured heading. The error itself jumps with the part's symmetry, and is
+    0 where headings do not count, where spin must be braked too.
 
     Args:
         info: task, scene and step time.
@@ -160,7 +154,7 @@ class PidLaw(Law):
         self.symmetry = np.array([part.symmetry for part in info.parts])
 
     def initial(self, batch: int) -> PidLawMemory:
-        """Before the first measurement."""
+        """Return the memory before the first measurement."""
         shape = (batch, len(self.symmetry))
         return PidLawMemory(self.pid.initial((*shape, 3)), np.zeros(shape), np.zeros(shape, dtype=bool))
 

@@ -22,26 +22,22 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from vibgym.physics.contacts.hulls import all_gaps
-from vibgym.policies.classical import steering
 from vibgym.policies.classical.law import lead_of
-from vibgym.policies.classical.measured import Measured, recall
+from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.motion_choice import STAY, Preferences, Scene, choose_motions
-from vibgym.policies.classical.steering import Steering
+from vibgym.policies.classical.steering import Memory, Settings, Steering
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.hulls import hulls_of
-from vibgym.scene.outlines import convex_hull
+from vibgym.scene.outlines import convex_hull, inner_distance
 from vibgym.simulation import threads as workers
+from vibgym.tasks.assignment import exchange_goals
 from vibgym.tasks.starts import lattice
-from vibgym.tasks.swap import exchange_goals
 
-SHIFTS = 9
-"""Number of shifts along the table that are tried of the lattice that separates a heap."""
+LOGGER = logging.getLogger("vibgym")
 
-SPARE = 1.003
-"""Pitch of the lattice over the smallest that keeps the spacing rule."""
-
-BEFORE = 0.04
-"""m from the gate, where parts wait that are not yet at its height."""
+SHIFTS = 9  # shifts along the table that are tried of the lattice that separates a heap
+SPARE = 1.003  # pitch of the lattice over the smallest that keeps the spacing rule
+BEFORE = 0.04  # m from the gate, where parts wait that are not yet at its height
 
 
 def places(low: np.ndarray, high: np.ndarray, size: np.ndarray, spacing: float, least: int) -> np.ndarray:
@@ -63,7 +59,7 @@ def places(low: np.ndarray, high: np.ndarray, size: np.ndarray, spacing: float, 
 
 
 def assign(centre: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Assign one of the free places (n, 2) m to each centre (n, 2) m, with the least sum of cubed distances."""
+    """Return one of the free places (n, 2) m for each centre (n, 2) m, with the least sum of cubed distances."""
     from scipy.optimize import linear_sum_assignment  # of the extra "policies"
 
     way = np.sqrt(((centre[:, None] - free) ** 2).sum(axis=-1))
@@ -141,36 +137,28 @@ class Targets:
         return best if least < math.inf else assign(centre, free)
 
 
-LOGGER = logging.getLogger("vibgym")
-
 ARRIVED = 0.020  # m from the target
 SLOW = 0.050  # m/s
 CALMING = 0.5  # s of waiting that are forgotten in a second of motion
 ACCELERATION = 0.8  # share of the largest push that parts are expected to gain speed by
 BRAKING = 0.6  # share of the largest acceleration at which parts are expected to slow down
 SWAP_GAIN = 0.010  # m, minimum gain of a swap, so that two parts do not swap targets repeatedly
-NEARING = 0.5
-"""m that two parts keep beyond the distance of their goals for each m of their displacements."""
-
-SERVED = 0.036
-"""m between goals below which some or all episodes fail, which is logged as a warning."""
-
-LEAST_SPACING, LEAST_SAFE = 1e-3, 5e-4
-"""m, lower limits of the spacing rule and the safe distance at goals."""
+NEARING = 0.5  # m that two parts keep beyond the distance of their goals for each m of their displacements
+SERVED = 0.036  # m between goals below which some or all episodes fail, which is logged as a warning
+LEAST_SPACING, LEAST_SAFE = 1e-3, 5e-4  # m, lower limits of the spacing rule and the safe distance at goals
 
 
-class Memory(NamedTuple):
-    """Memory of the planner."""
+class Plan(NamedTuple):
+    """The planner's own memory."""
 
     target: np.ndarray  # (batch, parts, 2) m
     motion: np.ndarray  # (batch, parts) int64, of vibgym.policies.classical.motion_choice
     waited: np.ndarray  # (batch, parts) s
     room: np.ndarray  # (batch, parts, parts) m, distance of two parts at their targets; infinite where it is not used
-    steering: steering.Memory
 
 
 @dataclass(frozen=True)
-class Spacing(steering.Settings):
+class Spacing(Settings):
     """How parts keep their distance."""
 
     LIMITS: ClassVar[Mapping[str, Mapping[str, float]]] = {
@@ -216,7 +204,7 @@ class PlannerPolicy(Steering):
         self.hulls, self.threads = hulls_of(info.parts), workers.available_threads()
         # Without zones all parts may swap targets.
         self.kind = self.targets.kind if info.zones is not None else np.zeros(len(info.parts), dtype=np.int64)
-        self.inner = np.array([covered(part.outline) for part in info.parts])
+        self.inner = np.array([inner_distance(convex_hull(part.outline)) for part in info.parts])
         self.lead = lead_of(self.law, info, 0.5 * plant.top_speed)
         self.preferences = Preferences(
             width=surface.width,
@@ -235,34 +223,29 @@ class PlannerPolicy(Steering):
         """Return the memory at the start of an episode."""
         shape = (batch, len(self.info.parts))
         room = np.full((*shape, shape[1]), np.inf)
-        return Memory(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape), room, self.begin(batch))
+        plan = Plan(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape), room)
+        return super().initial(batch)._replace(own=plan)
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Return actions from measured poses and mean velocities; the state is a :class:`Memory`."""
-        measured = Measured.of(observation, self.info)
-        memory, new = recall(state, episode_start, self.initial(1), len(measured.centre), measured.arrived)
-        measured = self.expected(measured, memory.steering)
-        memory = self.aim(measured, memory, new)
-        velocity, waited = self.choose(measured, memory)
-        action, steered = self.steer(measured, self.lead * velocity, memory.steering)
-        return action, memory._replace(waited=waited, steering=steered)
+    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+        """See :meth:`.steering.Steering.act`."""
+        plan = self.aim(measured, memory.own, new)
+        velocity, waited = self.choose(measured, plan)
+        return self.steer(measured, self.lead * velocity, memory._replace(own=plan._replace(waited=waited)))
 
-    def aim(self, measured: Measured, memory: Memory, new: np.ndarray) -> Memory:
-        """Return the memory with the targets of this step; ``new`` (batch,) bool: worlds whose episode has just begun."""
-        centre, present, target = measured.centre, measured.present, memory.target
+    def aim(self, measured: Measured, plan: Plan, new: np.ndarray) -> Plan:
+        """Return the plan with the targets of this step; ``new`` (batch,) bool: worlds whose episode has just begun."""
+        centre, present, target = measured.centre, measured.present, plan.target
         if self.info.has_goal:
             target = centre + measured.way
             if self.tight and new.any():
-                memory.room[new] = self.distances(target[new], (measured.heading + measured.turn)[new], present[new])
+                plan.room[new] = self.distances(target[new], (measured.heading + measured.turn)[new], present[new])
         elif self.info.flows:
             target = self.targets.leaving(centre)
         else:
             for world in np.flatnonzero(new):
                 target[world] = self.targets.give(centre[world], present[world])
             exchange_goals(self.kind, present, np.ascontiguousarray(centre), target, SWAP_GAIN, np.arange(len(target)))
-        return memory._replace(target=target)
+        return plan._replace(target=target)
 
     def distances(self, target: np.ndarray, heading: np.ndarray, present: np.ndarray) -> np.ndarray:
         """Return distances (n, parts, parts) m between parts at ``target`` (n, parts, 2) m with ``heading`` (n, parts) rad.
@@ -273,19 +256,19 @@ class PlannerPolicy(Steering):
         all_gaps(self.hulls, np.concatenate([target, heading[..., None]], axis=-1), room)
         return np.where(present[:, :, None] & present[:, None], room, np.inf)
 
-    def choose(self, measured: Measured, memory: Memory) -> tuple[np.ndarray, np.ndarray]:
+    def choose(self, measured: Measured, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
         """Return set velocities (batch, parts, 2), m/s, and how long parts have waited (batch, parts), s.
 
-        ``memory.motion`` is overwritten.
+        ``plan.motion`` is overwritten.
         """
-        period, way = self.info.step_time, np.sqrt(((memory.target - measured.centre) ** 2).sum(axis=-1))
+        period, way = self.info.step_time, np.sqrt(((plan.target - measured.centre) ** 2).sum(axis=-1))
         stuck = (way > ARRIVED) & (np.sqrt((measured.velocity**2).sum(axis=-1)) < SLOW)
-        waited = np.where(stuck, memory.waited + period, np.maximum(memory.waited - CALMING * period, 0.0))
-        scene, faithful = self.scene(measured, memory.target, memory.room, waited), self.spacing.faithful
+        waited = np.where(stuck, plan.waited + period, np.maximum(plan.waited - CALMING * period, 0.0))
+        scene, faithful = self.scene(measured, plan.target, plan.room, waited), self.spacing.faithful
         velocity = np.empty_like(scene.centre)
 
         def choose(start: int, stop: int) -> None:
-            choose_motions(start, stop, self.preferences, self.hulls, scene, faithful, memory.motion, velocity)
+            choose_motions(start, stop, self.preferences, self.hulls, scene, faithful, plan.motion, velocity)
 
         workers.share(choose, len(velocity), self.threads)
         return velocity, waited
@@ -317,16 +300,3 @@ class PlannerPolicy(Steering):
     def right_of_way(self, way: np.ndarray) -> np.ndarray:
         """Return sort keys (batch, parts) from distances to the targets, m: the smallest key has right of way."""
         return way if self.info.flows else -way
-
-    def acted(self, memory: Any, proposed: np.ndarray, done: np.ndarray) -> Any:
-        """See :meth:`vibgym.policies.classical.steering.Steering.acted`."""
-        return memory._replace(steering=super().acted(memory.steering, proposed, done))
-
-
-def covered(outline: np.ndarray) -> float:
-    """Return the radius (m) of the circle about the origin within the convex hull of points (n, 2); 0 if it is outside."""
-    corners = convex_hull(outline)
-    edge = np.roll(corners, -1, axis=0) - corners
-    # Counter-clockwise: twice the area with the origin.
-    inward = corners[:, 0] * edge[:, 1] - corners[:, 1] * edge[:, 0]
-    return max(float((inward / np.hypot(edge[:, 0], edge[:, 1])).min()), 0.0)

@@ -19,29 +19,23 @@ from vibgym import checks
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.kernels.jit import borrowing
-from vibgym.policies.classical.law import LOOSE_BAND, LOOSE_TURN, Law, Settling
+from vibgym.policies.classical.law import Law, Settling
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 
-OVER = 0.5
-"""Share of the heading tolerance by which a part may overshoot when it arrives; saves a step in Rotate and Align."""
+OVER = 0.5  # share of the heading tolerance by which a part may overshoot on arrival; saves a step in Rotate and Align
+GAIN = 0.5  # mean acceleration up to the top speed over that near rest; friction takes a growing share of it
+SOON = 0.1  # s before its arrival, about, from which on a part turns as fast as it can
+BAND, TURN_BAND = (
+    0.25e-3,
+    math.radians(0.3),
+)  # m and rad, errors at rest that are not corrected, in tasks with goal poses
+BEYOND = 1.03  # set speed over the top speed, so that parts reach the top speed
 
-GAIN = 0.5
-"""Mean acceleration up to the top speed over that near rest; friction takes a growing share of it."""
-
-SOON = 0.1
-"""s before its arrival, about, from which on a part turns as fast as it can."""
-
-BAND, TURN_BAND = 0.25e-3, math.radians(0.3)
-"""m and rad, errors at rest that are not corrected, where a task has goal poses."""
-
+# 1/s, maximum speed over the distance: for ideal elements, for elements that differ, and among other parts, where slowing down
+# early keeps parts at a distance for longer. With 28 on the prototype one part in twenty overshoots by 1.1 to 1.6 % of its
+# displacement, with 21 by about 0.5 %, and takes 0.02 s longer.
 APPROACH, SPREAD_APPROACH, CROWD_APPROACH = 28.0, 21.0, 12.0
-"""1/s, maximum speed over the distance: for ideal elements, for elements that differ, and among other parts, where slowing
-down early keeps parts at a distance for longer. With 28 on the prototype one part in twenty overshoots by 1.1 to 1.6 % of its
-displacement, with 21 by about 0.5 %, and takes 0.02 s longer."""
-
-BEYOND = 1.03
-"""Set speed over the top speed, so that parts reach the top speed."""
 
 
 class PoseLaw(Law):
@@ -78,21 +72,18 @@ class PoseLaw(Law):
         approach = checks.number("approach", usual if approach is None else approach, above=0.0)
         turn_approach = checks.number("turn_approach", turn_approach, above=0.0)
         over = checks.number("over", over, least=0.0, most=1.0)
+        band, turn_band = checks.number("band", band, above=0.0), checks.number("turn_band", turn_band, above=0.0)
         process = FrictionalInverse(info.surface, info.parts, limit=sheet.limit)
-        parts = len(info.parts)
+        parts, turning = len(info.parts), turning_push(info)
         top = np.full(parts, BEYOND * plant.top_speed)
         self.curve = StoppingCurve(process, np.full(parts, braking * plant.strength), top, False)
-        self.landing = Landing(self.curve, approach, step)
-        turning = turning_push(info)
-        turn_curve = StoppingCurve(process, turn_braking * turning, fastest_spin(process, turning), True)
-        self.turn_landing = Landing(turn_curve, turn_approach, step, over * allowed_turn(info))
+        self.turn_curve = StoppingCurve(process, turn_braking * turning, fastest_spin(process, turning), True)
+        self.approach, self.turn_approach, self.over = approach, turn_approach, over * allowed_turn(info)
         self.gain, self.step = GAIN * plant.push, step
         self.lead = 1.0 / approach + step  # the set speed is that at the end of the step
         self.settling = None
         if info.hard_dead_zone:
-            band = checks.number("band", band, above=0.0) if info.has_goal else LOOSE_BAND
-            turn_band = checks.number("turn_band", turn_band, above=0.0) if info.has_goal else LOOSE_TURN
-            self.settling = Settling(info, plant.drag, band, turn_band)
+            self.settling = Settling(info, band, turn_band)
             self.slack = self.settling.slack
 
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
@@ -100,14 +91,14 @@ class PoseLaw(Law):
         distance = np.sqrt((way**2).sum(axis=-1))
         toward = way / np.maximum(distance, 1e-12)[..., None]
         closing = (measured.velocity * toward).sum(axis=-1)
-        velocity = self.landing.speed(distance, closing)[..., None] * toward
-        left = np.abs(turn)
-        rate = self.turn_landing.speed(left, measured.spin * np.sign(turn))
+        velocity = landing_speed(self.curve, self.approach, self.step, 0.0, distance, closing)[..., None] * toward
+        left, spin = np.abs(turn), measured.spin * np.sign(turn)
+        rate = landing_speed(self.turn_curve, self.turn_approach, self.step, self.over, left, spin)
         # No faster than necessary: pushes that turn a part do not move it.
         time = time_left(distance, closing, self.gain, self.curve)
         rate = np.where(time > SOON, np.minimum(rate, left / np.maximum(time, SOON)), rate)
-        spin = (np.sign(turn) * rate)[..., None]
-        wanted = (np.concatenate([velocity, spin], axis=-1) - measured.rate) / self.step
+        rates = np.concatenate([velocity, (np.sign(turn) * rate)[..., None]], axis=-1)
+        wanted = (rates - measured.rate) / self.step
         return wanted if self.settling is None else self.settling(measured, way, turn, wanted), memory
 
 
@@ -117,8 +108,7 @@ def allowed_turn(info: TaskInfo) -> float:
     return info.heading_tolerance if counts and math.isfinite(info.heading_tolerance) else 0.0
 
 
-NODES = 512
-"""Nodes of a stopping curve."""
+NODES = 512  # of a stopping curve
 
 
 class StoppingCurve:
@@ -146,11 +136,8 @@ class StoppingCurve:
         self.speed, self.way = speed, np.concatenate([np.zeros((1, parts)), np.cumsum(ways, axis=0)])
 
 
-ROUNDS = 4
-"""Iterations for the speed at the end of the step, on which the distance left by then depends."""
-
-INSIDE = 0.7
-"""Share of the allowed overshoot within which a part has to arrive, and within which it has to stay afterwards."""
+ROUNDS = 4  # iterations for the speed at the end of the step, on which the distance left by then depends
+INSIDE = 0.7  # share of the allowed overshoot within which a part has to arrive, and to stay afterwards
 
 
 @borrowing
@@ -181,7 +168,7 @@ def speed_along(ways, speeds, p, approach, step, left, now):
 
 @borrowing
 def land(ways, speeds, approach, step, over, left, now, result):
-    """Compute speeds (batch, parts) for the end of the step into ``result``; see :class:`Landing`."""
+    """Compute speeds (batch, parts) for the end of the step into ``result``; see :func:`landing_speed`."""
     for w in range(left.shape[0]):
         for p in range(left.shape[1]):
             way, rate = left[w, p], now[w, p]
@@ -193,8 +180,10 @@ def land(ways, speeds, approach, step, over, left, now, result):
             result[w, p] = min(speed, max(back, -2.0 * over / step))
 
 
-class Landing:
-    """Set speeds for the ends of steps, with which parts reach their targets soon and stop there.
+def landing_speed(
+    curve: StoppingCurve, approach: float, step: float, over: float, left: np.ndarray, now: np.ndarray
+) -> np.ndarray:
+    """Compute set speeds for the end of a step, with which parts reach their targets soon and stop there.
 
     A target counts as reached within a tolerance on either side, and only the ends of steps count. So a part may arrive so fast
     that it overshoots, if it stops before it leaves the tolerance. Until it can arrive by the end of the step it follows the
@@ -207,22 +196,15 @@ class Landing:
             at ``2 / step`` a part is at rest one step later, if it can brake so hard.
         step: s.
         over: m or rad, allowed overshoot.
+        left: (batch, parts) m or rad >= 0, distance to the target.
+        now: (batch, parts) speed towards it at the start of the step.
+
+    Returns:
+        (batch, parts) speeds towards the target, m/s or rad/s; negative: away from it.
     """
-
-    def __init__(self, curve: StoppingCurve, approach: float, step: float, over: float = 0.0) -> None:
-        self.curve, self.approach, self.step, self.over = curve, approach, step, over
-
-    def speed(self, left: np.ndarray, now: np.ndarray) -> np.ndarray:
-        """Return speeds towards the target at the end of the step (batch, parts), m/s or rad/s; negative: away from it.
-
-        Args:
-            left: (batch, parts) m or rad >= 0, distance to the target.
-            now: (batch, parts) speed towards it at the start of the step.
-        """
-        result = np.empty(left.shape)
-        left, now = np.ascontiguousarray(left), np.ascontiguousarray(now)
-        land(self.curve.way, self.curve.speed, self.approach, self.step, self.over, left, now, result)
-        return result
+    result = np.empty(left.shape)
+    land(curve.way, curve.speed, approach, step, over, np.ascontiguousarray(left), np.ascontiguousarray(now), result)
+    return result
 
 
 def time_left(way: np.ndarray, now: np.ndarray, gain: np.ndarray, curve: StoppingCurve) -> np.ndarray:
@@ -244,11 +226,8 @@ def time_left(way: np.ndarray, now: np.ndarray, gain: np.ndarray, curve: Stoppin
     return np.maximum((peak - now) / gain, 0.0) + peak / loss + np.maximum(cruise, 0.0) / top
 
 
-PLACES, HEADINGS = 4, 24
-"""Poses over which the turning push is averaged: along each side of an element, and in a full turn."""
-
-FASTEST = 1e4
-"""rad/s, above any spin at which a part can still be accelerated against friction."""
+PLACES, HEADINGS = 4, 24  # poses over which the turning push is averaged: along each side of an element, in a full turn
+FASTEST = 1e4  # rad/s, above any spin at which a part can still be accelerated against friction
 
 
 def turning_push(info: TaskInfo) -> np.ndarray:

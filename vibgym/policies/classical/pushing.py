@@ -1,71 +1,63 @@
-"""Pushing: two parts go to the places from which they push a third one the way that it has to go, and push.
+"""Pushing: two driven parts, the pushers, go to places at the outline of a third part and push it to its goal.
 
-A part that the elements do not move follows what pushes it as if in honey: friction brakes it at the rate ``c``, so velocity
-and spin are those of the forces (quasi-static, as in Mason, IJRR 1986). A push at a point of its outline moves it along the
-normal there and turns it by the lever. The chosen pair of points is the one whose pushes, of
-optimal strengths, come nearest to the remaining displacement and turn, less the cost of the way there. Pushers on their way go
-round the part along its outline.
+Friction brakes the pushed part at a rate ``c``, so its velocity and spin are proportional to the forces (quasi-static pushing,
+Mason, IJRR 1986). A push at a point of its outline moves it along the normal there and turns it by the lever. Of all pairs of
+points the one is chosen whose pushes, of optimal strengths, come nearest to the remaining displacement and turn, less the cost
+of the pushers' paths to these points. On the way there pushers go round the part along its outline.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from vibgym import Part, checks
+from vibgym import Part
 from vibgym.policies.classical.law import lead_of
-from vibgym.policies.classical.measured import Measured, recall
-from vibgym.policies.classical.steering import Steering
+from vibgym.policies.classical.measured import Measured, wrap
+from vibgym.policies.classical.steering import Memory, Settings, Steering
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.sliding import drag_of
 
-SPACING = 0.004
-"""m between the points of the outline that are looked at."""
-
-ANGLES = 72
-"""Directions about the part in which the way round it is known."""
-
-BARRED = 10.0
-"""m, that a way counts on which a border or the other one stands: only where there is no other."""
+SPACING = 0.004  # m between candidate points of the outline
+ANGLES = 72  # directions about the part in which the distance of the path round it is tabulated
+BARRED = 10.0  # m, added to the length of a path that a border or the other pusher obstructs
+SECTOR, AHEAD = (
+    0.30,
+    0.35,
+)  # rad, direction from the part below which a pusher goes straight; its next point on the way round
+ROOM = 0.004  # m between pushers
 
 
 @dataclass(frozen=True)
-class Manner:
-    """How parts are pushed.
+class Manner(Settings):
+    """How parts are pushed."""
 
-    Raises:
-        ValueError: a bad value.
-    """
-
-    speed: float = 0.14  # m/s, most that the part is pushed with, its turn times the radius of gyration included
-    gain: float = 0.8  # share of the rate at which friction brakes it at which the way left shrinks
-    travel: float = 1.2  # 1/m, what a metre of way costs those who push, over what the best direction is worth
-    ready: float = 0.006  # m off its place, within which one pushes
-    press: float = 0.004  # m into the part, that those who push are to go
-    clear: float = 0.006  # m to the part on the way round it
-    along: float = 0.12  # s, in which one who pushes gets to its place
-    still: float = 0.5  # share of the tolerances within which no part pushes
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            object.__setattr__(self, each.name, checks.number(each.name, getattr(self, each.name), above=0.0))
+    speed: float = 0.14  # m/s, top speed of the pushed part, its spin times the radius of gyration included
+    gain: float = 0.8  # rate at which its remaining displacement shrinks, over the rate at which friction brakes it
+    travel: float = 1.2  # 1/m, cost of a metre of the pushers' paths, over the value of the best direction
+    ready: float = 0.006  # m, distance of a pusher from its place, within which it pushes
+    press: float = 0.004  # m into the part, target of a pusher
+    clear: float = 0.006  # m, distance to the part on the way round it
+    along: float = 0.12  # s, time constant of pushers on their way to a place nearby
+    still: float = 0.5  # share of the tolerances within which no pusher pushes
 
 
 class Outline:
-    """What it does to a part to be pushed at places of its outline by a disc.
+    """Effects of a disc that pushes a part at points of its outline, in the part's frame.
 
     Args:
-        part: that is pushed.
-        reach: m, radius of who pushes.
+        part: the pushed part.
+        reach: m, radius of the disc.
 
     Attributes:
-        place: (n, 2) m, where the centre of the one who pushes is, about the part's centre.
+        place: (n, 2) m, centres of the disc at the points.
         direction: (n,) rad, of the places.
-        effect: (n, 3) how a push moves it, as a unit vector, and turns it, times the radius of gyration.
-        round: (ANGLES,) m, how far from the part's centre a disc touches it, by direction.
+        effect: (n, 3) velocity of the part as a unit vector, and spin times the radius of gyration.
+        gyration: m, radius of gyration.
+        round: (ANGLES,) m, distance from the part's centre at which a disc touches it, by direction.
     """
 
     def __init__(self, part: Part, reach: float) -> None:
@@ -93,61 +85,52 @@ class Outline:
 
 
 class PushingPolicy(Steering):
-    """Pushes one part to its goal with two others that go round it to where they push.
+    """Policy that pushes one part to its goal with two others.
 
     Args:
         info: task, scene and step time.
-        **settings: of :class:`Manner`; ``law``, ``action`` and ``learn`` of :class:`.steering.Steering`; and that law's own.
+        **settings: of :class:`Manner` and :class:`.steering.Steering`, whose ``law`` is ``"pose"`` here, and its law's own.
 
     Raises:
         ValueError: a task without one part that is pushed and two that push, or a bad argument.
     """
 
     def __init__(self, info: TaskInfo, **settings: Any) -> None:
-        own = {each.name: settings.pop(each.name) for each in fields(Manner) if each.name in settings}
+        self.manner = Manner.taken(settings)
         super().__init__(info, **{"law": "pose", **settings})
         driven, asked = np.array(info.driven), np.array(info.asked)
         if not info.has_goal or info.goal_moves or (asked & ~driven).sum() != 1 or (driven & ~asked).sum() != 2:
-            required = (
-                "a task with a goal for one part that the elements do not drive, and two driven parts without goals"
-            )
+            required = "a task with a goal for one part that elements do not drive, and two driven parts without goals"
             raise info.unsupported("push", required)
-        self.manner, self.driven = Manner(**own), driven
+        self.driven = driven
         self.pushed, self.pushers = int(np.flatnonzero(~driven)[0]), np.flatnonzero(driven)
         part = info.parts[self.pushed]
         self.reach = max(info.parts[k].radius for k in self.pushers)
         self.outline = Outline(part, self.reach)
         self.drag = float(drag_of(info.surface, [part])[0])
         self.top = info.plant.top_speed
-        # The law's lead for the parts that it drives: of the other one it knows nothing.
         self.lead = lead_of(self.law, info, 0.5 * self.top)
         effect, place = self.outline.effect, self.outline.place
         self._gram = effect @ effect.T
-        self._fits = np.sqrt(((place[:, None] - place) ** 2).sum(axis=-1)) > 2.0 * self.reach + 0.002
+        self._fits = np.sqrt(((place[:, None] - place) ** 2).sum(axis=-1)) > 2.0 * self.reach + 0.5 * ROOM
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Actions from the measured poses and mean velocities; the state is :class:`.steering.Memory`."""
-        measured = Measured.of(observation, self.info)
-        memory, _ = recall(state, episode_start, self.begin(1), len(measured.centre))
-        measured = self.expected(measured, memory)
+    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+        """See :meth:`.steering.Steering.act`."""
         velocity = np.zeros_like(measured.centre)
         velocity[:, self.pushers] = self.velocities(measured)
         acting = replace(measured, present=measured.present & self.driven)
         return self.steer(acting, self.lead * velocity, memory)
 
     def velocities(self, measured: Measured) -> np.ndarray:
-        """Set velocities (batch, 2, 2) of those who push, m/s."""
+        """Return the set velocities (batch, 2, 2) of the pushers, m/s."""
         manner, outline, gyration = self.manner, self.outline, self.outline.gyration
         centre, heading = measured.centre[:, self.pushed], measured.heading[:, self.pushed]
         way, turn = measured.way[:, self.pushed], measured.turn[:, self.pushed]
-        to_world = turned(heading)
+        to_world = rotation(heading)
         left = np.concatenate([np.einsum("bji,bj->bi", to_world, way), (gyration * turn)[:, None]], axis=-1)
         length = np.sqrt((left**2).sum(axis=-1))
-        at = np.einsum(
-            "bji,bkj->bki", to_world, measured.centre[:, self.pushers] - centre[:, None]
-        )  # in the part's own frame
+        # Places of the pushers in the part's frame.
+        at = np.einsum("bji,bkj->bki", to_world, measured.centre[:, self.pushers] - centre[:, None])
         chosen, push, sweep = self.choose(left / np.maximum(length, 1e-9)[:, None], at, centre, to_world)
         place = outline.place[chosen]  # (batch, 2, 2)
         done = (np.hypot(way[:, 0], way[:, 1]) < manner.still * self.info.position_tolerance) & (
@@ -157,7 +140,7 @@ class PushingPolicy(Steering):
         ready = np.hypot(off[..., 0], off[..., 1]) < manner.ready
         all_ready = (ready | (push <= 0.0)).all(axis=1) & ~done
         inward = outline.effect[chosen][..., :2]
-        # The twist that the two pushes make of the part, no faster than it can stop.
+        # Velocity and spin of the part by both pushes, no faster than it can stop.
         twist = np.einsum("bk,bkj->bj", push, outline.effect[chosen])
         speed = np.minimum(manner.gain * self.drag * length, manner.speed)
         twist *= (speed / np.maximum(np.sqrt((twist**2).sum(axis=-1)), 1e-9))[:, None]
@@ -167,7 +150,8 @@ class PushingPolicy(Steering):
         pushing = carried + (off + pressing) / manner.along
         waiting = (off - 0.5 * manner.clear * inward) / manner.along
         own = np.where((ready & all_ready[:, None])[..., None], pushing, waiting)
-        near = self.near(at, place)
+        angle = np.abs(wrap(np.arctan2(at[..., 1], at[..., 0]) - np.arctan2(place[..., 1], place[..., 0])))
+        near = (angle < SECTOR) | (np.hypot(off[..., 0], off[..., 1]) < 2.0 * manner.ready)
         own = np.where(near[..., None], own, self.go_round(at, sweep))
         own = np.where(done[:, None, None], -(manner.clear * inward) / manner.along * ready[..., None], own)
         own = self.apart(at, own)
@@ -178,12 +162,16 @@ class PushingPolicy(Steering):
     def choose(
         self, direction: np.ndarray, at: np.ndarray, centre: np.ndarray, to_world: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Places (batch, 2), numbers of the outline's, for those who push, how strongly they push there (batch, 2), and the
-        angles (batch, 2) by which they go round the part to get there.
+        """Choose the points of the outline at which the pushers push.
 
         Args:
-            direction: (batch, 3) unit vector of way and turn that are left, in the part's frame.
-            at: (batch, 2, 2) m, where those who push are, likewise.
+            direction: (batch, 3) unit vector of remaining displacement and turn, in the part's frame.
+            at: (batch, 2, 2) m, places of the pushers in the part's frame.
+            centre: (batch, 2) m, of the part.
+            to_world: (batch, 2, 2), see :func:`rotation`.
+
+        Returns:
+            (batch, 2) indices of points, strengths of the pushes, and angles (rad) by which the pushers go round the part.
         """
         effect, place, gram = self.outline.effect, self.outline.place, self._gram
         along = direction @ effect.T  # (batch, n)
@@ -200,9 +188,8 @@ class PushingPolicy(Steering):
         worth = np.maximum(worth, np.where(both, 0.0, single))
         inside = self.on_table(place, centre, to_world)
         price, sweeps, pair = self.travel(at, centre, to_world)
-        worth = np.where(
-            self._fits & inside[:, :, None] & inside[:, None, :], worth - self.manner.travel * price, -np.inf
-        )
+        fits = self._fits & inside[:, :, None] & inside[:, None, :]
+        worth = np.where(fits, worth - self.manner.travel * price, -np.inf)
         best = worth.reshape(len(worth), -1).argmax(axis=1)
         i, j = best // len(place), best % len(place)
         rows = np.arange(len(worth))
@@ -213,21 +200,24 @@ class PushingPolicy(Steering):
         return np.stack([i, j], axis=-1), np.where(both[rows, i, j][:, None], strong, lone), sweep
 
     def travel(self, at: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> tuple[np.ndarray, ...]:
-        """How far it is to all pairs of places, neither going past the other on the way round the part, nor through a border.
+        """Compute the lengths of the pushers' paths to all pairs of places, not past one another and not over the border.
+
+        Args:
+            at, centre, to_world: see :meth:`choose`.
 
         Returns:
-            (batch, n, n) m for both; (batch, 2, 2, n) rad, by which each would go round, the shorter way and the longer; and
-            (batch, n, n) which of the four pairs of ways is the best, twice the first one's and the second one's.
+            (batch, n, n) m, of both together; (batch, 2, 2, n) rad, by which each pusher goes round on the shorter and on the
+            longer path; (batch, n, n) index of the best pair of paths: twice the first pusher's plus the second one's.
         """
         outline = self.outline
         here = np.arctan2(at[..., 1], at[..., 0])
-        short = wrapped(outline.direction - here[..., None])
+        short = wrap(outline.direction - here[..., None])
         sweeps = np.stack([short, short - np.copysign(2.0 * math.pi, short)], axis=2)
         off = np.hypot(at[..., 0], at[..., 1])[..., None, None] - np.hypot(outline.place[:, 0], outline.place[:, 1])
         cost = np.abs(off) + np.abs(sweeps) * float(outline.round.mean())
         cost = cost + BARRED * self.barred(here, sweeps, centre, to_world)
         ahead = np.mod(here[:, 1] - here[:, 0], 2.0 * math.pi)[:, None, None, None, None]
-        # (batch, way of the first, way of the second, n, n)
+        # (batch, path of the first, path of the second, n, n)
         then = ahead + sweeps[:, 1][:, None, :, None, :] - sweeps[:, 0][:, :, None, :, None]
         passing = (then <= 0.0) | (then >= 2.0 * math.pi)
         both = cost[:, 0][:, :, None, :, None] + cost[:, 1][:, None, :, None, :] + BARRED * passing
@@ -235,7 +225,13 @@ class PushingPolicy(Steering):
         return both.min(axis=1), sweeps, both.argmin(axis=1)
 
     def barred(self, here: np.ndarray, sweeps: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
-        """(batch, 2, 2, n) whether a border is in the way of going round from directions (batch, 2) by angles."""
+        """Return whether the border obstructs paths round the part, (batch, 2, 2, n) bool.
+
+        Args:
+            here: (batch, 2) rad, directions from which they start.
+            sweeps: (batch, 2, 2, n) rad.
+            centre, to_world: see :meth:`choose`.
+        """
         angle = 2.0 * math.pi * np.arange(ANGLES) / ANGLES
         ring = self.outline.round[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
         count = np.cumsum(np.tile(~self.on_table(ring, centre, to_world), 3), axis=1)
@@ -246,43 +242,34 @@ class PushingPolicy(Steering):
         return count[rows, begin] != count[rows, end]
 
     def on_table(self, place: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
-        """(batch, n) whether one who pushes at a place is on the table."""
+        """Return whether a pusher at places (n, 2) of the part's frame is on the table, (batch, n) bool."""
         there = centre[:, None] + np.einsum("bij,nj->bni", to_world, place)
         size = np.array([self.info.surface.width, self.info.surface.depth])
         return ((there > self.reach) & (there < size - self.reach)).all(axis=-1)
 
-    def near(self, at: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """(batch, 2) whether it is straight on to the place: the same direction from the part, about."""
-        angle = np.arctan2(at[..., 1], at[..., 0]) - np.arctan2(place[..., 1], place[..., 0])
-        angle = np.abs(wrapped(angle))
-        off = np.hypot(*np.moveaxis(at - place, -1, 0))
-        return (angle < 0.30) | (off < 2.0 * self.manner.ready)
-
     def go_round(self, at: np.ndarray, sweep: np.ndarray) -> np.ndarray:
-        """Velocities (batch, 2, 2) along the outline, by angles (batch, 2), m/s."""
+        """Return velocities (batch, 2, 2), m/s, along the outline from places (batch, 2, 2) by angles (batch, 2)."""
         here = np.arctan2(at[..., 1], at[..., 0])
-        ahead = here + np.clip(sweep, -0.35, 0.35)
+        ahead = here + np.clip(sweep, -AHEAD, AHEAD)
         radius = np.maximum(self.round_at(here), self.round_at(ahead)) + self.manner.clear
         target = radius[..., None] * np.stack([np.cos(ahead), np.sin(ahead)], axis=-1)
-        # Outwards first, where one is too near to go round.
-        lack = np.maximum(self.round_at(here) + 0.5 * self.manner.clear - np.hypot(at[..., 0], at[..., 1]), 0.0)
-        outward = at / np.maximum(np.hypot(at[..., 0], at[..., 1]), 1e-9)[..., None]
-        way = target - at
-        return (
-            self.top * way / np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-9)[..., None]
-            + (lack / self.manner.along)[..., None] * 4.0 * outward
-        )
+        # Outwards, where a pusher is too near to go round.
+        away, way = np.hypot(at[..., 0], at[..., 1]), target - at
+        lack = np.maximum(self.round_at(here) + 0.5 * self.manner.clear - away, 0.0)
+        outward = at / np.maximum(away, 1e-9)[..., None]
+        along = self.top * way / np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-9)[..., None]
+        return along + (lack / self.manner.along)[..., None] * 4.0 * outward
 
     def round_at(self, angle: np.ndarray) -> np.ndarray:
-        """How far from the part's centre a disc touches it, in a direction of its own frame, m."""
+        """Return the distance from the part's centre, m, at which a disc touches it in directions (rad) of its frame."""
         return self.outline.round[np.round(angle * (ANGLES / (2.0 * math.pi))).astype(np.int64) % ANGLES]
 
     def apart(self, at: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """The velocities (batch, 2, 2) without what would bring the two together."""
+        """Return the velocities (batch, 2, 2), m/s, without components that would bring the pushers together."""
         between = at[:, 1] - at[:, 0]
         distance = np.hypot(between[:, 0], between[:, 1])
         along = between / np.maximum(distance, 1e-9)[:, None]
-        room = np.maximum(distance - 2.0 * self.reach - 0.004, 0.0) / (2.0 * self.manner.along)
+        room = np.maximum(distance - 2.0 * self.reach - ROOM, 0.0) / (2.0 * self.manner.along)
         result = velocity.copy()
         for k, sign in ((0, 1.0), (1, -1.0)):
             towards = sign * (velocity[:, k] * along).sum(axis=-1)
@@ -290,12 +277,7 @@ class PushingPolicy(Steering):
         return result
 
 
-def wrapped(angle: np.ndarray) -> np.ndarray:
-    """Angles within half a turn, rad."""
-    return angle - 2.0 * math.pi * np.round(angle / (2.0 * math.pi))
-
-
-def turned(heading: np.ndarray) -> np.ndarray:
-    """(batch, 2, 2) that turn vectors of a part's frame into the world's."""
+def rotation(heading: np.ndarray) -> np.ndarray:
+    """Return matrices (batch, 2, 2) that rotate vectors of a part's frame into the world's; ``heading`` (batch,) rad."""
     cosine, sine = np.cos(heading), np.sin(heading)
     return np.stack([np.stack([cosine, -sine], axis=-1), np.stack([sine, cosine], axis=-1)], axis=-2)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, NamedTuple, Protocol, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -31,45 +31,18 @@ LAWS: Registry[type[Law]] = Registry("law", {"local": LocalLaw, "pose": PoseLaw,
 name is then also a controller's: straight to the goal with one part, under the planner with several."""
 
 
-class Output(Protocol):
-    """Turns pushes into an action; one of :data:`OUTPUTS`, made as ``cls(info, process, learn, apron)``."""
-
-    action: str
-    """Value of the environment's ``action=``."""
-
-    learner: GainLearner | None
-    """Estimator of the elements' gains, if the output uses them."""
-
-    def begin(self, batch: int) -> Any:
-        """Return the memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
-        ...
-
-    def give(self, order: Order, memory: Any) -> tuple[np.ndarray, np.ndarray, Any]:
-        """Return the action (batch, n) float32, the pushes (batch, parts, 3) that parts get near rest, and the new memory."""
-        ...
-
-
-class Order(NamedTuple):
-    """Pushes that parts shall get, and where the parts are."""
-
-    measured: Measured  # when this step's command begins to act
-    seen: np.ndarray  # (batch, parts, 3) measured mean velocity over the last period, m/s and rad/s
-    velocity: np.ndarray  # (batch, parts, 3) when the command begins to act, likewise
-    push: np.ndarray  # (batch, parts, 3) as FrictionalInverse defines it; 0: elements rest
-
-
 class PhasorOutput:
-    """Phasors of all elements, allocated here: with the estimated gains of the elements.
+    """Output that turns pushes into phasors of all elements, with the estimated gains of the elements.
 
     Args:
         info: task, scene and step time.
         process: the frictional process, with the limit of the hardware.
-        learn: whether to estimate gains and phases of elements (:mod:`.gains`), where they have a hard dead zone and parts
-            have goal poses.
+        learn: whether to estimate gains and phases of elements, see :class:`Steering`.
         apron: m, of :class:`vibgym.allocation.Allocator`.
-    """
 
-    action = "phasor"
+    Attributes:
+        learner: estimator of the elements' gains, None: not used.
+    """
 
     def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float) -> None:
         self.learner = GainLearner(info) if learn and info.hard_dead_zone and info.has_goal else None
@@ -77,14 +50,23 @@ class PhasorOutput:
         self.half = 0.5 * info.surface.period  # s
 
     def begin(self, batch: int) -> Any:
-        """See :class:`Output`."""
+        """Return the memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
         return () if self.learner is None else self.learner.begin(batch)
 
-    def give(self, order: Order, memory: Any) -> tuple[np.ndarray, np.ndarray, Any]:
-        """See :class:`Output`."""
-        present, push = order.measured.present, order.push
+    def give(
+        self, measured: Measured, seen: np.ndarray, push: np.ndarray, memory: Any
+    ) -> tuple[np.ndarray, np.ndarray, Any]:
+        """Return the action (batch, n) float32, the pushes (batch, parts, 3) that parts get near rest, and the new memory.
+
+        Args:
+            measured: parts at the instant when this step's command begins to act.
+            seen: (batch, parts, 3) measured mean velocity over the last period, m/s and rad/s.
+            push: (batch, parts, 3) wanted pushes, see :class:`vibgym.allocation.frictional.FrictionalInverse`; 0: at rest.
+            memory: of :meth:`begin`, or what the last call returned.
+        """
+        present = measured.present
         # In the middle of the step, during which a part at 0.15 m/s moves by a quarter of an element.
-        pose = order.measured.pose + self.half * order.velocity
+        pose = measured.pose + self.half * measured.rate
         if self.learner is None:
             pushes = self.allocator.pushes(pose, present, push)
             # The elements under a part together can give less than each part's limit.
@@ -105,7 +87,7 @@ class Accelerations(NamedTuple):
 
 
 class WrenchOutput:
-    """Wanted accelerations of the parts, for which the environment finds pushes and phasors.
+    """Output that turns pushes into accelerations of the parts, for which the environment finds pushes and phasors.
 
     The environment inverts the frictional process at a velocity that it computes from the same measurement. This class applies
     the forward process at that velocity, so that the environment finds the intended push; at rest this is the acceleration
@@ -121,7 +103,6 @@ class WrenchOutput:
         ValueError: an apron.
     """
 
-    action = "wrench"
     learner = None
 
     def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float) -> None:
@@ -134,21 +115,23 @@ class WrenchOutput:
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
 
     def begin(self, batch: int) -> Accelerations:
-        """See :class:`Output`."""
+        """See :meth:`PhasorOutput.begin`."""
         return Accelerations(*np.zeros((2, batch, self.parts, 3)))
 
-    def give(self, order: Order, memory: Accelerations) -> tuple[np.ndarray, np.ndarray, Accelerations]:
-        """See :class:`Output`."""
-        present = order.measured.present
-        velocity = order.seen + self.half * memory.given
-        wanted, _ = self.process.acceleration(velocity, order.push)
+    def give(
+        self, measured: Measured, seen: np.ndarray, push: np.ndarray, memory: Accelerations
+    ) -> tuple[np.ndarray, np.ndarray, Accelerations]:
+        """See :meth:`PhasorOutput.give`."""
+        present = measured.present
+        velocity = seen + self.half * memory.given
+        wanted, _ = self.process.acceleration(velocity, push)
         action = np.where(present[..., None], np.clip(wanted / self.scale, -1.0, 1.0), 0.0).astype(np.float32)
-        push, counted, holds = self.process.push(velocity, action * self.scale)
+        found, counted, holds = self.process.push(velocity, action * self.scale)
         served = present & holds
-        push = np.where(served[..., None] & order.push.any(axis=-1, keepdims=True), push, 0.0)
+        found = np.where(served[..., None] & push.any(axis=-1, keepdims=True), found, 0.0)
         # Like the environment, which allocates at the measured pose.
-        pose = order.measured.pose - self.ahead * order.velocity
-        given = self.allocator.effect(pose, served, self.allocator.pushes(pose, served, push))
+        pose = measured.pose - self.ahead * measured.rate
+        given = self.allocator.effect(pose, served, self.allocator.pushes(pose, served, found))
         memory = Accelerations(np.where(served[..., None], counted, 0.0), velocity)
         return action.reshape(len(present), -1), given, memory
 
@@ -160,13 +143,10 @@ class WrenchOutput:
 
 
 OUTPUTS: Mapping[str, Any] = {"phasor": PhasorOutput, "wrench": WrenchOutput}
-"""Outputs by the environment's ``action=``."""
+"""Outputs by the environment's ``action=``, made as ``cls(info, process, learn, apron)``."""
 
-TURN_ROOM = 0.010
-"""m, distance to the nearest other part below which a part turns more slowly."""
-
-SPIN_LIMIT = (1.0 - 1e-6) * SPIN
-"""rad/s, range of observations. The spin of faster parts is known from prediction only."""
+TURN_ROOM = 0.010  # m, distance to the nearest other part below which a part turns more slowly
+SPIN_LIMIT = (1.0 - 1e-6) * SPIN  # rad/s, range of observations; faster spins are predicted
 
 
 class Memory(NamedTuple):
@@ -176,10 +156,11 @@ class Memory(NamedTuple):
     law: Any  # the law's own
     spin: np.ndarray  # (batch, parts) rad/s, predicted for the end of that step
     output: Any  # the output's own
+    own: Any = ()  # the policy's own
 
 
 class Steering:
-    """Base of the policies that steer parts by a law.
+    """Base of the policies that steer parts by a law; a policy defines :meth:`act`.
 
     Args:
         info: task, scene and step time.
@@ -228,10 +209,28 @@ class Steering:
         self.symmetry = np.array([part.symmetry for part in info.parts])
         self.preview = Preview(info) if info.goal_moves else None
 
-    def begin(self, batch: int) -> Memory:
+    def initial(self, batch: int) -> Memory:
         """Return the memory at the start of an episode."""
         shape = batch, len(self.info.parts)
         return Memory(np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape), self.output.begin(batch))
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Memory]:
+        """Return actions from measured poses and mean velocities, and the memory; see :class:`.protocol.Policy`."""
+        measured = Measured.of(observation, self.info)
+        memory, new = recall(state, episode_start, self.initial(1), len(measured.centre), measured.arrived)
+        return self.act(self.expected(measured, memory), memory, new)
+
+    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+        """Return the action and the new memory.
+
+        Args:
+            measured: of :meth:`expected`.
+            memory: a copy, which may be overwritten.
+            new: (batch,) bool, worlds whose episode has just begun.
+        """
+        raise NotImplementedError
 
     def expected(self, measured: Measured, memory: Memory) -> Measured:
         """Predict positions for the middle of the step's excess over a period, and velocities for the start of the step.
@@ -240,7 +239,7 @@ class Steering:
 
         Args:
             measured: a decoded observation.
-            memory: of :meth:`begin` or :meth:`steer`.
+            memory: of :meth:`initial` or :meth:`steer`.
         """
         if self.preview is not None:
             measured = self.preview(measured)
@@ -278,21 +277,20 @@ class Steering:
         seen = measured if self.preview is None else from_goals(measured)
         wanted, law = self.law.wanted(seen, way, room * self._turn(measured), memory.law)
         wanted = wanted + measured.goal_acceleration
-        moves = ~np.isnan(wanted[..., :1])
-        velocity = measured.rate
+        moves, velocity = ~np.isnan(wanted[..., :1]), measured.rate
         push, allowed, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
         moves &= holds[..., None]  # where averages do not hold, the effect of a push is unknown
         push = np.where(moves, push, 0.0)
         seen_then = velocity - self.gaining[:, None] * memory.acceleration
-        action, given, output = self.output.give(Order(measured, seen_then, velocity, push), memory.output)
+        action, given, output = self.output.give(measured, seen_then, push, memory.output)
         acceleration, _ = self.process.acceleration(velocity, given)
         spin = measured.spin + self.gained * acceleration[..., 2]
         # Pass the acceleration within limits, without the allocation's residual, which laws would take for saturation.
         limited = np.where(moves, allowed, acceleration) - measured.goal_acceleration
-        memory = Memory(acceleration, self.law.applied(seen, limited, law), spin, output)
+        memory = Memory(acceleration, self.law.applied(seen, limited, law), spin, output, memory.own)
         return (action[0] if measured.single else action), memory
 
-    def acted(self, memory: Any, proposed: np.ndarray, done: np.ndarray) -> Any:
+    def acted(self, memory: Memory, proposed: np.ndarray, done: np.ndarray) -> Memory:
         """Return the memory after a step whose ``"wrench"`` action was changed: given accelerations are those applied.
 
         The law's own state, such as the error integral of a PID, is unchanged.
@@ -347,7 +345,7 @@ class Settings:
 
     @classmethod
     def taken(cls, settings: dict[str, Any]) -> Self:
-        """Make the settings from those of their names in ``settings``, which are removed from it."""
+        """Return the settings with values from ``settings``, from which these are removed."""
         return cls(**{each.name: settings.pop(each.name) for each in fields(cls) if each.name in settings})
 
 
@@ -371,13 +369,8 @@ class LocalFieldPolicy(Steering):
         self.margin = checks.number("margin", margin, least=0.0)
         info.check_places("local_field")
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Return actions from measured poses and mean velocities; the state is a :class:`Memory`."""
-        measured = Measured.of(observation, self.info)
-        memory, _ = recall(state, episode_start, self.begin(1), len(measured.centre), measured.arrived)
-        measured = self.expected(measured, memory)
+    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+        """See :meth:`Steering.act`."""
         return self.steer(measured, self.targets(measured) - measured.centre, memory)
 
     def targets(self, measured: Measured) -> np.ndarray:

@@ -20,24 +20,17 @@ from vibgym import Part, Surface
 from vibgym.kernels.jit import borrowing, jit
 from vibgym.physics.contacts.hulls import part_gap, place_hulls
 from vibgym.policies.classical import planner
-from vibgym.policies.classical.measured import Measured, recall
+from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.motion_choice import INSTANTS, INTERVAL, set_velocity
 from vibgym.policies.classical.planner import PlannerPolicy
-from vibgym.policies.classical.steering import Settings
+from vibgym.policies.classical.steering import Memory, Settings
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
-SCALES = 25
-"""Candidate stretches along each axis."""
-
-EDGE = 0.001
-"""m, distance of parts from the border in the pattern drawn apart."""
-
-SLANTS = 13
-"""Candidate slants of patterns that fill the table's width, and stretches across it."""
-
-NARROW = 0.010
-"""m between parts, below which a pattern is slanted as well."""
+SCALES = 25  # candidate stretches along each axis
+EDGE = 0.001  # m, distance of parts from the border in the pattern drawn apart
+SLANTS = 13  # candidate slants of patterns that fill the table's width, and stretches across it
+NARROW = 0.010  # m between parts, below which a pattern is slanted as well
 
 
 def drawn_apart(
@@ -105,31 +98,22 @@ def _best(
 
 
 def _half(part: Part, heading: float) -> np.ndarray:
-    """Return half of the extents (2,) m of a part along and across the table."""
+    """Return half of the extents (2,) m along and across the table of a part with ``heading`` (rad)."""
     cosine, sine = np.cos(heading), np.sin(heading)
     return np.abs(part.outline @ np.array([[cosine, sine], [-sine, cosine]])).max(axis=0)
 
 
-SUBSTEPS = 5
-"""Integration steps between two instants of a prediction."""
-
-TURN = math.radians(30.0)
-"""Parts that close in turn at once if the heading error is less: at its goal heading a part takes up least room."""
-
-THERE = 0.002
-"""m from its place in the pattern drawn apart, within which a part has arrived."""
-
-EXCHANGED = 0.005
-"""m, displacement of a goal in a step, above which parts have exchanged theirs."""
-
-SPIN = 4.0
-"""rad/s, lower limit of the predicted spin."""
+SUBSTEPS = 5  # integration steps between two instants of a prediction
+TURN = math.radians(30.0)  # heading error below which parts that close in turn at once, since that takes up least room
+THERE = 0.002  # m from its place in the pattern drawn apart, within which a part has arrived
+EXCHANGED = 0.005  # m, displacement of a goal in a step, above which parts have exchanged theirs
+SPIN = 4.0  # rad/s, lower limit of the predicted spin
 
 
-class Memory(NamedTuple):
-    """Memory of :class:`TwoPhasesPolicy`."""
+class Phase(NamedTuple):
+    """The own memory of :class:`TwoPhasesPolicy`."""
 
-    plan: planner.Memory
+    plan: planner.Plan
     goal: np.ndarray  # (batch, parts, 2) m
     apart: np.ndarray  # (batch, parts, 2) m, places of the pattern drawn apart minus goals
     goals: np.ndarray  # (batch, parts, parts) m, distances at the goals
@@ -166,75 +150,65 @@ class TwoPhasesPolicy(PlannerPolicy):
         if not info.has_goal or info.goal_moves:
             raise info.unsupported("two_phases", "a task whose parts have fixed goal poses, such as Pack")
 
-    def initial(self, batch: int) -> Any:
+    def initial(self, batch: int) -> Memory:
         """Return the memory at the start of an episode."""
-        parts = len(self.info.parts)
-        apart, goals = np.zeros((batch, parts, 2)), np.full((batch, parts, parts), np.inf)
-        nowhere, closing = np.zeros((batch, parts, 2)), np.zeros(batch, dtype=bool)
-        return Memory(super().initial(batch), nowhere, apart, goals, closing, np.zeros(batch))
+        parts, memory = len(self.info.parts), super().initial(batch)
+        goal, apart = np.zeros((2, batch, parts, 2))
+        goals, closing = np.full((batch, parts, parts), np.inf), np.zeros(batch, dtype=bool)
+        return memory._replace(own=Phase(memory.own, goal, apart, goals, closing, np.zeros(batch)))
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Return actions from measured poses and mean velocities; the state is a :class:`Memory`."""
-        measured = Measured.of(observation, self.info)
-        memory, new = recall(state, episode_start, self.initial(1), len(measured.centre))
-        plan = memory.plan
-        measured = self.expected(measured, plan.steering)
-        goal = measured.centre + measured.way
-        moved = measured.present & (np.hypot(*np.moveaxis(goal - memory.goal, -1, 0)) > EXCHANGED)
+    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+        """See :meth:`.steering.Steering.act`."""
+        phase, goal = memory.own, measured.centre + measured.way
+        moved = measured.present & (np.hypot(*np.moveaxis(goal - phase.goal, -1, 0)) > EXCHANGED)
         for world in np.flatnonzero(new | moved.any(axis=1)).tolist():
-            self.begin_world(world, measured, goal, memory)
-        memory.goal[...] = goal
-        self.switch(measured, goal, memory)
-        closing = memory.closing[:, None, None]
-        plan = plan._replace(target=np.where(closing, goal, goal + memory.apart))
+            self.begin_world(world, measured, goal, phase)
+        phase.goal[...] = goal
+        self.switch(measured, goal, phase)
+        closing = phase.closing[:, None, None]
+        plan = phase.plan._replace(target=np.where(closing, goal, goal + phase.apart))
         # Parts that go straight need no plan.
-        planned = replace(measured, present=measured.present & ~memory.closing[:, None])
+        planned = replace(measured, present=measured.present & ~phase.closing[:, None])
         velocity, waited = self.choose(planned, plan)
         way = np.where(closing, measured.way, self.lead * velocity)
-        turns = memory.closing[:, None] & (np.abs(measured.turn) < TURN)
-        action, steered = self.steer(measured, way, plan.steering, turns)
-        return action, memory._replace(plan=plan._replace(waited=waited, steering=steered))
+        turns = phase.closing[:, None] & (np.abs(measured.turn) < TURN)
+        phase = phase._replace(plan=plan._replace(waited=waited))
+        return self.steer(measured, way, memory._replace(own=phase), turns)
 
-    def begin_world(self, world: int, measured: Measured, goal: np.ndarray, memory: Memory) -> None:
+    def begin_world(self, world: int, measured: Measured, goal: np.ndarray, phase: Phase) -> None:
         """Draw the pattern of a world apart, at the start of its first phase."""
         there = np.flatnonzero(measured.present[world])
         heading = measured.heading[world] + measured.turn[world]
         parts = [self.info.parts[k] for k in there]
         place = drawn_apart(self.info.surface, parts, goal[world, there], heading[there], self.settings.apart)
-        memory.apart[world] = 0.0
-        memory.apart[world, there] = place - goal[world, there]
+        phase.apart[world] = 0.0
+        phase.apart[world, there] = place - goal[world, there]
         one = slice(world, world + 1)
-        memory.goals[one] = self.distances(goal[one], heading[None], measured.present[one])
-        memory.plan.room[one] = self.distances(goal[one] + memory.apart[one], heading[None], measured.present[one])
-        memory.closing[world], memory.stuck[world] = False, 0.0
+        phase.goals[one] = self.distances(goal[one], heading[None], measured.present[one])
+        phase.plan.room[one] = self.distances(goal[one] + phase.apart[one], heading[None], measured.present[one])
+        phase.closing[world], phase.stuck[world] = False, 0.0
 
-    def switch(self, measured: Measured, goal: np.ndarray, memory: Memory) -> None:
+    def switch(self, measured: Measured, goal: np.ndarray, phase: Phase) -> None:
         """Start the second phase where straight paths to the goals are free, and the first where they are not; in place."""
         info, rules = self.info, self.settings
         off = (np.hypot(*np.moveaxis(measured.way, -1, 0)) > info.position_tolerance) | (
             np.abs(measured.turn) > info.heading_tolerance
         )
         moves = np.hypot(*np.moveaxis(measured.velocity, -1, 0)) > planner.SLOW
-        stands = memory.closing & (off & measured.present).any(axis=1) & ~(moves & measured.present).any(axis=1)
-        memory.stuck[:] = np.where(stands, memory.stuck + info.step_time, 0.0)
-        scene = self.scene(measured, goal, memory.goals, memory.plan.waited)
+        stands = phase.closing & (off & measured.present).any(axis=1) & ~(moves & measured.present).any(axis=1)
+        phase.stuck[:] = np.where(stands, phase.stuck + info.step_time, 0.0)
+        scene = self.scene(measured, goal, phase.goals, phase.plan.waited)
 
         def ask(start: int, stop: int) -> None:
-            may_close(start, stop, self.preferences, self.hulls, scene, measured.heading, measured.turn, memory.goals,
-                      (rules.margin, rules.growth, rules.share, rules.doubt), memory.closing)  # fmt: skip
+            may_close(start, stop, self.preferences, self.hulls, scene, measured.heading, measured.turn, phase.goals,
+                      (rules.margin, rules.growth, rules.share, rules.doubt), phase.closing)  # fmt: skip
 
         workers.share(ask, len(goal), self.threads)
-        memory.closing[memory.stuck >= rules.give_up] = False
+        phase.closing[phase.stuck >= rules.give_up] = False
         # In a pattern that fills the width, parts side by side are too near, but their distance cannot grow: close in.
-        away = np.hypot(*np.moveaxis(measured.way + memory.apart, -1, 0)) > THERE
+        away = np.hypot(*np.moveaxis(measured.way + phase.apart, -1, 0)) > THERE
         waits = (away | (np.abs(measured.turn) > info.heading_tolerance)) & measured.present
-        memory.closing[~waits.any(axis=1)] = True
-
-    def acted(self, memory: Any, proposed: np.ndarray, done: np.ndarray) -> Any:
-        """See :meth:`vibgym.policies.classical.steering.Steering.acted`."""
-        return memory._replace(plan=super().acted(memory.plan, proposed, done))
+        phase.closing[~waits.any(axis=1)] = True
 
 
 @jit
@@ -252,7 +226,7 @@ def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, f
         free: (worlds,) bool, whether the parts go straight already; overwritten.
     """
     parts = heading.shape[1]
-    paths, placed = np.empty((parts, INSTANTS, 2)), np.empty_like(hulls.corner)
+    paths, placed = np.empty((parts, INSTANTS, 3)), np.empty_like(hulls.corner)
     for w in range(start, stop):
         for p in range(parts):
             if scene.present[w, p]:
@@ -264,14 +238,18 @@ def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, f
                     left = max(abs(turn[w, p]) - SPIN * INTERVAL * (t + 1), 0.0)
                     angle = heading[w, p] + np.sign(turn[w, p]) * (abs(turn[w, p]) - left)
                     place_hulls(hulls, p, paths[p, t, 0], paths[p, t, 1], angle, placed)
-            if not clear(hulls, placed, scene.present[w], paths, t, scene.target[w], goals[w], margins, least):
+            if not clear(hulls, placed, scene.present[w], paths, t, goals[w], margins, least):
                 free[w] = False
                 break
 
 
 @borrowing
 def go_straight(wants, centre, velocity, target, path):
-    """Predict places ``path`` (INSTANTS, 2) m of a part that goes straight to its target, in steps small enough for the law."""
+    """Predict the path of a part that goes straight to its target, in steps small enough for the law.
+
+    Args:
+        path: (INSTANTS, 3) m, places and distances to the target; overwritten.
+    """
     x, y, vx, vy = centre[0], centre[1], velocity[0], velocity[1]
     step = INTERVAL / SUBSTEPS
     for k in range(INSTANTS):
@@ -281,27 +259,20 @@ def go_straight(wants, centre, velocity, target, path):
             share = min(wants.acceleration * step / max(math.sqrt(ax * ax + ay * ay), 1e-12), 1.0)
             x, y = x + step * (vx + 0.5 * share * ax), y + step * (vy + 0.5 * share * ay)
             vx, vy = vx + share * ax, vy + share * ay
-        path[k, 0], path[k, 1] = x, y
+        dx, dy = x - target[0], y - target[1]
+        path[k, 0], path[k, 1], path[k, 2] = x, y, math.sqrt(dx * dx + dy * dy)
 
 
 @borrowing
-def distance(one, other):
-    """Return the distance of two places, m."""
-    dx, dy = one[0] - other[0], one[1] - other[1]
-    return math.sqrt(dx * dx + dy * dy)
-
-
-@borrowing
-def clear(hulls, placed, present, paths, t, target, goals, margins, most):
+def clear(hulls, placed, present, paths, t, goals, margins, most):
     """Return whether all parts of a world, whose hulls are placed, keep their distance at an instant."""
     for p in range(paths.shape[0]):
         if not present[p]:
             continue
-        own = distance(paths[p, t], target[p])
         for q in range(p):
             if not present[q]:
                 continue
-            left = own + distance(paths[q, t], target[q])
+            left = paths[p, t, 2] + paths[q, t, 2]
             least = min(margins[0], margins[1] * left + margins[2] * goals[p, q], most)
             dx, dy = paths[p, t, 0] - paths[q, t, 0], paths[p, t, 1] - paths[q, t, 1]
             far = hulls.radius[p] + hulls.radius[q] + least

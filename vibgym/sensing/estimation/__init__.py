@@ -1,4 +1,4 @@
-"""Estimators: from readings, late, noisy and with gaps, to what is known of the parts now."""
+"""Estimators: measurements from readings that are delayed, noisy and incomplete."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from vibgym import checks
 from vibgym.registry import Registry
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.estimation.filter import KalmanEstimator, ModelEstimator
-from vibgym.sensing.estimation.hold import Hold
 from vibgym.sensing.estimation.predictors import Plant
+from vibgym.sensing.stage import Hold
 
 ESTIMATORS: Registry[Any] = Registry("estimator", {"none": Hold, "kalman": KalmanEstimator, "model": ModelEstimator})
-"""Estimators by name; ``ESTIMATORS.register(name, make)`` adds one of your own, made as
-``make(sensor, plant, latency, walls, **settings)``, which follows :class:`vibgym.sensing.Estimator`."""
+"""Estimators by name. ``ESTIMATORS.register(name, make)`` adds one; ``make(sensor, plant, latency, walls, **settings)``
+returns a :class:`vibgym.sensing.Estimator`."""
 
 
 def estimator_from(value: Any, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str]) -> Any:

@@ -1,17 +1,17 @@
-"""A Kalman filter about a predictor that runs ahead of the readings.
+"""Kalman filter around a predictor that runs ahead of the readings.
 
-A reading describes a past instant (``delay``), and a command acts later (``latency``): what a controller needs to
-know is where the parts will be when its command takes effect. The predictor is always at that instant, ``lead = delay +
-latency`` periods after the one of this step's reading. So every command is simulated once, independent of the lead.
+A reading describes a past instant (``delay``), and a command acts later (``latency``). A controller needs the state at the
+instant at which its command takes effect. The predictor is always at that instant, ``lead = delay + latency`` periods after the
+one of this step's reading. So every command is simulated once, independent of the lead.
 
-What the reading differs from what was predicted for its instant corrects that prediction, and, carried on by the linear
-motion of a part near rest (:mod:`vibgym.scene.sliding`), everything predicted since:
+The difference between a reading and the pose predicted for its instant corrects that prediction. The linear motion of a part
+near rest (:mod:`vibgym.scene.sliding`) propagates the correction to all later predictions:
 
     p' = v,   v' = -c v + d,   d' = 0
 
-``p`` stands for x, y or heading, each by itself, ``d`` for an acceleration that the model does not know (an inclined table, a
-wrong friction coefficient). The process noise of ``v'`` is a floor, and a share of the acceleration that acts: parked parts
-average their readings, driven ones trust them.
+``p`` is x, y or heading, each by itself; ``d`` is an acceleration that the model does not contain (an inclined table, a wrong
+coefficient of friction). The process noise of ``v'`` is a floor and a share of the acting acceleration. So readings of parts at
+rest are averaged, and readings of driven parts have more weight.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from vibgym.kernels.reference import Layout, Pinned
 from vibgym.physics.core.drive import Drive
 from vibgym.scene.sliding import drag_of, motion
 from vibgym.sensing.base import Sensor
-from vibgym.sensing.estimation.predictors import FreePredictor, ModelPredictor, Plant, Predictor
+from vibgym.sensing.estimation.predictors import FreePredictor, ModelPredictor, Plant
 from vibgym.sensing.measurement import Reading, new_measurement
 
 LEAST_SIGMA = 1e-7
@@ -38,16 +38,16 @@ LEAST_SIGMA = 1e-7
 
 START_SPEED = 1e-3  # m/s, standard deviation of the velocity of a part that has been put down
 SURPRISE = 5.0
-"""Standard deviations by which a reading may differ before the estimate is taken for wrong: after a collision, or a swap."""
+"""Standard deviations by which a reading may differ before the estimate counts as wrong, as after a collision."""
 
 MEMORY, TREND = 0.8, 1.0
-"""Share of the mean innovation, in standard deviations, that is kept from reading to reading, and the mean above which an
-estimate is taken for wrong: three times what white noise comes to, ``sqrt((1 - m) / (1 + m))``. Elements that work against each
-other move a part by their spread, which neither the model nor the commanded acceleration predicts."""
+"""Weight of the previous mean innovation, and the mean (in standard deviations) above which the estimate counts as wrong: three
+times that of white noise, ``sqrt((1 - m) / (1 + m))``. Neighbouring elements with different motion move a part in a way that
+neither the model nor the commanded acceleration predicts."""
 
 
 class Triangle(IntEnum):
-    """Places of a covariance (6,) of p, v and d: its upper triangle, row by row."""
+    """Indices of a covariance (6,) of p, v and d: its upper triangle, row by row."""
 
     PP = 0
     PV = 1
@@ -58,7 +58,7 @@ class Triangle(IntEnum):
 
 
 class Filter(NamedTuple):
-    """All that the kernels need, pinned in memory."""
+    """State and constants of the filter, pinned in memory for kernels."""
 
     pose: np.ndarray  # (worlds, parts, 3) of the predictor
     velocity: np.ndarray  # (worlds, parts, 3) likewise, at its instant
@@ -94,7 +94,7 @@ filter_at = FILTER.at
 
 @borrowing
 def spread(covariance, way, fall, left, noise, drift, result):
-    """Carry a covariance on into ``result``, which may be the same: ``F P F' + G G' noise``, and the drift of ``d``."""
+    """Write the propagated covariance, ``F P F' + G G' noise`` and the drift of ``d``, to ``result``; may be the same array."""
     pp, pv, pd = covariance[Triangle.PP], covariance[Triangle.PV], covariance[Triangle.PD]
     vv, vd, dd = covariance[Triangle.VV], covariance[Triangle.VD], covariance[Triangle.DD]
     result[Triangle.PP] = (
@@ -119,15 +119,15 @@ def noise_of(all_of, step, w, p):
 
 @borrowing
 def kalman_update(covariance, innovation, variance):
-    """Take a reading in; returns the corrections of p, v and d."""
+    """Update a covariance by a reading; returns the corrections of p, v and d."""
     total = covariance[Triangle.PP] + variance
     if innovation * innovation > SURPRISE * SURPRISE * total:
-        # The model was wrong by more than it thought: believe the reading, and be open about the velocity.
+        # The prediction is wrong: give the reading full weight, and widen the velocity.
         covariance[Triangle.PP] += innovation * innovation
         covariance[Triangle.VV] += innovation * innovation * 100.0
         total = covariance[Triangle.PP] + variance
     kp, kv, kd = covariance[Triangle.PP] / total, covariance[Triangle.PV] / total, covariance[Triangle.PD] / total
-    left = variance / total  # of the position's: 1 - kp, clipped at zero against rounding
+    left = variance / total  # 1 - kp without cancellation
     covariance[Triangle.VV] = max(covariance[Triangle.VV] - kv * covariance[Triangle.PV], 0.0)
     covariance[Triangle.VD] = covariance[Triangle.VD] - kv * covariance[Triangle.PD]
     covariance[Triangle.DD] = max(covariance[Triangle.DD] - kd * covariance[Triangle.PD], 0.0)
@@ -153,7 +153,7 @@ def inflate_covariance(all_of, w, p, k, innovation):
 
 @borrowing
 def update_activity(address):
-    """Update the acceleration by friction and by elements, from the mean velocities of the predictor's step."""
+    """Update the acceleration by friction and elements from the mean velocities of the predictor's step."""
     all_of = filter_at(address)
     before, now = all_of.before, all_of.mean_velocity
     last = all_of.activity.shape[0] - 1
@@ -164,7 +164,7 @@ def update_activity(address):
                 scale = all_of.arm[p] if k == 2 else 1.0
                 drag = all_of.damping[p] * now[w, p, k]
                 acting = (now[w, p, k] - before[w, p, k]) / all_of.step + drag
-                total += scale * scale * (acting * acting + drag * drag)  # friction is not known for sure, either
+                total += scale * scale * (acting * acting + drag * drag)  # friction is uncertain, too
                 before[w, p, k] = now[w, p, k]
             all_of.activity[last, w, p] = math.sqrt(total)
 
@@ -183,45 +183,41 @@ def carry_disturbance(all_of, w, p):
 
 
 @borrowing
-def reset_track(all_of, w, p, pose):
-    """Put a part of the predictor down where it was read, at rest."""
+def start_track(all_of, w, p, pose):
+    """Restart the filter of a part at a pose (3,), at which it has been put down."""
     for k in range(3):
-        all_of.pose[w, p, k], all_of.velocity[w, p, k], all_of.mean_velocity[w, p, k] = pose[k], 0.0, 0.0
+        scale = all_of.arm[p] if k == 2 else 1.0
         all_of.disturbance[w, p, k], all_of.trend[w, p, k] = 0.0, 0.0
         for step in range(all_of.kept.shape[0]):
             all_of.kept[step, w, p, k] = pose[k]
-        start_covariance(all_of, w, p, k)
+        covariance = all_of.covariance[w, p, k]
+        covariance[:] = 0.0
+        covariance[Triangle.PP] = all_of.variance[p, k]
+        covariance[Triangle.VV] = (START_SPEED / scale) ** 2
+        covariance[Triangle.DD] = (all_of.unknown / scale) ** 2
+
+
+@borrowing
+def reset_track(all_of, w, p, pose):
+    """Put a part of the predictor down at a measured pose (3,), at rest."""
+    start_track(all_of, w, p, pose)
+    for k in range(3):
+        all_of.pose[w, p, k], all_of.velocity[w, p, k], all_of.mean_velocity[w, p, k] = pose[k], 0.0, 0.0
     all_of.velocity[w, p, 0], all_of.velocity[w, p, 1] = all_of.idle[p, 0], all_of.idle[p, 1]
     all_of.fallen[w, p] = False
 
 
 @borrowing
-def start_covariance(all_of, w, p, k):
-    """Set the covariance of a part after its first reading."""
-    scale = all_of.arm[p] if k == 2 else 1.0
-    covariance = all_of.covariance[w, p, k]
-    for each in range(6):
-        covariance[each] = 0.0
-    covariance[Triangle.PP] = all_of.variance[p, k]
-    covariance[Triangle.VV] = (START_SPEED / scale) ** 2
-    covariance[Triangle.DD] = (all_of.unknown / scale) ** 2
-
-
-@borrowing
 def begin_filter(which, pose, gone, address):
-    """Start afresh with the parts ``which`` (worlds, parts), which the predictor has put down at ``pose``."""
+    """Restart for the parts ``which`` (worlds, parts), which the predictor has put down at ``pose``."""
     all_of = filter_at(address)
     for w in range(pose.shape[0]):
         for p in range(pose.shape[1]):
             if not which[w, p]:
                 continue
+            start_track(all_of, w, p, pose[w, p])
             for k in range(3):
-                all_of.before[w, p, k], all_of.disturbance[w, p, k] = 0.0, 0.0
-                all_of.trend[w, p, k] = 0.0
-                for step in range(all_of.kept.shape[0]):
-                    all_of.kept[step, w, p, k] = pose[w, p, k]
-                start_covariance(all_of, w, p, k)
-                all_of.sigma[w, p, k] = math.sqrt(all_of.variance[p, k])
+                all_of.before[w, p, k], all_of.sigma[w, p, k] = 0.0, math.sqrt(all_of.variance[p, k])
             for step in range(all_of.activity.shape[0]):
                 all_of.activity[step, w, p] = 0.0
             all_of.age[w, p], all_of.gone[w, p] = 0, gone[w, p]
@@ -229,7 +225,7 @@ def begin_filter(which, pose, gone, address):
 
 @borrowing
 def correct_all(reading, delay, periods, address):
-    """Take in readings of all worlds: correct what was predicted for their instant, and all that was predicted since."""
+    """Correct the predictions for the instant of the readings of all worlds, and all later predictions."""
     all_of = filter_at(address)
     scratch, steps, step = all_of.scratch, all_of.kept.shape[0], all_of.step
     for w in range(all_of.pose.shape[0]):
@@ -251,7 +247,7 @@ def correct_all(reading, delay, periods, address):
                 scale = all_of.arm[p] if k == 2 else 1.0
                 covariance = all_of.covariance[w, p, k]
                 drift = all_of.drift * all_of.drift * step / (scale * scale)
-                if all_of.age[w, p] > delay or seen:  # else it is that of the start, since when nothing has happened
+                if all_of.age[w, p] > delay or seen:  # else still the covariance of the start
                     spread(covariance, way, fall, left, noise_of(all_of, 0, w, p) / (scale * scale), drift, covariance)
                 if seen and not gone and not lost:
                     innovation = reading.pose[w, p, k] - all_of.kept[0, w, p, k]
@@ -279,13 +275,13 @@ def correct_all(reading, delay, periods, address):
 
 @dataclass(frozen=True)
 class KalmanSettings:
-    """What the filter thinks of its predictor and of the readings.
+    """Settings of the Kalman filter.
 
     Args:
-        acceleration: m/s^2, standard deviation of the acceleration that the predictor does not know, at rest.
-        unknown: m/s^2, likewise, of an acceleration that stays for the episode.
-        drift: m/s^2 per square root of a second, at which that may change.
-        sigma: what readings' standard deviations are multiplied by.
+        acceleration: m/s^2, standard deviation of the unmodelled acceleration at rest.
+        unknown: m/s^2, standard deviation of an unmodelled acceleration that is constant in the episode.
+        drift: m/s^2 per square root of a second, rate at which that changes.
+        sigma: factor on the standard deviations of readings.
     """
 
     acceleration: float = 1.5
@@ -302,12 +298,12 @@ class KalmanSettings:
 
 @dataclass(frozen=True)
 class ModelSettings(KalmanSettings):
-    """The same with a model of the machine.
+    """Settings of the filter with a model of the hardware.
 
     Args:
         model: of the simulator.
-        model_error: standard deviation of the acceleration that the model does not know, as a share of that which acts.
-        delivered: share of the elements' push that reaches parts. Rigid ones that rock get less than even pressure promises:
+        model_error: standard deviation of the unmodelled acceleration, as a share of the acting one.
+        delivered: share of the elements' motion that reaches parts; rigid parts that rock get less than even pressure yields,
             see docs/tilting.md.
     """
 
@@ -327,13 +323,13 @@ class ModelSettings(KalmanSettings):
 class FilterEstimator:
     """A predictor that readings correct; see the module.
 
-    The measurement is the state at which the next command begins to act: ``latency`` periods ahead of now.
+    The measurement is the state at which the next command begins to act: ``latency`` periods after the present.
 
     Args:
-        sensor: whose readings come.
-        predictor: carries the estimate on.
+        sensor: source of the readings.
+        predictor: propagates the estimate.
         latency: periods between a command and its effect.
-        settings: what to think of both.
+        settings: of the filter.
         model_error: see :class:`ModelSettings`.
 
     Attributes:
@@ -342,7 +338,12 @@ class FilterEstimator:
     """
 
     def __init__(
-        self, sensor: Sensor, predictor: Predictor, latency: int, settings: KalmanSettings, model_error: float = 0.0
+        self,
+        sensor: Sensor,
+        predictor: FreePredictor | ModelPredictor,
+        latency: int,
+        settings: KalmanSettings,
+        model_error: float = 0.0,
     ) -> None:
         worlds, parts, periods = sensor.worlds, len(sensor.parts), sensor.periods
         lead = sensor.delay + latency
@@ -413,7 +414,7 @@ class FilterEstimator:
 
 
 class KalmanEstimator(FilterEstimator):
-    """A Kalman filter for parts that know of friction and of nothing else that acts; settings: :class:`KalmanSettings`."""
+    """Kalman filter with friction as the only model; settings: :class:`KalmanSettings`."""
 
     SETTINGS = KalmanSettings
 
@@ -422,12 +423,12 @@ class KalmanEstimator(FilterEstimator):
 
 
 class ModelEstimator(FilterEstimator):
-    """The simulator as a model of the machine, corrected by a Kalman filter; settings: :class:`ModelSettings`."""
+    """The simulator as a model of the hardware, corrected by a Kalman filter; settings: :class:`ModelSettings`."""
 
     SETTINGS = ModelSettings
 
     def __init__(self, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str], **settings: Any) -> None:
         given = ModelSettings(**settings)
-        with checks.within("sensor.estimator", "."):  # the environment has refused all that may be wrong but this model
+        with checks.within("sensor.estimator", "."):  # only the model can be wrong here
             predictor = ModelPredictor(sensor, plant, walls, given.model, given.delivered)
         super().__init__(sensor, predictor, latency, given, given.model_error)

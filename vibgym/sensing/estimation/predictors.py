@@ -1,4 +1,4 @@
-"""What carries an estimate on through a step: the simulator under the commands, or friction alone."""
+"""Predictors of the state after a step: the simulator under the commands, or friction alone."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ import numpy as np
 from vibgym import checks
 from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.drive import Drive
-from vibgym.physics.core.records import State, new_state
+from vibgym.physics.core.records import new_state
 from vibgym.scene.sliding import drag_of, motion
 from vibgym.sensing.base import Sensor
 from vibgym.simulation.simulator import Simulator
 
 
 class Plant(Protocol):
-    """Actuators as a model of the machine has them; those of :mod:`vibgym.actuators` are such."""
+    """Actuators of a model of the hardware, as in :mod:`vibgym.actuators`."""
 
     draws: int
-    """Uniform numbers that they need at an episode's start; a model has the middle of each."""
+    """Number of uniform random numbers for an episode's start; a model uses 0.5 for each."""
 
     def prepare(self, command: Drive) -> None:
-        """See what commands will look like."""
+        """Allocate buffers for commands of this form."""
 
     def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
-        """Start afresh in ``worlds``."""
+        """Restart in ``worlds``."""
 
     def apply(self, command: Drive) -> Iterable[tuple[Drive, int]]:
         """Return the executed drives of a step, and the number of periods of each."""
@@ -38,37 +38,15 @@ class Plant(Protocol):
         ...
 
 
-class Predictor(Protocol):
-    """Carries the estimates of all worlds on."""
-
-    state: State
-
-    def prepare(self, command: Drive) -> None:
-        """See what commands will look like."""
-
-    def renew(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
-        """Put the parts ``which`` (worlds, parts) down at poses (n, 3), (n,) of them beside the table; the others go on."""
-
-    def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
-        """Put parts down at rest in ``worlds``."""
-
-    def run(self, command: Drive, instant: int, kept: np.ndarray) -> None:
-        """Carry on by one step; what the poses are after ``instant`` periods goes into ``kept`` (worlds, parts, 3)."""
-
-    def live(self) -> dict[str, np.ndarray]:
-        """Return all live arrays of a snapshot."""
-        ...
-
-
 class ModelPredictor:
-    """The simulator with nominal parts, under what nominal actuators make of the commands.
+    """The simulator with nominal parts and nominal actuators.
 
     Args:
         sensor: with surface, parts and worlds.
         plant: nominal actuators.
         walls: of the table.
-        model: of the simulator, in the plane: of what is above it nothing is measured.
-        delivered: share of the elements' motion that reaches parts, of what nominal ones have.
+        model: of the simulator; planar ones only, since sensors do not measure tilts.
+        delivered: factor on the parts' coupling to the elements' motion.
     """
 
     def __init__(self, sensor: Sensor, plant: Plant, walls: Sequence[str], model: str, delivered: float = 1.0) -> None:
@@ -80,18 +58,22 @@ class ModelPredictor:
         self._idle = np.array(velocity)
 
     def prepare(self, command: Drive) -> None:
+        """Allocate buffers for commands of this form."""
         self._plant.prepare(command)
 
     def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
+        """Put parts down at rest in ``worlds``."""
         self._plant.reset(worlds, np.full((len(worlds), self._plant.draws), 0.5))
         self.simulator.place(worlds, pose, np.where(fallen[..., None], 0.0, self._idle), 0.0, fallen)
 
     def renew(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
+        """Put the parts ``which`` (worlds, parts) down at poses (n, 3); ``fallen`` (n,): beside the table."""
         idle = np.broadcast_to(self._idle, self.state.velocity.shape)[which]
         self.state.pose[which], self.state.velocity[which] = pose, np.where(fallen[:, None], 0.0, idle)
         self.state.mean_velocity[which], self.state.sticking[which], self.state.fallen[which] = 0.0, False, fallen
 
     def run(self, command: Drive, instant: int, kept: np.ndarray) -> None:
+        """Advance by a step, and write the poses after ``instant`` periods to ``kept`` (worlds, parts, 3)."""
         elapsed = 0
         for drive, periods in self._plant.apply(command):
             end = elapsed + periods
@@ -106,13 +88,14 @@ class ModelPredictor:
             elapsed = end
 
     def live(self) -> dict[str, np.ndarray]:
+        """Return all live arrays of a snapshot."""
         plant = {f"plant_{name}": values for name, values in self._plant.live().items()}
         return {**self.state._asdict(), **plant}
 
 
 @borrowing
 def glide(state, drag, time):
-    """Return parts that friction alone slows down: see :mod:`vibgym.scene.sliding`."""
+    """Advance parts that friction alone slows down, see :mod:`vibgym.scene.sliding`."""
     for w in range(state.pose.shape[0]):
         for p in range(state.pose.shape[1]):
             if state.fallen[w, p]:
@@ -124,7 +107,7 @@ def glide(state, drag, time):
 
 
 class FreePredictor:
-    """Friction alone: what it does not know is for the filter's process noise."""
+    """Friction alone; all other accelerations are process noise of the filter. Methods are those of :class:`ModelPredictor`."""
 
     def __init__(self, sensor: Sensor) -> None:
         self.state = new_state(sensor.worlds, len(sensor.parts))

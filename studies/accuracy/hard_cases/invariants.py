@@ -6,10 +6,18 @@ import math
 
 import numpy as np
 
-from studies.accuracy.hard_cases.case import HardCase, Outcome, at_most, one_element, random_drive, sound, threshold
-from vibgym.physics.core.drive import polar_drive
-from vibgym.physics.planar.cut import cells_across, new_cut, points_at
-from vibgym.physics.planar.phasors import new_phasors
+from studies.accuracy.hard_cases.case import (
+    Outcome,
+    at_most,
+    block,
+    case,
+    one_element,
+    random_drive,
+    sound,
+    threshold,
+)  # fmt: skip
+from vibgym.physics.core.drive import new_phasors, polar_drive
+from vibgym.physics.planar.contact_area import cells_across, new_cut, points_at
 from vibgym.physics.planar.wrench import sliding_wrench
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -21,29 +29,23 @@ def kinetic_energy(part: Part, velocity: np.ndarray) -> np.ndarray:
     return 0.5 * (velocity[..., 0] ** 2 + velocity[..., 1] ** 2 + part.gyration * velocity[..., 2] ** 2)
 
 
-def _many(
-    surface: Surface, part: Part, worlds: int, seed: int, speed: float, spin: float
-) -> tuple[Simulator, np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    sim = Simulator(surface, part, worlds=worlds)
-    low, high = [0.1, 0.3 * surface.depth, -3.0], [0.9 * surface.width, 0.7 * surface.depth, 3.0]
-    velocity = rng.uniform(-1.0, 1.0, (worlds, 1, 3)) * [speed, speed, spin]
-    sim.reset(rng.uniform(low, high, (worlds, 1, 3)), velocity)
-    shape = (worlds, surface.rows, surface.columns)
-    return sim, rng.uniform(0.0, surface.lift_off_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)
-
-
-def still_table(worlds: int = 64) -> Outcome:
-    """Largest rise of kinetic energy in a period, over the initial one. Vibrating elements do no work on a still table."""
-    worst = 0.0
+@case("energy on a still table", "Does friction ever add kinetic energy on a still table?")
+def still_table() -> Outcome:
+    """Return the largest rise in a period, over the initial energy. Vibrating elements do no work on a still table."""
+    worst, worlds, part = 0.0, 64, block()
     for frequency in (25.0, 400.0):
         surface = Surface(horizontal_amplitude=0.0, frequency=frequency)
-        part = Part.rectangle(0.05, 0.035, friction=0.6)
-        sim, amplitude, phase = _many(surface, part, worlds, 1, 0.4, 40.0)
+        rng = np.random.default_rng(1)
+        sim = Simulator(surface, part, worlds=worlds)
+        low, high = [0.1, 0.3 * surface.depth, -3.0], [0.9 * surface.width, 0.7 * surface.depth, 3.0]
+        velocity = rng.uniform(-1.0, 1.0, (worlds, 1, 3)) * [0.4, 0.4, 40.0]
+        sim.reset(rng.uniform(low, high, (worlds, 1, 3)), velocity)
+        shape = (worlds, surface.rows, surface.columns)
+        drive = rng.uniform(0.0, surface.lift_off_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)
         energy = kinetic_energy(part, sim.velocity)
         begun = energy.max()
         for _ in range(60):
-            sim.advance(amplitude, phase)
+            sim.advance(*drive)
             after = kinetic_energy(part, sim.velocity)
             worst = max(worst, float((after - energy).max() / begun))
             energy = after
@@ -51,12 +53,13 @@ def still_table(worlds: int = 64) -> Outcome:
     return at_most(worst, 1e-15, "of energy", "128 worlds, fields at random")
 
 
+@case("two motions approach", "Does friction drive two motions of one part apart?")
 def approach() -> Outcome:
-    """Largest rise of the distance between two motions; friction is monotone in slip, so under equal pressure there is none.
+    """Friction is monotone in slip, so under equal pressure the distance between two motions does not grow.
 
     Distance in velocity, ``|v1 - v2|^2 + k^2 (omega1 - omega2)^2``, on one element, table moving, full amplitude.
     """
-    surface, part, worst = one_element(), Part.rectangle(0.05, 0.035, friction=0.6), 0.0
+    surface, part, worst = one_element(), block(), 0.0
     rng, worlds = np.random.default_rng(2), 64
     sim = Simulator(surface, part, worlds=worlds, steps=100, substeps=2)
     velocity = rng.uniform(-1.0, 1.0, (worlds, 1, 3)) * [0.5, 0.5, 20.0]
@@ -73,16 +76,19 @@ def approach() -> Outcome:
         after = distance()
         worst = max(worst, float((after - before).max()))
         before = after
-    return at_most(
-        worst / surface.table_speed, 1e-4, "of table speed", "2016 pairs of different headings, equal pressure"
-    )
+    note = "2016 pairs of different headings, equal pressure"
+    return at_most(worst / surface.table_speed, 1e-4, "of table speed", note)
 
 
+@case(
+    "power of friction",
+    "Does friction ever do positive work in the table's frame, however small or large slip is?",
+)
 def power() -> Outcome:
-    """Largest power of friction on a part in the table's frame, over the largest that it can dissipate."""
+    """Return the largest power on a part, over the largest that friction can dissipate."""
     surface, rng, worst = Surface(), np.random.default_rng(3), -math.inf
     table, w = surface.table(), surface.angular_frequency
-    for part in (Part.rectangle(0.05, 0.035, friction=0.6), Part.disc(0.02, friction=2.0)):
+    for part in (block(), Part.disc(0.02, friction=2.0)):
         body = part.body()
         cut = new_cut(len(body.outline), cells_across(table, body, 2))
         phasors = new_phasors(1, cells_across(table, body, 1))
@@ -95,18 +101,7 @@ def power() -> Outcome:
             spin, at = rng.normal() * 10.0 ** rng.uniform(-9, 3), rng.uniform(0, 2 * math.pi)
             weight, px, py = cut.points
             force_x, force_y, torque = sliding_wrench(
-                weight,
-                px,
-                py,
-                cut.phasor_c,
-                cut.phasor_s,
-                n,
-                table.gravity,
-                math.cos(at),
-                math.sin(at),
-                ux,
-                uy,
-                spin,
+                weight, px, py, cut.phasor_c, cut.phasor_s, n, table.gravity, math.cos(at), math.sin(at), ux, uy, spin
             )
             # In the table's frame the part moves with -u and spin.
             given = -force_x * ux - force_y * uy + torque * spin
@@ -123,15 +118,13 @@ def _some_part(rng: np.random.Generator, friction: float) -> Part:
     gaps = rng.uniform(0.3, 1.0, corners)
     angle = 2.0 * math.pi * np.cumsum(gaps) / gaps.sum()
     far = size * rng.uniform(0.5, 1.0, corners)
-    return Part.polygon(
-        np.stack([far * np.cos(angle), far * np.sin(angle)], axis=1),
-        friction=friction,
-        static_friction=friction * float(rng.choice([1.0, 1.2])),
-    )
+    outline = np.stack([far * np.cos(angle), far * np.sin(angle)], axis=1)
+    return Part.polygon(outline, friction=friction, static_friction=friction * float(rng.choice([1.0, 1.2])))
 
 
+@case("anything at all", "Scenes over many orders of magnitude: NaN, a hang, or a gain of energy?")
 def anything() -> Outcome:
-    """Count random scenes, over many orders of magnitude, with numbers that are not finite or with a gain of energy."""
+    """Count random scenes with numbers that are not finite or with a gain of energy."""
     rng, wrong, note, tried = np.random.default_rng(4), 0, "", 0
     for k in range(200):
         friction = float(rng.choice([0.0, 0.01, 0.3, 0.6, 2.0, 10.0]))
@@ -162,15 +155,3 @@ def anything() -> Outcome:
         if after > 1.0001 * (speed + 2.0 * surface.table_speed):
             wrong, note = wrong + 1, f"{note} {k}: {speed:.3g} became {after:.3g} m/s;"
     return at_most(wrong, 0, f"of {tried}", note or "ten periods each")
-
-
-CASES = (
-    HardCase("energy on a still table", "Does friction ever add kinetic energy on a still table?", still_table),
-    HardCase("two motions approach", "Does friction drive two motions of one part apart?", approach),
-    HardCase(
-        "power of friction",
-        "Does friction ever do positive work in the table's frame, however small or large slip is?",
-        power,
-    ),
-    HardCase("anything at all", "Scenes over many orders of magnitude: NaN, a hang, or a gain of energy?", anything),
-)

@@ -1,0 +1,203 @@
+"""Rigid parts beside the planar model: ``python -m studies.tilting fields``, ``means``, ``hold`` and ``cost``.
+
+- ``fields``: difference between the models on random fields after a second, and of the tilting model from itself with twice
+  the steps, other ramps, another restitution; medians over fields.
+- ``means``: share of a force and torque that a rigid part gets of what even pressure promises: mean velocity after wrenches of
+  several sizes in random directions, held for five periods from rest.
+- ``hold``: rms of the errors at the goal of Align over the second half of eight seconds.
+- ``cost``: process time of a period, us on one core, medians of rounds in turn: rigid parts on level ground and on random
+  fields, and parts that lie flat against the planar model.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from vibgym import Part, Simulator, Surface
+from vibgym.envs import VibgymVectorEnv
+from vibgym.policies import make_policy
+from vibgym.scene.parts import shipped_part
+
+PARTS = ("aluminium_block", "steel_block")
+
+# -- fields ------------------------------------------------------------------------------------------------------------
+
+SQUARE = Surface(rows=24, columns=24)
+AMPLITUDES = (1.0, 0.25, 0.1)
+AGAINST: dict[str, dict[str, Any]] = {
+    "planar": {"model": "planar"},
+    "twice the steps": {"steps": 400},
+    "ramps of 1 mm": {"ramp_mm": 1.0},
+    "ramps of 10 mm": {"ramp_mm": 10.0},
+    "restitution 0.5": {"restitution": 0.5},
+}
+
+
+def ends(part: Part, amplitude: np.ndarray, phase: np.ndarray, seed: int, **settings: Any) -> np.ndarray:
+    """Return poses (worlds, 3) after a second."""
+    rng, worlds = np.random.default_rng(seed), len(phase)
+    pose = np.zeros((worlds, 1, 3))
+    pose[..., :2] = 0.5 * SQUARE.width + SQUARE.element_size * rng.uniform(-0.5, 0.5, (worlds, 1, 2))
+    pose[..., 2] = rng.uniform(-math.pi, math.pi, (worlds, 1))
+    simulator = Simulator(SQUARE, part, worlds=worlds, **{"model": "tilting", **settings})
+    simulator.reset(pose, np.append(SQUARE.idle_velocity(part.friction), 0.0))
+    simulator.advance(amplitude, phase, 25)
+    return simulator.pose[:, 0]
+
+
+def fields(worlds: int = 48, seed: int = 300_000) -> None:
+    """Print the differences."""
+    rng = np.random.default_rng(seed)
+    shape = worlds, SQUARE.rows, SQUARE.columns
+    share, phase = rng.uniform(0, 1, shape), rng.uniform(-math.pi, math.pi, shape)
+    for name in PARTS:
+        for amplitude in AMPLITUDES:
+            a_v = amplitude * (SQUARE.max_amplitude or 0.0) * share
+            ours = ends(shipped_part(name), a_v, phase, seed)
+            print(f"{name}, {amplitude:g} of the amplitude, median of {worlds}:")
+            for against, settings in AGAINST.items():
+                gap = ours - ends(shipped_part(name), a_v, phase, seed, **settings)
+                place, turn = np.median(np.hypot(gap[:, 0], gap[:, 1])), np.median(np.abs(gap[:, 2]))
+                print(f"  {against:16} {1e3 * place:6.2f} mm {math.degrees(turn):6.2f} deg", flush=True)
+
+
+# -- means -------------------------------------------------------------------------------------------------------------
+
+SIZES = (0.1, 0.25, 0.5, 1.0)
+
+
+def gained(part: str, model: str, size: float, turning: bool, worlds: int) -> np.ndarray:
+    """Return the velocity (worlds,) along the wanted force, m/s, or the spin, rad/s."""
+    env = VibgymVectorEnv("Align", num_envs=worlds, model=model, parts=[part], action="wrench")
+    env.reset(seed=list(range(worlds)))
+    way = np.random.default_rng(1).uniform(-math.pi, math.pi, worlds)
+    action = np.zeros((worlds, 3), np.float32)
+    if turning:
+        action[:, 2] = size
+    else:
+        action[:, 0], action[:, 1] = size * np.cos(way), size * np.sin(way)
+    for _ in range(5):
+        env.step(action)
+    velocity = env.truth.mean_velocity[:, 0]
+    return velocity[:, 2] if turning else velocity[:, 0] * np.cos(way) + velocity[:, 1] * np.sin(way)
+
+
+def means(worlds: int = 96) -> None:
+    """Print the shares."""
+    print("part, wrench, size | planar | tilting, its deviation | share delivered")
+    for part in PARTS:
+        for name, turning, unit in (("force", False, "m/s"), ("torque", True, "rad/s")):
+            for size in SIZES:
+                flat, rigid = (gained(part, model, size, turning, worlds) for model in ("planar", "tilting"))
+                print(
+                    f"{part:16} {name:6} {size:4.2f} | {flat.mean():6.3f} {unit} | {rigid.mean():6.3f} +- {rigid.std():.3f} "
+                    f"| {rigid.mean() / flat.mean():.2f}",
+                    flush=True,
+                )
+
+
+# -- hold --------------------------------------------------------------------------------------------------------------
+
+MODELS: dict[str, Any] = {
+    "planar": "planar",
+    "tilting": "tilting",
+    "ramps of 1 mm": {"kind": "tilting", "ramp_mm": 1.0},
+    "restitution 0.5": {"kind": "tilting", "restitution": 0.5},
+}
+STEPS = 200
+
+
+def held(kind: str, model: Any, part: str, worlds: int) -> tuple[float, float]:
+    """Return the rms of position (mm) and heading (deg)."""
+    settings: dict[str, Any] = {"parts": [part], "task_settings": {"hold": 250}}  # so that no episode ends in success
+    policy = make_policy(kind, VibgymVectorEnv("Align", num_envs=1, **settings))
+    spaces = {"action": policy.action, "observation": policy.observation}
+    env = VibgymVectorEnv("Align", num_envs=worlds, model=model, **spaces, **settings)
+    observation, _ = env.reset(seed=list(range(300_000, 300_000 + worlds)))
+    state, start, errors = None, np.ones(worlds, dtype=bool), []
+    for _ in range(STEPS):
+        action, state = policy.predict(observation, state, start)
+        observation, _, terminated, truncated, info = env.step(action)
+        start = terminated | truncated
+        errors.append((info["position_error"], info["heading_error"]))
+    position, heading = np.sqrt((np.array(errors[STEPS // 2 :]) ** 2).mean(axis=(0, 2)))
+    return 1e3 * float(position), math.degrees(float(heading))
+
+
+def hold(worlds: int = 64) -> None:
+    """Print the table."""
+    for part, policies in {"aluminium_block": ("pose", "learned"), "steel_block": ("pose",)}.items():
+        for policy in policies:
+            for name, model in MODELS.items():
+                position, heading = held(policy, model, part, worlds)
+                print(f"{part:16} {policy:8} {name:16} {position:.3f} mm {heading:.3f} deg", flush=True)
+
+
+# -- cost --------------------------------------------------------------------------------------------------------------
+
+WIDE = Surface(rows=16, columns=32)
+LARGEST = WIDE.max_amplitude or 0.0
+WORLDS, ROUNDS = 64, 9
+
+
+def scene(part: Part, model: str, seed: int) -> Simulator:
+    """Return a simulator of parts at random, so that some plates' borders lie beneath."""
+    rng = np.random.default_rng(seed)
+    simulator = Simulator(WIDE, part, worlds=WORLDS, model=model, threads=1)
+    low, high = 0.3 * WIDE.depth, 0.7 * WIDE.depth
+    pose = np.concatenate([rng.uniform(low, high, (WORLDS, 1, 2)), rng.uniform(-3.0, 3.0, (WORLDS, 1, 1))], axis=2)
+    simulator.reset(pose, np.append(WIDE.idle_velocity(part.friction), 0.0))
+    return simulator
+
+
+def tilted(part: Part, share: float, level: bool) -> float:
+    """Return us a period and part, of the periods that ended with the part tilted; every round begins with 0.03 rad."""
+    rng, found = np.random.default_rng(1), []
+    shape = WORLDS, 1 if level else WIDE.rows, 1 if level else WIDE.columns
+    for seed in range(ROUNDS):
+        simulator = scene(part, "tilting", seed)
+        amplitude = share * LARGEST * rng.uniform(0.0 if not level else 1.0, 1.0, shape)
+        phase = rng.uniform(-3.0, 3.0, shape)
+        way = rng.uniform(-3.0, 3.0, (WORLDS, 1))
+        simulator.tip(slice(None), 0.03 * np.stack([np.cos(way), np.sin(way)], axis=-1))
+        taken = periods = 0.0
+        for _ in range(1 if level else 5):
+            began = time.process_time()
+            simulator.advance(amplitude, phase)
+            taken += time.process_time() - began
+            periods += float((~simulator.fallen).sum())
+        found.append(1e6 * taken / periods)
+    return float(np.median(found))
+
+
+def flat(part: Part, periods: int) -> tuple[float, float, float]:
+    """Return us a period of flat parts: planar, tilting, and the median ratio."""
+    both = [scene(part, model, 0) for model in ("planar", "tilting")]
+    start, found = both[0].pose, []
+    for turn in range(6 * ROUNDS):
+        row = []
+        for each in both:
+            if turn % 3 == 0:
+                each.reset(start)
+            began = time.process_time()
+            each.advance(0.3 * LARGEST, 0.3 * turn, periods)
+            row.append(1e6 * (time.process_time() - began) / WORLDS / periods)
+        found.append(row)
+    planar, tilting = np.median(found, axis=0)
+    return planar, tilting, float(np.median([b / a for a, b in found]))
+
+
+def cost() -> None:
+    """Print the table."""
+    heads = "part: us a period on level ground, on random fields at a quarter and at full amplitude"
+    print(f"{heads}; flat: planar, tilting, ratio")
+    for part in (*map(shipped_part, PARTS), Part.disc(0.020, friction=0.5, name="20 mm disc")):
+        costs = [tilted(part, 0.25, True), tilted(part, 0.25, False), tilted(part, 1.0, False)]
+        lying = ", ".join("{:.2f} {:.2f} {:.3f}".format(*flat(part, periods)) for periods in (1, 5))
+        print(
+            f"{part.name:16} {costs[0]:.0f} {costs[1]:.0f} {costs[2]:.0f}; one period a call, five: {lying}", flush=True
+        )

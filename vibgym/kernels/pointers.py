@@ -1,0 +1,195 @@
+"""Pointers in kernels: references to records, records pinned in memory, functions of other libraries; not in plain mode.
+
+See :mod:`vibgym.kernels.reference` and :mod:`vibgym.kernels.jit`. A reference is one pointer with the fields of a named tuple.
+Fields that are named tuples themselves are references, too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.datamodel import models
+from numba.core.datamodel.registry import register_default
+from numba.core.imputils import impl_ret_borrowed, lower_cast, lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.core.typing.typeof import typeof
+from numba.extending import intrinsic
+
+# -- references --------------------------------------------------------------------------------------------------------
+
+
+class Reference(types.Type):
+    """Type of a pointer to a record of a given type."""
+
+    def __init__(self, record: Any) -> None:
+        self.record = record
+        self.offsets: dict[int, int] = {}  # of fields, bytes; filled on use
+        # Names of types become part of the names of functions: keep them short.
+        digest = hashlib.sha256(str(record).encode()).hexdigest()[:12]
+        super().__init__(name=f"Reference({record.instance_class.__name__}, {digest})")
+
+    def field(self, index: int) -> Any:
+        """Return the type of a field."""
+        kind = self.record[index]
+        return Reference(kind) if isinstance(kind, types.BaseNamedTuple) else kind
+
+
+@register_default(Reference)
+class _ReferenceModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(
+            manager, kind, cgutils.voidptr_t
+        )  # a pointer to the record's own type would spell out all fields
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):
+    key = Reference
+
+    def generic_resolve(self, kind: Any, name: str) -> Any:
+        return kind.field(kind.record.fields.index(name)) if name in kind.record.fields else None
+
+
+@lower_getattr_generic(Reference)
+def _read_field(context: Any, builder: Any, kind: Any, pointer: Any, name: str) -> Any:
+    index = kind.record.fields.index(name)
+    field = kind.field(index)
+    place = cgutils.gep_inbounds(builder, pointer, _offset(context, kind, index))
+    if isinstance(kind.record[index], types.BaseNamedTuple):
+        return place
+    place = builder.bitcast(place, context.get_value_type(field).as_pointer())
+    return impl_ret_borrowed(context, builder, field, builder.load(place))
+
+
+def _offset(context: Any, kind: Any, index: int) -> int:
+    """Return the offset of a field, bytes."""
+    if index not in kind.offsets:
+        layout = context.get_value_type(kind.record)
+        if isinstance(layout, ir.ArrayType):  # all fields have the same type
+            kind.offsets[index] = index * layout.element.get_abi_size(context.target_data)
+        else:
+            kind.offsets[index] = layout.get_element_offset(context.target_data, index)
+    return kind.offsets[index]
+
+
+def argument_type(kind: Any) -> Any:
+    """Return the type that a kernel passes to another one: a reference for records that contain arrays or records."""
+    large = isinstance(kind, types.BaseNamedTuple) and any(
+        isinstance(each, (types.Array, types.BaseNamedTuple, Reference))
+        for each in tuple(kind)  # type: ignore[arg-type]
+    )
+    return Reference(kind) if large else kind
+
+
+def _store_on_stack(builder: Any, value: Any) -> Any:
+    return builder.bitcast(cgutils.alloca_once_value(builder, value), cgutils.voidptr_t)
+
+
+@lower_cast(types.BaseNamedTuple, Reference)
+def _cast_to_reference(context: Any, builder: Any, record: Any, kind: Any, value: Any) -> Any:
+    return _store_on_stack(builder, value)
+
+
+def _reference(typingctx: Any, record: Any) -> Any:
+    """``reference(record)`` in a kernel; valid until the kernel returns."""
+    if not isinstance(record, types.BaseNamedTuple):
+        return None
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return _store_on_stack(builder, values[0])
+
+    return Reference(record)(record), generate
+
+
+reference: Any = intrinsic(_reference)
+
+# -- pinned records ----------------------------------------------------------------------------------------------------
+
+
+def reader(layout: Any) -> Any:
+    """Return the function that makes a reference of an address in a kernel, for a ``Layout``."""
+
+    def at(typingctx: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            return builder.inttoptr(values[0], cgutils.voidptr_t)
+
+        return Reference(layout.record)(types.int64), generate
+
+    return intrinsic(at)
+
+
+_DATA = 4
+"""Index of the pointer to the data among the eight-byte words of an array's struct, see :func:`_packed`."""
+
+
+class Memory:
+    """A record as kernels store it, at a fixed address."""
+
+    def __init__(self, layout: Any, record: Any) -> None:
+        self._layout, kinds = layout, layout.record
+        fields = [_packed(kinds[k], value) for k, value in enumerate(record)]
+        self._words = np.frombuffer(bytearray(b"".join(fields)), dtype=np.int64)
+        self._offsets = np.cumsum([0, *(len(each) // 8 for each in fields)]).tolist()
+        self.address = self._words.ctypes.data
+
+    def replace(self, before: Any, record: Any) -> None:
+        """Write the fields of a record that are not the same object as those of the record before."""
+        for k, (value, old) in enumerate(zip(record, before, strict=True)):
+            if value is not old:
+                self._write(k, value, old)
+
+    def _write(self, k: int, value: Any, old: Any) -> None:
+        at, kind = self._offsets[k], self._layout.record[k]
+        if isinstance(value, np.ndarray) and value.shape == old.shape and value.dtype == old.dtype:
+            if value.flags.carray and kind.layout == "C":  # only the pointer differs
+                self._words[at + _DATA] = value.__array_interface__["data"][0]
+                return
+        if typeof(value) != kind:
+            raise TypeError(f"{self._layout.name}: got {typeof(value)}; allowed: {kind}")
+        self._words[at : self._offsets[k + 1]] = np.frombuffer(_packed(kind, value), dtype=np.int64)
+
+
+def _packed(kind: Any, value: Any) -> bytes:
+    """Return a value's representation in memory, a multiple of eight bytes."""
+    if isinstance(kind, types.BaseNamedTuple):
+        return b"".join(_packed(kind[k], field) for k, field in enumerate(value))  # type: ignore[index]
+    if isinstance(kind, types.Array):
+        numbers = (0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides)
+        return struct.pack(f"={len(numbers)}q", *numbers)
+    if kind == types.int64:
+        return struct.pack("=q", value)
+    if kind == types.float64:
+        return struct.pack("=d", value)
+    raise TypeError(f"pinned records hold int64, float64, arrays and records; got {kind}")
+
+
+# -- functions of other libraries --------------------------------------------------------------------------------------
+
+
+def _call_foreign(typingctx: Any, address: Any, arguments: Any) -> Any:
+    """``call_foreign(address, arguments)`` in a kernel, with a tuple of int64 (integers, pointers) and float64."""
+    kinds = getattr(arguments, "types", ())
+    if not kinds or not all(each in (types.int64, types.float64) for each in kinds):
+        return None
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        pointer, packed = values
+        passed = cgutils.unpack_tuple(builder, packed)
+        kind = ir.FunctionType(ir.VoidType(), [each.type for each in passed])
+        builder.call(builder.inttoptr(pointer, kind.as_pointer()), passed)
+        return context.get_dummy_value()
+
+    return types.none(types.int64, arguments), generate
+
+
+call_foreign: Any = intrinsic(_call_foreign)
+
+
+def foreign(address: int, *arguments: str) -> int:
+    """Return what kernels take for a function of another library: its address."""
+    return address
