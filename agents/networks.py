@@ -121,13 +121,14 @@ class PartsActor(nn.Module):
             then explore little; None: standard deviations do not depend on the action.
     """
 
-    kind = "parts"
+    kind: str = "parts"
+    encoder: Callable[..., Any] = RowEncoder
 
     def __init__(
-        self, shape: Shape, net: list[int], activation: str, attention: int, log_std: float, floor: float | None = None
+        self, shape: Any, net: list[int], activation: str, attention: int, log_std: float, floor: float | None = None
     ) -> None:
         super().__init__()
-        self.eyes = RowEncoder(shape, attention)
+        self.eyes = self.encoder(shape, attention)
         self.hidden = hidden(self.eyes.size, net, activation)
         self.mean = linear(net[-1], shape.action, 0.01)
         self.log_std = linear(net[-1], shape.action, 0.01)
@@ -151,9 +152,11 @@ class PartsCritic(nn.Module):
     The critic reads the mean of the parts' encodings, which does not depend on their order (Zaheer et al. 2017).
     """
 
-    def __init__(self, shape: Shape, net: list[int], activation: str, attention: int) -> None:
+    encoder: Callable[..., Any] = RowEncoder
+
+    def __init__(self, shape: Any, net: list[int], activation: str, attention: int) -> None:
         super().__init__()
-        self.eyes = RowEncoder(shape, attention)
+        self.eyes = self.encoder(shape, attention)
         self.together = linear(shape.own, attention, 2.0**0.5) if shape.neighbours else None
         self.hidden = hidden(self.eyes.size + (attention if shape.neighbours else 0), net, activation)
         self.value = linear(net[-1], 1, 1.0)
@@ -228,9 +231,9 @@ DISPLACEMENTS = 6
 
 
 class PixelEncoder(nn.Module):
-    """Input of the hidden layers: displacements between centroids, coarse and fine."""
+    """Input of the hidden layers: displacements between centroids, coarse and fine. ``attention`` is not used: one part."""
 
-    def __init__(self, shape: ImageShape) -> None:
+    def __init__(self, shape: ImageShape, attention: int = 0) -> None:
         super().__init__()
         self.shape, self.size = shape, 2 * DISPLACEMENTS * len(SCALES)
         self.conv = nn.Linear(CELL**2, MAPS, bias=False)
@@ -256,40 +259,16 @@ class PixelEncoder(nn.Module):
         return torch.cat([torch.tanh(displacement * (1.0 / scale)) for scale in SCALES], dim=-1).flatten(-2)
 
 
-class PixelsActor(nn.Module):
-    """Mean and logarithmic standard deviation of the part's action; see the module.
+class PixelsActor(PartsActor):
+    """Mean and logarithmic standard deviation of the part's action; see the module."""
 
-    Args: see :class:`PartsActor`; ``attention`` is not used, since there is one part.
-    """
-
-    kind = "pixels"
-
-    def __init__(self, shape: ImageShape, net: list[int], activation: str, attention: int, log_std: float) -> None:
-        super().__init__()
-        self.eyes = PixelEncoder(shape)
-        self.hidden = hidden(self.eyes.size, net, activation)
-        self.mean = linear(net[-1], shape.action, 0.01)
-        self.log_std = linear(net[-1], shape.action, 0.01)
-        nn.init.constant_(self.log_std.bias, log_std)
-
-    def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return mean and log std (..., action) for rows (..., columns)."""
-        code = self.hidden(self.eyes(rows))
-        return self.mean(code), self.log_std(code).clamp(*LOG_STD_RANGE)
+    kind, encoder = "pixels", PixelEncoder
 
 
-class PixelsCritic(nn.Module):
+class PixelsCritic(PartsCritic):
     """Value of the part."""
 
-    def __init__(self, shape: ImageShape, net: list[int], activation: str, attention: int) -> None:
-        super().__init__()
-        self.eyes = PixelEncoder(shape)
-        self.hidden = hidden(self.eyes.size, net, activation)
-        self.value = linear(net[-1], 1, 1.0)
-
-    def forward(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        """Return values (..., parts) of rows (..., parts, columns)."""
-        return self.value(self.hidden(self.eyes(rows))).squeeze(-1)
+    encoder = PixelEncoder
 
 
 NETWORKS: dict[str, tuple[Any, Any]] = {

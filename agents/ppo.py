@@ -82,7 +82,7 @@ class PPO(PartsLearner):
         self.policy = ActorCritic(coding, own, own.log_std_init, own.noise_floor)
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=own.learning_rate, eps=1e-5, fused=True)
         self.rollout = Rollout(own, env.num_envs, coding, np.array(TaskInfo.of(env.env).driven))
-        self.pace, self.updates = 1.0, 0
+        self.pace = 1.0
         self.episodes: deque[tuple[float, int, bool]] = deque(maxlen=WINDOW)  # return, length, success
         self._observation: Any = None
         self._start = np.ones(env.num_envs, dtype=bool)
@@ -151,35 +151,30 @@ class PPO(PartsLearner):
         present = samples["advantage"][samples["mask"] > 0.5]
         samples["advantage"] = (samples["advantage"] - present.mean()) / (present.std() + 1e-8)
         losses: list[dict[str, float]] = []
-        for _ in range(own.n_epochs):
-            for chosen in self._minibatches(*samples["mask"].shape):
-                loss, metrics = self.loss(
-                    {name: each.index_select(0, chosen) for name, each in samples.items()}, actor_learns
-                )
-                losses.append(metrics)
-                if own.target_kl is not None and actor_learns and len(losses) > 1:  # the first divergence is 0
-                    self._adapt_pace(metrics["kl"], own.target_kl)
-                    self._set_rate(rate)
-                    if metrics["kl"] > STOP_KL * own.target_kl:
-                        break
-                self.optimizer.zero_grad()
-                loss.backward()
-                torch.nn.utils.clip_grad_norm_(self.policy.parameters(), MAX_GRADIENT)
-                self.optimizer.step()
-            else:
-                self.updates += 1
-                continue
-            break  # the update has moved the actor too far
+        for chosen in self._minibatches(*samples["mask"].shape):
+            batch = {name: each.index_select(0, chosen) for name, each in samples.items()}
+            loss, metrics = self.loss(batch, actor_learns)
+            losses.append(metrics)
+            if own.target_kl is not None and actor_learns and len(losses) > 1:  # the first divergence is 0
+                self._adapt_pace(metrics["kl"], own.target_kl)
+                self._set_rate(rate)
+                if metrics["kl"] > STOP_KL * own.target_kl:
+                    break
+            self.optimizer.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(self.policy.parameters(), MAX_GRADIENT)
+            self.optimizer.step()
         self.check_finite()
         means = {name: float(np.mean([each[name] for each in losses])) for name in losses[0]}
         return means | {"pace": self.pace}
 
     def _minibatches(self, count: int, parts: int) -> Iterator[torch.Tensor]:
-        """Yield the indices of random minibatches, without a small one at the end."""
+        """Yield the indices of random minibatches of all epochs, without a small one at the end of an epoch."""
         size = max(self.own.batch_size // parts, 1)
-        for chosen in torch.randperm(count).split(size):
-            if len(chosen) * 2 >= size or count < size:
-                yield chosen
+        for _ in range(self.own.n_epochs):
+            for chosen in torch.randperm(count).split(size):
+                if len(chosen) * 2 >= size or count < size:
+                    yield chosen
 
     def loss(self, batch: dict[str, torch.Tensor], actor_learns: bool = True) -> tuple[torch.Tensor, dict[str, float]]:
         """Return the clipped surrogate loss plus the value loss, and metrics.
@@ -239,7 +234,6 @@ class PPO(PartsLearner):
         """Return the rest of a checkpoint."""
         return {
             "steps": self.steps,
-            "updates": self.updates,
             "pace": self.pace,
             "torch": torch.get_rng_state().numpy(),
             "observation": self._observation,
@@ -252,7 +246,7 @@ class PPO(PartsLearner):
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from what :meth:`get_state` returned."""
         self.env.set_state(state["worlds"])
-        self.steps, self.updates, self.pace = state["steps"], state["updates"], state["pace"]
+        self.steps, self.pace = state["steps"], state["pace"]
         self._observation, self._start = state["observation"], np.asarray(state["start"])
         self._inputs = None if state["seen"] is None else Inputs(*state["seen"])
         self.episodes = deque((tuple(each) for each in state["episodes"]), maxlen=WINDOW)

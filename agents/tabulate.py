@@ -83,7 +83,7 @@ def tabulate(
             row["shipped"] = into.ship is not None and row is first
         best[name] = Path(first["path"])
         rows += own
-    kept = [_completed(row) for row in _read(output) if row["agent"] not in names]
+    kept = [row for row in _read(output) if row["agent"] not in names]
     files: dict[Path, str | bytes] = {}
     for row in rows:
         run = f"{row['agent'].lower().replace('/', '-')}-seed-{row['seed']}"
@@ -216,11 +216,6 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "shipped": False,
         "path": str(path),
     }
-
-
-def _completed(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row with the columns that old tables lack."""
-    return row | {name: row.get(name, "") for name in ("judged_rate", "good_per_minute_mean", "faulty_share")}
 
 
 def _read(path: Path) -> list[dict[str, Any]]:

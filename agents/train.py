@@ -22,7 +22,7 @@ from agents.training_file import load_settings
 from agents.training_settings import TrainSettings
 from vibgym import checks
 from vibgym.files import WriteError, csv_text, output_directory, output_files, reason, write_atomically
-from vibgym.policies.trained.storage import check_name, load_set, save_set
+from vibgym.policies.trained.storage import load_set, save_set
 
 POLICY, BEST, RUN = "policy.json", "best.json", "run.json"
 BEST_KIND = "vibgym-actor"
@@ -38,7 +38,6 @@ def train(
     config: Path,
     output: Path | None = None,
     quiet: bool = False,
-    policy: Path | None = None,
     agent: str | None = None,
     seed: int | None = None,
 ) -> Path:
@@ -48,7 +47,6 @@ def train(
         config: YAML file, see :func:`agents.training_file.load_settings`.
         output: directory, instead of the file's.
         quiet: no progress bar, no closing line.
-        policy: path of the policy's file, instead of ``policy.json`` in the directory.
         agent: name, in a file of many agents.
         seed: instead of the file's.
 
@@ -65,7 +63,7 @@ def train(
     with checks.within(config):
         training = Training(settings, directory, quiet)
     with training:
-        path = training.run(policy)
+        path = training.run()
     if not quiet:
         steps, seconds = training.learner.steps, training.seconds
         print(f"{path}: {steps} steps in {seconds:.0f} s, {steps / seconds:.0f} steps/s, everything included")
@@ -100,7 +98,7 @@ def train_seeds(
         default = Path(settings.output or Path("runs") / config.stem)
         own = agent is not None and settings.output is not None and output is None  # its default names the seed
         folders.append(default if own else (output or default) / f"seed-{seed}")
-    calls = [(config, folder, True, None, agent, seed) for seed, folder in zip(seeds, folders, strict=True)]
+    calls = [(config, folder, True, agent, seed) for seed, folder in zip(seeds, folders, strict=True)]
     with tqdm(total=len(seeds), desc="training seeds", disable=quiet) as bar:
         return parallel.run(train, calls, workers=processes, ray=ray, done=bar.update)
 
@@ -141,11 +139,10 @@ class Training:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def run(self, policy: Path | None = None, listener: Listener | None = None) -> Path:
+    def run(self, listener: Listener | None = None) -> Path:
         """Train to the end and write the policy; return its path.
 
         Args:
-            policy: path of the policy's file, instead of ``policy.json`` in the directory.
             listener: receives every row of the learning curve, those of earlier sessions first; may raise to end the run.
 
         Raises:
@@ -153,7 +150,8 @@ class Training:
             TrainingError: the training diverged; the last checkpoint and the last policy stay.
             WriteError: files cannot be written.
         """
-        path = policy_path(self.directory, policy)
+        output_directory(self.directory)
+        output_files((self.directory / name for name in (POLICY, checkpoint.FILE)), "output")
         with locks.one_run(self.directory):
             self._restore()
             self._listener, self._began = listener or (lambda row: None), time.perf_counter() - self.seconds
@@ -168,8 +166,7 @@ class Training:
             except KeyboardInterrupt:
                 saved = f"{self.saved_at} steps are saved in {self.directory}; the same command continues"
                 raise KeyboardInterrupt(saved) from None
-            with locks.one_run(path.parent, "--policy", f".{path.name}.lock", patience=60.0):
-                return self._write_policy(path)
+            return self._write_policy()
 
     def _restore(self) -> None:
         """Load the last checkpoint, if its settings are those of this run."""
@@ -248,9 +245,9 @@ class Training:
         self.saved_at, self.seconds = self.learner.steps, time.perf_counter() - self._began
         self._write_run()
 
-    def _write_policy(self, path: Path) -> Path:
+    def _write_policy(self) -> Path:
         """Write the policy with the actor that did best on the learning curve; return the path of its file."""
-        learner, kept = self.learner, self.learner.steps
+        learner, kept, path = self.learner, self.learner.steps, self.directory / POLICY
         if self.curve is not None and hasattr(learner, "actor"):
             tensors, record = load_set(self.directory / BEST, BEST_KIND)
             learner.set_actor(tensors)
@@ -312,30 +309,9 @@ class Log:
                 file.write(text.partition("\n")[2])
 
 
-def policy_path(directory: Path, policy: Path | None) -> Path:
-    """Return the path of the policy, after checking that all outputs of a run can be written.
-
-    Raises:
-        ValueError: one cannot.
-    """
-    tensors = f"-{'0' * 12}.safetensors"
-    output_directory(directory)
-    output_files((directory / name for name in (POLICY, checkpoint.FILE)), "output")
-    if policy is None:
-        return directory / POLICY
-    check_name("--policy", policy)
-    output_files((policy, policy.with_name(policy.stem + tensors)), "--policy")
-    if policy.resolve() == (directory / checkpoint.FILE).resolve():
-        raise checks.refuse("--policy", str(policy), "another file than the checkpoint")
-    return policy
-
-
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``train``."""
     command_line.config(parser)
-    parser.add_argument(
-        "--policy", type=Path, metavar="PATH", help="the trained policy's JSON file, instead of policy.json in DIR"
-    )
     parser.add_argument("--agent", metavar="NAME", help="agent in a file of many, such as Align/prototype")
     parser.add_argument("--seed", type=int, metavar="N", help="seed, instead of the file's")
     parser.add_argument("--seeds", type=int, nargs="+", metavar="N", help="seeds of runs in parallel")
@@ -347,11 +323,10 @@ def command(given: argparse.Namespace) -> None:
     if given.seeds is None:
         if given.ray is not None:
             raise checks.conflict("--ray requires --seeds")
-        train(given.config, given.output, given.quiet, given.policy, given.agent, given.seed)
+        train(given.config, given.output, given.quiet, given.agent, given.seed)
         return
-    for name in ("seed", "policy"):
-        if getattr(given, name) is not None:
-            raise checks.conflict(f"--{name} and --seeds exclude each other")
+    if given.seed is not None:
+        raise checks.conflict("--seed and --seeds exclude each other")
     paths = train_seeds(given.config, given.seeds, given.output, given.quiet, given.agent, given.processes, given.ray)
     print("\n".join(map(str, paths)))
 

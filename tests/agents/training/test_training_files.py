@@ -218,21 +218,20 @@ def test_a_full_disk_is_one_error_and_keeps_the_checkpoint(tmp_path, monkeypatch
 
 
 BAD_PLACES = {
-    "a file": lambda folder: ("--output", file_at(folder / "file")),
-    "a directory as the policy": lambda folder: ("--policy", folder_at(folder / "policy.json")),
-    "a policy without a suffix": lambda folder: ("--policy", folder / "policy"),
-    "the checkpoint": lambda folder: ("--policy", folder / "runs" / "checkpoint.json"),
+    "a file": lambda folder: file_at(folder),
+    "a directory as the policy": lambda folder: folder_at(folder / "policy.json"),
+    "a directory as the checkpoint": lambda folder: folder_at(folder / "checkpoint.json"),
 }
 
 
 @pytest.mark.parametrize("case", BAD_PLACES)
 def test_places_that_cannot_be_written_are_refused_before_training(tmp_path, monkeypatch, capsys, case):
     monkeypatch.setattr(PPO, "learn", lambda *_, **__: pytest.fail("trains"))
-    option, place = BAD_PLACES[case](tmp_path)
-    arguments = ["train", str(written(tmp_path)), "--output", str(tmp_path / "runs"), option, str(place), "--quiet"]
-    assert command.main(arguments) == 2
-    assert option.strip("-") in said_in_one_line(capsys)
-    assert not (tmp_path / "file").exists() or (tmp_path / "file").read_text() == "mine"
+    run = tmp_path / "runs"
+    BAD_PLACES[case](run)
+    assert command.main(["train", str(written(tmp_path)), "--output", str(run), "--quiet"]) == 2
+    assert "output" in said_in_one_line(capsys)
+    assert run.is_dir() or run.read_text() == "mine"
     assert not list(tmp_path.rglob("*.safetensors")) and not list(tmp_path.rglob("log-from-*"))
 
 

@@ -13,7 +13,7 @@ PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "
 def test_the_catalogue_is_what_the_files_say():
     agents = shipped_agents()
     assert [agent.path for agent in agents] == sorted(SHIPPED.glob("*.json")) and len(agents) > 10
-    for agent in agents:  # what files are called is what their records say
+    for agent in agents:  # names of files agree with their records
         words = [agent.tasks[0].lower(), *([agent.hardware] if agent.hardware != "ideal" else []), agent.variant]
         assert agent.path.stem == "-".join(filter(None, words))
 
@@ -44,7 +44,7 @@ def test_scenes_without_an_agent_are_refused(task, settings, arguments):
 
 
 def test_an_environment_with_an_action_asks_for_an_agent_that_speaks_it():
-    assert vibgym.make_policy("learned", gym.make("vibgym/Align-v0")).action == "wrench"  # nobody has chosen one
+    assert vibgym.make_policy("learned", gym.make("vibgym/Align-v0")).action == "wrench"  # the default
     assert (
         vibgym.make_policy("learned", gym.make_vec("vibgym/Align-v0", num_envs=2, action="phasor")).action == "phasor"
     )

@@ -1,4 +1,4 @@
-"""Coding: rows by name, and one drive whatever the actions are called."""
+"""Coding: rows by name, and the same drive for all actions of elements."""
 
 import numpy as np
 import pytest
@@ -43,8 +43,8 @@ def test_elements_are_driven_the_same_by_every_name(task, settings):
     [[0.014, 0.014], [0.04, 0.04]], [[0.026, 0.052], [0.078, 0.052]],
 ])  # fmt: skip
 @pytest.mark.parametrize("there", [[1, 1], [1, 0], [0, 1], [0, 0]])
-def test_shared_elements_obey_the_part_that_is_nearest(places, there):
-    """As the action "patch" has it: of equally near ones the first; what would lie beside the table is nowhere."""
+def test_shared_elements_are_driven_by_the_nearest_part(places, there):
+    """As with the action "patch": of equally near parts the first; elements outside of the table are omitted."""
     info = info_of("Sort", parts=["steel_block", "aluminium_block"])
     coding, surface, side = coding_for(info, "phasor"), info.surface, patch_size(info.surface, info.parts)
     acts = np.random.default_rng(1).uniform(-0.7, 0.7, (2, side, side, 2)).astype(np.float32)
@@ -118,30 +118,30 @@ def remembering(task="Align", action="wrench", **settings):
 
 
 @pytest.mark.parametrize("turned", [False, True])
-def test_rows_tell_what_a_part_was_told_last(turned):
-    """Between its own columns and those of the others, and turned as the row is by now."""
+def test_rows_contain_the_previous_action(turned):
+    """Between the part's own columns and its neighbours', turned like the present row."""
     info = info_of("Sort", parts=["steel_block", "aluminium_block"])
     coding, plain = (coding_for(info, "wrench", turned=turned, remembers=each) for each in (True, False))
     own, size = plain.shape.own, coding.shape.action
     assert (coding.shape.columns, coding.shape.own) == (plain.shape.columns + size, own + size) and size == 3
-    assert coding.columns == plain.columns  # what is said is no column of the scene's
+    assert coding.columns == plain.columns  # the previous action is no column of the scene
     env = batch("Sort", WORLDS, action="wrench", observation="parts", parts=["steel_block", "aluminium_block"])
     random, before, observation = np.random.default_rng(0), None, env.reset(seed=4)[0]
-    told = np.zeros((WORLDS, 2, size), dtype=np.float32)
+    previous = np.zeros((WORLDS, 2, size), dtype=np.float32)
     for _ in range(4):
         seen, bare = coding.encode(observation, before, np.zeros(WORLDS, bool)), plain.encode(observation)
         assert (seen.rows[..., :own] == bare.rows[..., :own]).all()
         assert (seen.rows[..., own + size :] == bare.rows[..., own:]).all()
-        assert (seen.rows[..., own : own + size] == coding.to_rows(bare, told)).all()
-        actions = coding.decode(seen, random.uniform(-1, 1, told.shape).astype(np.float32))
-        told = actions.reshape(told.shape)
+        assert (seen.rows[..., own : own + size] == coding.to_rows(bare, previous)).all()
+        actions = coding.decode(seen, random.uniform(-1, 1, previous.shape).astype(np.float32))
+        previous = actions.reshape(previous.shape)
         observation, before = env.step(actions)[0], seen
-        assert (before.command == told).all() and np.abs(told).max() > 0.3
+        assert (before.command == previous).all() and np.abs(previous).max() > 0.3
     if turned:
         assert coding.encode(observation, before).quarters.any()
 
 
-def test_touching_reads_the_same_columns_whatever_is_remembered():
+def test_touching_reads_the_same_columns_with_remembers():
     coding, plain = remembering("Sort", parts=["steel_block", "aluminium_block"])
     start = {row.name: row.start for row in info_of("Sort", parts=["steel_block", "aluminium_block"]).parts_layout}
     rows = np.ones((3, 2, plain.shape.columns), dtype=np.float32)
@@ -152,29 +152,29 @@ def test_touching_reads_the_same_columns_whatever_is_remembered():
         assert each.touching(each.encode(seen)).tolist() == [[1.0, 0.0], [1.0, 0.0], [0.0, 0.0]]
 
 
-def test_nothing_was_said_before_an_episode_began():
+def test_the_previous_action_is_zero_at_the_start_of_an_episode():
     coding, plain = remembering()
     seen = {"parts": np.zeros((3, 1, plain.shape.columns)), "mask": np.ones((3, 1))}
-    said = slice(plain.shape.own, plain.shape.own + 3)
+    columns = slice(plain.shape.own, plain.shape.own + 3)
     first = coding.encode(seen)
-    assert (first.rows[..., said] == 0.0).all()
+    assert (first.rows[..., columns] == 0.0).all()
     coding.decode(first, np.full((3, 1, 3), 0.5, dtype=np.float32))
     second = coding.encode(seen, first, np.array([False, True, False]))
-    assert second.rows[:, 0, said].tolist() == [[0.5] * 3, [0.0] * 3, [0.5] * 3]
-    assert (first.rows[..., said] == 0.0).all() and (second.command == 0.0).all()  # a memory is not written to
+    assert second.rows[:, 0, columns].tolist() == [[0.5] * 3, [0.0] * 3, [0.5] * 3]
+    assert (first.rows[..., columns] == 0.0).all() and (second.command == 0.0).all()  # a memory is not written to
     one = coding.encode({name: each[2] for name, each in seen.items()}, first.of(2))
     assert (one.rows == second.rows[2:]).all()
 
 
-def test_nothing_was_said_to_a_part_that_was_not_there():
-    """Slots of tasks whose parts come and go: empty for a step, then another part's."""
+def test_the_previous_action_of_an_absent_part_is_zero():
+    """A slot is empty for a step, then has another part."""
     coding, plain = remembering("Feed", parts=["steel_block", "aluminium_block"])
-    rows, said = np.zeros((1, 2, plain.shape.columns)), slice(plain.shape.own, plain.shape.own + 3)
+    rows, columns = np.zeros((1, 2, plain.shape.columns)), slice(plain.shape.own, plain.shape.own + 3)
     before = coding.encode({"parts": rows, "mask": np.ones((1, 2))})
-    for mask, told in (([1.0, 0.0], [0.5, 0.5]), ([1.0, 1.0], [0.5, 0.0]), ([1.0, 1.0], [0.5, 0.5])):
+    for mask, previous in (([1.0, 0.0], [0.5, 0.5]), ([1.0, 1.0], [0.5, 0.0]), ([1.0, 1.0], [0.5, 0.5])):
         coding.decode(before, np.full((1, 2, 3), 0.5, dtype=np.float32))
         before = coding.encode({"parts": rows, "mask": np.array([mask])}, before, np.array([False]))
-        assert before.rows[0, :, said].tolist() == [[each] * 3 for each in told]
+        assert before.rows[0, :, columns].tolist() == [[each] * 3 for each in previous]
 
 
 @pytest.mark.parametrize("worlds, got", [(None, "str"), (2, r"of shape \(2, 1, 3\)"), (0, r"of shape \(0, 0, 0\)")])

@@ -197,7 +197,7 @@ def test_demonstrations_that_do_not_fit_are_refused_before_anything_is_written(c
 def test_ppo_trains_it_too(config):
     config.write_text("".join(line for line in TEXT.splitlines(True) if not line.startswith("imitation")))
     settings = load_settings(config)
-    assert settings.imitation is None  # during lessons, and their share of the steps, the actor would rest
+    assert settings.imitation is None  # during its steps the actor would not be trained by PPO
     model = PPO(settings)
     env = model.env
     before = {name: value.clone() for name, value in model.policy.state_dict().items()}

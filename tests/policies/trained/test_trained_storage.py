@@ -1,4 +1,4 @@
-"""Tensors and settings on disk: what is damaged or foreign is refused by name, a kill leaves files that load."""
+"""Tensors and settings on disk: damaged or foreign files are rejected by name, a kill leaves files that load."""
 
 import hashlib
 import json
@@ -53,8 +53,7 @@ def test_saving_again_replaces_and_leaves_no_litter(tmp_path):
     ("align[12]", ("align1", "align2", "align[1]")), ("align", ("align-0123456789ab", "align-0123456789ab-0123456789ab")),
     ("a.b", ("a", "axb", "a.b.c")),
 ])  # fmt: skip
-def test_a_name_stands_for_itself(tmp_path, name, others):
-    """Whatever it would mean in a pattern."""
+def test_names_are_not_patterns(tmp_path, name, others):
     for each in others:
         save_set(tmp_path / f"{each}.json", KIND, FIRST, {})
     for tensors in (FIRST, SECOND):
@@ -273,7 +272,7 @@ def test_other_observations_are_refused(tmp_path, change, got):
 
 
 def test_loading_and_acting_need_neither_torch_nor_pickle(tmp_path):
-    """Whatever lies beside it: JSON and safetensors are all that is read, in a process that cannot unpickle."""
+    """Only JSON and safetensors are read, in a process that cannot unpickle."""
     path = policy_file(tmp_path, INFO)
     code = f"""
 import builtins, marshal, pickle, sys

@@ -1,4 +1,4 @@
-"""Quarter turns: what is said of a turned scene is what the environment says of it, and what is done in it does the same.
+"""Quarter turns: turned rows and actions against the environment's in a turned scene.
 
 World k of a batch is a scene after k quarter turns to the left.
 """
@@ -160,5 +160,5 @@ def test_policies_by_construction_do_the_same_in_a_turned_scene(action):
     assert (after == turns.turn_actions(once, before)).all()
     plain = TrainedPolicy(policy.tensors, "parts", "tanh", coding_of(env))
     assert np.abs(plain.predict(seen)[0].reshape(50, 1, -1) - before).max() > 0.1
-    learned = coding.to_rows(coding.encode(seen), before)  # and back: what a network is to say of its turned rows
+    learned = coding.to_rows(coding.encode(seen), before)  # and back: the network's output for its turned rows
     assert (coding.decode(coding.encode(seen), learned).reshape(50, 1, -1) == before).all()

@@ -75,12 +75,15 @@ class ImageShape(NamedTuple):
     pixel: float  # edge, m
     action: int
     side: int = 0  # as in Shape
+    neighbours: int = 0
     has_elements = False
 
     @property
     def columns(self) -> int:
         """Values of a row."""
         return self.planes * self.height * self.width
+
+    own = columns
 
 
 class Squares(NamedTuple):

@@ -26,7 +26,8 @@ def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: di
     Raises:
         ValueError: the name does not end in ``.json``.
     """
-    check_name("path", path)
+    if path.suffix != ".json":
+        raise checks.refuse("path", str(path), "a name that ends in .json")
     path.parent.mkdir(parents=True, exist_ok=True)
     data = save({name: np.asarray(value, order="C") for name, value in tensors.items()})
     digest = hashlib.sha256(data).hexdigest()
@@ -38,12 +39,6 @@ def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: di
     for old in list(path.parent.iterdir()):
         if mine.fullmatch(old.name) and old.name != tensor_path.name:
             old.unlink(missing_ok=True)
-
-
-def check_name(field: str, path: Path) -> None:
-    """Raise if the name of a set does not end in ``.json``."""
-    if path.suffix != ".json":
-        raise checks.refuse(field, str(path), "a name that ends in .json")
 
 
 def as_float32(where: str, tensors: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
