@@ -72,7 +72,8 @@ class Tuning:
         self.settings = parse(TuningSettings, data, where)
         self.base = load_settings(path, agent)
         self.space = {name: distribution(spec, f"{where}: space.{name}") for name, spec in self.settings.space.items()}
-        self.of_trial(optuna.create_study(sampler=optuna.samplers.RandomSampler(0)).ask(self.space).params)
+        for end in (0, -1):
+            self.of_trial({name: _ends(each)[end] for name, each in self.space.items()})
 
     def of_trial(self, values: dict[str, Any]) -> TrainSettings:
         """Return the settings of a trial's run.
@@ -109,6 +110,11 @@ def distribution(spec: Any, where: str) -> BaseDistribution:
         return IntDistribution(low, high, log) if whole else FloatDistribution(float(low), float(high), log)
     except (TypeError, ValueError) as error:
         raise checks.refuse(where, spec, f"{allowed} ({error})") from None
+
+
+def _ends(each: Any) -> tuple[Any, ...]:
+    """Return the values of a list, or both ends of a range."""
+    return each.choices if isinstance(each, CategoricalDistribution) else (each.low, each.high)
 
 
 class Pruned(Exception):
