@@ -9,7 +9,7 @@ import torch
 
 from agents.learning_curve import LearningCurve, play
 from agents.ppo import PPO
-from agents.tabulate import Places, tabulate
+from agents.tabulate import tabulate
 from agents.train import train
 from agents.training_file import load_settings
 from tests.policies.helpers import info_of
@@ -85,7 +85,7 @@ def test_the_file_has_the_base_and_loads_with_no_other(run):
 
 
 def test_the_table_plays_the_hybrid(run, tmp_path):
-    rows = tabulate(run[0], ["Align/hybrid"], [0], 2, Places(tmp_path, ship=tmp_path / "shipped"))
+    rows = tabulate(run[0], ["Align/hybrid"], [0], 2, tmp_path, ship=tmp_path / "shipped")
     assert rows[0]["success"] == 1.0  # as the base; the network alone would fail
     shipped = tmp_path / "shipped" / "align-hybrid.json"
     assert json.loads(shipped.read_text())["residual"]["scale"] == 0.3
