@@ -18,6 +18,7 @@ from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.actions import Wrench
 from vibgym.envs.vector import batch_of
+from vibgym.policies.mpc import rows_of
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
@@ -134,19 +135,11 @@ class ResidualEnv(VectorWrapper):
             memory = restore_tuples(pattern, memory)
         self._memory, self._action = memory, np.array(state["action"])
 
-    def observed(self, kind: str) -> Any:
-        """See :meth:`vibgym.envs.VibgymVectorEnv.observed`; without the base's action."""
-        return self.env.unwrapped.observed(kind)  # type: ignore[attr-defined]
-
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return an attribute of the wrapper, or else of the environment, once for each world."""
         if name in vars(self):
             return (getattr(self, name),) * self.num_envs
         return self.env.unwrapped.get_attr(name)  # type: ignore[attr-defined]
-
-    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of the environment; return its result once for each world."""
-        return self.env.unwrapped.call(name, *args, **kwargs)  # type: ignore[attr-defined]
 
     def _with_base(self, seen: dict[str, np.ndarray], start: np.ndarray | None) -> dict[str, np.ndarray]:
         """Query the base; return the learner's observation."""
@@ -157,15 +150,6 @@ class ResidualEnv(VectorWrapper):
         """Add the base's action to the final observations of episodes, in place."""
         state = np.stack([final[world]["state"] for world in worlds])
         rows = np.stack([final[world]["parts"] for world in worlds])
-        action, _ = self.base.policy.predict(state, of_worlds(self._memory, worlds))
+        action, _ = self.base.policy.predict(state, rows_of(self._memory, worlds))
         for world, wide in zip(worlds, self.base.rows(rows, action), strict=True):
             final[world] = {"parts": wide, "mask": final[world]["mask"]}
-
-
-def of_worlds(memory: Any, worlds: np.ndarray) -> Any:
-    """Return a policy's memory, nested tuples of arrays (batch, ...), of some worlds."""
-    if isinstance(memory, np.ndarray):
-        return memory[worlds]
-    if isinstance(memory, tuple) and hasattr(memory, "_fields"):
-        return type(memory)(*(of_worlds(each, worlds) for each in memory))
-    return memory
