@@ -186,17 +186,17 @@ class PPO(PartsLearner):
         mask, clip = batch["mask"], self.own.clip_range
         count = mask.sum().clamp(min=1.0)
         value = self.policy.critic(batch["rows"], mask)
-        mean, log_std = self.policy.actor(batch["rows"]) if actor_learns else (None, None)
         value_loss = (((value - batch["target"]) ** 2) * mask).sum() / count
         metrics = {"policy": 0.0, "value": float(value_loss.detach()), "kl": 0.0, "clipped": 0.0}
-        if mean is None or log_std is None:
+        if not actor_learns:
             return value_loss, metrics
+        mean, log_std = self.policy.actor(batch["rows"])
         difference = log_probability(batch["actions"], mean, log_std) - batch["log_prob"]
         ratio, advantage = difference.exp(), batch["advantage"]
         gain = torch.min(advantage * ratio, advantage * ratio.clamp(1.0 - clip, 1.0 + clip))
         policy_loss = -(gain * mask).sum() / count
         with torch.no_grad():
-            metrics["policy"] = float(policy_loss)
+            metrics["policy"] = float(policy_loss.detach())
             metrics["kl"] = float((((ratio - 1.0) - difference) * mask).sum() / count)
             metrics["clipped"] = float((((ratio - 1.0).abs() > clip) * mask).sum() / count)
         return policy_loss + VALUE_WEIGHT * value_loss, metrics
