@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from agents.networks import ActorCritic
-from agents.training_settings import ImitationSettings
+from agents.training_settings import ImitationSettings, check_bytes
 from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
@@ -113,7 +113,7 @@ class Demonstrator:
 
 
 def check_memory(settings: ImitationSettings, coding: Coding, worlds: int) -> None:
-    """Raise if the demonstrations do not fit into memory.
+    """Raise if the demonstrations have more than :data:`agents.training_settings.MOST_BYTES`.
 
     Args:
         settings: of the imitation.
@@ -121,7 +121,7 @@ def check_memory(settings: ImitationSettings, coding: Coding, worlds: int) -> No
         worlds: of all scenes.
     """
     sample = np.dtype(coding.dtype).itemsize * coding.shape.columns + 4 * (1 + coding.shape.action)
-    checks.fitting("imitation.steps", settings.steps, settings.rounds * worlds * len(coding.parts) * sample)
+    check_bytes("imitation.steps", settings.steps, settings.rounds * worlds * len(coding.parts) * sample)
 
 
 def relative_error(mean: torch.Tensor, labels: torch.Tensor, weight: torch.Tensor, floor: float) -> torch.Tensor:

@@ -20,7 +20,7 @@ from agents.imitation import Imitation, check_memory, experts
 from agents.learner import PartsLearner, Report
 from agents.networks import ActorCritic, log_probability
 from agents.training_envs import make_worlds
-from agents.training_settings import ImitationSettings, PPOSettings, TrainSettings
+from agents.training_settings import ImitationSettings, PPOSettings, TrainSettings, check_bytes
 from vibgym import checks
 from vibgym.config import Settings
 from vibgym.policies.task_info import TaskInfo
@@ -72,7 +72,7 @@ class PPO(PartsLearner):
             raise checks.refuse("ppo.n_steps", own.n_steps, "2 or more with one world")
         row = np.dtype(coding.dtype).itemsize * coding.shape.columns
         step = settings.worlds * len(coding.parts) * (row + 4 * (coding.shape.action + 6))
-        checks.fitting("ppo.n_steps", own.n_steps, step)
+        check_bytes("ppo.n_steps", own.n_steps, step)
         if own.noise_floor is not None and own.network != "parts":
             raise checks.conflict(f"ppo.noise_floor requires network 'parts', got {own.network!r}")
         imitation = settings.imitation

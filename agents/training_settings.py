@@ -13,10 +13,22 @@ from vibgym.config import Settings
 from vibgym.policies.trained.residual import base_named
 
 MOST_STEPS = 10**12
+MOST_BYTES = 4e9
+"""Of a rollout, and of the demonstrations of imitation."""
 
 Rate = Annotated[float, Field(gt=0, le=1)]
 Width = Annotated[int, Field(ge=1, le=4096)]
 Widths = Annotated[list[Width], Field(min_length=1, max_length=8)]
+
+
+def check_bytes(name: str, value: int, bytes_each: float) -> None:
+    """Raise if ``value`` items of ``bytes_each`` bytes have more than :data:`MOST_BYTES`.
+
+    Raises:
+        ValueError: names the setting.
+    """
+    if value * bytes_each > MOST_BYTES:
+        raise checks.refuse(name, value, f"at most {MOST_BYTES:.1e} bytes in all; each has {bytes_each:.1e}")
 
 
 class RateSettings(Settings):

@@ -187,7 +187,8 @@ def test_a_policy_file_acts_as_the_model_does_and_remembers(config, tmp_path, mo
     env.close()
 
 
-def test_demonstrations_that_do_not_fit_are_refused_before_anything_is_written(config, tmp_path):
+def test_demonstrations_that_do_not_fit_are_refused_before_anything_is_written(config, tmp_path, monkeypatch):
+    monkeypatch.setattr(PPO, "imitate", lambda *_: pytest.fail("trains, which would fill the memory"))
     config.write_text(TEXT.replace("steps: 16,", "steps: 100_000,"))
     with pytest.raises(ValueError, match=r"imitation\.steps"):
         train(config, tmp_path / "run", quiet=True)
