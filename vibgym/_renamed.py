@@ -25,6 +25,7 @@ RENAMED: dict[str, str] = {
     "vibgym.play": "vibgym.plugins.play",
     "vibgym.policies.classical.laws": "vibgym.policies.classical.steering",
     "vibgym.policies.search": "vibgym.policies",
+    "vibgym.policies.trained.state_policy": "vibgym.policies.trained.trained",
     "vibgym.rendering.page": "vibgym.plugins.play.drawing",
     "vibgym.sensing.camera": "vibgym.plugins.camera",
     "vibgym.tasks.align": "vibgym.tasks.pose",
