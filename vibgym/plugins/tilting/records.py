@@ -22,8 +22,8 @@ MODES = ("flat", "tilted", "tipped")
 class Tilt(NamedTuple):
     """State in addition to :class:`vibgym.physics.core.records.State`, changed in place.
 
-    Attitude and vertical motion of a flat part are zero. The attitude is a rotation by the heading about the vertical, then by the length of
-    ``lean`` about a horizontal axis, so that poses of flat and tilted parts are defined alike.
+    Attitude and vertical motion of a flat part are zero. The attitude is a rotation by the heading about the vertical, then
+    by the length of ``lean`` about a horizontal axis, so that poses of flat and tilted parts have the same definition.
     """
 
     mode: np.ndarray  # (worlds, parts) int64
