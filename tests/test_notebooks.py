@@ -101,8 +101,8 @@ def test_parameters_that_a_notebook_does_not_have_are_refused():
 
 def test_bad_input_of_the_command_is_told_in_one_line(capsys, tmp_path):
     assert notebooks.main(["last_steps"]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "last_steps" in said and "first_steps" in said
+    stated = capsys.readouterr().err
+    assert stated.count("\n") == 1 and "last_steps" in stated and "first_steps" in stated
 
 
 def test_a_notebook_that_fails_or_tells_of_the_machine_is_not_kept(capsys, tmp_path, monkeypatch):
@@ -114,8 +114,8 @@ def test_a_notebook_that_fails_or_tells_of_the_machine_is_not_kept(capsys, tmp_p
     monkeypatch.setattr(notebooks, "FOLDER", tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert notebooks.main(["fails"]) == 1
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "fails.ipynb: ZeroDivisionError" in said
+    stated = capsys.readouterr().err
+    assert stated.count("\n") == 1 and "fails.ipynb: ZeroDivisionError" in stated
     monkeypatch.setattr(notebooks, "PLACES", (*notebooks.PLACES, "os.py"))
     assert notebooks.main(["tells"]) == 2
     assert "without paths of this machine" in capsys.readouterr().err

@@ -60,8 +60,8 @@ def test_a_model_whose_actions_could_mean_two_things_must_be_told_which(shape):
 
 
 def test_what_the_owner_says_goes_before_what_the_model_says():
-    told = make_policy({"policy": Model((512,), action="element"), "action": "phasor"}, info_of())
-    assert told.action == "phasor"
+    reported = make_policy({"policy": Model((512,), action="element"), "action": "phasor"}, info_of())
+    assert reported.action == "phasor"
     assert make_policy({"policy": Model((6,))}, info_of()).action == "field"
 
 

@@ -24,12 +24,12 @@ def test_the_model_goes_on_as_the_world_does(task, action):
     for _ in range(6):
         model.begin(Measured.of(seen, info), drift)
         push = random.uniform(-0.5, 0.5, env.action_space.shape).astype(np.float32)
-        earned, (seen, *_, told) = model.step(push), env.step(push)
+        earned, (seen, *_, reported) = model.step(push), env.step(push)
         drift, truth = model.drift(), env.truth
         off = model.core.simulator.state.pose - truth.pose
         off[..., 2] = np.sin(2.0 * off[..., 2])  # blocks look the same after half a turn
         np.testing.assert_allclose(off, 0.0, atol=1e-6)  # float32 observations
-        np.testing.assert_allclose(earned, told["parts"]["reward"], atol=1e-4)
+        np.testing.assert_allclose(earned, reported["parts"]["reward"], atol=1e-4)
         np.testing.assert_allclose(model.core.observations, seen, atol=1e-3)
 
 

@@ -120,16 +120,16 @@ def test_laws_speak_the_action_of_the_environment(policy, action, spoken):
 def test_phasors_are_told_to_environments_of_amplitudes_and_phases():
     """The default action: what a newcomer makes just acts."""
     env = gym.make("vibgym/Align-v0")
-    told, meant = make_policy("pose", env), make_policy("pose", info_of())
-    assert (told.action, meant.action) == ("element", "phasor")
+    reported, meant = make_policy("pose", env), make_policy("pose", info_of())
+    assert (reported.action, meant.action) == ("element", "phasor")
     seen, _ = env.reset(seed=3)
-    (elements, _), (phasors, _) = told.predict(seen), meant.predict(seen)
+    (elements, _), (phasors, _) = reported.predict(seen), meant.predict(seen)
     amplitude, phase = (0.5 * (elements.reshape(-1, 2)[:, 0] + 1.0), math.pi * elements.reshape(-1, 2)[:, 1])
     assert amplitude.max() > 0.5
     vectors = np.stack([amplitude * np.cos(phase), amplitude * np.sin(phase)], axis=-1)
     assert vectors == pytest.approx(phasors.reshape(-1, 2), abs=1e-6)
-    assert told.predict(np.stack([seen, seen]))[0].shape == (2, 512)
-    assert episodes(told, "Align", 10).success == 10
+    assert reported.predict(np.stack([seen, seen]))[0].shape == (2, 512)
+    assert episodes(reported, "Align", 10).success == 10
 
 
 # -- laws of one's own -------------------------------------------------------------------------------------------------
@@ -171,8 +171,8 @@ def test_a_law_that_is_registered_is_a_controller(own_law):
 def test_where_a_law_does_not_say_how_far_ahead_a_velocity_lies_it_is_found_out(name):
     info = info_of("Transport")
     law = LAWS[name](info)
-    said, law.lead = law.lead, None
-    assert lead_of(law, info, 0.1) == pytest.approx(said, rel=1e-6)
+    stated, law.lead = law.lead, None
+    assert lead_of(law, info, 0.1) == pytest.approx(stated, rel=1e-6)
 
 
 def test_a_law_that_does_not_brake_must_say_it(own_law):

@@ -35,9 +35,9 @@ class Bare:
 
 
 def test_a_name_is_enough():
-    told: list[int] = []
-    found = rollout("local_field", "vibgym/Align-v0", seeds=SEEDS, progress=told.append)
-    assert found.success.all() and sum(told) == len(SEEDS) and found.seeds == tuple(SEEDS)
+    reported: list[int] = []
+    found = rollout("local_field", "vibgym/Align-v0", seeds=SEEDS, progress=reported.append)
+    assert found.success.all() and sum(reported) == len(SEEDS) and found.seeds == tuple(SEEDS)
     short = rollout("local_field", "Align", seeds=SEEDS)
     assert (short.steps == found.steps).all() and (short.returns == found.returns).all()
 

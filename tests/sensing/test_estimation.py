@@ -200,8 +200,8 @@ def test_without_readings_the_prediction_goes_on_and_says_so():
     layout = TaskInfo.of(env).layout
     assert [row.name for row in env.observation_layout][-2:] == ["age", "sigma"] and layout.size == 18 + 3
     assert layout.quantity(observation, "age")[:, 0, 0] == pytest.approx(12.0, abs=1e-3)
-    told = layout.quantity(observation, "sigma")[:, 0]
-    assert told[:, 0] == pytest.approx(math.sqrt(2) * sigmas[-1], rel=1e-3)
+    reported = layout.quantity(observation, "sigma")[:, 0]
+    assert reported[:, 0] == pytest.approx(math.sqrt(2) * sigmas[-1], rel=1e-3)
 
 
 def test_a_learned_policy_needs_the_model_on_the_prototype():

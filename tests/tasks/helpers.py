@@ -9,7 +9,7 @@ from vibgym.tasks.base import Start
 from vibgym.tasks.scoring import Scoring
 
 
-class Judge:
+class Scorer:
     """A task's scoring on states that the test makes up."""
 
     def __init__(self, task: Any, worlds: int, periods: int = 1) -> None:

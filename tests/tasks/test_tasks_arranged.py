@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.tasks.helpers import Judge
+from tests.tasks.helpers import Scorer
 from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, MIXED, SIX, STEEL, SURFACE, distances
 from vibgym.tasks import TASKS, Singulate, Sort
 
@@ -88,9 +88,9 @@ def test_score_kernel(name, parts):
     task = ARRANGED[name](SURFACE, parts, randomize={"parts": [1, len(parts)]})
     whole = Sort(SURFACE, parts, start="crowded") if name == "Sort" else Singulate(SURFACE, parts)
     start = task.start(generator.random((worlds, task.draws)))
-    judge = Judge(task, worlds)
-    judge.begin(start)
-    result = judge.episode
+    scorer = Scorer(task, worlds)
+    scorer.begin(start)
+    result = scorer.episode
     reference = [Reference(task, parts, start.present[k], start.pose[k]) for k in range(worlds)]
     seen = {"success": 0, "fallen": 0, "diverged": 0, "touching": 0, "alone": 0}
     base = settled(task, generator, worlds)
@@ -103,7 +103,7 @@ def test_score_kernel(name, parts):
         )
         fallen = ~start.present | (generator.random(start.present.shape) < 0.003)
         diverged = generator.random(worlds) < 0.01
-        judge.score(pose, velocity, fallen, diverged)
+        scorer.score(pose, velocity, fallen, diverged)
         for k in range(worlds):
             terms, success, ended = reference[k].step(pose[k], velocity[k], fallen[k], diverged[k])
             where = (step, k)
@@ -115,7 +115,7 @@ def test_score_kernel(name, parts):
             assert result.fallen[k] == (start.present[k] & fallen[k]).any()
             assert (result.parts_done[k], result.touching[k]) == (reference[k].done, reference[k].touching), where
             assert result.done[k].sum() == reference[k].done
-            assert judge.relations.error[k, :, :2] == pytest.approx(
+            assert scorer.relations.error[k, :, :2] == pytest.approx(
                 np.array(list(reference[k].way.values())), abs=1e-12
             )
             if overlap:
@@ -123,8 +123,8 @@ def test_score_kernel(name, parts):
             else:
                 assert result.position_error[k] == pytest.approx(reference[k].error, abs=1e-9)
                 assert result.clearance[k] == pytest.approx(reference[k].clearance, abs=1e-9)
-                assert judge.relations.gap[k] == pytest.approx(list(reference[k].gap.values()), abs=1e-9)
-                near = {p: int(other) for p, other in enumerate(judge.relations.neighbour[k]) if other >= 0}
+                assert scorer.relations.gap[k] == pytest.approx(list(reference[k].gap.values()), abs=1e-9)
+                near = {p: int(other) for p, other in enumerate(scorer.relations.neighbour[k]) if other >= 0}
                 for p, other in reference[k].neighbour.items():  # or another one, just as near
                     pair = [p, near[p]]
                     between = distances([parts[q] for q in pair], pose[k, pair])[0, 1]
@@ -140,12 +140,12 @@ def test_score_kernel(name, parts):
 
 def scored(task, pose, steps=1, **state: Any):
     """The score after steps at one pose (parts, 3)."""
-    judge = Judge(task, 1)
+    scorer = Scorer(task, 1)
     start = task.start(np.full((1, task.draws), 0.5))._replace(pose=pose[None], present=np.ones((1, len(pose)), bool))
-    judge.begin(start)
+    scorer.begin(start)
     for _ in range(steps):
-        judge.score(pose[None], **state)
-    return judge
+        scorer.score(pose[None], **state)
+    return scorer
 
 
 @pytest.mark.parametrize("speed, done", [(0.0199, 2), (0.0201, 0)])

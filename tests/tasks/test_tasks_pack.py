@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.tasks.helpers import Judge
+from tests.tasks.helpers import Scorer
 from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, STEEL, SURFACE
 from vibgym.scene.hulls import gaps_between
 from vibgym.tasks import Pack, Pattern, Sort, Starts
@@ -100,23 +100,23 @@ def test_parts_that_are_put_down_elsewhere_get_other_goals():
 
 def test_success_is_all_in_place_at_once_and_the_error_is_the_rms():
     task = Pack(SURFACE, SIX)
-    judge = Judge(task, 2)
-    judge.scoring = task.scoring(judge.state, 1)
-    judge.episode = judge.scoring.episode
+    scorer = Scorer(task, 2)
+    scorer.scoring = task.scoring(scorer.state, 1)
+    scorer.episode = scorer.scoring.episode
     start = drawn(task, 2)
-    judge.begin(start)
-    within, goal = judge.scoring.facts()["pattern_error"], start.goal.copy()
+    scorer.begin(start)
+    within, goal = scorer.scoring.facts()["pattern_error"], start.goal.copy()
     assert within == pytest.approx(np.sqrt(((start.goal - start.pose)[..., :2] ** 2).sum(axis=-1).mean(axis=1)))
     pose = goal + [0.0006, 0.0006, math.radians(2.9)]
     pose[:, 0, 2] += math.pi  # a rectangle looks the same
     for _ in range(9):
-        judge.score(pose)
-    assert not judge.episode.success.any() and (judge.episode.parts_done == 6).all()
+        scorer.score(pose)
+    assert not scorer.episode.success.any() and (scorer.episode.parts_done == 6).all()
     assert within == pytest.approx(0.0006 * math.sqrt(2.0))
     pose[1, 3, 0] += 0.0004  # beyond a millimetre
-    judge.score(pose)
-    assert judge.episode.success.tolist() == [True, False] and judge.episode.parts_done[1] == 5
-    assert judge.episode.heading_error == pytest.approx(math.radians(2.9))
+    scorer.score(pose)
+    assert scorer.episode.success.tolist() == [True, False] and scorer.episode.parts_done[1] == 5
+    assert scorer.episode.heading_error == pytest.approx(math.radians(2.9))
 
 
 @pytest.mark.parametrize("parts", [MIXED, TWELVE], ids=["mixed", "twelve"])

@@ -110,10 +110,10 @@ def test_a_reward_of_its_own_terms_alone(names):
     before = np.hypot(*np.moveaxis(env.truth.error, -1, 0)[:2])
     for action in actions(env, 10):
         _, reward, *_, info = env.step(action)
-        truth, told = env.truth, info["parts"]["reward_terms"]
+        truth, reported = env.truth, info["parts"]["reward_terms"]
         away = np.hypot(*np.moveaxis(truth.error, -1, 0)[:2])
-        assert told["progress"] == pytest.approx(np.where(truth.present, 2.0 * (before - away), 0.0), abs=1e-12)
-        assert not told["speed"][~truth.present].any() and (told["speed"][truth.present] < 0.0).all()
+        assert reported["progress"] == pytest.approx(np.where(truth.present, 2.0 * (before - away), 0.0), abs=1e-12)
+        assert not reported["speed"][~truth.present].any() and (reported["speed"][truth.present] < 0.0).all()
         assert reward == pytest.approx(info["parts"]["reward"].sum(axis=1) / truth.present.sum(axis=1), abs=1e-12)
         before = away
     pose = truth.pose[:, :].copy()

@@ -217,9 +217,9 @@ def simulate(policy, blocks, seconds, targets=None):
     place = np.array([each[:2] for each in blocks], dtype=float)
     velocity, state, least = np.zeros_like(place), None, np.inf
     target = place
-    asked = []
+    requested = []
     # Record the set velocities instead of computing actions.
-    policy.steer = lambda seen, way, memory: (asked.append(way[0] / policy.law.lead), memory)
+    policy.steer = lambda seen, way, memory: (requested.append(way[0] / policy.law.lead), memory)
     parts = policy.info.parts
     for _ in range(round(seconds / 0.04)):
         seen = np.zeros((6, 20))
@@ -227,7 +227,7 @@ def simulate(policy, blocks, seconds, targets=None):
             seen[k] = block("", x, y, velocity=velocity[k], kind=blocks[k][2])
         _, state = policy.predict(seen.ravel(), state)
         target = state.own.target[0, : len(place)]
-        change = asked[-1][: len(place)] - velocity
+        change = requested[-1][: len(place)] - velocity
         velocity = velocity + np.clip(change, -0.09, 0.09)
         place = place + 0.04 * velocity
         gaps = gaps_between(parts[: len(place)], np.c_[place, np.zeros(len(place))][None])
@@ -289,13 +289,13 @@ def test_parts_that_leave_have_places_of_their_own():
 
 
 def test_goals_too_near_together_are_told_of(caplog):
-    for name, settings, told in (
+    for name, settings, reported in (
         ("Pack", {}, True), ("Pack", {"parts": ["steel_block"] * 4, "task_settings": {"gap_mm": 37, "rows": 2}}, False),
         ("Sort", {}, False), ("Swap", {}, False),
     ):  # fmt: skip
         caplog.clear()
         PlannerPolicy(info_of(name, **settings))
-        assert any("mm apart" in each and "two_phases" in each for each in caplog.messages) == told, name
+        assert any("mm apart" in each and "two_phases" in each for each in caplog.messages) == reported, name
     TwoPhasesPolicy(info_of("Pack"))
     assert not any("mm apart" in each for each in caplog.messages)
 
