@@ -1,4 +1,4 @@
-"""``python -m vibgym play``: what can be wrong is one line and exit code 2."""
+"""``python -m vibgym play``: errors are one line and exit code 2."""
 
 import builtins
 import os
@@ -48,9 +48,9 @@ def test_without_the_extra(capsys, monkeypatch, missing):
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_it_says_where_it_is_and_ends_with_ctrl_c(tmp_path):
+def test_it_prints_its_address_and_ends_with_ctrl_c(tmp_path):
     command = [sys.executable, "-m", "vibgym", "play", "Align", "--port", "0", "--output", str(tmp_path)]
-    env = {**os.environ, "BROWSER": "/nowhere/browser"}  # there is none: it says so and serves
+    env = {**os.environ, "BROWSER": "/nowhere/browser"}  # does not exist: it prints the address and serves
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env) as running:
         line = running.stdout.readline()
         assert line.startswith("vibgym/Align-v0 is at http://127.0.0.1:") and "open it in a browser" in line
