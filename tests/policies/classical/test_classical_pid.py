@@ -14,7 +14,7 @@ T = 0.04
 
 
 def run(pid, errors):
-    """What it gives out for errors (n,) one after the other."""
+    """Return the outputs for a sequence of errors (n,)."""
     memory, given = pid.initial((1,)), []
     for error in errors:
         wanted, memory = pid.output(np.array([error]), memory)
@@ -66,11 +66,11 @@ def test_the_reduced_plant_overshoots_by_a_fifth():
 
 
 def test_windup_and_what_prevents_it():
-    """With an acceleration that is limited the sum of errors carries the part far over, unless it rests meanwhile."""
+    """Under limited acceleration the integral of the error causes overshoot, unless it is frozen."""
     wound, plain = step(Pid(T), T, 8.0, limit=3.0), step(Pid(T, anti_windup=True), T, 8.0, limit=3.0)
     assert wound.max() > 1.3 and plain.max() < 1.15
     free = step(Pid(T), T, 8.0)
-    assert (step(Pid(T, anti_windup=True), T, 8.0) == free).all()  # it does nothing where nothing is limited
+    assert (step(Pid(T, anti_windup=True), T, 8.0) == free).all()  # no effect without a limit
 
 
 def test_axes_are_independent():
