@@ -1,4 +1,4 @@
-"""Notebooks run at small size; what stands in them was made at full size, and by this code."""
+"""Notebooks run at small size; their stored output is from this code at full size."""
 
 import base64
 import json
@@ -13,7 +13,7 @@ SMALL = {
     "train_in_three_minutes": {"STEPS": 64, "PARTS": 2, "WORLDS": 2, "EPISODES": 2, "FRAMES": 2},
     "speed_against_error": {"WORLDS": 8, "REPEATS": 2},
 }
-"""By name: its parameters."""
+"""Parameters of notebooks, by name."""
 
 SAID = {
     "first_steps": "learned      100.0 %, median",
@@ -27,7 +27,7 @@ def read(name):
 
 
 def shown(notebook):
-    """Printed text, and types of pictures."""
+    """Return printed text and types of images."""
     outputs = [each for cell in notebook.cells if cell.cell_type == "code" for each in cell.outputs]
     printed = "".join(each.text for each in outputs if each.get("name") == "stdout")
     pictures = [kind for each in outputs for kind in each.get("data", {}) if kind in ("image/png", "image/gif")]
@@ -35,20 +35,20 @@ def shown(notebook):
 
 
 @pytest.mark.parametrize("name", SMALL)
-def test_a_notebook_runs_at_small_size_and_shows_what_is_kept(name):
+def test_a_notebook_runs_at_small_size_with_the_stored_kinds_of_output(name):
     kept = read(name)
     found = notebooks.tidied(notebooks.executed(kept, **SMALL[name]))
     printed, pictures = shown(found)
     assert SAID[name] in printed and SAID[name] in shown(kept)[0]
     assert pictures and pictures == shown(kept)[1]
-    # The kept one was executed in one go, from this source, without an error.
+    # The stored one was executed in one run, from this source, without an error.
     assert [cell.source for cell in found.cells] == [cell.source for cell in kept.cells]
     counts = [cell.execution_count for cell in kept.cells if cell.cell_type == "code"]
     assert counts == list(range(1, len(counts) + 1))
     assert not any(each.output_type == "error" for cell in kept.cells for each in cell.get("outputs", ()))
 
 
-def test_all_notebooks_are_tested_small_and_say_nothing_of_a_machine():
+def test_all_notebooks_are_tested_and_contain_no_host_data():
     assert notebooks.names() == list(SMALL)
     for name in SMALL:
         text = (notebooks.FOLDER / f"{name}.ipynb").read_text(encoding="utf-8")
@@ -63,7 +63,7 @@ def test_all_notebooks_are_tested_small_and_say_nothing_of_a_machine():
                     assert base64.b64decode(each.data["image/gif"]).startswith(b"GIF89a")
 
 
-def test_the_kept_training_learns():
+def test_the_stored_training_improves():
     before, after = (
         line for line in shown(read("train_in_three_minutes"))[0].splitlines() if line[:6] in ("before", "after ")
     )
@@ -76,12 +76,12 @@ def test_the_kept_training_learns():
     ("train_in_three_minutes", "stable_baselines3", "learn"),
     ("speed_against_error", "matplotlib", "notebooks"),
 ])  # fmt: skip
-def test_a_notebook_without_its_extra_says_so_in_one_line(name, package, extra, tmp_path):
+def test_a_notebook_without_its_extra_is_a_one_line_error(name, package, extra, tmp_path):
     kept = read(name)
     kept.cells = kept.cells[
         : next(k for k, cell in enumerate(kept.cells) if "parameters" in cell.metadata.get("tags", ())) + 1
     ]
-    # Whatever asks for the package is told that there is none, as in an environment without the extra.
+    # Imports of the package fail, as in an environment without the extra.
     (tmp_path / "sitecustomize.py").write_text(
         "import sys\n\n\nclass Blocked:\n    def find_spec(self, name, *more):\n"
         f"        if name.partition('.')[0] == {package!r}:\n"
@@ -94,18 +94,18 @@ def test_a_notebook_without_its_extra_says_so_in_one_line(name, package, extra, 
     assert errors[0].traceback == [line] and errors[0].evalue == line
 
 
-def test_parameters_that_a_notebook_does_not_have_are_refused():
+def test_unknown_parameters_of_a_notebook_are_refused():
     with pytest.raises(ValueError, match="STEP"):
         notebooks.executed(read("first_steps"), STEP=1)
 
 
-def test_bad_input_of_the_command_is_told_in_one_line(capsys, tmp_path):
+def test_bad_input_of_the_command_is_a_one_line_error(capsys, tmp_path):
     assert notebooks.main(["last_steps"]) == 2
     stated = capsys.readouterr().err
     assert stated.count("\n") == 1 and "last_steps" in stated and "first_steps" in stated
 
 
-def test_a_notebook_that_fails_or_tells_of_the_machine_is_not_kept(capsys, tmp_path, monkeypatch):
+def test_a_notebook_with_an_error_or_host_data_is_not_stored(capsys, tmp_path, monkeypatch):
     source = {"fails": "1 / 0", "tells": "import os; print(os.__file__)"}
     for name, code in source.items():
         cell = {**nbformat.v4.new_code_cell("N = 1"), "metadata": {"tags": ["parameters"]}}

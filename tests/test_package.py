@@ -1,4 +1,4 @@
-"""The package as its users meet it."""
+"""Import of the package."""
 
 import importlib.metadata
 import subprocess
@@ -32,7 +32,7 @@ def loaded_after(code):
     "import vibgym.policies.protocol, vibgym.policies.registry",
 ])  # fmt: skip
 def test_extras_are_not_imported(code):
-    # Everything after `import gymnasium` is the package's doing.
+    # All imports after `import gymnasium` are those of the package.
     assert set(loaded_after(code)) <= set(loaded_after("import gymnasium, numba"))
 
 

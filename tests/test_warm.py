@@ -1,4 +1,4 @@
-"""``python -m vibgym warm``: after it, no process compiles anything."""
+"""After ``python -m vibgym warm`` no process compiles kernels."""
 
 import os
 import subprocess
@@ -60,7 +60,7 @@ def test_nothing_is_compiled_afterwards():
     assert (later.returncode, later.stderr) == (0, "")
 
 
-def test_without_a_cache_it_says_so():
+def test_without_a_cache_it_reports_an_error():
     done = run("-m", "vibgym", "warm", VIBGYM_CACHE="0")
     assert done.returncode == 1 and len(done.stderr.splitlines()) == 1 and "VIBGYM_CACHE" in done.stderr
 

@@ -1,4 +1,4 @@
-"""What pip installs is enough: the wheel, in an environment of its own and far from the checkout, plays and trains."""
+"""The wheel runs and trains in a separate environment without the checkout."""
 
 import importlib.util
 import json
@@ -58,7 +58,7 @@ print(json.dumps({"found": found, "played": played, "steps": model.num_timesteps
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """Built as pip builds it; with the test environment's hatchling where it has one, else pip fetches it."""
+    """Return the wheel, built by pip, with hatchling of the test environment if installed."""
     directory = tmp_path_factory.mktemp("wheel")
     have = ["--no-build-isolation"] if importlib.util.find_spec("hatchling") else []
     pip("wheel", "--no-deps", *have, "--wheel-dir", directory, ROOT)
@@ -74,17 +74,17 @@ def pip(*arguments):
 
 
 def installed(wheel, directory):
-    """An environment's interpreter: vibgym from the wheel, all that it depends on from the tests' own environment."""
+    """Return the interpreter of an environment with vibgym from the wheel and dependencies of the test environment."""
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", directory], check=True)
     python = directory / "bin" / "python"
     pip("--python", python, "install", "--no-deps", "--no-index", "--no-compile", wheel)
     own = Path(sysconfig.get_path("purelib", vars={"base": str(directory), "platbase": str(directory)}))
-    # A path alone: what its own .pth files name, such as the checkout, is not followed.
+    # A plain path: its .pth files, which name the checkout, are not processed.
     (own / "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
     return python, own
 
 
-def test_the_wheel_alone_plays_and_trains(wheel, tmp_path):
+def test_the_wheel_alone_runs_and_trains(wheel, tmp_path):
     python, own = installed(wheel, tmp_path / "environment")
     hidden = {"PYTHONPATH", "VIRTUAL_ENV", "PYTHONHOME"}
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
@@ -98,7 +98,7 @@ def test_the_wheel_alone_plays_and_trains(wheel, tmp_path):
     assert stated["steps"] == 512 and stated["learned"]
 
 
-def test_the_wheel_holds_the_shipped_agents_and_no_laboratory(wheel):
+def test_the_wheel_contains_the_shipped_agents_but_not_the_training_code(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     shipped = ROOT / "vibgym" / "policies" / "trained" / "shipped"
     assert {path.relative_to(ROOT).as_posix() for path in shipped.rglob("*.*")} <= names
@@ -106,7 +106,7 @@ def test_the_wheel_holds_the_shipped_agents_and_no_laboratory(wheel):
     assert sum(name.endswith(".bitcode") for name in names) > 30
 
 
-def test_the_wheel_is_what_a_release_asks_for(wheel):
+def test_the_wheel_passes_the_release_check(wheel):
     rows = []
     built.look_into_wheel(wheel, vibgym.__version__, rows.append)
     assert {row.what for row in rows} == {"wheel", "metadata"}
@@ -114,7 +114,7 @@ def test_the_wheel_is_what_a_release_asks_for(wheel):
     assert ("page", f"{len(pages)} files" if pages else "not in the checkout") in {row[1:] for row in rows}
 
 
-def test_a_build_that_cannot_compile_says_so(tmp_path):
+def test_a_build_that_cannot_compile_fails_with_a_hint(tmp_path):
     (tmp_path / "python").write_text("#!/bin/sh\necho No module named numba >&2\nexit 1\n")
     (tmp_path / "python").chmod(0o755)
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]

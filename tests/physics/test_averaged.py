@@ -277,7 +277,7 @@ def test_falling_over_the_border():
     assert np.array_equal(simulator.pose[0], rests)
 
 
-def test_divergence_keeps_the_last_sound_state():
+def test_divergence_keeps_the_last_finite_state():
     simulator = Simulator(SURFACE, BLOCK, worlds=3, model="averaged")
     simulator.reset([0.4, 0.1, 0.0], [0.01, 0.0, 0.0])
     state = simulator.get_state()

@@ -67,7 +67,7 @@ class Reference:
 
 
 def settled(task, generator, worlds):
-    """Poses (worlds, parts, 3) where most parts are done: columns of their zones, or a wide row."""
+    """Return poses (worlds, parts, 3) with most parts done: in columns of their zones, or in a wide row."""
     pose = np.zeros((worlds, len(task.parts), 3))
     for k in range(len(task.parts)):
         if task.zones is None:
@@ -108,7 +108,7 @@ def test_score_kernel(name, parts):
             terms, success, ended = reference[k].step(pose[k], velocity[k], fallen[k], diverged[k])
             where = (step, k)
             assert list(terms) == list(task.TERMS)
-            overlap = reference[k].clearance <= 0.0  # shapely tells that two overlap, but not how far
+            overlap = reference[k].clearance <= 0.0  # shapely detects overlaps, but not their depth
             assert result.terms[k] == pytest.approx(list(terms.values()), abs=1e-9), where
             assert result.reward[k] == pytest.approx(math.fsum(terms.values()), abs=1e-9)
             assert (result.success[k], result.ended[k]) == (success, ended), where
@@ -125,7 +125,7 @@ def test_score_kernel(name, parts):
                 assert result.clearance[k] == pytest.approx(reference[k].clearance, abs=1e-9)
                 assert scorer.relations.gap[k] == pytest.approx(list(reference[k].gap.values()), abs=1e-9)
                 near = {p: int(other) for p, other in enumerate(scorer.relations.neighbour[k]) if other >= 0}
-                for p, other in reference[k].neighbour.items():  # or another one, just as near
+                for p, other in reference[k].neighbour.items():  # or another one at the same distance
                     pair = [p, near[p]]
                     between = distances([parts[q] for q in pair], pose[k, pair])[0, 1]
                     assert between == pytest.approx(reference[k].gap[p], abs=1e-9), (other, where)
@@ -139,7 +139,7 @@ def test_score_kernel(name, parts):
 
 
 def scored(task, pose, steps=1, **state: Any):
-    """The score after steps at one pose (parts, 3)."""
+    """Return the scorer after steps at one pose (parts, 3)."""
     scorer = Scorer(task, 1)
     start = task.start(np.full((1, task.draws), 0.5))._replace(pose=pose[None], present=np.ones((1, len(pose)), bool))
     scorer.begin(start)
@@ -149,11 +149,11 @@ def scored(task, pose, steps=1, **state: Any):
 
 
 @pytest.mark.parametrize("speed, done", [(0.0199, 2), (0.0201, 0)])
-def test_sort_asks_for_slow_parts(speed, done):
+def test_sort_requires_slow_parts(speed, done):
     task = Sort(SURFACE, [STEEL, ALUMINIUM])
     pose = np.array([[0.05, 0.1, 0.0], [0.78, 0.1, 0.0]])
     for direction in (0.3, 2.0):
-        moving = speed * np.array([math.cos(direction), math.sin(direction), 1e6])  # whatever the spin
+        moving = speed * np.array([math.cos(direction), math.sin(direction), 1e6])  # at any spin
         assert scored(task, pose, mean_velocity=moving).episode.parts_done[0] == done
 
 
@@ -165,7 +165,7 @@ def test_sort_counts_centres(x, done):
 
 
 @pytest.mark.parametrize("beyond, success", [(1e-6, True), (-1e-6, False)])
-def test_singulate_asks_for_more_than_an_elements_diagonal(beyond, success):
+def test_singulate_requires_more_than_an_elements_diagonal(beyond, success):
     task = Singulate(SURFACE, [STEEL, ALUMINIUM, STEEL])
     pose = np.array([[0.1, 0.1, 0.0], [0.15 + RULE + beyond, 0.1, 0.0], [0.6, 0.1, 0.0]])
     assert not scored(task, pose, steps=9).episode.success[0]
@@ -175,7 +175,7 @@ def test_singulate_asks_for_more_than_an_elements_diagonal(beyond, success):
 
 
 def test_a_whole_episode_costs_less_than_a_fall():
-    """Or jumping off the table would pay."""
+    """Otherwise falling off the table would have a higher return."""
     from vibgym.registration import ENVIRONMENTS
 
     for limit, settings in ENVIRONMENTS.values():

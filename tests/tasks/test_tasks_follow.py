@@ -1,4 +1,4 @@
-"""Following paths: the scoring kernels against a plain reference, and where episodes may begin."""
+"""Following paths: the scoring kernels against a plain reference, and starts of episodes."""
 
 import math
 
@@ -18,7 +18,7 @@ NEAR, TURNED = 0.005, math.radians(5.0)
 
 
 class FollowScorer(Scorer):
-    """With the scoring that the task has."""
+    """Scorer with the task's scoring."""
 
     def __init__(self, task, worlds, periods=1):
         super().__init__(task, worlds, periods)
@@ -134,7 +134,7 @@ def test_goals_and_their_motion_are_those_of_the_paths():
         scorer.score(scorer.episode.goal)
 
 
-def test_success_comes_ten_periods_after_the_end_and_not_without_the_way():
+def test_success_requires_the_whole_path_and_ten_periods_at_its_end():
     task = Follow(SURFACE, [BLOCK], paths=SHORT[:1])
     start = task.start(np.full((2, 1), 0.5))
     scorer = FollowScorer(task, 2)
@@ -143,7 +143,7 @@ def test_success_comes_ten_periods_after_the_end_and_not_without_the_way():
     end = route.sample(start.paths[0, 0], np.array([task.lasts]))[0, :3]
     for step in range(1, periods + 12):
         path = route.sample(start.paths[0, 0], np.array([step * SURFACE.period]))[0, :3]
-        scorer.score(np.array([[path], [end]]))  # the second one goes to the end at once, and waits there
+        scorer.score(np.array([[path], [end]]))  # the second one jumps to the end and waits there
         assert scorer.episode.success.tolist() == [step >= periods + 9, False]
 
 
@@ -157,7 +157,7 @@ def test_parts_start_at_rest_where_their_paths_begin():
     assert (absent.pose[:, 1, :2] < 0).all() and (absent.pose[:, ::2] == start.pose[:, ::2]).all()
 
 
-def test_a_heading_of_ones_own_is_kept_along_the_path():
+def test_a_given_heading_is_kept_along_the_path():
     task = Follow(SURFACE, [BLOCK], paths=SHORT[:1])
     start = task.start(np.full((1, 1), 0.9))
     pose = start.pose + [0.003, -0.003, 0.7]

@@ -15,7 +15,7 @@ DISC = Part.disc(0.02, friction=0.58, name="disc")
 MIXED = [STEEL, DISC, STEEL, DISC, STEEL]
 WORLDS, STEPS = 30, 12
 LINEAR = ("distance", "turn", "inside", "clearance", "time", "success")
-"""Quantities of which the mean over the parts is the world's."""
+"""Quantities whose mean over the parts is that of the world."""
 
 
 def scattered(generator, parts, spread=1.0):
@@ -26,7 +26,7 @@ def scattered(generator, parts, spread=1.0):
 
 
 def numbers(task, pose, goal, gaps, present):
-    """Distance, turn, inside and share of the clearance of every part, as the documentation has them."""
+    """Return distance, turn, inside and share of the clearance of every part, as documented."""
     parts = pose.shape[1]
     away, turn, inside, clear = (np.zeros(pose.shape[:2]) for _ in range(4))
     for w, p in np.argwhere(present):
@@ -58,7 +58,7 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("spread", [1.0, 0.1])
-def test_terms_of_a_part_are_its_own(name, spread):
+def test_terms_of_single_parts(name, spread):
     task = CASES[name]()
     parts, generator = len(task.parts), np.random.default_rng(3)
     present = generator.random((WORLDS, parts)) < (0.7 if task.MOST_PARTS != 1 and name != "Follow" else 2.0)
@@ -86,7 +86,7 @@ def test_terms_of_a_part_are_its_own(name, spread):
         counted = np.where((present & ~fallen)[..., None], pose, [10.0, 10.0, 0.0])
         all_gaps(task.hulls, counted, gaps)
         away, turn, inside, _ = now = numbers(task, pose, goal, gaps, present)
-        # What has fallen is out of the way of the others, and has nobody near.
+        # Fallen parts are far from the others.
         seen = present & ~fallen
         now = (*now[:3], np.where(seen, numbers(task, pose, goal, gaps, seen)[3], float(math.isfinite(task.apart))))
         slow = np.hypot(*np.moveaxis(speed, -1, 0)[:2]) < task.speed_limit

@@ -1,4 +1,4 @@
-"""The scoring kernel against a plain reference, and what counts as the same heading."""
+"""The scoring kernel against a plain reference, and symmetry of headings."""
 
 import math
 
@@ -74,7 +74,7 @@ def test_score_kernel(task, part, period):
     reference = [Reference(task, period, start[k], goal[k]) for k in range(worlds)]
     seen = {"success": 0, "fallen": 0, "diverged": 0}
     for step in range(steps):
-        # Near the goal, most often within tolerance; now and then anywhere.
+        # Mostly near the goal, within tolerance; sometimes anywhere.
         spread = np.array([0.002, 0.002, 0.02]) * generator.choice([0.3, 1.0, 3.0], (worlds, 1), p=[0.9, 0.05, 0.05])
         pose[:, 0] = goal + spread * generator.standard_normal((worlds, 3))
         if task == "Align":
@@ -124,7 +124,7 @@ def test_rotate_does_not_wrap(part, goal, heading):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_hold_and_time_count_periods_not_steps(task):
-    """Four periods a step: the third step in place is the twelfth period, and costs what twelve steps of one would."""
+    """With four periods a step, the third step at the goal is the twelfth period, with the cost of twelve steps of one."""
     made = TASKS[task](Surface(), [BLOCK])
     start = made.start(np.full((1, made.draws), 0.3))
     one, four = Scorer(made, 1), Scorer(made, 1, periods=4)
