@@ -101,8 +101,8 @@ def test_unknown_parameters_of_a_notebook_are_refused():
 
 def test_bad_input_of_the_command_is_a_one_line_error(capsys, tmp_path):
     assert notebooks.main(["last_steps"]) == 2
-    stated = capsys.readouterr().err
-    assert stated.count("\n") == 1 and "last_steps" in stated and "first_steps" in stated
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "last_steps" in error and "first_steps" in error
 
 
 def test_a_notebook_with_an_error_or_host_data_is_not_stored(capsys, tmp_path, monkeypatch):
@@ -114,8 +114,8 @@ def test_a_notebook_with_an_error_or_host_data_is_not_stored(capsys, tmp_path, m
     monkeypatch.setattr(notebooks, "FOLDER", tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert notebooks.main(["fails"]) == 1
-    stated = capsys.readouterr().err
-    assert stated.count("\n") == 1 and "fails.ipynb: ZeroDivisionError" in stated
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "fails.ipynb: ZeroDivisionError" in error
     monkeypatch.setattr(notebooks, "PLACES", (*notebooks.PLACES, "os.py"))
     assert notebooks.main(["tells"]) == 2
     assert "without paths of this machine" in capsys.readouterr().err

@@ -18,8 +18,8 @@ def loaded_after(code):
     listing = f"{code}\nimport sys\nprint('MODULES', *(name for name in {HEAVY!r} if name in sys.modules))"
     result = subprocess.run([sys.executable, "-W", "error", "-c", listing], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
-    stated = [line for line in result.stderr.splitlines() if not line.startswith("vibgym: compiling kernels")]
-    assert stated == []
+    messages = [line for line in result.stderr.splitlines() if not line.startswith("vibgym: compiling kernels")]
+    assert messages == []
     line = result.stdout.strip().splitlines()[-1]
     assert line.startswith("MODULES")
     return line.split()[1:]

@@ -91,11 +91,11 @@ def test_the_wheel_alone_runs_and_trains(wheel, tmp_path):
     environment["NUMBA_CACHE_DIR"] = str(tmp_path / "kernels")  # empty: all kernels came with the wheel
     result = subprocess.run([python, "-c", PLAY], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert result.returncode == 0 and "compiling" not in result.stderr, result.stderr
-    stated = json.loads(result.stdout.splitlines()[-1])
-    assert stated["found"].pop("vibgym") == str(own / "vibgym" / "__init__.py")
-    assert set(stated["found"].values()) == {None}  # nothing of the checkout can be imported
-    assert stated["played"] == dict.fromkeys(stated["played"], 3) and len(stated["played"]) == 5
-    assert stated["steps"] == 512 and stated["learned"]
+    outcome = json.loads(result.stdout.splitlines()[-1])
+    assert outcome["found"].pop("vibgym") == str(own / "vibgym" / "__init__.py")
+    assert set(outcome["found"].values()) == {None}  # nothing of the checkout can be imported
+    assert outcome["played"] == dict.fromkeys(outcome["played"], 3) and len(outcome["played"]) == 5
+    assert outcome["steps"] == 512 and outcome["learned"]
 
 
 def test_the_wheel_contains_the_shipped_agents_but_not_the_training_code(wheel):

@@ -103,9 +103,9 @@ def check(found, expected):
 
 def test_as_plain_python(expected):
     """Without compilation, the mode only determines how records and foreign functions are passed."""
-    found, stated = numbers_of(PYTHON, VIBGYM_PLAIN_NUMBA="1", NUMBA_DISABLE_JIT="1")
+    found, messages = numbers_of(PYTHON, VIBGYM_PLAIN_NUMBA="1", NUMBA_DISABLE_JIT="1")
     check(found, expected)
-    assert expected["contacts"][-1] > 0 and len(stated.splitlines()) == 1 and "VIBGYM_PLAIN_NUMBA" in stated
+    assert expected["contacts"][-1] > 0 and len(messages.splitlines()) == 1 and "VIBGYM_PLAIN_NUMBA" in messages
 
 
 def test_compiled_by_the_public_decorator_alone(expected, tmp_path):

@@ -59,9 +59,9 @@ def test_a_page_trains_and_plays(page, own, tmp_path):
 def test_the_file_of_cleanrl_is_the_release_s():
     directory = environment("cleanrl")
     rows = csv.reader((directory / "cleanrl-1.2.0.dist-info/RECORD").read_text(encoding="utf-8").splitlines())
-    stated = {name: digest for name, digest, _ in rows}["cleanrl/ppo_continuous_action.py"]
+    recorded = {name: digest for name, digest, _ in rows}["cleanrl/ppo_continuous_action.py"]
     digest = hashlib.sha256((directory / "cleanrl/ppo_continuous_action.py").read_bytes()).digest()
-    assert stated == "sha256=" + base64.urlsafe_b64encode(digest).decode().rstrip("=")
+    assert recorded == "sha256=" + base64.urlsafe_b64encode(digest).decode().rstrip("=")
 
 
 def test_the_index_names_the_tested_versions():

@@ -171,8 +171,8 @@ def test_a_registered_law_is_a_controller(own_law):
 def test_missing_leads_are_measured(name):
     info = info_of("Transport")
     law = LAWS[name](info)
-    stated, law.lead = law.lead, None
-    assert lead_of(law, info, 0.1) == pytest.approx(stated, rel=1e-6)
+    given, law.lead = law.lead, None
+    assert lead_of(law, info, 0.1) == pytest.approx(given, rel=1e-6)
 
 
 def test_a_law_without_braking_requires_a_lead(own_law):

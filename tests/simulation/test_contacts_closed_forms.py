@@ -1,9 +1,9 @@
 """Contacts against closed forms: parts without friction on a still table, with straight motion between impacts.
 
-The solver detects a contact once shapes overlap by 2 um, and velocities may add ``contact_overlap`` before: an impact is late by
-up to ``LATE`` of overlap, during which the motion is unchanged. Along the line of centres this is the only error; at an angle the
-normal has rotated by overlap over tangent length. The exact result with radii that are together ``LATE`` smaller therefore bounds
-the error, which the tests check; the same holds for the arms of friction.
+The solver detects a contact once shapes overlap by 2 um, and velocities may add ``contact_overlap`` before: an impact is late
+by up to ``LATE`` of overlap, during which the motion is unchanged. Along the line of centres this is the only error; at an
+angle the normal has rotated by overlap over tangent length. The exact result with radii that are together ``LATE`` smaller
+therefore bounds the error, which the tests check; the same holds for the arms of friction.
 """
 
 import math
@@ -132,7 +132,7 @@ BY_WALL = {  # a position 30 mm from each wall, and the direction to it
 
 
 def rebound(part, friction, spin, place, towards, late=0.0, short=0.0):
-    """Return pose and velocity (3,) of a 20 mm disc at 0.5 m/s towards a wall 50 mm away and 0.1 m/s along it, after 5 periods."""
+    """Return pose and velocity (3,) of a 20 mm disc at 0.5 m/s towards a wall 50 mm away, 0.1 m/s along it, 5 periods later."""
     along = np.array([-towards[1], towards[0]])
     begun = 0.5 * towards + 0.1 * along
     meet, radius, time = (0.05 - 0.02 + late) / 0.5, 0.02 - short, 5 * PERIOD

@@ -15,7 +15,7 @@ class Seen:
         self.address, self.server = served
         known = set(self.server.visitors)
         self.page = browser.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
-        self.said = watch(self.page)
+        self.console = watch(self.page)
         self.page.goto(f"http://{self.address}/?id={task}")
         self.page.wait_for_function("() => window.vibgym && window.vibgym.pictures > 5", timeout=60000)
         (token,) = set(self.server.visitors) - known
@@ -64,7 +64,7 @@ def look(browser, served):
 
     yield at
     for seen in opened:
-        assert seen.said == []
+        assert seen.console == []
         seen.page.close()
 
 

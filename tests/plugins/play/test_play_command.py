@@ -12,7 +12,7 @@ import pytest
 from vibgym.__main__ import main
 
 
-def stated(capsys, *words):
+def error_of(capsys, *words):
     assert main(["play", *words, "--no-browser"]) == 2
     text = capsys.readouterr().err
     assert text.count("\n") == 1 and "Traceback" not in text
@@ -20,18 +20,18 @@ def stated(capsys, *words):
 
 
 def test_bad_input(capsys, tmp_path):
-    assert "id" in stated(capsys, "Alin")
-    assert "--port" in stated(capsys, "--port", "70000")
-    assert "--host" in stated(capsys, "--host", "nowhere.invalid")
-    assert "--import" in stated(capsys, "--import", "no_such_module")
+    assert "id" in error_of(capsys, "Alin")
+    assert "--port" in error_of(capsys, "--port", "70000")
+    assert "--host" in error_of(capsys, "--host", "nowhere.invalid")
+    assert "--import" in error_of(capsys, "--import", "no_such_module")
     (tmp_path / "file").write_text("")
-    assert "--output" in stated(capsys, "--output", str(tmp_path / "file"))
+    assert "--output" in error_of(capsys, "--output", str(tmp_path / "file"))
 
 
 def test_a_taken_port(capsys):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        assert "--port" in stated(capsys, "--port", str(port))
+        assert "--port" in error_of(capsys, "--port", str(port))
 
 
 @pytest.mark.parametrize("missing", ["uvicorn", "starlette", "websockets"])
@@ -44,7 +44,7 @@ def test_without_the_extra(capsys, monkeypatch, missing):
         return real(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    assert stated(capsys) == f"play needs {missing}, which is not installed: pip install 'vibgym[play]'\n"
+    assert error_of(capsys) == f"play needs {missing}, which is not installed: pip install 'vibgym[play]'\n"
 
 
 @pytest.mark.usefixtures("interruptible")

@@ -137,10 +137,10 @@ def test_a_page_that_is_opened_twice_has_one_socket(served):
     second.socket.close()
 
 
-@pytest.mark.parametrize(("query", "stated"), [({"id": "Nothing"}, "id"), ({"start": "altered"}, "start")])
-def test_bad_urls_are_one_clear_line(served, query, stated):
+@pytest.mark.parametrize(("query", "named"), [({"id": "Nothing"}, "id"), ({"start": "altered"}, "start")])
+def test_bad_urls_are_one_clear_line(served, query, named):
     page = Page(served[0], **query)
-    assert stated in page.first["text"]
+    assert named in page.first["text"]
     with pytest.raises(ConnectionClosed):
         page.next()
 

@@ -60,12 +60,12 @@ def refused(answers):
         ('{"do": "reset", "n": 1, "colour": "red"}', "colour"),
     ],
 )
-def test_bad_messages_are_one_clear_line_and_change_nothing(align, text, stated):
+def test_bad_messages_are_one_clear_line_and_change_nothing(align, text, named):
     session = align.session
     before = session.world.get_state()["env"]
     answers = session.do(text)
     (line,) = refused(answers)
-    assert stated in line and "\n" not in line
+    assert named in line and "\n" not in line
     after = session.world.get_state()["env"]
     assert np.array_equal(before["simulator"]["pose"], after["simulator"]["pose"])
     assert np.array_equal(before["episode"]["goal"], after["episode"]["goal"])
