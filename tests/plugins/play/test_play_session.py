@@ -38,7 +38,7 @@ def refused(answers):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "named"),
     [
         ("hello", "message"),
         ("{}", "do"),
