@@ -1,4 +1,4 @@
-"""The thesis's figures beside ours, as a piece of a page: pictures, values, what differs and why."""
+"""Page piece of the reproduced figures of the thesis: pictures, values and differences."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ def write(directory: Path, names: Sequence[str] | None = None) -> Path:
 def section(name: str, figure: Figure, pictures: Sequence[str]) -> str:
     """Markdown of one figure."""
     lines = [[each.what, each.thesis, each.ours, each.difference] for each in figure.comparisons]
-    pieces = [f"## {figure.title}", escaped(figure.shows), table(("compared", "thesis", "ours", "difference"), lines)]
+    pieces = [f"## {figure.title}", escaped(figure.shows), table(("compared", "thesis", "vibgym", "difference"), lines)]
     for file, each in zip(pictures, figure.pictures, strict=True):
         pieces.append(f"![{escaped(each.caption)}](thesis/{file})\n\n*{escaped(each.caption)}*")
     for each in figure.tables:
         pieces.append(f"{escaped(each.caption)}\n\n{table(each.columns, each.rows)}")
-    pieces.append(f"**How far we differ.** {escaped(figure.differs)}")
+    pieces.append(f"**Difference.** {escaped(figure.differs)}")
     if figure.assumed:
         pieces.append(
-            "**What the text does not say.**\n\n" + "\n".join(f"- {escaped(each)}" for each in figure.assumed)
+            "**Assumptions.**\n\n" + "\n".join(f"- {escaped(each)}" for each in figure.assumed)
         )
-    pieces.append(f"`python -m studies.thesis --figure {name}` draws it again.")
+    pieces.append(f"`python -m studies.thesis --figure {name}` reproduces this figure.")
     return "\n\n".join(pieces)
 
 
