@@ -163,7 +163,7 @@ def speed_against_error(surface: Surface, keep: bool) -> None:
         numbers = [np.median(position), np.percentile(position, 95), np.median(heading)]
         texts = [f"{each:.4f} {unit}" for each, unit in zip(numbers, ("mm", "mm", "deg"), strict=True)]
         lines.append([f"{steps} x {substeps}", *texts, f"{1e6 * best / WORLDS / PERIODS:.2f} us"])
-    heads = ("cuts x Runge-Kutta steps", "position: median", "95 %", "heading: median", "a period and core")
+    heads = ("cuts x Runge-Kutta steps", "position: median", "95 %", "heading: median", "per period and core")
     show("accuracy-speed", heads, lines, keep)
 
 

@@ -76,7 +76,7 @@ def accuracy() -> list[Row]:
                 heading, fixed, white = np.degrees([each[k, 2] for each in (total, errors.fixed, errors.white)])
                 name = block.name.replace("_", " ")
                 rows.append([
-                    f"{name}, {LINES[lines]}, {EDGES[edge]}: position, heading (of which fixed, new at each look)",
+                    f"{name}, {LINES[lines]}, {EDGES[edge]}: position, heading (of which fixed, new at each sample)",
                     f"{1e3 * np.sqrt((total[k, :2] ** 2).mean()):.3f} mm, {heading:.3f} deg ({joined((fixed, white), 3)})",
                     "0.1 deg" if (block.name, lines, edge) == ("aluminium_block", "all", "grey") else "",
                 ])  # fmt: skip
@@ -171,7 +171,7 @@ def speed() -> list[Row]:
             state = state_of(pose, None)
             sensor.reset(np.array([0]), state, np.array([[0.1, 0.2]]))
             assert sensor.due.seen.all()
-            what = f"eleven parts, image included, one core: a look, {LINES[lines]}, {EDGES[edge]}"
+            what = f"eleven parts, image included, one core: a sample, {LINES[lines]}, {EDGES[edge]}"
             rows.append([what, f"{1e3 * sample_time(sensor, state, 200):.2f} ms", "4 ms"])
     return rows
 

@@ -109,7 +109,7 @@ def single(name: str, **settings: Any) -> Rate:
 
 
 class Row(NamedTuple):
-    """Compared environments, and the target of their ratio: lower bound of rates, or upper bound of times per step (``cost``)."""
+    """Compared environments, and the target of their ratio: lower bound of rates, upper bound of times per step (``cost``)."""
 
     ours: str
     other: str

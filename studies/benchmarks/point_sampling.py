@@ -97,7 +97,7 @@ def simulate(
     horizontal_amplitude: float = 2.7e-3,
     frequency: float = 25.0,
 ) -> np.ndarray:
-    """Return pose and velocity (periods + 1, 6) of a part at the start and after every period, by ``steps`` RK4 steps per period.
+    """Return pose and velocity (periods + 1, 6) of a part at the start and after every period; ``steps``: RK4 steps per period.
 
     Args:
         points: x, y (m, about the centre of mass) and weights from :func:`strew`.

@@ -103,7 +103,7 @@ def hold(policy: Any, part: Any, goals: int, seed: int, seconds: float = SECONDS
 
 
 def reached(within: np.ndarray, hold: int) -> np.ndarray:
-    """Return the steps (goals,) until a part was within its tolerances at the ends of ``hold`` consecutive steps; nan if never."""
+    """Return the steps (goals,) until a part was within tolerances for ``hold`` consecutive steps; nan if never."""
     run, steps = np.zeros(within.shape[1], dtype=int), np.full(within.shape[1], np.nan)
     for k, now in enumerate(within[1:]):
         run = np.where(now, run + 1, 0)

@@ -1,8 +1,8 @@
 """Effect of symmetries on imitation with few samples: ``python -m studies.benchmarks.symmetry``.
 
 A network imitates the law ``pose`` in Align: with or without the position on the table as an input (shifts by whole elements),
-and with or without rotations by quarter turns (``policies/trained/symmetry.py``). Output over several seeds: error of actions on
-new steps of the law, success in new episodes, and their median time.
+and with or without rotations by quarter turns (``policies/trained/symmetry.py``). Output over several seeds: error of actions
+on new steps of the law, success in new episodes, and their median time.
 """
 
 from __future__ import annotations

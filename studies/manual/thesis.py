@@ -47,9 +47,7 @@ def section(name: str, figure: Figure, pictures: Sequence[str]) -> str:
         pieces.append(f"{escaped(each.caption)}\n\n{table(each.columns, each.rows)}")
     pieces.append(f"**Difference.** {escaped(figure.differs)}")
     if figure.assumed:
-        pieces.append(
-            "**Assumptions.**\n\n" + "\n".join(f"- {escaped(each)}" for each in figure.assumed)
-        )
+        pieces.append("**Assumptions.**\n\n" + "\n".join(f"- {escaped(each)}" for each in figure.assumed))
     pieces.append(f"`python -m studies.thesis --figure {name}` reproduces this figure.")
     return "\n\n".join(pieces)
 

@@ -385,7 +385,8 @@ def draw() -> Figure:
         f"from {lowest:.0f} to {highest:.0f} deg. Figs. 3.19 and 3.20 are those of a flat one, on a table that moves by far "
         f"less than 2.7 mm. Of the candidates, radius and centre height of {other.size} agree best. On the real drive no "
         f"cylinder rolls: a friction of {FRICTION} would hold the rim for {holds} % of the time, and the table would have to "
-        f"pull for {pulled} %. One remark on fig. 3.19 is not reproduced: the tilt is smallest in its second panel, not in the first.",
+        f"pull for {pulled} %. One remark on fig. 3.19 is not reproduced: the tilt is smallest in its second "
+        "panel, not in the first.",
         assumed=(
             "The cylinder is solid and homogeneous; the thesis's moments of inertia are lost.",
             "The start of fig. 3.15 is lost: here at rest relative to the table except for phi' = -2.5 rev/s, from the caption "
