@@ -1,12 +1,11 @@
-"""How wheels are built: by hatchling, with the kernels' bitcode for the Python and the versions that build it.
+"""Hatchling build hook: add the kernels' bitcode to the wheel, for the Python and the package versions of the build.
 
-``vibgym/kernels/cache.py`` describes it, and docs/numba.md how to put several versions into one wheel. It is made by
-``python -m vibgym warm --ship`` in the environment of the build, which takes a minute or two where nothing is compiled yet. So
-that environment holds what the package runs on, in the versions of constraints.txt; an editable installation, which holds no
-bitcode, asks for nothing but hatchling.
+``python -m vibgym warm --ship`` writes the bitcode (``vibgym/kernels/cache.py``) in the build environment, in a minute or two.
+That environment has the run-time dependencies in the versions of constraints.txt. An editable installation needs only
+hatchling. docs/numba.md describes wheels for several versions.
 
-``VIBGYM_SHIP=0``: a wheel without bitcode. ``VIBGYM_SHIP_PYTHONS=/one/python:/another/python``: for these interpreters, each
-with what the package runs on, in place of the one that builds.
+Environment variables: ``VIBGYM_SHIP=0`` builds a wheel without bitcode. ``VIBGYM_SHIP_PYTHONS=/one/python:/another/python``
+compiles for these interpreters, with the dependencies installed in each, instead of the one that builds.
 """
 
 from __future__ import annotations
@@ -29,17 +28,17 @@ ROOT = Path(__file__).parent
 
 SHIP = os.environ.get("VIBGYM_SHIP", "1") != "0"
 
-OTHERWISE = "Set VIBGYM_SHIP=0 for a wheel whose kernels are compiled where they are used."
+WITHOUT_KERNELS = "Set VIBGYM_SHIP=0 for a wheel whose kernels are compiled where they are used."
 
 WIDTHS = ("4", "8")
-"""Doubles in a register of the processors that the wheel is for: AVX2, and AVX-512. ``VIBGYM_VECTOR`` names one of them."""
+"""Vector widths of the target processors, in doubles: AVX2 and AVX-512. ``VIBGYM_VECTOR`` selects one."""
 
 UNSET = ("NUMBA_BOUNDSCHECK", "NUMBA_DEBUGINFO", "NUMBA_DISABLE_JIT", "VIBGYM_CACHE", "VIBGYM_PLAIN_NUMBA")
 """Environment variables that bitcode must not depend on."""
 
 
 def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
-    """What the package runs on, in the tested versions, besides what hatchling asks for."""
+    """Return hatchling's build requirements and, for wheels with bitcode, the run-time dependencies in tested versions."""
     return [*_hatchling_requires(config_settings), *(_tested() if SHIP else [])]
 
 
@@ -52,17 +51,17 @@ def _tested() -> list[str]:
 
 
 def _plain(requirement: str) -> str:
-    """The name alone, as package indexes have it."""
+    """Return the normalised package name of a requirement."""
     return re.split(r"[^\w.-]", requirement, maxsplit=1)[0].lower().replace("_", "-")
 
 
 class Kernels(BuildHookInterface):
-    """Puts the kernels into the wheel."""
+    """Add the kernels to the wheel."""
 
     _folder: Path | None = None
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Before files are collected; ``version`` is "standard" or "editable"."""
+        """Compile the kernels before files are collected; ``version`` is "standard" or "editable"."""
         if version == "editable":
             return
         if not SHIP:
@@ -81,18 +80,18 @@ class Kernels(BuildHookInterface):
                 done = subprocess.run(
                     command, cwd=ROOT, env={**environment, "VIBGYM_VECTOR": width}, text=True, capture_output=True
                 )
-                said, failed = done.stdout + done.stderr, done.returncode != 0
+                output, failed = done.stdout + done.stderr, done.returncode != 0
             except OSError as error:
-                said, failed = str(error), True
+                output, failed = str(error), True
             if failed:
                 self._remove()
                 self.app.abort(
-                    f"{said.strip()}\nkernels for the wheel: {' '.join(command)} failed, see above. {OTHERWISE}"
+                    f"{output.strip()}\nkernels for the wheel: {' '.join(command)} failed, see above. {WITHOUT_KERNELS}"
                 )
-            self.app.display_info(said.strip())
+            self.app.display_info(output.strip())
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
-        """After the wheel is written."""
+        """Remove the temporary folder after the wheel is written."""
         self._remove()
 
     def _remove(self) -> None:

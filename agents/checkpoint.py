@@ -1,4 +1,4 @@
-"""Checkpoints: networks, optimizers and nested state as named arrays and JSON, so that reading them runs no code."""
+"""Checkpoints: networks, optimizers and nested state as named arrays and JSON; reading them runs no code."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ VERSION = 3
 FILE = "checkpoint.json"
 ADAM = ("step", "exp_avg", "exp_avg_sq")
 STATE = "state.json"
-"""Tensor that holds the plain part of the state as JSON in UTF-8, so that the file's SHA-256 covers it."""
+"""Tensor with the state as JSON in UTF-8, so that the file's SHA-256 covers it."""
 
 ARRAY = "$array"
-"""Key of a mapping that stands for the array of this name."""
+"""Key of a mapping that represents the array of this name."""
 
 Modules = Mapping[str, torch.nn.Module]
 Optimizers = Mapping[str, torch.optim.Optimizer]
@@ -72,7 +72,7 @@ def save(directory: Path, modules: Modules, optimizers: Optimizers, state: Any) 
 
 
 def load(directory: Path, modules: Modules, optimizers: Optimizers, set_state: Callable[[Any], None]) -> bool:
-    """Restore what :func:`save` wrote; False if there is no checkpoint.
+    """Restore what :func:`save` wrote; return False if there is no checkpoint.
 
     Args:
         directory, modules, optimizers: as in :func:`save`.
@@ -87,15 +87,11 @@ def load(directory: Path, modules: Modules, optimizers: Optimizers, set_state: C
     tensors, _ = load_set(path, KIND, VERSION)
     learned = as_float32(str(path), {name: value for name, value in tensors.items() if not name.startswith("state")})
     shapes = {name: value.shape for name, value in _weights(modules).items()}
-    states: dict[str, dict[str, Any]] = {}
     for which, optimizer in optimizers.items():
-        states[which] = {**optimizer.state_dict(), "state": {}}
         for index, parameter in enumerate(p for group in optimizer.param_groups for p in group["params"]):
             prefix = f"adam.{which}.{index}"
-            if f"{prefix}.step" in learned:
-                shapes |= {f"{prefix}.step": (), **{f"{prefix}.{name}": tuple(parameter.shape) for name in ADAM[1:]}}
-                found = {name: learned.get(f"{prefix}.{name}") for name in ADAM}
-                states[which]["state"][index] = {k: torch.from_numpy(v) for k, v in found.items() if v is not None}
+            if f"{prefix}.step" in learned:  # Adam has a state for parameters with a gradient
+                shapes |= {f"{prefix}.{name}": tuple(parameter.shape) for name in ADAM} | {f"{prefix}.step": ()}
     if STATE not in tensors or any(name not in learned or learned[name].shape != shapes[name] for name in shapes):
         raise checks.conflict(f"{path}: tensors of another network; remove the checkpoint or choose another output")
     try:
@@ -105,7 +101,13 @@ def load(directory: Path, modules: Modules, optimizers: Optimizers, set_state: C
     for which, module in modules.items():
         module.load_state_dict({name: torch.from_numpy(learned[f"{which}.{name}"]) for name in module.state_dict()})
     for which, optimizer in optimizers.items():
-        optimizer.load_state_dict(states[which])
+        state: dict[int, dict[str, torch.Tensor]] = {}
+        for name, value in learned.items():
+            kind, _, rest = name.partition(f".{which}.")
+            if kind == "adam":
+                index, _, key = rest.partition(".")
+                state.setdefault(int(index), {})[key] = torch.from_numpy(value)
+        optimizer.load_state_dict({**optimizer.state_dict(), "state": state})
     return True
 
 

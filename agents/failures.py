@@ -1,9 +1,9 @@
-"""How a training may end whose settings were fine."""
+"""Failures of trainings with valid settings."""
 
 
 class Diverged(RuntimeError):
-    """A model has numbers that are not finite; nothing has been written."""
+    """A weight or a loss is not finite; nothing has been written."""
 
 
 class TrainingError(RuntimeError):
-    """A training that ended before its time, for no fault of the program's."""
+    """A training diverged."""

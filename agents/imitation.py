@@ -1,7 +1,7 @@
 """Imitation of a classical policy by DAgger (Ross, Gordon & Bagnell 2011).
 
-The expert labels every step. In the first round the expert acts, in later ones mostly the network, which so learns to correct
-its own mistakes. Noise on the actions shows how the expert returns to its course.
+The expert labels every step. It acts in the first round. In later rounds the network acts in most worlds, and learns to correct
+its own errors. Noise on the actions shows how the expert recovers.
 """
 
 from __future__ import annotations
@@ -13,47 +13,46 @@ import numpy as np
 import torch
 
 from agents.networks import ActorCritic
-from agents.training_settings import ImitationSettings
+from agents.training_settings import ImitationSettings, check_bytes
 from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.coding import Coding, Seen
-from vibgym.policies.trained.pictures import PictureCoding
+from vibgym.policies.trained.coding import Coding, Inputs
 
-MOST_FOUND = 4e9
-"""Bytes of demonstrations."""
+STUDENT_SHARE = 0.8
+"""Share of the worlds in which the network acts, after the first round."""
 
 
 class Demonstrations(NamedTuple):
-    """What was seen, and what the expert would have done: (samples, parts, ...)."""
+    """Network inputs and the expert's actions: (samples, parts, ...)."""
 
     rows: np.ndarray
     mask: np.ndarray
     action: np.ndarray
 
 
-def experts(lessons: ImitationSettings, action: str, seed: int, env: VecEnv) -> list[tuple[Policy, VibgymVectorEnv]]:
-    """Whom a run imitates in each of its scenes.
+def experts(settings: ImitationSettings, action: str, seed: int, env: VecEnv) -> list[tuple[Policy, VibgymVectorEnv]]:
+    """Return an expert and the unwrapped environment for each scene of a run.
 
     Args:
-        lessons: who the expert is.
-        action: what it has to speak, the run's.
-        seed: of experts that draw random numbers.
+        settings: name the expert.
+        action: of the run.
+        seed: of random experts.
         env: of the run.
 
     Raises:
-        ValueError: an expert that does not serve the task, or does not speak its actions.
+        ValueError: an expert that does not support the task or the action, or does not read the state.
     """
     found = []
     for wrapped in env.envs:
-        scene = wrapped.unwrapped  # its rewards do not count here
-        expert = make_policy(lessons.expert, TaskInfo.of(scene), seed)
+        scene = wrapped.unwrapped  # rewards are not used
+        expert = make_policy(settings.expert, TaskInfo.of(scene), seed)
         if expert.action != action or expert.observation != "state":
-            got = f"one that speaks {expert.action!r} and reads {expert.observation!r}"
-            raise checks.refuse("imitation.expert", got, f"one that speaks {action!r} and reads 'state'")
+            got = f"one with action {expert.action!r} and observation {expert.observation!r}"
+            raise checks.refuse("imitation.expert", got, f"a policy with action {action!r} and observation 'state'")
         found.append((expert, scene))
     return found
 
@@ -61,104 +60,93 @@ def experts(lessons: ImitationSettings, action: str, seed: int, env: VecEnv) -> 
 class Demonstrator:
     """One scene in which an expert is queried for actions.
 
-    An expert with ``acted`` (``Steering.acted``) takes the applied actions into account. Only a
-    network whose rows contain them too can imitate that: another had three times the error, and 74 % success in Align. For
-    other networks the expert assumes that its own actions were applied.
+    An expert with ``acted`` (``Steering.acted``) takes the applied actions into account, if the network's rows contain them
+    too. For other networks the expert assumes that its own actions were applied: with unobserved causes the network had three
+    times the error, and 74 % success in Align.
 
     Args:
-        expert: speaks the environment's action, reads the flat state.
-        env: in same-step autoreset mode, with observations by parts.
-        coding: of the network that learns.
-        generator: of the disturbances.
+        expert: policy with the environment's action that reads the flat state.
+        env: in same-step autoreset mode, with the network's observation.
+        coding: of the network.
+        generator: of the noise.
     """
 
-    def __init__(
-        self, expert: Policy, env: VibgymVectorEnv, coding: Coding | PictureCoding, generator: np.random.Generator
-    ) -> None:
+    def __init__(self, expert: Policy, env: VibgymVectorEnv, coding: Coding, generator: np.random.Generator) -> None:
         self.expert, self.env, self.coding, self.generator = expert, env, coding, generator
         self._driven = np.array(TaskInfo.of(env).driven)
         self._memory: Any = None
-        self._told = getattr(expert, "acted", None) if coding.remembers and expert.action == "wrench" else None
+        self._acted = getattr(expert, "acted", None) if coding.remembers and expert.action == "wrench" else None
         self._new = np.ones(env.num_envs, dtype=bool)
         self._observation: Any = None
-        self._seen: Seen | None = None
+        self._inputs: Inputs | None = None
 
     def begin(self, seed: int) -> None:
         """Reset all worlds."""
         self._observation, _ = self.env.reset(seed=seed)
 
     def collect(self, policy: ActorCritic, steps: int, noise: float, share: float) -> Demonstrations:
-        """Make so many steps in all worlds, in a ``share`` of which the network itself acts."""
+        """Make ``steps`` steps in all worlds; the network acts in a random ``share`` of them."""
         worlds, parts, shape = self.env.num_envs, len(self.coding.parts), self.coding.shape
         rows = np.zeros((steps, worlds, parts, shape.columns), dtype=self.coding.dtype)
         mask = np.zeros((steps, worlds, parts), dtype=np.float32)
-        wanted = np.zeros((steps, worlds, parts, shape.action), dtype=np.float32)
-        own = self.generator.random(worlds) < share
-        disturbed = (noise * self.generator.random((worlds, 1, 1))).astype(np.float32)
+        labels = np.zeros((steps, worlds, parts, shape.action), dtype=np.float32)
+        student = self.generator.random(worlds) < share
+        deviation = (noise * self.generator.random((worlds, 1, 1))).astype(np.float32)
         for step in range(steps):
-            self._seen = seen = self.coding.see(self._observation, self._seen, self._new)
+            self._inputs = inputs = self.coding.encode(self._observation, self._inputs, self._new)
             action, self._memory = self.expert.predict(self.env.observed("state"), self._memory, self._new)
-            rows[step], mask[step] = seen.rows, seen.mask * self._driven  # of others there is nothing to learn
-            wanted[step] = self.coding.to_rows(seen, action.reshape(worlds, parts, -1))
-            acted = wanted[step].copy()
-            if own.any():
-                acted[own] = _act(policy, seen.rows[own])
-            acted += disturbed * self.generator.standard_normal(acted.shape, dtype=np.float32)
-            done = self.coding.actions(seen, np.clip(acted, -1.0, 1.0))
-            if self._told is not None:
-                self._memory = self._told(self._memory, action, done)
+            rows[step], mask[step] = inputs.rows, inputs.mask * self._driven
+            labels[step] = self.coding.to_rows(inputs, action.reshape(worlds, parts, -1))
+            acted = labels[step].copy()
+            if student.any():
+                with torch.no_grad():
+                    mean, _ = policy.actor(torch.from_numpy(inputs.rows[student]))
+                acted[student] = mean.clamp(-1.0, 1.0).numpy()
+            acted += deviation * self.generator.standard_normal(acted.shape, dtype=np.float32)
+            done = self.coding.decode(inputs, np.clip(acted, -1.0, 1.0))
+            if self._acted is not None:
+                self._memory = self._acted(self._memory, action, done)
             self._observation, _, terminated, truncated, _ = self.env.step(done)
             self._new = terminated | truncated
-        flat = (each.reshape(-1, *each.shape[2:]) for each in (rows, mask, wanted))
+        flat = (each.reshape(-1, *each.shape[2:]) for each in (rows, mask, labels))
         return Demonstrations(*flat)
 
 
-def _act(policy: ActorCritic, rows: np.ndarray) -> np.ndarray:
-    with torch.no_grad():
-        return policy.actor(torch.from_numpy(rows))[0].clamp(-1.0, 1.0).numpy()
-
-
-def check_memory(settings: ImitationSettings, coding: Coding | PictureCoding, worlds: int) -> None:
-    """Refuse more demonstrations than there is room for.
+def check_memory(settings: ImitationSettings, coding: Coding, worlds: int) -> None:
+    """Raise if the demonstrations have more than :data:`agents.training_settings.MOST_BYTES`.
 
     Args:
         settings: of the imitation.
-        coding: of the network that learns.
+        coding: of the network.
         worlds: of all scenes.
-
-    Raises:
-        ValueError: they have more than :data:`MOST_FOUND` bytes.
     """
-    numbers = np.dtype(coding.dtype).itemsize * coding.shape.columns + 4 * (1 + coding.shape.action)
-    size = settings.rounds * settings.steps * worlds * len(coding.parts) * numbers
-    if size > MOST_FOUND:
-        allowed = f"demonstrations of at most {MOST_FOUND:.1e} bytes; these would have {size:.1e}"
-        raise checks.refuse("imitation.steps", settings.steps, allowed)
+    sample = np.dtype(coding.dtype).itemsize * coding.shape.columns + 4 * (1 + coding.shape.action)
+    check_bytes("imitation.steps", settings.steps, settings.rounds * worlds * len(coding.parts) * sample)
 
 
-def relative_error(mean: torch.Tensor, sought: torch.Tensor, weight: torch.Tensor, floor: float) -> torch.Tensor:
-    """Mean squared error of actions, in part relative to what is sought: at the goal small pushes are all that counts.
+def relative_error(mean: torch.Tensor, labels: torch.Tensor, weight: torch.Tensor, floor: float) -> torch.Tensor:
+    """Return the mean squared error of actions, partly relative to the labels, since small actions matter at the goal.
 
     Args:
-        mean, sought: (samples, parts, numbers).
+        mean, labels: (samples, parts, values).
         weight: (samples, parts), 0 where there is no part.
-        floor: size of actions below which errors are not weighed by it any more.
+        floor: size of actions below which errors are absolute.
     """
-    scale = 1.0 / (floor**2 + (sought**2).mean(dim=-1))
-    return (((mean - sought) ** 2).mean(dim=-1) * scale * weight).sum() / weight.sum().clamp(min=1.0)
+    scale = 1.0 / (floor**2 + (labels**2).mean(dim=-1))
+    return (((mean - labels) ** 2).mean(dim=-1) * scale * weight).sum() / weight.sum().clamp(min=1.0)
 
 
 class Imitation:
-    """Teaches a policy's actor what an expert does.
+    """Training of an actor on the actions of experts.
 
     Args:
-        policy: its actor is taught.
+        policy: its actor is trained.
         scenes: an expert and an environment each; all have the same rows and actions.
-        settings: how long, and how.
-        seed: of the episodes, the disturbances and the minibatches.
+        settings: of the imitation.
+        seed: of the episodes, the noise and the minibatches.
 
     Attributes:
-        steps: of all worlds, made so far.
+        steps: of all worlds so far.
     """
 
     def __init__(
@@ -173,40 +161,40 @@ class Imitation:
         self.scenes = [Demonstrator(expert, env, policy.coding, self.generator) for expert, env in scenes]
         parts, shape = len(policy.coding.parts), policy.coding.shape
         samples = settings.rounds * settings.steps * sum(env.num_envs for _, env in scenes)
-        self._found = Demonstrations(
+        self._demonstrations = Demonstrations(
             np.empty((samples, parts, shape.columns), dtype=policy.coding.dtype),
             np.empty((samples, parts), dtype=np.float32),
             np.empty((samples, parts, shape.action), dtype=np.float32),
         )
 
     def rounds(self) -> Iterator[float]:
-        """Collect and learn, round after round; yields the last epoch's mean squared error."""
+        """Collect and train in rounds; yield the mean error of the last epoch after each."""
         settings, first = self.settings, self.seed
         for scene in self.scenes:
             scene.begin(first)
             first += scene.env.num_envs
         optimizer = torch.optim.Adam(self.policy.actor.parameters(), lr=settings.learning_rate, fused=True)
         for number in range(settings.rounds):
-            share = 0.0 if number == 0 else settings.own_share
+            share = 0.0 if number == 0 else STUDENT_SHARE
             for scene in self.scenes:
                 found = scene.collect(self.policy, settings.steps, settings.noise, share)
-                for kept, new in zip(self._found, found, strict=True):
+                for kept, new in zip(self._demonstrations, found, strict=True):
                     kept[self.steps : self.steps + len(new)] = new
                 self.steps += len(found.mask)
             yield self._learn(optimizer, settings.epochs * (3 if number == settings.rounds - 1 else 1))
 
     def _learn(self, optimizer: torch.optim.Optimizer, epochs: int) -> float:
-        """Fit the actor's mean to all that has been found; returns the last epoch's mean error, squared and relative."""
-        rows, mask, wanted = (torch.from_numpy(each[: self.steps]) for each in self._found)
+        """Fit the actor's mean to all demonstrations; return the mean :func:`relative_error` of the last epoch."""
+        rows, mask, labels = (torch.from_numpy(each[: self.steps]) for each in self._demonstrations)
         size, rate = max(self.settings.batch_size // mask.shape[1], 1), self.settings.learning_rate
         updates, done, total = epochs * -(-len(rows) // size), 0, 0.0
         for _ in range(epochs):
             total = 0.0
             for chosen in torch.from_numpy(self.generator.permutation(len(rows))).split(size):
-                for group in optimizer.param_groups:  # a cosine, to a tenth
+                for group in optimizer.param_groups:  # cosine decay to a tenth
                     group["lr"] = rate * (0.55 + 0.45 * float(np.cos(np.pi * done / updates)))
                 mean, _ = self.policy.actor(rows[chosen])
-                error = relative_error(mean, wanted[chosen], mask[chosen], self.settings.floor)
+                error = relative_error(mean, labels[chosen], mask[chosen], self.settings.floor)
                 optimizer.zero_grad()
                 error.backward()
                 optimizer.step()

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -22,7 +22,7 @@ from vibgym.envs.vector import batch_of, environment_id
 from vibgym.files import reason, write_atomically
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
-from vibgym.policies.rollout import run
+from vibgym.policies.rollout import Outcomes, run
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.residual import ResidualPolicy
 
@@ -94,15 +94,6 @@ def read_curve(path: Path, field: str) -> Curve:
     return Curve(**arrays)
 
 
-class Played(NamedTuple):
-    """Results of episodes, (episodes,) each."""
-
-    success: np.ndarray  # bool
-    steps: np.ndarray
-    returns: np.ndarray  # sums of rewards
-    rate: np.ndarray  # good parts a minute; nan where parts stay
-
-
 class LearningCurve:
     """Evaluation of a policy during training, written to ``curve.csv``.
 
@@ -124,25 +115,16 @@ class LearningCurve:
         assert settings.judging is not None
         self.judging, self.path, self._last = settings.judging, directory / FILE, 0
         self.residual = settings.residual
-        self._envs: list[tuple[Any, int]] = []
+        self._envs: list[tuple[Any, int]] = []  # and the seed of their first world
         self.rows: list[dict[Any, Any]] = []
         self.task = settings.task
         spec = gym.registry.get(environment_id(self.task))
         if spec is None or (spec.max_episode_steps is None and spec.kwargs.get("max_episode_periods") is None):
-            allowed = "a task with a step limit"
-            raise checks.conflict(f"judging requires {allowed}, got {settings.task!r}")
-        scenes = settings.all_scenes
+            raise checks.conflict(f"judging requires a task with a step limit, got {settings.task!r}")
+        common, scenes = evaluation_settings(settings.environment), settings.all_scenes
         shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
         self._scenes = [
-            (
-                {
-                    **evaluation_settings(settings.environment),
-                    **scene,
-                    "num_envs": len(share),
-                    "autoreset_mode": "Disabled",
-                },
-                int(share[0]),
-            )
+            ({**common, **scene, "num_envs": len(share), "autoreset_mode": "Disabled"}, int(share[0]))
             for scene, share in zip(scenes, shares, strict=True)
             if len(share)
         ]
@@ -175,7 +157,10 @@ class LearningCurve:
                 env = batch_of(self.task, **{**arguments, "observation": observation})
                 self._envs.append((env, self.judging.first_seed + first))
         found = [play(self._whole(policy, env), env, seed) for env, seed in self._envs]
-        success, steps_taken, returns, rate = (np.concatenate(each) for each in zip(*found, strict=True))
+        success, steps_taken, returns, rate = (
+            np.concatenate(each)
+            for each in zip(*((one.success, one.steps, one.returns, one.fact(RATE)) for one in found), strict=True)
+        )
         env = self._envs[0][0].unwrapped
         reached = env.step_time * steps_taken[success]
         limits = [np.full(each.num_envs, each.unwrapped.max_episode_steps) for each, _ in self._envs]
@@ -227,12 +212,11 @@ def evaluation_settings(environment: dict[str, Any]) -> dict[str, Any]:
     )
 
 
-def play(policy: Policy, env: Any, first_seed: int) -> Played:
+def play(policy: Policy, env: Any, first_seed: int) -> Outcomes:
     """Play one deterministic episode in every world of ``env``; world k starts with seed ``first_seed + k``.
 
     Args:
         policy: in NumPy.
         env: a batch of worlds with ``autoreset_mode="Disabled"``, with the action and observation of the policy.
     """
-    found = run(policy, env, range(first_seed, first_seed + env.num_envs), env.spec.name)
-    return Played(found.success, found.steps, found.returns, found.fact(RATE))
+    return run(policy, env, range(first_seed, first_seed + env.num_envs), env.spec.name)

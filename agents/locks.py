@@ -16,9 +16,12 @@ from vibgym.files import reason
 
 FILE = ".vibgym.lock"
 
+PATIENCE = 0.2
+"""s to wait for another run; above 0, since a lock file that is removed while it is opened is tried again."""
+
 
 @contextlib.contextmanager
-def one_run(directory: Path, field: str = "output", file: str = FILE, patience: float = 0.2) -> Iterator[None]:
+def one_run(directory: Path, field: str = "output", file: str = FILE) -> Iterator[None]:
     """Lock an existing directory for this run within a block.
 
     The operating system holds the lock and releases it when the process ends, so the file of a killed run locks nothing. The
@@ -29,7 +32,6 @@ def one_run(directory: Path, field: str = "output", file: str = FILE, patience: 
         directory: of the lock file.
         field: name of the setting, for the error.
         file: name of the lock file, to lock only a part of the directory.
-        patience: s to wait for another run; above 0, as a lock file that is removed while it is opened is tried again.
 
     Raises:
         ValueError: another run uses the directory, or it cannot be locked.
@@ -37,7 +39,7 @@ def one_run(directory: Path, field: str = "output", file: str = FILE, patience: 
     path = directory / file
     lock = FileLock(path, fallback_to_soft=False, on_acquired=_sign)
     try:
-        lock.acquire(timeout=patience, poll_interval=0.02)
+        lock.acquire(timeout=PATIENCE, poll_interval=0.02)
     except Timeout:
         allowed = f"a directory in which no other run is at work (in use by {_owner(path)})"
         raise checks.refuse(field, str(directory), allowed) from None

@@ -1,8 +1,7 @@
-"""Kernels that torch has no fast form of, and their autograd functions: tanh, and attention over a few neighbours.
+"""Fast kernels with autograd functions: tanh, and attention over a few neighbours.
 
-Torch's tanh takes six times as long. Products of a part's query with its five encodings, one small matrix for each of thousands
-of parts, took a third of an update of Sort: torch's batched products are made for large matrices. Rows do not depend on each
-other, so results do not depend on the number of threads.
+Torch's tanh takes six times as long. Its batched products of small matrices, a part's query with its five encodings, took a
+third of an update of Sort. Rows are independent, so results do not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -20,15 +19,12 @@ from vibgym.simulation.threads import share
 ZERO, ONE, TWO, QUARTER = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(0.25)
 
 LARGEST = np.float32(9.0)
-"""From where on a tangent is 1 in float32."""
+"""From here on tanh is 1 in float32."""
 
 
 @jit
 def _tanh(x: np.ndarray, y: np.ndarray) -> None:
-    """``y = tanh(x)`` of flat arrays, to 2e-7: Lambert's continued fraction at a quarter of x, doubled twice.
-
-    What is not a number stays so.
-    """
+    """Compute ``y = tanh(x)`` of flat arrays to 2e-7: Lambert's continued fraction at x / 4, doubled twice. NaN stays NaN."""
     for k in range(len(x)):
         u = x[k]
         u = QUARTER * (LARGEST if u > LARGEST else (-LARGEST if u < -LARGEST else u))
@@ -42,13 +38,13 @@ def _tanh(x: np.ndarray, y: np.ndarray) -> None:
 
 @jit
 def _attend(code: np.ndarray, there: np.ndarray, sought: np.ndarray, weight: np.ndarray, out: np.ndarray) -> None:
-    """Means ``out`` (parts, size) of rectified encodings, weighted by the exponentials of their products with what is sought.
+    """Compute means ``out`` (parts, size) of rectified encodings, weighted by the softmax of their products with the queries.
 
     Args:
         code: (parts, neighbours, size) encodings, not yet rectified.
         there: (parts, neighbours) bool; without any the mean is zero.
-        sought: (parts, size).
-        weight: (parts, neighbours) result, too: shares, 0 of who is not there.
+        sought: (parts, size) queries.
+        weight: (parts, neighbours) result: softmax, 0 for absent neighbours.
         out: result.
     """
     parts, count, size = code.shape
@@ -84,10 +80,7 @@ def _attend_backward(
     of_code: np.ndarray,
     of_sought: np.ndarray,
 ) -> None:
-    """Gradients ``of_code`` and ``of_sought``, in the shapes of these, of means with the gradient ``grad`` (parts, size).
-
-    The other arguments are as in :func:`_attend`.
-    """
+    """Compute ``of_code`` and ``of_sought`` from the gradient ``grad`` (parts, size) of :func:`_attend`'s means."""
     parts, count, size = code.shape
     dot = np.empty(count, dtype=np.float32)
     for part in range(parts):
@@ -110,11 +103,11 @@ def _attend_backward(
 
 
 LEAST = 1 << 16
-"""Numbers below which a second thread costs more than it saves."""
+"""Values below which a second thread costs more than it saves."""
 
 
 def _shared(kernel: Callable[..., None], *tensors: torch.Tensor) -> None:
-    """Call ``kernel`` with the tensors as arrays; as many threads as torch has share their rows."""
+    """Call ``kernel`` with the tensors as arrays; torch's number of threads share their rows."""
     arrays = [each.detach().numpy() for each in tensors]
     threads = min(torch.get_num_threads(), arrays[0].size // LEAST)
     share(lambda first, last: kernel(*(each[first:last] for each in arrays)), len(arrays[0]), threads)
@@ -152,18 +145,18 @@ class _Attend(torch.autograd.Function):
 
 
 def tanh(x: torch.Tensor) -> torch.Tensor:
-    """Hyperbolic tangents of float32 numbers, to 2e-7."""
+    """Return the hyperbolic tangent of float32 values, to 2e-7."""
     result: Any = _Tanh.apply(x)
     return result
 
 
 def attend(code: torch.Tensor, there: torch.Tensor, sought: torch.Tensor) -> torch.Tensor:
-    """Means (..., size) of rectified encodings, weighted by the exponentials of their products with what is sought.
+    """Return means (..., size) of rectified encodings, weighted by the softmax of their products with the queries.
 
     Args:
         code: (..., neighbours, size) float32, not yet rectified.
-        there: (..., neighbours) bool: absent neighbours have no weight; without any the mean is zero.
-        sought: (..., size).
+        there: (..., neighbours) bool; without any neighbour the mean is zero.
+        sought: (..., size) queries.
     """
     flat = code.reshape(-1, *code.shape[-2:]), there.reshape(-1, there.shape[-1]), sought.reshape(-1, sought.shape[-1])
     mean: Any = _Attend.apply(*flat)
@@ -174,5 +167,5 @@ class Tanh(nn.Module):
     """:func:`tanh` as a layer."""
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """The same shape."""
+        """Return :func:`tanh` of ``x``."""
         return tanh(x)

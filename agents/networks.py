@@ -24,17 +24,24 @@ from torch import nn
 from agents.network_kernels import Tanh, attend, tanh
 from agents.training_settings import NetworkSettings
 from vibgym import checks
-from vibgym.policies.trained.coding import Coding
-from vibgym.policies.trained.networks.acting import ACTING, FLOOR, LOG_STD_RANGE
-from vibgym.policies.trained.networks.shape import CELL, LEAST_MASS, WAY_SCALES, Picture, Shape, occupied
-from vibgym.policies.trained.pictures import PictureCoding
-from vibgym.policies.trained.trained import CODINGS
+from vibgym.policies.trained.coding import CODINGS, Coding
+from vibgym.policies.trained.networks import (
+    ACTING,
+    CELL,
+    FLOOR,
+    LEAST_MASS,
+    LOG_STD_RANGE,
+    SCALES,
+    ImageShape,
+    Shape,
+    occupied,
+)
 
 ACTIVATIONS = {"tanh": Tanh, "relu": nn.ReLU}
 
 
 def hidden(inputs: int, widths: Sequence[int], activation: str) -> nn.Sequential:
-    """Fully connected layers with an activation after each, orthogonal as PPO likes them (Engstrom et al. 2020)."""
+    """Return fully connected layers with an activation after each, initialised orthogonally (Engstrom et al. 2020)."""
     layers: list[nn.Module] = []
     for width in widths:
         layers += [linear(inputs, width, 2.0**0.5), ACTIVATIONS[activation]()]
@@ -43,7 +50,7 @@ def hidden(inputs: int, widths: Sequence[int], activation: str) -> nn.Sequential
 
 
 def linear(inputs: int, outputs: int, gain: float) -> nn.Linear:
-    """A linear layer with orthogonal weights times ``gain``, and no bias at the start."""
+    """Return a linear layer with orthogonal weights times ``gain`` and zero bias."""
     layer = nn.Linear(inputs, outputs)
     nn.init.orthogonal_(layer.weight, gain)
     nn.init.zeros_(layer.bias)
@@ -51,14 +58,13 @@ def linear(inputs: int, outputs: int, gain: float) -> nn.Linear:
 
 
 class Attention(nn.Module):
-    """What a part makes of the others near it: a mean of their encodings, weighted by how much each matters to it.
+    """One attention head over the neighbours of a part (scaled dot products, Vaswani et al. 2017).
 
-    One head of scaled dot products (Vaswani et al. 2017), whose query is made of the part's own columns. Absent neighbours have
-    no weight; without any the result is zero.
+    The query is computed from the part's own columns. Absent neighbours have no weight; without any the result is zero.
 
     Args:
         own: columns of the part itself.
-        width: columns of a neighbour, the first of which is 1 where there is one.
+        width: columns of a neighbour, the first of which is 1 if it is present.
         size: of the encodings.
     """
 
@@ -70,24 +76,19 @@ class Attention(nn.Module):
         self.scale = size**-0.5
 
     def forward(self, own: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
-        """(..., size) of ``own`` (..., own) and ``others`` (..., neighbours, width)."""
+        """Return (..., size) for ``own`` (..., own) and ``others`` (..., neighbours, width)."""
         flat = others.reshape(-1, others.shape[-1])
-        # In this order of memory the weights' gradient, a product of two tall matrices, takes half the time.
+        # In this memory layout the gradient of the weights, a product of two tall matrices, takes half the time.
         code = torch.addmm(self.encode.bias, flat, self.encode.weight.T.contiguous())
-        return attend(code.view(*others.shape[:-1], -1), others[..., 0] > 0.5, self._sought(own))
-
-    def _sought(self, own: torch.Tensor) -> torch.Tensor:
-        """(..., size) whose products with encodings are the logits, but for a number that all neighbours of a part share.
-
-        Products of keys and queries are those of encodings and queries that have been through the keys' weights, of which there
-        is one for all neighbours; the keys' bias adds the same to all, which exponentials' shares do not notice.
-        """
+        # Key times query is encoding times (key weights transposed times query), which is computed once for all neighbours.
+        # The key bias adds the same to all logits of a part, so softmax cancels it.
         through = self.key.weight.T * self.scale
-        return nn.functional.linear(own, through @ self.query.weight, through @ self.query.bias)
+        query = nn.functional.linear(own, through @ self.query.weight, through @ self.query.bias)
+        return attend(code.view(*others.shape[:-1], -1), others[..., 0] > 0.5, query)
 
 
-class Eyes(nn.Module):
-    """What hidden layers see of a row: its own columns, and what attention makes of its neighbours."""
+class RowEncoder(nn.Module):
+    """Input of the hidden layers: the part's own columns, and attention over its neighbours."""
 
     def __init__(self, shape: Shape, attention: int) -> None:
         super().__init__()
@@ -99,7 +100,7 @@ class Eyes(nn.Module):
             self.size += attention
 
     def forward(self, rows: torch.Tensor) -> torch.Tensor:
-        """(..., size) of rows (..., columns)."""
+        """Return (..., size) for rows (..., columns)."""
         if self.attention is None:
             return rows
         own = rows[..., : self.shape.own]
@@ -116,18 +117,18 @@ class PartsActor(nn.Module):
         activation: of these, ``"tanh"`` or ``"relu"``.
         attention: size of the neighbours' encodings.
         log_std: at the start.
-        floor: None, or the size of actions, of 0 to 1, at which exploration stops to shrink with them: standard deviations
-            are then multiples of the action's own size. Parts on their way try much, and parts at rest, which the noise of
-            others would never let rest, next to nothing.
+        floor: size of actions, 0 to 1, above which standard deviations are multiples of the action's size: parts at rest
+            then explore little; None: standard deviations do not depend on the action.
     """
 
-    kind = "parts"
+    kind: str = "parts"
+    encoder: Callable[..., Any] = RowEncoder
 
     def __init__(
-        self, shape: Shape, net: list[int], activation: str, attention: int, log_std: float, floor: float | None = None
+        self, shape: Any, net: list[int], activation: str, attention: int, log_std: float, floor: float | None = None
     ) -> None:
         super().__init__()
-        self.eyes = Eyes(shape, attention)
+        self.eyes = self.encoder(shape, attention)
         self.hidden = hidden(self.eyes.size, net, activation)
         self.mean = linear(net[-1], shape.action, 0.01)
         self.log_std = linear(net[-1], shape.action, 0.01)
@@ -135,9 +136,9 @@ class PartsActor(nn.Module):
         self.register_buffer(FLOOR, None if floor is None else torch.tensor([floor]))
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean and log std (..., action) of rows (..., columns)."""
-        seen = self.hidden(self.eyes(rows))
-        mean, log_std = self.mean(seen), self.log_std(seen).clamp(*LOG_STD_RANGE)
+        """Return mean and log std (..., action) for rows (..., columns)."""
+        code = self.hidden(self.eyes(rows))
+        mean, log_std = self.mean(code), self.log_std(code).clamp(*LOG_STD_RANGE)
         floor = getattr(self, FLOOR)
         if floor is None:
             return mean, log_std
@@ -146,38 +147,40 @@ class PartsActor(nn.Module):
 
 
 class PartsCritic(nn.Module):
-    """Value of every part, from its own row and from all parts of its world together (a centralised critic).
+    """Value of every part, from its own row and from all parts of its world (a centralised critic).
 
-    The others count by the mean of their encodings, so that their order and number do not matter (Zaheer et al. 2017).
+    The critic reads the mean of the parts' encodings, which does not depend on their order (Zaheer et al. 2017).
     """
 
-    def __init__(self, shape: Shape, net: list[int], activation: str, attention: int) -> None:
+    encoder: Callable[..., Any] = RowEncoder
+
+    def __init__(self, shape: Any, net: list[int], activation: str, attention: int) -> None:
         super().__init__()
-        self.eyes = Eyes(shape, attention)
+        self.eyes = self.encoder(shape, attention)
         self.together = linear(shape.own, attention, 2.0**0.5) if shape.neighbours else None
         self.hidden = hidden(self.eyes.size + (attention if shape.neighbours else 0), net, activation)
         self.value = linear(net[-1], 1, 1.0)
         self.own = shape.own
 
     def forward(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        """(..., parts) of rows (..., parts, columns); ``mask`` (..., parts) is 1 where there is a part."""
-        seen = self.eyes(rows)
+        """Return values (..., parts) of rows (..., parts, columns); ``mask`` (..., parts) is 1 where there is a part."""
+        code = self.eyes(rows)
         if self.together is not None:
             here = mask.unsqueeze(-1)
             encoded = torch.relu(self.together(rows[..., : self.own])) * here
             mean = encoded.sum(dim=-2, keepdim=True) / here.sum(dim=-2, keepdim=True).clamp(min=1.0)
-            seen = torch.cat([seen, mean.expand(*seen.shape[:-1], -1)], dim=-1)
-        return self.value(self.hidden(seen)).squeeze(-1)
+            code = torch.cat([code, mean.expand(*code.shape[:-1], -1)], dim=-1)
+        return self.value(self.hidden(code)).squeeze(-1)
 
 
 BASIS = 32
-"""Basis functions of an element's place."""
+"""Basis functions of an element's position."""
 
 
 class ElementsActor(nn.Module):
     """Mean and logarithmic standard deviation of the phasors of the elements around every part; see the module.
 
-    Exploration has one standard deviation a part.
+    Exploration has one standard deviation per part.
 
     Args: see :class:`PartsActor`.
     """
@@ -187,7 +190,7 @@ class ElementsActor(nn.Module):
     def __init__(self, shape: Shape, net: list[int], activation: str, attention: int, log_std: float) -> None:
         super().__init__()
         self.shape = shape
-        self.eyes = Eyes(shape, attention)
+        self.eyes = RowEncoder(shape, attention)
         self.hidden = hidden(self.eyes.size, net, activation)
         self.coefficients = linear(net[-1], 2 * BASIS, 0.1)
         self.places = linear(4, BASIS, 1.0)
@@ -195,21 +198,21 @@ class ElementsActor(nn.Module):
         nn.init.constant_(self.log_std.bias, log_std)
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean and log std (..., side * side * 2) of rows (..., columns)."""
+        """Return mean and log std (..., side * side * 2) for rows (..., columns)."""
         side, place = self.shape.side, self.shape.place
-        seen = self.hidden(self.eyes(rows))
-        coefficients = self.coefficients(seen).unflatten(-1, (BASIS, 2))
+        code = self.hidden(self.eyes(rows))
+        coefficients = self.coefficients(code).unflatten(-1, (BASIS, 2))
         basis = tanh(self.places(elements_about(rows[..., place : place + 2], side)))
         mean = (basis @ coefficients).float().flatten(-2) / BASIS**0.5
-        log_std = self.log_std(seen).clamp(*LOG_STD_RANGE)
+        log_std = self.log_std(code).clamp(*LOG_STD_RANGE)
         return mean, log_std.expand(*mean.shape)
 
 
 def elements_about(place: torch.Tensor, side: int) -> torch.Tensor:
-    """What the branch of places sees of the elements of a patch (..., side * side, 4), rows first: x, y and their squares.
+    """Return x, y and their squares (..., side * side, 4) of a patch's elements relative to the part, row by row.
 
     Args:
-        place: (..., 2) where the part's centre lies in its element, see :func:`vibgym.policies.trained.networks.shape.offsets`.
+        place: (..., 2) position of the part's centre in its element (:func:`vibgym.policies.trained.networks.offsets`).
     """
     within = 0.5 * (place + 1.0)
     first = torch.floor(within + (0.5 - 0.5 * side))
@@ -221,80 +224,51 @@ def elements_about(place: torch.Tensor, side: int) -> torch.Tensor:
 
 
 MAPS = 4
-"""Of mass, that the convolution makes of every plane."""
+"""Maps of mass per plane, outputs of the convolution."""
 
-WAYS = 6
-"""Differences of places."""
+DISPLACEMENTS = 6
+"""Differences of centroids."""
 
 
-class PixelsEyes(nn.Module):
-    """What hidden layers see of a row of pixels: ways (m), coarse and fine."""
+class PixelEncoder(nn.Module):
+    """Input of the hidden layers: displacements between centroids, coarse and fine. ``attention`` is not used: one part."""
 
-    def __init__(self, shape: Picture) -> None:
+    def __init__(self, shape: ImageShape, attention: int = 0) -> None:
         super().__init__()
-        self.shape, self.size = shape, 2 * WAYS * len(WAY_SCALES)
+        self.shape, self.size = shape, 2 * DISPLACEMENTS * len(SCALES)
         self.conv = nn.Linear(CELL**2, MAPS, bias=False)
         nn.init.uniform_(self.conv.weight, 0.5 / CELL**2, 1.5 / CELL**2)
-        # To begin with: the way to the goal, and how far the part has come from image to image.
-        mix = 0.3 * torch.randn(WAYS, shape.planes, MAPS) / math.sqrt(shape.planes * MAPS)
+        # Initially the displacement to the goal, and those of the part from image to image.
+        mix = 0.3 * torch.randn(DISPLACEMENTS, shape.planes, MAPS) / math.sqrt(shape.planes * MAPS)
         mix[0, -1] += 1.0 / MAPS
         mix[0, 0] -= 1.0 / MAPS
-        for age in range(min(shape.planes - 2, WAYS - 1)):
+        for age in range(min(shape.planes - 2, DISPLACEMENTS - 1)):
             mix[1 + age, age] += 1.0 / MAPS
             mix[1 + age, age + 1] -= 1.0 / MAPS
         self.mix = nn.Parameter(mix.flatten(1))
 
     def forward(self, rows: torch.Tensor) -> torch.Tensor:
-        """(..., size) of rows (..., columns), uint8."""
+        """Return (..., size) for rows (..., columns), uint8."""
         planes = self.shape.planes
         pixels, plane, x, y = (torch.from_numpy(each) for each in occupied(rows.numpy(), self.shape))
         mass = torch.relu(self.conv(pixels)).unsqueeze(-1)  # (squares, maps, 1)
         moments = mass * torch.stack([torch.ones_like(x), x, y], dim=-1).unsqueeze(-2)
         sums = torch.zeros(rows[..., 0].numel() * planes, MAPS, 3).index_add(0, plane, moments)
         place = (sums[..., 1:] / (sums[..., :1] + LEAST_MASS)).reshape(*rows.shape[:-1], planes * MAPS, 2)
-        way = (self.mix - self.mix.mean(dim=1, keepdim=True)) @ place
-        return torch.cat([torch.tanh(way * (1.0 / scale)) for scale in WAY_SCALES], dim=-1).flatten(-2)
+        displacement = (self.mix - self.mix.mean(dim=1, keepdim=True)) @ place
+        return torch.cat([torch.tanh(displacement * (1.0 / scale)) for scale in SCALES], dim=-1).flatten(-2)
 
 
-class PixelsActor(nn.Module):
-    """Mean and logarithmic standard deviation of the part's action; see the module.
+class PixelsActor(PartsActor):
+    """Mean and logarithmic standard deviation of the part's action; see the module."""
 
-    Args:
-        shape: of planes and actions.
-        net: widths of the hidden layers.
-        activation: of these, ``"tanh"`` or ``"relu"``.
-        attention: not used, there is one part.
-        log_std: at the start.
-    """
-
-    kind = "pixels"
-
-    def __init__(self, shape: Picture, net: list[int], activation: str, attention: int, log_std: float) -> None:
-        super().__init__()
-        self.eyes = PixelsEyes(shape)
-        self.hidden = hidden(self.eyes.size, net, activation)
-        self.mean = linear(net[-1], shape.action, 0.01)
-        self.log_std = linear(net[-1], shape.action, 0.01)
-        nn.init.constant_(self.log_std.bias, log_std)
-
-    def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean and log std (..., action) of rows (..., columns)."""
-        seen = self.hidden(self.eyes(rows))
-        return self.mean(seen), self.log_std(seen).clamp(*LOG_STD_RANGE)
+    kind, encoder = "pixels", PixelEncoder
 
 
-class PixelsCritic(nn.Module):
-    """Value of what is seen."""
+class PixelsCritic(PartsCritic):
+    """Value of the part."""
 
-    def __init__(self, shape: Picture, net: list[int], activation: str, attention: int) -> None:
-        super().__init__()
-        self.eyes = PixelsEyes(shape)
-        self.hidden = hidden(self.eyes.size, net, activation)
-        self.value = linear(net[-1], 1, 1.0)
-
-    def forward(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        """(..., parts) of rows (..., parts, columns)."""
-        return self.value(self.hidden(self.eyes(rows))).squeeze(-1)
+    encoder = PixelEncoder
 
 
 NETWORKS: dict[str, tuple[Any, Any]] = {
@@ -324,8 +298,8 @@ def register_network(name: str, actor: Any, critic: Any, acting: Callable[..., A
     if name in NETWORKS:
         raise checks.refuse("network", name, f"a new name, not one of {', '.join(NETWORKS)}")
     NETWORKS[name] = actor, critic
-    ACTING[name] = acting  # type: ignore[index]
-    CODINGS[name] = CODINGS[like]  # type: ignore[index]
+    ACTING[name] = acting
+    CODINGS[name] = CODINGS[like]
 
 
 HALF_LOG_TAU = 0.5 * math.log(2.0 * math.pi)
@@ -343,7 +317,7 @@ class ActorCritic(nn.Module):
 
     def __init__(
         self,
-        coding: Coding | PictureCoding,
+        coding: Coding,
         settings: NetworkSettings,
         log_std: float,
         noise_floor: float | None = None,
@@ -355,6 +329,12 @@ class ActorCritic(nn.Module):
         floor = {} if noise_floor is None else {"floor": noise_floor}
         self.actor = make_actor(coding.shape, list(settings.net), *rest, log_std, **floor)
         self.critic = make_critic(coding.shape, list(settings.critic_net), *rest)
+
+    def sample(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return random actions (..., action) for rows (..., columns), and their log-probabilities (...)."""
+        mean, log_std = self.actor(rows)
+        noise = torch.randn_like(mean)
+        return mean + log_std.exp() * noise, -(0.5 * noise * noise + log_std + HALF_LOG_TAU).sum(dim=-1)
 
 
 def log_probability(action: torch.Tensor, mean: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:

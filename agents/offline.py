@@ -1,8 +1,8 @@
 """Learning from a data set: behaviour cloning, and implicit Q-learning (IQL).
 
 Cloning imitates the recorded actions. IQL (Kostrikov, Nair & Levine 2021, "Offline Reinforcement Learning with Implicit
-Q-Learning", https://arxiv.org/abs/2110.06169) imitates them where they were better than usual: it learns values of states and
-actions from recorded actions only, and weights the samples of cloning by their advantage.
+Q-Learning", https://arxiv.org/abs/2110.06169) learns values of states and actions from the recorded actions, and weights the
+samples of cloning by their advantage.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import torch
 from stable_baselines3.common.utils import polyak_update
 from torch import nn
 
-from agents import checkpoint
+from agents.checkpoint import Modules, Optimizers
 from agents.imitation import relative_error
+from agents.learner import PartsLearner, Report
 from agents.networks import ActorCritic, PartsCritic
-from agents.ppo import PartsLearner, Report
 from agents.training_envs import make_worlds
 from agents.training_settings import OfflineSettings, TrainSettings
 from vibgym import checks
@@ -27,16 +27,16 @@ from vibgym.config import Settings
 from vibgym.policies.trained.coding import Coding
 
 BLOCK = 100
-"""Updates between two looks at the callback, as rollouts are of other algorithms."""
+"""Updates between two calls of ``report``."""
 
 MOST_WEIGHT = 20.0
-"""Of a sample, as multiples of the usual one."""
+"""Largest weight of a sample, as a multiple of the usual one."""
 
 
 class ActionValues(nn.Module):
-    """Two values of every part's action, of which the lower one counts (Fujimoto et al. 2018).
+    """Two values of every part's action; targets use the lower one (Fujimoto et al. 2018).
 
-    A part reads its own action between its own columns and those of its neighbours.
+    The action stands between the part's own columns and those of its neighbours.
     """
 
     def __init__(self, coding: Coding, settings: OfflineSettings) -> None:
@@ -48,13 +48,13 @@ class ActionValues(nn.Module):
         self.both = nn.ModuleList(PartsCritic(*make) for _ in range(2))
 
     def forward(self, rows: torch.Tensor, mask: torch.Tensor, action: torch.Tensor) -> torch.Tensor:
-        """(2, samples, parts)."""
+        """Return both values (2, samples, parts)."""
         rows = torch.cat([rows[..., : self.own], action, rows[..., self.own :]], dim=-1)
         return torch.stack([each(rows, mask) for each in self.both])
 
 
 class Offline(PartsLearner):
-    """Learning from a data set; no episodes are played. The policy is one of parts, as PPO's.
+    """Learning from a data set, without episodes of its own. The policy has the form of PPO's.
 
     Args:
         settings: of the run.
@@ -76,18 +76,16 @@ class Offline(PartsLearner):
         settings.check_alone()
         if own.network == "pixels":
             raise checks.conflict("offline.network must be 'parts' or 'elements': data sets have no images")
-        checks.choice("observation", settings.environment.get("observation", "parts"), ("parts",))
         with checks.within("environment"):  # one world per scene
             self.env = make_worlds(settings.model_copy(update={"worlds": len(settings.all_scenes)}), "parts")
         try:
             torch.manual_seed(settings.seed)
-            coding = self.coding(self.env.env)
-            assert isinstance(coding, Coding)
-            self.data = read(own, self.env.env, settings.action, coding)
+            coding = self.coding()
+            self.data = read(own, self.env.env, self.action, coding)
         except ValueError:
             self.env.close()
             raise
-        self.policy = ActorCritic(coding, own, log_std=-3.0)  # it does not explore
+        self.policy = ActorCritic(coding, own, log_std=-3.0)  # not trained
         self.values: ActionValues | None = None
         learn = dict(self.policy.named_parameters())
         if own.method == "iql":
@@ -122,9 +120,9 @@ class Offline(PartsLearner):
         chosen = torch.randint(len(data.at), (max(settings.batch_size // data.mask.shape[1], 1),))
         at, action = data.at[chosen], data.action[chosen]
         rows, mask = data.rows[at], data.mask[at]
-        facts, loss, weight = {}, torch.zeros(()), mask
+        metrics, loss, weight = {}, torch.zeros(()), mask
         if self.values is not None:
-            advantage, loss, facts = self._values(rows, mask, action, chosen)
+            advantage, loss, metrics = self._values(rows, mask, action, chosen)
             here = mask > 0.5
             scale = advantage[here].std().clamp(min=1e-6) * settings.temperature
             weight = mask * (advantage / scale).exp().clamp(max=MOST_WEIGHT)
@@ -135,57 +133,45 @@ class Offline(PartsLearner):
         if self.values is not None:
             with torch.no_grad():
                 polyak_update(self.values.parameters(), self.target.parameters(), settings.tau)
-        return {"error": float(error.detach()), **facts}
+        return {"error": float(error.detach()), **metrics}
 
     def _values(
         self, rows: torch.Tensor, mask: torch.Tensor, action: torch.Tensor, chosen: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, dict[str, float]]:
-        """Advantages of what was done, the loss of all values, and what to tell of them."""
+        """Return advantages of the recorded actions, the loss of all values, and metrics."""
         assert self.values is not None
         data, settings, count = self.data, self.own, mask.sum().clamp(min=1.0)
         after = data.at[chosen] + 1
         with torch.no_grad():
-            worth = self.target(rows, mask, action).amin(dim=0)
+            action_value = self.target(rows, mask, action).amin(dim=0)
             later = self.policy.critic(data.rows[after], data.mask[after])
-            goes_on = (settings.gamma * (1.0 - data.ended[chosen]))[:, None]
-            sought = data.reward[chosen][:, None] + goes_on * later
+            continues = (settings.gamma * (1.0 - data.ended[chosen]))[:, None]
+            target = data.reward[chosen][:, None] + continues * later
         value = self.policy.critic(rows, mask)
-        above = worth - value
-        asymmetry = torch.where(above > 0.0, settings.expectile, 1.0 - settings.expectile)
-        of_states = (asymmetry.detach() * above**2 * mask).sum() / count
-        of_actions = ((self.values(rows, mask, action) - sought) ** 2 * mask).sum() / count
-        advantage = above.detach()
-        facts = {
+        advantage = action_value - value
+        asymmetry = torch.where(advantage > 0.0, settings.expectile, 1.0 - settings.expectile)
+        of_states = (asymmetry.detach() * advantage**2 * mask).sum() / count
+        of_actions = ((self.values(rows, mask, action) - target) ** 2 * mask).sum() / count
+        metrics = {
             "value": float(of_states.detach()),
             "action_value": float(of_actions.detach()),
             "mean_value": float((value.detach() * mask).sum() / count),
         }
-        return advantage, of_states + of_actions, facts
+        return advantage.detach(), of_states + of_actions, metrics
 
-    def check_finite(self) -> None:
-        """Raise :class:`agents.failures.Diverged` if a weight or an optimizer state is not finite."""
-        checkpoint.check_finite(checkpoint.tensors_of(*self._saved()))
-
-    def _saved(self) -> tuple[dict[str, nn.Module], dict[str, torch.optim.Optimizer]]:
+    def learned(self) -> tuple[Modules, Optimizers]:
+        """Return the modules and optimizers of a checkpoint by name."""
         modules: dict[str, nn.Module] = {"policy": self.policy}
         if self.values is not None:
             modules |= {"values": self.values, "target": self.target}
         return modules, {"optimizer": self.optimizer}
 
-    def save(self, directory: Path) -> None:
-        """Write a checkpoint, see :func:`agents.checkpoint.save`."""
-        state = {"steps": self.steps, "torch": torch.get_rng_state().numpy(), "data": self.data.facts["sha256"]}
-        checkpoint.save(directory, *self._saved(), state)
+    def get_state(self) -> dict[str, Any]:
+        """Return the rest of a checkpoint."""
+        return {"steps": self.steps, "torch": torch.get_rng_state().numpy(), "data": self.data.facts["sha256"]}
 
-    def load(self, directory: Path) -> bool:
-        """Continue from the checkpoint in ``directory``; False if there is none.
-
-        Raises:
-            ValueError: it is damaged, or of other settings or data.
-        """
-        return checkpoint.load(directory, *self._saved(), self._set_state)
-
-    def _set_state(self, state: dict[str, Any]) -> None:
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from what :meth:`get_state` returned."""
         if state["data"] != self.data.facts["sha256"]:
             raise ValueError(f"{self.data.facts['dataset']} has changed")
         self.steps = state["steps"]

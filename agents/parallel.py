@@ -97,13 +97,13 @@ def pool(workers: int = 1, ray: str | None = None) -> Iterator[Callable[..., lis
         yield _in_this_process
     else:
 
-        def parallel(function: Callable[..., Any], items: Sequence[tuple[Any, ...]], done: Any = lambda count: None):
+        def parallel(function: Callable[..., Any], items: Sequence[tuple[Any, ...]], done: Any):
             return _in_processes(function, items, done, workers)
 
         yield parallel
 
 
-def _in_this_process(function: Any, items: Sequence[tuple[Any, ...]], done: Any = lambda count: None) -> list[Any]:
+def _in_this_process(function: Any, items: Sequence[tuple[Any, ...]], done: Any) -> list[Any]:
     results = []
     for item in items:
         results.append(function(*item))
@@ -142,7 +142,7 @@ def _exit_with(parent: int) -> None:
     os._exit(1)
 
 
-def _on_ray(function: Any, items: Sequence[tuple[Any, ...]], done: Any = lambda count: None) -> list[Any]:
+def _on_ray(function: Any, items: Sequence[tuple[Any, ...]], done: Any) -> list[Any]:
     class Reporting(joblib.Parallel):
         def print_progress(self) -> None:
             done(self.n_completed_tasks - reported[0])

@@ -1,6 +1,6 @@
 """Stable-Baselines3's algorithms, unmodified, by name: ``algorithm: sb3.SAC``, ``sb3.PPO``, ``sb3.TD3`` and so on.
 
-Keyword arguments of the algorithm's class stand under ``sb3`` in a training file. Any action works, and any observation that is
+Keyword arguments of the algorithm's class are under ``sb3`` in a training file. Any action works, and any observation that is
 a box or a dictionary of boxes, including user-registered ones. A continued run loads weights, optimizers and replay buffer, and
 starts new episodes: it is not identical to an uninterrupted run.
 """
@@ -20,7 +20,6 @@ from pydantic import ConfigDict
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
-from stable_baselines3.common.save_util import load_from_zip_file
 
 from agents.checkpoint import check_finite
 from agents.training_envs import make_worlds
@@ -29,9 +28,8 @@ from vibgym import checks
 from vibgym.config import Settings
 from vibgym.files import write_atomically
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.state_policy import NETWORK, columns_of
 from vibgym.policies.trained.storage import save_set
-from vibgym.policies.trained.trained import KIND, VERSION, described
+from vibgym.policies.trained.trained import KIND, STATE, VERSION, columns_of, described
 
 CHECKPOINT, REPLAY = "checkpoint.zip", "replay.pkl"
 
@@ -40,7 +38,7 @@ NAMES = tuple(
     for name, each in vars(stable_baselines3).items()
     if isinstance(each, type) and issubclass(each, BaseAlgorithm) and name not in ("DQN", "HER")  # discrete actions
 )
-"""Algorithms that ``sb3.NAME`` may name."""
+"""Values of NAME in ``sb3.NAME``."""
 
 
 class SB3Settings(Settings):
@@ -69,17 +67,20 @@ class SB3:
         self.settings, self.observation = settings, settings.environment.get("observation", "state")
         self.action = settings.action
         name = settings.algorithm.removeprefix("sb3.")
+        self._class: type[BaseAlgorithm] = getattr(stable_baselines3, name)
         self.title = f"{name} of Stable-Baselines3"
         with checks.within("environment"):
             self.env = make_worlds(settings, self.observation)
         assert isinstance(settings.own, SB3Settings)
         arguments = settings.own.model_dump()
+        buffer = arguments.get("replay_buffer_class")
+        if isinstance(buffer, str):  # such as HerReplayBuffer
+            arguments["replay_buffer_class"] = getattr(stable_baselines3, buffer, buffer)
         policy = arguments.pop("policy") or (
             "MultiInputPolicy" if isinstance(self.env.observation_space, gym.spaces.Dict) else "MlpPolicy"
         )
         try:
-            make = getattr(stable_baselines3, name)
-            self.model: BaseAlgorithm = make(policy, self.env, seed=settings.seed, device="cpu", **arguments)
+            self.model = self._class(policy, self.env, seed=settings.seed, device="cpu", **arguments)  # type: ignore[call-arg]
         except (TypeError, ValueError, AssertionError) as error:
             self.env.close()
             raise checks.conflict(f"sb3: {error}") from None
@@ -130,7 +131,7 @@ class SB3:
         write_atomically(directory / CHECKPOINT, _bytes(self.model.save))
 
     def load(self, directory: Path) -> bool:
-        """Continue from what :meth:`save` wrote; False if there is nothing.
+        """Continue from what :meth:`save` wrote; return False if there is nothing.
 
         Raises:
             ValueError: the file is damaged or of another network.
@@ -139,18 +140,13 @@ class SB3:
         if not path.exists():
             return False
         try:
-            data, parameters, variables = load_from_zip_file(path, device="cpu")
-            assert data is not None
-            if isinstance(self.model, OffPolicyAlgorithm):
-                self.model.load_replay_buffer(directory / REPLAY)
-            self.model.set_parameters(parameters, device="cpu")
-            for name, value in (variables or {}).items():  # such as SAC's log_ent_coef
-                getattr(self.model, name).data = value.data
-            self.model.num_timesteps, self.model._n_updates = data["num_timesteps"], data["_n_updates"]
+            model = self._class.load(path, self.env, device="cpu")
+            if isinstance(model, OffPolicyAlgorithm):
+                model.load_replay_buffer(directory / REPLAY)
         except Exception as error:  # damaged pickles raise anything
-            raise checks.conflict(
-                f"{path}: not a checkpoint of these settings ({error}); remove it or choose another output"
-            ) from None
+            hint = "remove it or choose another output"
+            raise checks.conflict(f"{path}: not a checkpoint of these settings ({error}); {hint}") from None
+        self.model = model
         return True
 
     def actor(self) -> dict[str, np.ndarray]:
@@ -165,7 +161,7 @@ class SB3:
         """Write the policy; return the path of its file.
 
         SAC with ``MlpPolicy`` on the flat state becomes a policy file that needs no torch, see
-        :class:`vibgym.policies.trained.state_policy.StatePolicy`. Others are written as Stable-Baselines3's ``.zip`` beside
+        :class:`vibgym.policies.trained.trained.StatePolicy`. Others are written as Stable-Baselines3's ``.zip`` beside
         ``path``.
 
         Raises:
@@ -179,7 +175,7 @@ class SB3:
             return path
         info = TaskInfo.of(self.env.env)
         record = {
-            "network": NETWORK,
+            "network": STATE,
             "tasks": [info.name],
             "surface": described(info.surface),
             "parts": len(info.parts),

@@ -8,10 +8,9 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from vibgym import checks
 from vibgym.files import csv_text, write_together
 from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import rollout
-from vibgym.policies.trained.storage import load_set
+from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
 from vibgym.tasks.episode import EVENTS
 
@@ -39,22 +38,14 @@ LEVEL, RESAMPLES = 0.95, 2000
 TABLE = "agents.csv"
 
 
-class Places(NamedTuple):
-    """Output of a table.
-
-    Attributes:
-        output: directory of ``agents.csv``, in which rows of other agents are kept; with ``curves/`` and ``policies/``.
-        page: Markdown file of the whole table, or None.
-        ship: directory for the policies of the best seeds, ``align.json``, ``align-prototype.json`` and so on, or None.
-    """
-
-    output: Path
-    page: Path | None = None
-    ship: Path | None = None
-
-
 def tabulate(
-    config: Path, names: Sequence[str], seeds: Sequence[int], episodes: int, into: Places
+    config: Path,
+    names: Sequence[str],
+    seeds: Sequence[int],
+    episodes: int,
+    output: Path,
+    page: Path | None = None,
+    ship: Path | None = None,
 ) -> list[dict[str, Any]]:
     """Play all seeds of agents, write their table, and ship the best seed of each.
 
@@ -66,45 +57,46 @@ def tabulate(
         names: of agents in it.
         seeds: of their trainings.
         episodes: of each policy.
-        into: output.
+        output: directory of ``agents.csv``, in which rows of other agents are kept, ``curves/`` and ``policies/``.
+        page: Markdown file of the whole table, or None.
+        ship: directory for the policies of the best seeds, ``align.json``, ``align-prototype.json`` and so on, or None.
 
     Raises:
         ValueError: a policy is missing or does not load; nothing is written.
     """
     rows: list[dict[str, Any]] = []
     best: dict[str, Path] = {}
-    output = into.output / TABLE
     for name in names:
         own = [_row(name, load_settings(config, name, seed), episodes) for seed in seeds]
         first = min(
             own, key=lambda row: (-row["judged_rate"], -row["judged_success"], row["judged_time_s"], row["seed"])
         )
         for row in own:
-            row["shipped"] = into.ship is not None and row is first
+            row["shipped"] = ship is not None and row is first
         best[name] = Path(first["path"])
         rows += own
-    kept = [_completed(row) for row in _read(output) if row["agent"] not in names]
+    kept = [row for row in _read(output / TABLE) if row["agent"] not in names]
     files: dict[Path, str | bytes] = {}
     for row in rows:
         run = f"{row['agent'].lower().replace('/', '-')}-seed-{row['seed']}"
         path = Path(row.pop("path"))
         if (path.parent / CURVE).exists():
-            files[into.output / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
-        _ship(path, into.output / "policies" / f"{run}.json")
+            files[output / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
+        _ship(path, output / "policies" / f"{run}.json")
     every = sorted([*kept, *rows], key=lambda row: (row["agent"], int(row["seed"])))
-    files[output] = csv_text(every)
-    if into.page is not None:
-        files[into.page] = page(every)
+    files[output / TABLE] = csv_text(every)
+    if page is not None:
+        files[page] = markdown(every)
     for path in files:
         path.parent.mkdir(parents=True, exist_ok=True)
     write_together(files)
-    if into.ship is not None:
+    if ship is not None:
         for name, path in best.items():
-            _ship(path, into.ship / f"{shipped_name(name)}.json")
+            _ship(path, ship / f"{shipped_name(name)}.json")
     return rows
 
 
-def page(rows: Sequence[Mapping[str, Any]]) -> str:
+def markdown(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the table in Markdown: one line for every training."""
     machines = sorted({f"{row['processor']}, {row['threads']} thread(s); {row['versions']}" for row in rows})
     lines = [INTRODUCTION, *(_line(row) for row in rows), "", *(f"Trained on: {each}" for each in machines)]
@@ -218,11 +210,6 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     }
 
 
-def _completed(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row with the columns that old tables lack."""
-    return row | {name: row.get(name, "") for name in ("judged_rate", "good_per_minute_mean", "faulty_share")}
-
-
 def _read(path: Path) -> list[dict[str, Any]]:
     if not path.exists():
         return []
@@ -231,16 +218,11 @@ def _read(path: Path) -> list[dict[str, Any]]:
 
 
 def _ship(path: Path, to: Path) -> None:
-    """Copy a policy file and its tensors, which are renamed accordingly."""
-    record = json.loads(path.read_text(encoding="utf-8"))
-    tensors = path.with_name(record["tensors"])
-    name = f"{to.stem}-{record['sha256'][:12]}.safetensors"
-    for old in to.parent.glob(f"{to.stem}-*.safetensors"):
-        if len(old.stem) == len(to.stem) + 13:
-            old.unlink()
-    to.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(tensors, to.with_name(name))
-    to.write_text(json.dumps({**record, "tensors": name}, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+    """Copy a policy file and its tensors, whose name follows the file's."""
+    tensors, record = load_set(path, KIND, VERSION)
+    save_set(
+        to, KIND, tensors, {key: value for key, value in record.items() if key not in ("tensors", "sha256")}, VERSION
+    )
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -258,8 +240,8 @@ def command(given: argparse.Namespace) -> None:
     known = agents_in(given.config)
     for name in given.agent or ():
         checks.choice("--agent", name, tuple(known))
-    into = Places(given.output or Path("results"), given.page, given.ship)
-    for row in tabulate(given.config, given.agent or list(known), given.seeds, given.episodes, into):
+    names, output = given.agent or list(known), given.output or Path("results")
+    for row in tabulate(given.config, names, given.seeds, given.episodes, output, given.page, given.ship):
         time = row["time_to_goal_median_s"]
         print(f"{row['agent']} seed {row['seed']}: success {100 * row['success']:.1f} %, median {time:.2f} s")
 

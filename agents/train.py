@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import json
 import time
 from collections.abc import Callable, Sequence
@@ -23,8 +21,8 @@ from agents.provenance import processor, versions
 from agents.training_file import load_settings
 from agents.training_settings import TrainSettings
 from vibgym import checks
-from vibgym.files import WriteError, output_directory, output_files, reason, write_atomically
-from vibgym.policies.trained.storage import check_name, load_set, save_set
+from vibgym.files import WriteError, csv_text, output_directory, output_files, reason, write_atomically
+from vibgym.policies.trained.storage import load_set, save_set
 
 POLICY, BEST, RUN = "policy.json", "best.json", "run.json"
 BEST_KIND = "vibgym-actor"
@@ -40,7 +38,6 @@ def train(
     config: Path,
     output: Path | None = None,
     quiet: bool = False,
-    policy: Path | None = None,
     agent: str | None = None,
     seed: int | None = None,
 ) -> Path:
@@ -50,7 +47,6 @@ def train(
         config: YAML file, see :func:`agents.training_file.load_settings`.
         output: directory, instead of the file's.
         quiet: no progress bar, no closing line.
-        policy: path of the policy's file, instead of ``policy.json`` in the directory.
         agent: name, in a file of many agents.
         seed: instead of the file's.
 
@@ -60,14 +56,14 @@ def train(
     Raises:
         ValueError: invalid settings, or see :meth:`Training.run`.
         TrainingError: the training diverged; the last checkpoint and the last policy stay.
-        WriteError: no space is left, or the like.
+        WriteError: files cannot be written.
     """
     settings = load_settings(config, agent, seed)
     directory = output or Path(settings.output or Path("runs") / config.stem)
     with checks.within(config):
         training = Training(settings, directory, quiet)
     with training:
-        path = training.run(policy)
+        path = training.run()
     if not quiet:
         steps, seconds = training.learner.steps, training.seconds
         print(f"{path}: {steps} steps in {seconds:.0f} s, {steps / seconds:.0f} steps/s, everything included")
@@ -83,7 +79,7 @@ def train_seeds(
     processes: int = 1,
     ray: str | None = None,
 ) -> list[Path]:
-    """Train once with each seed, in parallel; returns the paths of the policies in the order of the seeds.
+    """Train once with each seed, in parallel; return the paths of the policies in the order of the seeds.
 
     Args:
         config, agent, quiet: see :func:`train`.
@@ -102,7 +98,7 @@ def train_seeds(
         default = Path(settings.output or Path("runs") / config.stem)
         own = agent is not None and settings.output is not None and output is None  # its default names the seed
         folders.append(default if own else (output or default) / f"seed-{seed}")
-    calls = [(config, folder, True, None, agent, seed) for seed, folder in zip(seeds, folders, strict=True)]
+    calls = [(config, folder, True, agent, seed) for seed, folder in zip(seeds, folders, strict=True)]
     with tqdm(total=len(seeds), desc="training seeds", disable=quiet) as bar:
         return parallel.run(train, calls, workers=processes, ray=ray, done=bar.update)
 
@@ -110,13 +106,13 @@ def train_seeds(
 class Training:
     """One run: its learner, learning curve and checkpoints. A context that closes the environment.
 
-    A run of PPO or from a data set that was killed at any instant ends with the same weights as an uninterrupted one, bit for
-    bit on one machine with as many threads. Imitation that was interrupted starts again.
+    A run of PPO or from a data set that was killed at any instant ends with the weights of an uninterrupted one, bit for bit
+    on one machine with as many threads. Interrupted imitation starts again.
 
     Args:
         settings: of the run.
-        directory: output: ``run.json``, the checkpoint, ``progress.csv`` with metrics, ``curve.csv`` (learning curve, if
-            ``judging`` is set), and at the end the policy: a JSON file with its tensors.
+        directory: output: ``run.json``, the checkpoint, ``progress.csv`` with metrics, ``curve.csv`` (learning curve, with
+            ``judging``), and at the end the policy.
         quiet: no progress bar.
 
     Raises:
@@ -143,41 +139,34 @@ class Training:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def run(self, policy: Path | None = None, listener: Listener | None = None) -> Path:
-        """Train to the end and write the policy; returns its path.
+    def run(self, listener: Listener | None = None) -> Path:
+        """Train to the end and write the policy; return its path.
 
         Args:
-            policy: path of the policy's file, instead of ``policy.json`` in the directory.
             listener: receives every row of the learning curve, those of earlier sessions first; may raise to end the run.
 
         Raises:
             ValueError: a checkpoint of other settings, a path that cannot be written, or a directory used by another run.
             TrainingError: the training diverged; the last checkpoint and the last policy stay.
-            WriteError: no space is left, or the like.
+            WriteError: files cannot be written.
         """
-        path = policy_path(self.directory, policy)
+        output_directory(self.directory)
+        output_files((self.directory / name for name in (POLICY, checkpoint.FILE)), "output")
         with locks.one_run(self.directory):
             self._restore()
-            self._listener, self._began = listener, time.perf_counter() - self.seconds
+            self._listener, self._began = listener or (lambda row: None), time.perf_counter() - self.seconds
             try:
-                with tqdm(
-                    total=self.settings.steps,
-                    unit="step",
-                    unit_scale=True,
-                    disable=self.quiet,
-                    initial=self.learner.steps,
-                ) as self._bar:
+                total, initial = self.settings.steps, self.learner.steps
+                with tqdm(total=total, initial=initial, unit="step", unit_scale=True, disable=self.quiet) as self._bar:
                     self._train()
             except (Diverged, ValueError) as error:
                 raise self._failure(error) from error
             except OSError as error:
                 raise WriteError(f"training stopped, {self.saved_at} steps are saved ({reason(error)})") from error
             except KeyboardInterrupt:
-                raise KeyboardInterrupt(
-                    f"{self.saved_at} steps are saved in {self.directory}; the same command continues"
-                ) from None
-            with locks.one_run(path.parent, "--policy", f".{path.name}.lock", patience=60.0):
-                return self._write_policy(path)
+                saved = f"{self.saved_at} steps are saved in {self.directory}; the same command continues"
+                raise KeyboardInterrupt(saved) from None
+            return self._write_policy()
 
     def _restore(self) -> None:
         """Load the last checkpoint, if its settings are those of this run."""
@@ -205,8 +194,8 @@ class Training:
         learner, settings = self.learner, self.settings
         if self.curve is not None:
             self.curve.begin(learner.steps)
-            for row in self.curve.rows if self._listener is not None else ():
-                self._listener(row)  # type: ignore[misc]
+            for row in self.curve.rows:
+                self._listener(row)
         if learner.steps == 0 and settings.imitation is not None:
             for error in learner.imitate(settings.imitation):
                 self._bar.update(learner.steps - self._bar.n)
@@ -216,8 +205,12 @@ class Training:
         if learner.steps < settings.steps:
             self._log = Log(self.directory / f"log-from-{learner.steps}")
             learner.learn(settings.steps, self._between_updates)
-            self._evaluate(getattr(learner, "phase", settings.algorithm))
+            self._evaluate(self._phase)
         self._save()
+
+    @property
+    def _phase(self) -> str:
+        return getattr(self.learner, "phase", self.settings.algorithm)
 
     def _between_updates(self, metrics: dict[str, float]) -> None:
         """Report progress, measure the learning curve, write a checkpoint: each when it is due."""
@@ -231,7 +224,7 @@ class Training:
         if steps >= self.settings.steps:
             return
         if self.curve is not None and self.curve.due(steps):
-            self._evaluate(getattr(self.learner, "phase", self.settings.algorithm))
+            self._evaluate(self._phase)
         if steps - self.saved_at >= self.settings.checkpoint_steps:
             self._save()
 
@@ -245,17 +238,16 @@ class Training:
         if hasattr(learner, "actor") and self.curve.is_best(row):
             record = {"steps": row["steps"], "success": row["success"], "time_to_goal": row["time_to_goal"]}
             save_set(self.directory / BEST, BEST_KIND, learner.actor(), record)
-        if self._listener is not None:
-            self._listener(row)
+        self._listener(row)
 
     def _save(self) -> None:
         self.learner.save(self.directory)
         self.saved_at, self.seconds = self.learner.steps, time.perf_counter() - self._began
         self._write_run()
 
-    def _write_policy(self, path: Path) -> Path:
+    def _write_policy(self) -> Path:
         """Write the policy with the actor that did best on the learning curve; return the path of its file."""
-        learner, kept = self.learner, self.learner.steps
+        learner, kept, path = self.learner, self.learner.steps, self.directory / POLICY
         if self.curve is not None and hasattr(learner, "actor"):
             tensors, record = load_set(self.directory / BEST, BEST_KIND)
             learner.set_actor(tensors)
@@ -279,78 +271,47 @@ class Training:
         steps = self.learner.steps
         try:
             getattr(self.learner, "check_finite", lambda: None)()
-            found = error if isinstance(error, Diverged) else None
         except Diverged as diverged:  # the other error is a consequence
-            found = diverged
-        if found is None:
-            return (
-                error
-                if isinstance(error, TrainingError)
-                else RuntimeError(f"training failed after {steps} steps: {error}")
-            )
+            error = diverged
+        if not isinstance(error, Diverged):
+            return RuntimeError(f"training failed after {steps} steps: {error}")
         kept = f"the checkpoint of {self.saved_at} steps stays" if self.saved_at else "no checkpoint was saved"
         advice = getattr(self.learner, "advice", "the learning rate")
         return TrainingError(
-            f"{self.directory}: training diverged within {steps} steps ({found}); {kept}; lower {advice} and train into "
+            f"{self.directory}: training diverged within {steps} steps ({error}); {kept}; lower {advice} and train into "
             "another output"
         )
 
 
 class Log:
-    """Metrics of updates in ``progress.csv``; every row is written at once, so that a killed run keeps its rows.
+    """Metrics of updates in ``progress.csv``; a killed run keeps its rows.
 
     Args:
-        directory: made with the first row.
+        directory: created with the first row.
     """
 
     def __init__(self, directory: Path) -> None:
         self.path = directory / "progress.csv"
+        self._rows: list[dict[str, float]] = []
         self._names: list[str] = []
 
     def write(self, row: dict[str, float]) -> None:
         """Append a row; the file is rewritten if the row has new columns."""
         new = [name for name in row if name not in self._names]
-        if not new:
-            with self.path.open("a", newline="", encoding="utf-8") as file:
-                csv.DictWriter(file, self._names, lineterminator="\n").writerow(row)
-            return
-        rows: list[dict[str, Any]] = []
-        if self._names:
-            with self.path.open(newline="", encoding="utf-8") as file:
-                rows = list(csv.DictReader(file))
         self._names += new
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        text = io.StringIO()
-        writer = csv.DictWriter(text, self._names, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows([*rows, row])
-        write_atomically(self.path, text.getvalue())
-
-
-def policy_path(directory: Path, policy: Path | None) -> Path:
-    """Return the path of the policy, after checking that all outputs of a run can be written.
-
-    Raises:
-        ValueError: one cannot.
-    """
-    tensors = f"-{'0' * 12}.safetensors"
-    output_directory(directory)
-    output_files((directory / name for name in (POLICY, checkpoint.FILE)), "output")
-    if policy is None:
-        return directory / POLICY
-    check_name("--policy", policy)
-    output_files((policy, policy.with_name(policy.stem + tensors)), "--policy")
-    if policy.resolve() == (directory / checkpoint.FILE).resolve():
-        raise checks.refuse("--policy", str(policy), "another file than the checkpoint")
-    return policy
+        self._rows.append(row)
+        text = csv_text([{name: each.get(name) for name in self._names} for each in (self._rows if new else [row])])
+        if new:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(self.path, text)
+        else:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(text.partition("\n")[2])
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``train``."""
     command_line.config(parser)
-    parser.add_argument(
-        "--policy", type=Path, metavar="PATH", help="the trained policy's JSON file, instead of policy.json in DIR"
-    )
     parser.add_argument("--agent", metavar="NAME", help="agent in a file of many, such as Align/prototype")
     parser.add_argument("--seed", type=int, metavar="N", help="seed, instead of the file's")
     parser.add_argument("--seeds", type=int, nargs="+", metavar="N", help="seeds of runs in parallel")
@@ -362,11 +323,10 @@ def command(given: argparse.Namespace) -> None:
     if given.seeds is None:
         if given.ray is not None:
             raise checks.conflict("--ray requires --seeds")
-        train(given.config, given.output, given.quiet, given.policy, given.agent, given.seed)
+        train(given.config, given.output, given.quiet, given.agent, given.seed)
         return
-    for name in ("seed", "policy"):
-        if getattr(given, name) is not None:
-            raise checks.conflict(f"--{name} and --seeds exclude each other")
+    if given.seed is not None:
+        raise checks.conflict("--seed and --seeds exclude each other")
     paths = train_seeds(given.config, given.seeds, given.output, given.quiet, given.agent, given.processes, given.ray)
     print("\n".join(map(str, paths)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -18,21 +18,22 @@ from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.actions import Wrench
 from vibgym.envs.vector import batch_of
+from vibgym.policies.mpc import rows_of
 from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.residual import SCALE, Base
 
 
-def make_worlds(settings: TrainSettings, observation: str, wrapped: Callable[[Any], Any] = lambda env: env) -> VecEnv:
-    """All worlds as one batch.
+def make_worlds(settings: TrainSettings, observation: str) -> VecEnv:
+    """Return all worlds of a run as one batch; with ``residual`` in :class:`ResidualEnv`.
 
     Args:
         settings: of the run.
-        observation: what the environment shows.
-        wrapped: around the batch of each scene.
+        observation: the environment's ``observation=``.
 
     Raises:
-        ValueError: settings that the environment refuses, or fewer worlds than scenes.
+        ValueError: invalid settings of the environment, or fewer worlds than scenes.
     """
     scenes = settings.all_scenes
     if settings.worlds < len(scenes):
@@ -44,28 +45,31 @@ def make_worlds(settings: TrainSettings, observation: str, wrapped: Callable[[An
         own |= {"num_envs": share, "observation": observation}
         env = batch_of(settings.task, **own)
         if not isinstance(env.unwrapped, VibgymVectorEnv):
-            raise checks.refuse(
-                "task", settings.task, "a task or an id whose batch is a VibgymVectorEnv, wrapped or not"
-            )
-        envs.append(wrapped(env))
+            allowed = "a task or an id whose batch is a VibgymVectorEnv, wrapped or not"
+            raise checks.refuse("task", settings.task, allowed)
+        if settings.residual is not None:
+            with checks.within("residual"):
+                base = make_policy(settings.residual.base, TaskInfo.of(env))
+                env = ResidualEnv(env, base, settings.residual.scale)
+        envs.append(env)
     return VecEnv(*envs)
 
 
 class ResidualEnv(VectorWrapper):
     """Batch of worlds in which a base policy acts, corrected by the learner's action.
 
-    Observations are those by parts, in whose rows the base's action stands (``policies.trained.residual``). Those that end
-    an episode, ``info["final_obs"]``, have it too. The base's memory follows the applied action, not the proposed one.
+    Rows of observations, also of ``info["final_obs"]``, contain the base's action (``vibgym.policies.trained.residual``). The
+    base's memory follows the applied action, not the proposed one.
 
     Args:
         env: a :class:`vibgym.envs.VibgymVectorEnv` with ``action="wrench"``, ``observation="parts_and_state"`` and
             ``autoreset_mode="SameStep"``.
-        base: speaks ``"wrench"`` and reads ``"state"``.
+        base: policy with action ``"wrench"`` and observation ``"state"``.
         scale: of the learner's action.
 
     Attributes:
-        parts_layout: what the numbers of a row mean.
-        parts, surface, autoreset_mode: as the environment has them.
+        parts_layout: of a row.
+        parts, surface, autoreset_mode: of the environment.
 
     Raises:
         ValueError: an environment or a base that does not fit, or a bad scale.
@@ -94,10 +98,10 @@ class ResidualEnv(VectorWrapper):
         self._action = np.zeros((env.num_envs, inner.core.action.size), dtype=np.float32)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin all worlds; ``options`` as the environment has them, but ``reset_mask``, which is for another mode."""
+        """Reset all worlds; ``options`` are those of the environment except ``reset_mask``."""
         seen, info = self.env.reset(seed=seed, options=options)
         self._memory = None
-        return self._seen(seen, None), info
+        return self._with_base(seen, None), info
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Apply the base's corrected action, then query the base again.
@@ -110,15 +114,15 @@ class ResidualEnv(VectorWrapper):
         ended = terminated | truncated
         if ended.any():
             self._finish(info["final_obs"], np.flatnonzero(ended))
-        return self._seen(seen, ended), reward, terminated, truncated, info
+        return self._with_base(seen, ended), reward, terminated, truncated, info
 
     def get_state(self) -> dict[str, Any]:
-        """Everything needed to go on bit for bit, what the base remembers included."""
+        """Return everything needed to continue bit for bit, including the base's memory."""
         inner: Any = self.env.unwrapped
         return {"env": inner.get_state(), "action": self._action.copy(), "memory": copy.deepcopy(self._memory)}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what :meth:`get_state` gave; tuples of a memory may have become lists.
+        """Continue from what :meth:`get_state` returned; tuples of a memory may have become lists.
 
         Raises:
             ValueError: a state of another environment or base.
@@ -131,22 +135,14 @@ class ResidualEnv(VectorWrapper):
             memory = restore_tuples(pattern, memory)
         self._memory, self._action = memory, np.array(state["action"])
 
-    def observed(self, kind: str) -> Any:
-        """See :meth:`vibgym.envs.VibgymVectorEnv.observed`; without the base's action."""
-        return self.env.unwrapped.observed(kind)  # type: ignore[attr-defined]
-
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """The attribute, once for each world: of the wrapper, or else of the environment."""
+        """Return an attribute of the wrapper, or else of the environment, once for each world."""
         if name in vars(self):
             return (getattr(self, name),) * self.num_envs
         return self.env.unwrapped.get_attr(name)  # type: ignore[attr-defined]
 
-    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """What a method of the environment says, once for each world."""
-        return self.env.unwrapped.call(name, *args, **kwargs)  # type: ignore[attr-defined]
-
-    def _seen(self, seen: dict[str, np.ndarray], start: np.ndarray | None) -> dict[str, np.ndarray]:
-        """What the learner sees, after the base has been asked."""
+    def _with_base(self, seen: dict[str, np.ndarray], start: np.ndarray | None) -> dict[str, np.ndarray]:
+        """Query the base; return the learner's observation."""
         self._action, self._memory = self.base.policy.predict(seen["state"], self._memory, start)
         return {"parts": self.base.rows(seen["parts"], self._action), "mask": seen["mask"]}
 
@@ -154,15 +150,6 @@ class ResidualEnv(VectorWrapper):
         """Add the base's action to the final observations of episodes, in place."""
         state = np.stack([final[world]["state"] for world in worlds])
         rows = np.stack([final[world]["parts"] for world in worlds])
-        action, _ = self.base.policy.predict(state, of_worlds(self._memory, worlds))
+        action, _ = self.base.policy.predict(state, rows_of(self._memory, worlds))
         for world, wide in zip(worlds, self.base.rows(rows, action), strict=True):
             final[world] = {"parts": wide, "mask": final[world]["mask"]}
-
-
-def of_worlds(memory: Any, worlds: np.ndarray) -> Any:
-    """What a policy remembers of some worlds: of nested tuples of arrays (batch, ...) their rows."""
-    if isinstance(memory, np.ndarray):
-        return memory[worlds]
-    if isinstance(memory, tuple) and hasattr(memory, "_fields"):
-        return type(memory)(*(of_worlds(each, worlds) for each in memory))
-    return memory

@@ -30,7 +30,7 @@ SECTIONS: dict[str, type[Settings]] = {
     "outlines": OutlineSettings,
     "serves": ServesSettings,
 }
-"""Mappings in a file, beside those of the algorithms, which are checked one by one and may stand in ``defaults`` in part."""
+"""Sections of a file besides those of the algorithms; ``defaults`` may contain a part of a section."""
 
 TUNING = "tuning"
 """Key of the search space, which training ignores: see :mod:`agents.tune`."""
@@ -39,16 +39,19 @@ TUNING = "tuning"
 def load_settings(
     path: Path, agent: str | None = None, seed: int | None = None, changes: Mapping[str, Any] | None = None
 ) -> TrainSettings:
-    """Read a training file; the first fault is a one-line ValueError that names file and field.
+    """Read a training file.
 
-    A file holds the settings of one run, or of many agents: then its keys are ids of environments, such as
+    A file has the settings of one run, or of many agents: then its keys are ids of environments, such as
     ``vibgym/Align-v0``, with the settings of agents by name. ``defaults`` apply to all of them.
 
     Args:
         path: of the YAML file.
-        agent: ``"Align/prototype"``: that of this name under ``vibgym/Align-v0``; only for files of many agents.
+        agent: such as ``"Align/prototype"``, ``prototype`` under ``vibgym/Align-v0``; only for files of many agents.
         seed: instead of the file's.
         changes: values instead of the file's, by names such as ``"ppo.learning_rate"``.
+
+    Raises:
+        ValueError: names file and field of the first fault.
     """
     data, where = _read(path, agent, seed)
     data.pop(TUNING, None)
@@ -59,7 +62,7 @@ def load_settings(
 
 
 def settings_from(data: Mapping[str, Any], where: str = "training") -> TrainSettings:
-    """Return the settings of one run. Those of its algorithm stand under its name; those of others are only validated.
+    """Return the settings of one run. Settings of other algorithms are only validated.
 
     Args:
         data: contents of a training file.
@@ -70,7 +73,7 @@ def settings_from(data: Mapping[str, Any], where: str = "training") -> TrainSett
     """
     data = dict(data)
     if "own" in data:
-        raise checks.conflict(f"{where}: settings of an algorithm stand under its name, not under 'own'")
+        raise checks.conflict(f"{where}: settings of an algorithm are under its name, not under 'own'")
     name, _, variant = str(data.get("algorithm", "ppo")).partition(".")
     ALGORITHMS.choose(f"{where}: algorithm", name)
     if name == "sb3":
@@ -105,12 +108,12 @@ def _read(path: Path, agent: str | None, seed: int | None) -> tuple[dict[str, An
     if "task" not in data and any("/" in str(key) for key in data):  # ids of environments
         return _of_agent(data, where, agent, seed)
     if agent is not None:
-        raise checks.conflict(f"--agent: {path} holds the settings of one run")
+        raise checks.conflict(f"--agent: {path} has the settings of one run")
     return (dict(data) if seed is None else {**data, "seed": seed}), where
 
 
 def agents_in(path: Path) -> tuple[str, ...]:
-    """Names of the agents in a file of many."""
+    """Return the names of the agents in a file of many."""
     return tuple(_agents(load_yaml(path), str(path)))
 
 
@@ -129,7 +132,7 @@ def _agents(data: dict[str, Any], where: str) -> dict[str, dict[str, Any]]:
                 raise checks.refuse(f"{where}: {key}.{name}", settings, "a mapping of settings without 'task'")
             task = spec.name if spec.namespace == "vibgym" else key
             if f"{spec.name}/{name}" in found:
-                raise checks.refuse(f"{where}: {key}", name, "a name that no other environment of this name has")
+                raise checks.refuse(f"{where}: {key}", name, "a name that is unique among environments of this name")
             found[f"{spec.name}/{name}"] = {"task": task, **settings}
     return found
 

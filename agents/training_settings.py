@@ -13,10 +13,22 @@ from vibgym.config import Settings
 from vibgym.policies.trained.residual import base_named
 
 MOST_STEPS = 10**12
+MOST_BYTES = 4e9
+"""Of a rollout, and of the demonstrations of imitation."""
 
 Rate = Annotated[float, Field(gt=0, le=1)]
 Width = Annotated[int, Field(ge=1, le=4096)]
 Widths = Annotated[list[Width], Field(min_length=1, max_length=8)]
+
+
+def check_bytes(name: str, value: int, bytes_each: float) -> None:
+    """Raise if ``value`` items of ``bytes_each`` bytes have more than :data:`MOST_BYTES`.
+
+    Raises:
+        ValueError: names the setting.
+    """
+    if value * bytes_each > MOST_BYTES:
+        raise checks.refuse(name, value, f"at most {MOST_BYTES:.1e} bytes in all; each has {bytes_each:.1e}")
 
 
 class RateSettings(Settings):
@@ -52,7 +64,6 @@ class PPOSettings(NetworkSettings, RateSettings):
     gamma: float = Field(0.98, gt=0, le=1)
     gae_lambda: float = Field(0.95, gt=0, le=1)
     clip_range: float = Field(0.2, gt=0, le=10)
-    ent_coef: float = Field(0.0, ge=0, le=100)
     target_kl: float | None = Field(None, gt=0, le=100)  # of an update; the learning rate follows it
     log_std_init: float = Field(-0.5, ge=-5, le=0.5)
     # Size of actions above which exploration grows with them; None: the same for all.
@@ -69,7 +80,7 @@ class OfflineSettings(NetworkSettings, RateSettings):
     method: Literal["cloning", "iql"] = "cloning"
     batch_size: int = Field(1024, ge=2, le=10_000_000)  # parts
     floor: float = Field(1.0, gt=0, le=10)  # size of actions below which errors are absolute
-    # Of "iql" only (Kostrikov, Nair & Levine 2021):
+    # Of "iql" (Kostrikov, Nair & Levine 2021):
     gamma: float = Field(0.98, gt=0, lt=1)
     expectile: float = Field(0.8, gt=0.5, lt=1)
     temperature: float = Field(1.0, gt=0, le=100)  # standard deviations of advantage per factor e of the weight
@@ -87,7 +98,6 @@ class ImitationSettings(Settings):
     learning_rate: Rate = 1e-3
     noise: float = Field(0.2, ge=0, le=10)  # largest standard deviation of the noise added to actions
     floor: float = Field(1.0, gt=0, le=10)  # size of actions below which errors are absolute
-    own_share: float = Field(0.8, ge=0, le=1)  # of worlds in which the network acts, after the first round
 
 
 class ResidualSettings(Settings):
@@ -151,6 +161,26 @@ class TrainSettings(Settings):
         for name in ("residual", "imitation", "start"):
             if getattr(self, name) is not None:
                 raise checks.conflict(f"{name} requires algorithm 'ppo', got {self.algorithm!r}")
+
+    def check_residual(self) -> None:
+        """Reject settings of PPO that conflict with ``residual``.
+
+        An expert of imitation gives actions, not corrections. In rows that remember or turn, the base's action would be
+        repeated or not turned.
+
+        Raises:
+            ValueError: one is set.
+        """
+        assert isinstance(self.own, PPOSettings)
+        for name, got, allowed in (
+            ("imitation", self.imitation, None),
+            ("ppo.remembers", self.own.remembers, False),
+            ("ppo.turned", self.own.turned, False),
+            ("ppo.network", self.own.network, "parts"),
+            ("environment.action", self.action, "wrench"),
+        ):
+            if self.residual is not None and got != allowed:
+                raise checks.conflict(f"{name} must be {allowed!r} with 'residual'")
 
     @property
     def action(self) -> str:

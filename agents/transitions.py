@@ -1,4 +1,4 @@
-"""Transitions of a Minari data set, as the rows that networks read."""
+"""Transitions of a Minari data set, as network inputs."""
 
 from __future__ import annotations
 
@@ -21,48 +21,51 @@ from vibgym.envs.actions import actions_by_part
 from vibgym.policies.trained.coding import Coding
 
 AT_ONCE = 1000
-"""Episodes that are read side by side."""
+"""Episodes that are converted together."""
 
 
 class Transitions(NamedTuple):
-    """Steps of all episodes, one after the other: what is seen after step k is at ``at[k] + 1``."""
+    """Steps of all episodes in order. The observation after step k has the index ``at[k] + 1``."""
 
     rows: torch.Tensor  # (observations, parts, columns) float32
     mask: torch.Tensor  # (observations, parts) float32
-    at: torch.Tensor  # (steps,) int64, of the observation that a step begins with
-    action: torch.Tensor  # (steps, parts, numbers) float32, as the network says it
-    reward: torch.Tensor  # (steps,) float32, of all parts together
-    ended: torch.Tensor  # (steps,) float32, 1 where the episode ended by itself, not by its limit
+    at: torch.Tensor  # (steps,) int64, index of the observation before the step
+    action: torch.Tensor  # (steps, parts, values) float32, as network outputs
+    reward: torch.Tensor  # (steps,) float32, sum of all parts
+    ended: torch.Tensor  # (steps,) float32, 1 where the episode was terminated, not truncated
     facts: dict[str, Any]  # name, episodes, steps and digest of the data set
 
 
 def read(settings: OfflineSettings, env: Any, action: str, coding: Coding) -> Transitions:
-    """All steps of a data set.
+    """Return all steps of a data set.
 
     Args:
-        settings: which data set.
-        env: a batch of the environment that a policy is to be learned for.
-        action: what the policy speaks.
+        settings: name the data set.
+        env: batch of the policy's environment.
+        action: of the policy.
         coding: of the network.
 
     Raises:
-        ValueError: there is no such data set, or it is not of this environment, scene or version, or damaged.
+        ValueError: no such data set, one of another environment, scene or version, or a damaged one.
     """
     checks.choice("environment.action", action, actions_by_part())
     with kept_in(settings.directory):
         place = Path(get_dataset_path(settings.dataset))
         if not place.is_dir():
-            allowed = f"a data set in {get_dataset_path()}, as 'python -m agents record' makes them"
+            allowed = f"a data set in {get_dataset_path()}, written by 'python -m agents record'"
             raise checks.refuse("offline.dataset", settings.dataset, allowed)
         try:
             data = minari.load_dataset(settings.dataset)
             check(settings.dataset, data, env, action)
             digest = hashlib.sha256((data.storage.data_path / FILE).read_bytes()).hexdigest()
-            found = [_group(data, some, coding) for some in _groups(data.total_episodes)]
+            groups = (
+                range(data.total_episodes)[first : first + AT_ONCE] for first in range(0, data.total_episodes, AT_ONCE)
+            )
+            found = [_group(data, numbers, coding) for numbers in groups]
         except checks.Refused:
             raise
         except (OSError, ValueError, KeyError, AssertionError, TypeError, AttributeError) as error:
-            raise checks.refuse("offline.dataset", str(place), f"a data set that is whole ({error})") from None
+            raise checks.refuse("offline.dataset", str(place), f"a complete data set ({error})") from None
     observations = np.cumsum([0, *(len(each["rows"]) for each in found)])
     for each, first in zip(found, observations[:-1], strict=True):
         each["at"] += first
@@ -77,26 +80,22 @@ def read(settings: OfflineSettings, env: Any, action: str, coding: Coding) -> Tr
 
 
 def check(name: str, data: Any, env: Any, action: str) -> None:
-    """Refuse a data set of something else.
+    """Raise if a data set has another origin, environment, scene, action, observation or version.
 
     Raises:
-        ValueError: it is of another environment, scene, action, observation or version.
+        ValueError: it has.
     """
     kept = json.loads(data.storage.metadata.get(SCENE, "{}"))
     if not kept:
-        raise checks.refuse("offline.dataset", name, "a data set that 'python -m agents record' has made")
+        raise checks.refuse("offline.dataset", name, "a data set written by 'python -m agents record'")
     wanted = {**scene_of(env), "action": action, "observation": "parts", "vibgym": vibgym.__version__}
     for key, value in wanted.items():
         if kept.get(key) != value:
             raise checks.refuse("offline.dataset", f"{name} (its {key}: {kept.get(key)})", f"a data set with {value}")
 
 
-def _groups(episodes: int) -> list[range]:
-    return [range(first, min(first + AT_ONCE, episodes)) for first in range(0, episodes, AT_ONCE)]
-
-
 def _group(data: Any, numbers: range, coding: Coding) -> dict[str, np.ndarray]:
-    """Some episodes, read step by step side by side, as networks that remember need it."""
+    """Return the transitions of some episodes, converted step by step since rows may contain the previous action."""
     episodes = list(data.iterate_episodes(numbers))
     lengths = np.array([len(each.rewards) for each in episodes])
     steps = int(lengths.max())
@@ -108,30 +107,28 @@ def _group(data: Any, numbers: range, coding: Coding) -> dict[str, np.ndarray]:
         return whole
 
     parts = len(coding.parts)
-    done = padded([each.actions for each in episodes]).reshape(steps + 1, len(episodes), parts, -1)
-    seen_parts, seen_mask = (padded([each.observations[name] for each in episodes]) for name in ("parts", "mask"))
+    executed = padded([each.actions for each in episodes]).reshape(steps + 1, len(episodes), parts, -1)
+    observed_parts, observed_mask = (
+        padded([each.observations[name] for each in episodes]) for name in ("parts", "mask")
+    )
     rows, mask, actions = [], [], []
-    seen: Any = None
+    inputs: Any = None
     start = np.zeros(len(episodes), dtype=bool)
     for step in range(steps + 1):
-        seen = coding.see({"parts": seen_parts[step], "mask": seen_mask[step]}, seen, start)
-        rows.append(seen.rows)
-        mask.append(seen.mask)
-        actions.append(coding.to_rows(seen, done[step]))
+        inputs = coding.encode({"parts": observed_parts[step], "mask": observed_mask[step]}, inputs, start)
+        rows.append(inputs.rows)
+        mask.append(inputs.mask)
+        actions.append(coding.to_rows(inputs, executed[step]))
         if coding.remembers:
-            seen.command[...] = done[step]
+            inputs.command[...] = executed[step]
     there = np.arange(steps + 1) <= lengths[:, None]  # (episodes, observations)
     acted = np.arange(steps + 1) < lengths[:, None]
     order = (np.cumsum(there.reshape(-1)) - 1).reshape(there.shape)
-    reward, ended = (
-        np.concatenate([np.asarray(each) for each in some]).astype(np.float32)
-        for some in ([e.rewards for e in episodes], [e.terminations for e in episodes])
-    )
     return {
         "rows": np.stack(rows, axis=1)[there],
         "mask": np.stack(mask, axis=1)[there].astype(np.float32),
         "at": order[acted],
         "action": np.stack(actions, axis=1)[acted].astype(np.float32),
-        "reward": reward,
-        "ended": ended,
+        "reward": np.concatenate([each.rewards for each in episodes]).astype(np.float32),
+        "ended": np.concatenate([each.terminations for each in episodes]).astype(np.float32),
     }

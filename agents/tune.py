@@ -1,21 +1,21 @@
 """Hyperparameter tuning with Optuna: ``python -m agents tune CONFIG``.
 
 Trials run in batches of ``abreast``. Each batch is proposed by the tree-structured Parzen estimator (TPE; Bergstra et al. 2011)
-from the trials of all earlier batches, so a study does not depend on the number of processes, nor on kills: finished trials
-are read back, interrupted ones continue from their checkpoints.
+from the trials of all earlier batches, so a study does not depend on the number of processes, nor on kills: Optuna's storage
+has the finished batches, and the runs of an interrupted one continue from their checkpoints.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import optuna
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
-from optuna.trial import TrialState
+from optuna.trial import FrozenTrial, TrialState
 from pydantic import Field
 from tqdm import tqdm
 
@@ -30,12 +30,10 @@ from vibgym import checks
 from vibgym.config import Settings, parse
 from vibgym.files import csv_text, output_directory, write_atomically
 
-STUDY, SETTINGS, TRIALS, RESULT, NAME = "study.db", "tuning.json", "trials.csv", "result.json", "tuning"
+STUDY, TRIALS, NAME, SETTINGS = "study.db", "trials.csv", "tuning", "settings"
 
-FIRST_SEED = 700_000
-"""First seed of the episodes on which trials are evaluated; training, reports and tables use others."""
-
-STATES = {"complete": TrialState.COMPLETE, "pruned": TrialState.PRUNED, "failed": TrialState.FAIL}
+SEED, FIRST_SEED = 900_000, 700_000
+"""Seed of trials' runs, and first seed of their evaluation; training, reports and tables use others."""
 
 
 class TuningSettings(Settings):
@@ -46,12 +44,8 @@ class TuningSettings(Settings):
 
     trials: int = Field(40, ge=1, le=100_000)
     steps: int | None = Field(None, ge=1)  # of a trial's training; None: the agent's
-    seeds: list[int] = Field([900_000], min_length=1, max_length=100)  # of a trial's runs, whose scores are averaged
     startup: int = Field(10, ge=0, le=100_000)  # random trials at the start
     abreast: int = Field(2, ge=1, le=10_000)  # trials in parallel
-    seed: int = Field(0, ge=0, lt=2**32)  # of the proposals
-    prune: bool = True  # stop trials worse than the median at the same number of steps
-    judging: dict[str, Any] = {}  # of trials, in addition to the agent's
 
 
 class Tuning:
@@ -78,23 +72,25 @@ class Tuning:
         self.settings = parse(TuningSettings, data, where)
         self.base = load_settings(path, agent)
         self.space = {name: distribution(spec, f"{where}: space.{name}") for name, spec in self.settings.space.items()}
-        self.of_trial({name: _first_value(each) for name, each in self.space.items()}, self.settings.seeds[0])
+        for end in (0, -1):
+            self.of_trial({name: _ends(each)[end] for name, each in self.space.items()})
 
-    def of_trial(self, values: dict[str, Any], seed: int) -> TrainSettings:
+    def of_trial(self, values: dict[str, Any]) -> TrainSettings:
         """Return the settings of a trial's run.
 
         Raises:
             ValueError: invalid names or values.
         """
-        judging = {} if self.base.judging is None else self.base.judging.model_dump()
-        judging = JudgingSettings.model_validate({**judging, "first_seed": FIRST_SEED, **self.settings.judging})
+        judging = (self.base.judging or JudgingSettings.model_validate({})).model_dump()
         steps = {} if self.settings.steps is None else {"steps": self.settings.steps}
-        return load_settings(self.path, self.agent, seed, {"judging": judging.model_dump(), **steps, **values})
+        changes = {"judging": {**judging, "first_seed": FIRST_SEED}, **steps, **values}
+        return load_settings(self.path, self.agent, SEED, changes)
 
-    def record(self) -> dict[str, Any]:
-        """Return everything that the study's results depend on, as JSON values."""
+    def record(self) -> str:
+        """Return everything that the study's results depend on, as JSON."""
         tuning = self.settings.model_dump(mode="json", exclude={"trials"})
-        return {"tuning": tuning, "agent": self.base.model_dump(mode="json"), "vibgym": vibgym.__version__}
+        agent = self.base.model_dump(mode="json")
+        return json.dumps({"tuning": tuning, "agent": agent, "vibgym": vibgym.__version__}, sort_keys=True)
 
 
 def distribution(spec: Any, where: str) -> BaseDistribution:
@@ -116,33 +112,9 @@ def distribution(spec: Any, where: str) -> BaseDistribution:
         raise checks.refuse(where, spec, f"{allowed} ({error})") from None
 
 
-def _first_value(each: BaseDistribution) -> Any:
-    if isinstance(each, CategoricalDistribution):
-        return each.choices[0]
-    assert isinstance(each, IntDistribution | FloatDistribution)
-    return each.low
-
-
-class Trial(NamedTuple):
-    """Result of a trial."""
-
-    number: int
-    values: dict[str, Any]  # of the tuned settings
-    state: str  # "complete", "pruned" or "failed"
-    score: (
-        float | None
-    )  # s, mean time to the goal at the best point of the learning curve; failures count with their limit
-    reports: dict[int, float]  # steps -> score of the first seed
-
-    def frozen(self, space: Mapping[str, Any]) -> optuna.trial.FrozenTrial:
-        """Return it as Optuna's trial."""
-        return optuna.trial.create_trial(
-            state=STATES[self.state],
-            value=self.score if self.state != "failed" else None,
-            params=self.values,
-            distributions=dict(space),
-            intermediate_values=self.reports,
-        )
+def _ends(each: Any) -> tuple[Any, ...]:
+    """Return the values of a list, or both ends of a range."""
+    return each.choices if isinstance(each, CategoricalDistribution) else (each.low, each.high)
 
 
 class Pruned(Exception):
@@ -150,71 +122,54 @@ class Pruned(Exception):
 
 
 def run_trial(
-    path: Path, agent: str | None, number: int, values: dict[str, Any], before: Sequence[Trial], directory: Path
-) -> Trial:
-    """Run a trial, or continue it where it was killed; its result is kept in ``directory``.
+    path: Path, agent: str | None, values: dict[str, Any], before: Sequence[FrozenTrial], directory: Path
+) -> FrozenTrial:
+    """Run a trial, or continue it from its checkpoint.
+
+    The score is the mean time to the goal (s) at the best point of the learning curve; failures count with their limit.
 
     Args:
         path, agent: see :class:`Tuning`.
-        number: of the trial.
         values: of the tuned settings.
-        before: earlier trials, for pruning.
-        directory: of the trial.
+        before: trials of earlier batches, for pruning.
+        directory: of the trial's run.
     """
-    file = directory / RESULT
-    if file.exists():
-        data = json.loads(file.read_text(encoding="utf-8"))
-        return Trial(**{**data, "reports": {int(steps): score for steps, score in data["reports"].items()}})
     tuning = Tuning(path, agent)
     study = optuna.create_study(pruner=optuna.pruners.MedianPruner(n_startup_trials=4))
-    for each in before:
-        study.add_trial(each.frozen(tuning.space))
+    study.add_trials(before)
     trial = study.ask(tuning.space)
-    reports: dict[int, float] = {}
-    best: list[float] = []
-    state = "complete"
+    scores: dict[int, float] = {}
+
+    def listener(row: dict[str, Any]) -> None:
+        steps, score = int(row["steps"]), float(row["mean_time"])
+        scores[steps] = score
+        trial.report(score, steps)
+        if trial.should_prune():
+            raise Pruned
+
+    state = TrialState.COMPLETE
     try:
-        for seed in tuning.settings.seeds:
-            best.append(float("inf"))
-            first = not reports
-
-            def listener(row: dict[str, Any], first: bool = first) -> None:
-                score = float(row["mean_time"])
-                best[-1] = min(best[-1], score)
-                if first:
-                    reports[int(row["steps"])] = score
-                    trial.report(score, int(row["steps"]))
-                    if tuning.settings.prune and trial.should_prune():
-                        raise Pruned
-
-            with Training(tuning.of_trial(values, seed), directory / f"seed-{seed}", quiet=True) as training:
-                training.run(listener=listener)
+        with Training(tuning.of_trial(values), directory, quiet=True) as training:
+            training.run(listener=listener)
     except Pruned:
-        state = "pruned"
+        state = TrialState.PRUNED
     except TrainingError:
-        state = "failed"
-    found = [each for each in best if each < float("inf")]
-    score = sum(found) / len(found) if found else None
-    result = Trial(number, values, "failed" if score is None and state == "complete" else state, score, reports)
-    write_atomically(file, json.dumps(result._asdict(), indent=2) + "\n")
-    return result
-
-
-def propose(tuning: Tuning, number: int, before: Sequence[Trial]) -> dict[str, Any]:
-    """Return the values of trial ``number``, a function of the earlier trials alone."""
-    sampler = optuna.samplers.TPESampler(
-        n_startup_trials=tuning.settings.startup, seed=tuning.settings.seed + 1_000_003 * number
+        state = TrialState.FAIL
+    return optuna.trial.create_trial(
+        state=state,
+        value=None if state is TrialState.FAIL else min(scores.values()),
+        params=values,
+        distributions=tuning.space,
+        intermediate_values=scores,
     )
+
+
+def propose(tuning: Tuning, number: int, before: Sequence[FrozenTrial]) -> dict[str, Any]:
+    """Return the values of trial ``number``, a function of the trials of earlier batches alone."""
+    sampler = optuna.samplers.TPESampler(n_startup_trials=tuning.settings.startup, seed=1_000_003 * number)
     study = optuna.create_study(sampler=sampler)
-    for each in before:
-        study.add_trial(each.frozen(tuning.space))
+    study.add_trials(before)
     return dict(study.ask(tuning.space).params)
-
-
-def best(trials: Sequence[Trial]) -> Trial | None:
-    """Return the complete trial with the lowest score; the first of equals."""
-    whole = [each for each in trials if each.state == "complete" and each.score is not None]
-    return min(whole, key=lambda each: (each.score, each.number), default=None)
 
 
 def tune(
@@ -225,7 +180,7 @@ def tune(
     quiet: bool = False,
     processes: int = 2,
     ray: str | None = None,
-) -> tuple[Path, Trial | None]:
+) -> tuple[Path, FrozenTrial | None]:
     """Run a study, or continue it; write ``study.db`` (for Optuna and its dashboard) and ``trials.csv``.
 
     Args:
@@ -236,7 +191,7 @@ def tune(
         processes, ray: see :func:`agents.parallel.run`.
 
     Returns:
-        Path of ``trials.csv``, and the best trial; None if there is none.
+        Path of ``trials.csv``, and the best trial; None if none is complete.
 
     Raises:
         ValueError: invalid settings, a study of other settings, or one used by another process.
@@ -245,47 +200,41 @@ def tune(
     count = tuning.settings.trials if trials is None else checks.count("--trials", trials, least=1, most=100_000)
     directory = output or Path("runs/tuning") / (agent or config.stem).replace("/", "-")
     output_directory(directory)
-    done: list[Trial] = []
+    abreast = tuning.settings.abreast
     with locks.one_run(directory), parallel.pool(processes, ray) as run:
-        _check_same(tuning, directory)
-        with tqdm(total=count, desc="tuning", unit="trial", disable=quiet) as bar:
+        study = _study(tuning, directory)
+        done = study.trials
+        with tqdm(total=count, initial=len(done), desc="tuning", unit="trial", disable=quiet) as bar:
             while len(done) < count:
-                batch = range(len(done), min(len(done) + tuning.settings.abreast, count))
-                calls = [
-                    (config, agent, k, propose(tuning, k, done), done, directory / f"trial-{k:03d}") for k in batch
-                ]
-                done = [*done, *run(run_trial, calls, bar.update)]
-                found = best(done)
-                if found is not None:
-                    bar.set_postfix_str(f"best {found.score:.3f} s, trial {found.number}", refresh=False)
-        _write(tuning, done, directory)
-    return directory / TRIALS, best(done)
-
-
-def _write(tuning: Tuning, trials: Sequence[Trial], directory: Path) -> None:
-    (directory / STUDY).unlink(missing_ok=True)
-    study = optuna.create_study(storage=f"sqlite:///{directory / STUDY}", study_name=NAME)
-    study.add_trials([each.frozen(tuning.space) for each in trials])
-    rows = [{"trial": t.number, "state": t.state, "score_s": t.score, **t.values} for t in trials]
+                first = len(done) // abreast * abreast  # of the batch
+                calls = []
+                for number in range(len(done), min(first + abreast, count)):
+                    values = propose(tuning, number, done[:first])
+                    calls.append((config, agent, values, done[:first], directory / f"trial-{number:03d}"))
+                study.add_trials(run(run_trial, calls, bar.update))
+                done = study.trials
+    rows = [{"trial": t.number, "state": t.state.name.lower(), "score_s": t.value, **t.params} for t in done]
     write_atomically(directory / TRIALS, csv_text(rows))
+    complete = [each for each in done if each.state is TrialState.COMPLETE]
+    return directory / TRIALS, min(complete, key=lambda each: (each.value, each.number), default=None)
 
 
-def _check_same(tuning: Tuning, directory: Path) -> None:
-    """Write the study's settings, or compare them with those written.
+def _study(tuning: Tuning, directory: Path) -> optuna.Study:
+    """Return the study in ``directory``, a new one if there is none.
 
     Raises:
-        ValueError: they differ.
+        ValueError: it has other settings, or is damaged.
     """
-    path, mine = directory / SETTINGS, tuning.record()
-    if not path.exists():
-        write_atomically(path, json.dumps(mine, indent=2, sort_keys=True) + "\n")
-        return
+    path, mine = directory / STUDY, tuning.record()
     try:
-        theirs = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        study = optuna.create_study(storage=f"sqlite:///{path}", study_name=NAME, load_if_exists=True)
+        theirs = study.user_attrs.get(SETTINGS, None if study.trials else mine)
+    except Exception as error:  # of SQLAlchemy
         raise checks.conflict(f"{path}: not readable ({error}); remove it or choose another output") from None
-    if theirs != json.loads(json.dumps(mine)):
+    if theirs != mine:
         raise checks.conflict(f"{path}: a study with other settings; remove it or choose another output")
+    study.set_user_attr(SETTINGS, mine)
+    return study
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -300,7 +249,7 @@ def command(given: argparse.Namespace) -> None:
     """Tune hyperparameters."""
     path, found = tune(given.config, given.agent, given.trials, given.output, given.quiet, given.processes, given.ray)
     if found is not None:
-        print(f"best: trial {found.number}, {found.score:.3f} s, {found.values}")
+        print(f"best: trial {found.number}, {found.value:.3f} s, {found.params}")
     print(f"trials: {path}")
 
 

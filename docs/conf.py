@@ -1,4 +1,4 @@
-"""Settings of the site: ``sphinx-build -W -b html docs runs/docs``, or ``make docs``. Nothing is fetched from anywhere."""
+"""Settings of the site: ``sphinx-build -W -b html docs runs/docs``, or ``make docs``. The build needs no network."""
 
 import sys
 from pathlib import Path
@@ -37,32 +37,32 @@ pygments_style, pygments_dark_style = "a11y-high-contrast-light", "a11y-high-con
 
 
 def generate(app):
-    """Tables of results and pages of environments, before pages are read."""
+    """Write tables of results and pages of environments before Sphinx reads the pages."""
     from studies.manual.build import write
 
     write(DOCS)
 
 
-FOR_EVERYBODY = {
+ACCESSIBILITY = {
     ' role="heading"><': ' role="heading" aria-level="2"><',
     '<div class="highlight"><pre>': '<div class="highlight"><pre tabindex="0">',
     '<div class="table-wrapper': '<div tabindex="0" role="region" aria-label="Table" class="table-wrapper',
 }
-"""What the theme's pages lack for keyboards and screen readers: levels of captions, and tables that can be scrolled by keys."""
+"""Additions to the theme's HTML for keyboards and screen readers: levels of headings, and tables that scroll by keys."""
 
 
 def complete(app, error):
-    """Mend the theme's pages once they are written."""
+    """Apply :data:`ACCESSIBILITY` to the written pages."""
     for path in Path(app.outdir).rglob("*.html") if error is None and app.builder.name == "html" else ():
         before = after = path.read_text(encoding="utf-8")
-        for lacking, whole in FOR_EVERYBODY.items():
-            after = after.replace(lacking, whole)
+        for old, new in ACCESSIBILITY.items():
+            after = after.replace(old, new)
         if after != before:
             path.write_text(after, encoding="utf-8")
 
 
 def setup(app):
-    """Hook in what is generated."""
+    """Connect the handlers."""
     from studies.manual import rest
 
     app.connect("builder-inited", generate)

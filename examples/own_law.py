@@ -26,7 +26,7 @@ struck = {"disturbance": {"rate": 0.25, "tilt_deg": 3.0}, "patches": [0.8, 1.2]}
 worlds = {
     "in the plane": {},
     "prototype hardware": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
-    "rigid, struck, on rough elements": {"model": "tilting", "randomize": struck},
+    "rigid, disturbed, on rough elements": {"model": "tilting", "randomize": struck},
 }
 for policy in ({"kind": "spring"}, {"kind": "spring", "damping": 15.0}, {"kind": "pose"}):
     for name, settings in worlds.items():

@@ -1,7 +1,7 @@
-"""Executes notebooks and keeps what they show: ``python -m studies.notebooks [NAME ...]``, or ``make notebooks``.
+"""Execute notebooks and store their outputs: ``python -m studies.notebooks [NAME ...]``, or ``make notebooks``.
 
-A notebook is executed as a whole, in a kernel of its own, with what stands in its cell of parameters; the tests put smaller
-numbers there. What is kept are pictures and printed lines, without times of execution, warnings and paths of the machine.
+Every notebook runs in a new kernel with the values of its parameters cell; tests set smaller values. Stored outputs are
+pictures and printed lines, without execution times, warnings and local paths.
 """
 
 from __future__ import annotations
@@ -23,55 +23,54 @@ from vibgym import checks, files
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "notebooks"
 LARGEST = 400_000
-"""Bytes of a notebook with its pictures."""
+"""Bytes, upper limit of a notebook with its pictures."""
 
-PLACES = (str(ROOT), str(Path.home()), sys.prefix, tempfile.gettempdir() + "/")
-"""Of this machine, of which outputs say nothing."""
+LOCAL_PATHS = (str(ROOT), str(Path.home()), sys.prefix, tempfile.gettempdir() + "/")
+"""Paths of this host that outputs must not contain."""
 
 
 def names() -> list[str]:
-    """Of all notebooks, in the order in which they are read."""
+    """Return the names of all notebooks, in reading order."""
     order = ("first_steps", "train_in_three_minutes", "speed_against_error")
     found = {path.stem for path in FOLDER.glob("*.ipynb")}
     return [*(name for name in order if name in found), *sorted(found - {*order})]
 
 
-def executed(notebook: Any, *, go_on: bool = False, env: dict[str, str] | None = None, **parameters: Any) -> Any:
-    """A copy of a notebook with its outputs.
+def executed(notebook: Any, *, keep_errors: bool = False, env: dict[str, str] | None = None, **parameters: Any) -> Any:
+    """Execute a notebook and return a copy with its outputs.
 
     Args:
-        notebook: as nbformat reads it; the checkout's vibgym is what it imports.
-        go_on: keep errors as outputs.
+        notebook: of nbformat; it imports vibgym from the checkout.
+        keep_errors: store errors as outputs instead of raising them.
         env: environment variables of its kernel, in addition to those of this process.
-        **parameters: values for names in the cell that is tagged "parameters".
+        **parameters: values of names in the cell tagged "parameters".
 
     Raises:
-        ValueError: a parameter that the notebook does not have.
-        nbclient.exceptions.CellExecutionError: a cell fails, and ``go_on`` is not set.
+        ValueError: unknown parameter.
+        nbclient.exceptions.CellExecutionError: a cell fails and ``keep_errors`` is not set.
     """
     from nbclient import NotebookClient
 
     result = copy.deepcopy(notebook)
     (cell,) = (each for each in result.cells if "parameters" in each.metadata.get("tags", ()))
-    wanted = cell.source
-    known = [line.partition(" = ")[0] for line in wanted.splitlines()]
+    source = cell.source
+    known = [line.partition(" = ")[0] for line in source.splitlines()]
     for name in parameters:
-        if name not in known:
-            raise checks.refuse("parameters", name, f"one of {', '.join(known)}")
-    cell.source = "\n".join([wanted, *(f"{name} = {value!r}" for name, value in parameters.items())])
-    where = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+        checks.choice("parameter", name, known)
+    cell.source = "\n".join([source, *(f"{name} = {value!r}" for name, value in parameters.items())])
+    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
     with tempfile.TemporaryDirectory() as folder:
         client = NotebookClient(
-            result, timeout=900, kernel_name="python3", allow_errors=go_on, record_timing=False, coalesce_streams=True,
+            result, timeout=900, kernel_name="python3", allow_errors=keep_errors, record_timing=False, coalesce_streams=True,
             resources={"metadata": {"path": folder}},
         )  # fmt: skip
-        client.execute(env={**os.environ, "PYTHONPATH": where, **(env or {})})
-    cell.source = wanted
+        client.execute(env={**os.environ, "PYTHONPATH": path, **(env or {})})
+    cell.source = source
     return result
 
 
 def tidied(notebook: Any) -> Any:
-    """A copy without what differs from one machine to another and is of no use to readers."""
+    """Return a copy without metadata and warnings that depend on the host."""
     result = copy.deepcopy(notebook)
     result.metadata = {
         "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
@@ -84,57 +83,56 @@ def tidied(notebook: Any) -> Any:
     return result
 
 
-def renew(name: str, folder: Path = FOLDER) -> int:
-    """Execute a notebook at full size and write it into ``folder``; return its bytes.
+def update(name: str, folder: Path = FOLDER) -> int:
+    """Execute a notebook with its stored parameters and write it into ``folder``; return its size in bytes.
 
     Raises:
-        Refused: its outputs are too large, or name a place of this machine; the file is as it was.
+        Refused: its outputs are too large or contain a local path; the file is not changed.
     """
     import nbformat
 
     path = FOLDER / f"{name}.ipynb"
     text = nbformat.writes(tidied(executed(nbformat.read(path, as_version=4)))) + "\n"
-    for place in PLACES:
-        if place in text:
-            raise checks.refuse(f"notebooks/{path.name}", place, "outputs without paths of this machine")
+    for local in LOCAL_PATHS:
+        if local in text:
+            raise checks.refuse(f"notebooks/{path.name}", local, "free of local paths")
     size = len(text.encode())
     if size > LARGEST:
-        raise checks.refuse(f"notebooks/{path.name}", f"{size} bytes", f"at most {LARGEST} with its pictures")
+        raise checks.refuse(f"notebooks/{path.name}", f"{size} bytes", f"at most {LARGEST} bytes")
     files.write_atomically(folder / path.name, text)
     return size
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    parser.add_argument("names", nargs="*", metavar="NAME", help="of notebooks; without, all of them")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="notebooks to execute (default: all)")
 
 
-def run(asked: argparse.Namespace) -> int:
-    """Renew notebooks; return the exit code."""
+def run(arguments: argparse.Namespace) -> int:
+    """Execute notebooks and store them; return the exit code."""
     from nbclient.exceptions import CellExecutionError
 
-    for name in asked.names:
-        if name not in names():
-            raise checks.refuse("NAME", name, f"one of {', '.join(names())}")
-    files_at = FOLDER if asked.output is None else files.output_directory(asked.output)
-    for name in asked.names or names():
+    for name in arguments.names:
+        checks.choice("notebook", name, names())
+    folder = FOLDER if arguments.output is None else files.output_directory(arguments.output)
+    for name in arguments.names or names():
         began = time.perf_counter()
         try:
-            size = renew(name, files_at)
+            size = update(name, folder)
         except CellExecutionError as error:
             print(f"notebooks/{name}.ipynb: {error.ename}: {error.evalue}", file=sys.stderr)
             return 1
-        if not asked.quiet:
+        if not arguments.quiet:
             print(f"notebooks/{name}.ipynb: {time.perf_counter() - began:.0f} s, {size / 1e3:.0f} kB", flush=True)
     return 0
 
 
-COMMAND = Command(arguments, run, "directory for the notebooks, instead of where they stand")
+COMMAND = Command(add_arguments, run, "directory of the notebooks (default: notebooks)")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    description = "Executes the notebooks, with pictures and figures kept in them."
+    description = "Execute the notebooks and store them with their outputs."
     return command_line.run("python -m studies.notebooks", description, COMMAND, argv, extra="notebooks")
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from studies.benchmarks import browser
+from studies.benchmarks import play
 
 __all__ = ["chromium", "faults", "faults_at_all_sizes", "watch"]
 
@@ -22,7 +22,7 @@ def chromium() -> Iterator[Any]:
     """Yield a browser; without one, skip the test, or fail if ``CI`` is set."""
     with ExitStack() as stack:
         try:
-            found = stack.enter_context(browser.chromium())
+            found = stack.enter_context(play.chromium())
         except (ImportError, RuntimeError) as error:
             if os.environ.get("CI"):
                 raise

@@ -21,7 +21,7 @@ def said_in_one_line(capsys):
 
 
 def saved(directory, content, **changes):
-    """Write a settings file whose output goes to ``out`` beside it; settings of None are left out."""
+    """Write a settings file with output directory ``out`` next to it; settings of None are omitted."""
     path = directory / "mine.yaml"
     content = {**content, "output": str(directory / "out"), **changes}
     path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))

@@ -156,7 +156,7 @@ keys = st.sampled_from(
 
 
 @given(st.one_of(anything, st.dictionaries(keys | st.text(max_size=4), anything, max_size=4)))
-def test_whatever_comes_in_the_answer_is_an_object_or_one_line(value):
+def test_any_value_gives_an_object_or_a_one_line_error(value):
     for make, kind in ((surface_from, Surface), (part_from, Part)):
         try:
             assert isinstance(make(value), kind)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.manual import readme
+from studies.manual.build import updated_readme
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -46,7 +46,7 @@ def test_code_blocks_run_in_order(pages):
 def test_the_readme_is_short_and_its_table_is_current():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert len(text.splitlines()) <= README_LINES
-    assert readme.renewed(text) == text
+    assert updated_readme(text) == text
 
 
 def test_links_of_the_readme_exist():

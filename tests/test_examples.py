@@ -17,7 +17,7 @@ EXAMPLES = {
     "own_task": ("10", "pose         100.0 %"),
     "speed_against_error": ("16", "averaged  {'order': 2}"),
 }
-"""By name: the argument, and a part of the output."""
+"""Examples by name: argument, and part of the output."""
 
 LINES = 70
 

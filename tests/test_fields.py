@@ -1,4 +1,4 @@
-"""Vector fields: closed forms, and what they do to a part."""
+"""Vector fields: closed forms, and effect on a part."""
 
 import math
 
@@ -90,7 +90,7 @@ def test_one_field_a_world():
 
 
 @given(seed=st.integers(0, 1000), friction=st.one_of(st.none(), st.floats(0, 1)))
-def test_phasors_stay_in_the_unit_disc_and_drives_say_the_same(seed, friction):
+def test_phasors_stay_in_the_unit_disc_and_agree_with_drives(seed, friction):
     a, b, c, d = np.random.default_rng(seed).uniform(-2, 2, 4)
     field = a * radial(0.4, 0.1) + uniform(b, c) + d * squeeze(0.2, 0.1, b)
     phasors = field.phasors(SURFACE, friction=friction)
@@ -112,7 +112,7 @@ def test_pushes_longer_than_full_amplitude_are_shortened_only():
     assert np.hypot(weak[..., 0], weak[..., 1]) == pytest.approx(0.25)
 
 
-def test_friction_turns_the_push_back_by_its_lead():
+def test_friction_correction_rotates_the_push_by_the_lead_angle():
     lead = lead_angle(SURFACE, 0.6)
     assert lead == pytest.approx(1.6 * math.atan(0.6 * 9.81 / (2.7e-3 * (50 * math.pi) ** 2)))
     assert uniform(0.5).phasors(SURFACE, friction=0.6) == pytest.approx(uniform(0.5 - lead).phasors(SURFACE))
@@ -120,7 +120,7 @@ def test_friction_turns_the_push_back_by_its_lead():
     assert lead_angle(Surface(horizontal_amplitude=0.0), 0.6) == 0.0
 
 
-# -- what they do to a part --------------------------------------------------------------------------------------------
+# -- effect on a part --------------------------------------------------------------------------------------------------
 
 
 def after(field, pose, periods, part=BLOCK, friction=0.58):
@@ -144,13 +144,13 @@ def test_uniform_moves_a_part_along_its_direction(direction, friction, strength)
     end, mean = after(uniform(direction, strength), start, 10, part, friction)
     moved = end[0, :2] - start[:2]
     assert np.hypot(*moved) > 0.02
-    # Measured: the mean velocity's direction is off by 0.9 degrees at most, the way's by 1.6 (a part starts sideways).
+    # Measured error of the direction: mean velocity at most 0.9 degrees, displacement 1.6 (a part starts sideways).
     assert math.degrees(angle_between(math.atan2(mean[0, 1], mean[0, 0]), direction)) < 1.5
     assert math.degrees(angle_between(math.atan2(moved[1], moved[0]), direction)) < 2.5
     assert abs(end[0, 2] - start[2]) < 0.05
 
 
-def test_without_correction_friction_leads_the_part_astray():
+def test_without_correction_the_direction_is_off():
     end, _ = after(uniform(0.0, 0.3), [0.3, 0.104, 0.0], 10, friction=None)
     direction = math.atan2(end[0, 1] - 0.104, end[0, 0] - 0.3)
     assert direction == pytest.approx(lead_angle(SURFACE, 0.58), abs=math.radians(2.5))
@@ -162,7 +162,7 @@ def starts(worlds, low, high, seed=0):
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, math.pi / 2])
-def test_squeeze_brings_parts_to_its_line(angle):
+def test_squeeze_moves_parts_to_its_line(angle):
     start = starts(8, (0.34, 0.06), (0.46, 0.15))
     across = np.array([-math.sin(angle), math.cos(angle)])
     end, mean = after(squeeze(0.4, 0.104, angle), start, 100)
@@ -179,7 +179,7 @@ def test_squeeze_aligns_a_long_part_with_its_line():
     assert np.degrees(np.abs(np.arcsin(np.sin(end[:, 2])))).max() < 5.0
 
 
-def test_radial_brings_parts_to_its_centre():
+def test_radial_moves_parts_to_its_centre():
     start = starts(8, (0.1, 0.05), (0.7, 0.16))
     end, mean = after(radial(0.4, 0.104), start, 120)
     assert np.hypot(*(start[:, :2] - [0.4, 0.104]).T).max() > 0.2
@@ -215,7 +215,7 @@ def test_bad_input_is_named(name, make):
         make()
 
 
-def test_a_users_own_field():
+def test_a_user_defined_field():
     saddle = Field(lambda x, y: (x - 0.4, 0.1 - y))
     phasors = saddle.phasors(SURFACE)
     x, y = SURFACE.element_centres()
@@ -223,24 +223,24 @@ def test_a_users_own_field():
 
 
 @given(x=near, y=near, angle=st.floats(-4, 4), vx=near, vy=near, time=st.floats(0, 10), at_x=near, at_y=near)
-def test_a_moving_line_is_the_line_that_has_moved(x, y, angle, vx, vy, time, at_x, at_y):
+def test_a_moving_line_equals_the_displaced_line(x, y, angle, vx, vy, time, at_x, at_y):
     moved = squeeze(x + time * vx, y + time * vy, angle).push(np.array(at_x), np.array(at_y))
     line = MovingSqueeze(x, y, angle, (vx, vy))
     assert np.ravel(line.at(time).push(np.array(at_x), np.array(at_y))) == pytest.approx(np.ravel(moved), abs=1e-9)
 
 
-def test_a_line_with_a_pitch_stands_on_edges_of_elements():
+def test_a_line_with_a_pitch_is_on_edges_of_elements():
     size = SURFACE.element_size
     line = MovingSqueeze(4 * size, 0.1, math.pi / 2, (0.1, 0.3), pitch=size)
     at = np.array([line.place(time) for time in np.linspace(0.0, 3.0, 200)])
     steps = (at[:, 0] - 4 * size) / size
     assert np.abs(steps - np.round(steps)).max() < 1e-9 and set(np.round(steps)) == set(range(13))
-    assert at[:, 1] == pytest.approx(0.1)  # what it has along itself does not move a line
+    assert at[:, 1] == pytest.approx(0.1)  # the velocity along the line has no effect
     assert np.abs(at[:, 0] - 4 * size - 0.1 * np.linspace(0.0, 3.0, 200)).max() <= 0.5 * size + 1e-9
 
 
 def lags(velocity, part=BLOCK, seconds=4.0, pitch=None, reach=0.026):
-    """How far a part is behind a line that moves at ``velocity`` (m/s) along the table, m, period by period."""
+    """Return the lag (m) of a part behind a line with ``velocity`` (m/s) along the table, for every period."""
     simulator, start = Simulator(SURFACE, (part,)), 4 * SURFACE.element_size
     simulator.reset([[[start, 0.104, 0.0]]])
     line = MovingSqueeze(start, 0.104, math.pi / 2, (velocity, 0.0), pitch=pitch, reach=reach)
@@ -252,8 +252,8 @@ def lags(velocity, part=BLOCK, seconds=4.0, pitch=None, reach=0.026):
     return np.array(behind)
 
 
-def test_parts_follow_a_slow_line_at_the_distance_at_which_push_and_friction_are_even():
-    # Two elements wide within the reach: the mean of what the elements under it do is linear in the distance.
+def test_parts_follow_a_slow_line_at_the_distance_of_equilibrium():
+    # Two elements wide within the reach: the mean push under it is linear in the distance.
     part = Part.rectangle(0.052, 0.078, friction=0.58)
     slow, fast = (lags(v, part, seconds=9.0, reach=0.078)[100:].mean() for v in (0.03, 0.06))
     # mu a_v w^2 / 2 * lag / reach = mu g v / (2 a_h w); friction cancels. The difference is free of the wobble in a period.
@@ -262,7 +262,7 @@ def test_parts_follow_a_slow_line_at_the_distance_at_which_push_and_friction_are
 
 
 @pytest.mark.parametrize("steps", [{}, {"pitch": 0.026, "reach": 0.001}])
-def test_a_line_takes_parts_along_up_to_the_speed_at_which_they_go_at_full_strength(steps):
+def test_a_line_transports_parts_up_to_their_speed_at_full_strength(steps):
     simulator = Simulator(SURFACE, (BLOCK,))
     simulator.reset([[[0.1, 0.104, 0.0]]])
     simulator.advance(*uniform(0.0).drive(SURFACE, friction=BLOCK.friction), periods=40)

@@ -26,7 +26,7 @@ def contents(directory: Path, text: str) -> dict[Path, str | bytes]:
 
 
 def failing(call: Callable, number: int, error: BaseException) -> Callable:
-    """The function, but for its call of this number."""
+    """Return the function with an error at its n-th call."""
     calls = []
 
     def fails(*arguments: object, **named: object) -> object:
@@ -59,7 +59,7 @@ def test_all_files_are_new_or_none(tmp_path, monkeypatch, module, name, number, 
     assert {each.name: each.read_text() for each in tmp_path.iterdir()} == {each: f"new {each}" for each in NAMES}
 
 
-def test_a_directory_in_a_files_place_stops_them_all(tmp_path):
+def test_a_directory_at_a_files_path_prevents_all_writes(tmp_path):
     (tmp_path / "c.html").mkdir()
     with pytest.raises(WriteError, match="c.html"):
         write_together(contents(tmp_path, "new"))
@@ -114,7 +114,7 @@ BAD_DIRECTORIES: dict[str, tuple[Callable[[Path], Path], str]] = {
 
 
 def long(path: Path) -> Path:
-    """A directory that can be made, but in which hardly a name fits into the longest path."""
+    """Return a directory with nearly the longest possible path."""
     room = 4095 - 60 - len(os.path.relpath(path))
     return Path(*(["y" * 199] * (room // 200)), "y" * max(room % 200 - 1, 1))
 
@@ -143,7 +143,7 @@ def test_good_places_stay_as_they_are(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+cmd", "-2 fast", "@SUM(A1)", "\t=1", "\r=1", '=HYPERLINK("x")'])
-def test_spreadsheets_take_no_text_for_a_formula(text):
+def test_csv_text_is_not_a_formula(text):
     (row,) = csv.DictReader(io.StringIO(csv_text([{"policy": text, "score": -1.5}]), newline=""))
     assert row == {"policy": f"'{text}", "score": "-1.5"}
 

@@ -1,4 +1,4 @@
-"""Notebooks run at small size; what stands in them was made at full size, and by this code."""
+"""Notebooks run at small size; their stored outputs come from the same source at full size."""
 
 import base64
 import json
@@ -13,9 +13,9 @@ SMALL = {
     "train_in_three_minutes": {"STEPS": 64, "PARTS": 2, "WORLDS": 2, "EPISODES": 2, "FRAMES": 2},
     "speed_against_error": {"WORLDS": 8, "REPEATS": 2},
 }
-"""By name: its parameters."""
+"""Notebook -> parameters."""
 
-SAID = {
+PRINTED = {
     "first_steps": "learned      100.0 %, median",
     "train_in_three_minutes": "the law pose  success 100.0 %, median",
     "speed_against_error": "averaged  {'order': 2}",
@@ -27,7 +27,7 @@ def read(name):
 
 
 def shown(notebook):
-    """Printed text, and types of pictures."""
+    """Return the printed text and the types of pictures."""
     outputs = [each for cell in notebook.cells if cell.cell_type == "code" for each in cell.outputs]
     printed = "".join(each.text for each in outputs if each.get("name") == "stdout")
     pictures = [kind for each in outputs for kind in each.get("data", {}) if kind in ("image/png", "image/gif")]
@@ -35,25 +35,25 @@ def shown(notebook):
 
 
 @pytest.mark.parametrize("name", SMALL)
-def test_a_notebook_runs_at_small_size_and_shows_what_is_kept(name):
+def test_notebooks_run_at_small_size_with_the_stored_kinds_of_output(name):
     kept = read(name)
     found = notebooks.tidied(notebooks.executed(kept, **SMALL[name]))
     printed, pictures = shown(found)
-    assert SAID[name] in printed and SAID[name] in shown(kept)[0]
+    assert PRINTED[name] in printed and PRINTED[name] in shown(kept)[0]
     assert pictures and pictures == shown(kept)[1]
-    # The kept one was executed in one go, from this source, without an error.
+    # The stored notebook was executed in one session, from this source, without an error.
     assert [cell.source for cell in found.cells] == [cell.source for cell in kept.cells]
     counts = [cell.execution_count for cell in kept.cells if cell.cell_type == "code"]
     assert counts == list(range(1, len(counts) + 1))
     assert not any(each.output_type == "error" for cell in kept.cells for each in cell.get("outputs", ()))
 
 
-def test_all_notebooks_are_tested_small_and_say_nothing_of_a_machine():
+def test_stored_notebooks_are_small_valid_and_free_of_local_paths():
     assert notebooks.names() == list(SMALL)
     for name in SMALL:
         text = (notebooks.FOLDER / f"{name}.ipynb").read_text(encoding="utf-8")
         assert len(text.encode()) < notebooks.LARGEST
-        assert not any(place in text for place in (str(notebooks.ROOT), "/home/", "/root/", "/tmp/", "site-packages"))
+        assert not any(path in text for path in (str(notebooks.ROOT), "/home/", "/root/", "/tmp/", "site-packages"))
         notebook = read(name)
         nbformat.validate(notebook)
         assert notebook == notebooks.tidied(notebook)
@@ -63,7 +63,7 @@ def test_all_notebooks_are_tested_small_and_say_nothing_of_a_machine():
                     assert base64.b64decode(each.data["image/gif"]).startswith(b"GIF89a")
 
 
-def test_the_kept_training_learns():
+def test_the_stored_training_learns():
     before, after = (
         line for line in shown(read("train_in_three_minutes"))[0].splitlines() if line[:6] in ("before", "after ")
     )
@@ -76,37 +76,37 @@ def test_the_kept_training_learns():
     ("train_in_three_minutes", "stable_baselines3", "learn"),
     ("speed_against_error", "matplotlib", "notebooks"),
 ])  # fmt: skip
-def test_a_notebook_without_its_extra_says_so_in_one_line(name, package, extra, tmp_path):
+def test_notebooks_report_a_missing_extra_in_one_line(name, package, extra, tmp_path):
     kept = read(name)
     kept.cells = kept.cells[
         : next(k for k, cell in enumerate(kept.cells) if "parameters" in cell.metadata.get("tags", ())) + 1
     ]
-    # Whatever asks for the package is told that there is none, as in an environment without the extra.
+    # Importing the package fails, as in an environment without the extra.
     (tmp_path / "sitecustomize.py").write_text(
         "import sys\n\n\nclass Blocked:\n    def find_spec(self, name, *more):\n"
         f"        if name.partition('.')[0] == {package!r}:\n"
         "            raise ModuleNotFoundError(f'No module named {name!r}', name=name)\n\n\n"
         "sys.meta_path.insert(0, Blocked())\n"
     )
-    found = notebooks.executed(kept, go_on=True, env={"PYTHONPATH": f"{notebooks.ROOT}:{tmp_path}"})
+    found = notebooks.executed(kept, keep_errors=True, env={"PYTHONPATH": f"{notebooks.ROOT}:{tmp_path}"})
     errors = [each for cell in found.cells for each in cell.get("outputs", ()) if each.output_type == "error"]
     line = f"{package} is not installed: pip install 'vibgym[{extra}]'"
     assert errors[0].traceback == [line] and errors[0].evalue == line
 
 
-def test_parameters_that_a_notebook_does_not_have_are_refused():
+def test_unknown_parameters_are_rejected():
     with pytest.raises(ValueError, match="STEP"):
         notebooks.executed(read("first_steps"), STEP=1)
 
 
-def test_bad_input_of_the_command_is_told_in_one_line(capsys, tmp_path):
+def test_unknown_notebooks_are_rejected(capsys):
     assert notebooks.main(["last_steps"]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "last_steps" in said and "first_steps" in said
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "last_steps" in error and "first_steps" in error
 
 
-def test_a_notebook_that_fails_or_tells_of_the_machine_is_not_kept(capsys, tmp_path, monkeypatch):
-    source = {"fails": "1 / 0", "tells": "import os; print(os.__file__)"}
+def test_notebooks_that_fail_or_print_local_paths_are_not_stored(capsys, tmp_path, monkeypatch):
+    source = {"fails": "1 / 0", "local": "import os; print(os.__file__)"}
     for name, code in source.items():
         cell = {**nbformat.v4.new_code_cell("N = 1"), "metadata": {"tags": ["parameters"]}}
         book = nbformat.v4.new_notebook(cells=[cell, nbformat.v4.new_code_cell(code)])
@@ -114,9 +114,9 @@ def test_a_notebook_that_fails_or_tells_of_the_machine_is_not_kept(capsys, tmp_p
     monkeypatch.setattr(notebooks, "FOLDER", tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert notebooks.main(["fails"]) == 1
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "fails.ipynb: ZeroDivisionError" in said
-    monkeypatch.setattr(notebooks, "PLACES", (*notebooks.PLACES, "os.py"))
-    assert notebooks.main(["tells"]) == 2
-    assert "without paths of this machine" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "fails.ipynb: ZeroDivisionError" in error
+    monkeypatch.setattr(notebooks, "LOCAL_PATHS", (*notebooks.LOCAL_PATHS, "os.py"))
+    assert notebooks.main(["local"]) == 2
+    assert "free of local paths" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before

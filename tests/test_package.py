@@ -1,4 +1,4 @@
-"""The package as its users meet it."""
+"""Import of the package."""
 
 import importlib.metadata
 import subprocess
@@ -18,8 +18,8 @@ def loaded_after(code):
     listing = f"{code}\nimport sys\nprint('MODULES', *(name for name in {HEAVY!r} if name in sys.modules))"
     result = subprocess.run([sys.executable, "-W", "error", "-c", listing], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
-    said = [line for line in result.stderr.splitlines() if not line.startswith("vibgym: compiling kernels")]
-    assert said == []
+    messages = [line for line in result.stderr.splitlines() if not line.startswith("vibgym: compiling kernels")]
+    assert messages == []
     line = result.stdout.strip().splitlines()[-1]
     assert line.startswith("MODULES")
     return line.split()[1:]
@@ -32,7 +32,7 @@ def loaded_after(code):
     "import vibgym.policies.protocol, vibgym.policies.registry",
 ])  # fmt: skip
 def test_extras_are_not_imported(code):
-    # Everything after `import gymnasium` is the package's doing.
+    # All imports after `import gymnasium` are those of the package.
     assert set(loaded_after(code)) <= set(loaded_after("import gymnasium, numba"))
 
 

@@ -1,4 +1,4 @@
-"""Registries: names of the package, of a user, and of plug-ins that are found by entry points."""
+"""Registries: built-in and user-defined names, and plug-ins by entry points."""
 
 import subprocess
 import sys
@@ -26,7 +26,7 @@ def installed(monkeypatch):
     registry._entry_points.cache_clear()
 
 
-def test_plug_ins_are_found_listed_and_imported_when_they_are_used(installed):
+def test_plug_ins_are_listed_and_imported_on_use(installed):
     from collections import OrderedDict
 
     names = Registry("thing", {"own": dict}, GROUP)

@@ -9,7 +9,7 @@ from tests.browser import chromium, faults_at_all_sizes, watch
 from vibgym.registration import ENVIRONMENTS
 
 LOADS = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src", "video": "src"}
-"""Elements that load a resource, and the attribute with its address."""
+"""HTML elements that load a resource, and the attribute with its address."""
 
 
 class Page(HTMLParser):

@@ -1,4 +1,4 @@
-"""``python -m vibgym warm``: after it, no process compiles anything."""
+"""After ``python -m vibgym warm`` no process compiles kernels."""
 
 import os
 import subprocess
@@ -55,12 +55,12 @@ def run(*command, **more):
 
 def test_nothing_is_compiled_afterwards():
     done = run("-m", "vibgym", "warm")
-    assert done.returncode == 0 and "all kernels compiled in" in done.stdout and "kept in" in done.stdout
+    assert done.returncode == 0 and "all kernels compiled in" in done.stdout and "stored in" in done.stdout
     later = run("-c", LATER)
     assert (later.returncode, later.stderr) == (0, "")
 
 
-def test_without_a_cache_it_says_so():
+def test_without_a_cache_it_reports_an_error():
     done = run("-m", "vibgym", "warm", VIBGYM_CACHE="0")
     assert done.returncode == 1 and len(done.stderr.splitlines()) == 1 and "VIBGYM_CACHE" in done.stderr
 

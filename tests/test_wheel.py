@@ -1,4 +1,4 @@
-"""What pip installs is enough: the wheel, in an environment of its own and far from the checkout, plays and trains."""
+"""The wheel alone, installed in an empty environment outside of the checkout, plays and trains."""
 
 import importlib.util
 import json
@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import vibgym
-from studies.release import built
+from studies.release import distributions
 from vibgym.kernels.vector import WIDTH
 
 ROOT = Path(__file__).parents[1]
@@ -58,63 +58,55 @@ print(json.dumps({"found": found, "played": played, "steps": model.num_timesteps
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
-    """Built as pip builds it; with the test environment's hatchling where it has one, else pip fetches it."""
+    """Build the wheel with pip, and with the installed hatchling if there is one."""
     directory = tmp_path_factory.mktemp("wheel")
     have = ["--no-build-isolation"] if importlib.util.find_spec("hatchling") else []
     pip("wheel", "--no-deps", *have, "--wheel-dir", directory, ROOT)
-    (built,) = directory.glob("vibgym-*.whl")
-    return built
+    (path,) = directory.glob("vibgym-*.whl")
+    return path
 
 
 def pip(*arguments):
     command = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", *map(str, arguments)]
-    alone = {**os.environ, "VIBGYM_VECTOR": str(WIDTH)}  # or a wheel has kernels for other processors as well
-    result = subprocess.run(command, env=alone, capture_output=True, text=True)
+    environment = {**os.environ, "VIBGYM_VECTOR": str(WIDTH)}  # kernels for this processor only
+    result = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
 
 
 def installed(wheel, directory):
-    """An environment's interpreter: vibgym from the wheel, all that it depends on from the tests' own environment."""
+    """Install the wheel; return interpreter and packages. Dependencies are those of the tests' environment."""
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", directory], check=True)
     python = directory / "bin" / "python"
     pip("--python", python, "install", "--no-deps", "--no-index", "--no-compile", wheel)
-    own = Path(sysconfig.get_path("purelib", vars={"base": str(directory), "platbase": str(directory)}))
-    # A path alone: what its own .pth files name, such as the checkout, is not followed.
-    (own / "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
-    return python, own
+    packages = Path(sysconfig.get_path("purelib", vars={"base": str(directory), "platbase": str(directory)}))
+    # .pth files in that directory, such as the one for the checkout, are not followed.
+    (packages / "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
+    return python, packages
 
 
 def test_the_wheel_alone_plays_and_trains(wheel, tmp_path):
-    python, own = installed(wheel, tmp_path / "environment")
+    python, packages = installed(wheel, tmp_path / "environment")
     hidden = {"PYTHONPATH", "VIRTUAL_ENV", "PYTHONHOME"}
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
-    environment["NUMBA_CACHE_DIR"] = str(tmp_path / "kernels")  # empty: all kernels came with the wheel
+    environment["NUMBA_CACHE_DIR"] = str(tmp_path / "kernels")  # empty: all kernels are those of the wheel
     result = subprocess.run([python, "-c", PLAY], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert result.returncode == 0 and "compiling" not in result.stderr, result.stderr
-    said = json.loads(result.stdout.splitlines()[-1])
-    assert said["found"].pop("vibgym") == str(own / "vibgym" / "__init__.py")
-    assert set(said["found"].values()) == {None}  # nothing of the checkout can be imported
-    assert said["played"] == dict.fromkeys(said["played"], 3) and len(said["played"]) == 5
-    assert said["steps"] == 512 and said["learned"]
+    printed = json.loads(result.stdout.splitlines()[-1])
+    assert printed["found"].pop("vibgym") == str(packages / "vibgym" / "__init__.py")
+    assert set(printed["found"].values()) == {None}  # the checkout cannot be imported
+    assert printed["played"] == dict.fromkeys(printed["played"], 3) and len(printed["played"]) == 5
+    assert printed["steps"] == 512 and printed["learned"]
 
 
-def test_the_wheel_holds_the_shipped_agents_and_no_laboratory(wheel):
-    names = set(zipfile.ZipFile(wheel).namelist())
-    shipped = ROOT / "vibgym" / "policies" / "trained" / "shipped"
-    assert {path.relative_to(ROOT).as_posix() for path in shipped.rglob("*.*")} <= names
-    assert {name.partition("/")[0] for name in names} == {"vibgym", f"vibgym-{vibgym.__version__}.dist-info"}
-    assert sum(name.endswith(".bitcode") for name in names) > 30
-
-
-def test_the_wheel_is_what_a_release_asks_for(wheel):
+def test_the_wheel_passes_the_checks_of_a_release(wheel):
     rows = []
-    built.look_into_wheel(wheel, vibgym.__version__, rows.append)
-    assert {row.what for row in rows} == {"wheel", "metadata"}
+    distributions.inspect_wheel(wheel, vibgym.__version__, rows.append)
+    assert {row.check for row in rows} == {"wheel", "metadata"}
     pages = list((ROOT / "vibgym" / "plugins" / "play" / "page").rglob("*.*"))
     assert ("page", f"{len(pages)} files" if pages else "not in the checkout") in {row[1:] for row in rows}
 
 
-def test_a_build_that_cannot_compile_says_so(tmp_path):
+def test_builds_that_cannot_compile_report_it(tmp_path):
     (tmp_path / "python").write_text("#!/bin/sh\necho No module named numba >&2\nexit 1\n")
     (tmp_path / "python").chmod(0o755)
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]

@@ -27,14 +27,14 @@ _PLACES = {
     "make_policy": "vibgym.policies",
     "parallel_env": "vibgym.adapters.pettingzoo",  # PettingZoo is an extra
 }
-"""Where names are that are imported when first asked for."""
+"""Modules of names that are imported on first use."""
 
 _renamed.install()
 registration.register_environments()
 
 
 def __getattr__(name: str) -> Any:
-    """Import a submodule, or a name, when first asked for; ``gym.make`` does so by the registered names."""
+    """Import a submodule or a name on first use; ``gym.make`` resolves registered names this way."""
     if name in _ROOMS:
         return importlib.import_module(f"vibgym.{name}")
     if name in _PLACES:

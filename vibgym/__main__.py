@@ -39,7 +39,7 @@ def compile_all(arguments: argparse.Namespace) -> int:
     if arguments.ship is not None:
         collect(arguments.ship)
     took = warm(print)
-    print(f"all kernels compiled in {took:.1f} s, kept in {folder}")
+    print(f"all kernels compiled in {took:.1f} s, stored in {folder}")
     return 0
 
 

@@ -25,6 +25,7 @@ RENAMED: dict[str, str] = {
     "vibgym.play": "vibgym.plugins.play",
     "vibgym.policies.classical.laws": "vibgym.policies.classical.steering",
     "vibgym.policies.search": "vibgym.policies",
+    "vibgym.policies.trained.state_policy": "vibgym.policies.trained.trained",
     "vibgym.rendering.page": "vibgym.plugins.play.drawing",
     "vibgym.sensing.camera": "vibgym.plugins.camera",
     "vibgym.tasks.align": "vibgym.tasks.pose",
@@ -60,7 +61,7 @@ class _Aliases(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def _target(name: str) -> str | None:
-    """Return the new name of a module that has moved, or that lies in a package that has moved."""
+    """Return the new name of a module that has moved, or of a submodule of a package that has moved."""
     for old, new in RENAMED.items():
         if name == old or name.startswith(old + "."):
             return new + name.removeprefix(old)

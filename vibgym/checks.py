@@ -73,7 +73,7 @@ def unknown(what: str, value: object, known: Iterable[object]) -> Refused:
 
 
 def _split(name: str) -> tuple[str, str]:
-    """Split "policy.json: network" into the place, with its colon, and the name."""
+    """Split "policy.json: network" into the prefix, with its colon, and the name."""
     place, joint, name = name.rpartition(": ")
     return place + joint, name
 
@@ -92,7 +92,7 @@ def plain_text(text: str) -> str:
 def _shortened(text: str, most: int) -> str:
     if len(text) <= most:
         return text
-    tail = 0 if most <= 120 else most // 2  # of a path the end says more
+    tail = 0 if most <= 120 else most // 2  # the end of a path is more specific
     return text[: most - 3 - tail] + "..." + (text[-tail:] if tail else "")
 
 
@@ -252,7 +252,7 @@ def shaped(
     """Return an array of real numbers of one of ``shapes``, without conversion.
 
     Args:
-        what: kind of array, and ``meaning``: text after the shapes, both for errors.
+        what, meaning: kind of array, and text after the shapes, for errors.
         kinds: allowed NumPy kinds.
     """
     try:

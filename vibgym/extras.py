@@ -32,7 +32,7 @@ def missing(what: str, error: ModuleNotFoundError, extra: str) -> ModuleNotFound
     """Return an error that names a missing package and the command that installs it.
 
     Args:
-        what: feature that needs the package.
+        what: feature that needs the package, for the message.
         error: of the import.
         extra: of vibgym that provides the package.
     """

@@ -2,7 +2,7 @@
 
 The line of a :class:`MovingSqueeze` moves with time.
 
-A field gives direction and strength of the push at every point. Sampled at the elements' centres it gives the elements'
+A field is the direction and strength of the push at every point. Sampled at the elements' centres it determines the elements'
 motion: strength is amplitude, direction is phase::
 
     field = radial(0.4, 0.1) + 0.5 * tangential(0.4, 0.1)
@@ -45,11 +45,11 @@ def lead_angle(surface: Surface, friction: float) -> float:
 
 @dataclass(frozen=True)
 class Field:
-    """A vector field: ``push(x, y)`` (m) gives its components, of which length 1 is full amplitude."""
+    """A vector field: ``push(x, y)`` (m) returns its components; length 1 is full amplitude."""
 
     push: Callable[[np.ndarray, np.ndarray], Push]
 
-    __array_ufunc__ = None  # array * field is for __rmul__, not one field for every number
+    __array_ufunc__ = None  # array * field calls __rmul__ instead of broadcasting over the array
 
     def __add__(self, other: Field) -> Field:
         if not isinstance(other, Field):
@@ -73,7 +73,7 @@ class Field:
     __rmul__ = __mul__
 
     def around(self, x: Any, y: Any, radius: float) -> Field:
-        """Return this field, restricted to elements whose centres lie within ``radius`` (m) of ``(x, y)``."""
+        """Return this field, restricted to elements whose centres are within ``radius`` (m) of ``(x, y)``."""
         radius = checks.number("radius", radius, above=0.0)
         _finite(x=x, y=y)
 
@@ -153,7 +153,7 @@ class MovingSqueeze:
         simulator.advance(*line.at(period * surface.period).drive(surface), periods=1)
 
     Parts follow at the distance at which the push balances friction: to first order, for slow lines,
-    ``reach * v g / (strength * a_v w^2 a_h w)``. A line that is faster than a part at full strength loses the part.
+    ``reach * v g / (strength * a_v w^2 a_h w)``. A line faster than the part's speed at full strength leaves the part behind.
 
     In the thesis the line moves "in discrete steps given by the position of the edges of the surface elements". For that, use
     a small ``reach``, a ``pitch`` of one element, and a line that begins on an edge.
@@ -188,7 +188,7 @@ class MovingSqueeze:
         _finite(**{"velocity[0]": along_x, "velocity[1]": along_y})
 
     def place(self, time: Any) -> Push:
-        """Return a point (x, y) of the line, m, at a time (s), a number or an array; it moves across the line only."""
+        """Return a point (x, y) of the line, m, at a time (s, number or array); it moves perpendicular to the line."""
         _finite(time=time)
         across_x, across_y = -np.sin(self.angle), np.cos(self.angle)
         way = (self.velocity[0] * across_x + self.velocity[1] * across_y) * np.asarray(time)

@@ -14,7 +14,7 @@ from vibgym import checks
 Item = TypeVar("Item")
 
 PROJECT = Path(__file__).parents[1] / "pyproject.toml"
-"""Of a checkout; an installed package has none."""
+"""Project file of a checkout; an installed package has none."""
 
 REINSTALL = (
     "the installed metadata of vibgym differ from this checkout, so plug-ins are read from its pyproject.toml: "
@@ -25,13 +25,12 @@ REINSTALL = (
 class Registry(Mapping[str, Item], Generic[Item]):
     """A mapping from names to classes or functions. Names can be added, not replaced.
 
-    Plug-ins of installed packages are found by their entry points, when a name is looked up that is not registered, and
-    imported when that name is used.
+    Looking up an unregistered name searches the entry points of installed packages; using it imports the plug-in.
 
     Args:
-        what: the names denote, such as ``"task"``; for error messages.
+        what: kind of the items, such as ``"task"``; for error messages.
         items: built-in ones.
-        group: of the entry points that add to it, such as ``"vibgym.models"``; None: there are no plug-ins.
+        group: group of entry points for plug-ins, such as ``"vibgym.models"``; None: no plug-ins.
 
     Attributes:
         taken: further names that cannot be registered, because they have another meaning in settings.

@@ -64,7 +64,7 @@ def generator_from(name: str, state: Any) -> np.random.Generator:
     try:
         generator.bit_generator.state = copy.deepcopy(state)
     except (TypeError, ValueError, LookupError, AttributeError, OverflowError, RecursionError):
-        raise checks.refuse(name, state, "the state of a PCG64 generator, as get_state() gave it") from None
+        raise checks.refuse(name, state, "the state of a PCG64 generator, from get_state()") from None
     return generator
 
 

@@ -25,7 +25,7 @@ def accuracy_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def accuracy(arguments: argparse.Namespace) -> None:
-    """Measure what the settings ask for and write the report."""
+    """Run the measurements of the settings and write the report."""
     # Imports come first, so that a missing extra is reported before minutes of measuring.
     from agents import locks
     from studies.accuracy import page, report, settings
@@ -34,7 +34,7 @@ def accuracy(arguments: argparse.Namespace) -> None:
     with checks.within(arguments.config):
         prepared = report.prepare(asked)
         held = command_line.entered(locks.one_run(prepared.output))
-    with held:  # the directory is this run's until its files are written
+    with held:  # lock the directory until the files are written
         found = report.run(prepared, (lambda text: None) if arguments.quiet else progress)
         path = page.write(found, prepared.output)
     if not arguments.quiet and sys.stderr.isatty():
@@ -48,7 +48,7 @@ COMMAND = Command(accuracy_arguments, accuracy, "output directory, instead of th
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    description = "Error against cost of the models, on shipped scenes or your own."
+    description = "Error against cost of the models, on shipped or user-defined scenes."
     return command_line.run("python -m studies.accuracy", description, COMMAND, argv, extra="accuracy")
 
 

@@ -1,6 +1,6 @@
 """Candidates for a scene: the models with their knobs, and the peers: SciPy's integrators, point sampling, MuJoCo.
 
-A candidate is prepared for a scene once (which may raise) and then run any number of times, always from the start.
+A candidate is prepared for a scene once (which may raise) and then run any number of times from the start.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class Candidate(NamedTuple):
         method: points of the same method form one curve.
         knobs: its setting.
         prepare: makes the run for a scene. Raises ValueError or ImportError where the method does not cover it.
-        compiled: whether the first run may compile and is no measure of cost.
-        peer: whether it is none of the models of ``vibgym``.
+        compiled: whether the first run may include compilation and is not timed.
+        peer: whether it is not a model of ``vibgym``.
     """
 
     method: str
@@ -70,7 +70,7 @@ class Candidate(NamedTuple):
         shown = (
             f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}" for name, value in self.knobs.items()
         )
-        return ", ".join(shown) or "as it comes"
+        return ", ".join(shown) or "default"
 
 
 def prepare_model(scene: Scene, model: str, knobs: Mapping[str, Any], threads: int = 1) -> Runner:
@@ -138,7 +138,7 @@ def peer_candidate(peer: str, knobs: Mapping[str, Any], worlds: int) -> Candidat
 
 
 def _sampled(scene: Scene, knobs: Mapping[str, Any]) -> Runner:
-    # All segments at full size: the sampler checks and copies its arrays in the measured time, but that is small.
+    # All segments at full size: the measured time includes checks and copies of arrays, which are cheap.
     def run() -> Outcome:
         pose, velocity, settled, done, took = scene.pose, scene.velocity, scene.pose, 0, 0.0
         for amplitude, phase, periods in scene.segments:
@@ -158,7 +158,7 @@ def _sampled(scene: Scene, knobs: Mapping[str, Any]) -> Runner:
 
 
 def _each(one: World, worlds: int) -> Runner:
-    """Return a run of worlds one after the other; an error in one is that world's failure."""
+    """Return a run of worlds one after the other; an error in a world counts as its failure."""
 
     def run() -> Outcome:
         settled, pose = np.full((worlds, 3), np.nan), np.full((worlds, 3), np.nan)
@@ -195,7 +195,7 @@ def _mujoco(scene: Scene, knobs: Mapping[str, Any]) -> World:
     if not scene.held:
         raise checks.refuse("scene", scene.name, "scenes whose drive is held: this MuJoCo scene takes one drive")
     drive = scene.segments[0]
-    # Build once: errors of scenes that it does not cover are raised here.
+    # Built once here, to raise errors of unsupported scenes.
     mujoco_scene.build(scene.surface, scene.part, scene.pose[0], reach=0.0, **knobs)
 
     def one(world: int) -> tuple[np.ndarray, np.ndarray, float]:

@@ -20,7 +20,7 @@ class Comparison(NamedTuple):
 
     Attributes:
         weak: whether the error is the mean velocity's (relative) or the trajectory's (m).
-        error: at which both are taken.
+        error: at which both are compared.
         fast_cost, slow_cost: us per period, world and core; None where the method does not reach the error.
         note: the smallest errors of methods that do not reach it, or "".
     """
@@ -36,7 +36,7 @@ class Comparison(NamedTuple):
 
     @property
     def ratio(self) -> float | None:
-        """How many times cheaper the first one is."""
+        """Cost of ``slow`` over that of ``fast``."""
         if self.fast_cost is None or self.slow_cost is None:
             return None
         return self.slow_cost / self.fast_cost
@@ -79,7 +79,7 @@ class Headline(NamedTuple):
 
     Attributes:
         question: as text.
-        wanted: smallest acceptable ratio, or None.
+        wanted: required smallest ratio, or None.
         found: one comparison per scene (the one with the smallest ratio, where there are several).
         missing: scenes without a comparison, and why.
     """
@@ -91,7 +91,7 @@ class Headline(NamedTuple):
 
     @property
     def ratios(self) -> list[float]:
-        """Of the scenes where both methods reach the error."""
+        """Ratios of the scenes where both methods reach the error."""
         return [each.ratio for each in self.found if each.ratio is not None]
 
     @property
@@ -103,7 +103,7 @@ class Headline(NamedTuple):
 
 
 def headlines(results: list[SceneResult]) -> list[Headline]:
-    """Return all of them."""
+    """Return all published ratios."""
     moving = [each for each in results if each.scene.slides]
 
     def fixed(fast: str, slow: str, error: float, weak: bool) -> Callable[[SceneResult], Comparison | None]:
@@ -156,7 +156,7 @@ def why_missing(result: SceneResult, method: str) -> str:
     """Return why a method has no curve on a scene."""
     rows = [row for row in result.rows if row.candidate.method == method]
     refused = [row.refused for row in rows if row.refused]
-    return refused[0] if refused else "every setting fails in some world" if rows else "not asked for"
+    return refused[0] if refused else "every setting fails in some world" if rows else "not requested"
 
 
 class Choice(NamedTuple):

@@ -1,14 +1,14 @@
 """Contact area of a flat part on the elements, cut by shapely, and the friction wrench over it, integrated exactly.
 
-Pressure is constant on each piece of the area, so all that is to be integrated is the direction of slip. A slip twist
-``(u_x, u_y, s)`` slides the point ``r`` with ``u = (u_x, u_y) + s z^ x r``; with ``s != 0`` this turns about the slip
-centre ``c``, and ``u/|u|`` turned back by 90 degrees is the gradient of ``|r - c|``. Gauss's theorem makes both
-integrals line integrals along the straight edges of the piece, which have closed forms,
+Pressure is constant on each piece of the area, so only the direction of slip must be integrated. With a slip twist
+``(u_x, u_y, s)`` the slip at a point ``r`` is ``u = (u_x, u_y) + s z^ x r``. For ``s != 0`` this is a rotation about the slip
+centre ``c``, and ``u/|u|`` rotated by -90 degrees is the gradient of ``|r - c|``. By Gauss's theorem both integrals become
+line integrals along the straight edges of the piece, with closed forms
 
     int (r - c)/|r - c| dA = loop |r - c| nu dl         int |r - c| dA = (1/3) loop |r - c| (r - c).nu dl
 
-however close the centre comes: no cubature has to resolve the singularity. Far away (small ``s``) these forms lose
-digits while the direction becomes smooth; a Gauss rule on triangles then is exact to rounding.
+at any distance of the centre, so that no cubature has to resolve the singularity. Far from the centre (small ``s``) these forms
+lose digits, but the direction is smooth and a Gauss rule on triangles is exact to rounding.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _POLYGON = 3  # shapely's type id
 
 
 class Cubature(NamedTuple):
-    """Where the closed form ends and the order of the Gauss rule beyond; the error is ``far**-(2 order - 1)``."""
+    """Limit of the closed form, and order of the Gauss rule beyond it; the error is ``far**-(2 order - 1)``."""
 
     far: float = 20.0  # distance of the slip centre from the centre of mass, in radii of the part
     order: int = 6
@@ -34,12 +34,12 @@ COARSE = Cubature(8.0, 4)
 
 
 class Contact:
-    """The pieces of a contact area: one for each element below the part (and more, where the part is not convex).
+    """The pieces of a contact area: one for each element below the part, or more for non-convex parts.
 
     Args:
         rings: outlines of the pieces about the centre of mass, each (n, 2), m, in either sense, not closed.
         element: (pieces, 2) row and column of the element below each.
-        radius: of the circle about the centre of mass that holds them, m.
+        radius: of the circle about the centre of mass that contains them, m.
     """
 
     def __init__(self, rings: list[np.ndarray], element: np.ndarray, radius: float, cubature: Cubature = FINE) -> None:
@@ -53,8 +53,8 @@ class Contact:
         follows = np.arange(1, len(self._here) + 1)
         follows[self._start + counts - 1] = self._start
         self._there = self._here[follows]
-        # Twice the signed areas of the triangles (first corner, here, there) of the fan over each piece. Signs make the fan
-        # right for pieces that are not convex: what sticks out is taken away again.
+        # Twice the signed areas of the triangles (first corner, here, there) of the fan over each piece; with signs, the fan
+        # is also valid for pieces that are not convex.
         first = self._here[self._start][self._piece]
         a, b = self._here - first, self._there - first
         cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -66,7 +66,7 @@ class Contact:
         self._nodes: tuple[np.ndarray, ...] | None = None
 
     def wrench(self, twist: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-        """Integral of ``p u/|u|`` and of its moment about the centre of mass, (3,).
+        """Return the integral of ``p u/|u|`` and of its moment about the centre of mass, (3,).
 
         Args:
             twist: (3,) slip ``u_x``, ``u_y`` at the centre of mass (m/s) and its rotation ``s`` (rad/s); any scale but
@@ -110,7 +110,7 @@ class Contact:
         return np.array([vx.sum(), vy.sum(), float(x @ vy - y @ vx)])
 
     def _gauss(self) -> tuple[np.ndarray, ...]:
-        """Nodes of a Gauss rule on every triangle of the fans (collapsed squares): x, y, weight, piece."""
+        """Return nodes of a Gauss rule on every triangle of the fans (collapsed squares): x, y, weight, piece."""
         node, weight = np.polynomial.legendre.leggauss(self.cubature.order)
         node, weight = 0.5 * (node + 1.0), 0.5 * weight
         a, b = (grid.ravel() for grid in np.meshgrid(node, node))
@@ -128,7 +128,7 @@ class Contact:
 
 
 class Cutter:
-    """Cuts a part's outline by the elements and judges whether it is supported.
+    """Cutter of a part's outline by the elements, with a test of support.
 
     Args:
         surface, part: of ``vibgym.scene``; only their plain attributes are read.
@@ -145,7 +145,7 @@ class Cutter:
         self._whole = _depth(shapely.Polygon(self.outline).convex_hull, 0.0, 0.0)
 
     def cut(self, x: float, y: float, heading: float) -> Contact | None:
-        """The contact at a pose, or None where the part lies beside the surface altogether."""
+        """Return the contact at a pose; None if the part is wholly off the surface."""
         outline = self._placed(heading)
         place = np.array([x, y])
         last = np.array([self.columns, self.rows]) - 1
@@ -172,7 +172,7 @@ class Cutter:
         return Contact(rings, np.array(below)[index], self.radius, self.cubature)
 
     def support(self, x: float, y: float, heading: float) -> float:
-        """Distance of the centre of mass from the border of the support polygon, m; negative outside it.
+        """Return the distance of the centre of mass from the border of the support polygon, m; negative outside.
 
         The support polygon is the convex hull of the contact area.
         """

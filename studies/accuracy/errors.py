@@ -29,7 +29,7 @@ def strong_errors(pose: np.ndarray, truth: np.ndarray, lever: float) -> np.ndarr
 
     Args:
         pose, truth: (worlds, 3), m and rad.
-        lever: radius of the part, 0 for a disc, whose heading shows nowhere.
+        lever: radius of the part; 0 for a disc, whose heading is not observable.
     """
     off = np.abs(pose - truth)
     errors = np.hypot(off[:, 0], off[:, 1]) + (lever * off[:, 2] if lever else 0.0)
@@ -59,8 +59,8 @@ def weak_error(drift: np.ndarray, truth: np.ndarray) -> float:
 def pareto(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
     """Return the indices of the points on the Pareto front, cheapest first.
 
-    A point is dominated by one that costs no more and errs no more, and less in at least one of them. Of equal points the
-    first stays. Points that are not finite are left out.
+    A point is dominated by one with cost and error at most as large, and one of them smaller. Of equal points the first is
+    kept. Points that are not finite are excluded.
     """
     usable = [k for k in range(len(costs)) if math.isfinite(costs[k]) and math.isfinite(errors[k])]
     front: list[int] = []
@@ -79,8 +79,8 @@ def cheapest(costs: Sequence[float], errors: Sequence[float], tolerance: float) 
 def cost_at(costs: Sequence[float], errors: Sequence[float], error: float) -> float | None:
     """Return the cost at which a method reaches ``error``, interpolated on its front in the logarithm of both.
 
-    None where no point is as good. Nothing is extrapolated: above the error of its cheapest point the method costs what that
-    point costs. A point without error costs what it costs.
+    None if no point is within the error. Costs are not extrapolated: above the error of its cheapest point, the method has the
+    cost of that point. A point without error is not interpolated.
     """
     front = pareto(costs, errors)
     if not front or errors[front[-1]] > error:

@@ -1,10 +1,9 @@
-"""The evidence behind ``model="auto"``: ``python -m studies.accuracy.evidence`` measures it and writes it into the package.
+"""Evidence for ``model="auto"``: ``python -m studies.accuracy.evidence`` measures it and writes it into the package.
 
-For every class of scenes (:mod:`vibgym.simulation.choice`) every candidate runs the class's hardest members: several parts
-at the class's largest ``eps`` and smallest ``scale``, with random fields that are held, random fields that change every
-period, and all elements at full amplitude with random phases, from rest and with spin. What counts is the worst of their
-medians over the worlds, in units of ``a_h``, against a converged run; the worst 95th percentile is kept beside it, and the
-median cost.
+For every class of scenes (:mod:`vibgym.simulation.choice`) every candidate runs the hardest members: parts at the class's
+largest ``eps`` and smallest ``scale``, with held random fields, random fields that change every period, and all elements at
+full amplitude with random phases, from rest and with spin. The stored error is the largest median over the worlds, in units
+of ``a_h``, against a converged run. The largest 95th percentile and the median cost are stored as well.
 """
 
 from __future__ import annotations
@@ -52,18 +51,18 @@ CLASSES = [
 
 
 def members(kind: str, eps: float, scale: float) -> Iterator[tuple[Surface, Part]]:
-    """The hardest scenes of a class: large parts on small elements, and small parts on large ones."""
+    """Yield the hardest scenes of a class: large parts on small elements, and small parts on large ones."""
     travel = 2.0 * math.pi * AMPLITUDE
     omega = 2.0 * math.pi * FREQUENCY
     friction = eps * AMPLITUDE * omega**2 / GRAVITY
     size = scale * travel  # radius of gyration
     small = size * math.sqrt(6.0)  # edge of a square with it
-    # Wide enough for what random fields do in a run; a single element drives its part steadily, up to 0.3 m/s.
+    # Wide enough for the displacement by random fields; a single element drives its part steadily, at up to 0.3 m/s.
     reach = 1.0 + 8.0 * small if kind == "one element" else 0.3 + 8.0 * small
     for element, shape in ((small, "block"), (small, "bar"), (1.5 * small, "square"), (2.5 * small, "disc")):
         count = 1 if kind == "one element" else math.ceil(reach / element)
         edge = max(element, reach) if kind == "one element" else element
-        # Nearly at the limit of permanent sliding the amplitude has to stay a little below the lift-off limit.
+        # Near the limit of permanent sliding the amplitude must be slightly below the lift-off limit.
         limit = GRAVITY / omega**2
         room = 0.999 * (1.0 / eps - 1.0) * limit
         surface = Surface(
@@ -82,7 +81,7 @@ def members(kind: str, eps: float, scale: float) -> Iterator[tuple[Surface, Part
 
 
 def fields(surface: Surface, worlds: int, seed: int, turn: int) -> tuple[np.ndarray, np.ndarray]:
-    """Random amplitude and phase of every element in every world."""
+    """Return random amplitude and phase of every element in every world."""
     rng = np.random.default_rng((seed, turn))
     shape = (worlds, surface.rows, surface.columns)
     assert surface.max_amplitude is not None
@@ -90,7 +89,7 @@ def fields(surface: Surface, worlds: int, seed: int, turn: int) -> tuple[np.ndar
 
 
 def play(surface: Surface, part: Part, worlds: int, drive: str, spin: float, **settings: Any) -> Simulator:
-    """A simulator after the run."""
+    """Return the simulator after a run."""
     simulator = Simulator(surface, part, worlds=worlds, **settings)
     rng = np.random.default_rng(3)
     pose = np.empty((worlds, 1, 3))
@@ -102,7 +101,7 @@ def play(surface: Surface, part: Part, worlds: int, drive: str, spin: float, **s
     simulator.reset(pose, [0.0, 0.0, spin])
     if drive == "held":
         simulator.advance(*fields(surface, worlds, 5, 0), PERIODS)
-    elif drive == "full":  # on one element: up to the greatest speed there is
+    elif drive == "full":  # reaches the largest speed on one element
         simulator.advance(surface.max_amplitude, fields(surface, worlds, 5, 0)[1], PERIODS)
     else:
         for period in range(PERIODS):
@@ -111,7 +110,7 @@ def play(surface: Surface, part: Part, worlds: int, drive: str, spin: float, **s
 
 
 def displacement(simulator: Simulator, truth: Simulator) -> np.ndarray:
-    """Farthest way between any two points of the outlines, per world, m; infinite where a run failed."""
+    """Return the largest displacement of a point of the outline, (worlds,) m; infinite where a run failed."""
     difference = np.abs(simulator.pose[:, 0] - truth.pose[:, 0])
     way = np.hypot(difference[:, 0], difference[:, 1]) + simulator.parts[0].radius * difference[:, 2]
     failed = simulator.diverged | (simulator.fallen[:, 0] != truth.fallen[:, 0])
@@ -119,7 +118,7 @@ def displacement(simulator: Simulator, truth: Simulator) -> np.ndarray:
 
 
 def timed(surface: Surface, part: Part, worlds: int, periods: int, settings: dict[str, Any]) -> float:
-    """Microseconds per period and world on one core, the best of a few runs."""
+    """Return microseconds per period and world on one core, the best of a few runs."""
     simulator = Simulator(surface, part, worlds=worlds, threads=1, **settings)
     drive = fields(surface, worlds, 5, 0)
     best = math.inf
@@ -131,12 +130,12 @@ def timed(surface: Surface, part: Part, worlds: int, periods: int, settings: dic
 
 
 def rounded(value: float) -> float | None:
-    """Four digits; None where a run failed."""
+    """Return a value with four digits; None where a run failed."""
     return float(f"{value:.4g}") if math.isfinite(value) else None
 
 
 def measure(kind: str, eps: float, scale: float) -> dict[str, Any]:
-    """One class: error and cost of every candidate."""
+    """Measure error and cost of every candidate for a class."""
     candidates = [("planar", knobs) for knobs in PLANAR]
     if kind != "stick-slip":
         candidates += [("averaged", knobs) for knobs in AVERAGED]

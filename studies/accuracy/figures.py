@@ -23,7 +23,7 @@ STYLES = {
     "SciPy DOP853": ("#c2478a", "P"),
     "MuJoCo": ("#6c7380", "X"),
 }
-LEAST_STRONG, LEAST_WEAK = 1e-9, 1e-7  # m and relative: smaller values are drawn there
+LEAST_STRONG, LEAST_WEAK = 1e-9, 1e-7  # m and relative: lower limits of the axes
 
 
 def style_of(method: str) -> tuple[str, str]:

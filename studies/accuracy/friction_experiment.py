@@ -54,7 +54,7 @@ def sweep(part: Part, frequencies: Any, *, direction: str = "up") -> np.ndarray:
     """Return the radius of the part's motion (n,) m at every frequency, each reached from the one before.
 
     Upwards the part starts stuck to the table, downwards from rest, sliding. Frequency changes at the start of a period: a
-    part that sticks continues with the new table's velocity, one that slides keeps its own velocity.
+    part that sticks continues with the new table's velocity, one that slides keeps its velocity.
 
     The simulator returns one point of the path a period, so the radius is computed from the velocity: a circle has radius
     ``|v| / w`` after subtraction of the mean velocity.
@@ -89,13 +89,13 @@ def sweep(part: Part, frequencies: Any, *, direction: str = "up") -> np.ndarray:
 
 
 def rising(name: str, values: Any) -> np.ndarray:
-    """Return a checked (n,) array of positive numbers that rise."""
+    """Return a checked (n,) array of increasing positive numbers."""
     shape = np.shape(values)
     if len(shape) != 1 or not shape[0]:
         raise checks.refuse(name, values, "a sequence of at least one number")
     values = checks.array(name, values, shape, least=1e-3, most=1e6)
     if (np.diff(values) <= 0).any():
-        raise checks.refuse(name, values.tolist(), "numbers that rise")
+        raise checks.refuse(name, values.tolist(), "increasing numbers")
     return values
 
 
@@ -119,7 +119,7 @@ def fit_friction(frequencies: Any, radii: Any) -> tuple[float, float]:
     def misfit(x: np.ndarray) -> np.ndarray:
         return (np.minimum(HORIZONTAL_AMPLITUDE, x[0] * GRAVITY / squares) - radii) / HORIZONTAL_AMPLITUDE
 
-    # The model has a kink for every frequency, and no slope once all of them stick: start from the best of many.
+    # The model has a kink at every frequency, and zero slope if all of them stick: start from the best of many.
     highest = HORIZONTAL_AMPLITUDE * float(squares.max()) / GRAVITY
     candidates = np.linspace(0.0, highest, 401)[1:]
     start = min(candidates, key=lambda mu: float((misfit(np.array([mu])) ** 2).sum()))

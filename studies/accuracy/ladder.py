@@ -19,10 +19,10 @@ from studies.accuracy.scenes import Scene, first_periods
 from studies.accuracy.settings import TruthSettings
 
 REFINED_AVERAGED = 16
-"""Steps per period of the averaged models that count as free of step error."""
+"""Steps per period of the averaged models at which the step error is negligible."""
 
-SLOW = 0.25  # s; runs that are not compiled and take longer are timed once
-SHORT = 2e-3  # s; a timing repeats its run until it has lasted so long
+SLOW = 0.25  # s; longer runs that are not compiled are timed once
+SHORT = 2e-3  # s; shorter runs are repeated within a timing
 BUDGET = 0.7  # s per candidate and scene for all its timings, beyond three
 
 UNKNOWN = Spread(math.nan, math.nan, math.nan)
@@ -198,7 +198,7 @@ class TruthCheck(NamedTuple):
 
 
 def check_truth(scene: Scene, settings: TruthSettings) -> TruthCheck:
-    """Integrate the first worlds again, with no kernel of ``vibgym``."""
+    """Integrate the first worlds again, without kernels of ``vibgym``."""
     worlds = min(settings.reference_worlds, scene.worlds)
     short = first_periods(scene, settings.reference_periods, worlds)
     pose = prepare_model(short, "planar", settings.knobs)().pose

@@ -1,9 +1,9 @@
-"""What static friction can hold, and where a part goes once it cannot: the limit surface of a contact area.
+"""Limit surface of a contact area: load of static friction, and direction of motion at breakaway.
 
 Wrenches are per unit mass. ``grip(xi)`` is the friction wrench for slip along the twist ``xi``; its product with ``xi``
 is the support function ``H(xi) = mu int p |xi_v + xi_w z^ x r|`` of the set of all wrenches that friction can carry.
 Twists and wrenches are scaled by the radius of gyration, ``(u_x, u_y, k s)`` and ``(F_x, F_y, T/k)``, so that the mass
-matrix is the identity. Both questions below then are smooth searches over two numbers, the direction of a twist.
+matrix is the identity. Both problems below are then smooth optimisations over two variables, the direction of a twist.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ _SETTLED = 1e-11  # slope at which a search stops; values at the end are right t
 
 
 def load(grip: Grip, needed: np.ndarray, start: np.ndarray | None = None) -> tuple[float, np.ndarray]:
-    """How far a needed wrench goes towards the limit surface: 1 is on it, less can be held.
+    """Return the load of a needed wrench relative to the limit surface: 1 is on it, less can be held.
 
-    It is the largest ``needed.xi / H(xi)`` over all twists, found as the least ``H(xi)`` with ``needed.xi = |needed|``:
-    convex.
+    It is the largest ``needed.xi / H(xi)`` over all twists, computed as the least ``H(xi)`` with ``needed.xi = |needed|``, a
+    convex problem.
 
     Args:
         grip: friction wrench (3,) by twist (3,).
         needed: (3,), m/s^2.
-        start: twist to search from, for instance the one found an instant before.
+        start: initial guess of the twist, such as that of the previous instant.
 
     Returns:
-        The load, and the twist (3,) towards which the part would give way, of unit length.
+        The load, and the twist (3,) of breakaway, of unit length.
     """
     size = float(np.linalg.norm(needed))
     if size == 0.0:
@@ -55,15 +55,14 @@ def load(grip: Grip, needed: np.ndarray, start: np.ndarray | None = None) -> tup
 
 
 def escape(grip: Grip, needed: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Slip acceleration (3,) with which a part at zero slip starts to slide, zero where friction holds it.
+    """Return the slip acceleration (3,) with which a part at zero slip starts to slide; zero where friction holds it.
 
-    It minimises ``|eta|^2 / 2 + H(eta) - needed.eta``: ``eta`` is what is left of the needed wrench when friction
-    opposes ``eta`` itself, and there is just one such ``eta``. Its length is the largest ``needed.xi - H(xi)`` over
-    unit twists, its direction that ``xi``.
+    It is the unique minimum of ``|eta|^2 / 2 + H(eta) - needed.eta``: ``eta`` is the needed wrench minus the friction that
+    opposes ``eta``. Its length is the largest ``needed.xi - H(xi)`` over unit twists, its direction that ``xi``.
 
     Args:
         grip, needed: as for :func:`load`.
-        start: unit twist to search from: the one that :func:`load` returns.
+        start: initial guess, the unit twist that :func:`load` returns.
     """
     first, second = _across(start)
     size = max(float(np.linalg.norm(needed)), 1e-300)
@@ -84,7 +83,7 @@ def escape(grip: Grip, needed: np.ndarray, start: np.ndarray) -> np.ndarray:
 
 
 def _across(along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors at right angles to a unit vector and to each other."""
+    """Return two unit vectors perpendicular to a unit vector and to each other."""
     axis = np.zeros(3)
     axis[np.argmin(np.abs(along))] = 1.0
     first = np.cross(along, axis)

@@ -115,7 +115,7 @@ class Bound(NamedTuple):
 
 @exact
 def evaluate(moments, slip, turn, drive_c, drive_s, count):
-    """Evaluate ``count`` wrenches a lane, each at a slip that depends on the one before, so that none is optimised away."""
+    """Evaluate ``count`` wrenches per lane, each at a slip that depends on the previous one, so that none is optimised away."""
     ux, uy, spin = load(slip, 0), load(slip, LANES), load(turn, 0)
     for k in range(count):
         ax, ay, aw, square, varies = expanded_wrench(moments, -drive_c[k & 63], drive_s[k & 63], ux, uy, spin)
@@ -126,7 +126,7 @@ def evaluate(moments, slip, turn, drive_c, drive_s, count):
 
 
 def friction_bound(steps: int) -> Bound:
-    """Measure the friction evaluations alone, for so many Runge-Kutta steps in a period (substeps counted)."""
+    """Measure the friction evaluations alone, for ``steps`` Runge-Kutta steps in a period (substeps included)."""
     rng = np.random.default_rng(0)
     moments = rng.normal(size=MOMENT_ROWS * LANES) * 1e-3
     moments[:LANES] = 9.81

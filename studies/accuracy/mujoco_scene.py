@@ -1,7 +1,7 @@
 """Peer: the same scene as a MuJoCo model. Needs the extra ``mujoco``.
 
 Every element near the part is a box on a vertical slide joint, all of them on one carriage with two horizontal slide
-joints; the part is a box on a free joint, held by nothing but contact with friction (elliptic cone, ``implicitfast``).
+joints; the part is a box on a free joint, in contact with friction only (elliptic cone, ``implicitfast``).
 The elements' joints are set to the drive's exact position and velocity at every step, and driven by the force that
 gives their heavy bodies the drive's exact acceleration.
 
@@ -22,8 +22,8 @@ import numpy as np
 
 from vibgym import checks
 
-ELEMENT_HEIGHT = 0.020  # m; nothing depends on it but how deep a part may sink
-_HEAVY = 1e3  # mass of an element over that of the part, which must not push it off its motion within a step
+ELEMENT_HEIGHT = 0.020  # m; limits only the penetration of a part
+_HEAVY = 1e3  # mass of an element over that of the part, so that the part does not disturb its motion within a step
 _CONTACTS_NEAR = 1e-3  # m, beyond the part's circle
 
 
@@ -172,7 +172,7 @@ def simulate(
     push *= inertia
     first = scene.part
     data.qpos[driven], data.qvel[driven] = place[0], rate[0]
-    # The part starts at the mean height of what is near it, moving with it.
+    # The part starts at the mean height of the elements near it, moving with them.
     near = np.hypot(
         (scene.column + 0.5) * surface.element_size - data.qpos[first],
         (scene.row + 0.5) * surface.element_size - data.qpos[first + 1],
@@ -193,7 +193,7 @@ def simulate(
         path[period + 1] = data.qpos[first], data.qpos[first + 1], heading
     seconds = time.perf_counter() - began
     if not np.isfinite(path).all():
-        raise RuntimeError(f"MuJoCo's state is not finite any more at a time step of {timestep:g} s")
+        raise RuntimeError(f"MuJoCo's state is no longer finite at a time step of {timestep:g} s")
     return Run(path, np.diff(path, axis=0) / surface.period, seconds)
 
 
@@ -204,7 +204,7 @@ def _rectangle(part: Any) -> tuple[float, float]:
         length, width = 2.0 * np.abs(outline).max(axis=0)
         if np.allclose(np.abs(outline), [0.5 * length, 0.5 * width], rtol=0.0, atol=1e-9 * part.radius):
             return float(length), float(width)
-    raise checks.refuse("part", part.name, "a rectangle along its own axes; other outlines have no box in MuJoCo")
+    raise checks.refuse("part", part.name, "a rectangle along its axes; other outlines are not boxes in MuJoCo")
 
 
 def _drive(surface: Any, amplitude: np.ndarray, phase: np.ndarray, steps: int) -> tuple[np.ndarray, ...]:

@@ -1,4 +1,4 @@
-"""The report's files: the page, which needs no other file, a table and a JSON file; and its summary as text."""
+"""Files of the report: a self-contained page, a table and a JSON file; and the summary as text."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def write(report: Report, output: Path) -> Path:
 
 
 def record(result: SceneResult, row: Row) -> dict[str, Any]:
-    """Return one row of results.csv: SI units but us for the cost; None where a value does not apply."""
+    """Return one row of results.csv: SI units, costs in us; None where a value does not apply."""
     step = row.strong_step
     return {
         "scene": result.scene.name,
@@ -59,7 +59,7 @@ def csv_text(report: Report) -> str:
 
 
 def json_text(report: Report) -> str:
-    """Return everything that the page shows."""
+    """Return the content of the page as JSON."""
     heads = [
         {**each._asdict(), "found": [one._asdict() for one in each.found], "ratios": each.ratios, "passed": each.passed}
         for each in report.headlines
@@ -111,7 +111,7 @@ def _scene_record(report: Report, index: int) -> dict[str, Any]:
 
 
 def significant(value: float | None, digits: int = 2) -> str:
-    """Return so many significant digits, without exponent where that is short; a dash for missing values."""
+    """Return a number with ``digits`` significant digits, without exponent where that is short; a dash for missing values."""
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0.0:
@@ -211,14 +211,14 @@ def absent(result: SceneResult) -> list[tuple[str, str]]:
 
 
 def troubles(result: SceneResult) -> list[tuple[str, str, str, str]]:
-    """Return scene, method, settings and what went wrong; settings with the same trouble together."""
+    """Return scene, method, settings and failure; settings with the same failure are merged."""
     kinds: dict[tuple[str, str], list[tuple[Row, int]]] = {}
     for row in result.rows:
         found = {f"failed: {kind}": number for kind, number in row.failures.items()}
         if row.refused:
             found[f"refused: {row.refused}"] = 0
         if row.doubtful:
-            found["does not vouch for worlds where slip may have passed through zero"] = row.doubtful
+            found["reports worlds as doubtful, where slip may have passed through zero"] = row.doubtful
         for kind, number in found.items():
             kinds.setdefault((row.candidate.method, kind), []).append((row, number))
     lines = []

@@ -1,10 +1,10 @@
 """Peer: point sampling with classical Runge-Kutta steps, compiled and vectorised.
 
-Weighted points cover the contact area and move with the part; at every stage each adds the friction on the element beneath
-it. Forces jump when a point crosses an element's edge: the error falls slowly with the number of points. The kernel is
-optimised: points innermost and without a branch, the elements' normal accelerations from phasors once a stage and only for
-those under the part, no trigonometry but one turn of the part a stage, ``1/|u|`` from the single-precision estimate and one
-Newton step, worlds one after the other so that all of it stays in cache.
+Weighted points cover the contact area and move with the part; at every stage the friction at all points is summed. Forces jump
+when a point crosses an element's edge, so the error decreases slowly with the number of points. The kernel is optimised: a
+branch-free inner loop over points, normal accelerations once a stage and only for elements under the part, one rotation of the
+part a stage without trigonometry, ``1/|u|`` from the single-precision estimate and one Newton step, worlds one after the other
+for the cache.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.kernels.jit import jit
 
-_TINY = 1e-30  # (m/s)^2; keeps 0/0 out of a point at rest relative to the table
+_TINY = 1e-30  # (m/s)^2; avoids 0/0 at a point at rest relative to the table
 
 
 def strew(outline: Any, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -71,7 +71,7 @@ def simulate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return pose and velocity, each (worlds, 3), of sliding parts after whole periods under a held drive; one thread.
 
-    A part that passes a whole element in one step is beyond the scheme: its numbers become NaN.
+    A part that passes a whole element in one step is not covered by the scheme and becomes NaN.
 
     Args:
         surface, part: a ``Surface`` and a ``Part`` of ``vibgym.scene``.
@@ -107,7 +107,7 @@ def simulate(
 
 @jit
 def _turn(cosine, sine, angle):
-    """Return the unit vector turned by an angle: a series for the small ones of a step."""
+    """Return the unit vector rotated by an angle, by a series for small angles."""
     if abs(angle) > 0.25:
         c, s = math.cos(angle), math.sin(angle)
     else:
@@ -178,7 +178,7 @@ def _advance(
     sines,
 ):
     """Advance all worlds, changing ``state`` (worlds, 6) in place."""
-    most = int(2.0 * reach / size) + 5  # an element more on either side, for what a step passes
+    most = int(2.0 * reach / size) + 5  # an element more on either side, for the displacement in a step
     normal, still = np.empty(most * most), np.empty(most * most)
     element_c, element_s = np.empty(most * most), np.empty(most * most)
     pitch = 1.0 / size

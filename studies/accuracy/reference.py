@@ -3,17 +3,16 @@
 It shares no code with the kernels of ``vibgym.physics``: shapely cuts the contact area at every evaluation, friction is
 integrated over it in closed form, SciPy's DOP853 advances slip and its events end it.
 
-A sliding part whose slip falls below a small threshold is caught if static friction can hold it (the needed wrench lies
-within the limit surface of ``mu_0``); otherwise it goes on sliding. A stuck part moves with the table until the needed
-wrench leaves that surface; it starts to slide along the one slip acceleration that friction ``mu`` against itself
-leaves over.
+A sliding part whose slip falls below a small threshold sticks if static friction can hold it (the needed wrench is within the
+limit surface of ``mu_0``); otherwise it continues to slide. A stuck part moves with the table until the needed wrench leaves
+that surface. It then starts to slide along the slip acceleration that is consistent with its friction ``mu``.
 
-The threshold is ``100 tolerance`` times the scale of velocity ``a_h w + mu_0 g / w``. Friction never drives two motions
-of one part apart (it is monotone in slip), so an error of slip made there is not amplified: in position it stays below
-that times the duration.
+The threshold is ``100 tolerance`` times the scale of velocity ``a_h w + mu_0 g / w``. Friction is monotone in slip and
+therefore does not drive two motions of one part apart. An error of slip at the threshold is not amplified: the error of
+position is at most that times the duration.
 
-The error is measured: the same motion is computed again with a hundred times the tolerance, its threshold and a coarser
-cubature, and three times the difference is the error. That is about the coarse run's error; the returned run is better.
+The error is estimated by a second run with a hundred times the tolerance, its threshold and a coarser cubature: three times
+the difference. That is about the error of the coarse run; the returned run is more accurate.
 """
 
 from __future__ import annotations
@@ -34,12 +33,12 @@ SAMPLES = 96
 """Times per period at which static friction of a stuck part is checked."""
 
 ROUNDING = 1e-11
-"""Of the load: a wrench exactly on the limit surface is held."""
+"""Tolerance of the load, so that a wrench exactly on the limit surface is held."""
 
-_LEAST_STEPS, _COARSE_STEPS = 20, 12  # in a period, so that none passes over a contact that comes and goes
+_LEAST_STEPS, _COARSE_STEPS = 20, 12  # in a period, so that no step misses a short contact
 _RESTARTS = 1000  # changes between sticking and sliding in one period before the run gives up
-_CAUTION = 3.0  # for the difference of two runs: where edges are crossed, tolerance and error are not in step
-_STIFF_UNTIL = 1e-3  # slip over the scale of velocity: below, direction settles fast and an implicit method is due
+_CAUTION = 3.0  # for the difference of two runs: at element edges the error is not proportional to the tolerance
+_STIFF_UNTIL = 1e-3  # slip over the scale of velocity: below, direction settles fast and an implicit method is used
 
 
 class Trajectory(NamedTuple):
@@ -159,7 +158,7 @@ class _Run:
         return np.array([c, s, -self.w * s, self.w * c])
 
     def contact(self, y: np.ndarray) -> Contact | None:
-        """Return the contact area at a state; None beside the surface."""
+        """Return the contact area at a state; None off the surface."""
         return self.cutter.cut(y[0], y[1], y[2])
 
     def grip(self, contact: Contact, t: float, friction: float) -> Grip:
@@ -201,7 +200,7 @@ class _Run:
         return np.array([y[0] + there[0] - here[0], y[1] + there[1] - here[1], y[2], there[2], there[3], 0.0])
 
     def load(self, y: np.ndarray, t: float, start: np.ndarray | None = None) -> tuple[float, np.ndarray]:
-        """Return the share of static friction that moving with the table takes, and the twist of a part that gives way."""
+        """Return the load of static friction for motion with the table, and the twist of breakaway."""
         needed = self.needed(t)
         contact = self.contact(y)
         if not needed.any():
@@ -226,7 +225,7 @@ class _Run:
     # -- sticking ------------------------------------------------------------------------------------------------------
 
     def stick(self, y: np.ndarray, t0: float, fresh: float) -> tuple[float, np.ndarray, str]:
-        """Move a part with the table until it lets go, falls or the period ends; it cannot let go before ``fresh``."""
+        """Move a part with the table until it breaks away, falls or the period ends; no breakaway before ``fresh``."""
         if self.radius == 0.0 and not self.incline.any():
             return self.period, self.carried(y, t0, self.period), "end"
         found: list[np.ndarray | None] = [None]
@@ -269,7 +268,7 @@ class _Run:
                 return ends, self.carried(y, t0, ends), "release"
         return self.period, self.carried(y, t0, self.period), "end"
 
-    def let_go(self, t0: float, y: np.ndarray) -> tuple[float, np.ndarray] | None:
+    def break_away(self, t0: float, y: np.ndarray) -> tuple[float, np.ndarray] | None:
         """Return time and state when slip is twice the threshold; None where the part sticks again before that."""
 
         def acceleration(t: float) -> np.ndarray:
@@ -282,7 +281,7 @@ class _Run:
             slip = 0.5 * wait * (at_once + later)
             if np.linalg.norm(slip) >= 2.0 * self.threshold:
                 after = self.carried(y, t0, t0 + wait)
-                # What the part has lagged behind meanwhile is smaller than threshold times wait.
+                # The lag of the part in this time is less than threshold times wait.
                 after[3:] -= slip / np.array([1.0, 1.0, self.gyration])
                 return t0 + wait, after
             wait *= 1.5
@@ -309,7 +308,7 @@ class _Run:
             rtol=self.tolerance, atol=self.absolute, max_step=self.longest,
         )  # fmt: skip
         if solution.status < 0:
-            raise RuntimeError(f"the reference cannot go on at {self.now + t0:.9g} s: {solution.message}")
+            raise RuntimeError(f"the reference failed at {self.now + t0:.9g} s: {solution.message}")
         t, y = float(solution.t[-1]), solution.y[:, -1]
         if solution.status == 0:
             return t, y, "end"
@@ -353,7 +352,7 @@ class _Run:
             if stuck:
                 t, y, why = self.stick(y, t, fresh)
             elif self.slips_little(t, y):
-                why = "release"  # the direction of slip has to be found first
+                why = "release"  # the direction of slip must be computed first
             else:
                 t, y, why = self.slide(y, t)
             if why == "end":
@@ -365,9 +364,9 @@ class _Run:
                 stuck = True
                 self.switches.append((self.now + t, 1.0))
             elif why in ("caught", "release"):
-                started = self.let_go(t, y)
+                started = self.break_away(t, y)
                 if started is None:
-                    # The limit surface was only grazed: the part holds again before it has moved.
+                    # The limit surface was only touched: the part sticks again before it has moved.
                     stuck, fresh = True, t + 0.05 * self.period
                     continue
                 if stuck:

@@ -1,4 +1,4 @@
-"""The whole report: all measurements for it."""
+"""All measurements of the report."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Report(NamedTuple):
 
     Attributes:
         results, checks: one for each scene.
-        orders, auto, hard_cases: empty where not asked for.
+        orders, auto, hard_cases: empty if not requested.
         headlines: published ratios.
         rigid: difference between even pressure and a rigid part, as stored by ``python -m studies.accuracy.rigid``.
         provenance: time, host and versions.
@@ -65,7 +65,9 @@ def prepare(settings: ReportSettings) -> Prepared:
     scenes = scenes_from(settings.scenes, settings.strong_tolerances, settings.weak_tolerances)
     for index, scene in enumerate(scenes):
         with checks.within(f"scenes.{index}"):
-            Simulator(scene.surface, scene.part)  # a scene that the planar model does not cover has no truth
+            Simulator(
+                scene.surface, scene.part
+            )  # raises for scenes without truth, which the planar model does not cover
     found = [model_candidate(*each) for each in settings.model_settings()]
     found += [peer_candidate(*each, settings.peer_worlds) for each in settings.peer_settings()]
     candidates: dict[tuple[str, str], Candidate] = {}

@@ -40,7 +40,7 @@ class RandomDrive(Settings):
 
     Attributes:
         strength, least_strength: radius of the disc and of its hole, as fractions of the largest amplitude.
-        every: new phasors after so many periods; None holds the first.
+        every: periods between new phasors; None: constant.
     """
 
     kind: Literal["random"]
@@ -87,9 +87,9 @@ class SceneSettings(Settings):
         worlds: number of different worlds.
         periods: duration.
         settle: periods at the beginning that are left out of the mean velocity, so that it is the steady one.
-        seed: of all that is drawn.
+        seed: of all random values.
         start, drive: mappings, see the classes above.
-        strong_tolerances, weak_tolerances: instead of the report's.
+        strong_tolerances, weak_tolerances: override the report's.
     """
 
     name: str = Field(min_length=1, max_length=60)
@@ -150,12 +150,12 @@ class Scene(NamedTuple):
 
     @property
     def held(self) -> bool:
-        """Whether one drive lasts all the time."""
+        """Whether the drive is constant."""
         return all(each.amplitude is self.segments[0].amplitude for each in self.segments)
 
     @property
     def lever(self) -> float:
-        """Radius at which a turn counts, m: 0 for discs."""
+        """Lever of rotations in errors, m: 0 for discs."""
         return self.part.radius if self.part.symmetry else 0.0
 
 
@@ -177,7 +177,7 @@ def scenes_from(
 
     Args:
         given: the mappings.
-        strong_tolerances, weak_tolerances: of scenes without their own.
+        strong_tolerances, weak_tolerances: defaults for scenes.
 
     Raises:
         ValueError: the first fault, in one line that begins with ``scenes.<number>``.

@@ -20,7 +20,7 @@ from vibgym import checks
 
 METHODS = ("LSODA", "DOP853")
 
-_TINY = 1e-30  # (m/s)^2; where nothing slides friction has no direction
+_TINY = 1e-30  # (m/s)^2; without slip friction has no direction
 
 # Radon's rule on a triangle, exact to fifth degree: barycentric coordinates and weights.
 _A, _B = (6.0 - math.sqrt(15.0)) / 21.0, (6.0 + math.sqrt(15.0)) / 21.0
@@ -60,7 +60,7 @@ def integrate(
 
     Raises:
         ValueError: a bad argument.
-        RuntimeError: the integrator gave up.
+        RuntimeError: the integrator failed.
     """
     checks.choice("method", method, METHODS)
     rtol = checks.number("rtol", rtol, above=0.0, most=0.1)
@@ -78,7 +78,7 @@ def integrate(
     solution = solve_ivp(slope, (0.0, times[-1]), start, method, t_eval=times, rtol=rtol, atol=absolute)
     seconds = time.perf_counter() - began
     if not solution.success:
-        raise RuntimeError(f"{method} at rtol={rtol:g} gave up after {solution.t[-1]:g} s: {solution.message}")
+        raise RuntimeError(f"{method} at rtol={rtol:g} failed after {solution.t[-1]:g} s: {solution.message}")
     return Run(solution.y[:3].T, solution.y[3:].T, seconds, solution.nfev)
 
 
@@ -113,7 +113,7 @@ def _slope(
         if not len(corner):
             return [vx, vy, spin, 0.0, 0.0, 0.0]
         corner -= (x0, y0)
-        # A fan of triangles over every closed ring, from its first corner; their signs make it right for any simple ring.
+        # A fan of signed triangles over every closed ring, from its first corner; valid for any simple ring.
         same = owner[:-1] == owner[1:]
         here, there = corner[:-1][same], corner[1:][same]
         first, owner = corner[np.searchsorted(owner, owner)][:-1][same], owner[:-1][same]

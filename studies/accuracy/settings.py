@@ -18,7 +18,7 @@ from vibgym.simulation.simulator import Simulator
 
 MODELS = ("planar", "averaged")
 MOST_COMBINATIONS = 1000
-"""Of the knobs in one entry: each is a simulator, and a line of the report."""
+"""Most combinations of knobs in one entry; each is a simulator and a line of the report."""
 
 PEERS: dict[str, dict[str, Any]] = {
     "point_sampling": {"points": 12, "steps": 12},
@@ -26,7 +26,7 @@ PEERS: dict[str, dict[str, Any]] = {
     "DOP853": {"rtol": 1e-4},
     "mujoco": {"timestep": 1e-3, "contact_time": None, "impratio": 10.0},
 }
-"""Peers, their knobs and the defaults of these."""
+"""Peers, their knobs and defaults."""
 
 
 class TruthSettings(Settings):
@@ -58,10 +58,10 @@ class ReportSettings(Settings):
     Attributes:
         scenes: mappings, see :class:`studies.accuracy.scenes.SceneSettings`.
         models: mappings of ``model`` and its knobs; lists of values of knobs stand for all combinations.
-        peers: likewise with ``peer``, see :data:`PEERS`.
+        peers: the same with ``peer``, see :data:`PEERS`.
         strong_tolerances: of the trajectory's error, m.
         weak_tolerances: of the mean velocity's error, relative.
-        auto_tolerances: of ``model="auto"`` on every scene, m; none leaves that section out.
+        auto_tolerances: of ``model="auto"`` on every scene, m; empty: no such section.
         peer_worlds: number of a scene's worlds that the slow peers (SciPy, MuJoCo) run.
         rounds: in which every setting is timed, in turn with all others.
         truth: see :class:`TruthSettings`.
@@ -88,7 +88,7 @@ class ReportSettings(Settings):
 
     def model_settings(self) -> list[tuple[str, dict[str, Any]]]:
         """Return every model with one value for each given knob."""
-        # One element may accept what is too coarse for several: a scene that refuses a setting then has a line with the reason.
+        # One element accepts coarser settings than several; a scene that refuses a setting has a line with the reason.
         surface, part = Surface(rows=1, columns=1), shipped_part("aluminium_block")
         found: list[tuple[str, dict[str, Any]]] = []
         for index, given in enumerate(self.models):

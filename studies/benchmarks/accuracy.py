@@ -1,7 +1,7 @@
-"""How far the planar model is from the truth, and what a period costs: ``python -m studies.benchmarks.accuracy``.
+"""Error and time of the planar model: ``python -m studies.benchmarks.accuracy``.
 
-Steady velocities against an independent integration; random fields, which put every element on its own amplitude in [0, g/w^2]
-and phase, against a converged run; that run against a finer one and against point sampling; speed against error.
+Steady velocities relative to an independent integration; random fields, with independent amplitudes in [0, g/w^2] and phases
+of elements, relative to a converged run; that run relative to a finer one and to point sampling; time over error.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ CONVERGED: dict[str, Any] = {"steps": 128, "substeps": 2, "pieces": 6}
 FINER: dict[str, Any] = {"steps": 256, "substeps": 2, "pieces": 10}
 WORLDS = 64
 PERIODS = 25  # one second
-MARGIN = 0.100  # m from a part's centre to the border at the start, where the surface is wide enough
+MARGIN = 0.100  # m, distance of the initial centre from the border, where the surface is large enough
 
 
 def parts() -> dict[str, Part]:
-    """The parts that are compared."""
+    """Return the compared parts by name."""
     side, arm = 0.060, 0.030
     corners = [[0, 0], [side, 0], [side, arm], [arm, arm], [arm, side], [0, side]]
     return {
@@ -42,7 +42,7 @@ def parts() -> dict[str, Part]:
 
 
 def random_scene(surface: Surface, seed: int, spin: float) -> tuple[np.ndarray, ...]:
-    """Pose and velocity (worlds, 1, 3), amplitude and phase (worlds, rows, columns)."""
+    """Return pose and velocity (worlds, 1, 3), amplitude and phase (worlds, rows, columns)."""
     rng = np.random.default_rng(seed)
     pose = np.empty((WORLDS, 1, 3))
     for axis, extent in enumerate((surface.width, surface.depth)):
@@ -56,7 +56,7 @@ def random_scene(surface: Surface, seed: int, spin: float) -> tuple[np.ndarray, 
 
 
 def run(surface: Surface, part: Part, scene: tuple[np.ndarray, ...], periods: int, **scheme: Any) -> Simulator:
-    """A simulator that has gone through the scene."""
+    """Run a scene; return the simulator."""
     pose, velocity, amplitude, phase = scene
     simulator = Simulator(surface, part, worlds=len(pose), **scheme)
     simulator.reset(pose, velocity)
@@ -65,18 +65,18 @@ def run(surface: Surface, part: Part, scene: tuple[np.ndarray, ...], periods: in
 
 
 def errors(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Position (mm) and heading (deg) error of poses (n, 3)."""
+    """Return position (mm) and heading (deg) errors of poses (n, 3)."""
     return 1e3 * np.hypot(*(one - other)[:, :2].T), np.degrees(np.abs(one - other)[:, 2])
 
 
 def compare(one: Simulator, other: Simulator) -> tuple[np.ndarray, np.ndarray, int]:
-    """Errors over the worlds where neither part fell, and the number of the others."""
+    """Return the errors of the worlds in which neither part fell, and the number of other worlds."""
     fell = (one.fallen | other.fallen)[:, 0]
     return *errors(one.pose[~fell, 0], other.pose[~fell, 0]), int(fell.sum())
 
 
 def spread(values: np.ndarray) -> list[str]:
-    """Median, 95th percentile, largest."""
+    """Format median, 95th percentile and maximum."""
     return [f"{each:.2g}" for each in (np.median(values), np.percentile(values, 95), values.max())]
 
 
@@ -84,7 +84,7 @@ SPREADS = ("position: median", "95 %", "largest (mm)", "heading: median", "95 %"
 
 
 def steady_velocities(keep: bool) -> None:
-    """Full amplitude, phase 270 deg, default settings."""
+    """Compare steady velocities: full amplitude, phase 270 deg, default settings."""
     surface = Surface(rows=60, columns=200)  # long enough to settle: 5.2 m
     lines = []
     for friction, (speed, direction) in STEADY.items():
@@ -100,7 +100,7 @@ def steady_velocities(keep: bool) -> None:
 
 
 def random_fields(surface: Surface, keep: bool) -> None:
-    """Default settings against the converged run."""
+    """Compare the default settings with the converged run."""
     lines = []
     for name, part in parts().items():
         for spin in (0.0, 5.0):
@@ -114,7 +114,7 @@ def random_fields(surface: Surface, keep: bool) -> None:
 
 
 def reference_error(surface: Surface, keep: bool) -> None:
-    """How converged the converged run is."""
+    """Compare the converged run with a finer run and with point sampling."""
     part = shipped_part("aluminium_block")
     lines = []
     for spin in (0.0, 5.0):
@@ -145,7 +145,7 @@ def reference_error(surface: Surface, keep: bool) -> None:
 
 
 def speed_against_error(surface: Surface, keep: bool) -> None:
-    """Aluminium block, spin 0 at the start, one thread."""
+    """Measure time and error for several settings: aluminium block, initial spin 0, one thread."""
     part = shipped_part("aluminium_block")
     scene = random_scene(surface, 1, 0.0)
     reference = run(surface, part, scene, PERIODS, **CONVERGED)
@@ -163,14 +163,13 @@ def speed_against_error(surface: Surface, keep: bool) -> None:
         numbers = [np.median(position), np.percentile(position, 95), np.median(heading)]
         texts = [f"{each:.4f} {unit}" for each, unit in zip(numbers, ("mm", "mm", "deg"), strict=True)]
         lines.append([f"{steps} x {substeps}", *texts, f"{1e6 * best / WORLDS / PERIODS:.2f} us"])
-    heads = ("cuts x Runge-Kutta steps", "position: median", "95 %", "heading: median", "a period and core")
+    heads = ("cuts x Runge-Kutta steps", "position: median", "95 %", "heading: median", "per period and core")
     show("accuracy-speed", heads, lines, keep)
 
 
 def main() -> None:
-    """Measure all."""
-    parser = common.parser(__doc__)
-    keep = parser.parse_args().keep
+    """Measure everything."""
+    keep = common.parser(__doc__).parse_args().keep
     surface = Surface()
     steady_velocities(keep)
     random_fields(surface, keep)

@@ -1,7 +1,7 @@
-"""What the camera reaches: ``python -m studies.benchmarks.camera``.
+"""Accuracy and speed of the camera: ``python -m studies.benchmarks.camera``.
 
 Centroids of discs as in the thesis's fig. 5.8, calibration, errors of the shipped blocks with default noise, blur, light and
-distortion, blocks that cross each other's ways, and what a look takes.
+distortion, tracking of blocks whose paths cross, and time per sample.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ from vibgym.plugins.camera.fitting import fit_errors
 from vibgym.scene.parts import shipped_part
 
 SPACING = 0.0368
-"""m, the least distance between parts that the spacing rule allows."""
-
+"""m, smallest distance between parts by the spacing rule."""
 
 LINES = {"half": "half of the lines", "all": "all lines"}
 EDGES = {"grey": "grey-level edges", "threshold": "whole pixels"}
@@ -34,12 +33,12 @@ Row = list[str]
 
 
 def joined(values: Iterable[float], digits: int) -> str:
-    """With so many digits after the point."""
+    """Format values with ``digits`` decimals."""
     return ", ".join(f"{value:.{digits}f}" for value in values)
 
 
 def quantisation(discs: int = 10_000) -> list[Row]:
-    """Fig. 5.8."""
+    """Return standard deviations of centroids (fig. 5.8)."""
     sizes, what = (2, 10, 40), "centroid of a disc of 2, 10, 40 px: standard deviation"
     methods: dict[str, tuple[Callable[[int], np.ndarray], str]] = {
         "whole pixels (thesis, fig. 5.8)": (lambda size: chain_errors(size, discs), "0.17, 0.08, 0.035 px"),
@@ -53,7 +52,7 @@ def quantisation(discs: int = 10_000) -> list[Row]:
 
 
 def calibration() -> list[Row]:
-    """How far the calibrated way is off on the surface."""
+    """Return the residuals of the calibration on the surface."""
     rows = []
     for lines, name in LINES.items():
         setup = Setup(Surface(), [shipped_part("steel_block")], Settings(lines=lines, distortion=0.01), 0.04)
@@ -66,7 +65,7 @@ def calibration() -> list[Row]:
 
 
 def accuracy() -> list[Row]:
-    """Of the shipped blocks; part of the error stays while a block is at rest, the other is new at each look."""
+    """Return the errors of the shipped blocks: constant while a block is at rest, and new at each sample."""
     blocks = [shipped_part("aluminium_block"), shipped_part("steel_block")]
     rows = []
     for lines in LINES:
@@ -77,7 +76,7 @@ def accuracy() -> list[Row]:
                 heading, fixed, white = np.degrees([each[k, 2] for each in (total, errors.fixed, errors.white)])
                 name = block.name.replace("_", " ")
                 rows.append([
-                    f"{name}, {LINES[lines]}, {EDGES[edge]}: position, heading (of which fixed, new at each look)",
+                    f"{name}, {LINES[lines]}, {EDGES[edge]}: position, heading (of which fixed, new at each sample)",
                     f"{1e3 * np.sqrt((total[k, :2] ** 2).mean()):.3f} mm, {heading:.3f} deg ({joined((fixed, white), 3)})",
                     "0.1 deg" if (block.name, lines, edge) == ("aluminium_block", "all", "grey") else "",
                 ])  # fmt: skip
@@ -85,10 +84,10 @@ def accuracy() -> list[Row]:
 
 
 def wandering(frames: int, parts: list[Part], seed: int) -> np.ndarray:
-    """(frames, parts, 3) poses of parts that cross each other's ways, turn, and keep the spacing rule.
+    """Return poses (frames, parts, 3) of parts that rotate, cross each other's paths and obey the spacing rule.
 
-    Every part goes straight on at up to 0.3 m/s and 3 rad/s; where the next step would bring it too near to another one or to
-    the border, it stops dead and takes another direction: no part on the surface can be more sudden.
+    Every part moves straight at up to 0.3 m/s and 3 rad/s. Where the next step would violate the distance to another part or to
+    the border, it stops and takes another direction: an upper bound on real changes of velocity.
     """
     random, surface, step = np.random.default_rng(seed), Surface(), 0.04
     radius = np.array([part.radius for part in parts])
@@ -117,7 +116,7 @@ def wandering(frames: int, parts: list[Part], seed: int) -> np.ndarray:
 
 
 def state_of(pose: np.ndarray, before: np.ndarray | None):
-    """The state of one world with these poses, and mean velocities since the period before."""
+    """Return the state of a world with these poses, and mean velocities since the previous period."""
     state = new_state(1, len(pose))
     state.pose[0] = pose
     state.fallen[:] = False
@@ -127,7 +126,7 @@ def state_of(pose: np.ndarray, before: np.ndarray | None):
 
 
 def identities(lines: str, edge: str, frames: int = 1000) -> list[Row]:
-    """Parts that cross each other's ways."""
+    """Return errors of tracking for blocks whose paths cross."""
     parts = [shipped_part("aluminium_block")] * 3 + [shipped_part("steel_block")] * 3
     poses = wandering(frames, parts, 7)
     sensor = CameraSensor(Surface(), parts, 1, 1, lines=lines, edge=edge)
@@ -148,10 +147,10 @@ def identities(lines: str, edge: str, frames: int = 1000) -> list[Row]:
     ]
 
 
-def look_time(sensor: CameraSensor, state: Any, looks: int) -> float:
-    """Median s of a look on one core."""
+def sample_time(sensor: CameraSensor, state: Any, samples: int) -> float:
+    """Return the median time of a sample on one core, s."""
     took = []
-    for _ in range(looks):
+    for _ in range(samples):
         began = time.thread_time()
         sensor.look(state)
         took.append(time.thread_time() - began)
@@ -159,7 +158,7 @@ def look_time(sensor: CameraSensor, state: Any, looks: int) -> float:
 
 
 def speed() -> list[Row]:
-    """Eleven parts, found, measured and tracked on one core, images included."""
+    """Return the time of a sample of eleven parts on one core, images included."""
     parts = (
         [shipped_part("aluminium_block")] * 4 + [shipped_part("steel_block")] * 4 + [Part.disc(0.020, friction=0.5)] * 3
     )
@@ -172,13 +171,13 @@ def speed() -> list[Row]:
             state = state_of(pose, None)
             sensor.reset(np.array([0]), state, np.array([[0.1, 0.2]]))
             assert sensor.due.seen.all()
-            what = f"eleven parts, image included, one core: a look, {LINES[lines]}, {EDGES[edge]}"
-            rows.append([what, f"{1e3 * look_time(sensor, state, 200):.2f} ms", "4 ms"])
+            what = f"eleven parts, image included, one core: a sample, {LINES[lines]}, {EDGES[edge]}"
+            rows.append([what, f"{1e3 * sample_time(sensor, state, 200):.2f} ms", "4 ms"])
     return rows
 
 
 def statistical(worlds: int = 4096) -> list[Row]:
-    """Cost of the statistical sensor."""
+    """Return the time of a sample of the statistical sensor."""
     block = shipped_part("aluminium_block")
     sensor = CameraSensor(Surface(), [block], worlds, 1, statistical=True)
     state = new_state(worlds, 1)
@@ -186,16 +185,15 @@ def statistical(worlds: int = 4096) -> list[Row]:
     state.pose[:] = random.uniform([0.05, 0.05, -3.0], [0.75, 0.15, 3.0], (worlds, 1, 3))
     state.fallen[:] = False
     sensor.reset(np.arange(worlds), state, random.random((worlds, 2)))
-    took = 1e6 * look_time(sensor, state, 100) / worlds
+    took = 1e6 * sample_time(sensor, state, 100) / worlds
     return [[f'`"statistical": True`, {worlds} worlds, one core: a world and part', f"{took:.2f} us", "0.5 us"]]
 
 
 def main() -> None:
-    """Measure all."""
-    parser = common.parser(__doc__)
-    keep = parser.parse_args().keep
-    followed = [*identities("half", "grey"), *identities("all", "threshold")]
-    rows = [*quantisation(), *calibration(), *accuracy(), *followed, *speed(), *statistical()]
+    """Measure everything."""
+    keep = common.parser(__doc__).parse_args().keep
+    tracked = [*identities("half", "grey"), *identities("all", "threshold")]
+    rows = [*quantisation(), *calibration(), *accuracy(), *tracked, *speed(), *statistical()]
     show("camera", ("camera", "measured", "target"), rows, keep)
 
 

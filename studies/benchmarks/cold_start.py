@@ -1,13 +1,12 @@
-"""How long a newcomer waits for the first step: from the start of Python to the end of the first ``env.step``.
+"""Time to the first step: from the start of Python to the end of the first ``env.step``.
 
-    python -m studies.benchmarks.cold_start                      # this tree: its wheel, and the checkout itself
-    python -m studies.benchmarks.cold_start ../base              # and another checkout, in turn, on the same machine
-    python -m studies.benchmarks.cold_start --wheel a.whl        # a wheel that is there already
+    python -m studies.benchmarks.cold_start                      # wheel of this checkout, and the checkout
+    python -m studies.benchmarks.cold_start ../base              # and another checkout, in turn, on the same host
+    python -m studies.benchmarks.cold_start --wheel a.whl        # an existing wheel
 
-The wheel is built, and installed with its dependencies, in the versions of constraints.txt, into an empty environment, in which
-the checkouts run as well. Each run is a process of its own: with nothing kept, then once more in the same cache; medians.
-"further action" is a second environment in the first of these processes. Processor time is given as well: it depends less on
-what else the machine does.
+The wheel is installed with its dependencies, in the versions of constraints.txt, into an empty environment, in which the
+checkouts run as well. Each run is a process: with an empty cache, then again with that cache; medians. "further action" is a
+second environment in the first process. Processor time depends less on the load of the host than wall time.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from studies.benchmarks import common
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGETS = {"Rotate": 2.5, "Sort": 5.0}
-"""s, from a wheel, on a machine where the checkout of ace0233 needs BEFORE."""
+"""s, from a wheel, on a host where the checkout of ace0233 takes BEFORE."""
 BEFORE = {"Rotate": 8.0, "Sort": 14.9}
 
 PROBE = """
@@ -47,14 +46,12 @@ assert vibgym.__file__.startswith(sys.argv[2] if sys.argv[2:] else sys.prefix), 
 
 
 def probe(python: Path, task: str, cache: str, *tree: Path) -> list[list[float]]:
-    """Wall and processor time, s, of the first step and of that with a further action, in a process of its own."""
+    """Return wall and processor time, s, of the first step and of that with a further action, in a new process."""
     hidden = ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "PYTHONHOME", "VIRTUAL_ENV")
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
-    environment |= (
-        {"NUMBA_CACHE_DIR": cache, "PYTHONPYCACHEPREFIX": f"{python.parent}/pyc"}
-        if tree
-        else {"NUMBA_CACHE_DIR": cache}
-    )
+    environment["NUMBA_CACHE_DIR"] = cache
+    if tree:
+        environment["PYTHONPYCACHEPREFIX"] = f"{python.parent}/pyc"
     began = time.time()
     done = subprocess.run(
         [python, "-c", PROBE, task, *map(str, tree)], cwd=cache, env=environment, text=True, check=True,
@@ -65,7 +62,7 @@ def probe(python: Path, task: str, cache: str, *tree: Path) -> list[list[float]]
 
 
 def installed(wheel: Path | None, folder: Path) -> Path:
-    """Interpreter of an empty environment that holds a wheel, by default this tree's."""
+    """Install a wheel, by default of this checkout, into an empty environment; return its interpreter."""
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
     if wheel is None:
         subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT], check=True)
@@ -80,27 +77,28 @@ def main() -> None:
     """Print the table."""
     parser = common.parser(__doc__, keep=False)
     parser.add_argument("tree", nargs="*", type=Path, help="other checkouts to compare with")
-    parser.add_argument("--wheel", type=Path, help="instead of building this tree's")
+    parser.add_argument("--wheel", type=Path, help="existing wheel; default: built from this checkout")
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args()
     trees = [(), (ROOT,), *((each.resolve(),) for each in arguments.tree)]
     with tempfile.TemporaryDirectory() as folder:
         python = installed(arguments.wheel and arguments.wheel.resolve(), Path(folder))
-        print(f"{'':24}{'nothing kept':>20}{'further action':>20}{'second process':>20}   wall (processor), s")
+        print(f"{'':24}{'empty cache':>20}{'further action':>20}{'second process':>20}   wall (processor), s")
         for task, target in TARGETS.items():
             runs: dict[tuple[Path, ...], list[list[list[float]]]] = {tree: [] for tree in trees}
             for each in range(arguments.rounds + 1):
                 for tree in trees:
                     with tempfile.TemporaryDirectory() as cache:
                         found = [*probe(python, task, cache, *tree), probe(python, task, cache, *tree)[0]]
-                    if each:  # the first has Python compile what it imports, which pip has done for the wheel
+                    if each:  # the first compiles bytecode, as pip has for the wheel
                         runs[tree].append(found)
             for tree, found in runs.items():
                 cells = [[statistics.median(run[k][m] for run in found) for m in (0, 1)] for k in range(3)]
                 name = f"{task} {tree[0].name if tree else 'wheel'}"
                 print(f"{name:24}" + "".join(f"{f'{wall:.2f} ({spent:.2f})':>20}" for wall, spent in cells), flush=True)
             print(
-                f"{'':24}target {target} s where ace0233's checkout needs {BEFORE[task]} s: {target / BEFORE[task]:.2f} of it"
+                f"{'':24}target {target} s on a host where the checkout of ace0233 takes {BEFORE[task]} s: "
+                f"ratio {target / BEFORE[task]:.2f}"
             )
 
 

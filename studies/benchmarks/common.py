@@ -1,8 +1,9 @@
-"""Shared by the benchmarks: argument parser, hardware, and interleaved timing."""
+"""Argument parser, hardware models and timing shared by the benchmarks."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import time
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -15,7 +16,7 @@ HARDWARE: dict[str, dict[str, Any]] = {
     "ideal": {},
     "prototype": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
 }
-"""Arguments of environments, by the name of the hardware."""
+"""Arguments of environments by hardware model."""
 
 
 def parser(doc: str | None, keep: bool = True) -> argparse.ArgumentParser:
@@ -26,24 +27,23 @@ def parser(doc: str | None, keep: bool = True) -> argparse.ArgumentParser:
     return made
 
 
-def interleaved(
-    calls: Mapping[str, Callable[[], object]],
-    rounds: int,
-    warm: int = 1,
-    clock: Callable[[], float] = time.perf_counter,
-) -> dict[str, np.ndarray]:
-    """Return the times (rounds,) s of each call, measured in turn (A B C A B C ...): drift of the host cancels in ratios.
+def policy(text: str) -> Any:
+    """Parse a policy of the command line: JSON, or a name or path."""
+    return json.loads(text) if text.lstrip().startswith(("{", '"')) else text
+
+
+def interleaved(calls: Mapping[str, Callable[[], object]], rounds: int, warm: int) -> dict[str, np.ndarray]:
+    """Return times (rounds,) s of calls by name, measured in turn (A B C A B C ...), so that drift cancels in ratios.
 
     Args:
-        calls: to measure, by name.
-        rounds: that count.
-        warm: rounds before them that do not count.
-        clock: returns s.
+        calls: by name.
+        rounds: number of measurements of each call.
+        warm: rounds before them.
     """
     took: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(warm + rounds):
         for name, call in calls.items():
-            began = clock()
+            began = time.perf_counter()
             call()
-            took[name].append(clock() - began)
+            took[name].append(time.perf_counter() - began)
     return {name: np.array(each[warm:]) for name, each in took.items()}

@@ -1,7 +1,7 @@
-"""Learned against classical, as ``make compare`` has found it: ``python -m studies.benchmarks.compared [--run DIR]``.
+"""Tabulate learned and classical policies of ``make compare``: ``python -m studies.benchmarks.compared [--run DIR]``.
 
-Reads the run's ``compare.json``, plays nothing: of every policy its success and interquartile mean of the time to the goal, and
-what it takes longer than the best classical one on the same seeds.
+Reads ``compare.json`` of the run: success and interquartile mean of the time to goal of every policy, and the difference of the
+latter to the best classical policy on the same seeds.
 """
 
 from __future__ import annotations
@@ -17,24 +17,18 @@ from studies.benchmarks import common
 from studies.kept import show
 
 HEADS = (
-    "task",
-    "hardware",
-    "policy",
-    "success",
-    "of",
-    "time to goal: interquartile mean [95 %]",
-    "less the best law's, paired",
-    "collisions",
-)
+    "task", "hardware", "policy", "success", "of", "time to goal: interquartile mean [95 %]",
+    "minus the best law's, paired", "collisions",
+)  # fmt: skip
 
 
 def value(number: float | None) -> float:
-    """NaN for what does not apply."""
+    """Return a number, NaN for None."""
     return math.nan if number is None else number
 
 
 def difference(found: Mapping[str, Any] | None) -> str:
-    """Of the interquartile means, with its interval."""
+    """Format the difference of the interquartile means, with its interval."""
     if found is None or found["iqm"]["value"] is None or found["iqm"]["interval"] is None:
         return "–"
     low, high = (signed(found["iqm"]["interval"][end], 3) for end in ("low", "high"))
@@ -42,7 +36,7 @@ def difference(found: Mapping[str, Any] | None) -> str:
 
 
 def line(row: Mapping[str, Any], apart: Mapping[str, Any] | None) -> list[str]:
-    """A policy on a task and machine."""
+    """Return the row of a policy on a task and hardware model."""
     time = quantity(value(row["time_iqm_s"]), 1.0, 3, "s")
     if row["time_iqm_low_s"] is not None:
         time += f" [{row['time_iqm_low_s']:.3f}, {row['time_iqm_high_s']:.3f}]"
@@ -59,9 +53,11 @@ def line(row: Mapping[str, Any], apart: Mapping[str, Any] | None) -> list[str]:
 
 
 def main() -> None:
-    """Read, print, keep."""
+    """Read and print."""
     parser = common.parser(__doc__)
-    parser.add_argument("--run", type=Path, default=Path("runs/agents-compared"), help="of make compare")
+    parser.add_argument(
+        "--run", type=Path, default=Path("runs/agents-compared"), help="output directory of make compare"
+    )
     asked = parser.parse_args()
     found = json.loads((asked.run / "compare.json").read_text(encoding="utf-8"))
     apart = {(each["task"], each["hardware"], each["first"]): each for each in found["differences"]}

@@ -1,10 +1,10 @@
-"""Contacts against closed forms and against shorter steps: ``python -m studies.benchmarks.contacts``.
+"""Contacts compared with closed forms and with smaller steps: ``python -m studies.benchmarks.contacts``.
 
-1. Oblique blows of two discs without friction on a still table: velocity and position against the closed form.
+1. Oblique impacts of two discs without friction on a table at rest: velocity and position, closed form.
 2. Newton's cradle in the plane.
-3. Two blocks driven together on the prototype for 12 periods, in 64 worlds: distance from a run with 640 steps of the coupling
-   in a period. Friction and contacts take turns, so the error is of first order in the step.
-4. A thousandfold mass that presses a light part against a wall: the deepest overlap.
+3. Two blocks driven together on the prototype for 12 periods, in 64 worlds: distance from a run with 640 coupling steps per
+   period. Friction and contacts alternate, so the error is of first order in the step.
+4. A part pressed against a wall by one of 1000 times its mass: largest overlap.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from studies.benchmarks import common
-from studies.benchmarks.pile import deepest_overlap
+from studies.benchmarks.pile import largest_overlap
 from studies.kept import show
 from vibgym import Part, Simulator, Surface
 from vibgym.fields import radial, uniform
@@ -29,12 +29,12 @@ STILL = Surface(horizontal_amplitude=0.0)
 
 
 def disc(restitution: float) -> Part:
-    """A disc that nothing slows down."""
+    """Return a disc without friction."""
     return Part.disc(RADIUS, friction=0.0, restitution=restitution, contact_friction=0.0)
 
 
 def oblique(offset: float, restitution: float, periods: int = 10) -> tuple[float, float]:
-    """Errors of velocity (m/s) and position (m) after a blow at ``offset`` of the sum of radii, seen at the end."""
+    """Return the errors of velocity (m/s) and position (m) after an impact at ``offset`` times the sum of radii."""
     aside = 2.0 * RADIUS * offset
     simulator = Simulator(STILL, [disc(restitution)] * 2)
     simulator.reset([[0.3, 0.1, 0.0], [0.4, 0.1 + aside, 0.0]], [[SPEED, 0.0, 0.0], [0.0, 0.0, 0.0]])
@@ -51,7 +51,7 @@ def oblique(offset: float, restitution: float, periods: int = 10) -> tuple[float
 
 
 def cradle(gap: float, discs: int = 5) -> np.ndarray:
-    """Velocities along x of a moving disc and ``discs`` in a row ``gap`` m apart, after the blow, over the first speed."""
+    """Return velocities along x of a disc and the row of discs, ``gap`` m apart, that it hits, over its initial speed."""
     simulator = Simulator(STILL, [disc(1.0)] * (discs + 1))
     row = [[0.2 + k * (2.0 * RADIUS + gap), 0.1, 0.0] for k in range(discs)]
     simulator.reset([[0.1, 0.1, 0.0], *row], [[SPEED, 0.0, 0.0]] + [[0.0, 0.0, 0.0]] * discs)
@@ -60,7 +60,7 @@ def cradle(gap: float, discs: int = 5) -> np.ndarray:
 
 
 def driven_together(steps: int) -> tuple[np.ndarray, float]:
-    """Positions (worlds, 2, 2) of two blocks after 12 periods in a radial field between them, and us per world and period."""
+    """Return positions (worlds, 2, 2) of two blocks after 12 periods in a radial field, and us per world and period."""
     surface = Surface()
     parts = [shipped_part("aluminium_block"), shipped_part("steel_block")]
     simulator = Simulator(surface, parts, worlds=WORLDS, threads=1, contact_steps=steps)
@@ -75,7 +75,7 @@ def driven_together(steps: int) -> tuple[np.ndarray, float]:
 
 
 def heavy_on_light(ratio: float) -> float:
-    """Deepest overlap (m) of a heavy part that presses a light one against a wall, and of the reverse order."""
+    """Return the largest overlap (m) of a heavy part that presses a light one against a wall, and in reverse order."""
     surface, deepest = Surface(), 0.0
     heavy = Part.rectangle(0.05, 0.04, friction=0.6, mass=0.01 * ratio)
     light = Part.rectangle(0.03, 0.03, friction=0.6, mass=0.01)
@@ -84,20 +84,20 @@ def heavy_on_light(ratio: float) -> float:
         simulator.reset([[x[0], 0.1, 0.0], [x[1], 0.1, 0.0]])
         for _ in range(80):
             simulator.advance(*uniform(math.pi).drive(surface))
-            deepest = max(deepest, deepest_overlap(simulator))
+            deepest = max(deepest, largest_overlap(simulator))
     return deepest
 
 
 def joined(values: Iterable[float]) -> str:
-    """In two digits."""
+    """Format values with two digits."""
     return ", ".join(f"{value:.2g}" for value in values)
 
 
 def closed_forms(keep: bool) -> None:
-    """Blows, the cradle, and the thousandfold mass."""
+    """Compare with closed forms."""
     lines = []
     for restitution in (1.0, 0.3):
-        what = f"oblique blow of two discs, restitution {restitution:g}, at {joined(OFFSETS)} of the sum of radii"
+        what = f"oblique impact of two discs, restitution {restitution:g}, at {joined(OFFSETS)} of the sum of radii"
         wrong = 1e3 * np.array([oblique(offset, restitution) for offset in OFFSETS])
         for name, errors, unit in zip(("velocity", "position 0.3 s later"), wrong.T, ("mm/s", "mm"), strict=True):
             lines.append([f"{what}: error of the {name}", f"{joined(errors)} {unit}", ""])
@@ -106,12 +106,14 @@ def closed_forms(keep: bool) -> None:
         what = f"Newton's cradle, five discs {1e3 * gap:g} mm apart: share of the velocity with the last, at most with others"
         lines.append([what, f"{last:.6f}, {max(others):.6f}", "1, 0"])
     deepest = heavy_on_light(1000.0)
-    lines.append(["thousandfold mass behind a light part at a wall: overlap", f"{1e3 * deepest:.3f} mm", "0.3 mm"])
+    lines.append(
+        ["part of 1000 times the mass behind a light part at a wall: overlap", f"{1e3 * deepest:.3f} mm", "0.3 mm"]
+    )
     show("contacts", ("contacts", "measured", "target"), lines, keep)
 
 
 def shorter_steps(keep: bool) -> None:
-    """Two blocks driven together."""
+    """Compare numbers of coupling steps."""
     driven_together(10)  # compiles
     finest, _ = driven_together(640)
     lines = []
@@ -119,14 +121,13 @@ def shorter_steps(keep: bool) -> None:
         position, cost = driven_together(steps)
         error = 1e3 * np.hypot(*np.moveaxis(position - finest, -1, 0))
         lines.append([str(steps), f"{np.median(error):.3f} mm", f"{np.percentile(error, 95):.3f} mm", f"{cost:.0f} us"])
-    heads = ("steps of the coupling in a period", "distance from 640 steps: median", "95 %", "a world and period")
+    heads = ("coupling steps per period", "distance from 640 steps: median", "95 %", "per world and period")
     show("contacts-steps", heads, lines, keep)
 
 
 def main() -> None:
-    """Measure all."""
-    parser = common.parser(__doc__)
-    keep = parser.parse_args().keep
+    """Measure everything."""
+    keep = common.parser(__doc__).parse_args().keep
     closed_forms(keep)
     shorter_steps(keep)
 

@@ -1,10 +1,10 @@
-"""Worlds with many parts: ``python -m studies.benchmarks.crowds``.
+"""Time of worlds with many parts: ``python -m studies.benchmarks.crowds``.
 
-1. Time per part and period of worlds with six parts that never come near one another, against worlds with one part.
-2. Time per part and period of one world with 32 and with 1000 parts, as far from one another at the start, walls all around:
-   periods 20 to 120, in which more and more of them are in touch.
+1. Time per part and period of worlds with six separate parts, relative to worlds with one part.
+2. Time per part and period of a world with 32 and with 1000 parts, with the same initial distances and walls: periods 20 to
+   120, with increasingly many contacts.
 
-How fast crowds are beside PushT: :mod:`studies.benchmarks.peers`.
+:mod:`studies.benchmarks.peers` compares crowds with PushT.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import time
 import numpy as np
 
 import vibgym
+from studies.benchmarks import common
 from vibgym.scene.hulls import WALLS
 from vibgym.scene.parts import shipped_part
 
@@ -23,7 +24,7 @@ WORLDS, ROUNDS = 256, 7
 
 
 def apart() -> None:
-    """Part 1."""
+    """Measure six separate parts."""
     surface = vibgym.Surface()
     part = shipped_part("aluminium_block")
     generator = np.random.default_rng(0)
@@ -50,7 +51,7 @@ def apart() -> None:
     pairs = [(per_part(six, pose), per_part(one, pose[:, k % 6 : k % 6 + 1])) for k in range(3 * ROUNDS)]
     ratio = statistics.median(b / a for a, b in pairs)
     together, alone = (1e6 * statistics.median(each) for each in zip(*pairs))
-    print(f"\nSix parts that never come near one another, {WORLDS} worlds, one core: {six.statistics}")
+    print(f"\nSix separate parts, {WORLDS} worlds, one core: {six.statistics}")
     print(
         f"  {together:.2f} us per part and period, {alone:.2f} us in worlds with one part: "
         f"{ratio:.2f} of its speed (target >= 0.7)"
@@ -58,11 +59,11 @@ def apart() -> None:
 
 
 PITCH, LARGE = 0.09, 115
-"""m between the parts of a crowd at the start; elements along a side of the table that holds a thousand."""
+"""m, initial distance of parts; elements along a side of the table for 1000 parts."""
 
 
 def crowd(count: int) -> tuple[vibgym.Simulator, tuple[np.ndarray, np.ndarray]]:
-    """One world with so many blocks on a square grid, on a table as full for any number, and its elements' motion."""
+    """Return a world with ``count`` blocks on a square grid, at a constant density, and amplitude and phase of its elements."""
     side = math.ceil(math.sqrt(count))
     elements = math.ceil(LARGE * side / 32)
     surface, generator = vibgym.Surface(elements, elements), np.random.default_rng(0)
@@ -76,26 +77,27 @@ def crowd(count: int) -> tuple[vibgym.Simulator, tuple[np.ndarray, np.ndarray]]:
 
 
 def crowds() -> None:
-    """Part 2: thread time, the fewest of three rounds, in turn."""
+    """Measure crowds: minimum thread time of three rounds, in turn."""
     scenes = {count: crowd(count) for count in (32, 1000)}
-    fewest, counts = dict.fromkeys(scenes, math.inf), {}
+    least, counts = dict.fromkeys(scenes, math.inf), {}
     for _ in range(3):
         for count, (simulator, drive) in scenes.items():
             simulator.reset(crowd(count)[0].pose)
             simulator.advance(*drive, 20)
             before, began = simulator.statistics["contact_steps"], time.thread_time()
             simulator.advance(*drive, 100)
-            fewest[count] = min(fewest[count], (time.thread_time() - began) / (100 * count))
+            least[count] = min(least[count], (time.thread_time() - began) / (100 * count))
             counts[count] = (simulator.statistics["contact_steps"] - before) / (100 * count)
     print("\nOne world of blocks 90 mm apart, walls, elements of up to 0.3 mm, periods 20 to 120")
-    for count, spent in fewest.items():
+    for count, spent in least.items():
         print(
-            f"  {count:4d} parts: {1e6 * spent:.2f} us a part and period, {counts[count]:.2f} calls of the solver, "
-            f"deepest overlap {1e3 * scenes[count][0].deepest_overlap:.3f} mm"
+            f"  {count:4d} parts: {1e6 * spent:.2f} us per part and period, {counts[count]:.2f} calls of the solver, "
+            f"largest overlap {1e3 * scenes[count][0].deepest_overlap:.3f} mm"
         )
-    print(f"  ratio {fewest[1000] / fewest[32]:.2f} (target <= 1.3)")
+    print(f"  ratio {least[1000] / least[32]:.2f} (target <= 1.3)")
 
 
 if __name__ == "__main__":
+    common.parser(__doc__, keep=False).parse_args()
     apart()
     crowds()

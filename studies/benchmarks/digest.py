@@ -1,16 +1,14 @@
-"""A digest of what the package computes, to the bit: poses, velocities, rewards, ``info`` and observations of many scenes.
+"""Digests of poses, velocities, rewards, ``info`` and observations of 50 scenes, to detect any changed bit.
 
-    python -m studies.benchmarks.digest write   # studies/benchmarks/digest.json, on the machine at hand
-    python -m studies.benchmarks.digest check   # names every scene and column that differs from it, and by how much
+    python -m studies.benchmarks.digest write   # writes studies/benchmarks/digest.json
+    python -m studies.benchmarks.digest check   # prints the scenes and columns that differ from it
 
-Bits hold on one kind of processor and one version of numba only; on another, write the file at a commit that is trusted and
-check at the one in question. A change of the code that means to change results says in its commit which rows it changes and
-why.
+Digests depend on the type of processor and the version of numba. On another host, write the file at a reference commit first.
+The message of a commit that changes results has the changed rows and the reason.
 """
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import os
@@ -27,11 +25,12 @@ import numba
 import numpy as np
 
 import vibgym
+from studies.benchmarks import common
 from vibgym import Part, Simulator, Surface
 
 FILE = Path(__file__).with_name("digest.json")
-FACTS = ("is_success", "position_error", "heading_error", "fallen", "diverged", "clearance", "touching", "parts_done")
-"""Of ``info``; those that a task does not have are left out."""
+INFO = ("is_success", "position_error", "heading_error", "fallen", "diverged", "clearance", "touching", "parts_done")
+"""Entries of ``info``; a task may lack some."""
 
 L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.06], [0, 0.06]]
 WALLS = ["left", "right", "bottom", "top"]
@@ -40,7 +39,7 @@ ANGLE = {"shape": "polygon", "vertices": L_SHAPE, "friction": 0.5, "name": "angl
 
 
 def parts() -> dict[str, Part]:
-    """One of each shape."""
+    """Return the parts by name."""
     return {
         "steel": Part.rectangle(0.050, 0.040, friction=0.64, height=0.004),
         "aluminium": Part.rectangle(0.050, 0.035, friction=0.58, height=0.020, mass=0.0945),
@@ -53,7 +52,7 @@ def parts() -> dict[str, Part]:
 
 
 def hashed(*arrays: Any) -> str:
-    """SHA-256 of arrays' shapes, types and bytes, shortened."""
+    """Return the first 16 digits of the SHA-256 of arrays' shapes, types and bytes."""
     digest = hashlib.sha256()
     for each in arrays:
         values = np.ascontiguousarray(each)
@@ -65,7 +64,7 @@ def hashed(*arrays: Any) -> str:
 def simulated(
     simulator: Simulator, pose: Any, velocity: Any, calls: int, periods: int, scale: float, seed: int
 ) -> dict:
-    """Run a simulator under random elements; every state on the way counts."""
+    """Run a simulator with random elements; return the digests of all states."""
     surface = simulator.surface
     random = np.random.default_rng(seed)
     simulator.reset(pose, velocity)
@@ -93,9 +92,9 @@ def alone(
     calls: int = 12,
     periods: int = 2,
     scale: float = 1.0,
-    **knobs: Any,
+    **settings: Any,
 ):
-    """One part a world."""
+    """Return a function that runs a scene with one part per world."""
 
     def run() -> dict:
         table = surface or Surface()
@@ -106,14 +105,16 @@ def alone(
         pose[..., 1] = random.uniform(0.1, 0.9, (worlds, 1)) * table.depth
         pose[..., 2] = random.uniform(-np.pi, np.pi, (worlds, 1))
         velocity = random.normal(0.0, 1.0, (worlds, 1, 3)) * [0.1, 0.1, 3.0]
-        simulator = Simulator(table, parts()[name], worlds=worlds, **knobs)
+        simulator = Simulator(table, parts()[name], worlds=worlds, **settings)
         return simulated(simulator, pose, velocity, calls, periods, scale, seed)
 
     return run
 
 
-def together(names: list[str], seed: int, spacing: float, surface: Surface | None = None, calls: int = 8, **knobs: Any):
-    """Several parts a world, on a grid, each a little off it."""
+def together(
+    names: list[str], seed: int, spacing: float, surface: Surface | None = None, calls: int = 8, **settings: Any
+):
+    """Return a function that runs a scene with several parts per world, near the points of a grid."""
 
     def run() -> dict:
         table = surface or Surface()
@@ -127,14 +128,14 @@ def together(names: list[str], seed: int, spacing: float, surface: Surface | Non
         pose[..., 2] = random.uniform(-0.05, 0.05, (worlds, n))
         pose[..., :2] += random.uniform(-0.001, 0.001, (worlds, n, 2))
         velocity = random.normal(0.0, 1.0, (worlds, n, 3)) * [0.2, 0.2, 2.0]
-        simulator = Simulator(table, [parts()[name] for name in names], worlds=worlds, **knobs)
+        simulator = Simulator(table, [parts()[name] for name in names], worlds=worlds, **settings)
         return simulated(simulator, pose, velocity, calls, 2, 1.0, seed)
 
     return run
 
 
 def played(task: str, seed: int, steps: int = 50, worlds: int = 10, limit: int = 20, hold: int = 5, **settings: Any):
-    """A batch of environments under random actions, each held for some steps, through resets of all kinds."""
+    """Return a function that runs a batch of environments with random actions, held for some steps, and resets."""
 
     def run() -> dict:
         env: Any = gym.make_vec(
@@ -144,7 +145,7 @@ def played(task: str, seed: int, steps: int = 50, worlds: int = 10, limit: int =
         random = np.random.default_rng(seed)
         shape = (worlds, *env.unwrapped.core.action.shape)
         simulator = env.unwrapped.core.simulator
-        seen, states, rewards, facts, terms, ends = [observation], [], [], [], [], []
+        seen, states, rewards, infos, terms, ends = [observation], [], [], [], [], []
         action = np.zeros(shape, np.float32)
         for step in range(steps):
             if step % hold == 0:
@@ -154,7 +155,7 @@ def played(task: str, seed: int, steps: int = 50, worlds: int = 10, limit: int =
             states.append((simulator.pose, simulator.velocity))
             rewards.append(reward)
             ends.append((terminated, truncated))
-            facts += [np.asarray(info[name]) for name in FACTS if name in info]
+            infos += [np.asarray(info[name]) for name in INFO if name in info]
             terms += [np.asarray(value) for name, value in info["reward_terms"].items() if not name.startswith("_")]
         env.close()
         flat = [each[key] for each in seen for key in sorted(each)] if isinstance(seen[0], dict) else seen
@@ -164,7 +165,7 @@ def played(task: str, seed: int, steps: int = 50, worlds: int = 10, limit: int =
             "reward": hashed(*rewards),
             "terms": hashed(*terms),
             "ends": hashed(*ends),
-            "info": hashed(*facts),
+            "info": hashed(*infos),
             "observation": hashed(*flat),
             "sum": repr(float(np.sum(rewards))),
         }
@@ -231,15 +232,14 @@ SCENES: dict[str, Callable[[], dict]] = {
 
 
 def measure(chosen: str = "") -> dict[str, dict]:
-    """The rows of all scenes whose name holds ``chosen``."""
+    """Return the rows of all scenes whose names contain ``chosen``."""
     return {name: run() for name, run in SCENES.items() if chosen in name}
 
 
 def machine() -> dict[str, str]:
-    """What bits depend on."""
-    model = (
-        next((line for line in open("/proc/cpuinfo") if line.startswith("model name")), "").partition(":")[2].strip()
-    )
+    """Return processor and versions, on which the digests depend."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    model = next((line for line in lines if line.startswith("model name")), "").partition(":")[2].strip()
     return {"processor": model or platform.processor(), "numba": numba.__version__, "numpy": np.__version__}
 
 
@@ -247,7 +247,7 @@ def check(chosen: str, path: Path) -> int:
     """Compare with the file; return the number of scenes that differ."""
     stored = json.loads(path.read_text(encoding="utf-8"))
     if stored["machine"] != machine():
-        print(f"written on another machine: {stored['machine']}, here {machine()}", file=sys.stderr)
+        print(f"written on another host: {stored['machine']}, here {machine()}", file=sys.stderr)
     differing = 0
     found = measure(chosen)
     for name, row in found.items():
@@ -260,26 +260,18 @@ def check(chosen: str, path: Path) -> int:
     return differing
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.benchmarks.digest", description=(__doc__ or "").partition("\n")[0]
-    )
+def main() -> int:
+    """Run the command line; return the exit code."""
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("command", choices=("write", "check"))
-    parser.add_argument("--only", default="", help="scenes whose name holds this text")
+    parser.add_argument("--only", default="", help="scenes whose names contain this text")
     parser.add_argument("--file", type=Path, default=FILE)
-    parser.add_argument("--warm", action="store_true", help="with the kernels that are cached, not from an empty cache")
-    arguments = parser.parse_args(argv)
+    parser.add_argument("--warm", action="store_true", help="use cached kernels instead of an empty cache")
+    arguments = parser.parse_args()
     if not arguments.warm:
-        # Which kernels were compiled here and which loaded can show in the last bit, so all are compiled, in one process.
+        # The last bit can depend on which kernels are compiled and which are loaded, so one process compiles all.
         with tempfile.TemporaryDirectory() as cache:
-            command = [
-                sys.executable,
-                "-m",
-                "studies.benchmarks.digest",
-                *(sys.argv[1:] if argv is None else argv),
-                "--warm",
-            ]
+            command = [sys.executable, "-m", "studies.benchmarks.digest", *sys.argv[1:], "--warm"]
             return subprocess.run(command, env={**os.environ, "NUMBA_CACHE_DIR": cache}).returncode
     if arguments.command == "check":
         return 1 if check(arguments.only, arguments.file) else 0

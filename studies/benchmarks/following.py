@@ -1,14 +1,12 @@
-"""How far off their paths parts are, at half the top speed: ``... following [--worlds 20] [--policy pose]``.
+"""Path errors at half the top speed: ``python -m studies.benchmarks.following [--worlds 20] [--policy pose]``.
 
-Errors are distances from the moving goal at the ends of steps; worlds differ in the headings that their parts keep and, on the
-prototype, in the machine that is drawn. Printed are, over the worlds, the median and the largest of an episode's rms (of the
-part that was worst), the largest error of all, the largest error of a heading, the smallest distance between parts, and how
-many episodes stayed within the task's tolerances.
+Errors are distances from the moving goal at the ends of steps. Worlds have different headings and, on the prototype, different
+elements. Output over the worlds: median and maximum of an episode's rms error (of its worst part), largest error, largest
+heading error, smallest distance between parts, and share of the episodes within the task's tolerances.
 """
 
 from __future__ import annotations
 
-import json
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,8 +28,8 @@ THREE = [
     {"shape": "figure_eight", "centre_mm": [680, 104], "radius_mm": 36},
 ]
 CLOSE = [{"shape": "circle", "centre_mm": [x, 104], "radius_mm": 60} for x in (316, 416, 516)]
-"""Paths that cross. The parts go round in step, 100 mm from centre to centre: they stay more than 36.8 mm apart, since a
-circle about one has a radius of 31 mm."""
+"""Paths that cross, followed in phase with 100 mm between centres: parts are more than 36.8 mm apart, as their circumscribed
+circles have a radius of 31 mm."""
 
 PATHS: dict[str, list[dict[str, Any]]] = {
     "circle": [CIRCLE],
@@ -43,14 +41,14 @@ PATHS: dict[str, list[dict[str, Any]]] = {
 
 
 class Followed(NamedTuple):
-    """An episode in each of some worlds; nan after its end."""
+    """An episode per world; nan after its end."""
 
     errors: np.ndarray  # (steps, worlds, parts, 3) m, m, rad, at the ends of steps
-    gap: np.ndarray  # (steps, worlds) m, smallest distance between parts; meaningless for one
+    gap: np.ndarray  # (steps, worlds) m, smallest distance between parts; undefined for one part
 
 
 def follow(policy: Any, paths: list[dict[str, Any]], worlds: int, **environment: Any) -> Followed:
-    """An episode of ``policy`` in each of ``worlds`` worlds whose parts have these paths."""
+    """Run an episode of ``policy`` in each of ``worlds`` worlds with these paths."""
     arguments = {"paths": paths, "parts": ["aluminium_block"] * len(paths), **environment}
     env: Any = worlds_of("Follow", worlds, action="phasor", **arguments)
     errors, gaps = [], []
@@ -63,18 +61,13 @@ def follow(policy: Any, paths: list[dict[str, Any]], worlds: int, **environment:
 
 
 HEADS = (
-    "hardware",
-    "paths",
-    "rms: median (largest)",
-    "largest error",
-    "largest heading error",
-    "smallest distance",
+    "hardware", "paths", "rms: median (largest)", "largest error", "largest heading error", "smallest distance",
     "within tolerances",
-)
+)  # fmt: skip
 
 
 def line(found: Followed, tolerance: tuple[float, float]) -> list[str]:
-    """What the table tells of the episodes."""
+    """Return the cells of a row."""
     errors = found.errors
     away, turned = np.hypot(errors[..., 0], errors[..., 1]), np.abs(errors[..., 2])
     rms = np.sqrt(np.nanmean(away**2, axis=0)).max(axis=-1)
@@ -89,19 +82,18 @@ def line(found: Followed, tolerance: tuple[float, float]) -> list[str]:
 
 
 def main() -> None:
-    """Play, print, keep."""
+    """Evaluate and print."""
     parser = common.parser(__doc__)
     parser.add_argument("--worlds", type=int, default=20)
-    parser.add_argument("--policy", default="pose", help="a name, or JSON")
+    parser.add_argument("--policy", type=common.policy, default="pose", help="name or JSON")
     parser.add_argument("--hardware", nargs="*", default=list(HARDWARE), choices=list(HARDWARE))
     parser.add_argument("--paths", nargs="*", default=list(PATHS), choices=list(PATHS))
     arguments = parser.parse_args()
-    policy = json.loads(arguments.policy) if arguments.policy.startswith("{") else arguments.policy
     tolerance = vibgym.tasks.Follow.position_tolerance, vibgym.tasks.Follow.heading_tolerance
     lines = []
     for hardware in arguments.hardware:
         for name in arguments.paths:
-            found = follow(policy, PATHS[name], arguments.worlds, **HARDWARE[hardware])
+            found = follow(arguments.policy, PATHS[name], arguments.worlds, **HARDWARE[hardware])
             lines.append([hardware, name, *line(found, tolerance)])
     show("following", HEADS, lines, arguments.keep)
 

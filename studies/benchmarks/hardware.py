@@ -1,8 +1,8 @@
-"""What the real machine costs a step: ``python -m studies.benchmarks.hardware``.
+"""Time per step with hardware models: ``python -m studies.benchmarks.hardware``.
 
-Steps of batches with ideal hardware, with prototype actuators and the pose sensor, and with each estimator on top, measured in
-turn; ratios are to ideal hardware, medians over the rounds, with the time of a world and step. The model estimator may cost
-one more simulation, which is at most one more step.
+Steps of batches with ideal hardware, with prototype actuators and the pose sensor, and with each estimator, measured in turn.
+Output: ratios to ideal hardware, medians over the rounds, and time per world and step. The model estimator may take the time of
+one more simulation, at most one more step.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ TARGETS = {
     "and model estimator": "one more simulation",
     "ideal actuators, statistical camera": "1.10 x",
 }
-"""Of Rotate."""
+"""For Rotate."""
 
 
 def measure(task: str, action: str, worlds: int, rounds: int) -> dict[str, str]:
-    """Ratio, and us a world and step, of each machine in one scene."""
+    """Return ratio, and us per world and step, of each hardware model in a scene."""
     envs = {
         name: gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action=action, **settings)
         for name, settings in MACHINES.items()
@@ -61,7 +61,7 @@ def measure(task: str, action: str, worlds: int, rounds: int) -> dict[str, str]:
 def main() -> None:
     """Measure every scene."""
     parser = common.parser(__doc__)
-    parser.add_argument("--rounds", type=int, default=13, help=f"that count, after {WARM} that do not")
+    parser.add_argument("--rounds", type=int, default=13, help=f"after {WARM} rounds without measurement")
     asked = parser.parse_args()
     found = [measure(*scene, asked.rounds) for scene in SCENES]
     scenes = [f"{task}, `{action}`, {worlds} worlds" for task, action, worlds in SCENES]

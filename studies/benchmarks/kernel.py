@@ -1,8 +1,8 @@
-"""The planar kernel against an earlier commit's: ``python -m studies.benchmarks.kernel [COMMIT]``.
+"""The planar kernel compared with that of an earlier commit: ``python -m studies.benchmarks.kernel [COMMIT]``.
 
-Both run the same scenes in processes of their own that take turns: random fields under five parts for a second, at the default
-settings. Printed are the time of a period, the ratio, and the position error against a converged run of the earlier commit.
-Beside it stands the bound: the same number of friction evaluations and nothing else.
+Both run the same scenes in separate processes in turn: random fields under five parts for a second, default settings. Output:
+time per period, ratio, and position error relative to a converged run of the earlier commit. Lower bound: the time of the
+friction evaluations alone.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from typing import Any
 from studies.accuracy.model_checks import friction_bound
 from studies.benchmarks import common
 
-START = "ace0233"  # the last commit before eight parts became one value
+START = "ace0233"  # the last commit before vectorisation over eight parts
 ROUNDS = 9
 TARGETS = {"aluminium block": 1.9, "60x60 mm L-shape": 2.2, "20 mm disc": 2.8}
-EVALUATED = 20  # Runge-Kutta steps of the aluminium block in a period
+EVALUATED = 20  # Runge-Kutta steps of the aluminium block per period
 
 WORKER = r"""
 import json, math, sys, time
@@ -72,22 +72,18 @@ for line in sys.stdin:
 
 
 class Kernel:
-    """One version of the package in a process of its own.
+    """Process that runs a version of the package.
 
     Attributes:
-        parts: whose periods it knows.
+        parts: names of its scenes.
     """
 
     def __init__(self, folder: Path, cache: Path) -> None:
         environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(cache)}
         self._process = subprocess.Popen(
-            [sys.executable, "-c", WORKER],
-            cwd=folder,
-            env=environment,
-            text=True,
-            stdin=subprocess.PIPE,
+            [sys.executable, "-c", WORKER], cwd=folder, env=environment, text=True, stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-        )
+        )  # fmt: skip
         self.parts: list[str] = self._answer()
 
     def _answer(self) -> Any:
@@ -95,7 +91,7 @@ class Kernel:
         return json.loads(self._process.stdout.readline())
 
     def ask(self, what: str, part: str) -> Any:
-        """The worker's answer."""
+        """Send a request; return the answer."""
         assert self._process.stdin
         self._process.stdin.write(json.dumps([what, part]) + "\n")
         self._process.stdin.flush()
@@ -103,7 +99,7 @@ class Kernel:
 
 
 def position_errors(one: list[list[float]], other: list[list[float]]) -> tuple[float, float]:
-    """Median and 95th percentile of the distance of the poses, mm."""
+    """Return median and 95th percentile of the distances of poses, mm."""
     away = sorted(1e3 * ((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2) ** 0.5 for a, b in zip(one, other, strict=True))
     return statistics.median(away), away[int(0.95 * len(away))]
 
@@ -122,7 +118,7 @@ def main() -> None:
             packed.extractall(there / "then", filter="data")
         then, now = Kernel(there / "then", there / "a"), Kernel(root, there / "b")
         print(f"us per period and core at {commit} and now, median ratio of {ROUNDS} rounds; position error after 25")
-        print("periods of random fields against a converged run, median and 95 %, mm")
+        print("periods of random fields relative to a converged run, median and 95 %, mm")
         for part in then.parts:
             truth = then.ask("truth", part)
             before, after = (position_errors(each.ask("pose", part), truth) for each in (then, now))

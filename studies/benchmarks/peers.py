@@ -1,10 +1,9 @@
-"""Our environments beside others': ``python -m studies.benchmarks.peers [--rounds 9] [--python .venv-peers/bin/python]``.
+"""Speed relative to other environments: ``python -m studies.benchmarks.peers [--rounds 9] [--python .venv-peers/bin/python]``.
 
-Gymnasium's CartPole-v1, singly and by SyncVectorEnv, EnvPool's CartPole-v1, and gym-pusht's PushT-v0 (state observations, one
-environment a core, each in a process of its own). Ratios, because machines drift: in every round ours and the other are
-measured one right after the other, in an order that changes from round to round, and what is printed is the median of the
-rounds' ratios and the lowest and highest. CartPoles have as many worlds, and EnvPool's as many threads, as are fastest here.
-EnvPool and gym-pusht stand in an environment of their own (``make peers``).
+Compared with Gymnasium's CartPole-v1, single and by SyncVectorEnv, EnvPool's CartPole-v1, and gym-pusht's PushT-v0 (state
+observations, a process per core). In every round vibgym and the other are measured consecutively, in alternating order, so that
+drift cancels. Output: median, minimum and maximum of the ratios. CartPole has the number of worlds, and EnvPool the number of
+threads, with the highest speed on the host. EnvPool and gym-pusht need a separate environment (``make peers``).
 """
 
 from __future__ import annotations
@@ -28,18 +27,18 @@ from vibgym import checks
 from vibgym.simulation.threads import available_threads
 
 SECONDS = 0.4
-"""Of a measurement."""
+"""Duration of a measurement."""
 
 WORKER = Path(__file__).with_name("peers_worker.py")
 PYTHON = Path(f"{sys.prefix}-peers") / "bin" / "python"
-"""Where ``make peers`` puts the interpreter of what others need: beside this one's environment."""
+"""Interpreter of the environment made by ``make peers``."""
 
 Rate = Callable[[], float]
-"""Steps per second, measured when it is called."""
+"""Function that measures steps per second."""
 
 
 class Peer:
-    """An environment of others in processes that wait for their turn; see ``peers_worker.py``."""
+    """Another environment in idle processes that run on request; see ``peers_worker.py``."""
 
     def __init__(self, python: Path, *arguments: str, copies: int = 1) -> None:
         pipe: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
@@ -48,7 +47,7 @@ class Peer:
         self()
 
     def __call__(self) -> float:
-        """Steps per second of all copies together."""
+        """Return the steps per second of all processes together."""
         for worker in self._workers:
             worker.stdin.write(f"{SECONDS}\n")  # type: ignore[union-attr]
             worker.stdin.flush()  # type: ignore[union-attr]
@@ -58,13 +57,13 @@ class Peer:
         return sum(map(float, rates))
 
     def close(self) -> None:
-        """End its processes."""
+        """End the processes."""
         for worker in self._workers:
             worker.communicate()
 
 
 class Batch:
-    """A vector environment under a few random actions, each held for ``hold`` steps, resets included."""
+    """Vector environment with random actions, each held for ``hold`` steps, resets included."""
 
     def __init__(self, name: str, worlds: int, hold: int = 1, **settings: Any) -> None:
         self._env = gym.make_vec(name, num_envs=worlds, **settings)
@@ -75,7 +74,7 @@ class Batch:
         self()
 
     def __call__(self) -> float:
-        """Steps per second of all worlds together."""
+        """Return the steps per second of all worlds together."""
         before, began = self._taken, time.perf_counter()
         while time.perf_counter() - began < SECONDS:
             self._env.step(self._actions[self._taken // self._hold % 8])
@@ -83,13 +82,13 @@ class Batch:
         return (self._taken - before) * self._env.num_envs / (time.perf_counter() - began)
 
     def contacts(self) -> float:
-        """Share of the periods that were taken with contacts; of ours alone."""
+        """Return the share of periods with contacts; for vibgym only."""
         counts: dict[str, int] = self._env.unwrapped.core.simulator.statistics  # type: ignore[attr-defined]
         return counts["contact"] / max(sum(counts[name] for name in ("free", "near", "contact")), 1)
 
 
 def single(name: str, **settings: Any) -> Rate:
-    """A single environment as ``gym.make`` gives it, resets included."""
+    """Return a function that measures an environment of ``gym.make``, resets included."""
     env = gym.make(name, **settings)
     env.action_space.seed(0)
     actions = [env.action_space.sample() for _ in range(64)]
@@ -110,7 +109,7 @@ def single(name: str, **settings: Any) -> Rate:
 
 
 class Row(NamedTuple):
-    """Ours and another's, and what their ratio is to be: of rates at least, of a step's costs (``cost``) at most."""
+    """Compared environments, and the target of their ratio: lower bound of rates, upper bound of times per step (``cost``)."""
 
     ours: str
     other: str
@@ -122,10 +121,8 @@ ELEMENT, PATCH = "Rotate, element, 1024 worlds", "Rotate, patch, 1024 worlds"
 SINGLE, CARTPOLE = "Rotate, one gym.make step", "CartPole, one gym.make step"
 SYNC, POOL, PUSHT = "CartPole, SyncVectorEnv", "CartPole, EnvPool", "PushT"
 CROWDS = {
-    f"{task}, {action}, 256 worlds": (task, action)
-    for task in ("Sort", "SortCrowded")
-    for action in ("element", "field")
-}
+    f"{task}, {action}, 256 worlds": (task, action) for task in ("Sort", "SortCrowded") for action in ("element", "field")
+}  # fmt: skip
 OURS: dict[str, Callable[[], Rate]] = {
     ELEMENT: lambda: Batch("vibgym/Rotate-v0", 1024, action="element"),
     PATCH: lambda: Batch("vibgym/Rotate-v0", 1024, action="patch"),
@@ -141,7 +138,7 @@ ROWS = (
 
 
 def fastest(made: dict[str, Rate]) -> tuple[str, Rate]:
-    """The fastest of what has been made, and its name; the others are closed."""
+    """Return the fastest and its name; close the others."""
     best = max(made, key=lambda name: max(made[name]() for _ in range(3)))
     for name, each in made.items():
         if name != best and isinstance(each, Peer):
@@ -150,7 +147,7 @@ def fastest(made: dict[str, Rate]) -> tuple[str, Rate]:
 
 
 def others(python: Path | None) -> dict[str, Rate]:
-    """What is compared with; without ``python`` only what Gymnasium itself has."""
+    """Return the other environments; without ``python``, those of Gymnasium only."""
     cores = available_threads()
     sync = {f"{n} worlds": Batch("CartPole-v1", n, vectorization_mode="sync") for n in (16, 64, 256, 1024)}
     size, best = fastest(sync)
@@ -162,7 +159,7 @@ def others(python: Path | None) -> dict[str, Rate]:
         size, found[POOL] = fastest(
             {f"{n} worlds, {t} threads": Peer(python, "envpool", str(n), str(t)) for n, t in shapes}
         )
-        print(f"; {POOL}: {size}; {PUSHT}: one in each of {cores} processes", end="")
+        print(f"; {POOL}: {size}; {PUSHT}: {cores} processes", end="")
     print()
     return found
 
@@ -172,7 +169,7 @@ def main() -> None:
     parser = common.parser(__doc__, keep=False)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument(
-        "--python", type=Path, default=PYTHON, help=f"that has EnvPool and gym-pusht; default: {PYTHON}"
+        "--python", type=Path, default=PYTHON, help=f"interpreter with EnvPool and gym-pusht; default: {PYTHON}"
     )
     asked = parser.parse_args()
     checks.count("--rounds", asked.rounds)
@@ -181,7 +178,7 @@ def main() -> None:
         f"vibgym {vibgym.__version__}, Python {platform.python_version()}, {available_threads()} of {os.cpu_count()} processors"
     )
     if python is None:
-        print(f"{asked.python} is missing, so {POOL} and {PUSHT} are left out: make peers", file=sys.stderr)
+        print(f"{asked.python} is missing: {POOL} and {PUSHT} are skipped; run make peers", file=sys.stderr)
     theirs = others(python)
     rows = [row for row in ROWS if row.other in theirs]
     ours = {name: OURS[name]() for name in dict.fromkeys(row.ours for row in rows)}
@@ -193,17 +190,14 @@ def main() -> None:
             found.append((rates[number % 2], rates[1 - number % 2]))
     print(f"medians of {asked.rounds} rounds; lowest and highest ratio in brackets")
     for row, found in pairs.items():
-        measured = ours[row.ours]
-        touch = (
-            f", contacts in {measured.contacts():.0%} of periods"
-            if isinstance(measured, Batch) and row.ours in CROWDS
-            else ""
-        )
-        print(line(row, found) + touch)
+        measured, contacts = ours[row.ours], ""
+        if isinstance(measured, Batch) and row.ours in CROWDS:
+            contacts = f", contacts in {measured.contacts():.0%} of periods"
+        print(line(row, found) + contacts)
 
 
 def line(row: Row, found: list[tuple[float, float]]) -> str:
-    """A row of the table."""
+    """Return a row of the table."""
     ratios = [b / a if row.cost else a / b for a, b in found]
     mine, other = (statistics.median(each) for each in zip(*found, strict=True))
     what = "cost" if row.cost else "rate"

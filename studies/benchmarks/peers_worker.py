@@ -1,7 +1,7 @@
-"""Others' environments, in the interpreter that has them: reads seconds, one a line, and answers with steps per second.
+"""Measure environments of other packages: reads durations (s) from stdin, a line each, and prints steps per second.
 
-``python peers_worker.py pusht``, or ``envpool WORLDS THREADS``; started by :mod:`studies.benchmarks.peers`, of which it imports
-nothing.
+``python peers_worker.py pusht``, or ``envpool WORLDS THREADS``. Started by :mod:`studies.benchmarks.peers` in an interpreter
+without vibgym.
 """
 
 import sys
@@ -9,7 +9,7 @@ import time
 
 
 def pusht():
-    """A step of one PushT-v0 with state observations."""
+    """Return a function that advances PushT-v0 with state observations."""
     import gym_pusht  # noqa: F401 - registers it
     import gymnasium
 
@@ -31,7 +31,7 @@ def pusht():
 
 
 def envpool(worlds, threads):
-    """A step of all worlds of EnvPool's CartPole-v1, one after the other as ours are made."""
+    """Return a function that advances all worlds of EnvPool's CartPole-v1, synchronously."""
     import envpool
     import numpy
 

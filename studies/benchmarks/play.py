@@ -1,26 +1,53 @@
-"""The page to play on, measured: ``python -m studies.benchmarks.play [--pages 2] [--minutes 10]``, or ``--picture FILE``.
+"""Measure the play page in a headless browser: ``python -m studies.benchmarks.play [--pages 2] [--minutes 10]``.
 
-Pictures a second and the delay from the mouse to the picture with twelve parts, measured in a real browser with real mouse
-events; and, with ``--minutes``, what memory grows by in server and page.
+Frames per second, and latency from mouse to image, with twelve parts and real mouse events; with ``--minutes``, also the memory
+of server and page. ``--picture FILE`` takes a screenshot instead.
 """
 
 from __future__ import annotations
 
-import argparse
+import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from studies.benchmarks.browser import chromium
+from studies.benchmarks import common
 
 TASK = "SortTwelve"
 WARM = "() => window.vibgym && window.vibgym.pictures > 60"
 
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update")
+NEEDED = "a browser is needed: apt-get install chromium, or .venv/bin/playwright install chromium"
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """Start a headless browser, the system's or that of Playwright.
+
+    Raises:
+        RuntimeError: no browser is installed; the message has the command that installs one.
+    """
+    from playwright.sync_api import Error, sync_playwright
+
+    path = next(filter(None, map(shutil.which, BROWSERS)), None)
+    with sync_playwright() as playwright:
+        try:
+            browser = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
+        except Error as error:
+            raise RuntimeError(f"{NEEDED} ({str(error).splitlines()[0]})") from None
+        try:
+            yield browser
+        finally:
+            browser.close()
+
 
 def served() -> tuple[subprocess.Popen, str]:
-    """A server in a process of its own, and where its page is."""
+    """Start a server process; return it and the address of its page."""
     command = [sys.executable, "-m", "vibgym", "play", TASK, "--port", "0", "--no-browser"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
@@ -29,7 +56,7 @@ def served() -> tuple[subprocess.Popen, str]:
 
 
 def drag(page: Any, seconds: float) -> None:
-    """Take a part, and carry it to and fro."""
+    """Take a part and move it to and fro."""
     x, y = page.evaluate("() => window.vibgym.table.at(window.vibgym.motion.frame.pose[0])")
     box = page.locator("#table").bounding_box()
     page.mouse.move(box["x"] + x, box["y"] + y)
@@ -43,7 +70,7 @@ def drag(page: Any, seconds: float) -> None:
 
 
 def memory(process: subprocess.Popen, page: Any) -> tuple[float, float]:
-    """MB of the server, and of the page's heap after its garbage was collected."""
+    """Return the memory of the server and of the page's heap after garbage collection, MB."""
     pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
     link = page.context.new_cdp_session(page)
     link.send("HeapProfiler.collectGarbage")
@@ -53,7 +80,7 @@ def memory(process: subprocess.Popen, page: Any) -> tuple[float, float]:
 
 
 def picture(page: Any, path: Path) -> None:
-    """What the page looks like with a part in the hand."""
+    """Write a screenshot of the page with a part held by the mouse."""
     page.click("#reset")
     x, y = page.evaluate("() => window.vibgym.table.at(window.vibgym.motion.frame.pose[2])")
     box = page.locator("#table").bounding_box()
@@ -67,10 +94,10 @@ def picture(page: Any, path: Path) -> None:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(prog="python -m studies.benchmarks.play")
-    parser.add_argument("--pages", type=int, default=1, help="people at one server")
-    parser.add_argument("--minutes", type=float, default=0.0, help="to watch memory for")
-    parser.add_argument("--picture", type=Path, help="where to write a picture of the page, instead of measuring")
+    parser = common.parser(__doc__, keep=False)
+    parser.add_argument("--pages", type=int, default=1, help="number of pages on a server")
+    parser.add_argument("--minutes", type=float, default=0.0, help="duration of the measurement of memory")
+    parser.add_argument("--picture", type=Path, help="write a screenshot there instead of measuring")
     given = parser.parse_args()
     process, address = served()
     try:
@@ -87,9 +114,9 @@ def main() -> None:
             took = time.monotonic() - began
             rates = [(page.evaluate("() => window.vibgym.pictures") - then) / took for page, then in zip(pages, before)]
             delays = sorted(pages[0].evaluate("() => window.vibgym.delays"))
-            print(f"{TASK}, {given.pages} pages: " + ", ".join(f"{rate:.1f} pictures/s" for rate in rates))
+            print(f"{TASK}, {given.pages} pages: " + ", ".join(f"{rate:.1f} frames/s" for rate in rates))
             print(
-                f"mouse to picture: median {delays[len(delays) // 2]:.1f} ms, 95 % {delays[int(0.95 * len(delays))]:.1f} ms"
+                f"mouse to image: median {delays[len(delays) // 2]:.1f} ms, 95 % {delays[int(0.95 * len(delays))]:.1f} ms"
             )
             end, k = time.monotonic() + 60.0 * given.minutes, 0
             while time.monotonic() < end:

@@ -1,9 +1,9 @@
-"""Dense point sampling of a flat part in sliding contact: slow, plain, and independent of the kernels of ``vibgym``.
+"""Dense point sampling of a flat part in sliding contact: slow, simple, and independent of the kernels of ``vibgym``.
 
-The contact area is strewn with many weighted points that travel with the part. At every stage of a classical Runge-Kutta
-step each point looks up the element beneath it and adds its share of friction. Pressure is computed from the element's
-vertical acceleration ``g + z''`` itself, forces from ``mu p u/|u|``; nothing is expanded, clipped or tabulated. Only
-the points come from :mod:`studies.accuracy.point_sampling`, whose compiled sampler is the one to measure speed against.
+Many weighted points cover the contact area and move with the part. At every stage of a classical Runge-Kutta step each point
+adds the friction of the element beneath it. Pressure is the element's vertical acceleration ``g + z''``, forces are
+``mu p u/|u|``, without series, clipping or tables. Points are those of :mod:`studies.accuracy.point_sampling`, whose sampler is
+the one for comparisons of speed.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def simulate(
     horizontal_amplitude: float = 2.7e-3,
     frequency: float = 25.0,
 ) -> np.ndarray:
-    """Pose and velocity (periods + 1, 6) of a part at the start and after every period, by ``steps`` RK4 steps a period.
+    """Return pose and velocity (periods + 1, 6) of a part at the start and after every period; ``steps``: RK4 steps per period.
 
     Args:
         points: x, y (m, about the centre of mass) and weights from :func:`strew`.

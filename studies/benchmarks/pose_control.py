@@ -1,16 +1,15 @@
-"""How well the pose law holds a goal, on hardware and cameras of all sorts: ``python -m studies.benchmarks.pose_control``.
+"""Pose errors at a goal for several hardware models and cameras: ``python -m studies.benchmarks.pose_control``.
 
-Every case plays the same goals of Align, for 15 s each whether or not they are reached. A part's error is the rms over the
-last 10 s of its distance to the goal, and of its heading's; printed are the median over the goals, the 95 % quantile in
-brackets, and the largest. Overshoot is the farthest that a part gets beyond its goal along the straight way there, as a
-share of that way. Time is what passes until Align would call it a success, the hold included, above the lower bound on it
-(:class:`vibgym.bounds.TimeBound`). Elements are on in steps whose command is not zero: the share of the last 10 s in which
-any is.
+Every case plays the same goals of Align for 15 s each. Output: median over the goals, 95 % quantile in brackets, and maximum of
+
+- position and heading error: rms over the last 10 s,
+- overshoot: largest distance beyond the goal along the straight line to it, relative to the initial distance,
+- time until success in Align, hold included, and the same minus its lower bound (:class:`vibgym.bounds.TimeBound`),
+- elements on: share of the last 10 s in which the command of any element is not zero (mean).
 """
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any, NamedTuple
 
@@ -33,7 +32,7 @@ POSE = {"kind": "pose", "estimator": "model"}
 
 
 def machine(sensor: dict[str, Any] = POSE, randomize: dict[str, Any] | None = None, **hardware: Any) -> dict[str, Any]:
-    """Settings of an environment with prototype actuators."""
+    """Return the settings of an environment with prototype actuators."""
     varied = {} if randomize is None else {"randomize": randomize}
     return {"actuators": {"kind": "prototype", **hardware}, "sensor": sensor, **varied}
 
@@ -54,25 +53,25 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 class Stay(Align):
-    """Align whose episodes go on at the goal."""
+    """Align with episodes that continue at the goal."""
 
     def rules(self, periods: int) -> Any:
         return super().rules(periods)._replace(hold=2**62)
 
 
 class Held(NamedTuple):
-    """What became of every goal, arrays (goals,)."""
+    """Outcomes, arrays (goals,)."""
 
     distance: np.ndarray  # m, rms over the last 10 s
     turn: np.ndarray  # rad, likewise
-    overshoot: np.ndarray  # share of the way
+    overshoot: np.ndarray  # relative to the initial distance
     time: np.ndarray  # s, to success; nan without
     above: np.ndarray  # s, above the bound; nan without success, or where none is known
     on: np.ndarray  # share of the last 10 s
 
 
 def hold(policy: Any, part: Any, goals: int, seed: int, seconds: float = SECONDS, **machine: Any) -> Held:
-    """Bring a part to as many goals, and keep it there."""
+    """Bring a part to ``goals`` goals and hold it there."""
     kept: dict[str, Any] = {"task": "Stay", "parts": [part], "max_episode_steps": 10**6, **machine}
     made = make_policy(policy, TaskInfo.of(VibgymVectorEnv(num_envs=1, **kept), "Align"))
     env = VibgymVectorEnv(num_envs=goals, action=made.action, observation=made.observation, **kept)
@@ -87,16 +86,16 @@ def hold(policy: Any, part: Any, goals: int, seed: int, seconds: float = SECONDS
         seen, *_ = env.step(action)
         on[k] = [base.phasors(world).any() for world in range(goals)]
         error[k + 1] = base.truth.error[:, 0]
-    way = np.linalg.norm(error[0, :, :2], axis=-1)
+    away = np.linalg.norm(error[0, :, :2], axis=-1)
     distance, left = np.linalg.norm(error[..., :2], axis=-1), np.abs(error[..., 2])
-    beyond = -(error[..., :2] * error[0, :, :2]).sum(axis=-1) / way
+    beyond = -(error[..., :2] * error[0, :, :2]).sum(axis=-1) / away
     within = (distance <= task.position_tolerance) & (left <= task.heading_tolerance)
     env.close()
     time = step * reached(within, HOLD_PERIODS)
     return Held(
         distance=np.sqrt((distance[-last:] ** 2).mean(axis=0)),
         turn=np.sqrt((left[-last:] ** 2).mean(axis=0)),
-        overshoot=np.maximum(beyond.max(axis=0), 0.0) / way,
+        overshoot=np.maximum(beyond.max(axis=0), 0.0) / away,
         time=time,
         above=time - least,
         on=on[-last:].mean(axis=0),
@@ -104,7 +103,7 @@ def hold(policy: Any, part: Any, goals: int, seed: int, seconds: float = SECONDS
 
 
 def reached(within: np.ndarray, hold: int) -> np.ndarray:
-    """Steps (goals,) until a part has been within its tolerances at the ends of so many in a row; nan if never."""
+    """Return the steps (goals,) until a part was within tolerances for ``hold`` consecutive steps; nan if never."""
     run, steps = np.zeros(within.shape[1], dtype=int), np.full(within.shape[1], np.nan)
     for k, now in enumerate(within[1:]):
         run = np.where(now, run + 1, 0)
@@ -113,7 +112,7 @@ def reached(within: np.ndarray, hold: int) -> np.ndarray:
 
 
 def figures(values: np.ndarray, factor: float, digits: int) -> str:
-    """Median [95 %] largest, of those that are numbers."""
+    """Format median [95 %] maximum of the finite values."""
     known = factor * values[np.isfinite(values)]
     if not len(known):
         return "–"
@@ -122,20 +121,13 @@ def figures(values: np.ndarray, factor: float, digits: int) -> str:
 
 
 HEADS = (
-    "prototype hardware",
-    "part",
-    "position, mm: median [95 %] largest",
-    "heading, deg",
-    "overshoot, % of the way",
-    "time, s",
-    "above the bound, s",
-    "reached",
-    "elements on",
-)
+    "prototype hardware", "part", "position, mm: median [95 %] largest", "heading, deg", "overshoot, % of the distance",
+    "time, s", "above the bound, s", "reached", "elements on",
+)  # fmt: skip
 
 
 def row(held: Held) -> list[str]:
-    """What came of a case."""
+    """Return the cells of a case."""
     return [
         figures(held.distance, 1e3, 3),
         figures(held.turn, 180.0 / math.pi, 3),
@@ -148,14 +140,14 @@ def row(held: Held) -> list[str]:
 
 
 def main() -> None:
-    """Play, print, keep."""
+    """Evaluate and print."""
     parser = common.parser(__doc__)
-    parser.add_argument("--goals", type=int, default=200, help="of each case and part")
+    parser.add_argument("--goals", type=int, default=200, help="per case and part")
     parser.add_argument("--seed", type=int, default=9_000_000)
     parser.add_argument("--parts", nargs="+", default=list(PARTS))
     parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
-    parser.add_argument("--policy", type=json.loads, default={"kind": "local_field", "law": "pose"}, help="JSON")
-    parser.add_argument("--images", action="store_true", help="take cameras' images instead of their statistics")
+    parser.add_argument("--policy", type=common.policy, default={"kind": "local_field", "law": "pose"}, help="JSON")
+    parser.add_argument("--images", action="store_true", help="use camera images instead of the statistical model")
     asked = parser.parse_args()
     TASKS.register("Stay", Stay)
     lines = []

@@ -1,8 +1,8 @@
-"""What symmetries are worth when there is little to learn from: ``python -m studies.benchmarks.symmetry``.
+"""Effect of symmetries on imitation with few samples: ``python -m studies.benchmarks.symmetry``.
 
-A network imitates the law ``pose`` in Align from so many steps of the law alone, and then acts: reads the place on the table or
-not (shifts by whole elements), and is turned by quarter turns or not (``policies/trained/symmetry.py``). Printed are the error
-of imitation on fresh steps of the law, the success of fresh episodes, and the median time of those, over several seeds.
+A network imitates the law ``pose`` in Align: with or without the position on the table as an input (shifts by whole elements),
+and with or without rotations by quarter turns (``policies/trained/symmetry.py``). Output over several seeds: error of actions
+on new steps of the law, success in new episodes, and their median time.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ EXPERT = {"kind": "pose", "action": "wrench"}
 
 
 def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[float, float, float]:
-    """Error on fresh steps, share of successes, and their median time (s)."""
+    """Train; return the error on new steps, the success rate, and the median time to goal (s)."""
     settings = TrainSettings(
         task="Align",
         environment={"action": "wrench"},
@@ -53,21 +53,18 @@ def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[
         mean, _ = learner.policy.actor(torch.from_numpy(fresh.rows))
     error = float(np.sqrt(((mean.numpy() - fresh.action) ** 2).mean()))
     found = rollout(learner.acting(), "Align", seeds=range(700_000, 700_100))
-    return (
-        error,
-        float(found.success.mean()),
-        float(np.nanmedian(found.time_to_goal)) if found.success.any() else np.nan,
-    )
+    time = float(np.nanmedian(found.time_to_goal)) if found.success.any() else np.nan
+    return error, float(found.success.mean()), time
 
 
-HEADS = ("samples", "the same after", "error of actions", "success", "of each seed", "time to goal")
+HEADS = ("samples", "symmetry", "error of actions", "success", "of each seed", "time to goal")
 
 
 def main() -> None:
-    """Learn, print, keep."""
+    """Train, evaluate and print."""
     parser = common.parser(__doc__)
     parser.add_argument("--worlds", type=int, nargs="+", default=[16, 64], help="worlds of the expert's episodes")
-    parser.add_argument("--steps", type=int, default=60, help="of each")
+    parser.add_argument("--steps", type=int, default=60, help="per world")
     parser.add_argument("--seeds", type=int, default=3)
     asked = parser.parse_args()
     lines = []

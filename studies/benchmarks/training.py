@@ -1,8 +1,8 @@
-"""Steps a second of training, all included: ``python -m studies.benchmarks.training``.
+"""Steps per second of training: ``python -m studies.benchmarks.training``.
 
-Rollouts, values, updates and logs count, in the middle of a training, without imitation and learning curves. Every case is
-measured several times in turn with the others; printed are medians. ``plain`` is Stable-Baselines3's own PPO on the flat
-state, with the same worlds, network sizes, minibatches and epochs: a baseline for our loop on any host.
+Includes rollouts, values, updates and logs, without imitation and learning curves. The cases are measured in turn, several
+times; output: medians. ``plain`` is the PPO of Stable-Baselines3 on the flat state with the same worlds, network sizes,
+minibatches and epochs, as a baseline on the same host.
 """
 
 from __future__ import annotations
@@ -30,46 +30,38 @@ TARGETS = {
     "Sort, field": 12_000,
     "Sort, wrench": 12_000,
 }
-"""Steps of worlds a second that are asked for on two free cores."""
+"""Target in steps of worlds per second on two free cores."""
 
 ITERATIONS = 4
-"""Rollouts and updates of a measurement."""
+"""Rollouts and updates per measurement."""
 
 
 def ours(task: str, action: str, worlds: int, network: str = "parts", **ppo: Any) -> Callable[[], float]:
-    """A training of ours, under way: steps a second, each time it is called."""
+    """Start a training with vibgym's PPO; return a function that measures steps per second."""
     settings = TrainSettings(
         task=task, environment={"action": action}, worlds=worlds, steps=1, own=PPOSettings(network=network, **ppo)
     )
     learner = OurPPO(settings)
     steps = learner.own.n_steps * worlds
 
-    def iterate(count: int) -> None:
-        for _ in range(count):
-            learner.collect()
-            learner.update(1.0)
-
     learner.learn(steps, lambda metrics: None)  # kernels, allocations
 
     def measure() -> float:
         began = time.perf_counter()
-        iterate(ITERATIONS)
+        for _ in range(ITERATIONS):
+            learner.collect()
+            learner.update(1.0)
         return ITERATIONS * steps / (time.perf_counter() - began)
 
     return measure
 
 
 def plain(task: str, action: str, worlds: int) -> Callable[[], float]:
-    """Stable-Baselines3's PPO on the flat state."""
+    """Start a training with the PPO of Stable-Baselines3 on the flat state; return the same."""
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action=action, autoreset_mode="SameStep")
     net = {"net_arch": [128, 128]}
     adapter = VecEnv(env.unwrapped)  # type: ignore[arg-type]
-    return _measured(
-        PPO("MlpPolicy", adapter, n_steps=32, batch_size=4096, n_epochs=3, policy_kwargs=net, device="cpu")
-    )
-
-
-def _measured(model: PPO) -> Callable[[], float]:
+    model = PPO("MlpPolicy", adapter, n_steps=32, batch_size=4096, n_epochs=3, policy_kwargs=net, device="cpu")
     model.set_logger(configure(None, []))
     steps = model.n_steps * model.n_envs
     model.learn(steps, reset_num_timesteps=False)  # kernels, allocations

@@ -1,7 +1,7 @@
-"""Tasks in other sizes and patterns than those that are registered: ``python -m studies.benchmarks.variants [--episodes 100]``.
+"""Variants of registered tasks: ``python -m studies.benchmarks.variants [--episodes 100]``.
 
-Pack with other gaps, starts and headings, Feed with more and fewer parts, and what planning by simulation (``mpc``) does. Seeds
-from 300000, which were not used for tuning.
+Pack with other gaps, starts and headings, Feed with other numbers of parts, and planning by simulation (``mpc``). Seeds from
+300000, which are not used for tuning.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ KINDS = ["aluminium_block"] * 6 + ["steel_block"] * 6
 
 
 class Case(NamedTuple):
-    """A policy on a variant of a task."""
+    """Policy on a variant of a task."""
 
     name: str
     policy: Any
     task: str
     environment: dict[str, Any]
-    share: float = 1.0  # of the episodes that are asked for
+    share: float = 1.0  # of the episodes of --episodes
 
 
 PACKS = (
@@ -60,7 +60,7 @@ FEEDS = (
 
 
 def planned(base: str | None = None, samples: int = 32, horizon: int = 12) -> dict[str, Any]:
-    """The policy that plans by simulation."""
+    """Return the settings of the policy that plans by simulation."""
     return {"kind": "mpc", "samples": samples, "horizon": horizon, "base": base}
 
 
@@ -75,13 +75,13 @@ PLANS = (
 
 
 def played(case: Case, episodes: int) -> Measured:
-    """Its episodes."""
+    """Run the episodes of a case."""
     seeds = range(FIRST_SEED, FIRST_SEED + max(1, round(case.share * episodes)))
     return rollout(case.policy, f"vibgym/{case.task}-v0", seeds=seeds, keep=Measures, **case.environment)
 
 
 def ends(found: Measured) -> list[str]:
-    """Success, time, bound, collisions, episodes."""
+    """Format success, time, time over bound, collisions and episodes."""
     return [
         quantity(found.success.mean(), 100.0, 1, "%"),
         quantity(quartiles(found.time_to_goal).median, 1.0, 2, "s"),
@@ -95,7 +95,7 @@ END_HEADS = ("success", "time to goal", "over bound", "collisions", "episodes")
 
 
 def gaps(episodes: int, keep: bool) -> None:
-    """Pack by its gap: success and time of three policies."""
+    """Pack over the gap: success and time of three policies."""
     lines = []
     for gap in GAPS_MM:
         settings = {"gap_mm": gap, **({"rows": 2} if gap > 36.0 else {})}
@@ -109,20 +109,18 @@ def gaps(episodes: int, keep: bool) -> None:
 
 
 def pack(episodes: int, keep: bool) -> None:
-    """Pack's other variants."""
+    """Other variants of Pack."""
     lines = [[case.name, *ends(played(case, episodes))] for case in PACKS]
     show("variants-pack", ("two phases, gap 2 mm", *END_HEADS), lines, keep)
 
 
 def feed(episodes: int, keep: bool) -> None:
-    """Feed by the number of parts."""
+    """Feed over the number of parts."""
     lines = []
     for case in FEEDS:
         found = played(case._replace(share=0.5), episodes)
-        good, faulty = (
-            found.fact("good_per_minute"),
-            sum(found.fact(f"{kind}_per_minute") for kind in ("tilted", "close", "wrong", "lost")),
-        )
+        good = found.fact("good_per_minute")
+        faulty = sum(found.fact(f"{kind}_per_minute") for kind in ("tilted", "close", "wrong", "lost"))
         lines.append([
             case.name,
             f"{good.mean():.1f} ({good.min():.1f} to {good.max():.1f})",
@@ -133,19 +131,13 @@ def feed(episodes: int, keep: bool) -> None:
             str(len(good)),
         ])  # fmt: skip
     heads = (
-        "parts",
-        "good a minute: mean (least to most)",
-        "faulty",
-        "transit",
-        "on the table",
-        "of the bound",
-        "episodes",
-    )
+        "parts", "good per minute: mean (min to max)", "faulty", "transit", "on the table", "of the bound", "episodes"
+    )  # fmt: skip
     show("variants-feed", heads, lines, keep)
 
 
 def plans(episodes: int, keep: bool) -> None:
-    """Planning by simulation, some episodes."""
+    """Planning by simulation."""
     lines = [[case.name, *ends(played(case, episodes))] for case in PLANS]
     show("variants-mpc", ("ideal hardware", *END_HEADS), lines, keep)
 
@@ -154,9 +146,9 @@ TABLES: dict[str, Callable[[int, bool], None]] = {"gaps": gaps, "pack": pack, "f
 
 
 def main() -> None:
-    """Play, print, keep."""
+    """Evaluate and print."""
     parser = common.parser(__doc__)
-    parser.add_argument("--episodes", type=int, default=100, help="of most variants; of slow ones a share of it")
+    parser.add_argument("--episodes", type=int, default=100, help="of most variants; slow ones have fewer")
     parser.add_argument("--only", nargs="+", default=list(TABLES), choices=list(TABLES))
     asked = parser.parse_args()
     for name in asked.only:

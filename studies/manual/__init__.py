@@ -1,1 +1,1 @@
-"""The documentation's generated pieces: tables of results, pages of environments, films, the thesis's figures."""
+"""Generated parts of the documentation: tables of results, pages of environments, films, the thesis's figures."""

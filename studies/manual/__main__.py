@@ -8,22 +8,11 @@ from collections.abc import Sequence
 
 from agents import command_line
 from agents.command_line import Command, Entry
-from studies.manual.figures_file import ROOT
-
-DOCS = ROOT / "docs"
-
-
-def _none(parser: argparse.ArgumentParser) -> None:
-    """Add no arguments."""
-
-
-def _only(parser: argparse.ArgumentParser) -> None:
-    """Add the selection by name."""
-    command_line.some(parser, "--only")
+from studies.manual.figures_file import DOCS, ROOT
 
 
 def docs(arguments: argparse.Namespace) -> None:
-    """Write everything that the pages include."""
+    """Write tables and pages of environments."""
     from studies.manual.build import write
 
     print(f"{write(arguments.output or DOCS)} files changed")
@@ -31,13 +20,13 @@ def docs(arguments: argparse.Namespace) -> None:
 
 def readme(arguments: argparse.Namespace) -> None:
     """Write the README's table of results."""
-    from studies.manual.readme import write
+    from studies.manual.build import write_readme
 
-    print(f"README: {write((arguments.output or ROOT) / 'README.md')}")
+    print(f"README: {write_readme((arguments.output or ROOT) / 'README.md')}")
 
 
 def films(arguments: argparse.Namespace) -> None:
-    """Write a film of each environment."""
+    """Write one film per environment."""
     from studies.manual.films import write
 
     for path in write(arguments.output or DOCS / "films", arguments.only):
@@ -45,25 +34,33 @@ def films(arguments: argparse.Namespace) -> None:
 
 
 def thesis(arguments: argparse.Namespace) -> None:
-    """Write the thesis's figures beside the repeated ones."""
+    """Write the thesis's figures beside the simulated ones."""
     from studies.manual.thesis import write
 
     print(f"page: {write(arguments.output or DOCS / 'thesis', arguments.only)}")
 
 
+def _no_arguments(parser: argparse.ArgumentParser) -> None:
+    pass
+
+
+def _only(parser: argparse.ArgumentParser) -> None:
+    command_line.some(parser, "--only")
+
+
 COMMANDS = {
-    "docs": Command(_none, docs, "directory of the pages, instead of docs"),
-    "readme": Command(_none, readme, "directory of the README, instead of the checkout"),
-    "films": Command(_only, films, "directory of the films, instead of docs/films"),
-    "thesis": Command(_only, thesis, "directory of page and pictures, instead of docs/thesis"),
+    "docs": Command(_no_arguments, docs, "directory of the pages (default: docs)"),
+    "readme": Command(_no_arguments, readme, "directory of the README (default: the checkout)"),
+    "films": Command(_only, films, "directory of the films (default: docs/films)"),
+    "thesis": Command(_only, thesis, "directory of page and pictures (default: docs/thesis)"),
 }
 
 MODULE = "studies.manual.__main__"
 ENTRIES = {
-    "docs": Entry(MODULE, "everything that is generated when the pages are built: tables and pages of environments"),
+    "docs": Entry(MODULE, "tables and pages of environments, which the documentation build writes"),
     "readme": Entry(MODULE, "the README's table of results"),
-    "films": Entry(MODULE, "a short film of each environment (minutes)"),
-    "thesis": Entry(MODULE, "the thesis's figures beside ours (minutes)"),
+    "films": Entry(MODULE, "one short film per environment (minutes)"),
+    "thesis": Entry(MODULE, "the thesis's figures beside the simulated ones (minutes)"),
 }
 
 

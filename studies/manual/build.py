@@ -1,4 +1,4 @@
-"""Write the pieces of the documentation that are made when it is built."""
+"""Write generated parts of the documentation: tables, pages of environments, the README's table of results."""
 
 from __future__ import annotations
 
@@ -7,17 +7,20 @@ from pathlib import Path
 
 from studies import kept
 from studies.manual import environments
-from studies.manual.published import TABLES
-from vibgym import files
+from studies.manual.published import TABLES, overview, provenance
+from vibgym import checks, files
+
+BEGIN, END = "<!-- results: written by python -m studies.manual readme -->", "<!-- end of results -->"
 
 
 def write(docs: Path) -> int:
-    """Write tables and pages of environments into the directory of pages; return how many files have changed."""
-    return replace({**tables(docs), **environment_pages(docs)})
+    """Write tables and pages of environments into the directory of pages; return the number of changed files."""
+    pages = {docs / "environments" / f"{name}.md": text for name, text in environments.pages().items()}
+    return replace({**tables(docs), **pages})
 
 
 def tables(docs: Path) -> dict[Path, str]:
-    """The tables of published results, and those that studies have kept, by their files."""
+    """Return the tables of published results and those in ``results/tables``: file -> content."""
     generated = docs / "generated"
     published = {generated / f"{name}.md": make() + "\n" for name, make in TABLES.items()}
     return published | {
@@ -25,18 +28,47 @@ def tables(docs: Path) -> dict[Path, str]:
     }
 
 
-def environment_pages(docs: Path) -> dict[Path, str]:
-    """The pages of environments, by their files."""
-    return {docs / "environments" / f"{name}.md": text for name, text in environments.pages().items()}
-
-
 def replace(contents: Mapping[Path, str]) -> int:
-    """Write what differs from the files that are there, which Sphinx need not read again otherwise; return how many."""
-    fresh = {
+    """Write the files whose content differs, so that Sphinx reads only these again; return their number."""
+    changed = {
         path: text for path, text in contents.items() if not path.exists() or path.read_text(encoding="utf-8") != text
     }
-    for directory in {path.parent for path in fresh}:
+    for directory in {path.parent for path in changed}:
         files.output_directory(directory)
-    if fresh:
-        files.write_together(fresh)
-    return len(fresh)
+    if changed:
+        files.write_together(changed)
+    return len(changed)
+
+
+def write_readme(path: Path) -> str:
+    """Replace the README's table of results; return "updated" or "unchanged".
+
+    Raises:
+        ValueError: there is no such file, or the marks are not in it.
+    """
+    if not path.is_file():
+        raise checks.refuse("README", str(path), "a file with the marks of the table")
+    old = path.read_text(encoding="utf-8")
+    new = updated_readme(old)
+    if new == old:
+        return "unchanged"
+    files.write_atomically(path, new)
+    return "updated"
+
+
+def updated_readme(text: str) -> str:
+    """Return the README with the current table between the marks.
+
+    Raises:
+        ValueError: the text does not contain each mark once, in order.
+    """
+    before, begin, rest = text.partition(BEGIN)
+    _, end, after = rest.partition(END)
+    if not (begin and end) or BEGIN in rest or END in after:
+        raise checks.refuse(
+            "README",
+            f"{text.count(BEGIN)} and {text.count(END)} marks",
+            f"a text with {BEGIN!r} and {END!r}, once each",
+        )
+    table = f"Success and median time to the goal (`make report`). {provenance()}\n\n{overview()}"
+    return f"{before}{BEGIN}\n{table}\n{END}{after}"

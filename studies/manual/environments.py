@@ -1,4 +1,4 @@
-"""A page for each registered environment, from its code: task, actions, observations, rewards, baselines."""
+"""A page for each registered environment, generated from its code: task, actions, observations, rewards, baselines."""
 
 from __future__ import annotations
 
@@ -11,9 +11,19 @@ import numpy as np
 
 from agents.evaluation.table import markdown
 from studies.manual import open_tasks
-from studies.manual.figures_file import ROOT, table
-from studies.manual.published import BOUND, ERRORS, ONE, SEVERAL, TIME, TOGETHER, report
-from studies.manual.trained import HEADS, lines_of
+from studies.manual.figures_file import DOCS, table
+from studies.manual.published import (
+    AGENT_HEADS,
+    BOUND,
+    ERRORS,
+    ONE,
+    PATH_ERRORS,
+    SEVERAL,
+    SEVERAL_PARTS,
+    TIME,
+    agent_lines,
+    report,
+)
 from vibgym import checks
 from vibgym.envs import ACTIONS, OBSERVATIONS, VibgymEnv
 from vibgym.registration import ENVIRONMENTS
@@ -22,56 +32,53 @@ from vibgym.tasks.episode import QUANTITIES
 ACTION_MEANINGS = {
     "element": "amplitude and phase of every element",
     "phasor": "amplitude x (cos, sin) phase of every element",
-    "patch": "the same of the elements around each part",
+    "patch": "amplitude x (cos, sin) phase of the elements around each part",
     "field": "strengths of six basic fields around each part",
-    "wrench": "wanted acceleration of each part, x, y and angular, in units of what the elements can give",
+    "wrench": "linear (x, y) and angular acceleration of each part, over the largest that the elements can produce",
 }
 
 TERM_MEANINGS = {
-    "distance": "by how much the mean distance has shrunk, per 100 mm",
-    "approach": "by how much tanh(mean distance / 10 mm) has shrunk",
-    "turn": "by how much the mean heading error has shrunk, per rad",
-    "alignment": "by how much tanh(heading error / 0.15 rad) has shrunk",
-    "inside": "change of the share of parts whose centre is at its goal",
-    "within": "1 while all parts are where and as they should be",
-    "clearance": "change of the mean of min(distance to the nearest part / what is asked, 1)",
-    "time": "-1 every period",
+    "distance": "decrease of the mean distance to goals or zones, per 100 mm",
+    "approach": "decrease of tanh(mean distance / 10 mm)",
+    "turn": "decrease of the mean heading error, per rad",
+    "alignment": "decrease of tanh(mean heading error / 0.15 rad)",
+    "inside": "increase of the share of parts whose centre is at its goal or in its zone",
+    "within": "1 while all parts are within their tolerances",
+    "clearance": "increase of the mean of min(distance to the nearest part / required distance, 1)",
+    "time": "-1 in every period",
     "success": "1 on success",
-    "fallen": "-1 if a part has fallen",
-    "good": "1 for a part that has left as it should",
-    "faulty": "-1 for a part that has left otherwise",
+    "fallen": "-1 if a part has fallen off the surface",
+    "good": "1 for each part that leaves correctly",
+    "faulty": "-1 for each part that leaves incorrectly",
 }
-"""Of each of :data:`vibgym.tasks.episode.QUANTITIES`."""
+"""Meaning of each of :data:`vibgym.tasks.episode.QUANTITIES`."""
 
 if TERM_MEANINGS.keys() != set(QUANTITIES):
-    raise RuntimeError(f"words are missing for {sorted(TERM_MEANINGS.keys() ^ set(QUANTITIES))}")
+    raise RuntimeError(f"TERM_MEANINGS and QUANTITIES differ in {sorted(TERM_MEANINGS.keys() ^ set(QUANTITIES))}")
 
 
 def as_markdown(text: str) -> str:
-    """A paragraph of a docstring in Markdown: roles and literals as code."""
+    """Convert a paragraph of a docstring to Markdown: roles and literals become code."""
     text = re.sub(r":\w+:`~?\.?(?:[\w.]*\.)?(\w+)`", r"`\1`", text)
     return re.sub(r"``(.+?)``", r"`\1`", text).replace("|", "\\|")
 
 
-PATHS = ("path_error_median_m", "heading_error_median_rad")
-
-
 def baselines(name: str) -> str:
-    """Tables of all that is known of ``vibgym/<name>-v0``, with their dates, or where to get figures."""
+    """Return the tables of published results of ``vibgym/<name>-v0``, or the command that evaluates a policy."""
     pieces = [*_reported(name), *_scored(name), *_trained(name)]
     if not pieces:
         return (
-            f'None are published. `vibgym.policies.rollout("planner", "vibgym/{name}-v0", seeds=range(100))` '
-            "plays the planner's, and takes any other policy."
+            f'No results are published. `vibgym.policies.rollout("planner", "vibgym/{name}-v0", seeds=range(100))` '
+            "evaluates the planner or any other policy."
         )
     return "\n\n".join(pieces)
 
 
 def _reported(name: str) -> list[str]:
-    """Of ``results/report``: a table for each machine."""
+    """Return a table of ``results/report`` for each hardware model."""
     found = []
     for hardware in dict.fromkeys(place.hardware for place in report().places if place[:2] == ("report", name)):
-        names = (TIME, BOUND, *ERRORS) if name in ONE else TOGETHER if name in SEVERAL else PATHS
+        names = (TIME, BOUND, *ERRORS) if name in ONE else SEVERAL_PARTS if name in SEVERAL else PATH_ERRORS
         found.append(
             f"On *{hardware}* hardware (`make report`, {report().day}):\n\n{table(report(), [name], hardware, names)}"
         )
@@ -79,23 +86,22 @@ def _reported(name: str) -> list[str]:
 
 
 def _scored(name: str) -> list[str]:
-    """Of ``results/open``: one table for both machines."""
-    table = open_tasks.of(name)
-    head = f"One of the [open tasks](../open-tasks.md) (`python -m agents score`, {open_tasks.found()}):"
-    return [f"{head}\n\n{table}"] if table else []
+    """Return the table of ``results/open`` for both hardware models."""
+    scores = open_tasks.of(name)
+    head = f"Scores as one of the [open tasks](../open-tasks.md) (`python -m agents score`, {open_tasks.date()}):"
+    return [f"{head}\n\n{scores}"] if scores else []
 
 
 def _trained(name: str) -> list[str]:
-    """Of ``results/agents.csv``."""
-    lines = lines_of(name)
-    head = "Agents that were [trained](../trained.md) for it, each training on fresh episodes:"
-    return [f"{head}\n\n{markdown(HEADS, lines)}"] if lines else []
+    """Return the table of ``results/agents.csv``."""
+    lines = agent_lines(name)
+    head = "[Trained agents](../trained.md), each training run evaluated on new episodes:"
+    return [f"{head}\n\n{markdown(AGENT_HEADS, lines)}"] if lines else []
 
 
-DOCS = ROOT / "docs"
 INFO_MEANING = {
     "is_success": "whether the episode has succeeded",
-    "position_error": "largest distance of a part to its goal or zone, or what the smallest distance between parts lacks, m",
+    "position_error": "largest distance of a part to its goal or zone, or shortfall of the smallest gap if larger, m",
     "heading_error": "largest heading error, rad",
     "clearance": "smallest distance between parts, m; negative: overlap",
     "touching": "pairs of parts closer than 0.1 mm",
@@ -110,43 +116,44 @@ import vibgym
 env = gym.make("vibgym/{name}-v0")
 observation, info = env.reset(seed=0)
 ```"""
-REWARD = """The sum of these terms, which `info["reward_terms"]` has one by one.
-`task_settings={"weights": ...}` changes their weights."""
+REWARD = """The reward is the weighted sum of these terms. `info["reward_terms"]` has each weighted term.
+`task_settings={"weights": ...}` changes the weights."""
 
 
 def pages() -> dict[str, str]:
-    """Markdown of every registered environment, by the name of its page."""
+    """Return the Markdown page of every registered environment, by name."""
     return {name: page(name) for name in ENVIRONMENTS}
 
 
 def page(name: str) -> str:
-    """Markdown of the environment ``vibgym/<name>-v0``."""
+    """Return the Markdown page of ``vibgym/<name>-v0``."""
     env: Any = gym.make(f"vibgym/{name}-v0").unwrapped
     assert isinstance(env, VibgymEnv)
-    asked, further = _asked(env)
+    summary, details = _description(env)
     pieces = [
         f"# {name}",
         f"`vibgym/{name}-v0`" + (f": the task `{env.task.name}`" if env.task.name != name else ""),
         film(name),
-        asked,
-        *further,
-        *_more(env),
+        summary,
+        *details,
+        *_link(env),
         BEGIN.format(name=name),
-        "## The scene",
+        "## Scene",
         _scene(name, env),
         "## Actions",
-        f"Flat boxes in [-1, 1], float32; the default is `{_default('action')}`.",
+        "Action spaces are flat float32 boxes in [-1, 1]. The default is `element`.",
         _actions(env),
         "## Observations",
+        "The default is `state`.",
         _observations(env),
-        "### The state",
+        "### Features of `state`",
         _state(env),
-        "### By parts",
+        "### Features of `parts`",
         _rows(env),
         "## Reward",
         REWARD,
         _rewards(env),
-        "## Information",
+        "## Info",
         _information(env),
         "## Baselines",
         baselines(name),
@@ -155,15 +162,15 @@ def page(name: str) -> str:
 
 
 def film(name: str) -> str:
-    """The picture at the top of a page."""
+    """Return the image at the top of a page."""
     path = DOCS / "films" / f"{name}.webp"
     if not path.exists():
-        raise checks.refuse("films", str(path), "a film of every environment: python -m studies.manual films")
-    return f"![An episode of {name} under a shipped policy](../films/{name}.webp)"
+        raise checks.refuse("films", str(path), "an existing file (python -m studies.manual films writes it)")
+    return f"![An episode of {name} with a shipped policy](../films/{name}.webp)"
 
 
-def _asked(env: VibgymEnv) -> tuple[str, list[str]]:
-    """What the task asks: its docstring up to its arguments."""
+def _description(env: VibgymEnv) -> tuple[str, list[str]]:
+    """Return the first paragraph of the task's docstring, and the others before its arguments."""
     text = inspect.getdoc(type(env.task)) or ""
     first, *others = re.split(
         r"\n\n", re.split(r"^(?:Args|Attributes|Raises):$", text, maxsplit=1, flags=re.M)[0].strip()
@@ -171,36 +178,35 @@ def _asked(env: VibgymEnv) -> tuple[str, list[str]]:
     return as_markdown(first), [as_markdown(each) for each in others]
 
 
-def _more(env: VibgymEnv) -> list[str]:
+def _link(env: VibgymEnv) -> list[str]:
     task = env.task.name
-    own = DOCS / f"{task.lower()}.md"
-    return [f"More of the task, its laws and figures: [{task}](../{task.lower()}.md)."] if own.exists() else []
+    path = DOCS / f"{task.lower()}.md"
+    return [f"Details, controllers and results: [{task}](../{task.lower()}.md)."] if path.exists() else []
 
 
 def _scene(name: str, env: VibgymEnv) -> str:
     limit, settings = ENVIRONMENTS[name]
     task, parts = env.task, env.parts
     kinds = [part.name for part in parts]
+    success = f"all parts done for {task.hold} consecutive periods"
+    if task.flows:
+        success = "none: parts arrive and leave continuously"
     lines = [
         ["parts", ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))],
         ["walls", ", ".join(settings.get("walls", ())) or "none"],
-        ["limit", f"{limit} periods ({limit * env.surface.period:g} s)"],
-        ["success", "none: parts come and go" if task.flows else f"all parts done for {task.hold} periods in a row"],
+        ["time limit", f"{limit} periods ({limit * env.surface.period:g} s)"],
+        ["success", success],
     ]
     tolerance = task.tolerances()[task.asked]
     if task.has_goal and len(tolerance):
         heading = np.degrees(tolerance[0, 1])
         within = f"{1e3 * tolerance[0, 0]:g} mm" + (f" and {heading:g} deg" if np.isfinite(heading) else "")
-        lines.append(["done", f"within {within} of the goal"])
+        lines.append(["tolerance", f"{within} of the goal"])
     if np.isfinite(task.speed_limit):
-        lines.append(["slow enough", f"below {1e3 * task.speed_limit:g} mm/s"])
+        lines.append(["speed limit of a part that is done", f"{1e3 * task.speed_limit:g} mm/s"])
     if np.isfinite(task.apart):
-        lines.append(["apart", f"at least {1e3 * task.apart:.1f} mm"])
-    return markdown(("what", "here"), lines)
-
-
-def _default(argument: str) -> str:
-    return {"action": "element", "observation": "state"}[argument]
+        lines.append(["distance between parts", f"at least {1e3 * task.apart:.1f} mm"])
+    return markdown(("property", "value"), lines)
 
 
 def _actions(env: VibgymEnv) -> str:
@@ -208,21 +214,21 @@ def _actions(env: VibgymEnv) -> str:
     for name, action in ACTIONS.items():
         made = action(env.surface, env.parts)
         lines.append([f"`{name}`", str(tuple(made.shape)), str(made.size), ACTION_MEANINGS[name]])
-    return markdown(("`action=`", "shape", "numbers", "meaning"), lines)
+    return markdown(("`action=`", "shape", "size", "meaning"), lines)
 
 
 def _observations(env: VibgymEnv) -> str:
     lines = []
     for name, observation in OBSERVATIONS.items():
         if name == "camera":
-            continue  # set by the sensor, for all tasks
+            continue  # its shape depends on the sensor
         try:
             lines.append([f"`{name}`", *_space(observation(env.task).space)])
         except checks.Refused:
-            lines.append([f"`{name}`", "–", "not of this task"])
-    seen = 'what the camera sees, with `sensor="camera"`: [hardware](../hardware.md)'
-    lines.append(["`camera`", "the camera's lines and columns", seen])
-    return markdown(("`observation=`", "shape", "of"), lines)
+            lines.append([f"`{name}`", "–", "not available for this task"])
+    image = 'image, requires `sensor="camera"`: [hardware](../hardware.md)'
+    lines.append(["`camera`", "(camera rows, camera columns)", image])
+    return markdown(("`observation=`", "shape", "type or content"), lines)
 
 
 def _space(space: gym.Space) -> tuple[str, str]:
@@ -241,33 +247,37 @@ def _state(env: VibgymEnv) -> str:
     table = markdown(("index", "feature", "meaning", "unit of 1"), lines)
     slots = env.task.slots
     blocks = (
-        "" if slots == 1 else f" The observation has {slots} such blocks, part p in block p, from number {size} x p on."
+        ""
+        if slots == 1
+        else f" The observation has {slots} blocks of {size} values. Block p, from index {size} x p on, describes part p."
     )
-    return f"`env.unwrapped.observation_layout` says the same with scales and ranges.{blocks}\n\n{table}"
+    return f"`env.unwrapped.observation_layout` lists these features with scales and ranges.{blocks}\n\n{table}"
 
 
 def _rows(env: VibgymEnv) -> str:
-    """Rows of ``observation="parts"``: own features, then those of the nearest neighbour; the others have the same."""
+    """Return the table of features of ``observation="parts"``: of the part, then of its nearest neighbour."""
     lines = [
         [", ".join(str(each.start + k) for k in range(each.width)), each.name, each.meaning, each.unit]
         for each in env.parts_layout
         if not each.name.startswith("neighbour_") or each.name.startswith("neighbour_1_")
     ]
     several = any(each.name.startswith("neighbour_2_") for each in env.parts_layout)
-    more = " The features of `neighbour_1` are repeated for the other nearest parts." if several else ""
+    more = (
+        " The features of `neighbour_1` are repeated for the other neighbours, in order of distance." if several else ""
+    )
     return (
-        "Each part has a row, relative to itself, in units that do not depend on the surface's size; rows of absent parts "
-        f"are 0. `env.unwrapped.parts_layout` lists the same with scales and ranges.{more}\n\n"
+        "Each part has one row, in units that do not depend on the surface's size. Its neighbours are relative to it. Rows of "
+        f"absent parts are 0. `env.unwrapped.parts_layout` lists these features with scales and ranges.{more}\n\n"
         + markdown(("index", "feature", "meaning", "unit of 1"), lines)
     )
 
 
 def _information(env: VibgymEnv) -> str:
     lines = [[f"`{name}`", INFO_MEANING[name]] for name in env.task.FACTS]
-    return "Besides `reward_terms` and `parts`:\n\n" + markdown(("`info`", "meaning"), lines)
+    return "In addition to `reward_terms` and `parts`:\n\n" + markdown(("`info`", "meaning"), lines)
 
 
 def _rewards(env: VibgymEnv) -> str:
     task = env.task
     lines = [[term, TERM_MEANINGS[task.made_of[term]], f"{weight:g}"] for term, weight in task.weights.items()]
-    return markdown(("term", "what it counts, at most 1 in magnitude", "weight"), lines)
+    return markdown(("term", "meaning (magnitude at most 1)", "weight"), lines)

@@ -1,4 +1,4 @@
-"""Published figures, read from ``results/``: of each policy in each place one row with what is known of it."""
+"""Published figures, read from ``results/``."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from typing import Any, NamedTuple
 from agents.evaluation.table import BY_NAME, markdown
 
 ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
 RESULTS = ROOT / "results"
 NOTHING = "–"
 
 
 class Place(NamedTuple):
-    """Where a policy was tried."""
+    """Key of the figures of one policy on one task and hardware model."""
 
     study: str
     task: str
@@ -27,14 +28,14 @@ class Place(NamedTuple):
 
 
 class Published:
-    """The figures of a directory that ``python -m agents publish`` wrote.
+    """Figures written by ``python -m agents publish``.
 
     Args:
-        directory: of ``figures.csv`` and ``report.json``.
+        directory: contains ``figures.csv`` and ``report.json``.
 
     Attributes:
-        places: rows by place, in the order of the file; an attribute for each figure, NaN where it does not apply.
-        about: what ``report.json`` says.
+        places: place -> row, in the order of the file. A row has one attribute per figure, NaN where it does not apply.
+        about: content of ``report.json``.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -50,49 +51,47 @@ class Published:
 
     @property
     def day(self) -> str:
-        """On which they were found."""
+        """Return the date of the evaluation."""
         return self.about["time"][:10]
 
     def of(self, task: str, hardware: str, study: str = "report") -> dict[str, Any]:
-        """Rows of all policies in one place, by policy."""
+        """Return the rows of one task and hardware model, by policy."""
         where = (study, task, hardware)
         return {place.policy: row for place, row in self.places.items() if place[:3] == where}
 
 
 def rows(path: Path) -> list[dict[str, str]]:
-    """Lines of a CSV file, by the names in its head."""
+    """Return the lines of a CSV file, by column."""
     with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
 def success(row: Any) -> str:
-    """In percent."""
+    """Return the success rate in percent."""
     return BY_NAME["success_rate"].text(row)
 
 
 def between(row: Any) -> str:
-    """The interval of the success rate."""
+    """Return the interval of the success rate in percent."""
     low, high = row.interval["success_rate"]
     return f"{100 * low:.1f} to {100 * high:.1f} %"
 
 
 def with_time(row: Any) -> str:
-    """Success and, where there is any, the median time to the goal: a cell of tables that compare policies; None: a dash."""
+    """Return success and, if there is one, the median time to the goal; a dash for None."""
     if row is None:
         return NOTHING
     time = "" if math.isnan(row.time_to_goal_median_s) else f" ({BY_NAME['time_to_goal_median_s'].text(row)})"
     return success(row) + time
 
 
-def table(
-    published: Published, tasks: Iterable[str], hardware: str, names: Iterable[str], study: str = "report"
-) -> str:
-    """All policies of some tasks on one machine, in Markdown: success, its interval, and the quantities of ``names``."""
+def table(published: Published, tasks: Iterable[str], hardware: str, names: Iterable[str]) -> str:
+    """Return a Markdown table of all policies on one hardware model: success, its interval, and the figures ``names``."""
     names = list(names)
     labels = [BY_NAME[name].label for name in names]
     lines = [
         [task, policy, success(row), between(row), *(BY_NAME[name].text(row) for name in names)]
         for task in tasks
-        for policy, row in published.of(task, hardware, study).items()
+        for policy, row in published.of(task, hardware).items()
     ]
     return markdown(("task", "policy", "success", "95 % interval", *labels), lines)

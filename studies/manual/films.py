@@ -1,4 +1,4 @@
-"""Short films of the environments, each an episode of a policy that comes along."""
+"""Short films of the environments, each one episode of a shipped policy."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from vibgym.registration import ENVIRONMENTS
 
 
 class Take(NamedTuple):
-    """How an episode is filmed."""
+    """Settings of a film."""
 
     width: int  # pixels
-    longest: float  # s of an episode that are shown
-    every: int  # periods between pictures
+    longest: float  # s, duration
+    every: int  # periods between frames
 
 
 FEW, MANY = Take(480, 7.0, 2), Take(360, 4.0, 4)
 CROWD = 12
-"""Parts from which on a film is of the second kind, so that it is no larger."""
+"""Number of parts from which the settings MANY apply, which limit the size of the file."""
 
-MOST = 90_000  # bytes
-QUALITIES = (72, 50, 30, 15)  # of WebP, best first
-REST = 1500  # ms that the last picture stays
-FEWEST = 10  # pictures of a film
+MOST = 90_000  # bytes of a file
+QUALITIES = (72, 50, 30, 15)  # WebP qualities, best first
+REST = 1500  # ms for which the last frame is shown
+FEWEST = 10  # frames of a film
 SEED = 3
 POLICIES = {
     "Feed": "lanes", "FeedHeaps": "lanes", "Swap": "lanes", "SwapCrowded": "lanes", "Pack": "two_phases",
@@ -42,7 +42,7 @@ POLICIES = {
 
 
 def write(directory: Path, names: Sequence[str] | None = None) -> Iterator[Path]:
-    """Film environments (all, or those of ``names``) into a directory; yields each file when it is there.
+    """Write films of all environments, or those of ``names``, into a directory; yield each path.
 
     Raises:
         ValueError: an unknown environment.  vibgym.files.WriteError: a file cannot be written.
@@ -57,7 +57,7 @@ def write(directory: Path, names: Sequence[str] | None = None) -> Iterator[Path]
 
 
 def short(pictures: list[np.ndarray], interval: float) -> bytes:
-    """The film as a file of at most :data:`MOST` bytes: of the best quality, cut short where the lowest one is too large."""
+    """Encode a film in the best quality with at most :data:`MOST` bytes; shorten it if the lowest quality is too large."""
     while True:
         for quality in QUALITIES:
             data = webp(pictures, interval, quality)
@@ -69,7 +69,7 @@ def short(pictures: list[np.ndarray], interval: float) -> bytes:
 
 
 def webp(pictures: Sequence[np.ndarray], interval: float, quality: int) -> bytes:
-    """A looping animation of pictures ``interval`` seconds apart."""
+    """Encode a looping animation of frames ``interval`` (s) apart."""
     first, *others = (Image.fromarray(picture) for picture in pictures)
     times = [round(1e3 * interval)] * len(others) + [REST]
     file = io.BytesIO()
@@ -79,7 +79,7 @@ def webp(pictures: Sequence[np.ndarray], interval: float, quality: int) -> bytes
 
 
 def shot(name: str) -> tuple[list[np.ndarray], float]:
-    """Pictures (height, width, 3) uint8 of an episode, and the time between them in s."""
+    """Return the frames (height, width, 3) uint8 of an episode and the time between them, s."""
     plain = gym.make(f"vibgym/{name}-v0")
     policy = vibgym.make_policy(POLICIES.get(name, "pose"), plain)
     settings: dict[str, Any] = {"action": policy.action, "observation": policy.observation, "render_mode": "rgb_array"}

@@ -1,4 +1,4 @@
-"""Tables of the open tasks, from ``results/open``: what ``python -m agents score`` found."""
+"""Tables of the open tasks, from ``results/open``, which ``python -m agents score`` writes."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ OPEN = RESULTS / "open"
 
 @functools.cache
 def scores() -> list[dict[str, str]]:
-    """A row for each policy on each task and machine."""
+    """Return one row per policy, task and hardware model."""
     return rows(OPEN / "scores.csv")
 
 
-def found() -> str:
-    """When, at which commit."""
+def date() -> str:
+    """Return date and commit of the evaluation."""
     about = json.loads((OPEN / "results.json").read_text(encoding="utf-8"))
     return f"{about['time'][:10]} at commit {about['commit'][:7]}"
 
 
 def suite() -> str:
-    """The score of each policy, on both machines, with intervals of the whole."""
+    """Return the scores of each policy on both hardware models, with intervals of the suite's score."""
     tasks = list(dict.fromkeys(row["task"] for row in scores()))
     of_task = {(row["hardware"], row["policy"], row["task"]): row for row in scores()}
     lines = []
@@ -36,11 +36,11 @@ def suite() -> str:
             [row["hardware"], row["policy"], _score(row), *(_score(each) if each else NOTHING for each in served)]
         )
     heads = ("hardware", "policy", "score", *tasks)
-    return f"Found on {found()}; the score is that of all tasks, with its interval.\n\n{markdown(heads, lines)}"
+    return f"Evaluated on {date()}. *score* is that of the suite, with its interval.\n\n{markdown(heads, lines)}"
 
 
 def of(*tasks: str, policies: Collection[str] | None = None) -> str:
-    """All figures of some tasks, of all policies or of some; empty if there are none."""
+    """Return the table of some tasks, for all policies or those of ``policies``; "" without results."""
     kept = [row for row in scores() if row["task"] in tasks and row["served"] == "True"]
     kept = [row for row in kept if policies is None or row["policy"] in policies]
     kept.sort(key=lambda row: tasks.index(row["task"]))
@@ -55,8 +55,8 @@ def _score(row: Mapping[str, str]) -> str:
     if row.get("served", "True") != "True" or not row["score"]:
         return NOTHING
     text = f"{float(row['score']):.3f}"
-    known = row["score_low"] and "task" not in row
-    return f"{text} ({float(row['score_low']):.3f} to {float(row['score_high']):.3f})" if known else text
+    of_suite = row["score_low"] and "task" not in row
+    return f"{text} ({float(row['score_low']):.3f} to {float(row['score_high']):.3f})" if of_suite else text
 
 
 def _value(row: Mapping[str, str], column: str) -> float:
@@ -64,7 +64,7 @@ def _value(row: Mapping[str, str], column: str) -> float:
 
 
 def _success(row: Mapping[str, str]) -> str:
-    """Tasks whose parts come and go have none."""
+    """Return the success rate; a dash for tasks whose parts arrive and leave continuously."""
     return NOTHING if row["good_per_minute"] else quantity(_value(row, "success_rate"), 100.0, 1, "%")
 
 
@@ -80,7 +80,7 @@ COLUMNS: dict[str, Callable[[Mapping[str, str]], str]] = {
     "score": _score,
     "success": _success,
     "time to goal: median (quartiles)": _time,
-    "good a minute": lambda row: number(_value(row, "good_per_minute"), 1),
+    "good parts per minute": lambda row: number(_value(row, "good_per_minute"), 1),
     "transit": lambda row: quantity(_value(row, "transit") or math.nan, 1.0, 2, "s"),
     "on the table": lambda row: number(_value(row, "on_table"), 1),
     "coverage at the end": lambda row: quantity(_value(row, "coverage"), 100.0, 1, "%"),
@@ -88,7 +88,7 @@ COLUMNS: dict[str, Callable[[Mapping[str, str]], str]] = {
     "fallen": lambda row: f"{_value(row, 'fallen'):.0f}",
     "episodes": lambda row: row["episodes"],
 }
-"""What a table may show: those columns that say nothing of any row are left out."""
+"""Heading -> cell of a row; a table omits columns without values."""
 
 PAGES = {
     "feed": ("Feed", "FeedHeaps"),
@@ -96,17 +96,17 @@ PAGES = {
     "pack": ("Pack", "PackFull"),
     "push": ("Push", "PushAny"),
 }
-"""Tasks by the page that tells of them."""
+"""Page -> its tasks."""
 
 
 def page(name: str) -> str:
-    """Of the law and the agents of a page's tasks."""
+    """Return the table of classical and learned policies on a page's tasks."""
     table = of(*PAGES[name], policies=("classical", "learned"))
-    return f"{table}\n\n`python -m agents score`, {found()}. *fallen*: parts, in all episodes together."
+    return f"{table}\n\n`python -m agents score`, {date()}. *fallen*: number of fallen parts in all episodes."
 
 
 TABLES: dict[str, Callable[[], str]] = {
     "open": suite,
     **{f"open-{name}": functools.partial(page, name) for name in PAGES},
 }
-"""By the name of the file in ``docs/generated``."""
+"""File name in ``docs/generated``, without suffix -> function that returns its Markdown."""

@@ -1,110 +1,237 @@
-"""Tables of published results for the pages: each is a function without arguments that returns Markdown."""
+"""Tables of published results for the pages: :data:`TABLES` has functions without arguments that return Markdown."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from agents.evaluation.table import markdown
-from studies.manual import above_the_plane, open_tasks, rivals
-from studies.manual.figures_file import RESULTS, Published, table, with_time
-from studies.manual.trained import trained
+from studies.manual import open_tasks
+from studies.manual.figures_file import NOTHING, RESULTS, ROOT, Published, rows, table, with_time
+from studies.rivals.figures import CONTENDERS, EPISODES, FIGURES, PUSH
 
 TIME, BOUND = "time_to_goal_median_s", "time_over_bound_median"
 ERRORS = ("position_error_median_m", "heading_error_median_rad")
+PATH_ERRORS = ("path_error_median_m", "heading_error_median_rad")
+SEVERAL_PARTS = (TIME, "throughput_median_parts_per_s", "collisions_mean", "path_efficiency_median")
 ONE, SEVERAL = ("Transport", "Align", "Rotate"), ("Sort", "Singulate")
-ALL = (*ONE, *SEVERAL)
 PROTOTYPE, RIGID = "prototype", "rigid, struck"
-TOGETHER = (TIME, "throughput_median_parts_per_s", "collisions_mean", "path_efficiency_median")
+
+
+# Results of make report.
 
 
 @functools.cache
 def report() -> Published:
-    """What ``make report`` found."""
+    """Return the results of ``make report``."""
     return Published(RESULTS / "report")
 
 
 def provenance() -> str:
-    """When and on what they were found."""
+    """Return a sentence with the date, commit, processor and versions of ``make report``."""
     about = report().about
     machine, versions = about["machine"], about["versions"]
     return (
-        f"Found on {report().day} at commit {about['commit'][:7]}, {machine['cores']} cores ({machine['processor']}), "
+        f"Evaluated on {report().day} at commit {about['commit'][:7]}, {machine['cores']} cores ({machine['processor']}), "
         f"Python {versions['python']}, numba {versions['numba']}."
     )
 
 
 def one_part() -> str:
-    """Transport, Align and Rotate on the ideal machine."""
+    """Return the results of Transport, Align and Rotate on ideal hardware."""
     return table(report(), ONE, "ideal", (TIME, BOUND, *ERRORS, "fallen_rate"))
 
 
 def several_parts() -> str:
-    """Sort and Singulate on the ideal machine."""
-    return table(report(), SEVERAL, "ideal", TOGETHER)
+    """Return the results of Sort and Singulate on ideal hardware."""
+    return table(report(), SEVERAL, "ideal", SEVERAL_PARTS)
 
 
 def prototype() -> str:
-    """The same tasks on the prototype's machine: one part, then several."""
+    """Return the results on prototype hardware: tasks with one part, then with several."""
     one = table(report(), ONE, PROTOTYPE, (TIME, BOUND, *ERRORS))
-    return f"{one}\n\n{table(report(), SEVERAL, PROTOTYPE, TOGETHER)}"
+    return f"{one}\n\n{table(report(), SEVERAL, PROTOTYPE, SEVERAL_PARTS)}"
 
 
 def rigid() -> str:
-    """On rigid parts that are struck."""
+    """Return the results with rigid parts and impulse disturbances."""
     one = table(report(), ("Align",), RIGID, (TIME, *ERRORS))
-    return f"{one}\n\n{table(report(), ('Sort',), RIGID, TOGETHER)}"
+    return f"{one}\n\n{table(report(), ('Sort',), RIGID, SEVERAL_PARTS)}"
 
 
 def follow() -> str:
-    """Paths, on both machines."""
-    names = ("path_error_median_m", "heading_error_median_rad")
-    tables = [(hardware, table(report(), ("Follow",), hardware, names)) for hardware in ("ideal", PROTOTYPE)]
-    return "\n\n".join(f"On the {hardware} machine:\n\n{text}" for hardware, text in tables)
+    """Return the results of Follow on ideal and prototype hardware."""
+    tables = [(hardware, table(report(), ("Follow",), hardware, PATH_ERRORS)) for hardware in ("ideal", PROTOTYPE)]
+    return "\n\n".join(f"On {hardware} hardware:\n\n{text}" for hardware, text in tables)
 
 
-def effects() -> str:
-    """What breaks a policy: success and time of every policy under every effect."""
-    places = [place for place in report().places if place.study == "effects"]
-    cases = list(dict.fromkeys(place.hardware for place in places))
-    policies = list(dict.fromkeys(place.policy for place in places))
-    found = {case: report().of("Align", case, "effects") for case in cases}
-    lines = [
-        [CASE_NAMES.get(case, case), *(with_time(found[case].get(policy)) for policy in policies)] for case in cases
-    ]
-    return markdown(("Align: effect", *policies), lines)
-
-
-CASE_NAMES = {
-    "dead zone": "dead zone: nothing below 0.1 mm",
+EFFECT_NAMES = {
+    "dead zone": "dead zone: no motion below 0.1 mm",
     "latency": "latency of one period",
     "noise": "noise of 0.1 mm and 0.2 deg",
     "spread": "elements differ by 5 % and 5 deg",
     "faults": "5 % of the elements dead",
 }
-"""Cases of the study of effects in words; their settings are in ``configs/evaluations/report.yaml``."""
+"""Descriptions of effects; their settings are in ``configs/evaluations/report.yaml``."""
+
+
+def effects() -> str:
+    """Return success and time of every policy with every hardware effect."""
+    places = [place for place in report().places if place.study == "effects"]
+    names = list(dict.fromkeys(place.hardware for place in places))
+    policies = list(dict.fromkeys(place.policy for place in places))
+    found = {name: report().of("Align", name, "effects") for name in names}
+    lines = [
+        [EFFECT_NAMES.get(name, name), *(with_time(found[name].get(policy)) for policy in policies)] for name in names
+    ]
+    return markdown(("Align: effect", *policies), lines)
 
 
 def overview() -> str:
-    """The README's: of each task what comes of doing nothing clever, of the best laws, and of what was learned."""
-    columns = (("ideal", ("local_field", "planner")), ("ideal", ("pose",)), ("ideal", ("learned",)))
-    columns = (*columns, (PROTOTYPE, ("pose",)), (PROTOTYPE, ("learned there",)))
-    heads = (
-        "task",
-        "fields (*local_field*, *planner*)",
-        "law *pose*",
-        "learned",
-        "*pose* on the prototype",
-        "learned there",
-    )
+    """Return the README's table: fields, the best controller and learned policies on each task."""
+    columns = {
+        "fields (*local_field*, *planner*)": ("ideal", ("local_field", "planner")),
+        "controller *pose*": ("ideal", ("pose",)),
+        "learned": ("ideal", ("learned",)),
+        "*pose*, prototype": (PROTOTYPE, ("pose",)),
+        "learned on the prototype": (PROTOTYPE, ("learned there",)),
+    }
     lines = []
-    for task in ALL:
+    for task in (*ONE, *SEVERAL):
         cells = []
-        for hardware, policies in columns:
+        for hardware, policies in columns.values():
             found = report().of(task, hardware)
             cells.append(with_time(next((found[name] for name in policies if name in found), None)))
         lines.append([task, *cells])
+    return markdown(("task", *columns), lines)
+
+
+# Results of configs/evaluations/tilting.yaml: heading of a column -> hardware model.
+
+DISTURBED = {
+    "planar": "planar",
+    "tilting": "tilting",
+    "planar, kicked": "kicked",
+    "tilting, struck": "struck",
+    "tilting, struck, patches": "struck, patches",
+}
+FOILS = {
+    "ramps of 3 mm, restitution 0.2": "tilting",
+    "ramps of 1 mm": "steep ramps",
+    "ramps of 10 mm": "wide ramps",
+    "restitution 0": "dead contact",
+    "restitution 0.5": "bouncing",
+}
+TILTING_PROTOTYPE = {
+    "prototype, planar": "prototype",
+    "prototype, tilting": "prototype tilting",
+    "prototype, tilting, estimator fitted": "prototype tilting, fitted",
+}
+
+
+@functools.cache
+def tilting() -> Published:
+    """Return the results of ``configs/evaluations/tilting.yaml``."""
+    return Published(RESULTS / "tilting")
+
+
+def compared(task: str, columns: Mapping[str, str]) -> str:
+    """Return success and median time of all policies that were evaluated on at least two of the hardware models."""
+    found = {head: tilting().of(task, hardware) for head, hardware in columns.items()}
+    found = {head: policies for head, policies in found.items() if policies}
+    names = dict.fromkeys(name for policies in found.values() for name in policies)
+    lines = [[name, *(with_time(policies.get(name)) for policies in found.values())] for name in names]
+    return markdown((task, *found), [line for line in lines if sum(cell != NOTHING for cell in line) > 2])
+
+
+# Results of training: results/agents.csv.
+
+AGENT_HEADS = (
+    "agent", "success", "time to goal", "time / bound", "collisions", "good parts per minute", "steps", "minutes"
+)  # fmt: skip
+
+
+def trained() -> str:
+    """Return the table of all trained agents."""
+    return markdown(AGENT_HEADS, agent_lines())
+
+
+def agent_lines(task: str | None = None) -> list[list[str]]:
+    """Return one line per agent, of one task or of all. Values that differ between training seeds are listed in order."""
+    agents: dict[str, list[dict[str, str]]] = {}
+    for row in rows(RESULTS / "agents.csv"):
+        if task in (None, row["agent"].partition("/")[0]) and "/ladder" not in row["agent"]:
+            agents.setdefault(row["agent"], []).append(row)
+    return [_agent_line(name, found) for name, found in agents.items()]
+
+
+def _agent_line(name: str, seeds: Sequence[Mapping[str, str]]) -> list[str]:
+    success = f"{_by_seed(seeds, 'success', 100.0, 1, ' %')} of {seeds[0]['episodes']}"
+    return [
+        f"{name}{'' if len(seeds) > 1 else ' (one seed)'}",
+        NOTHING if seeds[0]["good_per_minute_mean"] else success,
+        _by_seed(seeds, "time_to_goal_median_s", 1.0, 2, " s"),
+        _by_seed(seeds, "time_over_bound_median", 1.0, 3, ""),
+        _by_seed(seeds, "collisions_mean", 1.0, 2, ""),
+        _by_seed(seeds, "good_per_minute_mean", 1.0, 0, ""),
+        f"{int(seeds[0]['steps']):,}".replace(",", "\u202f"),  # narrow no-break space
+        _by_seed(seeds, "minutes", 1.0, 1, ""),
+    ]
+
+
+def _by_seed(seeds: Sequence[Mapping[str, str]], column: str, factor: float, digits: int, unit: str) -> str:
+    """Return the value of each seed, one value if all agree, or a dash if there is none."""
+    texts = [f"{factor * float(row[column]):.{digits}f}" if row[column] else NOTHING for row in seeds]
+    if all(text == NOTHING for text in texts):
+        return NOTHING
+    return (texts[0] if len(set(texts)) == 1 else ", ".join(texts)) + unit
+
+
+# Results of python -m studies.rivals.
+
+Row = Mapping[str, Any]
+
+
+def _number(row: Row, name: str, digits: int, factor: float = 1.0) -> str:
+    return "" if row[name] == "" else f"{factor * float(row[name]):.{digits}f}"
+
+
+def rivals() -> str:
+    """Return success and time of every machine on every task."""
+    found = rows(ROOT / FIGURES)
+    cells = {(row["machine"], row["task"]): rival_cell(row) for row in found}
+    episodes = {row["task"]: row["episodes"] for row in found}
+    tasks = [task for task in EPISODES if task in episodes]
+    heads = ("machine", *(f"{task} ({episodes[task]})" for task in tasks))
+    lines = [(each.title, *(cells.get((name, task), "") for task in tasks)) for name, each in CONTENDERS.items()]
     return markdown(heads, lines)
+
+
+def rival_cell(row: Row) -> str:
+    """Return success with its interval, median time, and the time relative to the segmented surface's."""
+    rate, low, high = (_number(row, name, 0 if float(row[name]) in (0.0, 1.0) else 1, 100.0)
+                       for name in ("success", "success_low", "success_high"))  # fmt: skip
+    text = f"{rate} % ({low} to {high})"
+    if row["time_ratio"] == "":
+        return text
+    text += f", {_number(row, 'time_median', 2)} s"
+    if row["machine"] == "segmented":
+        return text
+    text += f", x {_number(row, 'time_ratio', 2)}"
+    if row["time_ratio_low"] == "":
+        return text
+    return f"{text} ({_number(row, 'time_ratio_low', 2)} to {_number(row, 'time_ratio_high', 2)})"
+
+
+def rivals_push() -> str:
+    """Return the share of the full push that every machine can give to several parts."""
+    found = rows(ROOT / PUSH)
+    counts = list(dict.fromkeys(row["parts"] for row in found))
+    cells = {(row["machine"], row["parts"]): f"{_number(row, 'share', 1, 100.0)} %" for row in found}
+    names = list(dict.fromkeys(row["machine"] for row in found))
+    heads = ("machine", *(f"{count} part{'s' if int(count) > 1 else ''}" for count in counts))
+    return markdown(heads, [(CONTENDERS[name].title, *(cells[name, count] for count in counts)) for name in names])
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -117,8 +244,13 @@ TABLES: dict[str, Callable[[], str]] = {
     "follow": follow,
     "effects": effects,
     "trained": trained,
-    **above_the_plane.TABLES,
+    "struck-align": lambda: compared("Align", DISTURBED),
+    "struck-sort": lambda: compared("Sort", DISTURBED),
+    "foils": lambda: compared("Align", FOILS),
+    "tilting-prototype-align": lambda: compared("Align", TILTING_PROTOTYPE),
+    "tilting-prototype-sort": lambda: compared("Sort", TILTING_PROTOTYPE),
+    "rivals": rivals,
+    "rivals-push": rivals_push,
     **open_tasks.TABLES,
-    **rivals.TABLES,
 }
-"""By the name of the file in ``docs/generated``."""
+"""File name in ``docs/generated``, without suffix -> function that returns its Markdown."""

@@ -1,4 +1,4 @@
-"""Docstrings that are written in Markdown, for ``help()``, as reST for the pages: sections and tables."""
+"""Convert sections and tables of docstrings from Markdown, as ``help()`` shows them, to reST for Sphinx."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ RULE = re.compile(r"\|[\s:|-]+\|$")
 
 
 def process(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """What Sphinx calls with the lines of each docstring, which are changed in place."""
+    """Convert the lines of a docstring in place: a handler of ``autodoc-process-docstring``."""
     if what in ("attribute", "data", "property") and lines:
-        lines.insert(0, "")  # else Napoleon takes what stands before a colon in the first line for a type
+        lines.insert(0, "")  # otherwise Napoleon reads text before a colon in the first line as a type
     if any(line.lstrip().startswith(("## ", "|--", "| --")) for line in lines):
         lines[:] = converted(lines)
 
 
 def converted(lines: list[str]) -> list[str]:
-    """Lines of reST for lines with sections and tables of Markdown."""
+    """Convert lines with sections and tables in Markdown to reST."""
     found: list[str] = []
     block: list[str] = []
     for line in [*lines, ""]:
@@ -34,7 +34,7 @@ def converted(lines: list[str]) -> list[str]:
 
 
 def table(block: list[str]) -> Iterator[str]:
-    """A list table for the lines of a table in Markdown, as far in as they are."""
+    """Convert the lines of a Markdown table to a list table with the same indentation."""
     margin = " " * (len(block[0]) - len(block[0].lstrip()))
     rows = [line.strip().strip("|").split("|") for line in block if not RULE.match(line.strip())]
     yield f"{margin}.. list-table::"

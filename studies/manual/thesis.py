@@ -1,4 +1,4 @@
-"""The thesis's figures beside ours, as a piece of a page: pictures, values, what differs and why."""
+"""Page piece of the reproduced figures of the thesis: pictures, values and differences."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ COLOURS = 64
 
 
 def write(directory: Path, names: Sequence[str] | None = None) -> Path:
-    """Draw the figures (all of them, or those of ``names``) and write the page's piece; return its path.
+    """Draw all figures, or those of ``names``, and write the page; return its path.
 
     Raises:
         ValueError: an unknown figure.  vibgym.files.WriteError: it cannot be written.
@@ -38,36 +38,38 @@ def write(directory: Path, names: Sequence[str] | None = None) -> Path:
 
 
 def section(name: str, figure: Figure, pictures: Sequence[str]) -> str:
-    """Markdown of one figure."""
+    """Return the Markdown section of one figure."""
     lines = [[each.what, each.thesis, each.ours, each.difference] for each in figure.comparisons]
-    pieces = [f"## {figure.title}", escaped(figure.shows), table(("compared", "thesis", "ours", "difference"), lines)]
+    pieces = [
+        f"## {figure.title}",
+        escaped(figure.shows),
+        table(("compared", "thesis", "vibgym", "difference"), lines),
+    ]
     for file, each in zip(pictures, figure.pictures, strict=True):
         pieces.append(f"![{escaped(each.caption)}](thesis/{file})\n\n*{escaped(each.caption)}*")
     for each in figure.tables:
         pieces.append(f"{escaped(each.caption)}\n\n{table(each.columns, each.rows)}")
-    pieces.append(f"**How far we differ.** {escaped(figure.differs)}")
+    pieces.append(f"**Difference.** {escaped(figure.differs)}")
     if figure.assumed:
-        pieces.append(
-            "**What the text does not say.**\n\n" + "\n".join(f"- {escaped(each)}" for each in figure.assumed)
-        )
-    pieces.append(f"`python -m studies.thesis --figure {name}` draws it again.")
+        pieces.append("**Assumptions.**\n\n" + "\n".join(f"- {escaped(each)}" for each in figure.assumed))
+    pieces.append(f"`python -m studies.thesis --figure {name}` reproduces this figure.")
     return "\n\n".join(pieces)
 
 
 def table(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A table whose cells are plain text."""
+    """Return a Markdown table of cells in plain text."""
     return markdown([escaped(each) for each in heads], [[escaped(each) for each in line] for line in lines])
 
 
 def escaped(text: str) -> str:
-    """Plain text as Markdown."""
+    """Escape plain text for Markdown."""
     for sign in "\\`*_|[]<$":
         text = text.replace(sign, f"\\{sign}")
     return " ".join(text.split())
 
 
 def small(png: bytes) -> bytes:
-    """A picture no wider than a page, in few colours."""
+    """Reduce a PNG picture to the width of a page and few colours."""
     image = Image.open(io.BytesIO(png)).convert("RGB")
     if image.width > WIDTH:
         image = image.resize((WIDTH, round(WIDTH * image.height / image.width)), Image.Resampling.LANCZOS)

@@ -1,1 +1,1 @@
-"""What is released is built, looked into, and tried where nothing else is: ``python -m studies.release`` (``make release``)."""
+"""Build, inspect and install sdist and wheel: ``python -m studies.release`` (``make release``)."""

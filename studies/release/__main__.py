@@ -1,4 +1,4 @@
-"""Command line: ``python -m studies.release`` builds what is released, and tries it on every Python that there is."""
+"""Command line: ``python -m studies.release`` builds sdist and wheel and tests them on every available Python."""
 
 from __future__ import annotations
 
@@ -11,62 +11,62 @@ from pathlib import Path
 
 from agents import command_line
 from agents.command_line import Command
-from studies.release import built, tried
-from studies.release.checked import ROOT, Failed, Row, table
+from studies.release import distributions, installation
+from studies.release.results import ROOT, Failed, Row, table
 from vibgym import checks, files
 
 
-def arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
-    parser.add_argument("--tag", metavar="TAG", help="of the release, which must be v and the version")
+    parser.add_argument("--tag", metavar="TAG", help="tag of the release, v and the version, to be checked")
     parser.add_argument(
-        "--extras", default="play", metavar="NAMES", help="installed with it (default: play); play,learn for SAC, too"
+        "--extras", default="play", metavar="NAMES", help="extras to install (default: play); play,learn also runs SAC"
     )
     parser.add_argument(
-        "--pythons", default=",".join(tried.MINORS), metavar="LIST", help="those to try, such as 3.11,3.12; empty: none"
+        "--pythons",
+        default=",".join(installation.MINORS),
+        metavar="LIST",
+        help="versions to test, such as 3.11,3.12; empty: none",
     )
 
 
-def asked_for(asked: argparse.Namespace) -> list[str]:
-    """The versions of Python to try.
+def requested_versions(arguments: argparse.Namespace) -> list[str]:
+    """Return the versions of Python to test.
 
     Raises:
-        Refused: a version or an extra that is none of ours.
+        Refused: unsupported version or unknown extra.
     """
-    minors = list(filter(None, asked.pythons.split(",")))
+    minors = list(filter(None, arguments.pythons.split(",")))
     for minor in minors:
-        if minor not in tried.MINORS:
-            raise checks.refuse("--pythons", minor, f"some of {', '.join(tried.MINORS)}")
-    known = built.project()["optional-dependencies"]
-    for extra in asked.extras.split(","):
-        if extra not in known:
-            raise checks.refuse("--extras", extra, f"some of {', '.join(known)}")
+        checks.choice("--pythons", minor, installation.MINORS)
+    for extra in arguments.extras.split(","):
+        checks.choice("--extras", extra, distributions.project()["optional-dependencies"])
     return minors
 
 
-def run(asked: argparse.Namespace) -> int:
-    """Build, look, try; what passes is put into the directory for it. Returns the exit code."""
-    minors = asked_for(asked)
-    output = files.output_directory(asked.output or ROOT / "dist")
+def run(arguments: argparse.Namespace) -> int:
+    """Build, inspect and install; copy distributions that pass to the output directory. Return the exit code."""
+    minors = requested_versions(arguments)
+    output = files.output_directory(arguments.output or ROOT / "dist")
     rows: list[Row] = []
 
-    def tell(row: Row) -> None:
+    def report(row: Row) -> None:
         rows.append(row)
-        if not asked.quiet:
-            print(f"{row.what}, {row.where}: {row.found}", file=sys.stderr, flush=True)
+        if not arguments.quiet:
+            print(f"{row.check}, {row.subject}: {row.result}", file=sys.stderr, flush=True)
 
     failure = None
     with tempfile.TemporaryDirectory(prefix="vibgym-release-") as name:
         folder = Path(name)
         try:
-            version = built.versions_agree(asked.tag, tell)
-            made = built.build(folder, tell)
-            built.look_into_sdist(made[0], tell)
-            built.look_into_wheel(made[1], version, tell)
+            version = distributions.versions_agree(arguments.tag, report)
+            sdist, wheel = distributions.build(folder, report)
+            distributions.inspect_sdist(sdist, report)
+            distributions.inspect_wheel(wheel, version, report)
             for minor in minors:
-                for distribution in reversed(made):  # kernels of the wheel first, from an empty cache
-                    tried.try_on(minor, distribution, version, asked.extras, folder, tell)
-            for path in made:
+                for distribution in (wheel, sdist):  # the wheel first, so that the kernel cache is empty
+                    installation.install(minor, distribution, version, arguments.extras, folder, report)
+            for path in (sdist, wheel):
                 shutil.copy(path, output)
         except Failed as error:
             failure = error
@@ -74,16 +74,16 @@ def run(asked: argparse.Namespace) -> int:
     if failure is not None:
         print(failure, file=sys.stderr)
         return 1
-    print(f"\nreleased: {', '.join(str(output / path.name) for path in made)}")
+    print(f"\nreleased: {output / sdist.name}, {output / wheel.name}")
     return 0
 
 
-COMMAND = Command(arguments, run, "directory for sdist and wheel, instead of dist")
+COMMAND = Command(add_arguments, run, "directory of sdist and wheel (default: dist)")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    description = "Builds sdist and wheel, looks into both, and runs the examples with each on every Python."
+    description = "Build sdist and wheel, inspect both, and run the examples with each on every available Python."
     return command_line.run("python -m studies.release", description, COMMAND, argv, extra="dev")
 
 

@@ -1,1 +1,1 @@
-"""The machines of the thesis's Table 1.1 that are no segmented surface, on the same tasks and in the same simulator."""
+"""Other machines of the thesis's Table 1.1 on the same tasks, in the same simulator."""

@@ -1,8 +1,8 @@
 """Command line: ``python -m studies.rivals NAME`` compares the segmented surface with the other machines of Table 1.1.
 
-- ``figures`` plays the tasks, and writes ``results/rivals.csv``; with ``--task`` only those lines.
-- ``push`` writes ``results/rivals-push.csv``: the largest pushes of each machine on several parts at once.
-- ``film`` writes ``docs/squeeze-line.gif``: a squeeze line that moves.
+- ``figures`` evaluates all machines on the tasks and writes ``results/rivals.csv``; ``--task`` updates one task.
+- ``push`` writes ``results/rivals-push.csv``: the largest simultaneous pushes of each machine on several parts.
+- ``film`` writes ``docs/squeeze-line.gif``: a moving squeeze line.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from agents.command_line import Command, Entry
 
 
 def figures(arguments: argparse.Namespace) -> None:
-    """Play, and write the table."""
+    """Evaluate, and write the table."""
     from studies.rivals.figures import EPISODES, FIGURES, merged, read, rows, written
     from vibgym import checks
 
@@ -44,7 +44,7 @@ def film(arguments: argparse.Namespace) -> None:
     print(f"film: {write(arguments.output or Path())}")
 
 
-ROOT = "directory of results/ and docs/, instead of the present one"
+ROOT = "directory of results/ and docs/ (default: the current one)"
 
 COMMANDS = {
     "figures": Command(lambda parser: command_line.some(parser, "--task"), figures, ROOT),
@@ -53,16 +53,16 @@ COMMANDS = {
 }
 
 HELP = {
-    "figures": "play the tasks: results/rivals.csv",
-    "push": "largest pushes of each machine on several parts: results/rivals-push.csv",
-    "film": "a squeeze line that moves: docs/squeeze-line.gif",
+    "figures": "evaluate all machines on the tasks: results/rivals.csv",
+    "push": "largest simultaneous pushes on several parts: results/rivals-push.csv",
+    "film": "a moving squeeze line: docs/squeeze-line.gif",
 }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     entries = {name: Entry("studies.rivals.__main__", help) for name, help in HELP.items()}
-    description = "Compare the segmented surface with Table 1.1's other machines."
+    description = "Compare the segmented surface with the other machines of Table 1.1."
     return command_line.run_one_of("python -m studies.rivals", description, entries, argv)
 
 

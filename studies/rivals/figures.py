@@ -1,4 +1,4 @@
-"""The machines in comparison on the same tasks and seeds: ``results/rivals.csv``."""
+"""Comparison of the machines on the same tasks and seeds: ``results/rivals.csv``."""
 
 from __future__ import annotations
 
@@ -25,38 +25,38 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.sliding import top_slip
 
 FIGURES, PUSH = Path("results/rivals.csv"), Path("results/rivals-push.csv")
-"""Tables, the second by :mod:`studies.rivals.reach`."""
+"""Files of the tables; :mod:`studies.rivals.reach` computes the second."""
 
 LEVEL, RESAMPLES = 0.95, 9999
 
 EPISODES: Mapping[str, int] = {"Transport": 200, "Align": 200, "Rotate": 200, "Sort": 100, "SortTwelve": 40}
-"""Of each task, seeds 0, 1, ...: few of the longest."""
+"""Task -> number of episodes, seeds 0, 1, ..."""
 
 OWN_SPEED = 0.100
 """m/s, the largest speed of the rigid plate in Table 1.1 (10 to 100 mm/s)."""
 
 
 class Contender(NamedTuple):
-    """A machine and its settings in the comparison."""
+    """A machine with its settings."""
 
     title: str
-    action: str  # of the environment
-    own_speed: bool = False  # whether it has the speed of Table 1.1 instead of the segmented surface's
+    action: str  # action of the environment
+    own_speed: bool = False  # speed of Table 1.1 instead of that of the segmented surface
 
 
 CONTENDERS: Mapping[str, Contender] = {
     "segmented": Contender("segmented surface (this thesis)", "phasor"),
     "plate": Contender("rigid plate, as fast", "plate"),
     "plate-own-speed": Contender("rigid plate, at its own speed", "plate", own_speed=True),
-    "plain-plate": Contender("rigid plate, pushes in proportion", "plain-plate"),
+    "plain-plate": Contender("rigid plate, proportional pushes", "plain-plate"),
     "conveyor": Contender("conveyor cells, both ways", "conveyor"),
     "one-way": Contender("conveyor cells, one way", "one-way"),
 }
-"""By name; the others are compared with the first."""
+"""Name -> machine; times are relative to the first."""
 
 
 def strength_of(surface: Surface, speed: float) -> float:
-    """Return the amplitude, over the largest, at which a uniform field accelerates a part to ``speed`` (m/s)."""
+    """Return the relative amplitude at which a uniform field accelerates a part to ``speed`` (m/s)."""
     low, high = 0.0, 1.0
     for _ in range(50):
         middle = 0.5 * (low + high)
@@ -65,7 +65,7 @@ def strength_of(surface: Surface, speed: float) -> float:
 
 
 def scene_of(name: str) -> dict[str, Any]:
-    """Return the keyword arguments of a contender's environments."""
+    """Return the keyword arguments of the environments of a contender."""
     register()
     contender, surface = CONTENDERS[name], Surface()
     if not contender.own_speed:
@@ -77,7 +77,7 @@ def scene_of(name: str) -> dict[str, Any]:
 
 
 def policy_of(name: str, task: str) -> Policy:
-    """Return a contender's policy: the pose controller under the planner; the plate serves several parts by turns."""
+    """Return the policy of a contender: *pose* with the planner, or :class:`ByTurnsPolicy` for plates and zones."""
     env = batch_of(environment_id(task), num_envs=1, **scene_of(name))
     info = TaskInfo.of(env)
     env.close()
@@ -89,29 +89,29 @@ def policy_of(name: str, task: str) -> Policy:
 
 
 def played(name: str, task: str, episodes: int) -> Measured:
-    """Return the episodes of a contender."""
+    """Return the results of the episodes of a contender."""
     return rollout(policy_of(name, task), task, seeds=range(episodes), keep=Measures, **scene_of(name))
 
 
-def row_of(name: str, task: str, own: Measured, first: Measured) -> dict[str, Any]:
-    """Return a line of the table: success rate, and times over the segmented surface's on the same seeds.
+def row_of(name: str, task: str, results: Measured, first: Measured) -> dict[str, Any]:
+    """Return a row of the table: success rate, and times relative to the segmented surface on the same seeds.
 
     Args:
-        own, first: episodes of the contender and of the segmented surface.
+        results, first: episodes of the contender and of the segmented surface.
     """
-    both = own.success & first.success
-    ratio = np.log(own.time_to_goal[both] / first.time_to_goal[both])
-    interval = success_interval(own.success, LEVEL, RESAMPLES)
+    both = results.success & first.success
+    ratio = np.log(results.time_to_goal[both] / first.time_to_goal[both])
+    interval = success_interval(results.success, LEVEL, RESAMPLES)
     spread = interval_of(ratio[None], LEVEL, RESAMPLES) if len(ratio) > 1 else None
     return {
         "task": task,
         "machine": name,
-        "episodes": len(own.seeds),
-        "success": float(own.success.mean()),
+        "episodes": len(results.seeds),
+        "success": float(results.success.mean()),
         "success_low": interval.low,
         "success_high": interval.high,
-        "fallen": float(own.fallen.mean()),
-        "time_median": float(np.median(own.time_to_goal[own.success])) if own.success.any() else math.nan,
+        "fallen": float(results.fallen.mean()),
+        "time_median": float(np.median(results.time_to_goal[results.success])) if results.success.any() else math.nan,
         "time_ratio": float(np.exp(ratio.mean())) if len(ratio) else math.nan,
         "time_ratio_low": math.nan if spread is None else math.exp(spread.low),
         "time_ratio_high": math.nan if spread is None else math.exp(spread.high),
@@ -119,7 +119,7 @@ def row_of(name: str, task: str, own: Measured, first: Measured) -> dict[str, An
 
 
 def rows(episodes: Mapping[str, int], report: Callable[[str], Any] = lambda _: None) -> list[dict[str, Any]]:
-    """Return all lines of the table, from so many ``episodes`` of each task; ``report`` gets a text for each."""
+    """Return all rows of the table; ``episodes``: task -> number of episodes; ``report`` receives a line of text per row."""
     result = []
     for task, count in episodes.items():
         first = played("segmented", task, count)
@@ -133,7 +133,7 @@ def rows(episodes: Mapping[str, int], report: Callable[[str], Any] = lambda _: N
 
 
 def read(path: Path) -> list[dict[str, str]]:
-    """Return the lines of a table; none if there is no file yet."""
+    """Return the rows of a table; none if the file does not exist."""
     if not path.exists():
         return []
     with path.open(encoding="utf-8", newline="") as file:
@@ -141,7 +141,7 @@ def read(path: Path) -> list[dict[str, str]]:
 
 
 def merged(old: Sequence[Mapping[str, Any]], new: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Return the new lines and the old ones of other tasks, in the order of the tasks."""
+    """Return the new rows and the old rows of other tasks, in the order of the tasks."""
     fresh = {row["task"] for row in new}
     both = [*(row for row in old if row["task"] not in fresh), *new]
     return sorted(both, key=lambda row: tuple(EPISODES).index(row["task"]))

@@ -1,4 +1,4 @@
-"""``docs/squeeze-line.gif``: parts that a squeeze line takes along, and one that is too fast for them."""
+"""``docs/squeeze-line.gif``: parts that follow a moving squeeze line, and a line that is too fast for them."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ STARTS = [
     ("steel_block", [0.32, 0.120, 1.2]),
     ("aluminium_block", [0.44, 0.172, -0.6]),
 ]
-"""Parts, and where they lie at first."""
+"""Parts and their initial poses, m, m, rad."""
 
 PIXELS = 20
-"""Of an element."""
+"""Pixels per element."""
 
 EVERY = 2
-"""Periods from picture to picture."""
+"""Periods between frames."""
 
 THIN = 0.002
-"""m, half of the width in which the line is drawn."""
+"""m, half the drawn width of the line."""
 
 
 class Sweep(NamedTuple):
-    """A way of the line."""
+    """A motion of the line."""
 
     start: float  # m along the table
     speed: float  # m/s
@@ -51,7 +51,7 @@ SWEEPS = (
 
 
 def played(sweeps: tuple[Sweep, ...] = SWEEPS) -> Iterator[tuple[np.ndarray, np.ndarray, float, str]]:
-    """Poses (parts, 3), phasors (rows, columns, 2), place of the line (m) and caption after every period."""
+    """Yield poses (parts, 3), phasors (rows, columns, 2), position of the line (m) and caption after every period."""
     surface, parts = Surface(), _parts()
     simulator = Simulator(surface, parts)
     simulator.reset([[pose for _, pose in STARTS]])
@@ -70,7 +70,7 @@ def _parts() -> tuple[Part, ...]:
 
 
 def frames(sweeps: tuple[Sweep, ...] = SWEEPS) -> list[np.ndarray]:
-    """Pictures (height, width, 3) uint8, every :data:`EVERY` periods."""
+    """Return frames (height, width, 3) uint8, every :data:`EVERY` periods."""
     surface = Surface()
     size = surface.element_size
     outlines = [part.outline for part in _parts()]

@@ -1,8 +1,7 @@
-"""The command of a rival that serves all parts best: least squares of the pushes that they want, near rest.
+"""Fit a machine's command to the wanted pushes of all parts near rest, by least squares.
 
-A stroke of the plate is looked for among centres of rotation all over the table and around it, and directions without
-rotation, and then refined; cells are found one after the other, in turns (coordinate descent, which ends at the least squares
-within bounds).
+A stroke of the plate is searched among centres of rotation on and around the table and directions without rotation, and then
+refined. Pushes of cells are found by coordinate descent, which converges to the bounded least-squares solution.
 """
 
 from __future__ import annotations
@@ -16,33 +15,33 @@ from vibgym.allocation.cut import cut_parts
 from vibgym.kernels.jit import borrowing, inlined
 
 SWEEPS = 60
-"""Over all cells under parts, most."""
+"""Maximum number of sweeps of the coordinate descent."""
 
 STILL = 1e-6
-"""Change of a cell in a sweep below which nothing more is to be won."""
+"""Change of a cell in a sweep at which the descent has converged."""
 
 RIDGE = 1e-4
-"""Price of a cell's push, squared, over that of an error: of many ways that which takes least."""
+"""Weight of squared pushes relative to squared errors (ridge regularization)."""
 
 HALVINGS = 5
-"""Of the steps in which a stroke is refined."""
+"""Number of times the step is halved in the refinement of a stroke."""
 
 FAR = 1e9
-"""m, about where a centre of rotation lies that stands for no rotation."""
+"""m, coordinate of the centre of rotation that marks a stroke without rotation."""
 
 
 class Strokes(NamedTuple):
-    """Strokes that are tried first."""
+    """Strokes of the initial search."""
 
     stroke: np.ndarray  # (n, 3) of length 1
-    centre: np.ndarray  # (n, 2) m, of rotation, from the table's middle; (FAR, angle) without
-    step: np.ndarray  # (n, 2) between neighbours, m or rad
+    centre: np.ndarray  # (n, 2) centre of rotation, m from the table's middle; (FAR, angle) without rotation
+    step: np.ndarray  # (n, 2) spacing, m or rad
     push: np.ndarray  # (n, elements, 2)
 
 
 @inlined
-def served(pieces, count, push, effect):
-    """Pushes ``effect`` (parts, 3) that parts get of those of the elements (elements, 2)."""
+def effect_of(pieces, count, push, effect):
+    """Write the pushes ``effect`` (parts, 3) on parts due to the pushes ``push`` (elements, 2) of the elements."""
     effect[:] = 0.0
     for i in range(count):
         p, e = pieces.part[i], pieces.element[i]
@@ -54,7 +53,7 @@ def served(pieces, count, push, effect):
 
 @inlined
 def gain(effect, wanted, weight, most):
-    """What the best strength of a stroke takes off the squared errors, and that strength, in [-most, most]."""
+    """Return the decrease of the squared errors at the best strength of a stroke, and that strength, in [-most, most]."""
     along, size = 0.0, 1e-12
     for p in range(effect.shape[0]):
         for k in range(3):
@@ -66,7 +65,7 @@ def gain(effect, wanted, weight, most):
 
 @borrowing
 def stroke_about(centre_x, centre_y, half, stroke):
-    """Write the stroke (3,) of length 1 about a centre of rotation (m from the middle), or in a direction (FAR, rad)."""
+    """Write the stroke (3,) of length 1 about a centre of rotation (m from the middle) or in a direction (FAR, rad)."""
     if centre_x >= FAR:
         stroke[0], stroke[1], stroke[2] = math.cos(centre_y), math.sin(centre_y), 0.0
         return
@@ -76,7 +75,7 @@ def stroke_about(centre_x, centre_y, half, stroke):
 
 @borrowing
 def plate_pushes(stroke, place, half, core, push):
-    """Pushes (elements, 2) of a stroke of length 1 on elements at ``place`` (elements, 2), m from the middle."""
+    """Write the pushes (elements, 2) of a stroke of length 1 at ``place`` (elements, 2), m from the middle."""
     turn = stroke[2] / half
     slow = abs(turn) * core
     for e in range(place.shape[0]):
@@ -89,28 +88,29 @@ def plate_pushes(stroke, place, half, core, push):
 def fit_strokes(
     start, stop, outlines, pose, present, wanted, weight, most, strokes, place, half, core, pieces, effect, push, found
 ):
-    """The stroke of the plate that serves the parts best, of each world.
+    """Write the stroke with the smallest weighted squared error of each world.
 
     Args:
-        start, stop: worlds.
+        start, stop: range of worlds.
         outlines, pieces: see :func:`vibgym.allocation.cut.cut_parts`.
         pose, present, wanted: (worlds, parts, 3), (worlds, parts), (worlds, parts, 3).
-        weight: (worlds, parts, 3) of errors.
-        most: strength.
+        weight: (worlds, parts, 3) weights of squared errors.
+        most: largest strength.
         strokes: :class:`Strokes`.
-        place: (elements, 2) m from the middle.  half, core: m, of :class:`.machines.Plate`.
+        place: (elements, 2) centres of the elements, m from the middle.
+        half, core: see :class:`.machines.Plate`, m.
         effect, push: (parts, 3) and (elements, 2), scratch.
-        found: (worlds, 3), overwritten.
+        found: (worlds, 3) output.
     """
     for w in range(start, stop):
         found[w] = 0.0
         count = cut_parts(outlines, pose[w], present[w], pieces)
         best, strength, which = 0.0, 0.0, -1
         for k in range(strokes.stroke.shape[0]):
-            served(pieces, count, strokes.push[k], effect)
-            won, own = gain(effect, wanted[w], weight[w], most)
-            if won > best:
-                best, strength, which = won, own, k
+            effect_of(pieces, count, strokes.push[k], effect)
+            decrease, best_strength = gain(effect, wanted[w], weight[w], most)
+            if decrease > best:
+                best, strength, which = decrease, best_strength, k
         if which < 0:
             continue
         a, b = strokes.centre[which, 0], strokes.centre[which, 1]
@@ -124,10 +124,10 @@ def fit_strokes(
                     continue
                 stroke_about(x, y, half, stroke)
                 plate_pushes(stroke, place, half, core, push)
-                served(pieces, count, push, effect)
-                won, own = gain(effect, wanted[w], weight[w], most)
-                if won > best:
-                    best, strength, a, b = won, own, x, y
+                effect_of(pieces, count, push, effect)
+                decrease, best_strength = gain(effect, wanted[w], weight[w], most)
+                if decrease > best:
+                    best, strength, a, b = decrease, best_strength, x, y
             da, db = 0.5 * da, 0.5 * db
         stroke_about(a, b, half, stroke)
         for k in range(3):
@@ -138,15 +138,15 @@ def fit_strokes(
 def fit_cells(
     start, stop, outlines, pose, present, wanted, weight, axis, least, most, pieces, following, first, missing, found
 ):
-    """What every cell does along its axis so that the parts are served best, of each world.
+    """Write the pushes of all cells along their axes with the smallest weighted squared error of each world.
 
     Args:
         start, stop, outlines, pose, present, wanted, weight, pieces: see :func:`fit_strokes`.
-        axis: (elements, 2).
-        least, most: of what cells do.
-        following, first: (room,) and (elements,) int64, scratch: the pieces on each element.
+        axis: (elements, 2) unit vectors.
+        least, most: bounds of the pushes.
+        following, first: (pieces,) and (elements,) int64, scratch: linked lists of the pieces on each element.
         missing: (parts, 3), scratch.
-        found: (worlds, elements), overwritten.
+        found: (worlds, elements) output.
     """
     for w in range(start, stop):
         cell = found[w]

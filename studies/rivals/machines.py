@@ -1,8 +1,7 @@
-"""The rivals' hardware: mean pushes of all elements as a function of a few numbers.
+"""Models of the other machines: mean pushes of all elements as a function of a few drive values.
 
-A rival is a smaller set of commands for the same surface. Its action (``action="plate"`` and so on) maps the numbers of its
-drives to the motion of every element. Pushes are those of :mod:`vibgym.allocation`, (rows, columns, 2), over the push of full
-amplitude at rest.
+A machine is an action (``action="plate"`` etc.) that converts its drive values to the motion of every element. Pushes are those
+of :mod:`vibgym.allocation`, (rows, columns, 2), relative to the push of full amplitude at rest.
 """
 
 from __future__ import annotations
@@ -19,14 +18,14 @@ from vibgym.physics.core.drive import Drive, phasor_drive
 from vibgym.sensing import Measurement
 
 AXES = np.array([[[1.0, 0.0], [0.0, 1.0]], [[0.0, 1.0], [1.0, 0.0]]])
-"""Of conveyor cells, (2, 2, 2): along the table and across it by turns, so that each has neighbours of the other kind."""
+"""(2, 2, 2) axes of conveyor cells, alternately along and across the table."""
 
 ONE_WAY = np.array([[[1.0, 0.0], [0.0, 1.0]], [[0.0, -1.0], [-1.0, 0.0]]])
-"""Directions of cells that push one way, (2, 2, 2): every two by two cells have all four."""
+"""(2, 2, 2) directions of one-way cells; every block of 2 x 2 cells has all four."""
 
 
 class Machine(Action):
-    """Base of the rivals: pushes of all elements from the numbers of the drives."""
+    """Base class: pushes of all elements from the drive values."""
 
     @abstractmethod
     def pushes(self, values: np.ndarray) -> np.ndarray:
@@ -41,14 +40,15 @@ class Machine(Action):
 
 
 class Plate(Machine):
-    """(3,): a stroke of one rigid plate, velocity x and y of the table's centre and turn; its length, up to 1, is the strength.
+    """(3,): stroke of one rigid plate, velocity x, y of the centre, and rotation; its length, up to 1, is the strength.
 
-    A stroke goes about some centre of rotation, ``half a length of the table * (-y, x) / turn`` away from the middle. By
-    Coulomb's law friction pushes a part along the plate's velocity under it, however fast that is: the push has the same
-    strength everywhere, but for :attr:`core` about the centre of rotation, where the plate hardly moves.
+    A stroke rotates the plate about a centre at ``half * (-y, x) / rotation`` from the middle. By Coulomb's
+    law friction pushes a part along the plate's velocity under it, independent of that speed. The push therefore has the same
+    strength everywhere, except within :attr:`core` of the centre of rotation.
 
     Attributes:
-        core: m, distance from the centre of rotation below which the push falls to zero.
+        core: m, distance from the centre of rotation within which the push decreases linearly to zero.
+        half: m, half the longer side of the table.
     """
 
     def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
@@ -60,7 +60,7 @@ class Plate(Machine):
         self._from_middle = np.stack([x - 0.5 * surface.width, y - 0.5 * surface.depth], axis=-1)
 
     def velocity(self, stroke: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Return the plate's velocity (worlds, ..., 2) at places (..., 2) m from the middle, over that of the stroke."""
+        """Return the plate's relative velocity (worlds, ..., 2) at positions ``place`` (..., 2), m from the middle."""
         lead = (len(stroke), *(1,) * (place.ndim - 1))
         x, y, turn = (stroke[:, k].reshape(lead) for k in range(3))
         turn = turn / self.half
@@ -76,7 +76,7 @@ class Plate(Machine):
 
 
 class PlainPlate(Plate):
-    """(3,): the same plate if pushes grew with its velocity: a stroke pushes as a rigid body moves, 1 where that is fastest."""
+    """(3,): the plate with pushes proportional to its velocity, at most 1 at the fastest corner."""
 
     def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
         super().__init__(surface, parts)
@@ -84,21 +84,21 @@ class PlainPlate(Plate):
         self.corners = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]]) * reach
 
     def fastest(self, stroke: np.ndarray) -> np.ndarray:
-        """Return the largest speed (worlds,) of the plate, which is at one of its corners."""
+        """Return the largest relative speed (worlds,) of the plate, which occurs at a corner."""
         return np.sqrt((self.velocity(stroke, self.corners) ** 2).sum(axis=-1)).max(axis=-1)
 
     def pushes(self, values: np.ndarray) -> np.ndarray:
-        """See :meth:`Machine.pushes`; strokes whose fastest corner is faster than 1 are slowed down."""
+        """See :meth:`Machine.pushes`; strokes whose fastest corner exceeds 1 are scaled down."""
         slowed = values / np.maximum(self.fastest(values), 1.0)[:, None]
         return self.velocity(slowed, self._from_middle)
 
 
 class Cells(Machine):
-    """Base of conveyors: every cell pushes along its own axis only.
+    """Base class of conveyors: every cell pushes along its axis only.
 
     Attributes:
         axis: (rows, columns, 2) unit vectors.
-        least: of what a cell can do along its axis: -1 both ways, 0 one way.
+        least: smallest push of a cell along its axis: -1 both ways, 0 one way.
     """
 
     PATTERN: np.ndarray
@@ -116,13 +116,13 @@ class Cells(Machine):
 
 
 class Conveyor(Cells):
-    """(rows, columns): belts that run both ways, along the table and across it by turns."""
+    """(rows, columns): belts that run both ways, alternately along and across the table."""
 
     PATTERN, least = AXES, -1.0
 
 
 class OneWay(Cells):
-    """(rows, columns): cells that push one way, each its own; values below 0 are rest."""
+    """(rows, columns): cells that push in one fixed direction; values below 0 are rest."""
 
     PATTERN, least = ONE_WAY, 0.0
 
@@ -133,11 +133,11 @@ MACHINES: Mapping[str, type[Machine]] = {
     "conveyor": Conveyor,
     "one-way": OneWay,
 }
-"""By the environment's ``action=``."""
+"""Name of the environment's action -> machine."""
 
 
 def register() -> None:
-    """Register the rivals' actions, once."""
+    """Register the machines as actions, once."""
     for name, machine in MACHINES.items():
         if name not in ACTIONS:
             ACTIONS.register(name, machine)

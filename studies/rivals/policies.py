@@ -1,8 +1,8 @@
-"""The rivals' classical policies: controllers and planner of the segmented surface, with the command of a rival's drives.
+"""Classical policies of the machines: controllers and planner of the segmented surface with another last step.
 
-    observation -> targets -> controller -> wanted pushes of all parts -> the rival's command with the smallest squared error
+    observation -> targets -> controller -> wanted pushes of all parts -> the machine's command with the smallest squared error
 
-Only the last step differs. It also returns the resulting pushes, which controllers and estimators use.
+The last step also returns the resulting pushes, which controllers and estimators use.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
 DIRECTIONS = 16
-"""Of the first strokes without rotation, over half a turn: the other half are their opposites."""
+"""Number of initial strokes without rotation, over half a turn; the others have the opposite sign."""
 
 AROUND = 0.25
-"""m beside the table with further centres of rotation, at twice the distance between them."""
+"""m, width of the margin around the table with further centres of rotation, at twice the spacing."""
 
 TURNING = 0.1
-"""Weight of errors of turning over those of moving, where parts are several and headings do not count."""
+"""Weight of errors of rotation relative to translation, for several parts without goal headings."""
 
 
-def places(surface: Surface) -> np.ndarray:
-    """Return the centres of the elements (elements, 2), m from the table's middle."""
+def element_positions(surface: Surface) -> np.ndarray:
+    """Return the centres of the elements (elements, 2), m from the middle of the table."""
     x, y = surface.element_centres()
     middle = 0.5 * np.array([surface.width, surface.depth])
     return np.ascontiguousarray(np.stack([x.ravel(), y.ravel()], axis=-1) - middle)
 
 
 class RivalOutput(ABC):
-    """Output (:class:`vibgym.policies.classical.steering.PhasorOutput`) for a rival's action.
+    """Output (:class:`vibgym.policies.classical.steering.PhasorOutput`) for the action of a machine.
 
     Args:
         info: task and scene.
-        machine: the hardware.
+        machine: the action.
     """
 
     learner = None
@@ -58,7 +58,7 @@ class RivalOutput(ABC):
         self.half = 0.5 * info.surface.period  # s
         self.weight = np.array([1.0, 1.0, 1.0 if info.has_heading or len(info.parts) == 1 else TURNING])
         self.threads = workers.available_threads()
-        self.place = places(info.surface)
+        self.place = element_positions(info.surface)
 
     def begin(self, batch: int) -> Any:
         """Return the memory, which is empty."""
@@ -69,7 +69,7 @@ class RivalOutput(ABC):
     ) -> tuple[np.ndarray, np.ndarray, Any]:
         """See :meth:`vibgym.policies.classical.steering.PhasorOutput.give`."""
         present, wanted = np.ascontiguousarray(measured.present), np.ascontiguousarray(push)
-        # In the middle of the step, as the segmented surface's output has it.
+        # At the middle of the step, as in the output of the segmented surface.
         pose = np.ascontiguousarray(measured.pose + self.half * measured.rate)
         weight = np.ascontiguousarray(np.broadcast_to(self.weight, wanted.shape) * present[..., None])
         action = self.fit(pose, present, np.where(present[..., None], wanted, 0.0), weight).astype(np.float32)
@@ -78,11 +78,14 @@ class RivalOutput(ABC):
 
     @abstractmethod
     def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """Return the actions (worlds, size) of least weighted squared error from pushes ``wanted`` (worlds, parts, 3)."""
+        """Return the actions (worlds, size) with the smallest weighted squared error to ``wanted`` (worlds, parts, 3)."""
 
 
-def first_strokes(surface: Surface, plate: Plate, place: np.ndarray) -> Strokes:
-    """Centres of rotation all over the table and around it, and directions; ``place`` (elements, 2) m from the middle."""
+def initial_strokes(surface: Surface, plate: Plate, place: np.ndarray) -> Strokes:
+    """Return strokes about centres of rotation on and around the table, and strokes without rotation.
+
+    ``place``: (elements, 2) centres of the elements, m from the middle.
+    """
     size = surface.element_size
     reach = 0.5 * np.array([surface.width, surface.depth])
     inner = [np.arange(-far + 0.5 * size, far, size) for far in reach]
@@ -102,13 +105,13 @@ def first_strokes(surface: Surface, plate: Plate, place: np.ndarray) -> Strokes:
 
 
 class PlateOutput(RivalOutput):
-    """The stroke of least squared error. The plate serves parts by turns, since a missing push is wanted again."""
+    """Stroke with the smallest squared error. Parts take turns, since controllers request missing pushes again."""
 
     def __init__(self, info: TaskInfo, machine: Machine) -> None:
         super().__init__(info, machine)
         assert isinstance(machine, Plate)
         self.plate = machine
-        self.strokes = first_strokes(info.surface, machine, self.place)
+        self.strokes = initial_strokes(info.surface, machine, self.place)
 
     def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """See :meth:`RivalOutput.fit`."""
@@ -127,14 +130,14 @@ class PlateOutput(RivalOutput):
 
 
 class PlainOutput(RivalOutput):
-    """The stroke of least squared error, which is linear in it; strokes that are too fast are scaled down."""
+    """Stroke with the smallest squared error, by linear least squares; strokes that are too fast are scaled down."""
 
     def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """See :meth:`RivalOutput.fit`."""
         plate = self.machine
         assert isinstance(plate, PlainPlate)
         worlds, most = len(pose), self.allocator.most
-        unit = 0.5 * np.eye(3)  # slow enough that nothing is slowed down
+        unit = 0.5 * np.eye(3)  # below the speed from which strokes are scaled down
         effects = [self.allocator.effect(pose, present, plate.pushes(np.tile(each, (worlds, 1)))) for each in unit]
         root = np.sqrt(weight)
         matrix = 2.0 * np.stack([(root * each).reshape(worlds, -1) for each in effects], axis=-1)
@@ -145,7 +148,7 @@ class PlainOutput(RivalOutput):
 
 
 class CellsOutput(RivalOutput):
-    """Values of all cells along their axes, of least squared error."""
+    """Pushes of all cells along their axes with the smallest squared error."""
 
     def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """See :meth:`RivalOutput.fit`."""
@@ -167,11 +170,11 @@ class CellsOutput(RivalOutput):
 
 
 OUTPUTS = {"plate": PlateOutput, "plain-plate": PlainOutput, "conveyor": CellsOutput, "one-way": CellsOutput}
-"""By the machine's name."""
+"""Name of the machine -> output."""
 
 
 def rival_policy(info: TaskInfo, machine: str) -> Policy:
-    """Return the classical policy of a rival (:data:`.machines.MACHINES`): with the planner for several parts."""
+    """Return the classical policy of a machine (:data:`.machines.MACHINES`), with the planner for several parts."""
     straight = info.has_goal and len(info.parts) == 1
     policy = (LocalFieldPolicy if straight else PlannerPolicy)(info, law="pose", learn=False)
     policy.output = OUTPUTS[machine](info, MACHINES[machine](info.surface, info.parts))

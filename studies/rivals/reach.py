@@ -1,9 +1,12 @@
-"""How hard a machine can push several parts at once, each in a direction of its own: ``results/rivals-push.csv``.
+"""Largest simultaneous push of a machine on several parts in different directions: ``results/rivals-push.csv``.
 
-A linear programme: the largest share ``s`` of the full push such that all parts get it in their directions, on average over
-time. Every machine has generators, pushes of all elements that it can do, in groups that cannot do more than one of them at a
-time: the plate's strokes are one group, every cell of a conveyor is a group with one or two directions, every element of the
-segmented surface one with directions all around. What the parts turn by is not asked for.
+A linear programme finds the largest share ``s`` of the full push that all parts get in their directions, as a mean over time.
+Torques are free. A machine has generators (feasible pushes of all elements) in groups; within a group, one generator acts at a
+time:
+
+- plate: all strokes are one group;
+- conveyor: every cell is a group with one or two directions;
+- segmented surface: every element is a group with directions all around.
 """
 
 from __future__ import annotations
@@ -15,33 +18,33 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from studies.rivals.machines import MACHINES, Cells, Machine, Plate
-from studies.rivals.policies import first_strokes, places
+from studies.rivals.policies import element_positions, initial_strokes
 from vibgym.allocation import Allocator
 from vibgym.envs.vector import batch_of, environment_id
 from vibgym.policies.task_info import TaskInfo
 
 COUNTS = (1, 2, 3, 6, 12)
-"""Parts that want something."""
+"""Numbers of parts that are pushed."""
 
 SAMPLES = 50
-"""Scenes of parts, as SortTwelve begins, with directions drawn for each."""
+"""Number of scenes: starts of SortTwelve with random directions."""
 
 AROUND = 32
-"""Directions of an element of the segmented surface; between them it is taken for weaker, by half a percent at most."""
+"""Number of directions of an element of the segmented surface; between them its push is underestimated by at most 0.5 %."""
 
-FAST = ("segmented", *MACHINES)
+NAMES = ("segmented", *MACHINES)
 
 
 class Generators(NamedTuple):
-    """Pushes that a machine can do."""
+    """Feasible pushes of a machine."""
 
-    push: np.ndarray  # (n, elements, 2) of the plate, or (n, 2) of one element each
-    element: np.ndarray | None  # (n,) which; None: all
+    push: np.ndarray  # (n, elements, 2) of all elements, or (n, 2) of one element
+    element: np.ndarray | None  # (n,) index of the element; None: all elements
     group: np.ndarray  # (n,) int
 
 
 def generators(name: str, info: TaskInfo) -> Generators:
-    """Of a machine, see the module."""
+    """Return the generators of a machine, see the module."""
     elements = info.surface.rows * info.surface.columns
     if name == "segmented":
         angle = np.tile(2.0 * math.pi / AROUND * np.arange(AROUND), elements)
@@ -54,13 +57,13 @@ def generators(name: str, info: TaskInfo) -> Generators:
         element = np.tile(np.arange(elements), len(signs))
         return Generators(np.concatenate([sign * axis for sign in signs]), element, element)
     assert isinstance(machine, Plate)
-    stroke = first_strokes(info.surface, machine, places(info.surface)).stroke
+    stroke = initial_strokes(info.surface, machine, element_positions(info.surface)).stroke
     push = machine.pushes(np.concatenate([stroke, -stroke])).reshape(2 * len(stroke), -1, 2)
     return Generators(push, None, np.zeros(len(push), dtype=np.int64))
 
 
 def effects_of(generators: Generators, unit: np.ndarray) -> np.ndarray:
-    """(2 parts, n) what parts get of the generators; ``unit`` (elements, 2, parts, 2) of elements' unit pushes."""
+    """Return the pushes on parts (2 parts, n) by generator; ``unit`` (elements, 2, parts, 2): by unit push of an element."""
     if generators.element is None:
         given = np.einsum("nek,ekpi->npi", generators.push, unit)
     else:
@@ -69,11 +72,11 @@ def effects_of(generators: Generators, unit: np.ndarray) -> np.ndarray:
 
 
 def share(effects: np.ndarray, group: np.ndarray, wanted: np.ndarray) -> float:
-    """The largest share of the full push that all parts get in their directions.
+    """Return the largest share of the full push that all parts get in their directions.
 
     Args:
         effects: (2 parts, n).  group: (n,).
-        wanted: (2 parts,) unit vectors, one behind the other.
+        wanted: (2 parts,) concatenated unit vectors.
     """
     from scipy.optimize import linprog
     from scipy.sparse import coo_matrix
@@ -93,8 +96,8 @@ def share(effects: np.ndarray, group: np.ndarray, wanted: np.ndarray) -> float:
     return float(-found.fun)
 
 
-def rows(samples: int = SAMPLES, counts: Sequence[int] = COUNTS, names: Sequence[str] = FAST) -> list[dict[str, Any]]:
-    """Mean shares, and how often there is none, by machine and number of parts."""
+def rows(samples: int = SAMPLES, counts: Sequence[int] = COUNTS, names: Sequence[str] = NAMES) -> list[dict[str, Any]]:
+    """Return the mean and smallest share, and the frequency of zero, by machine and number of parts."""
     env: Any = batch_of(environment_id("SortTwelve"), num_envs=samples)
     env.reset(seed=list(range(samples)))
     info, pose = TaskInfo.of(env), env.unwrapped.truth.pose.copy()
@@ -103,16 +106,16 @@ def rows(samples: int = SAMPLES, counts: Sequence[int] = COUNTS, names: Sequence
     each = np.eye(2 * elements).reshape(2 * elements, info.surface.rows, info.surface.columns, 2)
     angle = np.random.default_rng(27).uniform(-math.pi, math.pi, (samples, len(info.parts)))
     shares = {(name, count): np.zeros(samples) for name in names for count in counts}
-    own = {name: generators(name, info) for name in names}
+    available = {name: generators(name, info) for name in names}
     for sample in range(samples):
-        there = np.ones((len(each), len(info.parts)), dtype=bool)
-        unit = allocator.effect(np.tile(pose[sample], (len(each), 1, 1)), there, each)[..., :2]
+        present = np.ones((len(each), len(info.parts)), dtype=bool)
+        unit = allocator.effect(np.tile(pose[sample], (len(each), 1, 1)), present, each)[..., :2]
         unit = unit.reshape(elements, 2, len(info.parts), 2)
         wanted = np.stack([np.cos(angle[sample]), np.sin(angle[sample])], axis=-1)
         for name in names:
-            effects = effects_of(own[name], unit)
+            effects = effects_of(available[name], unit)
             for count in counts:
-                shares[name, count][sample] = share(effects[: 2 * count], own[name].group, wanted[:count].ravel())
+                shares[name, count][sample] = share(effects[: 2 * count], available[name].group, wanted[:count].ravel())
     return [
         {"machine": name, "parts": count, "samples": samples, "share": float(values.mean()),
          "least": float(values.min()), "none": float((values < 1e-6).mean())}

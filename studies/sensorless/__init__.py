@@ -1,1 +1,1 @@
-"""Search for sensorless schedules, and their judgement: ``python -m studies.sensorless CONFIG``."""
+"""Search and evaluation of sensorless schedules: ``python -m studies.sensorless CONFIG``."""

@@ -1,6 +1,6 @@
 """Command line: ``python -m studies.sensorless CONFIG``.
 
-Searches schedules, judges them beside hand-made ones, and writes the best of each part and hardware and a page.
+Searches for schedules, compares them with hand-made ones, and writes the best of each part and hardware model, and a page.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from agents.command_line import Command
 def sensorless_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     command_line.config(parser, "YAML file, see configs/sensorless.yaml")
-    parser.add_argument("--page", type=Path, metavar="PATH", help="of the page, instead of sensorless.md in DIR")
+    parser.add_argument("--page", type=Path, metavar="PATH", help="path of the page (default: sensorless.md in DIR)")
 
 
 def sensorless(arguments: argparse.Namespace) -> None:
-    """Search, judge, and write schedules and page."""
+    """Search, evaluate, and write schedules and page."""
     from studies.sensorless.settings import load_settings
     from studies.sensorless.study import study
     from vibgym.files import output_directory, write_atomically
@@ -33,12 +33,14 @@ def sensorless(arguments: argparse.Namespace) -> None:
     print(f"page: {page}")
 
 
-COMMAND = Command(sensorless_arguments, sensorless, "directory of the schedules, instead of runs/sensorless")
+COMMAND = Command(sensorless_arguments, sensorless, "directory of the schedules (default: runs/sensorless)")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    return command_line.run("python -m studies.sensorless", "Find sensorless schedules.", COMMAND, argv)
+    return command_line.run(
+        "python -m studies.sensorless", "Search for sensorless schedules and evaluate them.", COMMAND, argv
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The results as a page of Markdown."""
+"""Page with the results, in Markdown."""
 
 from __future__ import annotations
 
@@ -8,26 +8,27 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agents.evaluation.table import markdown
 from studies.sensorless.settings import SensorlessSettings
 from vibgym import Surface
 from vibgym.policies.trained.schedule import Schedule
 
 AFTER = 1.25
-"""Time of the evaluation over the longest duration of a learned schedule."""
+"""Duration of the evaluation over the longest duration of a learned schedule."""
 
 
-class Judgement(NamedTuple):
-    """Evaluation of one schedule on one hardware. Arrays are (periods + 1,), over time.
+class Evaluation(NamedTuple):
+    """Evaluation of one schedule on one hardware model.
 
     Attributes:
-        fine, coarse: share of parts within Align's 2 mm and 3 deg, and within 5 mm and 5 deg.
-        distance, turn: (2,) median and 95th percentile at the end, m and rad.
+        fine, coarse: (periods + 1,) share of parts within 2 mm and 3 deg (Align), and within 5 mm and 5 deg.
+        distance, heading: (2,) median and 95th percentile of the errors at the end, m and rad.
     """
 
     fine: np.ndarray
     coarse: np.ndarray
     distance: np.ndarray
-    turn: np.ndarray
+    heading: np.ndarray
 
 
 class Entry(NamedTuple):
@@ -35,105 +36,106 @@ class Entry(NamedTuple):
 
     name: str
     schedule: Schedule
-    nominal: Judgement | None  # the part's own friction; None: not tried
-    varied: Judgement  # factors of the settings' range
-    success: float | None = None  # share of Align's episodes, friction varied; None: not tried
-    time: float = math.nan  # s, median of the successes
+    nominal: Evaluation | None  # nominal friction; None: not evaluated
+    varied: Evaluation  # varied friction
+    success: float | None = None  # share of episodes of Align, varied friction; None: not evaluated
+    time: float = math.nan  # s, median time to success
 
 
 class Case(NamedTuple):
-    """A part on a hardware."""
+    """Results of one part on one hardware model."""
 
     part: str
     hardware: str
     entries: Sequence[Entry]
-    shipped: str  # name of the entry that is shipped
-    searches: str  # duration and cost of the searches
+    shipped: str  # name of the shipped entry
+    searches: str  # sentence about the searches
 
 
 INTRODUCTION = """# Sensorless schedules
 
-Can a part of unknown pose be brought to a known one without any sensor? A *schedule* is a sequence of fields of the whole
-surface, independent of the part's motion. Each field leaves fewer poses possible, until there is one left, up to the part's
-symmetry (Böhringer, Donald and MacDonald, *Programmable force fields for distributed manipulation*, 1999; Kavraki, 1997,
-for a single elliptic field). The thesis tried one squeeze field (section 7.2.2).
+A *schedule* moves a part of unknown pose to a known pose without a sensor. It is a sequence of fields of the whole surface,
+independent of the part's motion. Each field reduces the set of possible poses, until one is left, up to the part's symmetry
+(Böhringer, Donald and MacDonald, *Programmable force fields for distributed manipulation*, 1999; Kavraki, 1997, for a single
+elliptic field). The thesis used one squeeze field (section 7.2.2).
 
 The part starts at rest, anywhere on the table, at any heading. The goal is the pose {goal}.
 
-**Learned** schedules have {segments} fields, each two squeezes at right angles and a swirl about one centre: eight numbers
-with its duration. CMA-ES finds them, over {starts} random starts a schedule, fresh in every generation, on the {model}
-model with friction {friction}. Its search begins at the best of the tuned schedules. After {seconds:g} s at most all
+**Learned** schedules have {segments} fields. Each field has two squeezes at right angles and a swirl about one centre: eight
+parameters with its duration. CMA-ES optimizes them, with {starts} random starts per schedule and new ones in every generation,
+on the {model} model with friction {friction}. The initial point is the best tuned schedule. After at most {seconds:g} s all
 elements rest.
 
-**Hand-made** ones are the thesis's squeeze fields: one; along x, then along y; along x, then both; both at once. Their last
-field goes on. *As drawn* has lines through the goal along its heading. *Tuned* is the best of 17 angles, three ramps, three
-strengths of the weaker squeeze and four centres: friction makes pushes run ahead of the table's motion, which turns parts away
-from the line that should align them.
+**Hand-made** schedules are squeeze fields of the thesis: one; along x, then along y; along x, then both; both at once. The
+last field acts until the end. *As drawn*: lines through the goal along its heading. *Tuned*: the best of 17 angles, three
+ramps, three strengths of the weaker squeeze and four centres. Tuning compensates the effect of friction on the direction of
+pushes, which turns parts away from the line.
 
-All figures are of {judged} fresh starts on the planar model, {after:g} s after the start. "Varied" is friction {friction}, and
-distance and heading are of these. Align's episodes have varied friction, too, and the environment's own starts.
+All results are of {judged} new starts on the planar model, {after:g} s after the start. *Nominal*: share of parts
+within these tolerances with the part's friction. *Varied*: the same with friction {friction}. Distance,
+heading error and episodes of Align have varied friction. The episodes have the starts of the environment.
 Command: `python -m studies.sensorless {config}`
 """
 
 
-def text(cases: Sequence[Case], settings: SensorlessSettings, surface: Surface, config: str, machine: str) -> str:
+def text(cases: Sequence[Case], settings: SensorlessSettings, surface: Surface, config: str, host: str) -> str:
     """Return the page."""
     x, y, heading = settings.goal
     lines = [
         INTRODUCTION.format(
             goal=f"x = {1e3 * x:g} mm, y = {1e3 * y:g} mm, heading {math.degrees(heading):g} deg",
             segments=settings.segments, starts=settings.starts, model=settings.model, seconds=settings.seconds,
-            friction=f"times {settings.friction[0]:g} to {settings.friction[1]:g}", judged=settings.judged, config=config,
-            after=AFTER * settings.seconds,
+            friction=f"multiplied by {settings.friction[0]:g} to {settings.friction[1]:g}", judged=settings.judged,
+            config=config, after=AFTER * settings.seconds,
         ),
-        machine + "\n",
+        host + "\n",
     ]  # fmt: skip
     return "\n".join([*lines, *(section(case, surface) for case in cases)])
 
 
 def section(case: Case, surface: Surface) -> str:
-    """Return the section on one part and hardware."""
-    lines = [f"## {case.part.replace('_', ' ').capitalize()}, {case.hardware} hardware\n", *_ends(case), ""]
-    lines += [*_curves(case, surface), "", case.searches, ""]
-    return "\n".join(lines)
+    """Return the section about one part and hardware model."""
+    pieces = [
+        f"## {case.part.replace('_', ' ').capitalize()}, {case.hardware} hardware",
+        _ends(case),
+        "Share of parts within 2 mm and 3 deg over time, with varied friction:",
+        _curves(case, surface),
+        case.searches,
+    ]
+    return "\n\n".join(pieces) + "\n"
 
 
-def _ends(case: Case) -> list[str]:
-    heads = (
-        "schedule", "5 mm, 5 deg", "2 mm, 3 deg", "varied: 5 mm, 5 deg", "2 mm, 3 deg", "distance: median, 95 %",
-        "heading: median, 95 %", "Align: success", "median time",
-    )  # fmt: skip
-    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+def _ends(case: Case) -> str:
+    tolerances = ("5 mm, 5 deg", "2 mm, 3 deg")
+    shares = [f"{friction}: {each}" for friction in ("nominal", "varied") for each in tolerances]
+    errors = ("distance: median, 95 %", "heading error: median, 95 %")
+    lines = []
     for entry in case.entries:
-        varied, (near, far), (little, much) = entry.varied, entry.varied.distance, np.degrees(entry.varied.turn)
-        name = f"**{entry.name}** (shipped)" if entry.name == case.shipped else entry.name
-        plain = (
-            ["", ""] if entry.nominal is None else [percent(entry.nominal.coarse[-1]), percent(entry.nominal.fine[-1])]
-        )
-        tried = ["", ""] if entry.success is None else [percent(entry.success), _seconds(entry.time)]
-        cells = [
-            name, *plain, percent(varied.coarse[-1]),
-            percent(varied.fine[-1]), f"{1e3 * near:.2f} mm, {1e3 * far:.2f} mm", f"{little:.2f} deg, {much:.2f} deg", *tried,
-        ]  # fmt: skip
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
+        (near, far), (little, much) = entry.varied.distance, np.degrees(entry.varied.heading)
+        lines.append([
+            f"**{entry.name}** (shipped)" if entry.name == case.shipped else entry.name,
+            *_shares(entry.nominal),
+            *_shares(entry.varied),
+            f"{1e3 * near:.2f} mm, {1e3 * far:.2f} mm",
+            f"{little:.2f} deg, {much:.2f} deg",
+            "" if entry.success is None else percent(entry.success),
+            "" if math.isnan(entry.time) else f"{entry.time:.2f} s",
+        ])  # fmt: skip
+    return markdown(("schedule", *shares, *errors, "Align: success", "median time"), lines)
 
 
-def _curves(case: Case, surface: Surface) -> list[str]:
+def _shares(evaluation: Evaluation | None) -> list[str]:
+    return ["", ""] if evaluation is None else [percent(evaluation.coarse[-1]), percent(evaluation.fine[-1])]
+
+
+def _curves(case: Case, surface: Surface) -> str:
     times = np.arange(1.5, 10.0, 0.5)
     periods = [round(each / surface.period) for each in times]
     shown = [(t, k) for t, k in zip(times.tolist(), periods) if k < len(case.entries[0].varied.fine)]
-    lines = ["Share within 2 mm and 3 deg after so many seconds, friction varied:\n"]
-    lines += ["| schedule | " + " | ".join(f"{t:g} s" for t, _ in shown) + " |", "|---" * (len(shown) + 1) + "|"]
-    for entry in case.entries:
-        lines.append(f"| {entry.name} | " + " | ".join(percent(entry.varied.fine[k]) for _, k in shown) + " |")
-    return lines
+    lines = [[entry.name, *(percent(entry.varied.fine[k]) for _, k in shown)] for entry in case.entries]
+    return markdown(("schedule", *(f"{t:g} s" for t, _ in shown)), lines)
 
 
 def percent(share: float) -> str:
-    """Return a share as text."""
+    """Return a share in percent."""
     return f"{100.0 * share:.1f} %"
-
-
-def _seconds(time: float) -> str:
-    return "" if math.isnan(time) else f"{time:.2f} s"

@@ -1,4 +1,4 @@
-"""Many schedules from the same starts on the same hardware, all in one batch; errors of their poses, and their cost."""
+"""Simulation of many schedules in one batch, errors of their final poses, and the cost of these."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from vibgym.physics.core.drive import phasor_drive
 from vibgym.policies.trained.schedule import Schedule
 
 MOST_WORLDS = 4096
-"""Simulated at once: their commands take 2 kB each."""
+"""Largest batch: the commands of a world take 2 kB."""
 
 
 class Trials(NamedTuple):
-    """Random conditions, the same for all schedules in a comparison.
+    """Random conditions, equal for all compared schedules.
 
     Attributes:
-        pose: (trials, 3) of the part at the start, m, m, rad.
+        pose: (trials, 3) initial pose of the part, m, m, rad.
         friction: (trials,) factor on the part's friction.
-        machine: (trials, draws) uniform numbers from which the actuators are drawn.
+        uniform: (trials, draws) random numbers in [0, 1) from which the actuators are drawn.
     """
 
     pose: np.ndarray
     friction: np.ndarray
-    machine: np.ndarray
+    uniform: np.ndarray
 
 
 def draw_trials(
     part: Part, surface: Surface, hardware: Any, friction: tuple[float, float], trials: int, seed: Sequence[int]
 ) -> Trials:
-    """Return starts anywhere on the surface, without overhang, at any heading; hardware; friction factors in a range."""
+    """Draw starts anywhere on the surface without overhang, at any heading, friction factors and properties of actuators."""
     random = np.random.default_rng(list(seed))
     room = np.array([surface.width, surface.depth]) - 2.0 * part.radius
-    place = part.radius + room * random.random((trials, 2))
-    pose = np.column_stack([place, random.uniform(-math.pi, math.pi, trials)])
+    position = part.radius + room * random.random((trials, 2))
+    pose = np.column_stack([position, random.uniform(-math.pi, math.pi, trials)])
     factors = random.uniform(*friction, trials)
     return Trials(pose, factors, random.random((trials, actuators_from(hardware, surface, 1, 1).draws)))
 
@@ -54,43 +54,31 @@ def play(
     periods: int = 1,
     threads: int | None = None,
 ) -> np.ndarray:
-    """Return poses (steps + 1, schedules, trials, 3) at the ends of steps, the start included.
+    """Simulate schedules; return poses (steps + 1, schedules, trials, 3) at the start and at the ends of steps.
 
     Args:
-        schedules: of any number of segments.
-        trials: starts, friction and machines.
+        schedules: with any number of segments.
+        trials: conditions.
         part, surface: the scene.
         hardware: as ``actuators=`` of an environment.
-        seconds: to simulate.
-        model: of the simulator; ``"averaged"`` takes a step in one stride.
-        periods: oscillation periods of a step; commands stay the same in it.
+        seconds: duration, s.
+        model: of the simulator; ``"averaged"`` integrates a step in one stride.
+        periods: oscillation periods per step, during which commands are constant.
         threads: of the simulator.
     """
-    each = max(MOST_WORLDS // len(trials.pose), 1)
-    chunks = [schedules[k : k + each] for k in range(0, len(schedules), each)]
-    return np.concatenate(
-        [_play(chunk, trials, part, surface, hardware, seconds, model, periods, threads) for chunk in chunks], 1
-    )
-
-
-def _play(
-    schedules: Sequence[Schedule],
-    trials: Trials,
-    part: Part,
-    surface: Surface,
-    hardware: Any,
-    seconds: float,
-    model: str,
-    periods: int,
-    threads: int | None,
-) -> np.ndarray:
+    most = max(MOST_WORLDS // len(trials.pose), 1)
+    if len(schedules) > most:
+        chunks = [schedules[k : k + most] for k in range(0, len(schedules), most)]
+        return np.concatenate(
+            [play(chunk, trials, part, surface, hardware, seconds, model, periods, threads) for chunk in chunks], axis=1
+        )
     count, many = len(schedules), len(trials.pose)
     worlds, size = count * many, 2 * surface.rows * surface.columns
-    knobs: dict[str, Any] = {"stride": periods} if model == "averaged" else {}
-    simulator = Simulator(surface, part, worlds=worlds, model=model, threads=threads, **knobs)
-    stage = actuators_from(hardware, surface, worlds, periods)
-    stage.prepare(phasor_drive(np.zeros((worlds, size), np.float32), surface.columns, surface.full_scale))
-    stage.reset(np.arange(worlds), np.tile(trials.machine, (count, 1)))
+    settings: dict[str, Any] = {"stride": periods} if model == "averaged" else {}
+    simulator = Simulator(surface, part, worlds=worlds, model=model, threads=threads, **settings)
+    actuators = actuators_from(hardware, surface, worlds, periods)
+    actuators.prepare(phasor_drive(np.zeros((worlds, size), np.float32), surface.columns, surface.full_scale))
+    actuators.reset(np.arange(worlds), np.tile(trials.uniform, (count, 1)))
     idle = np.array([[*surface.idle_velocity(part.friction * factor), 0.0] for factor in trials.friction.tolist()])
     simulator.reset(np.tile(trials.pose, (count, 1))[:, None], np.tile(idle, (count, 1))[:, None])
     simulator.set_conditions(slice(None), friction=np.tile(trials.friction, count)[:, None])
@@ -104,46 +92,47 @@ def _play(
         if changes[k]:
             command = np.array([share[k] @ fields for share, fields in zip(shares, phasors)], dtype=np.float32)
             drive = phasor_drive(np.repeat(command, many, axis=0), surface.columns, surface.full_scale)
-        assert drive is not None  # the first step always changes
-        for each, stretch in stage.apply(drive):
+        assert drive is not None  # the first step always changes the command
+        for each, stretch in actuators.apply(drive):
             simulator.run(each, stretch)
         poses.append(simulator.pose[:, 0])
     return np.array(poses).reshape(steps + 1, count, many, 3)
 
 
 FINE = (0.002, math.radians(3.0))
-"""m, rad: Align's tolerances."""
+"""Tolerances of Align, m and rad."""
 
 COARSE = (0.005, math.radians(5.0))
+"""m and rad."""
 
 
 class Errors(NamedTuple):
-    """Distance from the goal (m) and heading's deviation modulo the part's symmetry (rad), arrays of one shape."""
+    """Distance to the goal (m) and heading error modulo the part's symmetry (rad), arrays of one shape."""
 
     distance: np.ndarray
-    turn: np.ndarray
+    heading: np.ndarray
 
     def within(self, tolerance: tuple[float, float]) -> np.ndarray:
-        """Return where both are within a tolerance, bool."""
-        return (self.distance <= tolerance[0]) & (self.turn <= tolerance[1])
+        """Return whether both errors are within a tolerance, bool."""
+        return (self.distance <= tolerance[0]) & (self.heading <= tolerance[1])
 
 
 def errors_of(pose: np.ndarray, goal: np.ndarray, symmetry: int) -> Errors:
-    """Return the errors (...) of poses (..., 3); with ``symmetry`` 0, of a disc, all headings are equal."""
+    """Return the errors (...) of poses (..., 3); ``symmetry`` 0 (disc): no heading errors."""
     distance = np.hypot(pose[..., 0] - goal[0], pose[..., 1] - goal[1])
     if symmetry == 0:
         return Errors(distance, np.zeros_like(distance))
     period = 2.0 * math.pi / symmetry
-    turn = pose[..., 2] - goal[2]
-    return Errors(distance, np.abs(turn - period * np.round(turn / period)))
+    heading = pose[..., 2] - goal[2]
+    return Errors(distance, np.abs(heading - period * np.round(heading / period)))
 
 
 def cost(errors: Errors) -> np.ndarray:
-    """Return the smooth cost (schedules,) of errors (periods + 1, schedules, trials): the mean over time plus that of the end.
+    """Return the cost (schedules,) of errors (periods + 1, schedules, trials): mean over time plus mean over the last tenth.
 
-    A single error, in units of Align's tolerances, costs ``log(1 + e^2)``, so that both large errors and
-    errors just outside of the tolerance matter. The end is the last tenth of the time.
+    The cost of an error e, in units of Align's tolerances, is ``log(1 + e^2)``. It is sensitive to large errors and to errors
+    near the tolerance.
     """
-    each = np.log1p((errors.distance / FINE[0]) ** 2 + (errors.turn / FINE[1]) ** 2).mean(axis=-1)
+    each = np.log1p((errors.distance / FINE[0]) ** 2 + (errors.heading / FINE[1]) ** 2).mean(axis=-1)
     last = max(len(each) // 10, 1)
     return each.mean(axis=0) + each[-last:].mean(axis=0)

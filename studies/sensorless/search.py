@@ -1,4 +1,4 @@
-"""Schedules by CMA-ES (library ``cma``; Hansen, "The CMA evolution strategy: a tutorial", 2016)."""
+"""Search for schedules by CMA-ES (library ``cma``; Hansen, "The CMA evolution strategy: a tutorial", 2016)."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from vibgym import Part, Surface
 from vibgym.fields import DEFAULT_REACH
 from vibgym.policies.trained.schedule import LEAST_REACH, MOST_REACH, Schedule
 
-PLACES = (0.05, 0.025)  # m, what 1 in the search's units is along x and y
-TURN = 0.5  # rad
-MOST_LOG = 5.0  # of reach and duration, from where the search begins
-VALIDATION = 8  # times as many starts as a schedule has in the search
-NUMBERS = 8  # of a segment: its field's, and its duration
+CENTRE_UNITS = (0.05, 0.025)  # m along x and y per unit of the search
+ANGLE_UNIT = 0.5  # rad
+MOST_LOG = 5.0  # largest change of the logarithms of reach and duration
+VALIDATION = 8  # starts of the validation over those of a schedule in the search
+NUMBERS = 8  # parameters of a segment: those of its field, and its duration
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """Result of a search."""
 
     schedule: Schedule
     seed: int
-    validation: float  # cost from starts that the search has not seen
-    history: np.ndarray  # (generations,) least cost
+    validation: float  # cost on separate starts
+    history: np.ndarray  # (generations,) lowest cost
     seconds: float  # wall time
-    evaluations: int  # schedules that were played
+    evaluations: int  # number of simulated schedules
 
 
 REST = 0.5
-"""Seconds that a search looks beyond a schedule's end: parts turn by about a degree more while they come to rest."""
+"""s, simulated after the end of a schedule: parts turn by about a degree while they come to rest."""
 
 
 def decoded(numbers: np.ndarray, goal: np.ndarray, seconds: float, friction: float, step: float) -> Schedule:
-    """Return the schedule of a point (segments * 8,) of the search; its segments begin as equal shares of ``seconds``.
+    """Return the schedule of a point (segments * 8,) of the search; at 0 all segments have the same duration.
 
-    Durations that together exceed ``seconds`` are cut short in proportion, and every end is a multiple of ``step`` (s).
+    If the durations exceed ``seconds`` in total, they are scaled down. Every end is a multiple of ``step`` (s).
     """
     rows = np.asarray(numbers, dtype=np.float64).reshape(-1, NUMBERS)
     fields = np.empty((len(rows), NUMBERS - 1))
-    fields[:, :2] = np.clip(goal[:2] + rows[:, :2] * PLACES, -100.0, 100.0)
-    fields[:, 2] = np.clip(goal[2] + TURN * rows[:, 2], -100.0, 100.0)
+    fields[:, :2] = np.clip(goal[:2] + rows[:, :2] * CENTRE_UNITS, -100.0, 100.0)
+    fields[:, 2] = np.clip(goal[2] + ANGLE_UNIT * rows[:, 2], -100.0, 100.0)
     fields[:, 3:6] = np.clip(rows[:, 3:6], -100.0, 100.0)
     fields[:, 6] = np.clip(DEFAULT_REACH * _factor(rows[:, 6]), LEAST_REACH, MOST_REACH)
     lasts = seconds / len(rows) * _factor(rows[:, 7])
@@ -55,7 +55,7 @@ def decoded(numbers: np.ndarray, goal: np.ndarray, seconds: float, friction: flo
 
 
 def encoded(schedule: Schedule, segments: int, seconds: float) -> np.ndarray:
-    """Return the point (segments * 8,) of the search for ``schedule``, its longest segments halved until there are enough."""
+    """Return the point (segments * 8,) of ``schedule``; the longest segments are halved until there are ``segments``."""
     fields, lasts = list(schedule.fields), list(schedule.seconds)
     while len(lasts) < segments:
         k = int(np.argmax(lasts))
@@ -64,8 +64,8 @@ def encoded(schedule: Schedule, segments: int, seconds: float) -> np.ndarray:
         lasts.insert(k, lasts[k])
     rows = np.empty((segments, NUMBERS))
     given = np.array(fields)
-    rows[:, :2] = (given[:, :2] - schedule.goal[:2]) / PLACES
-    rows[:, 2] = (given[:, 2] - schedule.goal[2]) / TURN
+    rows[:, :2] = (given[:, :2] - schedule.goal[:2]) / CENTRE_UNITS
+    rows[:, 2] = (given[:, 2] - schedule.goal[2]) / ANGLE_UNIT
     rows[:, 3:6] = given[:, 3:6]
     rows[:, 6] = 2.0 * np.log(given[:, 6] / DEFAULT_REACH)
     rows[:, 7] = 2.0 * np.log(np.array(lasts) / (seconds / segments))
@@ -79,7 +79,7 @@ def _factor(numbers: np.ndarray) -> np.ndarray:
 def costs(
     schedules: list[Schedule], trials: Trials, part: Part, surface: Surface, settings: SensorlessSettings, hardware: str
 ) -> np.ndarray:
-    """Return the cost (schedules,) from these starts, see :func:`studies.sensorless.play.cost`."""
+    """Return the costs (schedules,), see :func:`studies.sensorless.play.cost`."""
     poses = play(
         schedules, trials, part, surface, hardware, settings.seconds + REST, settings.model, settings.periods,
         settings.threads,
@@ -88,7 +88,7 @@ def costs(
 
 
 def validation_trials(part: Part, surface: Surface, settings: SensorlessSettings, hardware: str) -> Trials:
-    """Return the starts for the selection: neither those of a search nor those of the evaluation."""
+    """Draw the starts for selecting a schedule, separate from those of search and evaluation."""
     return draw_trials(part, surface, hardware, settings.friction_range, VALIDATION * settings.starts, (2, 0))
 
 
@@ -100,11 +100,11 @@ def search(
     first: Schedule,
     seed: int,
     quiet: bool = False,
-) -> Found:
+) -> SearchResult:
     """Search for a schedule, starting at ``first``.
 
-    All schedules of a generation have the same starts, hardware and friction, every generation fresh ones. The result is
-    the centre of the last generation's distribution.
+    All schedules of a generation have the same trials; every generation has new ones. The result is the mean of the last
+    generation's distribution.
 
     Raises:
         ValueError: settings that the simulator does not take.
@@ -118,7 +118,7 @@ def search(
     options = {
         "popsize": settings.population,
         "randn": lambda *shape: random.standard_normal(shape),
-        "seed": math.nan,  # the generator above is all the randomness that there is
+        "seed": math.nan,  # no seed: all random numbers are those of the generator above
         "verbose": -9,
     }
     strategy = cma.CMAEvolutionStrategy(point.tolist(), settings.sigma, options)
@@ -131,5 +131,5 @@ def search(
         history.append(values.min())
     found = schedule_of(strategy.result.xfavorite)
     validation = costs([found], validation_trials(part, surface, settings, hardware), part, surface, settings, hardware)
-    lasted, played = time.perf_counter() - began, settings.generations * settings.population
-    return Found(found, seed, float(validation[0]), np.array(history), lasted, played)
+    duration, evaluations = time.perf_counter() - began, settings.generations * settings.population
+    return SearchResult(found, seed, float(validation[0]), np.array(history), duration, evaluations)

@@ -1,1 +1,1 @@
-"""Figures of the thesis, repeated: ``python -m studies.thesis``."""
+"""Figures of the thesis, reproduced: ``python -m studies.thesis``."""

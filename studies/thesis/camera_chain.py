@@ -1,4 +1,4 @@
-"""The chain of the thesis's chapter 5 in pictures, on an image of eleven parts."""
+"""Figs. 5.5 to 5.9: the image processing of the thesis on an image of eleven parts."""
 
 from __future__ import annotations
 
@@ -21,22 +21,17 @@ from vibgym.scene.parts import shipped_part
 
 
 class Scene:
-    """Eleven parts before the camera, and what its chain makes of them."""
+    """Eleven parts in front of the camera, and the results of its image processing."""
 
     def __init__(self) -> None:
         aluminium, steel = shipped_part("aluminium_block"), shipped_part("steel_block")
         parts = [aluminium] * 4 + [steel] * 4 + [Part.disc(0.020, friction=0.5)] * 3
         random, surface = np.random.default_rng(5), Surface()
-        self.pose = np.array(
-            [
-                [
-                    0.07 + 0.138 * (p % 6) + 0.07 * (p // 6) * 0.9,
-                    0.055 + 0.1 * (p // 6),
-                    random.uniform(-math.pi, math.pi),
-                ]
-                for p in range(11)
-            ]
-        )
+        self.pose = np.empty((11, 3))
+        for p in range(11):
+            row, column = divmod(p, 6)
+            x = 0.07 + 0.138 * column + 0.07 * row * 0.9
+            self.pose[p] = x, 0.055 + 0.1 * row, random.uniform(-math.pi, math.pi)
         self.sensor = CameraSensor(surface, parts, 1, 1, lines="all", edge="threshold")
         state = new_state(1, len(parts))
         state.pose[0], state.fallen[:] = self.pose, False
@@ -52,7 +47,7 @@ class Scene:
 
 
 def draw() -> Figure:
-    """The pictures, and how far the poses are off."""
+    """Draw the stages, and compare the measured poses with the true ones."""
     scene = Scene()
     read, true = scene.sensor.due.pose[0], scene.pose
     error = read - true
@@ -61,37 +56,33 @@ def draw() -> Figure:
     found = int(scene.found.count[0])
     return Figure(
         title="Figs. 5.5 to 5.9: from the image to poses",
-        shows="Eleven parts through the chain of the thesis's section 5.1: a fixed threshold within the area of "
-        "interest, runs, boundaries, centroids and principal axes, and the way to the surface by a template.",
+        shows="Eleven parts in the stages of the thesis's section 5.1: a fixed threshold within the area of "
+        "interest, runs, boundaries, centroids and principal axes, and the mapping to the surface by a template.",
         comparisons=(
+            Comparison("Detected parts", "11 of 11", f"{found} of 11", "none" if found == 11 else f"{found - 11:+d}"),
             Comparison(
-                "Parts found", "11 of 11", f"{found} of {len(true)}", "none" if found == 11 else f"{found - 11:+d}"
-            ),
-            Comparison(
-                "Worst place and heading of the eleven, whole pixels",
+                "Largest position and heading error of the eleven, whole pixels",
                 "not given",
                 f"{worst:.2f} mm, {turned:.2f} deg",
-                "the thesis gives no number",
+                "the thesis gives no value",
             ),
         ),
-        differs="The chain is the thesis's, step by step; its pictures show no numbers to compare.",
+        differs="The stages are those of the thesis; its pictures show no values to compare.",
         assumed=(
-            "Where the thesis's eleven parts lay is lost: ours lie on two lines, with random headings.",
-            "The camera is the prototype's with all lines; 1 % distortion, noise, blur and uneven light are ours.",
+            "The positions of the thesis's eleven parts are lost: here they are on two lines, with random headings.",
+            "The camera is the prototype's with all lines; 1 % distortion, noise, blur and uneven light are assumed.",
         ),
         pictures=(
-            Picture(_image(scene), "The image (fig. 5.5a)."),
+            Picture(_picture(scene.image), "The image (fig. 5.5a)."),
             Picture(
-                _binary(scene),
-                "After the threshold; what is grey lies outside the area of interest (fig. 5.5b).",
+                _picture(_binary(scene, scene.image)),
+                "After the threshold (fig. 5.5b); grey: not of interest.",
             ),
-            Picture(
-                _runs(scene), "One part: its runs of pixels (fig. 5.6), its boundary (fig. 5.7) and its true outline."
-            ),
-            Picture(_axes(scene), "Centroids and principal axes found (eqs. 5.5 and 5.7)."),
+            Picture(_runs(scene), "A part: runs of pixels (fig. 5.6), boundary (fig. 5.7) and true outline."),
+            Picture(_axes(scene), "Measured centroids and principal axes (eqs. 5.5 and 5.7)."),
             Picture(
                 _template(scene),
-                "The template after the threshold (fig. 5.9a), and the tetragons between its marks (fig. 5.9b).",
+                "The template after the threshold (fig. 5.9a), and the quadrilaterals between its marks (fig. 5.9b).",
             ),
         ),
     )
@@ -108,31 +99,31 @@ def _panel(height: float, rows: int = 1) -> tuple[Any, list[Axes]]:
     return figure, axes
 
 
-def _binary_of(scene: Scene, image: np.ndarray) -> np.ndarray:
+def _binary(scene: Scene, image: np.ndarray) -> np.ndarray:
+    """Return the image after the threshold, grey outside the area of interest."""
     interest = scene.setup.known.interest
     columns = np.arange(image.shape[1])
     inside = (columns >= interest.first[:, None]) & (columns <= interest.last[:, None])
     return np.where(inside, np.where(image < interest.threshold, 0, 255), 150).astype(np.uint8)
 
 
-def _image(scene: Scene) -> bytes:
-    figure, (axes,) = _panel(4.7)
-    axes.imshow(scene.image, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
-    return png(figure)
+def _show(axes: Axes, image: np.ndarray) -> None:
+    axes.imshow(image, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
 
 
-def _binary(scene: Scene) -> bytes:
+def _picture(image: np.ndarray) -> bytes:
     figure, (axes,) = _panel(4.7)
-    axes.imshow(_binary_of(scene, scene.image), cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+    _show(axes, image)
     return png(figure)
 
 
 def _outline(scene: Scene, part: int) -> np.ndarray:
+    """Return the closed outline of a part's top in the image, (n, 2) px."""
     shape, (x, y, heading) = scene.sensor.parts[part], scene.pose[part]
     c, s = math.cos(heading), math.sin(heading)
-    place = shape.outline @ np.array([[c, s], [-s, c]]) + (x, y)
-    places = projected(scene.setup.optics, np.column_stack([place, np.full(len(place), shape.height)]))
-    return np.vstack([places, places[:1]])
+    corners = shape.outline @ np.array([[c, s], [-s, c]]) + (x, y)
+    points = projected(scene.setup.optics, np.column_stack([corners, np.full(len(corners), shape.height)]))
+    return np.vstack([points, points[:1]])
 
 
 def _runs(scene: Scene) -> bytes:
@@ -157,7 +148,7 @@ def _runs(scene: Scene) -> bytes:
 def _axes(scene: Scene) -> bytes:
     figure, (axes,) = _panel(1.75)
     top, bottom = 185, 385
-    axes.imshow(scene.image, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+    _show(axes, scene.image)
     axes.set_ylim(bottom, top)
     for k, measure in enumerate(scene.measures):
         u, v = scene.found.moment[k, 1:3] / scene.found.moment[k, 0]
@@ -174,8 +165,7 @@ def _axes(scene: Scene) -> bytes:
 
 def _template(scene: Scene) -> bytes:
     figure, panels = _panel(3.5, rows=2)
-    binary = _binary_of(scene, scene.setup.template_image())
-    panels[0].imshow(binary, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+    _show(panels[0], _binary(scene, scene.setup.template_image()))
     places = scene.setup.known.grid.places
     lines = [*places, *places.transpose(1, 0, 2)]
     panels[1].add_collection(LineCollection(lines, colors=SUCCESS, linewidths=0.9))

@@ -1,4 +1,4 @@
-"""Fig. 5.8: error of the centroid of a disc caused by quantisation to whole pixels."""
+"""Fig. 5.8: error of the centroid of a disc from quantisation to whole pixels."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vibgym.plugins.camera.objects import Found, Interest, find_objects, new_fou
 from vibgym.simulation.threads import available_threads
 
 CORNERS = 256
-"""Of the polygon of equal area that is drawn for a disc."""
+"""Of the polygon of equal area that stands for a disc."""
 
 _LEVEL = 200
 
@@ -27,7 +27,7 @@ def _chain(
     radius: float, offset: np.ndarray, exposure: Exposure, interest: Interest, meaning: Grey, found: Found,
     bare: np.ndarray, grey: np.ndarray, error: np.ndarray,
 ) -> None:  # fmt: skip
-    """Errors (n, 2), px, of discs whose centres lie at ``offset`` (n, 2) from the middle pixel, by image and by chain."""
+    """Compute errors (n, 2), px, of discs with centres at ``offset`` (n, 2) from the middle pixel, by image processing."""
     places, box, moment = np.empty((CORNERS, 2)), np.zeros(4, dtype=np.int64), np.empty(6)
     middle = bare.shape[0] // 2
     for n in range(offset.shape[0]):
@@ -56,7 +56,7 @@ def _chain(
 
 @jit
 def _centres(radius: float, offset: np.ndarray, error: np.ndarray) -> None:
-    """The same for discs of all pixels whose centres they hold."""
+    """Compute the errors of discs that consist of the pixels whose centres they cover."""
     reach = math.ceil(radius) + 1
     for n in range(offset.shape[0]):
         count, x, y = 0.0, 0.0, 0.0
@@ -68,16 +68,16 @@ def _centres(radius: float, offset: np.ndarray, error: np.ndarray) -> None:
 
 
 def offsets(trials: int, seed: int = 58) -> np.ndarray:
-    """(trials, 2) px, random places of a disc's centre within a pixel."""
+    """Return random positions (trials, 2) px of a disc's centre within a pixel."""
     return np.random.default_rng(seed).random((trials, 2)) - 0.5
 
 
 def chain_errors(diameter: float, trials: int, grey: bool = False) -> np.ndarray:
-    """Errors (trials, 2), px, of the centroid that the camera's chain finds for a disc of ``diameter`` px.
+    """Return errors (trials, 2), px, of centroids measured by the camera's image processing for a disc of ``diameter`` px.
 
     Args:
-        diameter: at least 2, so that some pixel is always covered by half.
-        grey: use grey levels along the edge; else a pixel belongs to the disc if at least half of it is covered.
+        diameter: at least 2, so that half of some pixel is always covered.
+        grey: use grey levels along the edge; otherwise, a pixel belongs to the disc if at least half of it is covered.
     """
     size = 2 * math.ceil(0.5 * diameter + 4) + 1
     radius = 0.5 * diameter * math.sqrt(2.0 * math.pi / CORNERS / math.sin(2.0 * math.pi / CORNERS))
@@ -94,7 +94,7 @@ def chain_errors(diameter: float, trials: int, grey: bool = False) -> np.ndarray
 
 
 def centre_errors(diameter: float, trials: int) -> np.ndarray:
-    """Errors (trials, 2), px, if a pixel belongs to the disc when its centre does."""
+    """Return errors (trials, 2), px, if a pixel belongs to the disc when its centre does."""
     error = np.empty((trials, 2))
     _centres(0.5 * diameter, offsets(trials), error)
     return error
@@ -106,31 +106,28 @@ IN_TABLE = (2, 5, 10, 20, 40)
 
 
 def draw() -> Figure:
-    """The plot, and a table of its numbers."""
-    ways: dict[str, Callable[[int], np.ndarray]] = {
+    """Plot mean and standard deviation over the diameter."""
+    methods: dict[str, Callable[[int], np.ndarray]] = {
         "centre of the pixel": lambda diameter: centre_errors(diameter, TRIALS),
         "half of its area": lambda diameter: chain_errors(diameter, TRIALS),
         "grey levels": lambda diameter: chain_errors(diameter, GREY_TRIALS, grey=True),
     }
-    with ThreadPoolExecutor(available_threads()) as pool:  # kernels release the interpreter's lock
-        series = {name: list(pool.map(errors, DIAMETERS)) for name, errors in ways.items()}
+    with ThreadPoolExecutor(available_threads()) as pool:  # kernels release the GIL
+        series = {name: list(pool.map(errors, DIAMETERS)) for name, errors in methods.items()}
     rows = tuple(
         (f"{diameter} px", *(f"{series[name][diameter - DIAMETERS[0]].std():.4f} px" for name in series))
         for diameter in IN_TABLE
     )
     binary = ("centre of the pixel", "half of its area")
-    bias = max(float(abs(each.mean(axis=0)).max()) for name in binary for each in series[name])
-    scatter = max(
-        float((abs(each.mean(axis=0)) / each.std(axis=0)).max()) * TRIALS**0.5
-        for name in binary
-        for each in series[name]
-    )
+    errors = [each for name in binary for each in series[name]]
+    bias = max(float(abs(each.mean(axis=0)).max()) for each in errors)
+    scatter = max(float((abs(each.mean(axis=0)) / each.std(axis=0)).max()) * TRIALS**0.5 for each in errors)
     first, last = ([series[name][k].std() for name in binary] for k in (0, -1))
     finer = max(series["grey levels"][k].std() / series[binary[1]][k].std() for k in range(len(DIAMETERS)))
     return Figure(
         title="Fig. 5.8: error of the centroid of a disc",
-        shows="The thesis drew discs of 2 to 40 px at 10 000 random places each and found a mean of about zero and "
-        "a standard deviation that falls with the diameter.",
+        shows="The thesis drew discs of 2 to 40 px at 10 000 random positions each. The mean error is about zero; "
+        "the standard deviation falls with the diameter.",
         comparisons=(
             Comparison(
                 "Mean error, all diameters",
@@ -141,20 +138,20 @@ def draw() -> Figure:
             Comparison(
                 "Standard deviation from 2 to 40 px",
                 "falls; the curve is lost",
-                f"from {first[0]:.3f} and {first[1]:.3f} px to {last[0]:.3f} and {last[1]:.3f} px (both readings)",
+                f"from {first[0]:.3f} and {first[1]:.3f} px to {last[0]:.3f} and {last[1]:.3f} px (both definitions)",
                 "the trend is the same",
             ),
         ),
-        differs="Mean and trend agree; the curve itself is lost, so no difference in pixels can be given. Grey "
-        f"levels along the edge, which the prototype did not use, err by at most {100.0 * finer:.0f} % of that.",
+        differs="Mean and trend agree; the curve is lost, so the difference in pixels is unknown. The error with grey "
+        f"levels along the edge, which the prototype did not use, is at most {100.0 * finer:.0f} % of that without.",
         assumed=(
-            "The thesis does not say when a pixel belongs to a disc: both readings are shown, by the pixel's "
-            "centre and by half of its area.",
+            "The thesis does not define when a pixel belongs to a disc: both definitions are shown, by the "
+            "pixel's centre and by half of its area.",
         ),
         pictures=(
             Picture(
                 _plot(series),
-                "Standard deviation and mean of both coordinates, 10 000 places for each "
+                "Standard deviation and mean of both coordinates, 10 000 positions for each "
                 "diameter (2000 with grey levels).",
             ),
         ),
@@ -172,6 +169,6 @@ def _plot(series: Mapping[str, list[np.ndarray]]) -> bytes:
         axes.plot(DIAMETERS, [each.mean() for each in errors], color=colour, linewidth=0.8, linestyle=":")
     style(axes, xlabel="diameter, px", ylabel="error of the centroid, px")
     axes.set_xlim(0, 40)
-    axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED, title="what makes a pixel count", title_fontsize=7.5)
+    axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED, title="criterion for a pixel", title_fontsize=7.5)
     axes.annotate("dotted: mean", (39.5, 0.003), ha="right", va="bottom", fontsize=7, color=MUTED)
     return png(figure)

@@ -1,20 +1,20 @@
-"""The thesis's closed loops, wired as in figs. 5.15, 5.18, 5.22 and 5.23: one loop, two plants, two controllers.
+"""The thesis's closed loops, connected as in figs. 5.15, 5.18, 5.22 and 5.23: one loop, two plants, two controllers.
 
     set position -> controller -> wanted acceleration -> plant -> measured position
                         ^                                |
                         +-- observer <- acceleration after saturation
 
-The real plant is the planar simulator behind actuators, and before it the inverse of the frictional process with its
-saturation; the reduced plant is a double integrator. All elements push alike, so that the heading is left to itself.
+The real plant is the planar simulator with actuators, after the inverse of the frictional process with its saturation; the
+reduced plant is a double integrator. All elements get the same command, so headings are not controlled.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from studies.thesis.state_feedback import Estimate, Observer, StateFeedback
+from studies.thesis.state_feedback import Estimate, Observer, feedback
 from vibgym import Part, Simulator, Surface
 from vibgym.actuators import PrototypeActuators
 from vibgym.allocation.frictional import FrictionalInverse
@@ -22,69 +22,43 @@ from vibgym.physics.core.drive import polar_drive
 from vibgym.policies.classical.pid import Pid, PidMemory
 
 START = (0.1, 0.104)
-"""m, where parts are put down: with a step of 0.3 m there is room for an overshoot of twice that."""
+"""m, position of parts at the start; leaves room for an overshoot of twice a step of 0.3 m."""
 
 
 class Response(NamedTuple):
-    """Along x, arrays (steps, worlds), at the beginnings of the periods; amplitudes are those that begin then."""
+    """Step response along x, arrays (steps, worlds) at the beginnings of periods, with the amplitudes that begin there."""
 
     time: np.ndarray  # (steps,) s
-    position: np.ndarray  # m, from the start
+    position: np.ndarray  # m, relative to the start
     velocity: np.ndarray  # m/s, mean over the last period
-    estimate: np.ndarray  # m/s, the velocity that the observer gives
+    estimate: np.ndarray  # m/s, velocity of the observer
     wanted: np.ndarray  # m/s^2
     given: np.ndarray  # m/s^2, after saturation
-    amplitude: np.ndarray  # m, of the elements, commanded; 0 of the reduced plant
+    amplitude: np.ndarray  # m, commanded to all elements; 0 for the reduced plant
 
     def overshoot(self, step: float) -> np.ndarray:
-        """(worlds,) how far parts go too far, over the step."""
+        """Return the overshoot (worlds,) relative to the step, m."""
         return self.position.max(axis=0) / step - 1.0
 
     def residual(self, step: float, seconds: float) -> np.ndarray:
-        """(worlds,) m, root mean square of what is left during the last seconds."""
+        """Return the rms position error (worlds,) m during the last seconds."""
         return np.sqrt(((self.position[self._last(seconds)] - step) ** 2).mean(axis=0))
 
-    def unrest(self, seconds: float) -> np.ndarray:
-        """(worlds,) m/s, root mean square of the velocity during the last seconds."""
+    def rms_velocity(self, seconds: float) -> np.ndarray:
+        """Return the rms velocity (worlds,) m/s during the last seconds."""
         return np.sqrt((self.velocity[self._last(seconds)] ** 2).mean(axis=0))
 
     def _last(self, seconds: float) -> np.ndarray:
         return self.time > self.time[-1] - seconds
 
 
-class Plant(Protocol):
-    """Controlled system; arrays (worlds, 1, 3)."""
-
-    period: float
-    worlds: int
-
-    def measured(self) -> np.ndarray:
-        """Positions as a sensor sees them now."""
-        ...
-
-    def state(self) -> Estimate:
-        """True positions, and mean velocities."""
-        ...
-
-    def give(self, wanted: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Go on by a period: accelerations after saturation, as the controller can know them, and amplitudes (worlds,) m.
-
-        Args:
-            wanted: accelerations.
-            velocity: mean velocities that the controller knows of.
-        """
-        ...
-
-
 class ReducedPlant:
-    """Double integrators, of which nothing is asked in vain unless the acceleration has a limit.
+    """Double integrator. Arrays are (1, 1, 3), as (worlds, 1, 3) of :class:`RealPlant`.
 
     Args:
         period: s.
-        limit: m/s^2.
+        limit: m/s^2, largest acceleration.
     """
-
-    worlds = 1
 
     def __init__(self, period: float, limit: float = np.inf) -> None:
         self.period, self.limit = period, limit
@@ -92,31 +66,31 @@ class ReducedPlant:
         self._state.position[..., :2] = START
 
     def measured(self) -> np.ndarray:
-        """Without errors."""
+        """Return the position, without errors."""
         return self._state.position
 
     def state(self) -> Estimate:
-        """Position and velocity."""
+        """Return position and velocity."""
         return self._state
 
     def give(self, wanted: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`Plant`."""
-        given = shortened(wanted, self.limit)
+        """See :meth:`RealPlant.give`."""
+        given = limit_length(wanted, self.limit)
         position, now = self._state
         self._state = Estimate(position + self.period * now + 0.5 * self.period**2 * given, now + self.period * given)
         return given, np.zeros(1)
 
 
 class RealPlant:
-    """Parts in the planar simulator, on elements that are all commanded alike.
+    """Parts in the planar simulator, on elements with a common command. Arrays are (worlds, 1, 3).
 
     Args:
         part: on the prototype's surface.
-        worlds: how many machines.
-        limit: m, largest amplitude; None: where parts would lift off.
+        worlds: number of independent machines.
+        limit: m, largest amplitude; None: the lift-off amplitude.
         noise: m, standard deviation of measured positions.
         seed: of noise and machines.
-        **actuators: settings of :class:`vibgym.actuators.PrototypeActuators`; by default elements realise every command.
+        **actuators: settings of :class:`vibgym.actuators.PrototypeActuators`; ideal by default.
     """
 
     def __init__(
@@ -145,17 +119,22 @@ class RealPlant:
         self._mean = np.zeros((worlds, 1, 3))
 
     def measured(self) -> np.ndarray:
-        """Positions at the beginning of the period, with noise; the heading is set to zero, as it is not controlled."""
+        """Return positions at the beginning of the period, with noise; headings, not controlled, are zero."""
         position = self.simulator.pose + self.noise * self.generator.normal(size=(self.worlds, 1, 3))
         position[..., 2] = 0.0
         return position
 
     def state(self) -> Estimate:
-        """Positions, and mean velocities over the last period."""
+        """Return true positions, and mean velocities over the last period."""
         return Estimate(self.simulator.pose, self._mean)
 
     def give(self, wanted: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`Plant`."""
+        """Advance a period; return accelerations after saturation, as known to the controller, and amplitudes (worlds,) m.
+
+        Args:
+            wanted: accelerations.
+            velocity: mean velocities known to the controller.
+        """
         found, surface = self.inverse.push(velocity, wanted), self.surface
         assert surface.max_amplitude is not None
         x, y = (found.push[:, :, k, None] for k in range(2))
@@ -167,60 +146,49 @@ class RealPlant:
         return found.acceleration, amplitude[:, 0, 0]
 
 
-class Controller(Protocol):
-    """Controller that outputs accelerations; arrays (worlds, 1, 3)."""
-
-    def wanted(self, target: np.ndarray, position: np.ndarray, estimate: Estimate) -> np.ndarray:
-        """Accelerations, from set and measured positions and from what the observer says."""
-        ...
-
-    def applied(self, given: np.ndarray) -> None:
-        """Receive the acceleration after saturation."""
-        ...
-
-
 class PidController:
-    """Fig. 5.18: positions alone are controlled; the observer serves the inverse of the frictional process."""
+    """PID control of positions (fig. 5.18); the observer serves the inverse of the frictional process only."""
 
     def __init__(self, period: float, **settings: Any) -> None:
         self.pid = Pid(period, **settings)
         self.memory: PidMemory | None = None
 
     def wanted(self, target: np.ndarray, position: np.ndarray, estimate: Estimate) -> np.ndarray:
-        """See :class:`Controller`."""
+        """Return accelerations, from set and measured positions (worlds, 1, 3) and the observer's estimate."""
         memory = self.pid.initial(position.shape) if self.memory is None else self.memory
         wanted, self.memory = self.pid.output(target - position, memory)
         return wanted
 
     def applied(self, given: np.ndarray) -> None:
-        """See :class:`Controller`."""
+        """Receive the accelerations after saturation."""
         assert self.memory is not None
         self.memory = self.pid.applied(given, self.memory)
 
 
 class StateController:
-    """Fig. 5.23: a gain on the observer's state."""
-
-    def __init__(self, **settings: Any) -> None:
-        self.feedback = StateFeedback(**settings)
+    """State feedback (fig. 5.23)."""
 
     def wanted(self, target: np.ndarray, position: np.ndarray, estimate: Estimate) -> np.ndarray:
-        """See :class:`Controller`."""
-        return self.feedback.output(target, estimate)
+        """See :meth:`PidController.wanted`."""
+        return feedback(target, estimate)
 
     def applied(self, given: np.ndarray) -> None:
-        """It has no memory."""
+        """Without memory."""
 
 
 def step_response(
-    controller: Controller, plant: Plant, step: float, seconds: float, observer: Observer | None
+    controller: PidController | StateController,
+    plant: ReducedPlant | RealPlant,
+    step: float,
+    seconds: float,
+    observer: Observer | None,
 ) -> Response:
-    """What becomes of a step in the set position along x.
+    """Return the response to a step in the set position along x.
 
     Args:
-        controller, plant: fresh ones.
+        controller, plant: in their initial states.
         step: m.
-        seconds: how long.
+        seconds: duration, s.
         observer: None: the plant's state is known (figs. 5.15 and 5.22).
     """
     start = plant.measured()
@@ -242,15 +210,7 @@ def step_response(
     return Response(plant.period * np.arange(len(rows)), *values)
 
 
-def shortened(vectors: np.ndarray, most: float | np.ndarray) -> np.ndarray:
-    """The saturation block of figs. 5.18 and 5.23: vectors (..., n), those longer than the limit shortened to it.
-
-    An amplitude that is limited, with its phase kept, is a push of this kind; :class:`vibgym.allocation.frictional
-    .FrictionalInverse` limits in the same way what a push changes of a part's acceleration.
-
-    Args:
-        vectors: finite.
-        most: broadcastable to (...,), > 0.
-    """
+def limit_length(vectors: np.ndarray, most: float) -> np.ndarray:
+    """Shorten vectors (..., n) beyond the limit ``most`` to it: the saturation of figs. 5.18 and 5.23."""
     length = np.sqrt((vectors**2).sum(axis=-1))
     return vectors / np.maximum(length / most, 1.0)[..., None]

@@ -1,4 +1,4 @@
-"""Table 7.1 and fig. 7.7: how long one cycle of the control software takes, by the number of objects."""
+"""Table 7.1 and fig. 7.7: execution time of a cycle of the control software over the number of objects."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 
 from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, png, style
 from studies.thesis.figure import Comparison, Figure, Picture, Table
-from studies.thesis.state_feedback import Estimate, Observer, StateFeedback
+from studies.thesis.state_feedback import Estimate, Observer, feedback
+from studies.thesis.velocity import DEAD_ZONE
 from vibgym import Surface
 from vibgym.actuators import DataSheet
 from vibgym.allocation import Allocator
@@ -24,25 +25,23 @@ from vibgym.scene.parts import shipped_part
 OBJECTS = (1, 2, 4, 6, 8)
 REPEATS = 200
 
-DEAD_ZONE = 1e-4  # m
-
 
 class Cycle(NamedTuple):
-    """Medians of the parts of a cycle, s."""
+    """Median times of the stages of a cycle, s."""
 
-    image: float  # objects found in the image, boundaries, moments, places on the surface
+    image: float  # detection of objects, boundaries, moments, positions on the surface
     blocks: float  # observer, controller and inverse of the frictional process
     allocation: float  # phasors of the elements under the parts
-    dead_zone: float  # the same where elements rest or move by more than the dead zone
+    dead_zone: float  # allocation with elements that rest or exceed the dead zone
 
     @property
     def total(self) -> float:
-        """With ideal elements, s."""
+        """Time with ideal elements, s."""
         return self.image + self.blocks + self.allocation
 
 
 def median_time(work: Callable[[], object]) -> float:
-    """s, of one call."""
+    """Return the median time of a call, s."""
     taken = []
     for _ in range(REPEATS):
         start = time.perf_counter()
@@ -52,16 +51,16 @@ def median_time(work: Callable[[], object]) -> float:
 
 
 def cycle(objects: int) -> Cycle:
-    """Of one machine with so many aluminium blocks, each in a place of its own on two lines."""
+    """Measure the times for a surface with ``objects`` aluminium blocks on two lines."""
     surface, parts, random = Surface(), [shipped_part("aluminium_block")] * objects, np.random.default_rng(objects)
-    place = np.array(
+    start = np.array(
         [[0.13 + 0.19 * (p // 2), 0.055 + 0.1 * (p % 2), random.uniform(-3.0, 3.0)] for p in range(objects)]
     )
-    pose, present = place[None], np.ones((1, objects), dtype=bool)
+    pose, present = start[None], np.ones((1, objects), dtype=bool)
 
     camera = CameraSensor(surface, parts, 1, 1, lines="half", edge="threshold")
     state = new_state(1, objects)
-    state.pose[0], state.fallen[:] = place, False
+    state.pose[0], state.fallen[:] = start, False
     camera.keep_pictures()
     camera.reset(np.array([0]), state, np.array([[0.3, 0.6]]))
     image, known = camera.image()[0], camera.setup.known
@@ -72,17 +71,17 @@ def cycle(objects: int) -> Cycle:
         for k in range(int(found.count[0])):
             measure_object(image, known, found, k, measures[k])
 
-    observer, feedback, process = Observer(surface.period), StateFeedback(), FrictionalInverse(surface, parts)
+    observer, process = Observer(surface.period), FrictionalInverse(surface, parts)
     estimate, target = Estimate(pose, np.zeros_like(pose)), pose + random.uniform(-0.1, 0.1, pose.shape)
 
     def control() -> np.ndarray:
-        push, acceleration, _ = process.push(estimate.velocity, feedback.output(target, estimate))
+        push, acceleration, _ = process.push(estimate.velocity, feedback(target, estimate))
         observer.update(estimate, pose, acceleration)
         return push
 
     push, limit = control(), surface.lift_off_amplitude
     ideal, real = (Allocator(surface, parts, DataSheet(limit, width)) for width in (0.0, DEAD_ZONE))
-    look()  # kernels are compiled or loaded, none of the times is that of a first call
+    look()  # first calls compile or load kernels
     for each in (ideal, real):
         each.actions(pose, present, push)
     return Cycle(
@@ -94,49 +93,49 @@ def cycle(objects: int) -> Cycle:
 
 
 def draw() -> Figure:
-    """Times over the number of objects."""
+    """Measure and plot the times over the number of objects."""
     cycles = {objects: cycle(objects) for objects in OBJECTS}
     first, last = cycles[OBJECTS[0]], cycles[OBJECTS[-1]]
     period = Surface().period
     return Figure(
         title="Table 7.1 and fig. 7.7: execution time of one control cycle",
         shows="The thesis gives the average times of a cycle in ms for up to eight objects and for several shares of the image "
-        "that were searched, in sum and for image processing, control (all blocks of fig. 5.23, the inverse of the "
-        "frictional process solved by iteration) and a third part. A cycle has to fit into a period of 40 ms. All numbers are "
-        "lost; the axes of fig. 7.7 end at 8 objects and at 80 ms.",
+        "that were searched: in total, for image processing, for control (all blocks of fig. 5.23, with the inverse of the "
+        "frictional process solved by iteration) and for a third stage. A cycle must fit into a period of 40 ms. All values "
+        "are lost; the axes of fig. 7.7 end at 8 objects and at 80 ms.",
         comparisons=(
             Comparison(
                 "A cycle with 1 and with 8 objects",
                 "lost; between 0 and 80 ms",
                 f"{1e3 * first.total:.2f} ms and {1e3 * last.total:.2f} ms",
-                "faster by what twenty-five years have made of computers; no number to compare",
+                "faster by 25 years of computers; no value to compare",
             ),
             Comparison(
                 "Share of a period with 8 objects",
                 "lost",
                 f"{100.0 * last.total / period:.1f} %",
-                "the thesis's number of objects was limited by it, ours is not",
+                "it limited the number of objects in the thesis, but not here",
             ),
             Comparison(
                 "Control alone, 8 objects",
                 "lost",
                 f"{1e3 * (last.blocks + last.allocation):.2f} ms, with a dead zone "
                 f"{1e3 * (last.blocks + last.dead_zone):.2f} ms",
-                "no number to compare",
+                "no value to compare",
             ),
         ),
-        differs=f"Only the axes of fig. 7.7 are left. Ours takes {1e3 * first.total:.2f} ms with one object and "
-        f"{1e3 * last.total:.2f} ms with eight, on the computer that has drawn this page.",
+        differs=f"Only the axes of fig. 7.7 are left. A cycle takes {1e3 * first.total:.2f} ms with one object and "
+        f"{1e3 * last.total:.2f} ms with eight, on the computer that drew this page.",
         assumed=(
             "The whole image with half of its lines is searched, as on the prototype; the thesis varied the share.",
-            "Ours gives every element under a part a phasor of its own; the thesis's elements under a part did the same.",
-            "The time in which the camera takes the image, and sending amplitudes to the elements, are not counted.",
+            "Every element under a part has its own phasor, in the simulation and in the thesis.",
+            "The times of exposure and of sending amplitudes to the elements are excluded.",
         ),
-        pictures=(Picture(_plot(cycles), f"Medians of {REPEATS} cycles on one core, by the parts of a cycle."),),
+        pictures=(Picture(_plot(cycles), f"Medians of {REPEATS} cycles on one core, by stage."),),
         tables=(
             Table(
                 f"Medians of {REPEATS} cycles.",
-                ("Objects", "Image processing", "Observer, controller, inverse", "Allocation", "The same with a dead zone",
+                ("Objects", "Image processing", "Observer, controller, inverse", "Allocation", "Allocation with a dead zone",
                  "Total"),
                 tuple(
                     (str(objects), *(f"{1e3 * each:.3f} ms" for each in (*one, one.total))) for objects, one in cycles.items()

@@ -1,4 +1,4 @@
-"""Fig. 6.2: how large elements may be, if fields alone shall align parts on a rectangular grid."""
+"""Fig. 6.2: largest element size with which fields alone align parts on a rectangular grid."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from vibgym import Part, Simulator, Surface
 from vibgym.scene.parts import shipped_part
 
 PITCH = 0.052
-"""m, of the grid: the next even number of millimetres above the blocks' 50 mm."""
+"""m, of the grid: the next even number of mm above the 50 mm of the blocks."""
 
 GRID = 4  # points of the grid along each side
 PERIODS = 150
-PLACES = 100
+STARTS = 100
 ALIGNED = 2e-3  # m
 SIZES = tuple(PITCH / each for each in (5, 4, 3, 2.5, 2, 1.75, 1.5, 1.25, 1))
 
 
 def aligned(
-    part: Part, element_size: float, pitch: float = PITCH, places: int = 100, seed: int = 62
+    part: Part, element_size: float, pitch: float = PITCH, starts: int = STARTS, seed: int = 62
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distances (places,) m of parts from the nearest point of the grid in the end, and their poses (places, 3).
+    """Return final distances (starts,) m of parts from the nearest point of the grid, and their poses (starts, 3).
 
-    Every element pushes in full towards the point of the grid that is nearest to its centre, along x, y or diagonally; one
-    whose centre lies on that point rests. Parts start at random within the middle cells of the grid, one a world.
+    Every element pushes with full amplitude towards the nearest point of the grid, along x, y or diagonally; an element on that
+    point rests. Parts start at random poses in the middle cells of the grid, one per world.
     """
     count = math.ceil(GRID * pitch / element_size - 1e-9)
     surface = Surface(rows=count, columns=count, element_size=element_size)
@@ -40,10 +40,10 @@ def aligned(
     push_x, push_y = (np.sign(np.round(missing(each), 9)) for each in surface.element_centres())
     amplitude = np.where((push_x != 0.0) | (push_y != 0.0), surface.lift_off_amplitude, 0.0)
     random = np.random.default_rng(seed)
-    pose = np.empty((places, 1, 3))
-    pose[..., :2] = random.uniform(pitch, (GRID - 1) * pitch, (places, 1, 2))
-    pose[..., 2] = random.uniform(-math.pi, math.pi, (places, 1))
-    simulator = Simulator(surface, part, worlds=places)
+    pose = np.empty((starts, 1, 3))
+    pose[..., :2] = random.uniform(pitch, (GRID - 1) * pitch, (starts, 1, 2))
+    pose[..., 2] = random.uniform(-math.pi, math.pi, (starts, 1))
+    simulator = Simulator(surface, part, worlds=starts)
     simulator.reset(pose, [*surface.idle_velocity(part.friction), 0.0])
     simulator.advance(amplitude, np.arctan2(-push_x, -push_y), PERIODS)
     pose = simulator.pose[:, 0]
@@ -51,9 +51,9 @@ def aligned(
 
 
 def draw() -> Figure:
-    """Share of the parts that are aligned, by the elements' size, and where they come to rest."""
+    """Compute and plot the share of aligned parts over the element size, and their final poses."""
     parts = {"steel": shipped_part("steel_block"), "aluminium": shipped_part("aluminium_block")}
-    results = {(name, size): aligned(part, size, places=PLACES) for name, part in parts.items() for size in SIZES}
+    results = {(name, size): aligned(part, size, starts=STARTS) for name, part in parts.items() for size in SIZES}
     shares = {key: float((distance < ALIGNED).mean()) for key, (distance, _) in results.items()}
     largest = max(size for size in SIZES if min(shares[name, size] for name in parts) == 1.0)
     rows = tuple(
@@ -68,36 +68,36 @@ def draw() -> Figure:
     )
     return Figure(
         title="Fig. 6.2: the largest elements that align parts on a grid",
-        shows="The thesis draws the largest size of the elements with which fields alone, without a sensor, align "
-        "parts on a rectangular grid. Its drawing and its formula are lost; the prototype's elements measure 26 mm.",
+        shows="The thesis shows the largest element size with which fields alone, without a sensor, align parts on a "
+        "rectangular grid. Drawing and formula are lost; the prototype's elements measure 26 mm.",
         comparisons=(
             Comparison(
-                "Size of an element, for blocks of 50 mm on a grid of 52 mm", "26 mm (the prototype)",
-                f"{1e3 * largest:.1f} mm", "none, but the pitch is our assumption",
+                "Element size for blocks of 50 mm on a grid of 52 mm", "26 mm (the prototype)",
+                f"{1e3 * largest:.1f} mm", "none, but the pitch is assumed",
             ),
             Comparison(
-                "Largest element over the pitch of the grid", "lost", f"{largest / PITCH:.2f}",
-                "the formula is lost; half the pitch fits the prototype's size",
+                "Largest element size over the pitch of the grid", "lost", f"{largest / PITCH:.2f}",
+                "the formula is lost; half the pitch is the prototype's size",
             ),
             Comparison(
-                "Blocks aligned with elements of half the pitch", "all, by intention",
+                "Blocks aligned with elements of half the pitch", "all, by design",
                 ", ".join(f"{100.0 * shares[name, 0.5 * PITCH]:.0f} % ({name})" for name in parts), "agrees",
             ),
         ),
-        differs="A point of the grid attracts parts where elements that push towards it meet, so that each point "
-        "needs at least two by two elements of its own: an element is at most half the pitch. The simulation bears "
-        "that out, and for the prototype's blocks it gives the prototype's size; smaller elements align all parts "
-        "if an even number of them makes up the pitch. Whether the thesis argued so is not known.",
+        differs="Each point of the grid needs at least two by two elements that push towards it: an element is at "
+        "most half the pitch. The simulation agrees, and for the prototype's blocks the result is the prototype's "
+        "size. Smaller elements align all parts if the pitch is an even number of them. The argument of the thesis "
+        "is not known.",
         assumed=(
-            "The pitch: 52 mm, at which blocks of 50 mm stand side by side.",
+            "The pitch is 52 mm: blocks of 50 mm are side by side.",
             "Ideal elements at the lift-off amplitude, each pushing towards the nearest point of the grid; phases "
             "are not corrected for friction.",
         ),
         pictures=(
             Picture(
                 _plot(shares, results["aluminium", 0.5 * PITCH][1]),
-                f"Left: share aligned after {PERIODS * Surface().period:.0f} s, by size; line: half the pitch. "
-                f"Right: where aluminium blocks rest on elements of 26 mm, {PLACES} random starts; crosses: the "
+                f"Left: share of aligned parts after {PERIODS * Surface().period:.0f} s; line: half the pitch. "
+                f"Right: final poses of aluminium blocks on elements of 26 mm, {STARTS} random starts; crosses: "
                 "grid.",
             ),
         ),
@@ -108,7 +108,7 @@ def draw() -> Figure:
 
 
 def _plot(shares: dict[tuple[str, float], float], resting: np.ndarray) -> bytes:
-    """Shares over the elements' size, and poses (places, 3) in which aluminium blocks rest."""
+    """Plot the shares over the element size, and final poses (starts, 3) of aluminium blocks."""
     figure = new_figure(7.6, 3.2)
     left, right = figure.subplots(1, 2)
     for name, colour, marker in (("steel", INK, "o"), ("aluminium", FAILURE, "x")):
@@ -118,16 +118,16 @@ def _plot(shares: dict[tuple[str, float], float], resting: np.ndarray) -> bytes:
         )  # fmt: skip
     left.axvline(0.5e3 * PITCH, color=SUCCESS, linewidth=0.8)
     left.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
-    style(left, xlabel="size of an element, mm", ylabel=f"within {1e3 * ALIGNED:.0f} mm of the grid, %")
-    _draw_places(right, shipped_part("aluminium_block"), resting)
+    style(left, xlabel="element size, mm", ylabel=f"within {1e3 * ALIGNED:.0f} mm of the grid, %")
+    _draw_poses(right, shipped_part("aluminium_block"), resting)
     return png(figure)
 
 
-def _draw_places(axes: Axes, part: Part, pose: np.ndarray) -> None:
+def _draw_poses(axes: Axes, part: Part, pose: np.ndarray) -> None:
     for x, y, heading in pose:
         c, s = math.cos(heading), math.sin(heading)
-        place = part.outline @ np.array([[c, s], [-s, c]]) + (x, y)
-        axes.add_patch(Polygon(1e3 * place, facecolor=(*kind_colour(0)[:3], 0.03), edgecolor=INK, linewidth=0.3))
+        corners = part.outline @ np.array([[c, s], [-s, c]]) + (x, y)
+        axes.add_patch(Polygon(1e3 * corners, facecolor=(*kind_colour(0)[:3], 0.03), edgecolor=INK, linewidth=0.3))
     grid = 1e3 * PITCH * (np.arange(GRID) + 0.5)
     axes.plot(*np.meshgrid(grid, grid), "+", color=FAILURE, markersize=5)
     style(axes, xlabel="x, mm", ylabel="y, mm")

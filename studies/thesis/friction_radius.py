@@ -1,4 +1,4 @@
-"""Figs. 7.1 and 7.2: the radius of a part's motion over frequency, by :mod:`studies.accuracy.friction_experiment`."""
+"""Figs. 7.1 and 7.2: radius of a part's motion over frequency, see :mod:`studies.accuracy.friction_experiment`."""
 
 from __future__ import annotations
 
@@ -10,25 +10,27 @@ from studies.thesis.figure import Comparison, Figure, Picture, Table, of_number
 
 FREQUENCIES = np.linspace(1.0, 10.0, 46)
 STATIC_RATIO = 1.02
-"""mu_0 over mu in the repeated measurement: a window of 1 % in frequency, which steps of 0.2 Hz do not resolve."""
+"""mu_0 over mu in the measurement: a window of 1 % in frequency, below the resolution of 0.2 Hz."""
 
 SHOWN_RATIO = 1.3
-"""mu_0 over mu in the drawing of what is expected, wide enough to be seen."""
+"""mu_0 over mu in the plot of the expected radius, with a visible window."""
 
 DOTTED = (0.5, 0.6, 0.7, 0.8)  # friction of the dotted lines in the thesis
 PART = {"steel_block": "steel", "aluminium_block": "aluminium"}
 
 
 def largest_misfit(block: Block, frequencies: np.ndarray) -> float:
-    """Largest distance of the simulated radii from the closed forms (eqs. 3.30, 3.37), m, both sweeps, further than 0.05 Hz
-    from where sliding and sticking end."""
+    """Return the largest deviation of simulated radii from the closed forms (eqs. 3.30, 3.37), m.
+
+    Frequencies within 0.05 Hz of the transitions are excluded.
+    """
     away = np.abs(frequencies[:, None] - block.window).min(axis=1) > 0.05
     pairs = ((block.up, block.expected_up), (block.down, block.expected_down))
     return max(float(np.abs(got - expected)[away].max()) for got, expected in pairs)
 
 
 def draw() -> Figure:
-    """What is expected, and the measurement repeated on both blocks."""
+    """Compute and plot the expected radius, and the measurement on both blocks."""
     measured, shown = (experiment(frequencies=FREQUENCIES, static_ratio=each) for each in (STATIC_RATIO, SHOWN_RATIO))
     misfit = max(largest_misfit(block, FREQUENCIES) for one in (measured, shown) for block in one.blocks)
     given = {"steel_block": 0.64, "aluminium_block": 0.58}
@@ -39,49 +41,49 @@ def draw() -> Figure:
         for block in measured.blocks
     )  # fmt: skip
     return Figure(
-        title="Figs. 7.1 and 7.2: the radius of motion tells sticking from sliding",
-        shows="With the elements at rest a part that sticks circles with the table's 2.7 mm, one that slides with "
-        "mu g / w^2 (eqs. 3.30 and 3.37), less the faster the table is. The thesis measures steel and aluminium "
-        "blocks, upwards and downwards in frequency, and fits the coefficient of friction.",
+        title="Figs. 7.1 and 7.2: radius of motion, sticking and sliding",
+        shows="With the elements at rest, a sticking part moves on a circle of 2.7 mm like the table, a sliding part "
+        "on a circle of mu g / w^2 (eqs. 3.30 and 3.37). The thesis measures steel and aluminium blocks, with rising "
+        "and falling frequency, and fits the coefficient of friction.",
         comparisons=(
             *(
                 of_number(f"Friction fitted, {PART[block.name]}", given[block.name], block.fitted, digits=3)
                 for block in measured.blocks
             ),
             Comparison(
-                "Simulated radius against eqs. 3.30 and 3.37", "expected course (fig. 7.1)",
-                f"within {1e6 * misfit:.2f} um, both sweeps", "none that could be measured",
+                "Simulated radius against eqs. 3.30 and 3.37", "expected curve (fig. 7.1)",
+                f"within {1e6 * misfit:.2f} um, both sweeps", "below the measurement error",
             ),
             Comparison(
-                "Between upward and downward sweep", "none was seen", f"at most {1e3 * max(gaps):.3f} mm",
+                "Difference between upward and downward sweep", "none observed", f"at most {1e3 * max(gaps):.3f} mm",
                 f"none with mu_0 = {STATIC_RATIO} mu and steps of {FREQUENCIES[1] - FREQUENCIES[0]:.1f} Hz; with "
-                f"{SHOWN_RATIO} the window shows",
+                f"{SHOWN_RATIO} the window is visible",
             ),
             Comparison(
                 "Sharpness of the transition", "sharper for aluminium", "equally sharp for both",
-                "the model has a single coefficient under the whole part; what blurred the steel block's is not in it",
+                "the model has a single coefficient for the whole part; the cause of the blur is not modelled",
             ),
         ),
-        differs="The simulated radii are the closed forms. The fit gets back the coefficients that the simulation "
-        "was given, which are the thesis's own: it shows that the method works, not that friction was 0.64 and "
-        "0.58. That steel's transition is less sharp is not reproduced.",
+        differs="The simulated radii agree with the closed forms. The fit recovers the coefficients of the simulation, "
+        "which are those of the thesis: the method works, but this does not confirm the values 0.64 and 0.58. The "
+        "less sharp transition of steel is not reproduced.",
         assumed=(
-            f"The ratio of static to sliding friction is not known: {STATIC_RATIO} in the measurement, which steps "
-            f"of 0.2 Hz do not resolve, and {SHOWN_RATIO} in the first plot.",
+            f"The ratio of static to sliding friction is not known: {STATIC_RATIO} in the measurement, below the "
+            f"resolution of 0.2 Hz, and {SHOWN_RATIO} in the first plot.",
             f"A measured radius has a standard deviation of {1e3 * measured.noise:.2f} mm; the measured points are "
             "lost.",
         ),
         pictures=(
             Picture(
                 _plot(measured, shown),
-                "Left (fig. 7.1): expected course for steel, dashed while it sticks; triangles: simulated sweeps "
-                "up and down. Middle and right (fig. 7.2): downward sweeps with noise, dotted for friction 0.5 to "
-                "0.8, line: best fit.",
+                "Left (fig. 7.1): expected radius for steel, dashed: sticking; triangles: simulated upward and "
+                "downward sweeps. Middle and right (fig. 7.2): downward sweeps with noise; dotted: friction 0.5 to "
+                "0.8; line: best fit.",
             ),
         ),
         tables=(
             Table(
-                "Fits, and the frequencies where sliding (down) and sticking (up) end.",
+                "Fits, and the frequencies at which sliding (down) and sticking (up) end.",
                 ("Block", "Friction", "Standard error", "Down", "Up"), rows,
             ),
         ),

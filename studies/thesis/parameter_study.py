@@ -1,11 +1,10 @@
-"""Fig. 6.1: which horizontal amplitudes and frequencies a machine may have."""
+"""Fig. 6.1: admissible horizontal amplitudes and frequencies of a machine."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,66 +20,63 @@ MOST_ACCELERATION = 100.0 * GRAVITY
 MOST_RADIUS = 5e-3  # m
 LEAST_AMPLITUDE = 1e-4  # m, that the prototype's elements realise
 
-Condition = Callable[[Any, Any], Any]
-
 
 def slides(radius: Any, rate: Any) -> Any:
-    """Whether a part of friction 0.6 always slides, ``a_h w^2 > 2 mu g``; radius a_h in m, rate w in rad/s."""
+    """Return whether a part with friction 0.6 always slides, ``a_h w^2 > 2 mu g``; radius a_h in m, rate w in rad/s."""
     return radius * rate**2 > 2.0 * FRICTION * GRAVITY
 
 
 def fast_enough(radius: Any, rate: Any) -> Any:
-    """Whether the largest mean speed, 0.7 a_h w (eq. 3.41), reaches 0.1 m/s."""
+    """Return whether the largest mean speed, 0.7 a_h w (eq. 3.41), reaches 0.1 m/s."""
     return 0.7 * radius * rate >= LEAST_SPEED
 
 
 def light_enough(radius: Any, rate: Any) -> Any:
-    """Whether the centripetal acceleration ``a_h w^2`` stays below 100 g."""
+    """Return whether the centripetal acceleration ``a_h w^2`` is below 100 g."""
     return radius * rate**2 < MOST_ACCELERATION
 
 
 def narrow_enough(radius: Any, rate: Any) -> Any:
-    """Whether the table stays within 5 mm of its middle, where it hands parts over to what stands beside it."""
+    """Return whether the table moves by at most 5 mm, for the transfer of parts to adjacent machines."""
     return (radius <= MOST_RADIUS) & (rate > 0.0)
 
 
 def realisable(radius: Any, rate: Any) -> Any:
-    """Whether the lift-off amplitude ``g / w^2`` is at least the 0.1 mm that actuators realise."""
+    """Return whether the lift-off amplitude ``g / w^2`` is at least 0.1 mm, the smallest that actuators realise."""
     return (GRAVITY / rate**2 >= LEAST_AMPLITUDE) & (radius > 0.0)
 
 
-@dataclass(frozen=True)
-class Need:
-    """A condition on radius and rate, and where it is from."""
+class Condition(NamedTuple):
+    """Condition on radius and rate, and its source."""
 
     title: str
-    holds: Condition
+    holds: Callable[[Any, Any], Any]
     source: str
 
 
-NEEDS = (
-    Need("(a) always slides", slides, "thesis, section 6.2.1"),
-    Need("(b) 0.1 m/s or more", fast_enough, "named in section 6.5; the speed is ours"),
-    Need("(c) below 100 g", light_enough, "thesis, section 6.2.1"),
-    Need("(d) at most 5 mm", narrow_enough, "named in section 6.5; the length is ours"),
-    Need("(e) 0.1 mm reached", realisable, "ours, from section 7.2"),
+CONDITIONS = (
+    Condition("(a) always slides", slides, "thesis, section 6.2.1"),
+    Condition("(b) 0.1 m/s or more", fast_enough, "named in section 6.5; the value is assumed"),
+    Condition("(c) below 100 g", light_enough, "thesis, section 6.2.1"),
+    Condition("(d) at most 5 mm", narrow_enough, "named in section 6.5; the value is assumed"),
+    Condition("(e) 0.1 mm reached", realisable, "assumed, from section 7.2"),
 )
 
 
 def all_hold(radius: Any, rate: Any) -> np.ndarray:
-    """Whether all of them do."""
-    return np.logical_and.reduce([need.holds(radius, rate) for need in NEEDS])
+    """Return whether all conditions hold."""
+    return np.logical_and.reduce([each.holds(radius, rate) for each in CONDITIONS])
 
 
 def frequencies(radius: float) -> tuple[float, float]:
-    """Smallest and largest frequency (Hz) that all conditions allow for a radius (m), to 0.01 Hz; NaN where none does."""
+    """Return the smallest and largest admissible frequency (Hz) for a radius (m), to 0.01 Hz; NaN without any."""
     hertz = np.arange(0.01, 1600.0, 0.01)
     good = hertz[all_hold(radius, 2.0 * math.pi * hertz)]
     return (float(good[0]), float(good[-1])) if len(good) else (math.nan, math.nan)
 
 
 def draw() -> Figure:
-    """The five conditions and what is left."""
+    """Plot the five conditions and their intersection."""
     surface = Surface()
     own = surface.horizontal_amplitude, surface.angular_frequency
     slide = own[0] * own[1] ** 2 / (2.0 * FRICTION * GRAVITY)
@@ -88,53 +84,53 @@ def draw() -> Figure:
     speed = float(ratio_map(np.array([own[0]]), np.array([surface.frequency]), FRICTION)[0, 0]) * surface.table_speed
     heaviest = math.sqrt(MOST_ACCELERATION / own[0]) / (2.0 * math.pi)
     return Figure(
-        title="Fig. 6.1: which amplitudes and frequencies a machine may have",
-        shows="The thesis shades, over horizontal amplitude (1 um to 1 m) and rate (10 to 10 000 rad/s), where "
-        "each need of the machine is met: permanent sliding at full vertical amplitude, a sufficient speed, a "
-        "centripetal acceleration below 100 g, and room at the interfaces; what is left holds the prototype's 2.7 "
-        "mm and 25 Hz.",
+        title="Fig. 6.1: admissible amplitudes and frequencies of a machine",
+        shows="The thesis shades, over horizontal amplitude (1 um to 1 m) and rate (10 to 10 000 rad/s), where each "
+        "requirement of the machine is met: permanent sliding at full vertical amplitude, a sufficient speed, a "
+        "centripetal acceleration below 100 g, and space at the interfaces. The prototype's 2.7 mm and 25 Hz meet "
+        "all of them.",
         comparisons=(
             of_range("Prototype: a_h w^2 over 2 mu g (a)", 1.0, None, slide, digits=2),
             of_range("Prototype: centripetal acceleration (c)", None, 100.0, own[0] * own[1] ** 2 / GRAVITY, "g", 1),
             Comparison(
-                "Prototype: largest speed (b)", "sufficiently large", f"{speed:.3f} m/s", "the number asked for is lost"
+                "Prototype: largest speed (b)", "sufficiently large", f"{speed:.3f} m/s", "the required value is lost"
             ),
             Comparison(
                 "Prototype within all conditions (f)", "yes", "yes" if all_hold(*own) else "no",
                 "agrees" if all_hold(*own) else "differs",
             ),
             Comparison(
-                "Frequencies allowed at 2.7 mm", "lost", f"{low:.1f} to {high:.1f} Hz",
-                "sliding bounds it from below; from above the 0.1 mm of the elements, the 100 g only at "
+                "Admissible frequencies at 2.7 mm", "lost", f"{low:.1f} to {high:.1f} Hz",
+                "lower bound by sliding, upper bound by the 0.1 mm of the elements; 100 g is reached at "
                 f"{heaviest:.1f} Hz",
             ),
         ),
-        differs=f"Conditions (a) and (c) are the thesis's; the prototype meets (a) {slide:.1f} times over and (c) "
-        f"with {own[0] * own[1] ** 2 / GRAVITY:.1f} g of 100. The shapes of (b) and (d) follow from what its "
-        "summary names, but their numbers are ours; (e) is ours. So (f) can only be compared in that the prototype "
-        "lies within.",
+        differs=f"Conditions (a) and (c) are the thesis's; the prototype meets (a) by a factor of {slide:.1f} and (c) "
+        f"with {own[0] * own[1] ** 2 / GRAVITY:.1f} g of 100. Conditions (b) and (d) are named in its summary, their "
+        "values are assumed; (e) is assumed. So the only comparison with (f) is that the prototype meets all "
+        "conditions.",
         assumed=(
             "The panels (b), (d) and (e) are lost. Section 6.5 names a sufficiently large velocity and interface "
-            "problems: 0.1 m/s and 5 mm stand for these.",
-            "Panel (e) asks that the lift-off amplitude be at least the 0.1 mm below which the prototype's "
-            "elements did not move.",
+            "problems: assumed are 0.1 m/s and 5 mm.",
+            "Panel (e): the lift-off amplitude is at least 0.1 mm, below which the prototype's elements did not "
+            "move.",
         ),
         pictures=(
-            Picture(_plot(own), "Grey: the condition is met. Dot: the prototype. Both axes are logarithmic, as the thesis's."),
+            Picture(_plot(own), "Grey: the condition is met. Dot: the prototype. Both axes are logarithmic, as in the thesis."),
         ),
         tables=(
-            Table("Where each condition is from.", ("Panel", "Source"), tuple((need.title, need.source) for need in NEEDS)),
+            Table("Sources of the conditions.", ("Panel", "Source"), tuple((each.title, each.source) for each in CONDITIONS)),
         ),
     )  # fmt: skip
 
 
 def _plot(own: tuple[float, float]) -> bytes:
-    """Where each condition is met, with a machine's own radius and rate."""
+    """Plot where each condition is met, and the radius and rate of a machine."""
     radius, rate = np.geomspace(1e-6, 1.0, 301), np.geomspace(10.0, 1e4, 241)[:, None]
     figure = new_figure(7.6, 4.6)
     panels = figure.subplots(2, 3, sharex=True, sharey=True)
-    for k, (axes, (title, holds)) in enumerate(
-        zip(panels.flat, [*((need.title, need.holds) for need in NEEDS), ("(f) all of them", all_hold)], strict=True)
+    for k, (axes, (title, holds, _)) in enumerate(
+        zip(panels.flat, [*CONDITIONS, ("(f) all", all_hold, "")], strict=True)
     ):
         axes.pcolormesh(radius, rate[:, 0], np.where(holds(radius, rate), 0.8, 1.0), cmap="gray", vmin=0.0, vmax=1.0)
         axes.plot(*own, "o", color=SUCCESS, markersize=4)

@@ -1,4 +1,4 @@
-"""Figs. 7.8 to 7.10: step responses on the prototype, and which form of dead zone gives what the thesis measured."""
+"""Figs. 7.8 to 7.10: step responses on the prototype, and the form of dead zone that fits the measurements."""
 
 from __future__ import annotations
 
@@ -7,14 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, png, style
-from studies.thesis.closed_loop import (
-    Controller,
-    PidController,
-    RealPlant,
-    Response,
-    StateController,
-    step_response,
-)
+from studies.thesis.closed_loop import PidController, RealPlant, Response, StateController, step_response
 from studies.thesis.figure import Comparison, Figure, Picture, Table, of_number, of_range
 from studies.thesis.state_feedback import Observer
 from studies.thesis.velocity import DEAD_ZONE
@@ -28,17 +21,17 @@ NOISE = 0.5e-3
 """m, about half a pixel of the prototype's camera."""
 
 MACHINES = 10
-"""On which each experiment is done; elements differ by 5 % and 5 deg from machine to machine."""
+"""Number of simulated machines; elements differ by 5 % and 5 deg between machines."""
 
 WIDTHS = (0.05e-3, 0.075e-3, 0.1e-3)  # m, of the table
 
 CONTROLLERS = ("PID", "state space")
 
 ASSUMED = (
-    "The step is 0.2 m: the axes end at 0.4 and 0.5 m. With 0.3 m the overshoot is nearer to the thesis's 50 %.",
+    "The step is 0.2 m: the axes end at 0.4 and 0.5 m. With 0.3 m the overshoot is closer to the thesis's 50 %.",
     "Limit 0.25 mm (the axes of the amplitude end at 0.3 mm); one period of latency in addition to that of eq. 5.81; elements "
-    "differ by 5 % and 5 deg; measured positions have no noise where none is named. The part is the aluminium block.",
-    "What amplitudes below 0.1 mm became is not known: forms and widths are varied.",
+    "differ by 5 % and 5 deg; no noise unless stated. The part is the aluminium block.",
+    "The realised amplitude for commands below 0.1 mm is not known: forms and widths are varied.",
     "The thesis does not state whether its velocities are differences of positions or the observer's.",
 )
 
@@ -46,7 +39,7 @@ ASSUMED = (
 def responses(
     controller: str, *, step: float = STEP, width: float = DEAD_ZONE, form: str = "hard", noise: float = 0.0
 ) -> Response:
-    """A controller's step on so many machines with a dead zone.
+    """Return the step responses of a controller on all machines.
 
     Args:
         controller: among :data:`CONTROLLERS`.
@@ -56,7 +49,7 @@ def responses(
         noise: m, of measured positions.
     """
     period = Surface().period
-    made: Controller = PidController(period) if controller == "PID" else StateController()
+    made = PidController(period) if controller == "PID" else StateController()
     plant = RealPlant(
         shipped_part("aluminium_block"), worlds=MACHINES, limit=LIMIT, dead_zone=width, dead_zone_form=form, latency=LATENCY,
         noise=noise, gain_spread=0.05, phase_spread=np.radians(5.0),
@@ -65,13 +58,13 @@ def responses(
 
 
 def median_range(values: np.ndarray, unit: str = "mm") -> str:
-    """Format the median over machines, and the smallest to the largest."""
+    """Format the median and range over machines."""
     low, middle, high = np.percentile(1e3 * values, [0.0, 50.0, 100.0])
     return f"{middle:.1f} {unit} ({low:.1f} to {high:.1f})"
 
 
 def draw() -> Figure:
-    """Courses with a hard dead zone and without one, and residuals for all forms."""
+    """Plot responses without and with a dead zone, and tabulate the residuals for all forms."""
     runs = {(name, form): responses(name, form=form) for name in CONTROLLERS for form in FORMS}
     free = {name: responses(name, width=0.0) for name in CONTROLLERS}
     far = responses("PID", step=0.3)
@@ -80,15 +73,15 @@ def draw() -> Figure:
     over = 100.0 * float(np.median(pid.overshoot(STEP)))
     far_over = 100.0 * float(np.median(far.overshoot(0.3)))
     left = {key: 1e3 * float(np.median(run.residual(STEP, LAST))) for key, run in runs.items()}
-    believed = np.sqrt((stuck.estimate[stuck.time > SECONDS - LAST] ** 2).mean(axis=0))
-    parted = float(np.median(stuck.time[np.argmax(stuck.amplitude < DEAD_ZONE, axis=0)]))  # it begins above
-    table, narrow = _varied(runs)
-    fits = _nearest(narrow)
+    estimated = np.sqrt((stuck.estimate[stuck.time > SECONDS - LAST] ** 2).mean(axis=0))
+    separated = float(np.median(stuck.time[np.argmax(stuck.amplitude < DEAD_ZONE, axis=0)]))  # initially above
+    table, residuals = _varied(runs)
+    fits = _nearest(residuals)
     return Figure(
         title="Figs. 7.8 to 7.10: step responses on the prototype",
-        shows="PID and state space controller on the real machine, for 20 s; root mean squares over the last 10 s. PID "
-        "overshoots by about half the step and then hunts, since amplitudes below 0.1 mm were not satisfactorily realised; the "
-        "state space controller leaves the part where its demand has fallen below that.",
+        shows="PID and state space controller on the real machine, for 20 s; rms over the last 10 s. PID overshoots by "
+        "about half the step and then oscillates, since amplitudes below 0.1 mm were not realised satisfactorily. With the "
+        "state space controller the part stops where the commanded amplitude falls below that.",
         comparisons=(
             of_number("PID: overshoot, step of 0.2 m", 50.0, over, "%", 0),
             of_number("PID: overshoot, step of 0.3 m", 50.0, far_over, "%", 0),
@@ -100,28 +93,28 @@ def draw() -> Figure:
                 of_range(f"State space: residual, {form} dead zone of 0.1 mm", 5.9, 26.8, left["state space", form], "mm", 1)
                 for form in FORMS
             ),
-            of_number("State space: the amplitude has fallen below 0.1 mm, and courses part, after", 1.2, parted, "s", 2),
-            Comparison("State space: which dead zone leaves 5.9 mm (fig. 7.9)", "5.9 mm", fits[5.9], "by variation, see table"),
-            Comparison("State space: which one leaves 26.8 mm (fig. 7.10)", "26.8 mm", fits[26.8], "by variation, see table"),
+            of_number("State space: amplitude below 0.1 mm, responses separate, after", 1.2, separated, "s", 2),
+            Comparison("State space: dead zone for 5.9 mm (fig. 7.9)", "5.9 mm", fits[5.9], "by variation, see table"),
+            Comparison("State space: dead zone for 26.8 mm (fig. 7.10)", "26.8 mm", fits[26.8], "by variation, see table"),
             Comparison(
                 "State space: velocity of the last 10 s, hard dead zone",
                 "24 mm/s and 20 mm/s",
-                f"parts rest; the observer believes {median_range(believed, 'mm/s')}",
-                "a part that is held e away misleads the observer by 0.58 e a second: 16 mm/s at 26.8 mm, 3 mm/s at 5.9 mm",
+                f"parts rest; the observer estimates {median_range(estimated, 'mm/s')}",
+                "for a part at rest with error e the observer estimates 0.58 e / s: 16 mm/s at 26.8 mm, 3 mm/s at 5.9 mm",
             ),
         ),
-        differs=f"PID: a hard dead zone of 0.1 mm leaves {left['PID', 'hard']:.1f} mm, where the thesis has 6.2 mm; the other "
-        f"forms leave {left['PID', 'soft']:.1f} and {left['PID', 'cubic']:.1f} mm. State space: the same hard dead zone holds "
-        f"the part {left['state space', 'hard']:.0f} mm away, far more than the thesis's 5.9 and 26.8 mm. Nearest to 5.9 mm: "
-        f"{fits[5.9]}. Nearest to 26.8 mm: {fits[26.8]}; the cubic one of 0.1 mm leaves "
-        f"{left['state space', 'cubic']:.1f} mm. So no one form of one width, under what is assumed here, gives all three "
-        f"figures. The overshoot fits a step of 0.3 m ({far_over:.0f} %) better than one of 0.2 m ({over:.0f} %).",
+        differs=f"PID: the residual with a hard dead zone of 0.1 mm is {left['PID', 'hard']:.1f} mm, in the thesis 6.2 mm; "
+        f"with the other forms {left['PID', 'soft']:.1f} and {left['PID', 'cubic']:.1f} mm. State space: the residual with the "
+        f"hard dead zone is {left['state space', 'hard']:.0f} mm, far more than the thesis's 5.9 and 26.8 mm. Closest to "
+        f"5.9 mm: {fits[5.9]}. Closest to 26.8 mm: {fits[26.8]}; cubic, 0.1 mm: {left['state space', 'cubic']:.1f} mm. "
+        "With these assumptions, no single form and width reproduces all three figures. The overshoot fits a step of 0.3 m "
+        f"({far_over:.0f} %) better than one of 0.2 m ({over:.0f} %).",
         assumed=ASSUMED,
         pictures=(
             Picture(
                 _plot(runs, free),
                 "Position, velocity and commanded amplitude on one of ten machines. Left PID (fig. 7.8), right state space "
-                "(figs. 7.9, 7.10): without a dead zone, as in the thesis's simulation, and with one of 0.1 mm.",
+                "(figs. 7.9, 7.10): without a dead zone, as in the thesis's simulation, and with 0.1 mm.",
             ),
         ),
         tables=(table,),
@@ -129,25 +122,22 @@ def draw() -> Figure:
 
 
 def _varied(runs: Mapping[tuple[str, str], Response]) -> tuple[Table, dict[tuple[str, float], float]]:
-    """The table over forms and widths, and what the state space controller leaves with each, mm."""
-    rows, narrow = [], {}
+    """Return the table over forms and widths, and the residuals of the state space controller, mm."""
+    rows, residuals = [], {}
     for form in FORMS:
         for width in WIDTHS:
             both = {
                 name: runs[name, form] if width == DEAD_ZONE else responses(name, width=width, form=form)
                 for name in CONTROLLERS
             }
-            narrow[form, width] = 1e3 * float(np.median(both["state space"].residual(STEP, LAST)))
-            rows.append(
-                (form, f"{1e3 * width:.3f} mm", f"{100.0 * float(np.median(both['PID'].overshoot(STEP))):.0f} %")
-                + tuple(median_range(both[name].residual(STEP, LAST)) for name in CONTROLLERS)
-                + (
-                    median_range(both["PID"].unrest(LAST), "mm/s"),
-                    median_range(both["state space"].unrest(LAST), "mm/s"),
-                )
-            )
+            residuals[form, width] = 1e3 * float(np.median(both["state space"].residual(STEP, LAST)))
+            rows.append((
+                form, f"{1e3 * width:.3f} mm", f"{100.0 * float(np.median(both['PID'].overshoot(STEP))):.0f} %",
+                *(median_range(both[name].residual(STEP, LAST)) for name in CONTROLLERS),
+                *(median_range(both[name].rms_velocity(LAST), "mm/s") for name in CONTROLLERS),
+            ))  # fmt: skip
     table = Table(
-        f"A step of 0.2 m on {MACHINES} machines: medians, and least to largest in brackets.",
+        f"Step of 0.2 m on {MACHINES} machines: medians, and ranges in brackets.",
         (
             "Form",
             "Width",
@@ -159,14 +149,14 @@ def _varied(runs: Mapping[tuple[str, str], Response]) -> tuple[Table, dict[tuple
         ),
         tuple(rows),
     )
-    return table, narrow
+    return table, residuals
 
 
-def _nearest(narrow: Mapping[tuple[str, float], float]) -> dict[float, str]:
-    """The dead zones that leave most nearly what the thesis measured, in words, by its residuals."""
-    nearest = {each: min(narrow, key=lambda key: abs(narrow[key] - each)) for each in (5.9, 26.8)}
+def _nearest(residuals: Mapping[tuple[str, float], float]) -> dict[float, str]:
+    """Return the dead zones with residuals closest to the measured ones, as text, by measured residual (mm)."""
+    nearest = {each: min(residuals, key=lambda key: abs(residuals[key] - each)) for each in (5.9, 26.8)}
     return {
-        each: f"{form}, {1e3 * width:.3f} mm wide, leaves {narrow[form, width]:.1f} mm"
+        each: f"{form}, {1e3 * width:.3f} mm wide: {residuals[form, width]:.1f} mm"
         for each, (form, width) in nearest.items()
     }
 

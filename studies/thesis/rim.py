@@ -1,19 +1,19 @@
-"""The rim of a cylinder on a moving table, without slip or sliding: the motion of eqs. 3.43 to 3.92, integrated by RK4.
+"""A cylinder on its rim on a moving table, rolling without slip or sliding (eqs. 3.43 to 3.92), integrated by RK4.
 
-Everything is seen from the table, which moves without turning, so that its acceleration is a part of gravity. Forces and
-velocities are written along three unit vectors that lean with the cylinder but do not spin with it:
+The frame is that of the table, which does not rotate: its acceleration counts as gravity. Forces and velocities have components
+along three unit vectors that lean with the cylinder but do not spin with it:
 
 - ``k``, the axis, upwards; with the vertical it makes the tilt ``nu``, and it leans towards the azimuth ``alpha``,
 - ``u``, across the axis, from it to the lowest point P of the rim (eq. 3.47), so that ``r_P = -h k + r u``,
-- ``w = k x u``, horizontal: the way in which P runs along the rim.
+- ``w = k x u``, horizontal: direction in which P moves along the rim.
 
-With spins ``(n, a, b)`` about them, ``nu' = b`` and ``alpha' = -a / sin(nu)``; the vectors themselves turn with
+With spins ``(n, a, b)`` about them, ``nu' = b`` and ``alpha' = -a / sin(nu)``; the vectors rotate with
 ``W = (-a cot(nu), a, b)``. Per unit of mass, with the force ``F`` of the table at P and ``L = (j3 n, j1 a, j1 b)``:
 
     L' = r_P x F - W x L,        v' = F + g_eff
 
-The mode is in ``F`` alone. Without slip (3.70), ``v = -omega x r_P`` is differentiated and solved for it. Sliding,
-``F = N (z - mu s/|s|)`` with the slip ``s`` of P, and N is what keeps P on the table: ``z_C = h cos(nu) + r sin(nu)``.
+Only ``F`` depends on the mode. Without slip (3.70), ``v = -omega x r_P`` is differentiated and solved for ``F``. When sliding,
+``F = N (z - mu s/|s|)`` with the slip ``s`` of P, and N keeps P on the table: ``z_C = h cos(nu) + r sin(nu)``.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from vibgym import checks
 from vibgym.kernels.jit import jit
 
 TILT, AZIMUTH, SPIN, LEANING, NODDING, V_X, V_Y, X, Y, WORK = range(10)
-"""What the state holds: nu, alpha, n, a, b, velocity and place of the centre of mass, work of all but gravity (unit mass)."""
+"""State: nu, alpha, n, a, b, velocity and position of the centre of mass, work of all but gravity (per unit mass)."""
 
 STATES = 10
 
 SLOWEST = 1e-300
-"""m/s: what is divided by where an edge does not move at all, so that friction has no direction."""
+"""m/s, divisor for a rim at rest, where friction has no direction."""
 
 
 class Rim(NamedTuple):
-    """A cylinder on its rim, per unit of mass, and the table under it, in SI units."""
+    """Cylinder on its rim, per unit of mass, and the table under it, SI units."""
 
     radius: float
     height: float  # of the centre of mass above the bottom
@@ -45,24 +45,21 @@ class Rim(NamedTuple):
     along: float  # j3, m^2
     friction: float  # infinite: no slip
     gravity: float
-    table_radius: float  # the table moves by a_h (cos wt, sin wt), and vertically by a_v cos(wt + phase)
+    table_radius: float  # a_h; the table moves by a_h (cos wt, sin wt)
     rate: float  # w
-    amplitude: float  # a_v
-    phase: float
 
 
 @jit
 def pull(rim: Rim, time: float, azimuth: float) -> tuple[float, float, float]:
-    """Gravity less the table's acceleration: towards the lean, across it, upwards; m/s^2."""
+    """Return gravity minus the table's acceleration: towards the lean, across it, upwards; m/s^2."""
     angle = rim.rate * time
     out = rim.table_radius * rim.rate**2
-    up = rim.amplitude * rim.rate**2 * math.cos(angle + rim.phase)
-    return out * math.cos(angle - azimuth), out * math.sin(angle - azimuth), up - rim.gravity
+    return out * math.cos(angle - azimuth), out * math.sin(angle - azimuth), -rim.gravity
 
 
 @jit
 def slip(rim: Rim, state: np.ndarray) -> tuple[float, float]:
-    """Of the cylinder's point at P over the table: towards the lean and across it, m/s."""
+    """Return the slip velocity of P on the table: towards the lean and across it, m/s."""
     sine, cosine = math.sin(state[TILT]), math.cos(state[TILT])
     over, across = math.cos(state[AZIMUTH]), math.sin(state[AZIMUTH])
     v_f, v_w = state[V_X] * over + state[V_Y] * across, state[V_Y] * over - state[V_X] * across
@@ -74,20 +71,20 @@ def slip(rim: Rim, state: np.ndarray) -> tuple[float, float]:
 
 @jit
 def gyroscopic(rim: Rim, state: np.ndarray) -> tuple[float, float]:
-    """``W x L`` along u and w (along k there is none)."""
+    """Return ``W x L`` along u and w; it is zero along k."""
     spin, leaning = rim.along * state[SPIN], rim.across * state[LEANING] / math.tan(state[TILT])
     return state[NODDING] * (spin + leaning), -state[LEANING] * (spin + leaning)
 
 
 @jit
 def holding_force(rim: Rim, time: float, state: np.ndarray) -> tuple[float, float, float]:
-    """The table's force without slip, per unit of mass: towards the lean, across it, upwards."""
+    """Return the table's force without slip, per unit of mass: towards the lean, across it, upwards."""
     r, h, n, a, b = rim.radius, rim.height, state[SPIN], state[LEANING], state[NODDING]
     sine, cosine = math.sin(state[TILT]), math.cos(state[TILT])
     turn = -a * cosine / sine  # W_k
     v_k, v_u, v_w = b * r, b * h, -(n * r + a * h)
     g_f, g_w, g_z = pull(rim, time, state[AZIMUTH])
-    # W x v - g_eff: what the force is, were the spins constant
+    # W x v - g_eff: the force for constant spins
     f_k = a * v_w - b * v_u - (g_f * sine + g_z * cosine)
     f_u = b * v_k - turn * v_w - (g_f * cosine - g_z * sine)
     f_w = turn * v_u - a * v_k - g_w
@@ -100,7 +97,7 @@ def holding_force(rim: Rim, time: float, state: np.ndarray) -> tuple[float, floa
 
 @jit
 def sliding_force(rim: Rim, time: float, state: np.ndarray) -> tuple[float, float, float]:
-    """The same of an edge that slides."""
+    """Return the same for a sliding rim."""
     r, h, b = rim.radius, rim.height, state[NODDING]
     sine, cosine = math.sin(state[TILT]), math.cos(state[TILT])
     s_f, s_w = slip(rim, state)
@@ -115,7 +112,7 @@ def sliding_force(rim: Rim, time: float, state: np.ndarray) -> tuple[float, floa
 
 @jit
 def table_force(rim: Rim, time: float, state: np.ndarray) -> tuple[float, float, float]:
-    """That of the mode which the friction chooses."""
+    """Return the same for the mode given by the friction."""
     if math.isinf(rim.friction):
         return holding_force(rim, time, state)
     return sliding_force(rim, time, state)
@@ -123,17 +120,16 @@ def table_force(rim: Rim, time: float, state: np.ndarray) -> tuple[float, float,
 
 @jit
 def rates(rim: Rim, time: float, state: np.ndarray, out: np.ndarray) -> None:
-    """Rates of change of the state, into ``out``."""
+    """Compute the time derivative of the state into ``out``."""
     sine, cosine = math.sin(state[TILT]), math.cos(state[TILT])
     over, across = math.cos(state[AZIMUTH]), math.sin(state[AZIMUTH])
     f_f, f_w, f_z = table_force(rim, time, state)
-    g_f, g_w, g_z = pull(rim, time, state[AZIMUTH])
+    g_f, g_w, _ = pull(rim, time, state[AZIMUTH])
     s_f, s_w = slip(rim, state)
     l_u, l_w = gyroscopic(rim, state)
     f_k, f_u = f_f * sine + f_z * cosine, f_f * cosine - f_z * sine
     a_f, a_w = f_f + g_f, f_w + g_w
     v_f, v_w = state[V_X] * over + state[V_Y] * across, state[V_Y] * over - state[V_X] * across
-    v_z = state[NODDING] * (rim.radius * cosine - rim.height * sine)
     out[TILT] = state[NODDING]
     out[AZIMUTH] = -state[LEANING] / sine
     out[SPIN] = rim.radius * f_w / rim.along
@@ -141,18 +137,19 @@ def rates(rim: Rim, time: float, state: np.ndarray, out: np.ndarray) -> None:
     out[NODDING] = -(rim.height * f_u + rim.radius * f_k + l_w) / rim.across
     out[V_X], out[V_Y] = a_f * over - a_w * across, a_f * across + a_w * over
     out[X], out[Y] = state[V_X], state[V_Y]
-    out[WORK] = g_f * v_f + g_w * v_w + (g_z + rim.gravity) * v_z + f_f * s_f + f_w * s_w
+    out[WORK] = g_f * v_f + g_w * v_w + f_f * s_f + f_w * s_w
 
 
 @jit
 def march(rim: Rim, times: np.ndarray, step: float, arc: float, states: np.ndarray, forces: np.ndarray) -> int:
-    """From the first of ``states`` (t, 10) through ``times`` (t,) s by RK4; ``forces`` (t, 3) as :func:`table_force`.
+    """Integrate from the first of ``states`` (t, 10) through ``times`` (t,) s by RK4.
 
-    Returns how many of the times it reached: it ends when the axis is level, for then the cylinder lies on its side.
+    Returns the number of times reached: integration ends when the axis is horizontal and the cylinder lies on its side.
 
     Args:
-        step: s, the largest.
-        arc: rad; P runs at most so far along the rim in a step.
+        step: s, largest step.
+        arc: rad, largest motion of P along the rim in a step.
+        states, forces: results; forces (t, 3) as in :func:`table_force`.
     """
     state, tried = states[0].copy(), np.empty(STATES)
     slopes = np.empty((4, STATES))
@@ -183,12 +180,12 @@ def march(rim: Rim, times: np.ndarray, step: float, arc: float, states: np.ndarr
 
 
 STEP, ARC = 2e-5, 0.03
-"""s and rad: RK4's steps are at most so long, and so short that P runs at most this far along the rim in one."""
+"""s and rad, default limits of a step, see :func:`march`."""
 
 
 @dataclass(frozen=True)
-class Course:
-    """Times (t,) s, states (t, 10) and forces (t, 3) of the table per unit of mass (towards the lean, across it, up), m/s^2."""
+class Motion:
+    """Motion: times (t,) s, states (t, 10) and forces (t, 3) of the table, see :func:`holding_force`, m/s^2."""
 
     rim: Rim
     times: np.ndarray
@@ -197,22 +194,22 @@ class Course:
 
     @property
     def tilt(self) -> np.ndarray:
-        """(t,) rad."""
+        """Tilt of the axis (t,) rad."""
         return self.states[:, TILT]
 
     @property
     def normal(self) -> np.ndarray:
-        """(t,) m/s^2, of the table; negative where it would have to pull."""
+        """Normal force (t,) m/s^2; negative where the table would have to pull."""
         return self.forces[:, 2]
 
     @property
     def needed_friction(self) -> np.ndarray:
-        """(t,) |F_R| / |F_N|."""
+        """Ratio |F_R| / |F_N| (t,)."""
         return np.hypot(self.forces[:, 0], self.forces[:, 1]) / np.abs(self.normal)
 
     @property
     def phi_rate(self) -> np.ndarray:
-        """(t,) rad/s, of the thesis's third angle."""
+        """Rate of the thesis's third angle (t,) rad/s."""
         nu, alpha, spin, a, b = self.states[:, [TILT, AZIMUTH, SPIN, LEANING, NODDING]].T
         k = np.array([np.sin(nu) * np.cos(alpha), np.sin(nu) * np.sin(alpha), np.cos(nu)])
         u = np.array([np.cos(nu) * np.cos(alpha), np.cos(nu) * np.sin(alpha), -np.sin(nu)])
@@ -222,18 +219,18 @@ class Course:
 
     @property
     def slip(self) -> np.ndarray:
-        """(t,) m/s, of the rim over the table."""
+        """Slip speed of the rim (t,) m/s."""
         return np.array([math.hypot(*slip(self.rim, state)) for state in self.states])
 
     @property
     def tilt_energy(self) -> np.ndarray:
-        """(t,) J/kg, of the lifted centre of mass alone."""
+        """Potential energy of the tilt (t,) J/kg."""
         rim, nu = self.rim, self.tilt
         return rim.gravity * (rim.height * (np.cos(nu) - 1.0) + rim.radius * np.sin(nu))
 
     @property
     def energy(self) -> np.ndarray:
-        """(t,) J/kg, seen from the table, above standing still, less the work of friction and of the table's motion."""
+        """Energy (t,) J/kg in the table's frame, zero upright at rest, minus the work of friction and the table."""
         rim, nu, b = self.rim, self.tilt, self.states[:, NODDING]
         v_z = b * (rim.radius * np.cos(nu) - rim.height * np.sin(nu))
         turning = rim.along * self.states[:, SPIN] ** 2 + rim.across * (self.states[:, LEANING] ** 2 + b**2)
@@ -242,30 +239,30 @@ class Course:
 
     @property
     def energy_error(self) -> float:
-        """How far that comes from what it was, over the tilt's own at the start."""
+        """Range of the energy, relative to the initial energy of the tilt."""
         return float(np.ptp(self.energy) / self.tilt_energy[0])
 
     @property
     def frequency(self) -> float:
-        """How often the tilt rises and falls, Hz, from one largest tilt to the last; NaN with fewer than two of them."""
+        """Frequency of the tilt, Hz, from its first to its last maximum; NaN with fewer than two."""
         b, t = self.states[:, NODDING], self.times
         at = np.nonzero((b[:-1] > 0.0) & (b[1:] <= 0.0))[0]
         tops = t[at] + (t[at + 1] - t[at]) * b[at] / (b[at] - b[at + 1])
-        if abs(b[0]) < 1e-9 and b[1] < 0.0:  # let go at rest
+        if abs(b[0]) < 1e-9 and b[1] < 0.0:  # released at rest
             tops = np.append(t[:1], tops)
         return (len(tops) - 1) / float(tops[-1] - tops[0]) if len(tops) > 1 else math.nan
 
 
 def follow(
     rim: Rim, state: np.ndarray, duration: float, *, sampled: float = 1e-4, step: float = STEP, arc: float = ARC
-) -> Course:
-    """Integrate the motion from a state (10,), sampled every ``sampled`` s, until it ends or the cylinder lies on its side.
+) -> Motion:
+    """Integrate from a state (10,) for ``duration`` s, sampled every ``sampled`` s, or until the cylinder lies on its side.
 
-    Sliding equations alone where ``rim.friction`` is finite: that an edge sticks where its slip comes to 0 is not simulated.
+    With finite ``rim.friction`` the rim always slides: sticking at zero slip is not simulated.
 
     Raises:
-        ValueError: an edge with friction that starts without slip, so that friction has no direction; a course that runs
-            into an upright axis, where the rim has no lowest point.
+        ValueError: a start with finite friction but without slip, where friction has no direction; a motion that reaches an
+            upright axis, where the rim has no lowest point.
     """
     if 0.0 < rim.friction < math.inf and math.hypot(*slip(rim, state)) < 1e-9:
         raise checks.refuse("state", state.tolist(), "one in which the rim slides, as friction is finite")
@@ -275,4 +272,4 @@ def follow(
     reached = march(rim, times, step, arc, states, forces)
     if not np.isfinite(states[:reached]).all() or states[:reached, TILT].min() <= 0.0:
         raise checks.refuse("state", state.tolist(), "one from which the axis does not come upright")
-    return Course(rim, times[:reached], states[:reached], forces[:reached])
+    return Motion(rim, times[:reached], states[:reached], forces[:reached])

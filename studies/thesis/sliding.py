@@ -1,4 +1,8 @@
-"""Steady sliding on one element (eq. 3.27): numerical solution, and the simulator's own steady velocity."""
+"""Steady sliding on one element (eq. 3.27): numerical solution, and steady velocity of the simulator.
+
+Parameters are dimensionless: ``ratio`` is mu g over the table's acceleration a_h w^2, ``share`` the vertical amplitude over the
+lift-off amplitude, ``phase`` its phase, rad.
+"""
 
 from __future__ import annotations
 
@@ -11,23 +15,23 @@ import numpy as np
 from vibgym import Part, Simulator, Surface, checks
 
 STEPS = 240
-"""Runge-Kutta steps of a period; the steady velocity is then right to 1e-6 for ratios up to 0.4 (see the test)."""
+"""Runge-Kutta steps per period; the error of the steady velocity is below 1e-6 for ratios up to 0.4 (see the test)."""
 
 MOST_NEWTON = 40
-TOLERANCE = 1e-9  # of what friction can change in a period
+TOLERANCE = 1e-9  # relative to the change by friction in a period
 
 
 def velocity(ratio: Any, share: Any, phase: Any, periods: int, start: Any = 0.0, steps: int = STEPS) -> np.ndarray:
-    """Velocity over time, in units of the table's speed, (periods * steps + 1, n, 2).
+    """Return the velocity over time, in units of the table's speed, (periods * steps + 1, n, 2).
 
     Args:
-        ratio, share, phase: numbers or arrays that broadcast to (n,); see the module.
-        periods: to integrate.
+        ratio, share, phase: scalars or arrays that broadcast to (n,), see the module.
+        periods: number of periods.
         start: velocity at time zero, broadcastable to (n, 2).
-        steps: a period.
+        steps: per period.
 
     Raises:
-        ValueError: numbers with which the part may stick.
+        ValueError: values for which the part may stick.
     """
     ratio, share, phase = _checked(ratio, share, phase)
     now = np.array(np.broadcast_to(start, (len(ratio), 2)), dtype=float)
@@ -40,19 +44,19 @@ def velocity(ratio: Any, share: Any, phase: Any, periods: int, start: Any = 0.0,
 
 
 def steady(ratio: Any, share: Any, phase: Any, steps: int = STEPS) -> np.ndarray:
-    """Mean velocity in the steady state, in units of the table's speed, (n, 2).
+    """Return the mean velocity in the steady state, in units of the table's speed, (n, 2).
 
-    The steady state is the fixed point of the map from one period's start to the next, found by Newton's method, so that
-    slow transients cost nothing.
+    The steady state is the fixed point of the map from the start of a period to its end, found by Newton's method.
 
-    Args: as :func:`velocity`.
+    Args:
+        ratio, share, phase, steps: see :func:`velocity`.
 
     Raises:
-        ValueError: numbers with which the part may stick.
-        ArithmeticError: no fixed point was found.
+        ValueError: values for which the part may stick.
+        ArithmeticError: Newton's method does not converge.
     """
     ratio, share, phase = _checked(ratio, share, phase)
-    # To first order in the ratio, the steady velocity at full amplitude; steps are cut, so that none leaves the disc.
+    # First guess: steady velocity at full amplitude, to first order in the ratio. Newton steps are limited to 0.3.
     start = 0.7 * share[:, None] * np.column_stack([-np.sin(phase), -np.cos(phase)])
     nearby = np.array([[0.0, 0.0], [1e-6, 0.0], [0.0, 1e-6]])[:, None]
     ratios, shares, phases = (np.tile(each, 3) for each in (ratio, share, phase))
@@ -65,14 +69,16 @@ def steady(ratio: Any, share: Any, phase: Any, steps: int = STEPS) -> np.ndarray
         slope = np.stack([(image - images[0]) / 1e-6 for image in images[1:]], axis=-1) - np.eye(2)
         move = np.linalg.solve(slope, -change[..., None])[..., 0]
         start = start + move * np.minimum(1.0, 0.3 / np.maximum(np.hypot(*move.T), 1e-300))[:, None]
-    raise ArithmeticError("no steady state: Newton's method has not converged")
+    raise ArithmeticError("no steady state: Newton's method did not converge")
 
 
 def _period(
     start: np.ndarray, ratio: np.ndarray, share: np.ndarray, phase: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity after a period, and its mean (n, 2) over it; the trapezoidal rule is exact to the integrator's order
-    where the velocity is periodic."""
+    """Return the velocity after a period, and its mean (n, 2).
+
+    For a periodic velocity the trapezoidal rule has the order of the integrator.
+    """
     now, total = start, np.zeros_like(start)
     for k in range(steps):
         after = _step(k, steps, now, ratio, share, phase)
@@ -102,22 +108,22 @@ def _checked(ratio: Any, share: Any, phase: Any) -> tuple[np.ndarray, np.ndarray
     share = checks.array("share", share, shape, least=0.0, most=1.0)
     worst = float((ratio * (1.0 + share)).max())
     if worst >= 1.0:
-        raise checks.refuse("ratio", worst, "ratio (1 + share) below 1, where a part that slides never sticks")
+        raise checks.refuse("ratio", worst, "ratio (1 + share) below 1: a sliding part never sticks")
     return ratio, share, checks.array("phase", phase, shape)
 
 
 DECAY = 12.0
-"""Time constants of friction's braking before the velocity is read; exp(-12) is 6e-6."""
+"""Simulated time before the velocity is read, in time constants of the friction; exp(-12) is 6e-6."""
 
 LARGE = 1e4
-"""m, of the one element: no part leaves it."""
+"""m, size of the element; no part leaves it."""
 
 
 def simulated_velocity(surface: Surface, friction: float, amplitude: Any, phase: Any) -> np.ndarray:
-    """Mean velocities (n, 2) m/s in the steady state, from rest, of a block on one large element.
+    """Return mean velocities (n, 2) m/s of a block on one large element in the steady state, simulated from rest.
 
     Args:
-        surface: whose horizontal motion and gravity count.
+        surface: defines horizontal motion and gravity.
         friction: of the part.
         amplitude, phase: (n,) m and rad, of the element's vertical motion.
     """

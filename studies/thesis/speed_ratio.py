@@ -1,4 +1,4 @@
-"""Section 3.5.4 and eq. 3.41: which share of the table's speed a part can reach, over the table's radius and frequency."""
+"""Section 3.5.4 and eq. 3.41: largest speed of a part relative to the table's, over the table's radius and frequency."""
 
 from __future__ import annotations
 
@@ -13,33 +13,33 @@ from studies.thesis.sliding import simulated_velocity, steady
 from vibgym import Surface
 
 FRICTION = 0.6
-RADIUS, FREQUENCY = 10e-3, 150.0  # m, Hz; where the axes end
+RADIUS, FREQUENCY = 10e-3, 150.0  # m, Hz; ends of the axes
 FINEST, LIMIT = 1e-5, 0.4999
-"""Ratios of friction to the table's acceleration: the smallest on the axes, and where permanent sliding ends (0.5)."""
+"""Ratios of friction to the table's acceleration: smallest on the axes, and limit of permanent sliding (0.5)."""
 
 POINTS = 200
 CHECKED = ((2.7e-3, 25.0), (2.7e-3, 12.0), (1e-3, 25.0), (0.5e-3, 25.0), (10e-3, 25.0), (10e-3, 150.0))
-"""Radius (m) and frequency (Hz) at which the simulator runs as well."""
+"""Radius (m) and frequency (Hz) of the comparison with the simulator."""
 
 
 def largest_ratio(friction_ratio: Any) -> np.ndarray:
-    """lambda_v, mean over table's speed at the lift-off amplitude, (n,).
+    """Return lambda_v (n,), mean speed over table speed at the lift-off amplitude.
 
     Args:
-        friction_ratio: (n,) ``mu g / (a_h w^2)``, below 0.5, on which alone lambda depends.
+        friction_ratio: (n,) ``mu g / (a_h w^2)``, below 0.5.
     """
     return np.hypot(*steady(friction_ratio, 1.0, 1.5 * math.pi).T)
 
 
 def ratio_map(radius: np.ndarray, frequency: np.ndarray, friction: float) -> np.ndarray:
-    """lambda_v over radii (m,) in m and frequencies (k,) in Hz, (k, m); NaN where a part may stick."""
+    """Return lambda_v over radii (m,) in m and frequencies (k,) in Hz, (k, m); NaN where a part may stick."""
     ratio = friction * 9.81 / (radius * (2.0 * math.pi * frequency[:, None]) ** 2)
     nodes = np.append(np.geomspace(FINEST, 0.05, 20), np.linspace(0.06, LIMIT, 45))
     return np.where(ratio < nodes[-1], np.interp(ratio, nodes, largest_ratio(nodes)), np.nan)
 
 
 def draw() -> Figure:
-    """The map, and points of it from the simulator."""
+    """Plot the map, and compare some points with the simulator."""
     radius, frequency = np.linspace(0.0, RADIUS, POINTS + 1)[1:], np.linspace(0.0, FREQUENCY, POINTS + 1)[1:]
     values = ratio_map(radius, frequency, FRICTION)
     sliding = np.isfinite(values)
@@ -62,23 +62,22 @@ def draw() -> Figure:
         off = max(off, abs(simulated / solved - 1.0))
         rows.append((f"{1e3 * a_h:.1f} mm, {hertz:.0f} Hz", f"{ratio:.4f}", f"{solved:.4f}", f"{simulated:.4f}"))
     share = float((values[sliding] > 0.70).mean())
+    prototype = ratio_map(np.array([2.7e-3]), np.array([25.0]), FRICTION)[0, 0]
     fastest, slowest = float(np.nanmax(values)), float(largest_ratio([LIMIT])[0])
     return Figure(
         title="Section 3.5.4, eq. 3.41: the largest speed is 0.70 to 0.72 of the table's",
-        shows="The thesis draws the ratio of the largest mean speed to the table's speed over amplitude and "
-        "frequency: above 0.7 for most pairs, between 0.6 and 0.7 where either is very small, and never above 0.72.",
+        shows="The thesis shows the ratio of the largest mean speed to the table's speed over amplitude and "
+        "frequency: above 0.7 for most pairs, between 0.6 and 0.7 where either is very small, and at most 0.72.",
         comparisons=(
             of_number("Largest ratio", 0.72, fastest, digits=3),
             of_range("Smallest ratio, at the limit of permanent sliding", 0.6, 0.7, slowest),
-            Comparison(
-                "Share of the pairs that slide with a ratio above 0.7", "most", f"{100.0 * share:.1f} %", "agrees"
-            ),
-            of_range("Ratio on the prototype, 2.7 mm and 25 Hz", 0.70, 0.72, float(_at(2.7e-3, 25.0)), digits=4),
+            Comparison("Share of the sliding pairs with a ratio above 0.7", "most", f"{100.0 * share:.1f} %", "agrees"),
+            of_range("Ratio on the prototype, 2.7 mm and 25 Hz", 0.70, 0.72, float(prototype), digits=4),
         ),
-        differs=f"Ours agrees with every number of the text: the ratio tends to {fastest:.4f} as friction becomes "
+        differs=f"All values of the text agree: the ratio tends to {fastest:.4f} as friction becomes "
         f"small against the table's acceleration, and to {slowest:.3f} at the limit of permanent sliding. The "
-        f"simulator is within {100.0 * off:.3f} % of the equation's solution. The ratio depends on one number only, "
-        "mu g / (a_h w^2), which the text that is left does not say.",
+        f"simulator is within {100.0 * off:.3f} % of the equation's solution. The ratio depends only on "
+        "mu g / (a_h w^2), which the remaining text does not state.",
         assumed=(
             "The axis of the amplitude is lost: 0 to 10 mm, as in fig. 3.9. The friction coefficient is lost: 0.6, "
             "the value of fig. 3.9.",
@@ -86,19 +85,15 @@ def draw() -> Figure:
         pictures=(
             Picture(
                 png(figure),
-                "Solution of eq. 3.27 at the lift-off amplitude. Lower left, white: parts may stick. Line: 0.70. "
+                "Solution of eq. 3.27 at the lift-off amplitude. White, lower left: parts may stick. Line: 0.70. "
                 "Ring: the prototype.",
             ),
         ),
         tables=(
             Table(
-                "The equation's solution beside the simulator's planar model.",
+                "Solution of the equation, and the simulator's planar model.",
                 ("Amplitude, frequency", "mu g / (a_h w^2)", "Equation", "Simulator"),
                 tuple(rows),
             ),
         ),
     )
-
-
-def _at(radius: float, frequency: float) -> np.ndarray:
-    return ratio_map(np.array([radius]), np.array([frequency]), FRICTION)[0, 0]

@@ -1,10 +1,10 @@
-"""Fig. 3.9: how each oscillation parameter changes the steady mean velocity, with the others at their reference."""
+"""Fig. 3.9: steady mean velocity over each oscillation parameter, with the others at their reference values."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,24 +17,16 @@ FRICTION = 0.6
 PHASE = 1.5 * math.pi
 POINTS = 161
 LIMITS = (((0, 1.25), (0, 2), (0, 0.4), (0, 0.4)), ((-90, 180), (-90, 180), (-90, 180), (-90, 290)))
-"""Of the axes, m/s and deg, by row and column."""
+"""Limits of the axes, m/s and deg, by row and column."""
 
 
-@dataclass(frozen=True)
-class Sweep:
-    """One parameter and where it is taken.
+class Sweep(NamedTuple):
+    """Parameter and its values."""
 
-    Attributes:
-        name: with its unit.
-        scale: SI units in one of it.
-        line: (n,) values of the equation's line, from where a part always slides.
-        dots: (k,) values of the simulator, also where a part may stick.
-    """
-
-    name: str
-    scale: float
-    line: np.ndarray
-    dots: np.ndarray
+    name: str  # with unit
+    scale: float  # of the unit, SI
+    line: np.ndarray  # (n,) values for the equation, where a part always slides
+    dots: np.ndarray  # (k,) values for the simulator, also where a part may stick
 
 
 SWEEPS = {
@@ -52,11 +44,11 @@ SWEEPS = {
     ),
     "phase": Sweep("phase, deg", math.pi / 180.0, np.linspace(0.0, 360.0, POINTS), np.arange(0.0, 361.0, 45.0)),
 }
-"""By the parameter's name. The permanent-sliding limit lies at 0.477 mm and 10.51 Hz."""
+"""By parameter. The limits of permanent sliding are 0.477 mm and 10.51 Hz."""
 
 
 def _settings(parameter: str, value: float) -> tuple[Surface, float, float]:
-    """Surface, vertical amplitude and phase of the reference set with one parameter altered, SI."""
+    """Return surface, vertical amplitude and phase of the reference set with one changed parameter, SI."""
     surface = Surface()
     if parameter in ("horizontal_amplitude", "frequency"):
         surface = replace(surface, max_amplitude=None, **{parameter: value})
@@ -65,33 +57,29 @@ def _settings(parameter: str, value: float) -> tuple[Surface, float, float]:
 
 
 def solved(parameter: str, values: Any) -> np.ndarray:
-    """Steady mean velocities (n, 2) m/s by eq. 3.27, with ``parameter`` at ``values`` (n,) in SI units."""
+    """Return steady mean velocities (n, 2) m/s by eq. 3.27, with ``parameter`` at ``values`` (n,) in SI units."""
     settings = [_settings(parameter, float(each)) for each in values]
     speed = np.array([surface.table_speed for surface, _, _ in settings])
     square = np.array([surface.angular_frequency for surface, _, _ in settings]) ** 2
     gravity, radius = settings[0][0].gravity, np.array([surface.horizontal_amplitude for surface, _, _ in settings])
     amplitude, phase = np.array([each[1:] for each in settings]).T
-    share = np.minimum(amplitude * square / gravity, 1.0)  # 1 at lift-off, whichever way it was rounded
+    share = np.minimum(amplitude * square / gravity, 1.0)  # 1 at lift-off, despite rounding
     return speed[:, None] * steady(FRICTION * gravity / (radius * square), share, phase)
 
 
 def simulated(parameter: str, values: Any) -> np.ndarray:
-    """The same by the simulator's planar model."""
-    return np.array(
-        [
-            simulated_velocity(surface, FRICTION, [amplitude], [phase])[0]
-            for surface, amplitude, phase in (_settings(parameter, float(each)) for each in values)
-        ]
-    )
+    """Return the same by the simulator's planar model."""
+    settings = [_settings(parameter, float(each)) for each in values]
+    return np.array([simulated_velocity(surface, FRICTION, [a], [phase])[0] for surface, a, phase in settings])
 
 
 def _polar(velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Magnitude and direction in deg."""
+    """Return magnitude and direction, deg."""
     return np.hypot(*velocity.T), np.degrees(np.arctan2(velocity[:, 1], velocity[:, 0]))
 
 
 def draw() -> Figure:
-    """Magnitude and direction over the four parameters."""
+    """Compute and plot magnitude and direction over the four parameters."""
     lines = {name: solved(name, sweep.scale * sweep.line) for name, sweep in SWEEPS.items()}
     dots = {name: simulated(name, sweep.scale * sweep.dots) for name, sweep in SWEEPS.items()}
     reference = solved("phase", [PHASE])
@@ -107,12 +95,12 @@ def draw() -> Figure:
     )
     return Figure(
         title="Fig. 3.9: steady mean velocity over each oscillation parameter",
-        shows="From the reference set of 2.7 mm, 25 Hz, 0.4 mm and 270 deg with friction 0.6 the thesis alters one "
-        "parameter at a time. Horizontal amplitude and frequency change magnitude and direction, the vertical "
-        "amplitude the magnitude only, the phase the direction only.",
+        shows="The thesis varies one parameter at a time of the reference set, 2.7 mm, 25 Hz, 0.4 mm and 270 deg with "
+        "friction 0.6. Horizontal amplitude and frequency change magnitude and direction, the vertical amplitude only "
+        "the magnitude, the phase only the direction.",
         comparisons=(
             of_number("Magnitude at the reference set (read from the axis)", 0.3, float(magnitude[0]), "m/s"),
-            Comparison("Direction there", "lost", f"{direction[0]:.2f} deg from +x", "the curve is lost"),
+            Comparison("Direction at the reference set", "lost", f"{direction[0]:.2f} deg from +x", "the curve is lost"),
             Comparison(
                 "Direction over the horizontal amplitude, from the sliding limit to 10 mm", "changes",
                 f"by {turned['horizontal_amplitude']:.1f} deg", "agrees",
@@ -123,19 +111,19 @@ def draw() -> Figure:
             ),
             Comparison(
                 "Direction over the vertical amplitude, 0.002 to 0.397 mm", "does not change",
-                f"by {turned['amplitude']:.2f} deg", "a little, too little to be seen on an axis of 360 deg",
+                f"by {turned['amplitude']:.2f} deg", "slightly, not visible on an axis of 360 deg",
             ),
-            Comparison("Magnitude over the phase", "does not change", f"by {evenness:.0e} of it", "none but rounding"),
-            Comparison("Direction over the phase", "changes", f"{follow:.6f} deg a degree", "agrees"),
+            Comparison("Magnitude over the phase", "does not change", f"by {evenness:.0e} of it", "rounding only"),
+            Comparison("Direction over the phase", "changes", f"{follow:.6f} deg per degree", "agrees"),
         ),
         differs="All statements hold; the vertical amplitude also turns the velocity, by "
         f"{turned['amplitude']:.1f} deg over its whole range. Where parts always slide, the simulator is within "
         f"{100.0 * off:.2f} % of the equation.",
         assumed=(
-            "Of the thesis's curves only axes are left. Over amplitude and frequency the vertical amplitude stays "
-            "at lift-off, g / w^2: 0.4 mm would throw parts up above 25 Hz.",
-            "The line begins where a part always slides (0.477 mm, 10.51 Hz). Below, eq. 3.27 does not hold; the "
-            "simulator's crosses there have sticking in them.",
+            "Only the axes of the thesis's curves are left. Over amplitude and frequency the vertical amplitude is "
+            "the lift-off amplitude, g / w^2: with 0.4 mm, parts would lift off above 25 Hz.",
+            "The line begins at the limit of permanent sliding (0.477 mm, 10.51 Hz). Below, eq. 3.27 does not hold, "
+            "and the simulated velocities include sticking.",
         ),
         pictures=(
             Picture(
@@ -144,7 +132,7 @@ def draw() -> Figure:
             ),
         ),
         tables=(
-            Table("The simulator's crosses.", ("Parameter", "Value", "Speed, m/s", "Direction, deg"), table),
+            Table("Simulated velocities.", ("Parameter", "Value", "Speed, m/s", "Direction, deg"), table),
         ),
     )  # fmt: skip
 
@@ -161,7 +149,7 @@ def _reference_value(parameter: str) -> float:
 
 
 def _difference(name: str, dots: np.ndarray) -> float:
-    """Largest distance of the simulator's velocities from the equation's where a part always slides, relative."""
+    """Return the largest relative difference of simulated and solved velocities where a part always slides."""
     sweep = SWEEPS[name]
     valid = sweep.dots >= sweep.line[0]
     expected = solved(name, sweep.scale * sweep.dots[valid])
@@ -175,12 +163,11 @@ def _plot(lines: dict[str, np.ndarray], dots: dict[str, np.ndarray], reference: 
         at = np.array([_reference_value(name) / sweep.scale])
         for row, label in enumerate(("speed, m/s", "direction, deg")):
             axes = panels[row, column]
-            angle = _polar(lines[name])[row]
-            theirs = _polar(dots[name])[row]
-            if row and name == "phase":  # from -90 to 270 deg and beyond, as on the thesis's axis
-                angle, theirs = np.unwrap(angle, period=360.0) + 360.0, np.unwrap(theirs, period=360.0) + 360.0
-            axes.plot(sweep.line, angle, color=INK, linewidth=1.2)
-            axes.plot(sweep.dots, theirs, "x", color=FAILURE, markersize=4)
+            solution, simulation = (_polar(each[name])[row] for each in (lines, dots))
+            if row and name == "phase":  # up to 270 deg and beyond, as on the thesis's axis
+                solution, simulation = (np.unwrap(each, period=360.0) + 360.0 for each in (solution, simulation))
+            axes.plot(sweep.line, solution, color=INK, linewidth=1.2)
+            axes.plot(sweep.dots, simulation, "x", color=FAILURE, markersize=4)
             axes.plot(at, _polar(reference)[row], "o", color=SUCCESS, markersize=6, markerfacecolor="none")
             axes.set_ylim(LIMITS[row][column])
             style(axes, **({"xlabel": sweep.name} if row else {}), **({"ylabel": label} if not column else {}))

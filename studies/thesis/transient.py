@@ -1,10 +1,10 @@
-"""Fig. 3.8: how a part that is put down at rest gathers speed, for three coefficients of friction."""
+"""Fig. 3.8: acceleration of a part from rest, for three coefficients of friction."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,29 +18,20 @@ PERIODS = 20  # 0.8 s, as the thesis's axis
 ARRIVED = 0.95
 
 
-@dataclass(frozen=True)
-class Course:
-    """A part's course from rest.
+class Transient(NamedTuple):
+    """Motion of a part from rest."""
 
-    Attributes:
-        time, speed: (k,) s and m/s.
-        mean_time, mean_speed: of the mean velocity over the period around each time.
-        steady: (2,) m/s, mean velocity in the steady state.
-        rise: s until the mean speed has 0.95 of the steady one.
-        ripple: m/s, largest deviation of the velocity from its mean in the steady state.
-    """
-
-    time: np.ndarray
-    speed: np.ndarray
-    mean_time: np.ndarray
-    mean_speed: np.ndarray
-    steady: np.ndarray
-    rise: float
-    ripple: float
+    time: np.ndarray  # (k,) s
+    speed: np.ndarray  # (k,) m/s
+    mean_time: np.ndarray  # (m,) s
+    mean_speed: np.ndarray  # (m,) m/s, of the mean velocity over the period around each time
+    steady: np.ndarray  # (2,) m/s, mean velocity in the steady state
+    rise: float  # s until the mean speed is 0.95 of the steady one
+    ripple: float  # m/s, largest deviation of the velocity from its mean in the steady state
 
 
-def courses(frictions: Sequence[float] = FRICTION, periods: int = PERIODS) -> list[Course]:
-    """On the prototype's motion at the lift-off amplitude and a phase of 270 deg, by eq. 3.27, for each friction."""
+def transients(frictions: Sequence[float] = FRICTION, periods: int = PERIODS) -> list[Transient]:
+    """Solve eq. 3.27 for the prototype at the lift-off amplitude and a phase of 270 deg, for each friction."""
     surface, phase = Surface(), 1.5 * math.pi
     ratio = np.asarray(frictions) * surface.gravity / (surface.table_speed * surface.angular_frequency)
     path = velocity(ratio, 1.0, phase, periods)
@@ -53,7 +44,7 @@ def courses(frictions: Sequence[float] = FRICTION, periods: int = PERIODS) -> li
     mean_time = (np.arange(len(mean_speed)) + 0.5 * STEPS) * step
     ripple = np.hypot(*np.moveaxis(late - late[:-1].mean(axis=0), -1, 0)).max(axis=0)
     return [
-        Course(
+        Transient(
             time=np.arange(len(path)) * step,
             speed=speed[:, k],
             mean_time=mean_time,
@@ -67,8 +58,8 @@ def courses(frictions: Sequence[float] = FRICTION, periods: int = PERIODS) -> li
 
 
 def draw() -> Figure:
-    """The three courses."""
-    found = courses()
+    """Compute and plot the three transients."""
+    found = transients()
     surface = Surface()
     simulated = [
         simulated_velocity(surface, each, [surface.lift_off_amplitude], [1.5 * math.pi])[0] for each in FRICTION
@@ -80,13 +71,12 @@ def draw() -> Figure:
     off = max(float(np.hypot(*(a - b.steady)) / np.hypot(*b.steady)) for a, b in zip(simulated, found, strict=True))
     return Figure(
         title="Fig. 3.8: from rest to the steady velocity",
-        shows="The thesis solves eq. 3.27 for friction 0.3, 0.6 and 0.9: the mean speed in the steady state does "
-        "not depend on friction; more friction shortens the transient and lets the velocity swing further about "
-        "its mean.",
+        shows="The thesis solves eq. 3.27 for friction 0.3, 0.6 and 0.9: the mean speed in the steady state does not "
+        "depend on friction; more friction shortens the transient and increases the oscillation about the mean.",
         comparisons=(
             of_number("Steady mean speed, friction 0.6 (read from the axis)", 0.3, float(speeds[1]), "m/s"),
             Comparison(
-                "Its change from friction 0.3 to 0.9", "none", f"{-spread:.2f} %", "none that a plot would show"
+                "Its change from friction 0.3 to 0.9", "none", f"{-spread:.2f} %", "not visible in a plot"
             ),
             Comparison(
                 "Time to 95 % of it, friction 0.3, 0.6, 0.9", "falls with friction", _list(rises, "s", 2),
@@ -98,16 +88,15 @@ def draw() -> Figure:
             ),
             Comparison(
                 "Direction of the mean velocity", "not given for this figure", _list(angles, "deg", 2),
-                "it does depend on friction, by 10 deg between 0.3 and 0.9",
+                "it depends on friction, by 10 deg between 0.3 and 0.9",
             ),
         ),
-        differs="Speeds agree with what can be read, and all three statements hold; that friction does not change "
-        f"the speed is right to {spread:.1f} %. It does change the direction. The simulator is within "
-        f"{100.0 * off:.3f} % of the equation.",
-        assumed=("Start at rest, at the instant where the table moves along +y; amplitude and phase as in fig. 3.9.",),
+        differs="The speed agrees with the axis, and all three statements hold: friction changes the speed by "
+        f"{spread:.1f} %. It also changes the direction. The simulator is within {100.0 * off:.3f} % of the equation.",
+        assumed=("Start at rest, while the table moves along +y; amplitude and phase as in fig. 3.9.",),
         pictures=(
             Picture(
-                _plot(found), "Solid: speed. Dashed: speed of the mean velocity over a period. Ring: in the steady "
+                _plot(found), "Solid: speed. Dashed: speed of the mean velocity over a period. Ring: steady "
                 "state."
             ),
         ),
@@ -128,7 +117,7 @@ def _list(values: list[float], unit: str, digits: int) -> str:
     return ", ".join(f"{each:.{digits}f}" for each in values) + f" {unit}"
 
 
-def _plot(found: Sequence[Course]) -> bytes:
+def _plot(found: Sequence[Transient]) -> bytes:
     figure = new_figure(6.2, 4.6)
     for k, (friction, one) in enumerate(zip(FRICTION, found, strict=True)):
         axes = figure.add_subplot(3, 1, k + 1)

@@ -1,1 +1,1 @@
-"""Above the plane: what tips parts, what it does to them, and how policies that never met it get on."""
+"""Studies of the tilting model: accuracy, energy, cost, and releases from a tilt."""

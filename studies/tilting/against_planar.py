@@ -1,9 +1,9 @@
-"""Rigid parts beside the planar model: ``python -m studies.tilting fields``, ``means``, ``hold`` and ``cost``.
+"""Rigid parts against the planar model: ``python -m studies.tilting fields``, ``means``, ``hold`` and ``cost``.
 
 - ``fields``: difference between the models on random fields after a second, and of the tilting model from itself with twice
   the steps, other ramps, another restitution; medians over fields.
-- ``means``: share of a force and torque that a rigid part gets of what even pressure promises: mean velocity after wrenches of
-  several sizes in random directions, held for five periods from rest.
+- ``means``: force and torque on a rigid part relative to even pressure, from the mean velocity after wrenches of several sizes
+  in random directions, held for five periods from rest.
 - ``hold``: rms of the errors at the goal of Align over the second half of eight seconds.
 - ``cost``: process time of a period, us on one core, medians of rounds in turn: rigid parts on level ground and on random
   fields, and parts that lie flat against the planar model.
@@ -145,7 +145,7 @@ WORLDS, ROUNDS = 64, 9
 
 
 def scene(part: Part, model: str, seed: int) -> Simulator:
-    """Return a simulator of parts at random, so that some plates' borders lie beneath."""
+    """Return a simulator with parts at random poses, so that some are over borders of plates."""
     rng = np.random.default_rng(seed)
     simulator = Simulator(WIDE, part, worlds=WORLDS, model=model, threads=1)
     low, high = 0.3 * WIDE.depth, 0.7 * WIDE.depth
@@ -155,7 +155,7 @@ def scene(part: Part, model: str, seed: int) -> Simulator:
 
 
 def tilted(part: Part, share: float, level: bool) -> float:
-    """Return us a period and part, of the periods that ended with the part tilted; every round begins with 0.03 rad."""
+    """Return us per period and part, of periods that end with a tilted part; every round begins with 0.03 rad."""
     rng, found = np.random.default_rng(1), []
     shape = WORLDS, 1 if level else WIDE.rows, 1 if level else WIDE.columns
     for seed in range(ROUNDS):
@@ -175,7 +175,7 @@ def tilted(part: Part, share: float, level: bool) -> float:
 
 
 def flat(part: Part, periods: int) -> tuple[float, float, float]:
-    """Return us a period of flat parts: planar, tilting, and the median ratio."""
+    """Return us per period of flat parts: planar, tilting, and the median ratio."""
     both = [scene(part, model, 0) for model in ("planar", "tilting")]
     start, found = both[0].pose, []
     for turn in range(6 * ROUNDS):

@@ -2,9 +2,9 @@
 
 ``python -m studies.tilting housner``: energy after an impact of a rocking block against its closed form. G. W. Housner: The
 behavior of inverted pendulum structures during earthquakes. Bull. Seismol. Soc. Am. 53 (1963). A block that rocks on one edge
-comes down on the other without bouncing; angular momentum about the new edge is kept, energy is not.
+lands on the other without bouncing; angular momentum about the new edge is conserved, energy is not.
 
-``python -m studies.tilting transport``: on plates that all move alike even pressure is exact, so the planar model with fine
+``python -m studies.tilting transport``: on plates with equal motion even pressure is exact, so the planar model with fine
 steps is the reference.
 """
 
@@ -29,15 +29,15 @@ TILTS = 2.0, 5.0
 """deg, least and most at the release."""
 
 STEPS = 100, 200, 400
-"""A period, in both studies."""
+"""Steps per period in both studies."""
 
 PERIODS = 20
 DROP = 0.1
-"""Share of the energy that only an impact takes in a period."""
+"""Loss of energy in a period that indicates an impact."""
 
 
 def block(width: float, height: float) -> Part:
-    """Return a block so rough that it does not slip, long enough to rock about one axis alone."""
+    """Return a block that does not slip, long enough to rock about one axis only."""
     return Part.rectangle(width, 0.2, friction=3.0, height=height)
 
 

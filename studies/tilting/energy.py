@@ -1,8 +1,8 @@
-"""Whether the drive is all that gives a rigid part energy: ``python -m studies.tilting energy``.
+"""Energy balance of a rigid part: ``python -m studies.tilting energy``.
 
-Every step's impulses do work at the velocities of what they push from: table and plates. Any further growth of the part's
-energy is made by the scheme, or by ramps, which lift what slides up them without braking it. The kernels run as plain Python
-here, so that their impulses can be watched; a process of its own, for that is chosen at import.
+Every step's impulses do work at the velocities of table and plates. Any further growth of the part's energy is an error of the
+scheme, or comes from ramps, which lift sliding points without decelerating them. The kernels run as plain Python, to record
+their impulses; this is set at import and therefore requires a separate process.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ RESTITUTION = (0.0, 0.2, 1.0)
 class Balance(NamedTuple):
     """J/kg, sums over all steps of a motion."""
 
-    given: float  # work of table and plates that was positive
-    made: float  # further growth of energy, over steps in which it did
-    lost: float  # further loss of energy, over the others
-    most: float  # the most that all steps up to any other made or lost: a process that only loses has none
+    given: float  # positive work of table and plates
+    made: float  # excess growth of energy, over the steps with growth
+    lost: float  # excess loss of energy, over the other steps
+    most: float  # largest excess over any sequence of steps; 0 for a process that only loses
 
 
 def balance(name: str, share: float, tilt: float, restitution: float, periods: int, seed: int = 0) -> Balance:
-    """Of a part tipped by ``tilt`` (rad) on random fields of a share of the largest; plain Python only."""
+    """Return the balance of a part tipped by ``tilt`` (rad) on random fields at a share of the largest amplitude."""
     from vibgym import Part, Simulator, Surface
     from vibgym.plugins.tilting import period as kernels
     from vibgym.plugins.tilting.ground import ground
@@ -58,7 +58,7 @@ def balance(name: str, share: float, tilt: float, restitution: float, periods: i
         )
         for k in range(n):
             x, y = motion[CX] + contact[k, RX] - shift[0], motion[CY] + contact[k, RY] - shift[1]
-            rate = ground(rigid, x, y)[1]  # of the plate itself, without what a ramp makes of sliding
+            rate = ground(rigid, x, y)[1]  # of the plate, without the rise along a ramp
             work[-1] += contact[k, PN] * rate + contact[k, PX] * table_x + contact[k, PY] * table_y
 
     def step(rigid, world, kind, friction, level, turn):  # type: ignore[no-untyped-def]
@@ -93,7 +93,7 @@ def balance(name: str, share: float, tilt: float, restitution: float, periods: i
 
 
 def table() -> None:
-    """Print a line a case."""
+    """Print a line per case."""
     print(
         "part, share of amplitude, tilt, restitution: work of the drive, excess made and lost, most made in a row, J/kg"
     )
@@ -108,7 +108,7 @@ def table() -> None:
 
 
 def main() -> None:
-    """In a process whose kernels are plain Python."""
+    """Run the study in a process whose kernels are plain Python."""
     command = [sys.executable, "-W", "ignore", "-c", "from studies.tilting.energy import table; table()"]
     subprocess.run(command, env={**os.environ, **PLAIN}, check=True)
 

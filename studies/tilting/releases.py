@@ -1,14 +1,14 @@
 """Parts released with a tilt on level ground: the equivalent kick of planar models, and landing times.
 
-``python -m studies.tilting kick``: a kick of spin and velocity leaves a planar part with the same deviations of heading and
-position a second later, and no more spin than after two periods, when all have landed. The planar model measures the effect of
-unit kicks, from which the deviations of the kick follow; the rest of the heading's deviation is a turn at once. They are
-printed per root of a degree, as in :mod:`vibgym.physics.planar.kick`.
+``python -m studies.tilting kick``: fit a kick of spin and velocity that gives a planar part the same deviations of heading and
+position after a second, and at most the spin after two periods, when all parts have landed. The planar model gives the effect
+of unit kicks; the rest of the heading's deviation is an instantaneous rotation. Deviations are printed per root of a degree, as
+in :mod:`vibgym.physics.planar.kick`.
 
 ``python -m studies.tilting landing``: landing times and spreads of heading against the stored figures of the compliant
-reference (:mod:`studies.accuracy.rigid`): 48 starts a case, so its spreads are good to a tenth. The reference stands on 113
-springs; a second landing time is computed here with its four corners alone, which are all that can touch of a rigid bottom
-above level ground.
+reference (:mod:`studies.accuracy.rigid`), whose spreads are accurate to a tenth (48 starts per case). The reference has 113
+springs; a second landing time is computed with its four corners alone, the only possible contacts of a rigid bottom on level
+ground.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from vibgym import Part, Simulator, Surface
 from vibgym.scene.parts import shipped_part
 
 SURFACE = Surface(rows=32, columns=32)
-"""Large enough that nothing comes near a border within a second."""
+"""Large enough that no part reaches a border within a second."""
 
 TILTS = (0.5, 1.0, 2.0, 3.0, 5.0)  # deg
 SHARES = (0.0, 0.5, 1.0)
@@ -59,7 +59,7 @@ def leans(tilt: float, worlds: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def release(part: Part, tilt: float, share: float, worlds: int, periods: int, seed: int) -> Track:
-    """Return the effect of a tilt (rad) while all plates move alike with a share of the largest amplitude."""
+    """Return the effect of a tilt (rad) on plates with equal motion at a share of the largest amplitude."""
     rng = np.random.default_rng(seed)
     pose, velocity = starts(part, worlds, rng)
     tipped, calm = (Simulator(SURFACE, part, worlds=worlds, model="tilting") for _ in range(2))
@@ -79,7 +79,7 @@ def kicked(part: Part, kick: np.ndarray, share: float) -> Track:
 
 
 def follow(disturbed: Simulator, calm: Simulator, share: float, phase: float, periods: int) -> Track:
-    """Advance both alike and return their differences."""
+    """Advance both simulators and return their differences."""
     amplitude = share * (SURFACE.max_amplitude or 0.0)
     found = []
     for _ in range(periods):

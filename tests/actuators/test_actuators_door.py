@@ -1,4 +1,4 @@
-"""The door that all actuators go through: latency in periods, and resets of single worlds."""
+"""Base class of actuators: latency in periods, and resets of single worlds."""
 
 import gymnasium as gym
 import numpy as np
@@ -8,7 +8,7 @@ from vibgym.actuators import ACTUATORS, Actuators
 
 
 class Weak(Actuators):
-    """Elements that do only a share of what they are told, a share drawn for each episode."""
+    """Actuators that execute a share of the command, drawn for each episode."""
 
     draws = 1
 
@@ -40,8 +40,8 @@ def random_actions(env, steps, seed=1):
     return np.random.default_rng(seed).uniform(-1, 1, (steps, *env.action_space.shape)).astype(np.float32)
 
 
-def test_faithful_actuators_without_latency_are_the_ideal_ones():
-    """But for rounding: what is done is written down as amplitude and phase."""
+def test_exact_actuators_without_latency_equal_ideal_ones():
+    """Equal up to rounding, since the motion is stored as amplitude and phase."""
     ideal, faithful = batch(3), batch(3, {"kind": "weak", "least": 1.0})
     ideal.reset(seed=5), faithful.reset(seed=5)
     for action in random_actions(ideal, 8):
@@ -52,7 +52,7 @@ def test_faithful_actuators_without_latency_are_the_ideal_ones():
 
 @pytest.mark.parametrize("periods, latency", [(1, 1), (1, 3), (4, 1), (4, 4), (4, 6), (3, 7)])
 def test_commands_take_effect_after_the_latency(periods, latency):
-    """Against environments of one period a step that are told what acts in each period, rest at first."""
+    """Compare with environments of one period per step that get the delayed commands, at rest at first."""
     slow = batch(2, {"kind": "weak", "least": 1.0, "latency": latency}, periods_per_step=periods)
     fine = batch(2, {"kind": "weak", "least": 1.0})
     slow.reset(seed=5), fine.reset(seed=5)
@@ -88,8 +88,8 @@ def test_bad_actuators_are_refused(actuators, message):
         batch(2, actuators)
 
 
-def test_an_estimator_may_take_actuators_that_draw_for_nominal_ones(monkeypatch):
-    """It takes the middle of what they draw."""
+def test_estimators_use_the_mean_of_drawn_actuators(monkeypatch):
+    """The nominal value is the mean of the drawn range."""
     monkeypatch.setattr(Weak, "nominal", lambda self: Weak(self.surface, self.worlds, self.periods), raising=False)
     env = batch(2, "weak", sensor={"kind": "ideal", "estimator": "model"})
     env.reset(seed=1)

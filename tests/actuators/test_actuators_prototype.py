@@ -1,4 +1,4 @@
-"""Prototype actuators: every effect against its definition, faults, draws from ranges, and what bad settings say."""
+"""Prototype actuators: every effect against its definition, faults, draws from ranges, and bad settings."""
 
 import math
 
@@ -29,10 +29,10 @@ def command(worlds, amplitude, phase=0.0):
     return polar_drive(np.broadcast_to(amplitude, shape).copy(), np.broadcast_to(phase, shape).copy(), math.sqrt(W2))
 
 
-def done(own, asked):
-    """(stretches, worlds, rows, columns) amplitudes (m) and phases in a step, and how long each lasts."""
+def done(own, commanded):
+    """Return amplitudes (m) and phases (stretches, worlds, rows, columns) in a step, and the periods of each stretch."""
     amplitudes, phases, lengths = [], [], []
-    for drive, periods in own.apply(asked):
+    for drive, periods in own.apply(commanded):
         phasors = np.empty((own.worlds, SURFACE.rows, SURFACE.columns, 2))
         all_phasors(drive, phasors)
         amplitudes.append(np.hypot(phasors[..., 0], phasors[..., 1]) / W2)
@@ -44,7 +44,7 @@ def done(own, asked):
 ASKED = np.linspace(0.0, 0.39e-3, 12).reshape(3, 4)
 
 
-def test_without_any_effect_they_do_as_they_are_told():
+def test_without_effects_commands_are_executed():
     amplitude, phase, _ = done(made(), command(1, ASKED, 1.0))
     assert amplitude[0, 0] == pytest.approx(ASKED, abs=1e-15) and phase[0, 0, ASKED > 0] == pytest.approx(1.0)
 
@@ -78,7 +78,7 @@ def test_spread_is_normal_and_the_elements_own():
     assert again[0] == pytest.approx(0.5 * amplitude[0])  # a gain stays for the episode
 
 
-def test_what_a_gain_lifts_beyond_the_surface_s_largest_amplitude_is_cut():
+def test_gains_are_limited_to_the_largest_amplitude():
     amplitude, _, _ = done(made(worlds=50, gain_spread=0.3), command(50, SURFACE.max_amplitude))
     assert amplitude.max() == pytest.approx(SURFACE.max_amplitude) and (amplitude > 0.999 * SURFACE.max_amplitude).any()
 
@@ -89,7 +89,7 @@ def test_faults_one_by_one():
     expected = np.full((3, 4), 2e-4)
     expected[0, 1], expected[2, 3] = 0.0, 1e-4
     assert amplitude[0, 0] == pytest.approx(expected, abs=1e-15) and phase[0, 0, 2, 3] == pytest.approx(0.7)
-    assert done(own, command(1, 0.0))[0][0, 0, 2, 3] == pytest.approx(1e-4)  # whatever is asked
+    assert done(own, command(1, 0.0))[0][0, 0, 2, 3] == pytest.approx(1e-4)  # for any command
 
 
 def test_shares_of_faults():
@@ -113,11 +113,11 @@ def test_latencies_that_differ_from_world_to_world(periods):
     assert latencies.tolist() == [0, 5, 2, 3]
     one = [made(periods=periods, latency=int(each)) for each in latencies]
     for step in range(5):
-        asked = 1e-5 * (step + 1)
-        amplitude, _, lengths = done(many, command(4, asked))
+        commanded = 1e-5 * (step + 1)
+        amplitude, _, lengths = done(many, command(4, commanded))
         together = np.repeat(amplitude[:, :, 0, 0], lengths, axis=0)
         for world, own in enumerate(one):
-            amplitude, _, lengths = done(own, command(1, asked))
+            amplitude, _, lengths = done(own, command(1, commanded))
             assert together[:, world] == pytest.approx(np.repeat(amplitude[:, 0, 0, 0], lengths), abs=1e-18)
 
 
@@ -131,7 +131,7 @@ def test_bandwidth_is_a_lag_of_first_order():
     assert amplitude == pytest.approx(2e-4 * expected, rel=1e-12)
 
 
-def test_a_machine_with_a_seed_is_the_same_in_all_worlds_and_episodes():
+def test_hardware_with_a_seed_is_the_same_in_all_worlds_and_episodes():
     env = gym.make_vec("vibgym/Align-v0", num_envs=3, actuators={"kind": "prototype", "seed": 4}).unwrapped
     env.reset(seed=0)
     first = env.core.actuators.elements
@@ -142,7 +142,7 @@ def test_a_machine_with_a_seed_is_the_same_in_all_worlds_and_episodes():
     assert (other.core.actuators.elements != first).any()
 
 
-def test_the_data_sheet_says_what_is_known_beforehand_and_no_more():
+def test_the_data_sheet_contains_nominal_values_only():
     own = made(dead_zone=5e-5, dead_zone_form="soft", limit=2e-4, latency=3, gain_spread=0.1, dead=0.1, resolution=1e-6)
     sheet = own.data_sheet
     assert (sheet.dead_zone, sheet.dead_zone_form, sheet.limit) == (5e-5, "soft", 2e-4)
@@ -162,8 +162,8 @@ def test_ranges_are_drawn_for_each_world():
 
 
 @pytest.mark.parametrize("model", ["planar", "averaged", "auto"])
-def test_a_world_does_not_feel_the_latencies_of_others(model):
-    """Where a step of several periods is cut matters to the averaged model: all worlds are cut alike."""
+def test_a_world_does_not_depend_on_latencies_of_others(model):
+    """The averaged model depends on the splits of a step, so all worlds are split at the same instants."""
     settings = {"model": model, "action": "field", "periods_per_step": 4, "actuators": "prototype"}
     settings["randomize"] = {"latency": [0, 6]}
     many = gym.make_vec("vibgym/Align-v0", num_envs=4, **settings)

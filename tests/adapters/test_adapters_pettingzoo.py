@@ -1,4 +1,4 @@
-"""Each part an agent: PettingZoo's own tests, and the same numbers as the environment beneath."""
+"""PettingZoo adapter: PettingZoo's tests, and equality with the wrapped environment."""
 
 import warnings
 
@@ -23,15 +23,15 @@ def test_pettingzoo_api(settings):
     settings = {**settings, **FEW}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        # The test hands in an option of its own making.
+        # The test passes an unknown option.
         warnings.filterwarnings("ignore", message=".*options options are ignored")
-        if "randomize" in settings:  # it expects all possible agents in every episode, and says so
+        if "randomize" in settings:  # it warns unless all possible agents are in every episode
             warnings.filterwarnings("ignore", message="No agents present but not all possible_agents")
         parallel_api_test(vibgym.parallel_env("Sort", **settings), num_cycles=100)
         parallel_seed_test(lambda: vibgym.parallel_env("Singulate", **settings), num_cycles=8)
 
 
-def test_agents_of_parts_that_come_and_go_stay():
+def test_agents_of_slots_with_changing_parts_stay():
     parallel_api_test(vibgym.parallel_env("Feed", **FEW), num_cycles=60)
     env = vibgym.parallel_env("Feed", **FEW)
     _, infos = env.reset(seed=1, options={"parts": [0, 1, 2, 3]})
@@ -54,7 +54,7 @@ def test_ids_of_registered_environments_are_names(monkeypatch):
 
 
 @pytest.mark.parametrize("action", ["wrench", "patch"])
-def test_agents_get_their_part_of_everything(action):
+def test_agents_get_their_rows_of_all_arrays(action):
     settings = {"randomize": {"parts": [3, 3]}, "slots": 8, "action": action, "max_episode_steps": 6}
     many = vibgym.parallel_env("Sort", **settings)
     env = single("Sort", observation="parts", **settings)
@@ -97,7 +97,7 @@ def test_pettingzoo_makes_them_by_their_ids():
     assert made.action_space("part_11").shape == (6,) and made.metadata["name"] == "vibgym/SortTwelve-v0"
 
 
-def test_options_of_a_start_go_through_and_others_are_named():
+def test_reset_options_are_passed_on_and_others_warned_about():
     many = vibgym.parallel_env("Sort")
     many.reset(seed=1, options={"parts": [1, 4]})
     assert many.agents == ["part_1", "part_4"]
@@ -133,8 +133,8 @@ def test_bad_input():
     assert_same(many.env.unwrapped.get_state(), state)
 
 
-def test_agents_are_paid_what_a_wrapper_pays():
-    """The world's reward where it changes that, and their own beneath limits and the like."""
+def test_agents_get_the_rewards_of_wrappers():
+    """The world's reward under wrappers that change it, the part's reward under others."""
     paid = []
     for wrap in (lambda env: env, lambda env: gym.wrappers.TransformReward(env, lambda reward: reward - 3.0)):
         many = PartsParallelEnv(wrap(single("Sort", observation="parts", action="wrench")))

@@ -1,4 +1,4 @@
-"""The batch environment as Stable-Baselines3 sees it."""
+"""The Stable-Baselines3 adapter."""
 
 import warnings
 
@@ -85,12 +85,12 @@ def test_seeds_and_resets():
     env = adapter(action="field")
     assert env.seed(5) == [5, 6, 7]
     first = env.reset()
-    second = env.reset()  # goes on: a seed counts once
+    second = env.reset()  # the generator continues: a seed applies once
     env.seed(5)
     assert (env.reset() == first).all() and (second != first).any()
 
 
-def test_a_reset_forgets_returns():
+def test_a_reset_clears_returns():
     env = adapter(action="field", max_episode_steps=3)
     push = np.zeros((WORLDS, 6), dtype=np.float32)
     env.reset(), env.step(push), env.reset()
@@ -144,7 +144,7 @@ def test_other_environments_are_refused():
 
 
 @pytest.mark.parametrize("settings", [{"action": "patch"}, {"observation": "state"}, {"surface": SMALL}])
-def test_scenes_that_look_different_are_refused(settings):
+def test_scenes_with_different_spaces_are_refused(settings):
     first = {"action": "field", "observation": "parts", "autoreset_mode": "SameStep"}
     envs = batch("Align", 2, **first), batch("Align", 2, **{**first, **settings})
     if "surface" in settings:  # rows by parts are of any surface
@@ -155,7 +155,7 @@ def test_scenes_that_look_different_are_refused(settings):
 
 
 def test_dictionaries_are_batches_and_parts_have_rewards_of_their_own():
-    """Of several scenes as of each by itself; of an episode's last step its own reward, not that of the next one."""
+    """Several scenes equal each alone; the last step of an episode has its reward, not that of the next episode."""
     parts = {"parts": ["steel_block", "aluminium_block"], "action": "field", "observation": "parts"}
     settings = [{**parts, "max_episode_steps": 4}, {**parts, "max_episode_steps": 6, "walls": ["left"]}]
     both = VecEnv(*(batch("Sort", n, autoreset_mode="SameStep", **s) for n, s in zip((2, 3), settings, strict=True)))
@@ -197,8 +197,8 @@ def test_stable_baselines_learns_and_evaluates_on_it():
     assert lengths == [5, 5, 5] and np.isfinite(returns).all()
 
 
-def test_rewards_of_a_batch_come_whole():
-    """Whatever its size: that many worlds is no exception."""
+def test_a_large_batch_returns_all_rewards():
+    """Check a large number of worlds."""
     env = adapter(action="field", observation="goal")
     desired = np.zeros((WORLDS, 3))
     achieved = desired + np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
@@ -211,22 +211,22 @@ def test_rewards_of_a_batch_come_whole():
 
 
 class Halved(VectorRewardWrapper):
-    """Pays half."""
+    """Halve the reward."""
 
     def rewards(self, reward):
         return 0.5 * reward
 
 
 class PartByPart(VectorWrapper):
-    """Pays a third, of the parts too."""
+    """Divide the rewards by three, also those of the parts."""
 
     credits_parts = True
 
     def step(self, actions):
         seen, reward, *ends, info = self.env.step(actions)
-        for told in (info["parts"], info.get("final_info", {}).get("parts", {})):
-            if told:
-                told["reward"] = told["reward"] / 3.0
+        for reported in (info["parts"], info.get("final_info", {}).get("parts", {})):
+            if reported:
+                reported["reward"] = reported["reward"] / 3.0
         return seen, reward / 3.0, *ends, info
 
 

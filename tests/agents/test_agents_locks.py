@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from agents import locks
 from agents.locks import FILE, one_run
 
 
@@ -65,15 +66,16 @@ def test_the_lock_goes_with_the_block_however_it_ends(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-def test_never_two_at_once(tmp_path):
-    """Runs that come and go: every one sees the counter as the last one left it."""
+def test_never_two_at_once(tmp_path, monkeypatch):
+    """Each of many runs reads the counter that the last one wrote."""
+    monkeypatch.setattr(locks, "PATIENCE", 20.0)
     directory, counter = tmp_path / "held", tmp_path / "counter"
     directory.mkdir()
     counter.write_text("0")
 
     def work() -> None:
         for _ in range(30):
-            with one_run(directory, patience=20.0):
+            with one_run(directory):
                 count = int(counter.read_text())
                 time.sleep(0.0005)
                 counter.write_text(str(count + 1))

@@ -57,7 +57,7 @@ def _evaluate(kernel, order, surface, part, pose, velocity, amplitude, phase, re
 
 
 def mean_acceleration(surface, part, pose, velocity, amplitude, phase, *, order=2):
-    """Mean acceleration (worlds, 3) at a mean pose and velocity, m/s^2 and rad/s^2."""
+    """Return the mean acceleration (worlds, 3) at a mean pose and velocity, m/s^2 and rad/s^2."""
     return _evaluate(mean_accelerations, order, surface, part, pose, velocity, amplitude, phase, 1)[0]
 
 

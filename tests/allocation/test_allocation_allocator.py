@@ -1,4 +1,4 @@
-"""Allocation through a dead zone: what elements may do, how near it comes to the best, and what it does on the simulator."""
+"""Allocation through a dead zone: feasibility, distance from the optimum, and results on the simulator."""
 
 import dataclasses
 import math
@@ -23,7 +23,7 @@ THERE = np.ones((1, 1), dtype=bool)
 
 
 def sheet(least=LEAST, most=1.0, form="hard"):
-    """Of elements whose smallest and largest amplitudes, over the surface's largest, are these."""
+    """Return an allocator for elements with these smallest and largest amplitudes, over the surface's largest."""
     largest = SURFACE.max_amplitude
     width = least / (1.0 + MARGIN) if form == "hard" else least
     return DataSheet(most * largest, dead_zone=width * largest, dead_zone_form=form)
@@ -34,7 +34,7 @@ def allocator(*parts, least=LEAST, most=1.0):
 
 
 def error(parts, pose, push, wanted):
-    """Of one world: what the parts miss (parts, 3), and the expected error that the allocation shall make small."""
+    """Return the missing effect (parts, 3) of one world, and the expected error that the allocation minimises."""
     made, spread = np.zeros((len(parts), 3)), 0.0
     push = push.reshape(-1, 2)
     for part, element, share, lever in zip(*cut(parts, pose), strict=True):
@@ -46,10 +46,10 @@ def error(parts, pose, push, wanted):
     return missing, (missing**2).sum() + spread
 
 
-wishes = st.tuples(st.floats(0.0, 1.2), st.floats(-1.0, 1.0), st.floats(0.0, 2.0 * math.pi))
+targets = st.tuples(st.floats(0.0, 1.2), st.floats(-1.0, 1.0), st.floats(0.0, 2.0 * math.pi))
 
 
-def wish(size, turn, way):
+def target(size, turn, way):
     """Wanted acceleration (3,) of a size."""
     plain = math.sqrt(1.0 - turn * turn)
     return size * np.array([plain * math.cos(way), plain * math.sin(way), turn])
@@ -60,12 +60,12 @@ def wish(size, turn, way):
     st.floats(0.05, 0.75),
     st.floats(0.05, 0.15),
     st.floats(-4.0, 4.0),
-    wishes,
+    targets,
     st.just(0.0) | st.floats(1e-6, 0.6),
     st.floats(0.6, 1.0),
 )
 def test_elements_rest_or_move_within_the_limits(x, y, heading, wanted, least, most):
-    wanted = wish(*wanted)
+    wanted = target(*wanted)
     push = allocator(ALUMINIUM, least=least, most=most).pushes(np.array([[[x, y, heading]]]), THERE, wanted[None, None])
     length = np.hypot(push[..., 0], push[..., 1])
     moves = length > 0.0
@@ -73,11 +73,11 @@ def test_elements_rest_or_move_within_the_limits(x, y, heading, wanted, least, m
     _, element, *_ = cut((ALUMINIUM,), [[x, y, heading]])
     assert set(np.flatnonzero(moves.ravel())) <= set(element.tolist())
     expected = error((ALUMINIUM,), [[x, y, heading]], push[0], wanted[None])[1]
-    assert expected <= (wanted**2).sum() * (1.0 + 1e-9)  # never worse than to do nothing
+    assert expected <= (wanted**2).sum() * (1.0 + 1e-9)  # never worse than zero pushes
 
 
 def brute_force(parts, pose, wanted, lengths, turns=36):
-    """Least expected error over all phasors of a grid, amplitude times angle, on the elements under a part."""
+    """Return the least expected error over a grid of phasors, amplitude times angle, on the elements under a part."""
     angle = 2.0 * np.pi * np.arange(turns) / turns
     choices = np.concatenate([[[0.0, 0.0]], *(r * np.column_stack([np.cos(angle), np.sin(angle)]) for r in lengths)])
     _, element, share, lever = cut(parts, pose)
@@ -92,13 +92,13 @@ def brute_force(parts, pose, wanted, lengths, turns=36):
 
 
 @pytest.mark.parametrize("size", [0.03, 0.1, 0.2, 0.4])
-def test_it_comes_near_the_best_of_all_on_few_elements(size):
-    """A block of 40 x 20 mm on two elements, off their middle: all pairs of phasors are tried."""
+def test_near_optimal_on_few_elements(size):
+    """Compare with all pairs of phasors for a block of 40 x 20 mm off the centre of two elements."""
     part = Part.rectangle(0.040, 0.020, friction=0.5)
     found, best = [], []
     for k in range(12):
         pose = np.array([[0.130 + 0.0005 * k, 0.091, 0.0]])
-        wanted = wish(size, math.sin(3.0 * k), 2.0 * k)
+        wanted = target(size, math.sin(3.0 * k), 2.0 * k)
         push = allocator(part).pushes(pose[None], THERE, wanted[None, None])[0]
         assert len(cut((part,), pose)[1]) == 2
         found.append(error((part,), pose, push, wanted[None])[1])
@@ -107,24 +107,24 @@ def test_it_comes_near_the_best_of_all_on_few_elements(size):
     assert np.median(found / best) < 1.05 and (found < best + 0.02).all()
 
 
-def test_small_wishes_are_granted_where_the_phasors_of_least_norm_are_lost():
+def test_small_pushes_pass_the_dead_zone():
     generator = np.random.default_rng(1)
     pose = np.column_stack(
         [generator.uniform(0.1, 0.7, 60), generator.uniform(0.06, 0.14, 60), generator.uniform(-3, 3, 60)]
     )
     there, aware, plain = np.ones((60, 1), dtype=bool), [], []
-    wanted = np.array([wish(0.1, *each) for each in generator.uniform([-1, 0], [1, 6], (60, 2))])
+    wanted = np.array([target(0.1, *each) for each in generator.uniform([-1, 0], [1, 6], (60, 2))])
     for maker, errors in ((allocator(ALUMINIUM), aware), (allocator(ALUMINIUM, least=0.0), plain)):
         push = maker.pushes(pose[:, None], there, wanted[:, None])
-        push[np.hypot(push[..., 0], push[..., 1]) < LEAST * (1.0 - 1e-9)] = 0.0  # what the dead zone takes
+        push[np.hypot(push[..., 0], push[..., 1]) < LEAST * (1.0 - 1e-9)] = 0.0  # loss in the dead zone
         errors += [
             np.linalg.norm(error((ALUMINIUM,), p[None], u, w)[0]) for p, u, w in zip(pose, push, wanted, strict=True)
         ]
     assert np.median(plain) == pytest.approx(0.1, rel=0.02) and np.median(aware) < 0.003 and max(aware) < 0.03
 
 
-def test_wishes_beyond_the_dead_zone_are_those_of_least_norm():
-    """Every element moves enough: the same phasors as without a dead zone, but for the exact shares."""
+def test_pushes_above_the_dead_zone_have_least_norm():
+    """Elements above the dead zone have the same phasors as without one, up to the exact shares."""
     pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.6, -0.3, 0.05]]])
     aware, plain = allocator(ALUMINIUM), allocator(ALUMINIUM, least=0.0)
     assert aware.pushes(pose, THERE, wanted) == pytest.approx(plain.pushes(pose, THERE, wanted), abs=0.02)
@@ -135,24 +135,24 @@ def test_wishes_beyond_the_dead_zone_are_those_of_least_norm():
 CLOSE = np.array([[0.3, 0.117, 0.0], [0.352, 0.117, 0.0], [0.6, 0.09, 0.4]])  # the first two share elements
 
 
-def test_parts_that_share_elements_each_get_what_they_want():
+def test_parts_that_share_elements_get_their_pushes():
     parts = (STEEL, STEEL, ALUMINIUM)
     missed = []
     for k in range(20):
-        wanted = np.array([wish(0.15, math.sin(k + p), 2.0 * k + p) for p in range(3)])
+        wanted = np.array([target(0.15, math.sin(k + p), 2.0 * k + p) for p in range(3)])
         push = allocator(*parts).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), wanted[None])[0]
         missed.append(np.abs(error(parts, CLOSE, push, wanted)[0]).max())
     assert np.median(missed) < 0.02 and max(missed) < 0.08
 
 
-def test_others_far_away_change_nothing():
+def test_distant_parts_have_no_effect():
     wanted = np.array([[0.1, 0.02, -0.03], [-0.05, 0.1, 0.04], [0.03, -0.08, 0.1]])
     all_three = allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), wanted[None])
     alone = allocator(ALUMINIUM).pushes(CLOSE[None, 2:], THERE, wanted[None, 2:])
     assert (all_three[0, :, 16:] == alone[0, :, 16:]).all() and (alone[0, :, :16] == 0.0).all()
 
 
-def test_parts_that_want_nothing_rest():
+def test_parts_without_a_push_rest():
     wanted = np.zeros((1, 3, 3))
     wanted[0, 0] = 0.1, 0.0, 0.0
     push = allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), wanted)
@@ -183,7 +183,7 @@ def test_a_world_gets_the_same_bits_alone_and_in_any_batch():
 
 
 def test_one_pulse_shifts_the_place_of_rest_as_wanted():
-    """The law behind ``policies.classical.law`` and the allocation together: a T / c, with the planar model, at rest."""
+    """Compare with the displacement a T / c of a pulse in the planar model, from rest to rest."""
     worlds, generator = 40, np.random.default_rng(3)
     part, surface = ALUMINIUM, SURFACE
     pose = np.column_stack(
@@ -194,7 +194,7 @@ def test_one_pulse_shifts_the_place_of_rest_as_wanted():
     still = np.zeros((worlds, surface.rows, surface.columns))
     simulator.advance(still, still, periods=60)
     before = simulator.pose.copy()
-    shift = 0.002 * np.array([wish(1.0, *each) for each in generator.uniform([-1, 0], [1, 6], (worlds, 2))])
+    shift = 0.002 * np.array([target(1.0, *each) for each in generator.uniform([-1, 0], [1, 6], (worlds, 2))])
     drag = part.friction * surface.gravity / (2.0 * surface.table_speed)
     maker = allocator(part, least=1e-4 / surface.max_amplitude)
     wanted = (drag * shift / surface.period)[:, None] / [1.0, 1.0, math.sqrt(part.gyration)]
@@ -207,23 +207,23 @@ def test_one_pulse_shifts_the_place_of_rest_as_wanted():
     simulator.advance(still, still, periods=60)
     moved = (simulator.pose - before)[:, 0] * [1.0, 1.0, math.sqrt(part.gyration)]
     missed = np.linalg.norm(moved - shift, axis=1)
-    assert np.median(missed) < 0.15e-3 and missed.max() < 0.5e-3  # m; the least norm's pulse would move nothing
+    assert np.median(missed) < 0.15e-3 and missed.max() < 0.5e-3  # m; a pulse of least norm has no effect
 
 
-# -- what the data sheet says ------------------------------------------------------------------------------------------
+# -- data sheet --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("form", INVERSES)
-def test_soft_dead_zones_are_made_up_for(form):
+def test_soft_dead_zones_are_compensated(form):
     pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.1, -0.3, 0.15]]])
     shape = (SURFACE.rows, SURFACE.columns, 2)
     commanded = Allocator(SURFACE, [STEEL], sheet(form=form)).actions(pose, THERE, wanted).reshape(shape)
-    asked = allocator(STEEL, least=0.0).actions(pose, THERE, wanted).reshape(shape)
+    requested = allocator(STEEL, least=0.0).actions(pose, THERE, wanted).reshape(shape)
     length = np.hypot(commanded[..., 0], commanded[..., 1])[..., None]
     power = {"soft": 1, "cubic": 2}[form]
     assert length[length > 0.0].min() < LEAST < length.max()
     realised = np.where(length < LEAST, (length / LEAST) ** power, 1.0) * commanded
-    assert realised == pytest.approx(asked, abs=1e-6)
+    assert realised == pytest.approx(requested, abs=1e-6)
 
 
 def test_limits_are_those_of_the_data_sheet():
@@ -235,11 +235,11 @@ def test_limits_are_those_of_the_data_sheet():
     assert Allocator(info.surface, info.parts, tight).least == pytest.approx(2.5e-4 / SURFACE.max_amplitude)
 
 
-# -- what the parts get ------------------------------------------------------------------------------------------------
+# -- effect on the parts -----------------------------------------------------------------------------------------------
 
 
 def accelerations(parts, pose, push):
-    """Of parts at rest under pushes, by the averaged model of the first order, over what full amplitude gives."""
+    """Return accelerations of parts at rest under pushes, by the first-order averaged model, over those at full amplitude."""
     result = []
     for k, part in enumerate(parts):
         amplitude = SURFACE.max_amplitude * np.hypot(push[..., 0], push[..., 1])
@@ -254,14 +254,14 @@ WANTED = np.array([[[0.3, 0.1, 0.1], [-0.2, 0.2, -0.1]]])
 PAIR = np.ones((1, 2), dtype=bool)
 
 
-def test_parts_apart_get_what_they_want():
+def test_separate_parts_get_their_pushes():
     pose = np.array([[[0.3, 0.11, 0.4], [0.5, 0.08, -0.3]]])
     push = allocator(STEEL, ALUMINIUM, least=0.0).pushes(pose, PAIR, WANTED)
     assert accelerations([STEEL, ALUMINIUM], pose, push) == pytest.approx(WANTED, abs=0.02)
 
 
-def test_parts_side_by_side_get_what_they_want():
-    """2 mm apart, wishes apart, the border in the middle of an element."""
+def test_adjacent_parts_get_their_pushes():
+    """Parts 2 mm apart with different pushes, and a gap in the middle of an element."""
     pose = np.array([[[0.3, 0.117, 0.0], [0.352, 0.117, 0.0]]])
     push = allocator(STEEL, STEEL, least=0.0).pushes(pose, PAIR, WANTED)
     assert np.hypot(push[..., 0], push[..., 1]).max() <= 1 + 1e-12
@@ -277,7 +277,7 @@ def test_a_part_alone_gets_the_same_push_from_all_its_elements():
 
 
 def test_torques_beyond_the_limit_take_all_of_all_elements():
-    """Elements near the centre make up for what those at the ends cannot do: nearly the largest torque there is."""
+    """Elements near the centre compensate for the limit of those at the ends, up to nearly the largest torque."""
     pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.0, 0.0, 3.0]]])
     push = allocator(STEEL, least=0.0).pushes(pose, THERE, wanted)
     torque = error((STEEL,), pose[0], push[0], np.zeros((1, 3)))[0][0, 2]
@@ -286,19 +286,19 @@ def test_torques_beyond_the_limit_take_all_of_all_elements():
     assert -torque > 0.97 * most
 
 
-def test_elements_that_do_little_are_made_up_for():
+def test_weak_elements_are_compensated():
     pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.2, -0.1, 0.05]]])
     gain = np.ones((1, SURFACE.rows * SURFACE.columns))
     _, element, share, _ = cut((STEEL,), pose[0])
     gain[0, element[np.argmax(share)]] = 0.0
     plain = allocator(STEEL, least=0.0)
-    for told, most in ((gain, 0.02), (None, 1.0)):
-        push = plain.pushes(pose, THERE, wanted, told)[0].reshape(-1, 2) * gain[0][:, None]
+    for known, most in ((gain, 0.02), (None, 1.0)):
+        push = plain.pushes(pose, THERE, wanted, known)[0].reshape(-1, 2) * gain[0][:, None]
         missed = np.abs(error((STEEL,), pose[0], push, wanted[0])[0]).max()
-        assert missed < most and (told is not None or missed > 0.04)
+        assert missed < most and (known is not None or missed > 0.04)
 
 
-def test_absent_parts_claim_nothing():
+def test_absent_parts_have_no_elements():
     pose = np.array([[[0.3, 0.11, 0.4], [0.31, 0.11, 0.0]]])
     one = allocator(STEEL, least=0.0).actions(pose[:, :1], np.array([[True]]), WANTED[:, :1])
     two = allocator(STEEL, STEEL, least=0.0).actions(pose, np.array([[True, False]]), WANTED)

@@ -1,4 +1,4 @@
-"""Elements around a part that go on with the field under it."""
+"""Apron: elements around a part continue the field under it."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def pushes(pose, wanted, apron, parts=(BLOCK,), sheet=SHEET, **settings):
     return allocator.pushes(pose, np.ones(pose.shape[:2], dtype=bool), wanted)
 
 
-def test_a_push_goes_on_around_the_part_and_nothing_changes_under_it():
+def test_the_apron_continues_a_push_and_keeps_elements_under_the_part():
     pose = [[[0.4131, 0.1027, 0.3]]]
     plain, wide = (pushes(pose, [[[0.3, 0.2, 0.0]]], apron) for apron in (0.0, APRON))
     under = plain.any(axis=-1)
@@ -37,8 +37,8 @@ def test_a_push_goes_on_around_the_part_and_nothing_changes_under_it():
     assert (np.abs((rows + 0.5) * size - 0.1027) < BLOCK.radius + APRON + 0.71 * size).all()
 
 
-def test_a_turn_goes_on_around_the_part():
-    """Pushes of elements beyond it are square to the way from its centre, and longer than those under it on the same side."""
+def test_the_apron_continues_a_rotation():
+    """Pushes of the apron are perpendicular to the offset from the centre, and longer than those under the part."""
     centre = np.array([0.416, 0.104])
     plain, wide = (pushes([[[*centre, 0.0]]], [[[0.0, 0.0, 0.3]]], apron)[0] for apron in (0.0, APRON))
     under = plain.any(axis=-1)
@@ -51,7 +51,7 @@ def test_a_turn_goes_on_around_the_part():
     assert np.hypot(*found.T).max() > np.hypot(*plain[under].T).max()
 
 
-def test_neighbours_elements_are_their_own_and_bits_do_not_depend_on_company():
+def test_aprons_do_not_cover_other_parts_and_worlds_are_independent():
     rng = np.random.default_rng(0)
     pose = np.array([[[0.40, 0.10, 0.2], [0.458, 0.10, -0.1]], [[0.2, 0.1, 0.0], [0.6, 0.1, 0.4]]])
     wanted = rng.uniform(-0.5, 0.5, (2, 2, 3))
@@ -62,7 +62,7 @@ def test_neighbours_elements_are_their_own_and_bits_do_not_depend_on_company():
             allocator.effect(pose[world : world + 1], np.ones((1, 2), bool), each[world : world + 1])
             for each in (plain, wide)
         ]
-        assert (got[0] == got[1]).all()  # whatever goes on around a part is under no other
+        assert (got[0] == got[1]).all()  # an apron does not extend under other parts
         alone = pushes(pose[world : world + 1], wanted[world : world + 1], APRON, (BLOCK, BLOCK), threads=1)
         assert (alone[0] == wide[world]).all()
 
@@ -81,7 +81,7 @@ def test_bad_aprons_are_one_error(bad):
         Allocator(SURFACE, [BLOCK], SHEET, apron=bad)
 
 
-def test_laws_take_it_where_they_allocate_themselves():
+def test_controllers_use_it_if_they_allocate():
     env = batch_of("vibgym/Align-v0", num_envs=1, action="phasor")
     assert make_policy({"kind": "lqr", "apron": 0.006}, TaskInfo.of(env)).predict is not None
     with pytest.raises(ValueError, match="apron"):

@@ -52,7 +52,7 @@ def test_pieces_are_the_intersections_with_the_elements(which, x, y, heading):
         assert lever[k] == pytest.approx(area * np.array([centroid.x - x, centroid.y - y]), abs=1e-10)
 
 
-def test_a_part_on_the_surface_is_its_pieces():
+def test_pieces_sum_up_to_the_part():
     part, _, share, lever = cut(PARTS, [[0.1, 0.1, 0.3], [0.3, 0.1, 1.0], [0.5, 0.1, 0.0], [0.7, 0.1, -2.0]])
     for p in range(len(PARTS)):
         assert share[part == p].sum() == pytest.approx(1.0, abs=1e-9)
@@ -65,14 +65,14 @@ def test_edges_on_the_grid_make_no_slivers():
     assert sorted(element.tolist()) == [3 * 32 + 3, 3 * 32 + 4] and share == pytest.approx(0.5)
 
 
-def test_absent_parts_and_those_beside_the_surface_have_no_pieces():
+def test_absent_parts_and_parts_off_the_surface_have_no_pieces():
     pose = [[0.1, 0.1, 0.3], [0.3, 0.1, 1.0], [-1.0, 0.1, 0.0], [0.7, 9.0, 0.0]]
     part, *_ = cut(PARTS, pose, np.array([False, True, True, True]))
     assert set(part.tolist()) == {1}
 
 
 def test_there_is_room_for_a_disc_that_just_fills_an_element():
-    """The polygon of a disc reaches a little beyond its radius: nine pieces."""
+    """The polygon of a disc extends slightly beyond its radius: nine pieces."""
     disc = Part.disc(0.5 * SURFACE.element_size, friction=0.5)
     middle = 4.5 * SURFACE.element_size
     assert disc.radius > 0.5 * SURFACE.element_size

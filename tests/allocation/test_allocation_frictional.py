@@ -19,7 +19,7 @@ G, TOP = SURFACE.gravity, SURFACE.table_speed
 
 
 def motion(push, surface=SURFACE):
-    """Amplitude and phase (worlds, 1, 1) of elements that all push alike."""
+    """Return amplitude and phase (worlds, 1, 1) of elements with equal pushes."""
     x, y = push[:, 0, None, None], push[:, 1, None, None]
     amplitude = np.minimum(np.hypot(x, y), 1.0) * surface.max_amplitude
     return amplitude, np.arctan2(-x, -y)
@@ -34,13 +34,13 @@ def draws(worlds, fastest, seed=0):
 
 @pytest.mark.parametrize("surface, pose", [(ONE, [4.0, 4.0, 0.3]), (SURFACE, [0.397, 0.101, 0.3])])
 @pytest.mark.parametrize("part", [STEEL, DISC])
-def test_what_it_says_is_what_the_averaged_model_says(surface, pose, part):
+def test_accelerations_equal_the_averaged_model(surface, pose, part):
     """On one element and under a uniform field on several, slower than the table and, far from it, faster."""
     velocity, wanted = draws(300, 1.0)
     velocity = velocity[abs(np.hypot(*velocity.T[:2]) / TOP - 1.0) > 0.02]  # the tables end at 0.99
     found = FrictionalInverse(surface, part).push(velocity[:, None], wanted[: len(velocity), None])
-    judged = mean_acceleration(surface, part, pose, velocity, *motion(found.push[:, 0], surface))
-    assert np.abs(found.acceleration[:, 0, :2] - judged[:, :2]).max() < 1e-5 * G
+    simulated = mean_acceleration(surface, part, pose, velocity, *motion(found.push[:, 0], surface))
+    assert np.abs(found.acceleration[:, 0, :2] - simulated[:, :2]).max() < 1e-5 * G
     again, holds = FrictionalInverse(surface, part).acceleration(velocity[:, None], found.push)
     assert np.abs(again - found.acceleration).max() < 1e-12 and (holds == found.holds).all()
 
@@ -50,7 +50,7 @@ def test_what_it_says_is_what_the_averaged_model_says(surface, pose, part):
     speed=st.floats(0.0, 0.33), heading=st.floats(-4, 4), ax=st.floats(-2, 2), ay=st.floats(-2, 2),
     friction=st.floats(0.05, 0.9), limit=st.floats(0.05e-3, 0.45e-3),
 )  # fmt: skip
-def test_a_part_gets_what_it_wants_or_the_limit(speed, heading, ax, ay, friction, limit):
+def test_pushes_are_exact_up_to_the_limit(speed, heading, ax, ay, friction, limit):
     part = Part.rectangle(0.05, 0.035, friction=friction)
     inverse = FrictionalInverse(SURFACE, part, limit=limit)
     velocity = np.array([[[speed * math.cos(heading), speed * math.sin(heading), 0.0]]])
@@ -61,16 +61,16 @@ def test_a_part_gets_what_it_wants_or_the_limit(speed, heading, ax, ay, friction
     assert length <= most * (1.0 + 1e-12)
     left = np.abs(found.acceleration - wanted).max()
     assert left < 1e-8 or length == pytest.approx(most, rel=1e-9)
-    # What is beyond the limit: the change against elements at rest keeps its direction.
+    # Beyond the limit, the change relative to elements at rest keeps its direction.
     idle, _ = inverse.acceleration(velocity, np.zeros((1, 1, 3)))
-    asked, got = (wanted - idle)[0, 0, :2], (found.acceleration - idle)[0, 0, :2]
-    assert abs(asked[0] * got[1] - asked[1] * got[0]) < 1e-7 * (1.0 + asked @ asked)
-    assert -1e-9 <= asked @ got <= asked @ asked + 1e-7
+    requested, got = (wanted - idle)[0, 0, :2], (found.acceleration - idle)[0, 0, :2]
+    assert abs(requested[0] * got[1] - requested[1] * got[0]) < 1e-7 * (1.0 + requested @ requested)
+    assert -1e-9 <= requested @ got <= requested @ requested + 1e-7
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.58])
 @pytest.mark.parametrize("ahead", [0.0, 0.5])
-def test_the_planar_model_does_what_was_wanted(friction, ahead):
+def test_the_planar_model_has_the_wanted_acceleration(friction, ahead):
     """Mean acceleration over one period, on several elements, up to top speed, some beyond the limit: the period is centred on
     the velocity given, or with ``ahead`` begins with it."""
     part = Part.rectangle(0.050, 0.035, friction=friction)
@@ -94,8 +94,8 @@ def test_the_planar_model_does_what_was_wanted(friction, ahead):
     assert error.mean() < eps**2 and error.max() < 4.0 * eps**2, (error.mean(), error.max(), eps**2)
 
 
-def test_spin_is_braked_and_pushed_as_the_model_says():
-    """A disc in a field that turns it and pushes it along: both channels at once, on small elements, slow spin."""
+def test_spin_agrees_with_the_averaged_model():
+    """Compare for a disc in a field with push and rotation, on small elements, at slow spin."""
     fine, spin = Surface(rows=160, columns=160, element_size=0.001), 0.05
     inverse = FrictionalInverse(fine, DISC)
     velocity = np.array([[0.0, 0.0, spin], [0.2, 0.0, spin], [0.12, -0.2, spin], [-0.1, 0.1, 0.0]])
@@ -105,9 +105,9 @@ def test_spin_is_braked_and_pushed_as_the_model_says():
     field = [push[:, k, None, None] + turn * push[:, 2, None, None] / gyration for k, turn in ((0, -y), (1, x))]
     field = [each / np.maximum(np.hypot(*field), 1.0) for each in field]  # only away from the disc
     amplitude, phase = np.hypot(*field) * fine.max_amplitude, np.arctan2(-field[0], -field[1])
-    judged = mean_acceleration(fine, DISC, [0.080, 0.080, 0.0], velocity, amplitude, phase, order=1)[:, 2]
-    said = inverse.acceleration(velocity[:, None], push[:, None])[0][:, 0, 2]
-    assert said == pytest.approx(judged, rel=0.01)
+    simulated = mean_acceleration(fine, DISC, [0.080, 0.080, 0.0], velocity, amplitude, phase, order=1)[:, 2]
+    stated = inverse.acceleration(velocity[:, None], push[:, None])[0][:, 0, 2]
+    assert stated == pytest.approx(simulated, rel=0.01)
     back = inverse.push(velocity[:, None], inverse.acceleration(velocity[:, None], push[:, None])[0]).push[:, 0]
     assert back == pytest.approx(push, abs=1e-9)
 
@@ -134,9 +134,9 @@ def test_fast_spin_on_the_planar_model(part):
     inverse = FrictionalInverse(fine, part, ahead=0.5 * fine.period)
     velocity, pushes = np.zeros((2, len(spin), 1, 3))
     velocity[:, 0, 2], pushes[:, 0, 2] = spin, turn
-    said = fine.period * inverse.acceleration(velocity, pushes)[0][:, 0, 2]
+    stated = fine.period * inverse.acceleration(velocity, pushes)[0][:, 0, 2]
     strongest = fine.period * 0.5 * part.friction * fine.full_scale / math.sqrt(part.gyration)
-    np.testing.assert_allclose(said, gained, atol=0.02 * strongest)
+    np.testing.assert_allclose(stated, gained, atol=0.02 * strongest)
     back = inverse.push(velocity, inverse.acceleration(velocity, pushes)[0]).push
     np.testing.assert_allclose(back, pushes, atol=1e-3)
 
@@ -147,22 +147,22 @@ def _mean_radius(part):
     return np.hypot(*points.T).mean()
 
 
-def test_the_rim_is_where_friction_counts():
+def test_rim_radius_in_closed_form():
     """Of a disc <r^4> / <r^2> = 2 R^2 / 3; of a square of edge a 7 a^2 / 30."""
     assert rim_of(Part.disc(0.02, friction=0.5)) == pytest.approx(math.sqrt(2.0 / 3.0) * 0.02, rel=2e-3)
     assert rim_of(Part.rectangle(0.03, 0.03, friction=0.5)) == pytest.approx(math.sqrt(7.0 / 30.0) * 0.03, rel=1e-9)
 
 
 def test_coefficients_at_rest_are_isotropic():
-    """Nothing wanted, nothing done; and a push is turned by the same angle wherever it points."""
-    _, p, q, a0, a1, b00, b01, b11, b22, inverse_slip, _ = coefficients()[0, 1]  # slip 0.05, where none is set by hand
+    """Zero acceleration needs zero push, and the lead angle does not depend on the direction of the push."""
+    _, p, q, a0, a1, b00, b01, b11, b22, inverse_slip, _ = coefficients()[0, 1]  # slip 0.05, without values set by hand
     assert [p, q, a0, -b01, inverse_slip] == pytest.approx([0.5, 0.5, a0, a0, 1.0], abs=2e-3)
     assert np.abs([a1, b11, b22]).max() < 0.05 * abs(a0) and 0.0 < abs(b00) < 0.1 * abs(a0)
     none = np.zeros((2, 1, 3))
     assert not FrictionalInverse(SURFACE, STEEL).push(none, none).push.any()
 
 
-def test_every_row_and_part_by_itself_to_the_bit():
+def test_rows_and_parts_are_independent():
     rng = np.random.default_rng(3)
     velocity, wanted = rng.uniform(-0.3, 0.3, (2, 50, 3, 3)) * [[[1.0]]] * np.array([1.0, 12.0])[:, None, None, None]
     whole = FrictionalInverse(SURFACE, [ALUMINIUM, STEEL, DISC], limit=2.5e-4).push(velocity, wanted)
@@ -174,7 +174,7 @@ def test_every_row_and_part_by_itself_to_the_bit():
 
 
 def test_ahead_is_consistent():
-    """Pushes and accelerations with ``ahead`` are those without it at the velocity ahead; both ways round."""
+    """Pushes and accelerations with ``ahead`` equal those without it at the predicted velocity, in both directions."""
     velocity, wanted = draws(100, 0.25, seed=5)
     velocity, wanted = velocity[:, None], wanted[:, None] + [0.0, 0.0, 20.0]
     now, later = FrictionalInverse(SURFACE, STEEL), FrictionalInverse(SURFACE, STEEL, ahead=0.02)
@@ -186,7 +186,7 @@ def test_ahead_is_consistent():
     assert 20 < (np.abs(found.acceleration - wanted).max(axis=(1, 2)) < 1e-6).sum() < 90
 
 
-def test_it_says_where_slip_may_pass_through_zero():
+def test_possible_zero_slip_is_reported():
     velocity = np.zeros((3, 1, 3))
     velocity[:, 0, 0] = [0.30, TOP, 0.8]
     assert FrictionalInverse(SURFACE, ALUMINIUM).push(velocity, 0.0 * velocity).holds[:, 0].tolist() == [
@@ -196,13 +196,13 @@ def test_it_says_where_slip_may_pass_through_zero():
     ]
 
 
-@pytest.mark.parametrize("arguments, told", [
+@pytest.mark.parametrize("arguments, named", [
     ({"surface": Surface(horizontal_amplitude=3e-4)}, "parts"),
     ({"parts": Part.rectangle(0.05, 0.035, friction=0.0)}, "friction of part "),
     ({"limit": 0.0}, "limit"),
     ({"ahead": 0.05}, "ahead"),
     ({"surface": Surface(max_amplitude=0.0)}, "surface.max_amplitude"),
 ])  # fmt: skip
-def test_scenes_that_it_does_not_cover_are_refused(arguments, told):
-    with pytest.raises(ValueError, match=f"^{told}"):
+def test_scenes_that_it_does_not_cover_are_refused(arguments, named):
+    with pytest.raises(ValueError, match=f"^{named}"):
         FrictionalInverse(**{"surface": SURFACE, "parts": ALUMINIUM, **arguments})

@@ -1,4 +1,4 @@
-"""Bounds of several parts, of parts that are pushed, and of parts that come and go: closed forms, and play within them."""
+"""Bounds for several parts, pushed parts and flows: closed forms, and simulations within the bounds."""
 
 import itertools
 import math
@@ -30,7 +30,7 @@ def poses(seed, worlds=6, parts=3):
     return random.uniform([0.05, 0.05, -3.0], [0.75, 0.15, 3.0], (worlds, parts, 3))
 
 
-def test_the_slowest_part_alone_counts_of_those_that_are_there(bounds):
+def test_the_slowest_present_part_is_the_bound(bounds):
     start, goal, several = poses(0), poses(1), SeveralBound(bounds)
     each = np.stack([bound.steps(start[:, k], goal[:, k]) for k, bound in enumerate(bounds)], axis=1)
     np.testing.assert_array_equal(several.steps(start, goal), each.max(axis=1))
@@ -58,7 +58,7 @@ def test_free_goals_take_no_longer_and_stay_within_their_group(bounds):
 
 
 def test_power_is_what_a_part_gains_in_a_period():
-    # Independent: what a part that is let go gains within one period at its best phase, over directions of its way.
+    # Independent: gain of a free part within one period at its best phase, over directions.
     steps, at = 24, math.pi / 24 * np.arange(49)
     phases = SURFACE.full_scale * np.exp(2j * np.pi * np.arange(96) / 96)
     phasor, idle = np.column_stack([phases.real, phases.imag]), SURFACE.idle_velocity(0.58)
@@ -80,7 +80,7 @@ def test_pushing_is_bounded_by_energy():
     speed = bound.top_speed
     drag = ALUMINIUM.friction * SURFACE.gravity / (2.0 * SURFACE.table_speed)
     power = 2.0 * DISC.mass * (1.0 + MARGIN) * most_power(SURFACE, DISC.friction, MOST)
-    assert drag * ALUMINIUM.mass * speed**2 == pytest.approx(power)  # what friction takes at this speed
+    assert drag * ALUMINIUM.mass * speed**2 == pytest.approx(power)  # dissipation at this speed
     start, touching = np.zeros((1, 3)), np.zeros((1, 2))
     far = start + [[0.002 + 1.0, 0.0, 0.0]]
     assert bound.steps(start, far, touching)[0] == math.ceil(1.0 / speed / 0.04) + 9
@@ -95,7 +95,7 @@ def flow(parts=4, **settings):
     return FlowBound(SURFACE, [STEEL, ALUMINIUM] * (parts // 2), **given)
 
 
-def test_slots_and_gates_have_so_much_time():
+def test_flow_is_limited_by_slots_and_gates():
     assert [_fitting(n, 7) for n in (0, 1, 7, 8, 14, 15)] == [0, 1, 1, 2, 2, 3]
     transits = [
         int(fewest_periods(way_reach(SURFACE, part.friction, MOST, FREE_END, Hold(1, 1)), np.array([0.7]))[0])
@@ -110,7 +110,7 @@ def test_slots_and_gates_have_so_much_time():
 
 
 @pytest.mark.parametrize(("task", "policy"), [("Feed", "lanes"), ("Feed", "random"), ("FeedHeaps", "lanes")])
-def test_nobody_lets_more_pass(task, policy):
+def test_no_policy_exceeds_the_flow_bound(task, policy):
     found = rollout(policy, task, seeds=range(FRESH, FRESH + 2), keep=Measures, max_episode_steps=700)
     assert np.isfinite(found.rate_bound).all() and (found.rate_over_bound <= 1.0).all()
     assert np.isnan(found.bound).all()
@@ -127,7 +127,7 @@ def test_goals_that_parts_may_exchange_are_bounded_by_the_best_assignment(task):
 
 
 @pytest.mark.parametrize(("task", "policy"), [("Pack", "two_phases"), ("Swap", "lanes")])
-def test_nobody_is_faster(task, policy):
+def test_no_policy_is_faster(task, policy):
     found = rollout(policy, task, seeds=range(FRESH, FRESH + 8), keep=Measures)
     assert found.success.any() and (found.time_over_bound[found.success] >= 1.0).all()
     assert np.isnan(found.rate_bound).all()
@@ -144,7 +144,7 @@ def test_nobody_is_faster(task, policy):
 ])  # fmt: skip
 def test_bad_arguments(make, named):
     if named is None:
-        assert make().most > flow().most  # one way stands for all
+        assert make().most > flow().most  # one distance for all parts
         return
     with pytest.raises(ValueError, match=named):
         make()

@@ -1,4 +1,4 @@
-"""What one period is said to do against the planar simulator, whose contact area is exact."""
+"""Predicted effect of one period against the planar simulator, whose contact area is exact."""
 
 import math
 
@@ -15,14 +15,14 @@ MOST = SURFACE.max_amplitude
 
 
 def advanced(part, pose, velocity, c, s):
-    """By how much poses (n, 3) change in a period, and the velocities then."""
+    """Return changes of poses (n, 3) in a period, and the final velocities."""
     simulator = Simulator(SURFACE, part, worlds=len(pose))
     simulator.reset(pose[:, None], velocity[:, None])
     simulator.run(cartesian_drive(c, s), 1)
     return simulator.pose[:, 0] - pose, simulator.velocity[:, 0]
 
 
-def test_ways_are_those_of_the_simulator():
+def test_displacements_agree_with_the_simulator():
     random = np.random.default_rng(5)
     n, mu = 40, ALUMINIUM.friction
     velocity = np.column_stack([random.uniform(-0.2, 0.2, (n, 2)), np.zeros(n)])
@@ -43,7 +43,7 @@ def test_ways_are_those_of_the_simulator():
 
 
 @pytest.mark.parametrize("part", [ALUMINIUM, STEEL])
-def test_turns_are_those_of_the_simulator_and_hard_to_beat(part):
+def test_rotations_agree_with_the_simulator_and_are_hard_to_beat(part):
     random = np.random.default_rng(6)
     turner = turner_for(SURFACE, part.friction, part.gyration, MOST, sample(part, SURFACE.element_size))
     scratch, side = scratch_for(turner), 2 * turner.reach + 1
@@ -84,5 +84,5 @@ def test_points_have_the_part_s_inertia():
         points = sample(part, 0.026)
         np.testing.assert_allclose(points.mean(axis=0), 0.0, atol=1e-15)
         assert (points**2).sum(axis=1).mean() == pytest.approx(part.gyration, rel=1e-12)
-        # As coarse as they are: the scale that brings them there is nearly one.
+        # The points are coarse, but their scale factor is nearly one.
         assert np.hypot(*points.T).max() <= 1.05 * part.radius

@@ -1,4 +1,4 @@
-"""Dynamic programming against a double integrator, whose best way is known, and interpolation against polynomials."""
+"""Dynamic programming against a double integrator with known optimum, and interpolation against polynomials."""
 
 import numpy as np
 import pytest
@@ -24,13 +24,13 @@ def integrator():
 
 
 @pytest.mark.parametrize("kicks", [0, 1, 3, 6])
-def test_braking_takes_the_known_way(integrator, kicks):
+def test_braking_distance_is_the_known_one(integrator, kicks):
     found = overshoots(integrator, 10, 1)
     np.testing.assert_allclose(found[:, 8 + 4 * kicks], (kicks * KICK) ** 2 / (2.0 * STRONGEST), atol=1e-12)
 
 
 def test_only_instants_count(integrator):
-    # One look needs no brake; of two, three periods apart, the second sees what three periods of braking leave.
+    # One sample needs no braking; the second of two, three periods apart, follows three periods of braking.
     fast = 8 + 4 * 8
     assert not overshoots(integrator, 1, 5).any()
     passed = 8 * KICK * 3 * PERIOD - 0.5 * STRONGEST * (3 * PERIOD) ** 2
@@ -39,13 +39,13 @@ def test_only_instants_count(integrator):
 
 @pytest.mark.parametrize("half", [1, 3, 7])
 def test_half_the_time_is_braking(integrator, half):
-    # At the end the part may have half a kick left: braking then turns it round within a period, and nobody sees it in between.
-    # So of 2 n pushes n are full ones ahead, one is half a push back and n - 1 are full ones back.
+    # At the end the part may have half a velocity step left: it reverses within a period, between the samples.
+    # So of 2 n pushes, n are full ones ahead, one is half a push back and n - 1 are full ones back.
     value = furthest(integrator, overshoots(integrator, 12, 1), 0.0, 100.0, 2 * half)
     np.testing.assert_allclose(value[2 * half][:, 8], KICK * PERIOD * (half**2 + half / 2 - 0.25), rtol=1e-9)
 
 
-def test_what_may_overshoot_gets_further_and_a_price_only_loosens(integrator):
+def test_overshoot_increases_the_reach_and_prices_relax_the_bound(integrator):
     overshoot = overshoots(integrator, 12, 1)
     strict, cheap, wide = (
         furthest(integrator, overshoot, allowed, price, 8)[8, 2, 8]

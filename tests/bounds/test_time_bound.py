@@ -41,7 +41,7 @@ def test_every_period_of_a_long_way_adds_the_top_speed():
     assert 0.30438 * 0.9995 <= pace <= 0.30438 * 1.002
 
 
-def test_where_nothing_is_to_be_done_the_hold_is_left():
+def test_at_the_goal_only_the_hold_counts():
     inside = START + [[0.001, 0.001, math.radians(2.9)]]
     for stride, steps in ((1, 10), (4, 3), (10, 1)):
         assert bound(periods_per_step=stride).steps(START, inside).tolist() == [steps]
@@ -53,13 +53,13 @@ def test_latency_and_longer_steps():
     plain, late, long = (bound(**each) for each in ({}, {"latency": 2}, {"periods_per_step": 4}))
     assert late.steps(START, far) == plain.steps(START, far) + 2
     arrival = plain.steps(START, far)[0] - 9
-    # The last of three looks is eight periods after the first, and that one no earlier than looks at every period allow:
-    # with fewer looks the part may be faster at the first.
+    # The last of three samples is eight periods after the first, which is no earlier than with samples at every period:
+    # with fewer samples the part may be faster at the first.
     assert long.steps(START, far)[0] <= -(-arrival // 4) + 2
     assert long.seconds(START, far)[0] >= 0.3 / 0.31 - 0.02
 
 
-def test_more_to_do_never_takes_less_and_means_less():
+def test_bound_is_monotone_in_distance_and_amplitude():
     way, turn = np.linspace(0.0, 0.7, 200), np.linspace(0.0, 0.5 * math.pi, 200)
     by_way = bound().steps(START, START + np.column_stack([way, 0.0 * way, 0.0 * way]))
     by_turn = bound().steps(START, START + np.column_stack([0.0 * turn, 0.0 * turn, turn]))
@@ -78,14 +78,14 @@ def test_headings_are_wrapped_or_not():
         assert bound(**free).steps(START, goal) == 10
 
 
-def test_left_and_right_are_alike_for_a_part_that_is_its_mirror_image():
+def test_mirror_symmetric_parts_have_symmetric_bounds():
     turn = np.linspace(-6.0, 6.0, 25)
     start = np.tile([0.3, 0.1, 0.0], (25, 1))
     steps = bound(heading_period=0.0).steps(start, start + np.column_stack([0.0 * turn, 0.0 * turn, turn]))
     np.testing.assert_array_equal(steps, steps[::-1])
 
 
-def test_starts_are_judged_one_by_one():
+def test_starts_are_independent():
     random = np.random.default_rng(2)
     start, goal = random.uniform(0.05, 0.15, (2, 30, 3))
     steps = bound().steps(start, goal)
@@ -93,8 +93,8 @@ def test_starts_are_judged_one_by_one():
 
 
 @pytest.mark.parametrize("direction", [0.3, 2.4])
-def test_no_phases_found_by_trying_get_further(direction):
-    # All elements alike, for one part on its way: random changes of six periods' phases are kept where they help.
+def test_random_search_does_not_exceed_the_bound(direction):
+    # Equal elements under one part: random changes of six periods' phases are kept where they help.
     random, worlds, periods, tolerance = np.random.default_rng(1), 160, 6, 0.005
     axes = np.array([[math.cos(direction), math.sin(direction)], [-math.sin(direction), math.cos(direction)]])
     values = way_values(SURFACE, ALUMINIUM.friction, MOST, tolerance, HOLD, direction)
@@ -102,7 +102,7 @@ def test_no_phases_found_by_trying_get_further(direction):
     simulator = Simulator(SURFACE, ALUMINIUM, worlds=worlds)
 
     def way(phases):
-        """Way at which the hold begins, less the price of being too fast for it."""
+        """Return the displacement at the start of the hold, minus the price of excess speed."""
         simulator.reset([0.416, 0.104, 0.0], [*idle, 0.0])
         for phase in phases:
             simulator.run(polar_drive(np.full((worlds, 8, 32), MOST), phase, SURFACE.angular_frequency), 1)
@@ -123,7 +123,7 @@ def test_no_phases_found_by_trying_get_further(direction):
 
 
 def test_the_programme_s_own_policy_turns_nearly_as_far_in_the_simulator():
-    # It takes at every period, for the part where it is, the control that is worth most; its place is left to itself.
+    # The policy takes the best control of the table for the part's pose in each period.
     random, worlds, periods = np.random.default_rng(3), 10, 6
     points = sample(ALUMINIUM, SURFACE.element_size)
     known = SURFACE, ALUMINIUM.friction, ALUMINIUM.gyration, True, points.tobytes()
@@ -157,7 +157,7 @@ def test_the_programme_s_own_policy_turns_nearly_as_far_in_the_simulator():
     turned = end[:, 0] - pose[:, 2] + values.at(0, end)
     limit = values.at(periods, np.column_stack([pose[:, 2], np.zeros(worlds)]))
     assert (turned <= limit).all() and np.median(turned / limit) > 0.85
-    assert PRICE > 1.0  # or what is too fast would have been worth it
+    assert PRICE > 1.0  # else excess speed would have paid off
 
 
 @pytest.mark.parametrize(("settings", "message"), [

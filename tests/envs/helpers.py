@@ -1,4 +1,4 @@
-"""What the environment tests share."""
+"""Helpers of the environment tests."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ def batch(task: str, worlds: int, **settings: Any) -> Any:
 
 
 def assert_same(got: Any, expected: Any, where: str = "") -> None:
-    """Equal bit for bit, with types, shapes and keys."""
+    """Assert bitwise equality, including types, shapes and keys."""
     assert type(got) is type(expected), where
     if isinstance(expected, dict):
         assert got.keys() == expected.keys(), where
@@ -47,19 +47,19 @@ def assert_same(got: Any, expected: Any, where: str = "") -> None:
 
 
 def put(env: Any, pose: Any, velocity: Any = None, world: int = 0) -> None:
-    """Put the part of one world down at ``pose``, or all at (parts, 3), in place unless ``velocity`` says otherwise."""
+    """Place the part of one world at ``pose``, or all at (parts, 3); sliding in place unless ``velocity`` is given."""
     core = env.unwrapped.core
     velocity = core.idle if velocity is None else np.asarray(velocity, dtype=float)
     core.simulator.place(np.array([world]), np.asarray(pose, dtype=float).reshape(1, -1, 3), velocity, 0.0)
 
 
 def goal(env: Any, world: int = 0) -> np.ndarray:
-    """Goal pose of one world."""
+    """Return the goal pose of one world."""
     return env.unwrapped.core.episode.goal[world, 0].copy()
 
 
-def told(env: Any, seen: Any, name: str) -> np.ndarray:
-    """The numbers of a feature in state observations, (..., parts, width); see the environment's table."""
+def feature(env: Any, seen: Any, name: str) -> np.ndarray:
+    """Return the values of a feature in state observations, (..., parts, width)."""
     return TaskInfo.of(env).layout.numbers(seen, name)
 
 

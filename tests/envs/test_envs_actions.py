@@ -1,4 +1,4 @@
-"""What each action means, by the phasors of all elements, and what happens to bad ones."""
+"""Actions: phasors of all elements, and invalid actions."""
 
 import math
 
@@ -14,7 +14,7 @@ PATCH = 4  # elements across the patch of a shipped block
 
 
 def stepped(action, values, pose=None, **settings):
-    """Phasors of all elements, as fractions of full amplitude, in the step that ``values`` made."""
+    """Return the phasors of all elements, as fractions of full amplitude, in a step with the action ``values``."""
     env = single("Rotate", action=action, **settings)
     env.reset(seed=3)
     if pose is not None:
@@ -80,7 +80,7 @@ def test_patch(pose, seed):
 
 
 @pytest.mark.parametrize("part", ["aluminium_block", "steel_block", {"shape": "disc", "radius": 0.04, "friction": 0.5}])
-def test_patch_covers_the_part_wherever_it_lies(part):
+def test_patch_covers_the_part_at_any_position(part):
     shape = part_from(part)
     env = single("Rotate", action="patch", parts=[part])
     env.reset(seed=0)
@@ -136,7 +136,7 @@ def test_basic_fields_move_the_part_as_named(index, sign, component):
 
 
 def test_squeeze_fields_bring_the_part_to_rest_over_the_centre_of_the_field():
-    """Squeeze and radial fields are centred on the part, so alone they do not carry it away."""
+    """Squeeze and radial fields are centred on the part, so alone they do not move it away."""
     env = single("Align", action="field")
     env.reset(seed=1)
     put(env, [0.4, 0.104, 0.2])

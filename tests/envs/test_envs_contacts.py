@@ -1,4 +1,4 @@
-"""Contacts: what the simulator and observations say of pushes."""
+"""Contact impulses in the simulator and in observations."""
 
 import gymnasium as gym
 import numpy as np
@@ -14,8 +14,8 @@ from vibgym.envs.features import RowLayout
 FELT = {"sensor": {"kind": "ideal", "tell": ["contacts"]}}
 
 
-def test_two_that_collide_push_one_another_as_newton_and_stronge_say():
-    """Discs without friction that meet head on hand over ``(1 + e) v m1 m2 / (m1 + m2)``."""
+def test_contact_impulses_of_a_collision_in_closed_form():
+    """The impulse between discs without friction, head on, is ``(1 + e) v m1 m2 / (m1 + m2)``."""
     heavy, light = (
         Part.disc(0.02, friction=0.0, contact_friction=0.0, mass=mass, restitution=0.5) for mass in (0.3, 0.1)
     )
@@ -30,7 +30,7 @@ def test_two_that_collide_push_one_another_as_newton_and_stronge_say():
     assert not sim.contact_impulse.any()  # apart again
 
 
-def test_observations_feel_what_touches():
+def test_observations_contain_contacts():
     env = batch("Push", 16, action="wrench", observation="parts_and_state", **FELT).unwrapped
     observation, _ = env.reset(seed=0)
     surface, parts, felt = env.surface, env.parts, 0
@@ -56,12 +56,12 @@ def test_observations_feel_what_touches():
         nearest = min((0, 1), key=lambda k: shapes[2].distance(shapes[k]))
         mine, theirs = nearest_points(shapes[2], shapes[nearest])
         way = np.array([theirs.x - mine.x, theirs.y - mine.y])
-        if np.hypot(*way) > 0.002:  # of outlines that touch, shapely says nothing
+        if np.hypot(*way) > 0.002:  # shapely has no normal for touching outlines
             # A disc's outline is a polygon for shapely.
             assert normal[world, 2] == pytest.approx(way / np.hypot(*way), abs=0.06)
 
 
 @pytest.mark.parametrize("sensor", [{"kind": "pose"}, {"kind": "ideal", "estimator": "kalman"}])
-def test_only_an_ideal_sensor_feels(sensor):
+def test_contacts_require_an_ideal_sensor(sensor):
     with pytest.raises(ValueError, match=r"sensor\.tell"):
         gym.make("vibgym/Push-v0", sensor=sensor | {"tell": ["contacts"]})

@@ -1,4 +1,4 @@
-"""``randomize={"disturbance": ...}`` in every environment, with the real thing and with kicks."""
+"""``randomize={"disturbance": ...}`` in every environment, with tilts and with kicks."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ OFTEN = {"disturbance": {"rate": 5.0, "tilt_deg": [1, 3]}}
 
 
 def batch(model: str = "planar", worlds: int = 16, task: str = "Align", **settings: object) -> VibgymVectorEnv:
-    """Environments whose parts are struck often."""
+    """Return environments with frequent disturbances."""
     env = VibgymVectorEnv(task, num_envs=worlds, model=model, **{"randomize": OFTEN, **settings})
     env.reset(seed=4)
     return env
 
 
 def play(env: VibgymVectorEnv, steps: int) -> list[np.ndarray]:
-    """``struck`` of every step under zero actions."""
+    """Return ``struck`` of every step under zero actions."""
     action = np.zeros((env.num_envs, *env.single_action_space.shape), np.float32)
     return [env.step(action)[4]["parts"]["struck"].copy() for _ in range(steps)]
 
 
 @pytest.mark.parametrize("model", ["planar", "tilting"])
-def test_info_says_who_was_struck_and_by_what(model):
+def test_info_reports_disturbances(model):
     env = batch(model, worlds=64, action="wrench")
     struck = np.array(play(env, 50))
     assert ((struck == 0.0) | ((struck >= math.radians(1)) & (struck <= math.radians(3)))).all()
@@ -35,7 +35,7 @@ def test_info_says_who_was_struck_and_by_what(model):
     assert (struck > 0.0).sum() == pytest.approx(5.0 * seconds, rel=0.15)  # some twice in a step, or after their end
 
 
-def test_with_tilting_a_struck_part_tilts_and_lands():
+def test_disturbed_parts_tilt_and_land_in_the_tilting_model():
     env = batch("tilting", action="wrench", randomize={"disturbance": {"rate": 1.0, "tilt_deg": 5}})
     simulator = env.core.simulator
     for struck in play(env, 25):
@@ -44,8 +44,8 @@ def test_with_tilting_a_struck_part_tilts_and_lands():
     assert "toppled" in env.step(np.zeros((16, 3), np.float32))[4]["parts"]
 
 
-def test_with_planar_models_a_struck_part_gets_a_kick():
-    """Normal, with deviations per root of a degree that a command measures; nothing else moves."""
+def test_disturbed_parts_get_a_kick_in_planar_models():
+    """Kicks are normal with the fitted deviations per root of a degree; other parts do not move."""
     from vibgym.physics.planar.kick import SPEED, SPIN
 
     env = VibgymVectorEnv(
@@ -62,7 +62,7 @@ def test_with_planar_models_a_struck_part_gets_a_kick():
 
 
 def test_without_it_nothing_is_drawn():
-    """Starts are those that they were, and nobody hears of it."""
+    """Starts do not change, and ``info`` does not contain it."""
     plain = VibgymVectorEnv("Align", num_envs=2)
     seen, info = plain.reset(seed=3)
     other, _ = VibgymVectorEnv("Align", num_envs=2, model="tilting").reset(seed=3)

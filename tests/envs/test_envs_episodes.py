@@ -1,4 +1,4 @@
-"""How episodes end and what steps earn."""
+"""Ends of episodes, and rewards."""
 
 import math
 
@@ -29,7 +29,7 @@ def test_success_after_ten_steps_within_tolerance(task):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_leaving_the_goal_starts_the_count_anew(task):
+def test_leaving_the_goal_restarts_the_hold(task):
     env = single(task, action="phasor")
     env.reset(seed=1)
     aim = goal(env)
@@ -62,7 +62,7 @@ def test_tolerances(task, offset, inside):
 
 
 def over_the_edge(env, world=0):
-    """Put one world's part at the left edge, on its way out."""
+    """Place one world's part at the left edge, moving outwards."""
     put(env, [0.0005, 0.1, 0.0], [-0.5, 0, 0], world)
 
 
@@ -73,7 +73,7 @@ def test_a_fall_ends_the_episode_without_success(task):
     put(env, goal(env))
     for _ in range(9):
         env.step(still(env))
-    # It falls within tolerance of the goal, on what would be the tenth step.
+    # It falls within tolerance of the goal, in the tenth step.
     env.unwrapped.core.episode.goal[0, 0] = [0.0, 0.1, 0.0]
     over_the_edge(env)
     seen, reward, terminated, truncated, info = env.step(still(env))
@@ -88,7 +88,7 @@ OBSERVED = [*((task, each) for task in TASKS for each in ("state", "goal", "imag
 
 
 @pytest.mark.parametrize("task, observation", OBSERVED)
-def test_a_diverged_world_ends_and_hands_on_no_bad_numbers(task, observation):
+def test_a_diverged_world_ends_with_finite_values(task, observation):
     env = single(task, action="phasor", observation=observation)
     env.reset(seed=1)
     pose = goal(env) if task in TASKS else sorted_pose()
@@ -100,7 +100,7 @@ def test_a_diverged_world_ends_and_hands_on_no_bad_numbers(task, observation):
     put(env, pose, velocity)
     seen, reward, terminated, truncated, info = env.step(still(env))
     assert terminated and not truncated and info["diverged"] and not info["is_success"] and not info["fallen"]
-    assert env.observation_space.contains(seen)  # which holds nothing that is not finite, but for goals
+    assert env.observation_space.contains(seen)  # finite except for goals
     assert all(np.isfinite(value).all() for value in (seen.values() if observation == "goal" else [seen]))
     errors = [info[name] for name in ("position_error", "heading_error", "clearance") if name in info]
     assert np.isfinite([reward, *errors, *info["reward_terms"].values()]).all()
@@ -110,7 +110,7 @@ def test_a_diverged_world_ends_and_hands_on_no_bad_numbers(task, observation):
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
-def test_a_diverged_world_leaves_its_neighbours_alone(mode):
+def test_a_diverged_world_does_not_affect_others(mode):
     env, other = (batch("Align", 3, action="field", autoreset_mode=mode) for _ in range(2))
     env.reset(seed=1), other.reset(seed=1)
     put(env, [0.4, 0.1, 0.0], [0.0, 0.0, math.inf], world=1)
@@ -152,7 +152,7 @@ def test_terms_of_the_reward_keep_their_bounds(task, bounds, settings):
     env.action_space.seed(1)
     generator, seen = np.random.default_rng(1), {name: set() for name in bounds}
     for step in range(60):
-        if bounds is ONE and step % 10 == 5:  # jumps, so that progress runs into its bounds
+        if bounds is ONE and step % 10 == 5:  # jumps, so that progress reaches its bounds
             put(env, generator.uniform([0, 0, -20], [0.104, 0.078, 20]), world=step % 12)
         terms = env.step(env.action_space.sample())[4]["reward_terms"]
         assert [name for name in terms if not name.startswith("_")] == list(bounds)
@@ -164,7 +164,7 @@ def test_terms_of_the_reward_keep_their_bounds(task, bounds, settings):
     assert task != "Rotate" or {-1.0, 1.0} <= seen["turn"]
 
 
-def test_terms_pay_for_progress():
+def test_terms_reward_progress():
     env = single("Align", action="phasor")
     env.reset(seed=1)
     aim = goal(env)
@@ -173,7 +173,7 @@ def test_terms_pay_for_progress():
     put(env, aim + [0.020, 0, 0.2])
     *_, info = env.step(still(env))
     terms = info["reward_terms"]
-    # In place means: circling by 0.2 mm, so that positions are known to that.
+    # In place means circling by 0.2 mm, which limits the accuracy of positions.
     assert terms["distance"] == pytest.approx(0.030 / 0.1, abs=0.005)
     assert terms["approach"] == pytest.approx(math.tanh(5.0) - math.tanh(2.0), abs=0.01)
     assert terms["turn"] == pytest.approx(0.3, abs=1e-2)

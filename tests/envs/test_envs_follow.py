@@ -14,7 +14,7 @@ CIRCLE = {"shape": "circle", "centre_mm": [400, 104], "radius_mm": 60}
 
 
 @pytest.mark.parametrize("settings", [{}, {"parts": THREE}, {"paths": {"heading": "along", "speed": 0.06}}], ids=str)
-def test_observations_tell_where_the_goals_are_and_will_be(settings):
+def test_observations_contain_present_and_future_goals(settings):
     env = batch("Follow", 4, action="field", autoreset_mode="Disabled", **settings)
     info, period = TaskInfo.of(env), env.surface.period
     env.reset(seed=2)
@@ -30,14 +30,14 @@ def test_observations_tell_where_the_goals_are_and_will_be(settings):
     assert info.goal_moves and info.has_goal and not TaskInfo.of(single("Align")).goal_moves
 
 
-def test_what_is_not_asked_for_stays_zero():
+def test_unused_features_are_zero():
     measured = Measured.of(*[(single("Align").reset(seed=0)[0]), TaskInfo.of(single("Align"))])
     assert (measured.goal_velocity == 0).all() and (measured.goal_ahead == 0).all()
     assert (measured.way[..., None, :] + measured.goal_ahead[..., :2]).shape == (1, 1, 4, 2)
 
 
 def followed(worlds, seed=0, **settings):
-    """What a plain controller does with the observation alone: to be at the next goal, with its velocity, a period from now."""
+    """Return the action of a controller that reaches the next goal with its velocity a period from now."""
     env = batch("Follow", worlds, action="wrench", autoreset_mode="Disabled", **settings)
     info = TaskInfo.of(env)
     scale, period = env.core.action.scale, info.step_time
@@ -51,10 +51,10 @@ def followed(worlds, seed=0, **settings):
         wanted = 0.5 * left / period**2 + 0.6 * (m.goal_ahead[..., 1, :] / (2 * period) - now) / period
         action = np.clip(wanted / scale, -1.0, 1.0)
         last = scale * action
-        seen, _, terminated, truncated, said = env.step(action.reshape(worlds, -1).astype(np.float32))
-        gap = min(gap, said["clearance"][alive].min())
+        seen, _, terminated, truncated, stated = env.step(action.reshape(worlds, -1).astype(np.float32))
+        gap = min(gap, stated["clearance"][alive].min())
         for world in np.flatnonzero(alive & terminated):
-            ends[world] = {name: said[name][world] for name in ("is_success", "path_error", "largest_path_error")}
+            ends[world] = {name: stated[name][world] for name in ("is_success", "path_error", "largest_path_error")}
         alive &= ~terminated
         if not alive.any():
             return ends, gap
@@ -75,7 +75,7 @@ def test_paths_can_be_followed_by_the_observation_alone(settings):
     assert gap > np.sqrt(2.0) * 0.026
 
 
-def test_who_leaves_the_tolerance_cannot_succeed_and_goes_on():
+def test_leaving_the_tolerance_prevents_success_but_not_the_episode():
     env = single("Follow", paths=SHORT[:1], action="field")
     env.reset(seed=0)
     for _ in range(60):  # the path takes less than that
@@ -86,7 +86,7 @@ def test_who_leaves_the_tolerance_cannot_succeed_and_goes_on():
     assert info["position_error"] > info["path_error"] > 0.005
 
 
-def test_starts_of_ones_own():
+def test_custom_starts():
     env = single("Follow", parts=THREE[:2], paths=SHORT, action="field")
     begin = [[0.1, 0.08, 0.3], [0.303, 0.08, -0.4]]
     _, info = env.reset(seed=0, options={"pose": begin})

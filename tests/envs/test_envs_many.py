@@ -1,4 +1,4 @@
-"""Environments with several parts: what is registered, ends of episodes, and what they tell."""
+"""Environments with several parts: registration, ends of episodes, and info."""
 
 import math
 
@@ -57,7 +57,7 @@ def test_one_part_outside_is_no_success():
 
 
 def test_absent_parts_do_not_count():
-    """Success with those that are there; the others fell from no table."""
+    """Success depends on present parts only; absent ones do not count as fallen."""
     env = single("Sort", action="phasor", randomize={"parts": [2, 2]})
     env.reset(seed=1)
     core = env.unwrapped.core
@@ -70,7 +70,7 @@ def test_absent_parts_do_not_count():
     assert terminated and info["is_success"] and info["parts_done"] == 2 and not info["fallen"]
 
 
-def test_singulate_ends_with_room_between_all():
+def test_singulate_succeeds_if_all_parts_are_apart():
     env = single("Singulate", action="phasor")
     _, info = env.reset(seed=1)
     assert info["touching"] >= 5 and 0.0 <= info["clearance"] < 1e-6
@@ -109,7 +109,7 @@ def test_walls_keep_parts_on_the_table():
 
 
 @pytest.mark.parametrize("action", ["patch", "field"])
-def test_absent_parts_command_nothing(action):
+def test_absent_parts_have_no_commands(action):
     env = single("Sort", action=action, randomize={"parts": [1, 1]})
     env.reset(seed=2)
     core = env.unwrapped.core
@@ -130,5 +130,5 @@ def test_absent_parts_command_nothing(action):
     put(alone, before["pose"][0, [part]])
     alone.step(commands[[part]])
     assert alone.unwrapped.core.phasors(0) == pytest.approx(phasors, abs=1e-12)
-    # Without others the simulator divides the period otherwise, so this is but nearly the same.
+    # Without others the simulator divides the period differently, so results are only approximately equal.
     assert alone.unwrapped.core.simulator.pose[0, 0] == pytest.approx(moved, abs=2e-5)

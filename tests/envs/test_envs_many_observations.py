@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.envs.helpers import WALLS, batch, pixel, put, single, sorted_pose, still, told
+from tests.envs.helpers import WALLS, batch, feature, pixel, put, single, sorted_pose, still
 from vibgym.physics.contacts.hulls import all_gaps
 
 SIZE, WIDTH, HEIGHT, SPEED = 0.026, 0.832, 0.208, 2.7e-3 * 2 * math.pi * 25.0
@@ -83,7 +83,7 @@ def test_state_table(task, slots):
                 assert rows[part] == pytest.approx(expected, abs=2e-6), (world, part)
             assert (rows[5:] == 0).all()
             counts.add(int(present[world].sum()))
-        fastest = max(fastest, np.abs(told(env, seen, "velocity")).max())
+        fastest = max(fastest, np.abs(feature(env, seen, "velocity")).max())
     assert counts == {1, 2, 3, 4, 5} and fastest > 0.2
 
 
@@ -94,8 +94,8 @@ def test_ways_outside_and_inside():
     pose[0, 0], pose[1, 0] = 0.4, 0.3
     put(env, pose)
     seen, *_ = env.step(still(env))
-    far, near = told(env, seen, "way"), told(env, seen, "way_coarse")
-    # What lies between pose and observation, a circle of 0.2 mm, is 2.4e-4 of the table's width.
+    far, near = feature(env, seen, "way"), feature(env, seen, "way_coarse")
+    # The difference between pose and observation, a circle of 0.2 mm, is 2.4e-4 of the table's width.
     assert far[:2, 0] == pytest.approx([(0.156 - 0.4) / WIDTH, (0.676 - 0.3) / WIDTH], abs=1e-3)
     assert near[0, 0] < -0.99 and near[1, 0] > 0.99
     assert not far[2:].any() and not near[2:].any() and not far[:, 1].any() and not near[:, 1].any()

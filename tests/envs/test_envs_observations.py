@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from stable_baselines3 import SAC, HerReplayBuffer
 
-from tests.envs.helpers import PIXEL, TASKS, batch, goal, pixel, put, single, still, told
+from tests.envs.helpers import PIXEL, TASKS, batch, feature, goal, pixel, put, single, still
 
 PARTS = [
     pytest.param("aluminium_block", 2, id="block"),
@@ -88,14 +88,14 @@ def test_state_table(task, part, symmetry):
             if task == "Align":
                 turn = wrapped(turn, 2 * math.pi / symmetry) if symmetry else 0.0
             assert info["heading_error"][world] == pytest.approx(abs(turn), abs=1e-8)
-    assert np.abs(told(env, seen, "velocity")).max() > 0.2  # they did move
+    assert np.abs(feature(env, seen, "velocity")).max() > 0.2  # they did move
 
 
 def test_first_observation_has_no_velocity():
     for task in TASKS:
         env = single(task)
         seen, info = env.reset(seed=0)
-        assert not told(env, seen, "velocity").any() and not told(env, seen, "spin").any()
+        assert not feature(env, seen, "velocity").any() and not feature(env, seen, "spin").any()
         assert set(info["reward_terms"].values()) == {0.0} and info["is_success"] is False
 
 
@@ -105,7 +105,7 @@ def test_rotate_counts_full_turns():
     aim = goal(env)
     put(env, aim - [0, 0, 2 * math.pi])
     seen, *_, info = env.step(still(env))
-    assert told(env, seen, "turn").item() == pytest.approx(1.0, abs=1e-3)
+    assert feature(env, seen, "turn").item() == pytest.approx(1.0, abs=1e-3)
     assert info["heading_error"] == pytest.approx(2 * math.pi, abs=1e-2)
 
 
@@ -126,7 +126,7 @@ def test_goal_dictionary(task):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_batched_goal_reward_is_the_steps(task):
+def test_batched_goal_reward_equals_the_step_reward(task):
     worlds = 4
     settings = {"action": "field", "observation": "goal", "surface": {"rows": 3, "columns": 4}}
     env = batch(task, worlds, **settings, autoreset_mode="SameStep", max_episode_steps=40)
@@ -149,7 +149,7 @@ def test_batched_goal_reward_is_the_steps(task):
             rewards.append(reward[world])
     achieved, desired, rewards = np.array(achieved), np.array(desired), np.array(rewards)
     assert set(rewards) == {0.0, -1.0, -50.0}
-    assert (reward_of(achieved, desired, infos) == rewards).all()  # as HerReplayBuffer asks
+    assert (reward_of(achieved, desired, infos) == rewards).all()  # as in HerReplayBuffer
     assert (reward_of(achieved, desired, np.array(infos)) == rewards).all()
     assert (reward_of(achieved, desired, {"fallen": np.array([each["fallen"] for each in infos])}) == rewards).all()
     for k in range(len(rewards)):
@@ -191,7 +191,7 @@ def test_goal_reward_refuses_wrong_shapes():
         env.compute_reward(np.zeros(3), 0.0, {})
 
 
-def test_goals_stay_in_their_space_however_far_a_part_turns():
+def test_goals_stay_in_their_space_at_any_heading():
     env = single("Rotate", action="phasor", observation="goal")
     env.reset(seed=0)
     put(env, [0.4, 0.1, 100.0])
@@ -244,8 +244,8 @@ def test_image_follows_part_heading_and_goal():
     assert image[(*pixel(0.2 - 0.018, 0.15), 2)] != 255
 
 
-def test_image_tells_the_remaining_turn():
-    """A goal a full turn away looks like the part's own pose; its brightness tells."""
+def test_image_shows_the_remaining_turn():
+    """A goal a full turn away has the outline of the present pose, but another brightness."""
     env = single("Rotate", action="phasor", observation="image")
     for seed, turn in enumerate([-2 * math.pi, -math.pi, 0.0, math.pi, 2 * math.pi]):
         env.reset(seed=seed)

@@ -1,4 +1,4 @@
-"""The batch gives, bit for bit, what single environments and Gymnasium's own SyncVectorEnv of them give."""
+"""Bitwise equality of the batch with single environments and Gymnasium's SyncVectorEnv."""
 
 import copy
 
@@ -65,7 +65,7 @@ def test_success(task, mode):
 
 
 def trajectory(env, seeds, actions):
-    """Everything that comes out of a run."""
+    """Return all results of a run."""
     result = [env.reset(seed=seeds)]
     result += [env.step(action) for action in actions]
     return result
@@ -93,9 +93,9 @@ def test_results_depend_neither_on_batch_size_nor_on_order_nor_on_threads(task, 
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_bad_number_anywhere_changes_nothing_and_what_was_handed_out_stays(threads, monkeypatch):
+def test_a_bad_value_changes_nothing_and_returned_arrays_are_kept(threads, monkeypatch):
     monkeypatch.setattr(workers, "available_threads", lambda: threads)
-    env = batch("Rotate", 600)  # more than a megabyte of actions: looked through block by block
+    env = batch("Rotate", 600)  # more than a megabyte of actions: checked block by block
     seen, info = env.reset(seed=0)
     action = np.random.default_rng(1).uniform(-1, 1, env.action_space.shape).astype(np.float32)
     kept = copy.deepcopy((seen, info))
@@ -120,7 +120,7 @@ def test_seeds():
     assert not (start(None) == start(None)).all(axis=1).any()  # seeded by the operating system
     one, other = batch("Align", 3), batch("Align", 3)
     start(5, one), start(5, other)
-    assert_same(start(None, one), start(None, other))  # goes on with the generators
+    assert_same(start(None, one), start(None, other))  # continues the generators
     mixed = start([9, None, 9], one)
     later = start(None, other)
     assert_same(mixed[1], later[1])

@@ -1,4 +1,4 @@
-"""What ``info`` says of each part, other observations of the same instant, and the hold."""
+"""``info`` of each part, other observations of the same instant, and the hold."""
 
 import math
 
@@ -11,40 +11,40 @@ from tests.envs.helpers import assert_same, batch, put, single, sorted_pose, sti
 SETTINGS = {"action": "field", "randomize": {"parts": [2, 5]}}
 
 
-def test_every_part_has_its_facts():
+def test_info_of_every_part():
     env = batch("Sort", 8, **SETTINGS)
     env.reset(seed=2)
     env.action_space.seed(2)
     for _ in range(5):
         *_, info = env.step(env.action_space.sample())
-        told, truth = info["parts"], env.truth
-        assert (told["present"] == truth.present).all() and (told["done"] == truth.done).all()
-        assert (told["fallen"] == (truth.fallen & truth.present)).all() and not told["fallen"].any()
-        assert told["reward_terms"].keys() == info["reward_terms"].keys()
-        assert told["reward"].shape == (8, 6) and told["reward"].dtype == np.float64
-        for name, values in told["reward_terms"].items():
+        reported, truth = info["parts"], env.truth
+        assert (reported["present"] == truth.present).all() and (reported["done"] == truth.done).all()
+        assert (reported["fallen"] == (truth.fallen & truth.present)).all() and not reported["fallen"].any()
+        assert reported["reward_terms"].keys() == info["reward_terms"].keys()
+        assert reported["reward"].shape == (8, 6) and reported["reward"].dtype == np.float64
+        for name, values in reported["reward_terms"].items():
             if name.startswith("_"):
                 assert values.all()
                 continue
             assert not values[~truth.present].any()
             assert values.sum(1) / truth.present.sum(1) == pytest.approx(info["reward_terms"][name], abs=1e-12)
-        total = sum(values for name, values in told["reward_terms"].items() if not name.startswith("_"))
-        assert told["reward"] == pytest.approx(total, abs=1e-12)
+        total = sum(values for name, values in reported["reward_terms"].items() if not name.startswith("_"))
+        assert reported["reward"] == pytest.approx(total, abs=1e-12)
 
 
-def test_only_the_part_that_fell_pays_for_it():
+def test_only_the_fallen_part_is_penalised():
     env = single("Sort", action="phasor")
     env.reset(seed=0)
     pose = sorted_pose()
-    pose[2, :2] = 0.4, -0.01  # its centre is beside the surface
+    pose[2, :2] = 0.4, -0.01  # its centre is off the surface
     put(env, pose)
     *_, reward, terminated, _, info = env.step(still(env))
     assert terminated and info["fallen"]
-    told = info["parts"]
-    assert told["fallen"].tolist() == [part == 2 for part in range(6)]
-    assert told["reward_terms"]["fallen"].tolist() == [-5.0 if part == 2 else 0.0 for part in range(6)]
+    reported = info["parts"]
+    assert reported["fallen"].tolist() == [part == 2 for part in range(6)]
+    assert reported["reward_terms"]["fallen"].tolist() == [-5.0 if part == 2 else 0.0 for part in range(6)]
     assert info["reward_terms"]["fallen"] == -5.0
-    assert told["done"].tolist() == [part != 2 for part in range(6)]
+    assert reported["done"].tolist() == [part != 2 for part in range(6)]
 
 
 def test_a_goal_environment_gives_its_part_the_goal_reward():
@@ -61,7 +61,7 @@ def test_a_goal_environment_gives_its_part_the_goal_reward():
 
 
 @pytest.mark.parametrize("many", [False, True])
-def test_another_observation_is_that_of_an_environment_made_with_it(many):
+def test_observed_equals_an_environment_with_that_observation(many):
     settings = {"action": "field", "sensor": "pose"}
 
     def make(observation):
@@ -83,7 +83,7 @@ def test_another_observation_is_that_of_an_environment_made_with_it(many):
         seen = {kind: other.step(action)[0] for kind, other in others.items()}
 
 
-def test_asking_changes_nothing():
+def test_observed_has_no_side_effects():
     env, quiet = (batch("Sort", 2, observation="parts", sensor="pose", **SETTINGS) for _ in range(2))
     env.reset(seed=1)
     quiet.reset(seed=1)
@@ -95,7 +95,7 @@ def test_asking_changes_nothing():
     assert_same(env.unwrapped.get_state(), quiet.unwrapped.get_state())
 
 
-def test_observations_that_cannot_be_had():
+def test_unsupported_observations():
     env = single("Sort", observation="parts").unwrapped
     with pytest.raises(gym.error.ResetNeeded):
         env.observed("state")
@@ -116,7 +116,7 @@ def test_observations_that_cannot_be_had():
 # -- hold ----------------------------------------------------------------------------------------------------------------
 
 
-def test_a_goal_that_has_to_be_held_for_longer():
+def test_a_longer_hold_at_the_goal():
     steps = {}
     for hold in (10, 25):
         env = single("Transport", action="phasor", task_settings={"hold": hold})
@@ -130,7 +130,7 @@ def test_a_goal_that_has_to_be_held_for_longer():
 
 
 @pytest.mark.parametrize("make", [single, lambda task, **settings: batch(task, 2, **settings)])
-def test_a_hold_that_no_episode_has(make):
+def test_a_hold_longer_than_an_episode_is_refused(make):
     for bad in (0, 1.5, "long", math.inf, [10]):
         with pytest.raises(ValueError, match=r"task_settings\['hold'\]"):
             make("Sort", task_settings={"hold": bad})

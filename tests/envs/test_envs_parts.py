@@ -27,7 +27,7 @@ def clip(values):
 
 
 def own_quantities(core, measured, relations, world, part):
-    """A row's features of the part itself, as the table says, from what is measured."""
+    """Return the documented features of a part's row, from the measurement."""
     surface, one, task, episode = core.surface, core.parts[part], core.task, core.episode
     (x, y, heading), moved = measured.pose[world, part], measured.mean_velocity[world, part]
     way, turn = relations.error[world, part, :2], relations.error[world, part, 2]
@@ -35,7 +35,7 @@ def own_quantities(core, measured, relations, world, part):
     edges = np.array([x - low, size[0] - x, y - low, size[1] - y])
     zone = np.zeros(4) if task.zones is None else task.zones[task.kind[part]][[0, 2, 1, 3]]
     motion = episode.motion[world, part].reshape(-1, 3)
-    said = {
+    expected = {
         "kind": np.eye(3)[task.kind[part]],
         "friction": one.friction,
         "radius": one.radius / 0.1,
@@ -62,14 +62,14 @@ def own_quantities(core, measured, relations, world, part):
         ),
     }
     if len(motion):
-        said["goal_velocity"], said["goal_spin"] = clip(motion[0, :2] / speed), clip(motion[0, 2] / 25.0)
-        said["way_ahead"] = clip((way + motion[1:, :2]) / 0.25).ravel()
-        said["turn_ahead"] = clip((turn + motion[1:, 2]) / (2 * math.pi))
-    return said
+        expected["goal_velocity"], expected["goal_spin"] = clip(motion[0, :2] / speed), clip(motion[0, 2] / 25.0)
+        expected["way_ahead"] = clip((way + motion[1:, :2]) / 0.25).ravel()
+        expected["turn_ahead"] = clip((turn + motion[1:, 2]) / (2 * math.pi))
+    return expected
 
 
 def neighbour_quantities(core, measured, relations, gaps, world, part, other):
-    """A row's features of another part."""
+    """Return the documented features of a neighbour in a row."""
     apart = measured.pose[world, other, :2] - measured.pose[world, part, :2]
     faster = measured.mean_velocity[world, other, :2] - measured.mean_velocity[world, part, :2]
     turned = core.parts[other].symmetry * measured.pose[world, other, 2]
@@ -86,7 +86,7 @@ def neighbour_quantities(core, measured, relations, gaps, world, part, other):
 
 
 @pytest.mark.parametrize("task, settings", CASES)
-def test_rows_are_what_the_table_says(task, settings):
+def test_rows_agree_with_the_table(task, settings):
     worlds = 6
     env = batch(task, worlds, observation="parts", action="field", **settings)
     seen, _ = env.reset(seed=3)
@@ -103,7 +103,7 @@ def test_rows_are_what_the_table_says(task, settings):
         gaps = np.empty((worlds, parts, parts))
         all_gaps(core.simulator.hulls, measured.pose, gaps)
         for world, part in np.argwhere(present):
-            said = own_quantities(core, measured, relations, world, part)
+            expected = own_quantities(core, measured, relations, world, part)
             others = [k for k in range(parts) if k != part and present[world, k] and not measured.gone[world, k]]
             others = sorted(others, key=lambda k: gaps[world, part, k])[:NEIGHBOURS]
             for k in range(NEIGHBOURS if several else 0):
@@ -111,15 +111,15 @@ def test_rows_are_what_the_table_says(task, settings):
                 if k < len(others) and not measured.gone[world, part]:
                     near = neighbour_quantities(core, measured, relations, gaps, world, part, others[k])
                     compared += 1
-                said |= {f"neighbour_{k + 1}_{name}": value for name, value in near.items()}
+                expected |= {f"neighbour_{k + 1}_{name}": value for name, value in near.items()}
             for name, row in rows.items():
                 got = seen["parts"][world, part, row.start : row.start + row.width]
                 # Just at the edge of an element its numbers may jump from 1 to -1.
-                assert got == pytest.approx(np.broadcast_to(said[name], row.width), abs=3e-6), name
+                assert got == pytest.approx(np.broadcast_to(expected[name], row.width), abs=3e-6), name
     assert compared >= 60 or not several
 
 
-def test_each_task_has_the_columns_that_it_can_fill():
+def test_columns_of_each_task():
     def names(task, **settings):
         rows = single(task, observation="parts", **settings).unwrapped.parts_layout
         return {row.name for row in rows}, sum(row.width for row in rows)
@@ -127,18 +127,18 @@ def test_each_task_has_the_columns_that_it_can_fill():
     own = {each.name for each in OWN}
     moving = {"goal_velocity", "goal_spin", "way_ahead", "turn_ahead"}
     turning = {"turn", "turn_coarse", "turn_fine", "turn_finest"}
-    told, zoned = {"age", "sigma", "arrived", "contact_normal", "contact_impulse"}, {"kind", "zone"}
-    assert names("Transport") == (own - moving - turning - told - zoned, 25)
-    assert names("Rotate") == (own - moving - told - zoned, 29)
-    assert names("Rotate", sensor=NOISY) == (own - moving - zoned - (told - {"age", "sigma"}), 32)
+    measured_features, zoned = {"age", "sigma", "arrived", "contact_normal", "contact_impulse"}, {"kind", "zone"}
+    assert names("Transport") == (own - moving - turning - measured_features - zoned, 25)
+    assert names("Rotate") == (own - moving - measured_features - zoned, 29)
+    assert names("Rotate", sensor=NOISY) == (own - moving - zoned - (measured_features - {"age", "sigma"}), 32)
     sort, size = names("Sort")
-    assert sort & own == own - moving - turning - told and size == 32 + 65
+    assert sort & own == own - moving - turning - measured_features and size == 32 + 65
     assert names("Singulate")[0] == sort - {"zone"}
     assert names("Feed")[0] == sort | turning | {"arrived"}
     pushed = names("Push")[0] - names("Pack")[0]
     assert pushed == {f"neighbour_{k}_{name}" for k in range(1, 6) for name in ("way_far", "turn")}
     follow, size = names("Follow")
-    assert follow & own == own - told - zoned and size == 29 + 15 + 65
+    assert follow & own == own - measured_features - zoned and size == 29 + 15 + 65
 
 
 def test_the_row_does_not_depend_on_the_surface_s_size():
@@ -162,8 +162,8 @@ def test_quantities_come_back():
     assert layout.quantity(rows, "neighbour_1_gap")[near][:, 0] == pytest.approx(truth.gap[near], abs=1e-6)
 
 
-def test_rows_of_one_part_are_those_among_absent_ones():
-    """What a part sees does not depend on its number, nor on parts that are not there, nor on the number of slots."""
+def test_rows_do_not_depend_on_absent_parts():
+    """A row does not depend on the part's index, on absent parts, or on the number of slots."""
     pose = np.array([[[0.30, 0.10, 0.3], [0.42, 0.08, -0.7], [0.55, 0.12, 2.0]]])
     seen = {}
     for parts, there in ((3, (0, 1, 2)), (5, (1, 3, 4))):
@@ -177,7 +177,7 @@ def test_rows_of_one_part_are_those_among_absent_ones():
 
 @pytest.mark.parametrize("task", ["Align", "Sort"])
 def test_parts_and_state_are_both_of_the_same_instant(task):
-    """Just as each is by itself."""
+    """Both equal the separate observations."""
     settings = {"action": "wrench", "actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
     many = batch(task, 3, observation="parts_and_state", **settings)
     seen, _ = many.reset(seed=1)

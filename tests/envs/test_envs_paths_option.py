@@ -1,4 +1,4 @@
-"""``reset(options={"paths": ...})``: an episode on paths of the caller's own."""
+"""``reset(options={"paths": ...})``: an episode on given paths."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def test_it_is_the_episode_of_an_environment_with_these_paths(paths):
     assert (paths_of(drawn) == default).all()  # of this episode alone
 
 
-def test_headings_are_drawn_as_ever_and_poses_may_be_wished_for_as_well():
+def test_headings_are_still_drawn_and_poses_can_be_set():
     env = single("Follow")
     env.reset(seed=3)
     heading = env.unwrapped.truth.pose[0, 0, 2]
@@ -61,7 +61,7 @@ def test_a_batch_has_the_same_bits_in_the_worlds_of_the_mask():
 MANY = [[100 + 20 * k, 60 + 30 * (k % 2)] for k in range(20)]
 
 
-@pytest.mark.parametrize("task, paths, told", [
+@pytest.mark.parametrize("task, paths, named", [
     ("Follow", [{**OTHER, "radius_mm": 200}], r"options\['paths'\]\[0\].radius"),
     ("Follow", [{**LINE, "speed": 0.5}], r"options\['paths'\]\[0\]\.speed"),
     ("Follow", [LINE, OTHER], r"options\['paths'\]"),
@@ -70,10 +70,10 @@ MANY = [[100 + 20 * k, 60 + 30 * (k % 2)] for k in range(20)]
     ("Follow", [{**OTHER, "laps": 10}], r"options\['paths'\]"),
     ("Align", [LINE], r"options\['paths'\]"),
 ])  # fmt: skip
-def test_bad_paths_are_refused_and_change_nothing(task, paths, told):
+def test_bad_paths_are_refused_and_change_nothing(task, paths, named):
     env = single(task)
     env.reset(seed=1)
     before = env.unwrapped.get_state()
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=named):
         env.reset(options={"paths": paths})
     assert_same(env.unwrapped.get_state(), before)

@@ -1,4 +1,4 @@
-"""What is drawn anew for every episode: the ranges, what physics makes of it, who sees it, and the same bits for all."""
+"""Randomisation per episode: ranges, effect on the motion, independence of observations, and reproducibility."""
 
 import math
 
@@ -12,7 +12,7 @@ from vibgym.tasks import TASKS
 ALL = {"friction": [0.5, 1.5], "mass": [0.25, 4.0], "incline": [0.01, 0.03], "patches": [0.7, 1.2]}
 
 
-def test_drawn_evenly_within_the_ranges_one_a_part_and_episode():
+def test_uniform_draws_per_part_and_episode():
     env = batch("Sort", 400, action="field", randomize=ALL, max_episode_steps=2, autoreset_mode="SameStep")
     _, info = env.reset(seed=0)
     for name, (low, high) in (("friction", (0.5, 1.5)), ("mass", (0.25, 4.0)), ("patches", (0.7, 1.2))):
@@ -36,7 +36,7 @@ def test_drawn_evenly_within_the_ranges_one_a_part_and_episode():
 
 
 @pytest.mark.parametrize("task", list(TASKS))
-def test_every_task_takes_it_and_the_simulator_gets_it(task):
+def test_every_task_passes_conditions_to_the_simulator(task):
     env = single(task, randomize=ALL)
     _, info = env.reset(seed=3)
     simulator, parts = env.unwrapped.core.simulator, len(env.unwrapped.parts)
@@ -50,7 +50,7 @@ def test_every_task_takes_it_and_the_simulator_gets_it(task):
 
 
 def test_observations_do_not_show_it():
-    """The start is the one that is drawn without, and so is what a policy sees of it."""
+    """Start and first observation equal those without randomisation."""
     for observation in ("state", "image"):
         plain, random = (single("Sort", observation=observation, randomize=each) for each in (None, ALL))
         (seen, info), (other, drawn) = plain.reset(seed=8), random.reset(seed=8)
@@ -58,7 +58,7 @@ def test_observations_do_not_show_it():
         assert "drawn" not in info and info.keys() | {"drawn"} == drawn.keys()
 
 
-def test_parts_start_sliding_in_place_whatever_their_friction():
+def test_parts_start_sliding_in_place_at_any_friction():
     """Each on its own circle: no period moves its mean."""
     env = batch("Align", 20, action="phasor", randomize={"friction": [0.3, 3.0]})
     env.reset(seed=1)
@@ -81,7 +81,7 @@ def test_an_incline_makes_parts_drift_downhill():
     assert ((moved * downhill).sum(1) > 0.9 * np.hypot(*moved.T)).all() and (np.hypot(*moved.T) > 3e-3).all()
 
 
-def test_nothing_but_parts_is_nothing_drawn():
+def test_randomised_parts_alone_draw_no_conditions():
     for randomize in (None, {}, {"parts": [2, 4]}):
         env = single("Sort", randomize=randomize)
         assert env.unwrapped.core.randomization.draws == 0 and "drawn" not in env.reset(seed=0)[1]

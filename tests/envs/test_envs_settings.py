@@ -25,7 +25,7 @@ FULL = {
 }  # fmt: skip
 
 
-def test_settings_are_taken():
+def test_settings_take_effect():
     core = single("Align", **FULL).unwrapped.core
     assert (core.surface.rows, core.surface.columns, core.surface.element_size) == (6, 20, 0.03)
     assert core.surface.max_amplitude == 3e-4
@@ -98,8 +98,8 @@ def test_bad_settings_are_one_error_that_names_them(task, settings, name):
         assert "\n" not in str(error.value)
 
 
-def test_a_part_that_sticks_is_a_fair_task():
-    """On a slow table friction holds the part whatever the elements do: it goes round with the table."""
+def test_sticking_parts_are_allowed():
+    """On a slow table friction holds the part for every command; it circles with the table."""
     env = single("Align", surface={"horizontal_amplitude": 1.5e-4, "max_amplitude": 5e-5})
     env.reset(seed=0)
     simulator = env.unwrapped.core.simulator
@@ -120,7 +120,7 @@ def test_bad_settings_of_a_batch(name, value):
 
 
 def test_the_record_of_options():
-    """Its names and types stand a second time for type checkers; it refuses what no environment has."""
+    """Names and types agree with those for type checkers; unknown options are refused."""
     typed = get_type_hints(Options)
     assert typed.pop("task") is str and typed == get_type_hints(Keywords)
     assert tuple(typed) == Options.names()
@@ -140,7 +140,7 @@ class Two(ArrangedTask):
     has_goal = True
 
 
-def test_tasks_without_a_goal_observation_say_why_and_what_they_have(monkeypatch):
+def test_tasks_without_a_goal_observation_are_refused_with_alternatives(monkeypatch):
     monkeypatch.setitem(TASKS_OF_ALL._items, "Two", Two)
     for task in ("Two", "Sort", "Follow"):
         for make in (VibgymEnv, VibgymVectorEnv):
@@ -203,7 +203,7 @@ def test_human_mode_opens_a_window(monkeypatch):
     env.close()
 
 
-def test_pictures_show_zones_and_only_parts_that_are_there():
+def test_pictures_show_zones_and_present_parts():
     pictures = {}
     for count in (1, 6):
         env = single("Sort", action="field", render_mode="rgb_array", randomize={"parts": [count, count]})

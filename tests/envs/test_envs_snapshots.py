@@ -1,4 +1,4 @@
-"""States of environments: going on from them bit for bit, and refusing those of others."""
+"""Snapshots of environments: bitwise continuation, and refusal of other environments' snapshots."""
 
 import copy
 
@@ -71,18 +71,18 @@ def test_pose_and_goal_of_a_start():
     assert truth.pose[0, 0].tolist() == [0.2, 0.1, 0.5] and truth.goal[0, 0].tolist() == [0.6, 0.05, -1.0]
     drawn = single("Align", action="field").unwrapped
     drawn.reset(seed=3)
-    env.reset(seed=3, options={"pose": [0.2, 0.1, 0.5]})  # what is not set is drawn as ever
+    env.reset(seed=3, options={"pose": [0.2, 0.1, 0.5]})  # the rest is drawn as before
     assert (env.truth.goal == drawn.truth.goal).all()
     assert_same(env.reset(), drawn.reset())
 
 
-def test_transport_takes_a_position_for_a_goal():
+def test_transport_accepts_a_position_as_goal():
     env = single("Transport", action="field").unwrapped
     env.reset(seed=3, options={"goal": [0.6, 0.05]})
     assert env.truth.goal[0, 0, :2].tolist() == [0.6, 0.05]
 
 
-def test_rotate_turns_in_place_wherever_it_is_put():
+def test_rotate_turns_in_place_at_any_start():
     env, drawn = (single("Rotate", action="field").unwrapped for _ in range(2))
     drawn.reset(seed=3)
     _, info = env.reset(seed=3, options={"pose": [0.2, 0.1, 0.5]})
@@ -175,7 +175,7 @@ def test_call_get_attr_and_set_attr():
             call()
 
 
-def test_stepping_after_close_says_so():
+def test_stepping_after_close_raises():
     one, many = single("Align", action="field"), batch("Align", 2, action="field")
     for env in (one, many):
         env.reset(seed=0)
@@ -186,7 +186,7 @@ def test_stepping_after_close_says_so():
         env.step(env.action_space.sample())
 
 
-def test_rendering_without_a_mode_says_so():
+def test_rendering_without_a_mode_warns():
     for env in (single("Align").unwrapped, batch("Align", 2)):
         env.reset(seed=0)
         with pytest.warns(UserWarning, match="render_mode"):

@@ -1,4 +1,4 @@
-"""The action that says what parts shall get: what they get of it, and why some get nothing."""
+"""The wrench action: resulting accelerations, and reasons for parts without allocation."""
 
 import math
 
@@ -17,7 +17,7 @@ def scale(env):
     return env.unwrapped.core.action.scale
 
 
-def test_parts_get_the_acceleration_that_they_want():
+def test_parts_get_the_commanded_acceleration():
     """By the planar model, from rest to 0.13 m/s, before parts come upon other elements."""
     env = batch("Align", 64, action="wrench")
     seen, _ = env.reset(seed=1)
@@ -33,7 +33,7 @@ def test_parts_get_the_acceleration_that_they_want():
     assert np.hypot(*velocity[2][:, :2].T).max() > 0.12
 
 
-def test_zeros_keep_a_part_going():
+def test_zeros_keep_the_velocity():
     env = single("Transport", action="wrench")
     env.reset(seed=2, options={"pose": [0.2, 0.1, 0.0], "goal": [0.7, 0.1, 0.0]})
     for _ in range(4):
@@ -45,7 +45,7 @@ def test_zeros_keep_a_part_going():
     assert speeds[0] > 0.1 and speeds[-1] == pytest.approx(speeds[0], rel=0.03)
 
 
-def test_several_parts_get_their_own():
+def test_several_parts_get_their_accelerations():
     env = batch("Sort", 16, action="wrench")
     env.reset(seed=3)
     wanted = np.random.default_rng(3).uniform(-0.2, 0.2, (16, 6, 3))
@@ -58,8 +58,8 @@ def test_several_parts_get_their_own():
     assert (info["commanded"]["unserved"] == SERVED).all()
 
 
-def test_wishes_go_through_a_dead_zone():
-    """Small ones too: elements work against each other."""
+def test_commands_pass_a_dead_zone():
+    """Also small ones, by elements in opposite directions."""
     env = single("Align", action="wrench", actuators={"kind": "prototype", "gain_spread": 0.0, "phase_spread": 0.0})
     env.reset(seed=4)
     least = env.unwrapped.data_sheet.dead_zone / env.unwrapped.surface.max_amplitude
@@ -69,7 +69,7 @@ def test_wishes_go_through_a_dead_zone():
     assert (length > 0.0).sum() >= 2 and length[length > 0.0].min() >= least * (1.0 - 1e-6)
 
 
-def test_it_says_why_elements_rest():
+def test_reasons_for_resting_elements_are_reported():
     env = single("Align", action="wrench", surface={"rows": 4, "columns": 4})
     _, info = env.reset(seed=5)
     assert info["commanded"]["unserved"].tolist() == [SERVED]
@@ -90,7 +90,7 @@ def test_parts_that_can_stick_are_refused():
         single("Align", action="wrench", parts=[{"shape": "disc", "radius": 0.02, "friction": 4.0, "name": "grippy"}])
 
 
-def test_numbers_mean_what_the_documentation_says():
+def test_scales_agree_with_the_documentation():
     env = single("Align", action="wrench")
     push = 0.5 * PART.friction * 9.81
     assert scale(env)[0] == pytest.approx([push, push, push / math.sqrt(PART.gyration)])
@@ -98,13 +98,13 @@ def test_numbers_mean_what_the_documentation_says():
 
 
 class Spared(Wrench):
-    """Leaves the second part alone."""
+    """Exclude the second part."""
 
     def left_out(self, measurement):
         return np.broadcast_to([False, True], measurement.gone.shape)
 
 
-def test_a_subclass_leaves_parts_alone(monkeypatch):
+def test_a_subclass_excludes_parts(monkeypatch):
     monkeypatch.setitem(ACTIONS._items, "spared", Spared)
     pose, moved = [[0.2, 0.1, 0.0], [0.6, 0.1, 0.0]], {}
     for action in ("wrench", "spared"):

@@ -1,4 +1,4 @@
-"""Bad arguments to what is public: it works, or one ValueError names the argument, and then nothing has changed."""
+"""Bad arguments of public functions: they work, or one ValueError names the argument and nothing has changed."""
 
 import copy
 import functools
@@ -23,7 +23,7 @@ from vibgym.bounds import TimeBound
 
 
 class Mute:
-    """Fails whenever it is looked at."""
+    """Object that raises on every access."""
 
     def __repr__(self):
         raise RuntimeError("no repr")
@@ -36,7 +36,7 @@ def recursive():
     return result
 
 
-# Whole numbers are small or absurd: what lies between may rightly take hours.
+# Whole numbers are small or absurd: values in between may legitimately take hours.
 NUMBERS = st.one_of(
     st.integers(-3, 3),
     st.sampled_from([2**63, -(2**63), 10**18, 10**400, -(10**400)]),
@@ -63,12 +63,12 @@ VALUES = st.recursive(
 
 DEEP = functools.reduce(lambda deep, _: [deep], range(2000), [])
 UNSPEAKABLE = {"a number of 5000 digits": 10**5000, "no repr": Mute(), "deep": DEEP}
-"""What hypothesis could not print, by names that it can."""
+"""Values that hypothesis cannot print, by name."""
 VALUES |= st.sampled_from(list(UNSPEAKABLE))
 
 
 def meant(value):
-    """What stands behind one of the names."""
+    """Return the value of a name."""
     return UNSPEAKABLE.get(value, value) if isinstance(value, str) else value
 
 
@@ -205,7 +205,7 @@ EVERY = [(name, argument) for name, (_, base) in CALLS.items() for argument in b
 
 
 def refused(error, *arguments):
-    """One short line that can be printed anywhere and names the argument, or another that no longer goes with it."""
+    """Assert one short printable line that names the argument, or one that conflicts with it."""
     text = str(error)
     assert re.match(r"[^\n]+", text), text
     named = text.split("; allowed")[0]
@@ -230,8 +230,8 @@ def test_constructors_and_functions(which, value):
         made.close()
 
 
-def test_every_argument_survives_the_worst_values():
-    """The fuzzer's own table, each argument with what once gave a traceback."""
+def test_every_argument_with_extreme_values():
+    """Try each argument of the table with values that once caused a traceback."""
     odd = [None, np.zeros(3), recursive(), {}, {1: 2}, "\ud800", Mute(), DEEP, [[1]], [0, 0]]
     worst = [*odd, 10**400, 10**5000, Fraction(10**400), [10**400], math.nan, 2**63]
     for name, argument in EVERY:
@@ -280,7 +280,7 @@ def live(kind):
 
 
 def state_of(made):
-    """All that a refused call must leave alone."""
+    """Return all state that a refused call must not change."""
     return made.get_state() if isinstance(made, Simulator) else made.unwrapped.get_state()
 
 

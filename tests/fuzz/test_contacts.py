@@ -1,4 +1,4 @@
-"""Scenes with contacts on a still table: no part ever lies deep in another, and nothing gains energy.
+"""Scenes with contacts on a still table: bounded overlap, and no gain of energy.
 
 Shapes, spins up to 300 rad/s, speeds up to 5 m/s, mass ratios up to 1000, walls, restitution and friction of any kind. Overlap
 is looked at wherever a step of contacts ends, not only at the end of a period; how deep parts may be in between is
@@ -56,7 +56,7 @@ def parts_of_a_size(draw, size):
 
 @st.composite
 def scenes(draw):
-    """A simulator of worlds in which parts fly at one another, one close to the others, or in a corner."""
+    """Return a simulator of worlds in which parts approach one another, also closely or in a corner."""
     size = 10.0 ** draw(st.floats(-2.3, -1.3))
     parts = draw(st.lists(parts_of_a_size(size), min_size=1, max_size=6))
     walls = WALLS if len(parts) == 1 or draw(st.booleans()) else ()
@@ -76,7 +76,7 @@ def scenes(draw):
 
 
 def somewhere(rng, parts, in_corner):
-    """Poses (WORLDS, parts, 3) at which nothing overlaps, in as little room as a few tries take; None if they take too many."""
+    """Return poses (WORLDS, parts, 3) without overlap in little room; None after too many tries."""
     radius = max(part.radius for part in parts)
     room, margin, table = 2.0 * radius * np.sqrt(len(parts)), 1.001 * radius, 0.8
     pose, todo = np.zeros((WORLDS, len(parts), 3)), np.arange(WORLDS)

@@ -1,4 +1,4 @@
-"""Machines at random: the same bits for single, batch and restored environments, and numbers that are always finite."""
+"""Random hardware: bitwise equality of single, batch and restored environments, and finite values."""
 
 import pickle
 import warnings
@@ -71,7 +71,7 @@ def machines(draw):
 
 
 def assert_finite(got):
-    """All numbers, however deep."""
+    """Yield all numbers of nested values."""
     if isinstance(got, dict | tuple | list):
         for each in got.values() if isinstance(got, dict) else got:
             assert_finite(each)

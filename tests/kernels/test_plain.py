@@ -84,7 +84,7 @@ COMPILED = ["foreign", "planar"]  # others take minutes
 
 
 def numbers_of(scenes, **environment):
-    """What each scene comes to in a process with these environment variables, and what it says on stderr."""
+    """Return the result of each scene in a process with these environment variables, and its stderr."""
     command = [sys.executable, "-W", "ignore", "-c", SCENES, *scenes]
     done = subprocess.run(command, env={**os.environ, **environment}, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -102,14 +102,14 @@ def check(found, expected):
 
 
 def test_as_plain_python(expected):
-    """No kernel is compiled: what is left of the mode is how records and foreign functions are handed on."""
-    found, said = numbers_of(PYTHON, VIBGYM_PLAIN_NUMBA="1", NUMBA_DISABLE_JIT="1")
+    """Without compilation, the mode only determines how records and foreign functions are passed."""
+    found, messages = numbers_of(PYTHON, VIBGYM_PLAIN_NUMBA="1", NUMBA_DISABLE_JIT="1")
     check(found, expected)
-    assert expected["contacts"][-1] > 0 and len(said.splitlines()) == 1 and "VIBGYM_PLAIN_NUMBA" in said
+    assert expected["contacts"][-1] > 0 and len(messages.splitlines()) == 1 and "VIBGYM_PLAIN_NUMBA" in messages
 
 
 def test_compiled_by_the_public_decorator_alone(expected, tmp_path):
-    # What is tested is how kernels are handed on, which LLVM's dearest optimisations have no part in.
+    # The test covers how kernels are passed, independent of LLVM's expensive optimisations.
     settings = {"VIBGYM_PLAIN_NUMBA": "1", "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_OPT": "1"}
     for _ in range(2):
         check(numbers_of(COMPILED, **settings)[0], expected)

@@ -77,9 +77,9 @@ class Runner:
         return subprocess.Popen([sys.executable, "-c", code], text=True, env={**os.environ, **environment}, **pipes)
 
     def finish(self, process):
-        said, errors = process.communicate(timeout=120)
+        output, errors = process.communicate(timeout=120)
         assert process.returncode == 0, errors
-        return said.split(), errors.splitlines()
+        return output.split(), errors.splitlines()
 
     def __call__(self, *arguments, **more):
         """Return the words that the probe prints, and the lines on stderr."""

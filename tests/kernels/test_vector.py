@@ -95,7 +95,7 @@ def fused(a, b, c, out):
 
 
 def test_a_product_is_rounded_with_the_sum():
-    """1 + 2^-30, squared, has a last bit that its rounding loses; less what it is rounded to, only that bit is left."""
+    """The square of 1 + 2^-30 minus its rounded value is the bit lost by rounding."""
     one = 1.0 + 2.0**-30
     a, out = np.full(LANES, one), np.empty(3 * LANES)
     fused(a, a, np.full(LANES, -(1.0 + 2.0**-29)), out)

@@ -1,4 +1,4 @@
-"""Each page of docs/learners runs as its reader would run it, with few steps."""
+"""Run each page of docs/learners with few steps."""
 
 import base64
 import csv
@@ -18,7 +18,7 @@ BLOCK = re.compile(r"^(?:`(?P<name>[\w.]+)`:\n\n)?```(?P<kind>python|yaml|sh)\n(
 
 
 def environment(name):
-    """Directory that ``make learners`` made beside ours."""
+    """Return the environment that ``make learners`` creates."""
     directory = Path(f"{sys.prefix}-{name}" if name else sys.prefix)
     assert (directory / ".installed").exists() or not name, f"{directory} is missing: make learners"
     return directory
@@ -44,7 +44,7 @@ def test_a_page_trains_and_plays(page, own, tmp_path):
         "OMP_NUM_THREADS": "1",
     }
     script = "\n".join(["set -eu", *commands])
-    # Whoever hangs ends with its group; loaded machines take minutes.
+    # A hanging process is killed with its group; loaded hosts take minutes.
     result = subprocess.run(
         ["timeout", "600", "bash", "-c", script],
         cwd=tmp_path,
@@ -59,9 +59,9 @@ def test_a_page_trains_and_plays(page, own, tmp_path):
 def test_the_file_of_cleanrl_is_the_release_s():
     directory = environment("cleanrl")
     rows = csv.reader((directory / "cleanrl-1.2.0.dist-info/RECORD").read_text(encoding="utf-8").splitlines())
-    said = {name: digest for name, digest, _ in rows}["cleanrl/ppo_continuous_action.py"]
+    recorded = {name: digest for name, digest, _ in rows}["cleanrl/ppo_continuous_action.py"]
     digest = hashlib.sha256((directory / "cleanrl/ppo_continuous_action.py").read_bytes()).digest()
-    assert said == "sha256=" + base64.urlsafe_b64encode(digest).decode().rstrip("=")
+    assert recorded == "sha256=" + base64.urlsafe_b64encode(digest).decode().rstrip("=")
 
 
 def test_the_index_names_the_tested_versions():

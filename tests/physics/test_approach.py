@@ -78,7 +78,7 @@ SHAPES = {
 @pytest.mark.parametrize("shapes", SHAPES)
 @pytest.mark.parametrize("spin", [5.0, 60.0, 300.0, 1500.0])
 def test_overlap_within_the_step(shapes, spin):
-    """Straight motion and steady spin, gaps at many instants: what may be for fast parts, six times that for circles."""
+    """Check gaps at many instants of straight motion and steady spin: the limit, six times larger for rotation."""
     parts = SHAPES[shapes]
     space, island = island_of(parts, ())
     rng, seen = np.random.default_rng(int(spin)), 0
@@ -100,7 +100,7 @@ def test_overlap_within_the_step(shapes, spin):
 
 @pytest.mark.parametrize("spin", [5.0, 60.0, 300.0, 1500.0])
 def test_overlap_with_a_wall_within_the_step(spin):
-    """Also while the centre moves away from the wall: a corner may turn into it all the same."""
+    """Check also a centre that moves away from the wall, since a corner may turn into it."""
     part = Part.rectangle(0.06, 0.01, friction=0.0)
     space, island = island_of([part], ("left",))
     rng, seen, away = np.random.default_rng(int(spin)), 0, 0
@@ -129,7 +129,7 @@ def gap_to_the_left(part, x, y, turn):
 
 
 def test_gaps_of_the_test():
-    """The wall's gap here is the kernel's."""
+    """The test's gap to a wall equals the kernel's."""
     part = Part.rectangle(0.06, 0.01, friction=0.0)
     space, island = island_of([part], ("left",))
     enter(island, np.array([[0.02, 0.4, 0.7]]), np.zeros((1, 3)))

@@ -76,7 +76,7 @@ def test_second_order_drifts_a_fifth_of_first_order_on_random_fields(spin):
 
 
 def test_a_drive_that_changes_every_period():
-    """What learning does. Going over to the slow variables and back keeps the order through each change."""
+    """The conversion to slow variables and back keeps the order through each change, as in learning."""
     worlds, periods = 32, 25
     rng = np.random.default_rng(5)
     pose = scene(worlds)[0]
@@ -230,7 +230,7 @@ def test_the_last_step_of_a_call_may_be_shorter(stride, periods):
     assert got.time == pytest.approx(periods * 0.04)
     exact = averaged(given, periods, steps=16)
     assert np.abs((got.pose - exact.pose)[:, 0, :2]).max() < 2e-4 * stride**2  # m, of up to 20 mm
-    # mean velocity is the way of the last period, also where it begins within a step
+    # mean velocity is the displacement of the last period, also if it begins within a step
     before = given[0] if periods == 1 else averaged(given, periods - 1, steps=16).pose
     mean = (exact.pose - before) / 0.04
     assert exact.mean_velocity == pytest.approx(mean, abs=2e-3)
@@ -238,13 +238,13 @@ def test_the_last_step_of_a_call_may_be_shorter(stride, periods):
 
 
 def test_calls_may_be_split():
-    """The way back from the slow variables and the next way there cancel, to the 1e-6 that the way there is solved to."""
+    """Conversion from and to slow variables cancel, within the tolerance of 1e-6."""
     given = scene(16, seed=4, spin=1.0)
     once = averaged(given, 10)
     split = averaged(given, 1)
     for _ in range(9):
         split.advance(given[2], given[3])
-    # what is left: a call cuts at the pose itself, a step within a call at the pose without wobble
+    # remaining difference: a call cuts at the pose, a step within a call at the pose without wobble
     assert np.abs((split.pose - once.pose)[:, 0, :2]).max() < 1e-3
     assert np.median(np.abs((split.pose - once.pose)[:, 0, :2])) < 1e-4
 
@@ -277,7 +277,7 @@ def test_falling_over_the_border():
     assert np.array_equal(simulator.pose[0], rests)
 
 
-def test_divergence_keeps_the_last_sound_state():
+def test_divergence_keeps_the_last_finite_state():
     simulator = Simulator(SURFACE, BLOCK, worlds=3, model="averaged")
     simulator.reset([0.4, 0.1, 0.0], [0.01, 0.0, 0.0])
     state = simulator.get_state()
@@ -293,7 +293,7 @@ def test_divergence_keeps_the_last_sound_state():
 @pytest.mark.parametrize("speed", [0.38, 0.4241, 0.47, 2.0, 30.0])
 @pytest.mark.parametrize("direction", [0.0, 1.1, 2.9])
 def test_as_fast_as_the_table_and_faster(speed, direction):
-    """Where slip can pass through zero the world is marked; elsewhere a part faster than the table is fine."""
+    """Worlds with possible zero slip are marked; otherwise parts faster than the table are covered."""
     surface = Surface(rows=1, columns=1, element_size=400.0)
     velocity = [speed * math.cos(direction), speed * math.sin(direction), 0.5]
     simulator = Simulator(surface, BLOCK, model="averaged")
@@ -314,7 +314,7 @@ def test_as_fast_as_the_table_and_faster(speed, direction):
     (Surface(horizontal_amplitude=0.4e-3), BLOCK),
     (SURFACE, Part.disc(0.02, friction=0.6, static_friction=5.0)),
 ])  # fmt: skip
-def test_scenes_that_may_stick_are_refused_with_a_way_out(surface, part):
+def test_scenes_that_may_stick_are_refused_with_an_alternative(surface, part):
     with pytest.raises(ValueError, match="model.*averaged.*model='planar'"):
         Simulator(surface, part, model="averaged")
     Simulator(surface, part, model="planar")

@@ -47,7 +47,7 @@ def test_closed_forms_against_quadrature(s):
     def average(f):
         bends = sorted({min(abs(1 - s) * k + 1e-9, 3.0) for k in (1, 4, 16, 64)})
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", IntegrationWarning)  # it cannot do better than rounding, and says so
+            warnings.simplefilter("ignore", IntegrationWarning)  # warns at the limit of rounding
             return quad(f, 0.0, math.pi, points=bends, epsabs=1e-14, epsrel=1e-13, limit=400)[0] / math.pi
 
     d = -average(lambda a: slip_direction(a, s).real)
@@ -70,7 +70,7 @@ def test_closed_forms_at_the_ends():
 
 
 def plain_waves(s, count=1 << 17):
-    """Evenly spaced angles and cumulative sums: another way to the antiderivatives."""
+    """Antiderivatives by evenly spaced angles and cumulative sums."""
     theta = (np.arange(count) + 0.5) * (2 * math.pi / count)
     n = slip_direction(theta, s)
     shapes = np.stack([np.ones(count), np.cos(theta), np.sin(theta)])
@@ -110,7 +110,7 @@ def test_wobble_against_plain_sums(s):
 
 
 def test_known_error_of_the_tables():
-    """The figures that the model's documentation may rely on."""
+    """Check the errors stated in the documentation."""
     tables, scratch = averages(), new_scratch()
     rng = np.random.default_rng(1)
     x = np.linspace(0.0, POLYNOMIAL_END, 2001)

@@ -55,7 +55,7 @@ def cut(outline, rows=8, columns=32, split=1, centre=None):
     centre = np.array(Polygon(outline).centroid.coords[0]) if centre is None else np.asarray(centre, dtype=float)
     pitch = PITCH / split
     extent = np.ptp(outline, axis=0).max() / pitch
-    cells = np.full(((int(extent) + 3) ** 2, MOMENTS), np.nan)  # whatever is not overwritten would show
+    cells = np.full(((int(extent) + 3) ** 2, MOMENTS), np.nan)  # detects entries that are not overwritten
     points = np.full((3, 4 * len(cells) + 8), np.nan)
     under = np.full(4 * len(cells) + 8, -1)
     bounds = np.empty(4, np.int64)
@@ -110,13 +110,13 @@ def test_pieces_of_shapes(shape, split, turn):
 
 @pytest.mark.parametrize("x, y", [(0.0, 0.0), (0.15, 0.01), (0.205, 0.15), (0.01, 0.155), (0.1, 0.15)])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_overhang_carries_nothing(shape, x, y):
+def test_overhang_carries_no_load(shape, x, y):
     check_against_shapely(place(shape, x, y, 0.7), rows=6, columns=8)
 
 
 @st.composite
 def stars(draw):
-    """Star-shaped, mostly non-convex outlines from 2 mm to 140 mm across, anywhere on or beside the surface."""
+    """Star-shaped, mostly non-convex outlines from 2 mm to 140 mm across, anywhere on or off the surface."""
     n = draw(st.integers(3, 10))
     fractions = [draw(st.floats(0.15, 1.0)) for _ in range(n)]
     size = draw(st.sampled_from([0.001, 0.01, 0.03, 0.07]))
@@ -193,7 +193,7 @@ def test_support_polygon(outline, dx, dy):
     x, y = polygon.centroid.x + dx, polygon.centroid.y + dy
     hull = polygon.intersection(box(0, 0, width, height)).convex_hull
     inside = not hull.is_empty and hull.area > 0 and hull.covers(Point(x, y))
-    assume(hull.is_empty or hull.boundary.distance(Point(x, y)) > 1e-9)  # on the very border either answer will do
+    assume(hull.is_empty or hull.boundary.distance(Point(x, y)) > 1e-9)  # on the border either result is accepted
     assert holds(outline, width, height, x, y) == inside
 
 

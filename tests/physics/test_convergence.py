@@ -64,7 +64,7 @@ def test_second_order_in_steps_across_edges(name):
     surface = Surface()
     given = scene(surface, 48, 2, 3.0, 0.08)
     part = PARTS[name]
-    # 48 Runge-Kutta steps in all of them, so that what is left is the edges
+    # 48 Runge-Kutta steps in all of them, so that the error of the edges remains
     exact = run(surface, part, given, 10, steps=192, substeps=1, pieces=2)
     steps = np.array([6, 8, 12, 16, 24, 48])
     position, heading = [], []
@@ -98,7 +98,7 @@ def test_against_point_sampling(name, spin):
         difference = run(surface, part, given, periods, **scheme).pose[:, 0] - sampled
         return 1e3 * np.hypot(*difference[:, :2].T).max(), np.degrees(np.abs(difference[:, 2])).max()
 
-    # Converged: what is left is the sampler's, whose 37 000 points cross edges one by one. Measured over all cases: 0.004 mm
+    # Converged: the remaining error is that of the sampler, whose 37 000 points cross edges one by one. Measured: 0.004 mm
     # and 0.015 deg, falling with the number of points (64 x 64: 0.06 mm, 0.2 deg).
     position, heading = errors(steps=64, substeps=2, pieces=10)
     assert position < 0.01 and heading < 0.03
@@ -112,7 +112,7 @@ def test_against_point_sampling(name, spin):
 
 
 def test_the_sampler_itself():
-    """Its points have the moments of the shapes, and it slides to a stop as it should."""
+    """Its points have the moments of the shapes, and it stops at the known distance."""
     for name, part in PARTS.items():
         x, y, w = reference.strew_disc(0.022, 64) if name == "disc" else reference.strew(part.outline, 64)
         assert w.sum() == pytest.approx(1.0, abs=1e-12)

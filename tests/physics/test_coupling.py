@@ -32,24 +32,24 @@ def played(part, share, model="planar", periods=20, **knobs):
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("coupling", [0.0, 0.25, 0.7])
-def test_a_share_of_the_motion_is_as_elements_that_move_so_much_less(shape, coupling):
+def test_coupling_equals_a_smaller_amplitude(shape, coupling):
     soft, hard = SHAPES[shape](coupling=coupling), SHAPES[shape]()
     assert played(soft, 1.0) == pytest.approx(played(hard, coupling), abs=1e-9)
     assert coupling == 0.0 or abs(played(soft, 1.0) - played(hard, 1.0)).max() > 1e-3 or shape == "sticking"
 
 
-def test_steps_by_points_and_the_averaged_model_know_it_too():
+def test_coupling_in_steps_by_points_and_in_the_averaged_model():
     soft, hard = SHAPES["block"](coupling=0.5), SHAPES["block"]()
     assert played(soft, 1.0, pieces=3) == pytest.approx(played(hard, 0.5, pieces=3), abs=1e-9)
     assert played(soft, 1.0, model="averaged") == pytest.approx(played(hard, 0.5, model="averaged"), abs=1e-9)
 
 
-def test_each_part_has_its_own_and_contacts_stay_the_same():
-    """Two that touch: one that the elements do not move stands in the other one's way."""
+def test_coupling_per_part_with_unchanged_contacts():
+    """Two touching parts, of which the undriven one blocks the other."""
     pusher, still = SHAPES["disc"](), SHAPES["block"](coupling=0.0, name="soft")
     sim = Simulator(SURFACE, [pusher, still, SHAPES["block"]()], worlds=1)
     sim.reset([[[0.2, 0.1, 0.0], [0.25, 0.1, 0.0], [0.6, 0.1, 0.0]]])
-    sim.advance(SURFACE.max_amplitude, -math.pi / 2, 12)  # everything that can goes to the right
+    sim.advance(SURFACE.max_amplitude, -math.pi / 2, 12)  # drives all coupled parts to the right
     moved = sim.pose[0, :, 0] - [0.2, 0.25, 0.6]
     free = Simulator(SURFACE, SHAPES["block"](coupling=0.0), worlds=1)
     free.reset([0.25, 0.1, 0.0])
@@ -59,7 +59,7 @@ def test_each_part_has_its_own_and_contacts_stay_the_same():
     assert moved[1] > alone + 2e-3 and moved[0] < moved[2]  # pushed, which slows the pusher down
 
 
-def test_pushes_of_soft_parts_take_more_of_the_elements():
+def test_soft_parts_need_larger_amplitudes():
     still = np.zeros((1, 1, 3))
     wanted = np.array([[[0.5, 0.2, 0.0]]])
     hard, soft = (FrictionalInverse(SURFACE, SHAPES["block"](coupling=c)).push(still, wanted) for c in (1.0, 0.5))

@@ -29,7 +29,7 @@ def read(drive):
 
 
 def actions(seed=0, scale=1.6):
-    """Actions of which many lie outside [-1, 1]."""
+    """Actions, many of them outside [-1, 1]."""
     return np.random.default_rng(seed).uniform(-scale, scale, (WORLDS, ROWS, COLUMNS, 2)).astype(np.float32)
 
 
@@ -56,7 +56,7 @@ def test_polar_is_the_normal_acceleration():
     for t in np.linspace(0, 0.04, 9):
         z = [3e-4 * math.cos(OMEGA * (t + d) + 0.7) for d in (-1e-5, 0, 1e-5)]
         second = (z[0] - 2 * z[1] + z[2]) / 1e-10
-        # the difference quotient itself errs by w^2 d^2 / 12 = 2e-7 of 7.4 m/s^2, and by rounding of 1e-16 * 3e-4 / 1e-10
+        # error of the difference quotient: w^2 d^2 / 12 = 2e-7 of 7.4 m/s^2, and rounding of 1e-16 * 3e-4 / 1e-10
         assert FULL - c * math.cos(OMEGA * t) + s * math.sin(OMEGA * t) == pytest.approx(FULL + second, abs=5e-6)
 
 
@@ -104,7 +104,7 @@ CENTRE = np.array([0.060, 0.050])
 
 
 def pushes(strengths):
-    """Direction and strength in which each element pushes a resting part, (rows, columns, 2): -(S, C) / full scale."""
+    """Return the push of each element on a resting part, (rows, columns, 2): -(S, C) / full scale."""
     action = np.broadcast_to(np.array(strengths, dtype=np.float32), (WORLDS, 1, 6))
     phasors = read(field_drive(flat(action), np.broadcast_to(CENTRE, (WORLDS, 1, 2)), SIZE, REACH, FULL))[0]
     return -phasors[..., ::-1] / FULL
@@ -117,7 +117,7 @@ def offsets():
 
 
 def central(x, y):
-    """The offset itself within reach, its direction beyond."""
+    """Return the offset within reach, its direction beyond."""
     distance = np.hypot(x, y)
     return np.where(distance < 1, x, x / distance), np.where(distance < 1, y, y / distance)
 
@@ -158,20 +158,20 @@ CENTRES = st.lists(
 
 
 def nearest(centre, candidates, row, column):
-    """The candidate whose centre (x, y) is nearest to that of the element, the lowest of equals; None without candidates."""
+    """Return the candidate with the nearest centre (x, y), ties to the lowest index; None without candidates."""
     at = ((column + 0.5) * SIZE, (row + 0.5) * SIZE)
     return min(candidates, key=lambda part: math.dist(centre[part], at), default=None)
 
 
 def clear_cut(centre, row, column):
-    """Whether no two centres are nearly as near to the element: rounding decides there."""
+    """Return whether the nearest centre is unique within rounding."""
     at = ((column + 0.5) * SIZE, (row + 0.5) * SIZE)
     ways = sorted(math.dist(each, at) for each in centre)
     return all(far - near > 1e-9 for near, far in zip(ways, ways[1:], strict=False))
 
 
 @given(centres=CENTRES, gone=st.lists(st.booleans(), min_size=PARTS, max_size=PARTS))
-def test_of_several_fields_an_element_obeys_the_nearest(centres, gone):
+def test_an_element_follows_the_nearest_field(centres, gone):
     centre = np.array(centres).reshape(WORLDS, PARTS, 2)
     action = np.random.default_rng(6).uniform(-1.5, 1.5, (WORLDS, PARTS, 6)).astype(np.float32)
     alone = [read(field_drive(action[:, k], centre[:, k : k + 1], SIZE, REACH, FULL)) for k in range(PARTS)]
@@ -189,7 +189,7 @@ def test_of_several_fields_an_element_obeys_the_nearest(centres, gone):
 
 @pytest.mark.parametrize("size", [1, 2, 3])
 @given(centres=CENTRES, gone=st.lists(st.booleans(), min_size=PARTS, max_size=PARTS))
-def test_of_several_patches_an_element_obeys_the_nearest_that_holds_it(size, centres, gone):
+def test_an_element_follows_the_nearest_patch_that_contains_it(size, centres, gone):
     centre = np.array(centres).reshape(WORLDS, PARTS, 2)
     action = np.random.default_rng(7).uniform(-1.5, 1.5, (WORLDS, PARTS, size, size, 2)).astype(np.float32)
     vectors = FULL * shortened(np.clip(action.astype(float), -1, 1))
@@ -208,7 +208,7 @@ def test_of_several_patches_an_element_obeys_the_nearest_that_holds_it(size, cen
         assert got[world, row, column] == pytest.approx(expected, abs=1e-13)
 
 
-def test_of_parts_equally_near_the_first_is_obeyed():
+def test_ties_go_to_the_first_part():
     """Centres at equal distances left and right of an element's centre, in exact numbers."""
     action = np.zeros((WORLDS, 2, 6), dtype=np.float32)
     action[:, 0, 0], action[:, 1, 1] = 1.0, 1.0
@@ -224,7 +224,7 @@ def test_of_parts_equally_near_the_first_is_obeyed():
 
 
 def test_every_mode_has_one_compiled_type():
-    """Kernels are compiled once for all modes, whatever the layout of the arrays that are handed in."""
+    """Kernels are compiled once for all modes and array layouts."""
     import numba
 
     action, centre = flat(actions(8)), np.zeros((WORLDS, 1, 2))

@@ -1,4 +1,4 @@
-"""The wrench of single points, for which everything is known in closed form."""
+"""The wrench of single points in closed form."""
 
 import math
 
@@ -9,7 +9,7 @@ from vibgym.physics.planar.wrench import sliding_wrench
 
 
 def wrench(x, y, c, s, gravity, phase, slip, spin):
-    """Force and torque of one point, padded as the kernel's callers do."""
+    """Return force and torque of one point, padded like the kernel's arguments."""
     rows = np.zeros((5, 8))
     rows[:, 0] = 1.0, x, y, c, s
     return sliding_wrench(*rows, 8, gravity, math.cos(phase), math.sin(phase), *slip, spin)
@@ -21,7 +21,7 @@ def test_stress_has_unit_direction_at_any_speed(decade):
     for angle in np.linspace(0.0, 2.0 * math.pi, 40):
         slip = 10.0**decade * math.cos(angle), 10.0**decade * math.sin(angle)
         fx, fy, torque = wrench(0.0, 0.0, 0.0, 0.0, 9.81, 0.3, slip, 0.0)
-        # Below 1e-11 m/s the floor that keeps 0/0 out begins to show.
+        # Below 1e-11 m/s the floor that avoids 0/0 becomes visible.
         size = 1.0 / math.sqrt(1.0 + 1e-30 / 10.0 ** (2 * decade))
         assert math.hypot(fx - 9.81 * size * math.cos(angle), fy - 9.81 * size * math.sin(angle)) < 1e-12
         assert torque == 0.0

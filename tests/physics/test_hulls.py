@@ -21,7 +21,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def convex_part(rng):
-    """Corners on an ellipse: always convex, sometimes long and thin or with very short edges."""
+    """Convex outlines with corners on an ellipse, sometimes long and thin or with very short edges."""
     angle = np.sort(rng.uniform(0, 2 * math.pi, rng.integers(3, 9)))
     size = 10.0 ** rng.uniform(-2.5, -0.8, 2)
     try:
@@ -39,7 +39,7 @@ def star_part(rng):
 
 
 def comb_part(rng):
-    """Teeth of different lengths on a bar: many dents, no point that sees all corners."""
+    """Combs: teeth of different lengths on a bar, not star-shaped."""
     teeth = int(rng.integers(2, 6))
     corners = [(0.0, -0.01)]
     for k in range(teeth):
@@ -80,8 +80,8 @@ def gap_of(parts, poses):
 
 
 @given(seeds)
-def test_distance_of_what_is_apart(seed):
-    """Any outlines, dented or round: shapely's distance; and a gap that is not positive where they overlap."""
+def test_distance_of_separate_parts(seed):
+    """Compare with shapely's distance; gaps of overlapping outlines are not positive."""
     rng = np.random.default_rng(seed)
     parts, poses = [some_part(rng), some_part(rng)], [some_pose(rng), some_pose(rng)]
     shapes = [outline(part, pose) for part, pose in zip(parts, poses)]
@@ -103,13 +103,13 @@ def test_convex_outlines_through_the_difference_of_all_corners(seed):
     origin = Point(0, 0)
     inside = difference.contains(origin)
     expected = -difference.exterior.distance(origin) if inside else difference.distance(origin)
-    # shapely drops corners that lie within a rounding of an edge
+    # shapely drops corners within rounding of an edge
     assert gap_of(parts, poses) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_depth_is_the_smallest_way_out(seed):
-    """Over a thousand directions: no shift shorter than the depth frees an overlapping part, and one of that length does."""
+def test_depth_is_the_smallest_separating_shift(seed):
+    """Of shifts in a thousand directions, none shorter than the depth separates the parts, and one of that length does."""
     rng = np.random.default_rng(seed)
     gap, parts, poses = 0.0, [], []
     while gap > -1e-3:
@@ -128,7 +128,7 @@ def test_depth_is_the_smallest_way_out(seed):
             free = not one.intersects(affinity.translate(other, *middle * way))
             low, high = (low, middle) if free else (middle, high)
         shortest = min(shortest, high)
-    # Next to the best direction the way grows by no more than its angle times the parts' size.
+    # Near the best direction the shift grows by at most the angle times the parts' size.
     assert -gap - ROUNDING <= shortest <= -gap + 2.0 * size * (math.pi / 1000)
 
 
@@ -188,7 +188,7 @@ def test_many_worlds_at_once():
 
 @given(seeds)
 def test_distance_from_walls(seed):
-    """The bounding box of the outline says it all."""
+    """Compare with the bounding box of the outline."""
     rng = np.random.default_rng(seed)
     part, pose = some_part(rng), some_pose(rng)
     hulls, width, height = hulls_of([part]), 0.2, 0.1
@@ -212,7 +212,7 @@ def check_pieces(part):
         assert piece.convex_hull.area - piece.area <= 1e-9 * whole.area
     union = unary_union(pieces)
     assert union.symmetric_difference(whole).area <= 1e-9 * whole.area
-    assert sum(piece.area for piece in pieces) == pytest.approx(whole.area, rel=1e-9)  # none lies on another
+    assert sum(piece.area for piece in pieces) == pytest.approx(whole.area, rel=1e-9)  # no overlaps
 
 
 @given(seeds)

@@ -17,7 +17,7 @@ def number(low, high):
 
 @st.composite
 def meetings(draw):
-    """Two bodies, and how they meet: arguments of :func:`impact_impulse`."""
+    """Two bodies and their contact: arguments of :func:`impact_impulse`."""
 
     def body():
         inverse_mass = 10.0 ** draw(number(-3, 3))
@@ -51,7 +51,7 @@ def after(meeting):
 
 @given(meetings())
 def test_no_impact_gains_energy(meeting):
-    """Nor pulls, nor leaves the cone of friction, nor lets go before the contact is over."""
+    """Impacts do not pull, stay in the friction cone, and end with a separating velocity."""
     impulse, before, then = after(meeting)
     low, high, _, friction = meeting[4:]
     change = impulse @ (before + then) / 2.0  # of kinetic energy
@@ -71,13 +71,13 @@ def test_elastic_without_friction_keeps_energy(meeting):
 
 
 def small_steps(mobility, approach, slip, restitution, friction, steps=40_000):
-    """The impulse (2,) of an impact at a point, by marching in the normal impulse: nothing known in advance."""
+    """Return the impulse (2,) of an impact at a point, by small steps in the normal impulse."""
     nn, nt, _, tt, _, _ = mobility
     work, absorbed, normal, tangential = 0.0, None, 0.0, 0.0
     step = -approach / nn * 8.0 / steps * (1.0 + friction * abs(nt) / nn)
     for _ in range(100 * steps):
         ratio = -friction * np.sign(slip)
-        if abs(slip) < 2.0 * step * (abs(nt) + friction * tt):  # nothing slips, if friction can hold it
+        if abs(slip) < 2.0 * step * (abs(nt) + friction * tt):  # sticking, if friction can hold it
             ratio = float(np.clip(-nt / tt, -friction, friction))
         middle = approach + 0.5 * step * (nn + ratio * nt)
         work += step * middle
@@ -94,7 +94,7 @@ def small_steps(mobility, approach, slip, restitution, friction, steps=40_000):
 @pytest.mark.parametrize("slip", [-2.0, -0.1, 0.0, 0.3, 1.5])
 @pytest.mark.parametrize("restitution, friction", [(0.0, 0.5), (0.5, 0.2), (0.8, 1.0), (1.0, 0.3)])
 def test_against_small_steps(lever, slip, restitution, friction):
-    """A slim rod on a wall: slip goes on, stops, sticks or turns around, in compression and in restitution."""
+    """A slim rod on a wall: slip continues, stops, sticks or reverses, in compression and in restitution."""
     angle = 0.9
     mobility = mobility_of.py_func(1.0, 12.0, -0.5 * math.cos(angle), lever * 0.5 * math.sin(angle))
     meeting = (mobility, -1.0, slip, 0.0, 0.0, 0.0, restitution, friction)
@@ -102,8 +102,8 @@ def test_against_small_steps(lever, slip, restitution, friction):
     assert impulse[:2] == pytest.approx(small_steps(mobility, -1.0, slip, restitution, friction), abs=1e-3)
 
 
-def test_newtons_ratio_where_nothing_is_eccentric():
-    """Without coupling all laws agree: the normal velocity turns around to ``e`` times itself."""
+def test_newtons_ratio_without_eccentricity():
+    """Without coupling all impact laws agree: the normal velocity is reversed and scaled by ``e``."""
     for restitution in (0.0, 0.3, 1.0):
         mobility = mobility_of.py_func(2.0, 400.0, -0.1, 0.0)
         _, _, then = after((mobility, -1.5, 0.4, 0.0, 0.0, 0.0, restitution, 0.2))
@@ -111,12 +111,12 @@ def test_newtons_ratio_where_nothing_is_eccentric():
 
 
 def test_where_newtons_ratio_gains_energy():
-    """A rod whose slip turns around during the impact: Newton's ratio of velocities would add energy, this law takes some."""
+    """A rod with slip reversal: Newton's ratio of velocities adds energy, this law dissipates it."""
     angle, restitution, friction = 0.9, 1.0, 0.5
     mobility = mobility_of.py_func(1.0, 12.0, -0.5 * math.cos(angle), 0.45 * math.sin(angle))
     nn, nt, _, tt, _, _ = mobility
     slip = -0.5
-    # Newton's law with friction that brings slip to rest, and holds it: two equations for two impulses.
+    # Newton's law with friction that stops the slip and holds it: two equations for two impulses.
     newton = np.linalg.solve([[nn, nt], [nt, tt]], [1.0 + restitution, -slip])
     gained = newton @ (np.array([-1.0, slip]) + [restitution, 0.0]) / 2.0
     assert abs(newton[1]) <= friction * newton[0] and gained > 0.09
@@ -126,7 +126,7 @@ def test_where_newtons_ratio_gains_energy():
 
 @pytest.mark.parametrize("friction", [0.0, 0.3, 5.0])
 def test_faces_stay_flat(friction):
-    """A long block on a wall, sliding along it: the force moves forward until nothing turns."""
+    """A long block slides along a wall: the force moves forward until it does not rotate."""
     length, width = 0.08, 0.01
     mobility = mobility_of.py_func(1.0, 12.0 / (length**2 + width**2), -0.5 * width, 0.0)
     impulse, _, then = after((mobility, -0.3, 0.4, 0.0, -0.5 * length, 0.5 * length, 0.5, friction))
@@ -136,15 +136,15 @@ def test_faces_stay_flat(friction):
     assert impulse[0] == pytest.approx(0.45)
 
 
-def test_faces_come_to_lie_flat():
-    """One end first, then both: without restitution nothing moves along the normal afterwards."""
+def test_faces_become_parallel():
+    """One end first, then both: without restitution the normal velocity is zero afterwards."""
     mobility = mobility_of.py_func(1.0, 12.0 / 0.04**2, -0.02, 0.0)
     _, _, then = after((mobility, -0.5, 0.0, 5.0, -0.02, 0.02, 0.0, 0.0))
     assert then[[0, 2]] == pytest.approx(0.0, abs=1e-14)
 
 
 def test_response():
-    """Against the rigid body's own equations."""
+    """Compare with the equations of a rigid body."""
     rng = np.random.default_rng(0)
     for _ in range(20):
         mass, inertia, rn, rt = rng.uniform(0.1, 2.0, 4)

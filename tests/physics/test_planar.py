@@ -13,7 +13,7 @@ from vibgym.physics.planar.wrench import sliding_wrench
 G = 9.81
 OMEGA = 2 * math.pi * 25.0
 BLOCK = (0.050, 0.035)
-WIDE = Surface(rows=60, columns=200)  # room for the long way to a steady velocity: 5.2 m
+WIDE = Surface(rows=60, columns=200)  # room for the displacement to a steady velocity: 5.2 m
 ONE = Surface(rows=1, columns=1, element_size=8.0)  # everything happens on one element
 L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.03], [0.03, 0.03], [0.03, 0.06], [0, 0.06]]
 
@@ -51,7 +51,7 @@ def test_steady_velocity_at_default_settings(friction, speed, direction):
 
 
 def steady(delta, **scheme):
-    """Steady mean velocity on one element, as a complex number."""
+    """Return the steady mean velocity on one element, as a complex number."""
     simulator = run(
         ONE, Part.rectangle(*BLOCK, friction=0.6), [4.0, 4.0, 0.4],
         amplitude=ONE.max_amplitude, phase=1.5 * math.pi + delta, periods=200, **scheme,
@@ -62,14 +62,14 @@ def steady(delta, **scheme):
 
 @pytest.mark.parametrize("substeps_shifted", [1, 3, 9, 14])
 def test_phase_shift_by_whole_substeps_turns_the_velocity_exactly(substeps_shifted):
-    """A shift by a whole number of the 20 Runge-Kutta steps of a period turns the scheme itself, too."""
+    """A shift by a whole number of the 20 Runge-Kutta steps of a period also shifts the scheme."""
     delta = substeps_shifted * 2 * math.pi / 20
     assert abs(steady(delta) - steady(0.0) * np.exp(-1j * delta)) < 1e-12
 
 
 @pytest.mark.parametrize("delta", [0.1, 1.0, 2.5, -1.7])
 def test_phase_shift_turns_the_velocity_to_the_integrators_accuracy(delta):
-    # By default the velocity shall be right to 0.1 %; 128 Runge-Kutta steps instead of 20 leave (20 / 128)^4 = 6e-4 of that.
+    # The default error is 0.1 % of the velocity; 128 Runge-Kutta steps instead of 20 leave (20 / 128)^4 = 6e-4 of that.
     assert abs(steady(delta) - steady(0.0) * np.exp(-1j * delta)) < 1e-3 * 0.304
     fine = {"steps": 32, "substeps": 4}
     assert abs(steady(delta, **fine) - steady(0.0, **fine) * np.exp(-1j * delta)) < 6e-4 * 1e-3 * 0.305
@@ -105,7 +105,7 @@ def test_a_part_on_one_element_does_not_start_to_spin(part):
     simulator = run(ONE, part, pose, amplitude=amplitude, phase=phase, periods=50)
     assert np.abs(simulator.velocity[:, 0, 2]).max() < 1e-9  # rounding only
     assert np.abs(simulator.pose[:, 0, 2] - pose[:, 2]).max() < 1e-9
-    assert np.hypot(*simulator.mean_velocity[:, 0, :2].T).max() > 0.05  # while they are driven about
+    assert np.hypot(*simulator.mean_velocity[:, 0, :2].T).max() > 0.05  # while they are driven
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.58, 0.64, 3.0])
@@ -134,7 +134,7 @@ def test_idle_circle_lags_the_table():
     surface = Surface()
     simulator = run(surface, Part.disc(0.02, friction=0.6), [0.4, 0.1, 0.0], periods=200, steps=16)
     velocity = complex(*simulator.velocity[0, 0, :2])
-    from_centre = velocity / (1j * OMEGA)  # of uniform motion on a circle; the table stands at (a_h, 0)
+    from_centre = velocity / (1j * OMEGA)  # of uniform motion on a circle; the table is at (a_h, 0)
     radius = 0.6 * G / OMEGA**2
     assert abs(from_centre) == pytest.approx(radius, rel=1e-4)
     assert -np.angle(from_centre) == pytest.approx(math.acos(radius / surface.horizontal_amplitude), abs=1e-4)
@@ -188,7 +188,7 @@ def test_still_table_stops_a_sliding_part(speed, direction, friction):
     assert not simulator.sticking.any()
     simulator.advance(0.0, 0.0)
     assert (simulator.velocity[0, 0] == 0.0).all() and simulator.sticking.all()
-    # The last implicit step, a 32nd of a substep long, ends at rest wherever in it the part stops.
+    # The last implicit step, a 32nd of a substep long, ends at rest for any stopping time in it.
     stopped = simulator.pose[0, 0, :2] - [0.2, 0.3]
     assert abs(stopped @ unit - distance) <= deceleration * (SUBSTEP / 32) ** 2 / 2
     assert abs(stopped @ [-unit[1], unit[0]]) < 1e-12
@@ -203,8 +203,8 @@ def test_torque_on_a_spinning_disc(radius, x, y):
     part = Part.disc(radius, friction=0.5)
     simulator = run(STILL, part, [x, y, 0.0], velocity=[0.0, 0.0, 150.0], periods=1)
     slowed = 150.0 - simulator.velocity[0, 0, 2]
-    # An element or the disc is cut into 8 x 8 cells. A cell of half width b at the centre, where slip vanishes, takes b^3 of
-    # the integral of |r| dA to itself: up to (1/8)^3 of it; the others are exact to second order. Measured: 2e-4.
+    # An element or the disc is cut into 8 x 8 cells. The error of the cell of half width b at the centre, where slip vanishes,
+    # is b^3 of the integral of |r| dA: up to (1/8)^3; the others are exact to second order. Measured: 2e-4.
     assert slowed == pytest.approx(4 * 0.5 * G / (3 * radius) * 0.04, rel=1 / 512)
     # No force on the disc. The cells see that to rounding where they lie symmetrically about its centre; elsewhere the
     # cell at rest in the middle may be on one side by half its width: a force of the order (1/16)^2 mu g.
@@ -216,7 +216,7 @@ def test_torque_on_a_spinning_disc(radius, x, y):
 def test_a_sliding_spinning_disc_stops_both_at_once(spin, side, nearest):
     """v / (omega r) -> 0.653 from above and from below (Farkas et al., PRL 90, 248302, 2003)."""
     radius, speed = 0.010, 0.3
-    # The frequency of a still table is only a clock: 20 kHz gives periods of 50 us, so that the last moments are seen.
+    # The frequency of a still table only sets the sampling: 20 kHz resolves the last moments with periods of 50 us.
     surface = Surface(horizontal_amplitude=0.0, frequency=20000.0)
     simulator = Simulator(surface, Part.disc(radius, friction=0.5), steps=1, substeps=4, pieces=26)  # 20 cells across
     simulator.reset([15.5 * 0.026, 4.5 * 0.026, 0.0], [speed, 0.0, spin])
@@ -229,7 +229,7 @@ def test_a_sliding_spinning_disc_stops_both_at_once(spin, side, nearest):
         last = vx, turn * radius
         simulator.advance(0.0, 0.0)
     assert (simulator.velocity[0, 0] == 0.0).all()
-    # Both were alive 50 us before both were at rest: what friction takes in two periods, 0.5 mm/s, a thousandth of the start.
+    # Both move until 50 us before both rest: 0.5 mm/s is the loss in two periods, a thousandth of the initial speed.
     assert 0 < last[0] < 2 * 0.5 * G * 5e-5 and 0 < last[1] < 2 * 0.5 * G * 5e-5
     distance = side * (np.array(ratios) - 0.653)
     # The limit is approached slowly, by about a constant factor for every halving of the speed: from 3.0 and 0.25 the last
@@ -265,7 +265,7 @@ def test_table_frame_work_of_friction_is_never_positive(seed, slip_x, slip_y, sp
 
 @pytest.mark.parametrize("spin", [0.0, 20.0])
 def test_kinetic_energy_on_a_still_table_only_falls(spin):
-    """Vertical motion alone does no work in the plane, whatever the elements do."""
+    """Vertical motion alone does no work in the plane, for any command."""
     worlds = 16
     part = Part.polygon(L_SHAPE, friction=0.4)
     amplitude, phase = random_fields(STILL, worlds, 6)

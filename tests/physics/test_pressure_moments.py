@@ -40,7 +40,7 @@ MIXED = [*PARTS.values(), DISC, SLIVER, STAR, DISC]
 
 @jit
 def cut_once(fixed, drive, state, alone):
-    """Cut what lies under the parts of a world, or under one of them alone; returns how many lie on elements."""
+    """Compute the moments under all parts of a world, or under one; returns the number of supported parts."""
     fixed = fixed_scene_at(fixed)
     scene = reference(
         Scene(fixed.table, fixed.bodies, fixed.scheme, reference(drive), state_at(state), fixed.workspace, 1)
@@ -52,7 +52,7 @@ def cut_once(fixed, drive, state, alone):
 
 
 class Cutter:
-    """The kernel's cut of eight parts, and the scalar one of each."""
+    """Return the cut of eight parts by the kernel, and that of each by the scalar code."""
 
     def __init__(self, parts, seed=0, largest=SURFACE.max_amplitude):
         self.parts, self.table = parts, SURFACE.table()
@@ -69,14 +69,14 @@ class Cutter:
         self.drive = polar_drive(rng.uniform(0, largest, shape), rng.uniform(-3, 3, shape), SURFACE.angular_frequency)
 
     def moments(self, pose, alone=-1):
-        """(MOMENT_ROWS, lanes) of parts at these poses, in one slot alone if asked for; 0: not supported."""
+        """Return moments (MOMENT_ROWS, lanes) of parts at these poses, optionally of one slot; 0: not supported."""
         self.state.pose[0], self.state.fallen[...] = pose, False
         self.workspace.moments[...] = 0.0
         cut_once(self._fixed.address, self.drive, self._pinned.address, alone)
         return np.where(self.workspace.held, self.workspace.moments.reshape(MOMENT_ROWS, LANES), 0.0)
 
     def points(self, lane, pose, split):
-        """Contact points by the scalar cut: weight, x, y, C and S."""
+        """Return contact points of the scalar cut: weight, x, y, C and S."""
         body = self.parts[lane].body(SURFACE.element_size)
         cut = new_cut(len(body.outline), cells_across(self.table, body, split))
         phasors = new_phasors(1, cells_across(self.table, body, 1))
@@ -119,13 +119,13 @@ def test_eight_kinds_at_once_against_the_scalar_cut(pose, seed):
             m10, m20 = w @ z, w @ (z * z)
             expected = [w.sum(), w @ abs(z) ** 2, m10.real, m10.imag, m20.real, m20.imag]
             found = moments[k::3, lane][[0, 1, 3, 4, 7, 8]] / [1.0, size**2, size, size, size**2, size**2]
-            # Pieces below 1e-11 of the part are left out, and rounding counts by the element.
+            # Pieces below 1e-11 of the part are omitted; rounding is relative to the element.
             bound = 2e-10 * max(1.0, (SURFACE.element_size / size) ** 2) * SURFACE.gravity
             assert found == pytest.approx(expected, abs=bound), (lane, k)
 
 
 @given(poses, st.integers(0, 9))
-def test_no_lane_looks_at_another(pose, seed):
+def test_lanes_are_independent(pose, seed):
     MIXED_CUTTER.draw(seed)
     together = MIXED_CUTTER.moments(pose).copy()
     for lane in range(LANES):
@@ -139,7 +139,7 @@ def series(moments, cosine, sine, ux, uy, spin, out):
 
 
 def errors(name, variation, seed):
-    """Force and torque of the series and of 12 x 12 cells an element, relative to the friction there is, of eight lanes."""
+    """Return force and torque of eight lanes by the series and by 12 x 12 cells an element, relative to friction."""
     rng, cutter, part = np.random.default_rng(seed), CUTTERS[name], PARTS[name]
     cutter.draw(seed)
     pose = rng.uniform([0.2, 0.09, -3], [0.6, 0.12, 3], (LANES, 3))

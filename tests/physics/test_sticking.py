@@ -66,7 +66,7 @@ def test_static_friction_raises_the_threshold():
 
 
 def test_static_friction_does_not_catch_what_slides():
-    """Between the thresholds both are possible (thesis eq. 3.23): it goes on as it began."""
+    """Between the thresholds both are possible (thesis eq. 3.23), and the initial state persists."""
     surface = Surface(horizontal_amplitude=1.05 * THRESHOLD)
     for velocity, sticks in ((on_the_table(surface), True), (None, False)):
         sim = simulator(surface, velocity=velocity, static_friction=0.7)
@@ -75,7 +75,7 @@ def test_static_friction_does_not_catch_what_slides():
 
 
 def released(surface, amplitude, phase, static):
-    """Time at which static friction cannot carry the table's acceleration any more: a_h w^2 = mu_0 (g + z'')."""
+    """Return the time of breakaway: a_h w^2 = mu_0 (g + z'')."""
     needed = surface.horizontal_amplitude * OMEGA**2
 
     def spare(t):
@@ -88,15 +88,15 @@ def released(surface, amplitude, phase, static):
 
 
 @pytest.mark.parametrize("static", [0.6, 0.66])
-def test_letting_go_on_one_element(static):
-    """Stick until the closed-form instant, then slide on as an integration of eq. 3.26 from there says."""
+def test_breakaway_on_one_element(static):
+    """Stick until the closed-form instant, then slide as in an integration of eq. 3.26."""
     surface = Surface(rows=1, columns=1, element_size=2.0, horizontal_amplitude=1.1 * THRESHOLD)
     amplitude, phase, friction = 0.5 * surface.lift_off_amplitude, math.pi, 0.6
     part = Part.rectangle(0.05, 0.035, friction=friction, static_friction=static)
     start = released(surface, amplitude, phase, static)
     needed = surface.horizontal_amplitude * OMEGA**2
 
-    # The slip after release, by tiny implicit steps in closed form: |u| shrinks by mu q dt towards where it points.
+    # The slip after breakaway, by small implicit steps in closed form: |u| decreases by mu q dt.
     n = 200_000
     dt, t, slip, way = (surface.period - start) / n, start, 0j, 0j
     for _ in range(n):
@@ -116,7 +116,7 @@ def test_letting_go_on_one_element(static):
 
 
 def test_vertical_motion_makes_it_stick_for_part_of_a_period():
-    """Between mu (g - A) and mu (g + A) it sticks and slips in every period, and the slip of a period moves it on."""
+    """Between mu (g - A) and mu (g + A) it sticks and slips in every period, with a net displacement."""
     surface = Surface(horizontal_amplitude=1.1 * THRESHOLD)
     assert not surface.slides_permanently(0.6)
     stuck = np.zeros(2, dtype=bool)
@@ -131,7 +131,7 @@ def test_vertical_motion_makes_it_stick_for_part_of_a_period():
 
 @pytest.mark.parametrize("friction", [0.3, 0.6, 0.9, 3.3])
 def test_permanent_sliding_never_sticks(friction):
-    """a_h w^2 > mu (g + A) whatever the elements do: not even a part that starts on the table's velocity sticks."""
+    """With a_h w^2 > mu (g + A) not even a part that starts at the table's velocity sticks."""
     surface, worlds = Surface(), 32
     assert surface.slides_permanently(friction)
     rng = np.random.default_rng(7)
@@ -145,7 +145,7 @@ def test_permanent_sliding_never_sticks(friction):
 
 
 def test_sticking_is_state():
-    """It goes through get_state and set_state, and a reset clears it."""
+    """Sticking is part of snapshots, and a reset clears it."""
     surface = Surface(horizontal_amplitude=1.05 * THRESHOLD)
     sim = simulator(surface, velocity=on_the_table(surface), static_friction=0.7)
     sim.advance(0.0, 0.0, 3)
@@ -171,7 +171,7 @@ points = st.lists(
 @settings(max_examples=150, deadline=None)
 @given(points, st.floats(-2, 2), st.floats(-2, 2), st.floats(-60, 60))
 def test_implicit_slip_is_the_minimum(given_points, rx, ry, rw):
-    """No twist nearby or far has less energy; zero is found exactly where it is the minimum."""
+    """No other twist has less energy; the result is exactly zero where zero is the minimum."""
     x, y, load = np.array(given_points).T.copy()
     load, k2 = load / max(load.sum(), 1e-3), 4e-4
     total = float(load.sum())

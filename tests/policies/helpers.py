@@ -1,4 +1,4 @@
-"""What the tests of policies share."""
+"""Helpers of the tests of policies."""
 
 import math
 from typing import Any, NamedTuple
@@ -14,7 +14,7 @@ from vibgym.policies.task_info import TaskInfo
 
 POSE_TASKS = ("Transport", "Align", "Rotate")
 ARRANGED_TASKS = ("Sort", "SortThreeKinds", "Singulate")
-FRESH = 7_000_000  # the first of seeds that no training and no report uses
+FRESH = 7_000_000  # first of the seeds that neither training nor reports use
 HARDWARE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
 
 SURFACE = Surface()
@@ -23,20 +23,20 @@ DISC = part_from({"shape": "disc", "radius": 0.020, "friction": 0.6})
 
 
 def info_of(name: str = "Align", **settings: Any) -> TaskInfo:
-    """What a policy may know of an environment."""
+    """Return the task info of an environment."""
     return TaskInfo.of(single(name, **{"action": "field", **settings}))
 
 
 class Outcome(NamedTuple):
-    """Of a policy's first episodes."""
+    """Results of a policy's first episodes."""
 
     success: int
     time: float  # s, mean of successes; nan without
-    collisions: float  # pairs newly in touch, an episode
+    collisions: float  # new contacts of pairs per episode
 
 
 def episodes(policy: Any, name: str, worlds: int = 100, first: int = FRESH, **settings: Any) -> Outcome:
-    """Run a policy in as many worlds, an episode in each."""
+    """Run a policy for one episode in each world."""
     found = rollout(policy, name, seeds=range(first, first + worlds), keep=Measures, **settings)
     time = found.time_to_goal[found.success].mean() if found.success.any() else math.nan
     return Outcome(int(found.success.sum()), float(time), float(np.nan_to_num(found.collisions).mean()))

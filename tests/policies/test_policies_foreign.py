@@ -1,4 +1,4 @@
-"""Models that have ``predict`` alone take part: their spaces, or their owner, say what they speak."""
+"""Models with ``predict`` only: action and observation follow from their spaces or from settings."""
 
 from types import SimpleNamespace
 
@@ -16,7 +16,7 @@ from vibgym.policies.registry import make_policy
 
 
 class Model:
-    """What an SB3 model offers: flat actions in the order of the environment's."""
+    """Model with the interface of SB3: flat actions in the order of the environment's."""
 
     def __init__(self, shape, **attributes):
         self.action_space = SimpleNamespace(shape=shape)
@@ -38,20 +38,20 @@ def check_predictions(policy, size):
 @pytest.mark.parametrize(
     "shape, action", [((32,), "patch"), ((1, 4, 4, 2), "patch"), ((6,), "field"), ((1, 6), "field")]
 )
-def test_the_action_space_tells_the_action(shape, action):
+def test_the_action_space_determines_the_action(shape, action):
     policy = make_policy(Model(shape), info_of())
     assert isinstance(policy, ModelPolicy) and (policy.action, policy.observation) == (action, "state")
     check_predictions(policy, int(np.prod(shape)))
 
 
 @pytest.mark.parametrize("shape", [(512,), (8, 32, 2)])
-def test_a_model_whose_actions_could_mean_two_things_must_be_told_which(shape):
+def test_ambiguous_action_spaces_require_a_setting(shape):
     with pytest.raises(ValueError, match=r"policy") as error:
         make_policy(Model(shape), info_of())
     assert "\n" not in str(error.value)
     for action in ("element", "phasor"):
         for made in (
-            make_policy(Model(shape, action=action), info_of()),  # was taken for "element" whatever it said
+            make_policy(Model(shape, action=action), info_of()),  # was once always taken for "element"
             make_policy({"policy": Model(shape), "action": action}, info_of()),
             ModelPolicy(Model(shape), info_of(), action=action),
         ):
@@ -59,9 +59,9 @@ def test_a_model_whose_actions_could_mean_two_things_must_be_told_which(shape):
             check_predictions(made, 512)
 
 
-def test_what_the_owner_says_goes_before_what_the_model_says():
-    told = make_policy({"policy": Model((512,), action="element"), "action": "phasor"}, info_of())
-    assert told.action == "phasor"
+def test_settings_override_the_model():
+    reported = make_policy({"policy": Model((512,), action="element"), "action": "phasor"}, info_of())
+    assert reported.action == "phasor"
     assert make_policy({"policy": Model((6,))}, info_of()).action == "field"
 
 
@@ -69,7 +69,7 @@ def bare(**attributes):
     return SimpleNamespace(predict=lambda *arguments: None, **attributes)
 
 
-def test_a_model_without_spaces_that_says_what_it_speaks_is_believed():
+def test_models_without_spaces_may_name_action_and_observation():
     assert make_policy(bare(action="patch"), info_of()).action == "patch"
 
 

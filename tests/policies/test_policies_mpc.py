@@ -1,4 +1,4 @@
-"""Plans by sampling: the model goes on as the world does, plans do not depend on company or process, and they are good."""
+"""Planning by sampling: the model agrees with the world, plans are reproducible in batches and processes, and good."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ SMALL = {"kind": "mpc", "samples": 6, "horizon": 4, "iterations": 1}
 
 
 @pytest.mark.parametrize("task, action", [("Align", "wrench"), ("Sort", "field"), ("Rotate", "patch")])
-def test_the_model_goes_on_as_the_world_does(task, action):
+def test_the_model_agrees_with_the_world(task, action):
     env = batch(task, 3, action=action)
     seen, _ = env.reset(seed=FRESH)
     info, random = TaskInfo.of(env), np.random.default_rng(0)
@@ -24,16 +24,16 @@ def test_the_model_goes_on_as_the_world_does(task, action):
     for _ in range(6):
         model.begin(Measured.of(seen, info), drift)
         push = random.uniform(-0.5, 0.5, env.action_space.shape).astype(np.float32)
-        earned, (seen, *_, told) = model.step(push), env.step(push)
+        earned, (seen, *_, reported) = model.step(push), env.step(push)
         drift, truth = model.drift(), env.truth
         off = model.core.simulator.state.pose - truth.pose
         off[..., 2] = np.sin(2.0 * off[..., 2])  # blocks look the same after half a turn
         np.testing.assert_allclose(off, 0.0, atol=1e-6)  # float32 observations
-        np.testing.assert_allclose(earned, told["parts"]["reward"], atol=1e-4)
+        np.testing.assert_allclose(earned, reported["parts"]["reward"], atol=1e-4)
         np.testing.assert_allclose(model.core.observations, seen, atol=1e-3)
 
 
-def test_parts_that_come_and_go_are_taken_as_they_are():
+def test_parts_that_arrive_and_leave_are_copied_to_the_model():
     env = batch("Feed", 2, action="field")
     seen, _ = env.reset(seed=FRESH)
     info = TaskInfo.of(env)
@@ -60,17 +60,17 @@ def test_a_plan_depends_on_seed_and_observation_alone():
         assert (action != other.predict(seen, state)[0]).any()
         snapshot = env.get_state()
         seen, *_ = env.step(action)
-        env.set_state(snapshot)  # the world's past is not in the policy's model
+        env.set_state(snapshot)  # the history of the world is not in the policy's model
         np.testing.assert_array_equal(env.step(action)[0], seen)
         state = after
 
 
-def test_plans_reach_goals_and_do_what_a_good_base_does():
+def test_plans_reach_goals_and_improve_a_base_policy():
     seeds = range(FRESH, FRESH + 4)
     alone = rollout({"kind": "mpc", "samples": 24}, "Align", seeds=seeds)
     assert alone.success.all()
     same = rollout({"kind": "mpc", "samples": 24, "action": "field", "base": "zero"}, "Align", seeds=seeds)
-    np.testing.assert_array_equal(same.returns, alone.returns)  # changes of doing nothing
+    np.testing.assert_array_equal(same.returns, alone.returns)  # variations of zero actions
     base = rollout("pose", "Align", seeds=seeds)
     led = rollout({"kind": "mpc", "base": "pose"}, "Align", seeds=seeds)
     assert led.success.all() and led.returns.mean() > base.returns.mean() - 0.1
@@ -86,6 +86,6 @@ def test_bad_settings(settings, named):
         make_policy({**SMALL, **settings}, info_of("Align"))
 
 
-def test_goals_that_move_are_refused():
+def test_moving_goals_are_refused():
     with pytest.raises(ValueError, match="policy 'mpc'"):
         make_policy("mpc", info_of("Follow"))

@@ -1,4 +1,4 @@
-"""How policies are made from names, mappings, files and objects."""
+"""Construction of policies from names, mappings, files and objects."""
 
 import math
 import pathlib
@@ -20,7 +20,7 @@ NAMES = ("zero", "random", "open_loop", "local_field", "planner")
 
 
 class Mine:
-    """A controller of a user's."""
+    """A user-defined controller."""
 
     action, observation = "field", "state"
 
@@ -47,7 +47,7 @@ def test_policies_are_made_from_names_mappings_and_objects():
     assert settings == {"kind": "local_field", "response": 0.1}
 
 
-def test_a_controller_of_ones_own_has_a_name(monkeypatch):
+def test_custom_controllers_have_a_name(monkeypatch):
     monkeypatch.setattr(CONTROLLERS, "_items", dict(CONTROLLERS))
     CONTROLLERS.register("mine", Mine)
     info = info_of()
@@ -94,7 +94,7 @@ def test_the_file_of_a_trained_policy_may_be_a_path():
 
 
 @pytest.mark.parametrize("task, laws", [("Align", LocalFieldPolicy), ("Sort", PlannerPolicy)])
-def test_an_environment_is_as_good_as_what_may_be_known_of_it(task, laws):
+def test_environments_and_task_info_give_the_same_policy(task, laws):
     one = gym.make(f"vibgym/{task}-v0", action="phasor")
     many = gym.make_vec(f"vibgym/{task}-v0", num_envs=2, action="phasor")
     for env in (one, one.unwrapped, many, info_of(task)):
@@ -110,33 +110,33 @@ def test_other_environments_are_refused(env):
 
 @pytest.mark.parametrize("action, spoken", [("phasor", "phasor"), ("wrench", "wrench"), ("element", "element")])
 @pytest.mark.parametrize("policy", ["pose", {"kind": "local_field", "law": "lqr"}])
-def test_laws_speak_the_action_of_the_environment(policy, action, spoken):
+def test_controllers_use_the_action_of_the_environment(policy, action, spoken):
     env = gym.make("vibgym/Align-v0", action=action)
     made = make_policy(policy, env)
     action, _ = made.predict(env.reset(seed=0)[0])
     assert made.action == spoken and action.shape == env.action_space.shape
 
 
-def test_phasors_are_told_to_environments_of_amplitudes_and_phases():
-    """The default action: what a newcomer makes just acts."""
+def test_phasors_are_converted_to_element_actions():
+    """Policies work with the default action."""
     env = gym.make("vibgym/Align-v0")
-    told, meant = make_policy("pose", env), make_policy("pose", info_of())
-    assert (told.action, meant.action) == ("element", "phasor")
+    reported, meant = make_policy("pose", env), make_policy("pose", info_of())
+    assert (reported.action, meant.action) == ("element", "phasor")
     seen, _ = env.reset(seed=3)
-    (elements, _), (phasors, _) = told.predict(seen), meant.predict(seen)
+    (elements, _), (phasors, _) = reported.predict(seen), meant.predict(seen)
     amplitude, phase = (0.5 * (elements.reshape(-1, 2)[:, 0] + 1.0), math.pi * elements.reshape(-1, 2)[:, 1])
     assert amplitude.max() > 0.5
     vectors = np.stack([amplitude * np.cos(phase), amplitude * np.sin(phase)], axis=-1)
     assert vectors == pytest.approx(phasors.reshape(-1, 2), abs=1e-6)
-    assert told.predict(np.stack([seen, seen]))[0].shape == (2, 512)
-    assert episodes(told, "Align", 10).success == 10
+    assert reported.predict(np.stack([seen, seen]))[0].shape == (2, 512)
+    assert episodes(reported, "Align", 10).success == 10
 
 
-# -- laws of one's own -------------------------------------------------------------------------------------------------
+# -- custom controllers -------------------------------------------------------------------------------------------------
 
 
 class Proportional(Law):
-    """All that a law needs: what parts want of the way that is left."""
+    """Minimal controller: acceleration from the displacement to the goal."""
 
     def __init__(self, info, *, stiffness=60.0, damping=12.0):
         self.stiffness, self.damping = stiffness, damping
@@ -153,11 +153,11 @@ def own_law(monkeypatch):
     LAWS.register("mine", Proportional)
 
 
-def test_a_law_that_is_registered_is_a_controller(own_law):
+def test_a_registered_law_is_a_controller(own_law):
     alone, several = make_policy("mine", info_of("Align")), make_policy("mine", info_of("Sort"))
     assert (type(alone), type(several)) == (LocalFieldPolicy, PlannerPolicy) and "mine" in CONTROLLERS
     assert make_policy({"kind": "mine", "damping": 20.0}, info_of("Align")).law.damping == 20.0
-    assert several.lead == pytest.approx(0.2) and several.slack == 0.0  # as 12 / 60 says
+    assert several.lead == pytest.approx(0.2) and several.slack == 0.0  # 12 / 60
     assert episodes(alone, "Align", 20).success == 20
     assert episodes(several, "Sort", 6).success == 6
     for name in ("planner", "mine", "pose"):
@@ -168,14 +168,14 @@ def test_a_law_that_is_registered_is_a_controller(own_law):
 
 
 @pytest.mark.parametrize("name", ["local", "pose", "lqr"])
-def test_where_a_law_does_not_say_how_far_ahead_a_velocity_lies_it_is_found_out(name):
+def test_missing_leads_are_measured(name):
     info = info_of("Transport")
     law = LAWS[name](info)
-    said, law.lead = law.lead, None
-    assert lead_of(law, info, 0.1) == pytest.approx(said, rel=1e-6)
+    given, law.lead = law.lead, None
+    assert lead_of(law, info, 0.1) == pytest.approx(given, rel=1e-6)
 
 
-def test_a_law_that_does_not_brake_must_say_it(own_law):
+def test_a_law_without_braking_requires_a_lead(own_law):
     with pytest.raises(ValueError, match=r"Proportional\.lead"):
         make_policy({"kind": "mine", "damping": 0.0}, info_of("Sort"))
 
@@ -197,8 +197,8 @@ for name, env in (("lqr", alone), ("planner", several), ("learned", alone)):
 """
 
 
-def test_policies_that_need_the_extra_say_so_and_others_do_without():
-    """A module that is None in sys.modules is as good as not installed."""
+def test_only_policies_that_need_the_extra_require_it():
+    """A module that is None in sys.modules counts as not installed."""
     result = subprocess.run([sys.executable, "-c", WITHOUT], capture_output=True, text=True)
     lines = result.stdout.splitlines()
     assert lines[:7] == ["ZeroPolicy", "RandomPolicy", "OpenLoopPolicy"] + ["LocalFieldPolicy"] * 4, result.stderr

@@ -1,4 +1,4 @@
-"""One function plays episodes: the same as one by one, however many worlds; and one line for bad input."""
+"""Rollouts: independence of the number of worlds, and one line for bad input."""
 
 import gymnasium as gym
 import numpy as np
@@ -15,7 +15,7 @@ SMALL = {"surface": {"rows": 3, "columns": 4}, "action": "field"}
 
 
 class Counting:
-    """Pushes in a direction that turns with every step, counted in its state; starts over with each episode."""
+    """Policy that pushes in a direction that rotates with every step, counted in its state."""
 
     action, observation = "field", "state"
 
@@ -28,27 +28,27 @@ class Counting:
 
 
 class Bare:
-    """A model that has ``predict`` alone."""
+    """A model with ``predict`` only."""
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         return np.zeros((len(observation), 6), dtype=np.float32), state
 
 
 def test_a_name_is_enough():
-    told: list[int] = []
-    found = rollout("local_field", "vibgym/Align-v0", seeds=SEEDS, progress=told.append)
-    assert found.success.all() and sum(told) == len(SEEDS) and found.seeds == tuple(SEEDS)
+    reported: list[int] = []
+    found = rollout("local_field", "vibgym/Align-v0", seeds=SEEDS, progress=reported.append)
+    assert found.success.all() and sum(reported) == len(SEEDS) and found.seeds == tuple(SEEDS)
     short = rollout("local_field", "Align", seeds=SEEDS)
     assert (short.steps == found.steps).all() and (short.returns == found.returns).all()
 
 
-def test_a_model_that_is_told_its_action():
+def test_a_model_with_a_given_action():
     found = rollout(Bare(), "Align", seeds=SEEDS, max_episode_steps=3, **SMALL)
     assert (found.steps <= 3).all() and not found.success.any()
 
 
 @pytest.mark.parametrize("worlds", [1, 2, 6])
-def test_few_worlds_play_the_same_episodes(worlds):
+def test_episodes_do_not_depend_on_the_number_of_worlds(worlds):
     whole = rollout(Counting(), "Sort", seeds=SEEDS, max_episode_steps=25)
     env = worlds_of("Sort", worlds, action="field", max_episode_steps=25)
     kept, begun = [], []

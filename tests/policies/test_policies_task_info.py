@@ -1,4 +1,4 @@
-"""What a policy may know beforehand."""
+"""Task info for policies."""
 
 import dataclasses
 import math
@@ -12,7 +12,7 @@ from vibgym.envs import VibgymEnv, VibgymVectorEnv
 from vibgym.policies.task_info import TaskInfo
 
 
-def test_it_is_what_the_environment_makes_public():
+def test_it_agrees_with_the_environments_properties():
     env = single("SortThreeKinds", slots=8, walls=["left", "top"])
     info = TaskInfo.of(env)
     assert info.name == "SortThreeKinds" and info.summary.startswith(
@@ -39,7 +39,7 @@ def test_goals_and_tolerances(task, heading, wraps, tolerances):
 
 
 @pytest.mark.parametrize("settings, steps, time", [({}, 250, 0.04), ({"periods_per_step": 4}, 63, 0.16)])
-def test_steps_last_as_long_as_the_environment_says(settings, steps, time):
+def test_step_time_is_that_of_the_environment(settings, steps, time):
     for env in (single("Align", **settings), batch("Align", 2, **settings)):
         info = TaskInfo.of(env)
         assert (info.step_limit, info.periods_per_step) == (steps, settings.get("periods_per_step", 1))
@@ -47,7 +47,7 @@ def test_steps_last_as_long_as_the_environment_says(settings, steps, time):
     assert TaskInfo.of(single("Align", max_episode_steps=30, **settings)).step_limit == 30
 
 
-def test_single_vector_wrapped_and_plain_environments_say_the_same():
+def test_single_vector_wrapped_and_plain_environments_have_the_same_info():
     plain = {"task": "Sort", "slots": 7}
     infos = [
         TaskInfo.of(each)
@@ -66,7 +66,7 @@ def test_single_vector_wrapped_and_plain_environments_say_the_same():
     assert TaskInfo.of(single("Align"), "mine").name == "mine"
 
 
-def test_it_holds_nothing_of_the_episode_and_cannot_be_used_to_change_the_task():
+def test_it_is_read_only_and_independent_of_the_episode():
     env = single("Sort")
     info, zones = TaskInfo.of(env), env.unwrapped.task.zones.copy()
     with pytest.raises(ValueError, match="read-only"):

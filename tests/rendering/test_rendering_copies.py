@@ -1,4 +1,4 @@
-"""Environments with a picture can be copied, pickled or not, and the copies go on and draw as the original does."""
+"""Copies and pickles of environments with a picture continue and draw like the original."""
 
 import copy
 import pickle
@@ -27,7 +27,7 @@ def test_single(task, copied):
     for sign in (1.0, -1.0, -1.0):
         mine, its = env.step(sign * push), again.step(sign * push)
         np.testing.assert_array_equal(mine[0], its[0])
-        np.testing.assert_equal(mine[1:], its[1:])  # info as well: it shows what the copy does
+        np.testing.assert_equal(mine[1:], its[1:])  # info is compared as well
     np.testing.assert_array_equal(again.render(), env.render())
     before = env.render()
     again.step(push)

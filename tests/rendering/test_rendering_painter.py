@@ -1,4 +1,4 @@
-"""The picture shows what the view says: sampled pixels, not whole images."""
+"""The picture agrees with the view, by sampled pixels."""
 
 import dataclasses
 import pickle
@@ -28,7 +28,7 @@ def bare():
 
 
 def pixel(x, y):
-    """Row and column of a point of the table."""
+    """Return row and column of a point of the table."""
     scale = PER_ELEMENT / ELEMENT
     return round(MARGIN + ROWS * PER_ELEMENT - y * scale - 0.5), round(MARGIN + x * scale - 0.5)
 
@@ -55,7 +55,7 @@ def test_size_and_freshness(painter):
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.6, np.pi / 2, -2.0])
-def test_part_is_where_its_pose_says(painter, heading):
+def test_part_is_drawn_at_its_pose(painter, heading):
     x, y = 0.403, 0.107
     picture = painter.paint(view_of((x, y, heading)))
     ahead, aside = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
@@ -86,7 +86,7 @@ def test_arrow_points_where_the_element_pushes(bare, phase):
 
 
 def dark_at(picture, reference, at):
-    """Whether something dark was drawn within a pixel of a point."""
+    """Return whether there is a dark pixel within a pixel of a point."""
     row, column = pixel(*at)
     window = slice(row - 1, row + 2), slice(column - 1, column + 2)
     return bool((reference[window].astype(int) - picture[window]).max() > 60)
@@ -109,7 +109,7 @@ def test_every_part_has_a_goal_with_its_own_outline():
         painter.paint(dataclasses.replace(EMPTY, pose=pose, goals=goals[:1]))
 
 
-def test_goals_that_move_are_drawn_where_they_are():
+def test_moving_goals_are_drawn_at_their_poses():
     painter = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK])
     goals = [np.array([[0.1 + 0.015 * k, 0.1, 0.1 * k]]) for k in range(40)]
     first = [painter.paint(view_of((0.4, 0.1, 0.3), goals=goal)) for goal in goals]
@@ -119,7 +119,7 @@ def test_goals_that_move_are_drawn_where_they_are():
         np.testing.assert_array_equal(picture, other)
 
 
-def test_scenery_says_what_a_view_shows():
+def test_scenery_determines_the_content_of_views():
     zones = (Zone((0.0, 0.0), (0.2, 0.2), 1, "there"),)
     outlines = (BLOCK, BLOCK)
     pose, goal = np.arange(6.0).reshape(2, 3), np.arange(6.0, 12.0).reshape(2, 3)
@@ -135,7 +135,7 @@ def test_scenery_says_what_a_view_shows():
             np.testing.assert_array_equal(view.goals, [goal[0, :size], [np.nan] * size])
         else:
             assert view.goals is None
-        trail[-2, 0] = -1.0  # it has come since
+        trail[-2, 0] = -1.0  # it arrived later
         came = scenery.view(pose, present, goal, REST, trail, "said").trails[0]
         assert np.isfinite(came).sum() == 2 and np.isfinite(came[-1]).all()
         trail[-2, 0] = 0.0
@@ -151,7 +151,7 @@ def test_trail_fades_with_age(painter):
     assert 0.0 < depth[0] < depth[1] < depth[2]
 
 
-def test_strange_states_do_no_harm(painter):
+def test_extreme_states_can_be_drawn(painter):
     nothing = painter.paint(view_of((np.nan, 0.1, 0.0)))
     for pose in ((np.inf, 0.0, 0.0), (1e12, 0.0, 0.0), (-3.0, 0.1, 0.0)):
         np.testing.assert_array_equal(painter.paint(view_of(pose)), nothing)
@@ -180,7 +180,7 @@ def test_each_part_has_a_line_in_its_colour():
     for path, kind in zip(paths, (0, 1), strict=True):
         middle = pixel(*path.mean(axis=0))
         colour = np.array(colours.PARTS[kind])
-        # On a pixel of the line or beside it, since it is thin.
+        # On a pixel of the line or next to it, since it is thin.
         near = drawn[middle[0] - 1 : middle[0] + 2, middle[1]]
         before = plain[middle[0] - 1 : middle[0] + 2, middle[1]]
         assert np.abs(near - colour).sum(axis=-1).min() < 0.7 * np.abs(before - colour).sum(axis=-1).min()

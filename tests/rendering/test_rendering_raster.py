@@ -63,7 +63,7 @@ def perimeter_of(outline):
 
 
 def assert_area(image, outline, pixel):
-    """Only pixels that the border passes through may be wrong, and those err both ways."""
+    """Only pixels on the border may be wrong, with errors of both signs."""
     area = np.count_nonzero(image[..., 0]) * pixel**2
     assert abs(area - area_of(outline)) <= 0.5 * pixel * perimeter_of(outline)
     assert set(np.unique(image[..., 0])) <= {0, 255}
@@ -78,7 +78,7 @@ def test_area_is_that_of_the_polygon(outline, heading, pixels):
 
 
 def inside(points, outline):
-    """Even-odd rule by ray casting, for points (..., 2)."""
+    """Return whether points (..., 2) are inside, by ray casting with the even-odd rule."""
     x, y = points[..., 0], points[..., 1]
     odd = np.zeros(x.shape, dtype=bool)
     for (x0, y0), (x1, y1) in zip(outline, np.roll(outline, -1, axis=0), strict=True):

@@ -14,12 +14,12 @@ ZONES = np.array([[0.0, 0.0, 5 * ELEMENT, ROWS * ELEMENT], [27 * ELEMENT, 0.0, C
 
 
 def centres():
-    """x and y of every pixel's centre, (H, W), m."""
+    """Return x and y of every pixel's centre, (H, W), m."""
     return np.meshgrid((np.arange(WIDTH) + 0.5) * PIXEL, (HEIGHT - np.arange(HEIGHT) - 0.5) * PIXEL)
 
 
 def expected(pose, outlines, value):
-    """Picture (H, W, 2) of channels 0 and 2 of one world, and where it is beyond doubt (H, W)."""
+    """Return channels 0 and 2 (H, W, 2) of one world, and which pixels are certain (H, W)."""
     x, y = centres()
     even = (np.floor(x / ELEMENT) + np.floor(y / ELEMENT)) % 2 == 0
     picture = np.stack([np.zeros((HEIGHT, WIDTH)), np.where(even, 64, 128)], axis=-1)
@@ -59,7 +59,7 @@ def test_pixels_are_those_with_their_centre_inside(poses):
 
 @pytest.mark.parametrize("depth", [0.3e-3, 0.01, 0.05])
 def test_overlap_leaves_no_holes_and_the_later_part_is_on_top(depth):
-    # The first part's wedge points into the second, which has to cover it too.
+    # The first part's wedge points into the second, which must cover it.
     pose = np.array([[0.4, 0.1, 0.0], [0.45 - depth, 0.103, 0.2]])
     together = draw(pose[None], [BLOCK, BLOCK], [60, 200])[0]
     alone = [draw(pose[None, k : k + 1], [BLOCK], [value])[0] for k, value in enumerate((60, 200))]
@@ -71,7 +71,7 @@ def test_overlap_leaves_no_holes_and_the_later_part_is_on_top(depth):
 
 
 def test_marks_stay_on_their_own_part():
-    # The second part lies where the first one's wedge would be, were it longer.
+    # The second part is where a longer wedge of the first one would be.
     pose = np.array([[0.4, 0.1, 0.0], [0.426, 0.1, np.pi]])
     image = draw(pose[None], [0.3 * BLOCK, BLOCK], [60, 200])[0]
     rows, columns = np.nonzero(image[..., 2] == 255)
@@ -80,7 +80,7 @@ def test_marks_stay_on_their_own_part():
     assert_as_expected(image, pose, [0.3 * BLOCK, BLOCK], [60, 200])
 
 
-def test_absent_and_lost_parts_are_as_if_they_were_not_there():
+def test_absent_and_lost_parts_are_not_drawn():
     rng = np.random.default_rng(3)
     pose = rng.uniform([0.1, 0.05, -3.0], [0.7, 0.15, 3.0], (16, 4, 3))
     value = [10, 20, 30, 40]

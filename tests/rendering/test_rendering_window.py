@@ -51,7 +51,7 @@ def test_user_may_close_it(window):
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda window: pickle.loads(pickle.dumps(window))])
-def test_copies_open_for_themselves_unless_closed_for_good(window, copied):
+def test_copies_open_separately_unless_closed(window, copied):
     shown, frame = window
     shown.show(frame)
     again = copied(shown)
@@ -72,7 +72,7 @@ def run(code):
     return done.stdout.strip()
 
 
-def test_without_pygame_the_error_says_what_to_install():
+def test_without_pygame_the_error_names_the_extra():
     code = """
 import sys
 sys.modules["pygame"] = None

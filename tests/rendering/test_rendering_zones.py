@@ -82,7 +82,7 @@ def test_walls_are_dark_bars_outside_the_surface(walls):
 
 
 def seen(colour, matrix):
-    """CIELAB of sRGB ``colour`` (..., 3), 0 to 255, as seen through a colour deficiency's ``matrix``."""
+    """Return CIELAB of sRGB ``colour`` (..., 3), 0 to 255, under the ``matrix`` of a colour deficiency."""
     share = np.asarray(colour) / 255.0
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     linear = (linear @ matrix.T).clip(0.0, 1.0)
@@ -102,14 +102,14 @@ SIGHT = {
 
 
 @pytest.mark.parametrize("matrix", SIGHT.values(), ids=SIGHT.keys())
-def test_kinds_are_told_apart_by_every_kind_of_sight(matrix):
+def test_kinds_are_distinguishable_in_every_kind_of_colour_vision(matrix):
     kinds = seen(np.array(colours.PARTS), matrix)
     between = np.linalg.norm(kinds[:, None] - kinds, axis=-1)
     assert between[~np.eye(len(kinds), dtype=bool)].min() > 20.0
     phase = np.radians(np.arange(0.0, 360.0, 3.0))
     unit = np.stack([np.cos(phase), np.sin(phase)], axis=-1)
     tints = np.concatenate([colours.element_colours(amplitude * unit) for amplitude in (0.0, 0.3, 0.6, 1.0)])
-    # The last kind is lighter than the field and lives by its dark outline where the elements rest.
+    # The last kind is lighter than the field and has only its dark outline on resting elements.
     away = np.linalg.norm(kinds[:-1, None] - seen(tints, matrix), axis=-1)
     assert away.min() > 18.0
 

@@ -10,7 +10,7 @@ from vibgym.rendering.side import HEIGHT, MAGNIFIED
 
 
 def environment(model: str) -> gym.Env:
-    """With a picture."""
+    """Return an environment with a picture."""
     env = gym.make("vibgym/Align-v0", model=model, action="wrench", render_mode="rgb_array")
     env.reset(seed=1)
     return env
@@ -22,8 +22,8 @@ def test_only_tilting_has_a_view_from_the_side():
     assert np.array_equal(above[: flat.shape[0]], flat)
 
 
-def test_a_tilted_part_stands_up():
-    """As high as its bottom reaches, magnified."""
+def test_a_tilted_part_is_drawn_with_its_height():
+    """The drawn height is that of its bottom, magnified."""
     env = environment("tilting")
     before = env.render()[-HEIGHT:]
     simulator = env.unwrapped.core.simulator

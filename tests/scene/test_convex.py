@@ -1,4 +1,4 @@
-"""Convex pieces of outlines: convex, apart, and together the outline; against shapely."""
+"""Convex pieces of outlines: convex, disjoint, and with the outline as union; against shapely."""
 
 import math
 
@@ -45,7 +45,7 @@ def test_few_pieces(name, outline, most):
 
 @pytest.mark.parametrize("size", [1e-5, 1.5e-3, 0.03, 100.0])
 def test_stars_of_any_size(size):
-    """The solver's own decomposition crashed on a star of nine points of 1.5 mm."""
+    """The solver's decomposition crashed on a star of nine points of 1.5 mm."""
     for points in (3, 5, 9, 40):
         assert check(star(points, size, 0.5)) <= points + 1
 

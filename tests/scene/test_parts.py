@@ -1,4 +1,4 @@
-"""Parts: geometry of outlines against shapely and closed forms, and what is refused."""
+"""Parts: geometry of outlines against shapely and closed forms, and bad input."""
 
 import dataclasses
 import json
@@ -43,7 +43,7 @@ def polygons(draw):
 
 
 def polar_moment(polygon):
-    """Second polar moment about the centroid over the area, by triangles of shapely's coordinates."""
+    """Return the polar second moment about the centroid over the area, by triangles of shapely's coordinates."""
     corners = np.array(polygon.exterior.coords)[:-1] - polygon.centroid.coords[0]
     total = 0.0
     for b, c in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -69,7 +69,7 @@ def test_polygon_against_shapely(corners):
     assert part.gyration == pytest.approx(polar_moment(expected), rel=1e-8)
     assert part.radius == pytest.approx(np.hypot(*part.outline.T).max(), rel=1e-15)
     assert outlines.is_convex(part.outline) == (expected.convex_hull.area - expected.area < 1e-10 * expected.area) or (
-        expected.convex_hull.area - expected.area < 1e-6 * expected.area  # so close that either answer will do
+        expected.convex_hull.area - expected.area < 1e-6 * expected.area  # so close that either result is accepted
     )
 
 
@@ -88,7 +88,7 @@ def test_rectangle():
     assert part.gyration == pytest.approx((0.05**2 + 0.03**2) / 12, rel=1e-14)
     assert part.radius == pytest.approx(math.hypot(0.025, 0.015), rel=1e-14)
     assert part.symmetry == 2 and part.static_friction == part.friction == 0.6
-    assert np.ptp(part.outline, axis=0) == pytest.approx([0.05, 0.03])  # length along its own x
+    assert np.ptp(part.outline, axis=0) == pytest.approx([0.05, 0.03])  # length along its x axis
     assert part.mass == pytest.approx(STEEL_DENSITY * 0.0015 * 0.010)
     assert not part.outline.flags.writeable
 
@@ -195,7 +195,7 @@ def test_outlines_with_very_many_corners_are_refused():
 
 
 def test_narrowest_width():
-    """Across an edge of the convex hull, whatever the corners between."""
+    """The narrowest width is normal to an edge of the convex hull."""
     narrowest_width = outlines.narrowest_width
     assert narrowest_width(Part.rectangle(0.05, 0.03, friction=0.5).outline) == pytest.approx(0.03)
     triangle = Part.polygon([[0, 0], [0.04, 0], [0, 0.03]], friction=0.5)
@@ -254,14 +254,14 @@ SHAPES = st.one_of(
 
 
 @given(SHAPES)
-def test_written_down_and_read_again(part):
+def test_parts_survive_serialisation(part):
     again = part_from(json.loads(json.dumps(part.to_dict())))
     for field in dataclasses.fields(Part):
         assert np.array_equal(getattr(part, field.name), getattr(again, field.name)), field.name
     assert again.same_as(part) and again.to_dict() == part.to_dict()
 
 
-def test_height_makes_another_kind_for_those_who_see_it():
+def test_height_distinguishes_kinds_where_it_matters():
     low, high = (Part.rectangle(0.05, 0.03, friction=0.5, mass=0.1, height=height) for height in (0.004, 0.040))
     assert low.slides_as(high) and not low.same_as(high) and low.same_as(low)
     for same, kind in ((Part.slides_as, [0, 0, 0]), (Part.same_as, [0, 1, 0])):

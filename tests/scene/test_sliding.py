@@ -1,4 +1,4 @@
-"""The local model of a part that slides: its solution against the equation, and the rate at which friction brakes."""
+"""The linear model of a sliding part: its solution against the equation, and the drag."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The surface's figures and what it refuses."""
+"""Properties of the surface, and bad input."""
 
 import dataclasses
 import math
@@ -58,7 +58,7 @@ def test_bad_values_are_refused_by_name(argument, value):
         Surface(**{argument: value})
 
 
-def test_what_is_allowed():
+def test_values_at_the_limits_are_allowed():
     assert Surface(horizontal_amplitude=0.0).table_speed == 0.0
     assert Surface(max_amplitude=0.0).full_scale == 0.0
     assert Surface(max_amplitude=2e-4).max_amplitude == 2e-4

@@ -1,4 +1,4 @@
-"""Effects: the same stages for every sensor, one of the user's own too. Of snapshots and batches: see tests/contracts."""
+"""Effects: the same for every sensor, including user-defined ones. Snapshots and batches: see tests/contracts."""
 
 import math
 
@@ -15,7 +15,7 @@ PLACES = np.array([[0.3, 0.1, 0.4], [0.5, 0.1, 0.7]])
 
 
 class Plain(Sensor):
-    """Knows poses and has nothing of its own; what it is unsure of is half a millimetre."""
+    """User-defined sensor of true poses, with a sigma of half a millimetre."""
 
     def measure(self, state, reading):
         reading.pose[...] = state.pose
@@ -27,7 +27,7 @@ class Plain(Sensor):
 
 
 class Drift(Effect):
-    """Positions that wander off at a speed of the episode's own, along x."""
+    """Effect: drift of positions along x, with a speed drawn for each episode."""
 
     draws = 1
 
@@ -47,7 +47,7 @@ class Drift(Effect):
 
 
 class Jitter(Effect):
-    """Noise of a user's own."""
+    """User-defined noise."""
 
     def __init__(self, sensor, where, value):
         super().__init__(sensor, where)
@@ -75,19 +75,19 @@ KINDS = {
     "own": {"kind": "plain"},
 }
 MANY = [kind for kind in KINDS if kind != "camera"]
-"""All but the one that makes images: cheap enough for statistics of many looks."""
+"""Sensors without images, fast enough for statistics of many samples."""
 
 
 def read(kind, effects, worlds=200, looks=40, **timing):
-    """Readings of parts at rest: poses and ``seen`` of every look, and those without effects."""
+    """Return readings of parts at rest: poses and ``seen`` of every sample, and those without effects."""
     shown = []
     for more in (effects, {}):
-        own = {"effects": more} if KINDS[kind]["kind"] == "camera" else more  # which has a noise of its own
+        own = {"effects": more} if KINDS[kind]["kind"] == "camera" else more  # has a setting of this name
         settings = {**KINDS[kind], **timing, **own}
         sensor = sensor_from(settings, SURFACE, PARTS, worlds, 1)
         state, uniform = new_state(worlds, 2), np.random.default_rng(1).random((worlds, sensor.all_draws))
         state.pose[:] = PLACES
-        if KINDS[kind]["kind"] == "camera":  # its own key, the same with effects and without
+        if KINDS[kind]["kind"] == "camera":  # key of the sensor, the same with effects and without
             uniform[:, :2] = np.random.default_rng(2).random((worlds, 2))
         sensor.reset(np.arange(worlds), state, uniform)
         found = [(sensor.due.pose.copy(), sensor.due.seen.copy(), sensor.due.mean_velocity.copy())]
@@ -108,7 +108,7 @@ def test_noise_is_normal_on_every_sensor(kind):
     assert np.abs(scaled.std(axis=(0, 1, 2)) - 1.0).max() < 4 / math.sqrt(2 * n)
     for first, second in ((scaled[1:], scaled[:-1]), (scaled[:, 1:], scaled[:, :-1]), (scaled[:, :, 1:], scaled[:, :, :-1]),
                           (scaled[..., :1], scaled[..., 1:2])):  # fmt: skip
-        assert abs((first * second).mean()) < 4 / math.sqrt(first.size)  # of looks, worlds, parts and axes alike
+        assert abs((first * second).mean()) < 4 / math.sqrt(first.size)  # of samples, worlds, parts and axes
     assert np.abs((scaled**4).mean(axis=(0, 1, 2)) - 3.0).max() < 4 * math.sqrt(96 / n)
     assert velocity[1:] == pytest.approx(np.diff(pose, axis=0) / SURFACE.period, rel=1e-9, abs=1e-9)
 
@@ -137,12 +137,12 @@ def test_dropout_misses_a_share_on_every_sensor(kind):
 @pytest.mark.parametrize("kind", MANY)
 def test_delay_and_rate_on_every_sensor(kind):
     (_, seen, _), _ = read(kind, {}, worlds=3, looks=6, delay=2, rate=12.5)
-    # Looks 0, 2, 4 are due two steps later; what is due before is the start's, shown again.
+    # Samples 0, 2, 4 are due two steps later; before, the reading of the start is repeated.
     assert seen[:, 0, 0].tolist() == [True, False, False, False, True, False, True]
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_user_s_effect_is_on_every_sensor(kind):
+def test_user_defined_effects_on_every_sensor(kind):
     worlds = 2 if kind == "camera" else 50
     (pose, _, _), (plain, _, _) = read(kind, {"drift": 0.01}, worlds=worlds, looks=5)
     way = (pose - plain)[..., 0]
@@ -152,9 +152,9 @@ def test_a_user_s_effect_is_on_every_sensor(kind):
     assert way == pytest.approx(np.broadcast_to(expected, way.shape), abs=1e-12)
 
 
-def test_an_effect_s_own_random_numbers_are_new_at_each_look_and_normal():
+def test_random_numbers_of_effects_are_normal_and_independent():
     (pose, _, _), (plain, _, _) = read("own", {"jitter": 1e-3, "noise": 1e-3})
-    scaled = (pose - plain)[..., :2] / (math.sqrt(2.0) * 1e-3)  # nothing in common with the noise
+    scaled = (pose - plain)[..., :2] / (math.sqrt(2.0) * 1e-3)  # independent of the noise
     assert abs(scaled.std() - 1.0) < 4 / math.sqrt(2 * scaled.size)
     assert abs((scaled[1:] * scaled[:-1]).mean()) < 4 / math.sqrt(scaled.size)
 

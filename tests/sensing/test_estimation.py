@@ -1,4 +1,4 @@
-"""Estimators: exact where the model is, a textbook filter where it is linear, honest about what they do not know."""
+"""Estimators: exact for an exact model, equal to a textbook filter in the linear case, with consistent sigmas."""
 
 import math
 
@@ -25,7 +25,7 @@ def batch(worlds, sensor, task="Align", actuators="prototype", **settings):
 @pytest.mark.parametrize(
     "periods, latency, delay", [(1, 0, 0), (1, 1, 0), (1, 2, 1), (1, 0, 3), (3, 3, 0), (3, 0, 2), (2, 4, 3)]
 )
-def test_an_exact_model_foresees_where_the_next_command_begins_to_act(task, periods, latency, delay):
+def test_an_exact_model_predicts_the_state_at_the_next_command(task, periods, latency, delay):
     sensor = {"kind": "pose", "noise": 0.0, "delay": delay, "estimator": "model"}
     env = batch(4, sensor, task, {**EXACT, "latency": latency}, periods_per_step=periods)
     env.reset(seed=3)
@@ -36,22 +36,22 @@ def test_an_exact_model_foresees_where_the_next_command_begins_to_act(task, peri
         true.append((env.truth.pose, env.truth.mean_velocity))
         env.core.step(random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
     ahead = latency // periods
-    on = ~env.truth.fallen  # contacts amplify what rounding there is
+    on = ~env.truth.fallen  # contacts amplify rounding
     for k in range(2, 8 - ahead):
         assert known[k][0][on] == pytest.approx(true[k + ahead][0][on], abs=1e-5), k
         assert known[k][1][on] == pytest.approx(true[k + ahead][1][on], abs=1e-3), k
 
 
 class Still:
-    """Actuators that do nothing, for estimators without a model."""
+    """Actuators without an effect, for estimators without a model."""
 
     def prepare(self, command):
         pass
 
 
 @pytest.mark.parametrize("delay, latency", [(0, 0), (0, 2), (3, 0), (2, 1)])
-def test_the_filter_is_the_textbook_s(delay, latency):
-    """Against matrices: x' = F x with white acceleration, a reading of x[0], and F of the lead for what is handed out."""
+def test_the_filter_equals_the_textbook_filter(delay, latency):
+    """Compare with matrices: x' = F x with white acceleration, readings of x[0], and F of the lead for the measurement."""
     surface, part = Surface(), Part.rectangle(0.05, 0.035, friction=0.58)
     sensor = PoseSensor(surface, [part], 1, 1, noise=[1e-4, 3e-3], delay=delay)
     own = estimator_from({"kind": "kalman", "drift": 0.1}, sensor, Still(), latency, ())
@@ -72,7 +72,7 @@ def test_the_filter_is_the_textbook_s(delay, latency):
     reading = Reading(np.zeros((1, 1, 3)), np.zeros((1, 1, 3)), np.zeros((1, 1), bool), np.ones((1, 1), bool))
     reading.pose[0, 0, 0] = way[0]
     own.reset(np.arange(1), reading)
-    # What is read until the first step's reading comes due is that of the start: the filter has nothing new till then.
+    # Until the first step's reading is due, readings are those of the start and not used by the filter.
     for k in range(1, 60):
         missed = k % 7 == 3
         reading.pose[0, 0, 0], reading.seen[0, 0] = way[k], not missed
@@ -94,8 +94,8 @@ def test_the_filter_is_the_textbook_s(delay, latency):
         assert known.age[0, 0] == (delay + 1 if missed else delay)
 
 
-def test_variances_stay_positive_whatever_is_read():
-    """Readings that jump, a filter that takes them and its model for exact: rounding must not turn a variance negative."""
+def test_variances_stay_positive_for_any_readings():
+    """With jumping readings and exact sensor and model, rounding must not cause negative variances."""
     surface, part, random = Surface(), Part.rectangle(0.05, 0.035, friction=0.0), np.random.default_rng(0)
     for noise in ([0.0, 0.0], [1e-9, 1.0]):
         sensor = PoseSensor(surface, [part], 4, 1, noise=noise)
@@ -114,11 +114,11 @@ def test_variances_stay_positive_whatever_is_read():
 
 
 LEARNED, SPOKEN = "vibgym/policies/trained/shipped/align.json", {"action": "wrench", "observation": "parts"}
-"""A policy that was trained in the ideal world, and what it speaks and reads."""
+"""Return a policy trained on ideal hardware, with its action and observation."""
 
 
 def steered(env, steps, skip=5):
-    """Errors of what was known against the truth at the instant it was meant for, and sigmas, under the learned policy."""
+    """Return errors of measurements against the truth at their instants, and sigmas, under the learned policy."""
     policy = make_policy(LEARNED, TaskInfo.of(env))
     assert {"action": policy.action, "observation": policy.observation} == SPOKEN
     observation, _ = env.reset(seed=0)
@@ -137,8 +137,8 @@ def steered(env, steps, skip=5):
 
 
 @pytest.mark.parametrize("sensor", [{}, {"delay": 2}, {"dropout": 0.3}])
-def test_it_is_as_unsure_as_it_is_wrong(sensor):
-    """On the prototype, driven by a policy that knows nothing of it: mean of (error / sigma)^2 near 1."""
+def test_sigmas_agree_with_errors(sensor):
+    """On the prototype, the mean of (error / sigma)^2 is near 1."""
     env = batch(48, {"kind": "pose", **sensor, "estimator": "model"}, **SPOKEN)
     errors, sigmas = steered(env, 40)
     squares = ((errors / sigmas) ** 2).mean(axis=(0, 1, 2))
@@ -157,7 +157,7 @@ def test_parked_parts_average_their_readings():
     assert np.sqrt((error[..., :2] ** 2).mean()) < 0.6e-4 and np.degrees(np.sqrt((error[..., 2] ** 2).mean())) < 0.12
 
 
-def test_it_finds_back_after_what_no_model_foresees():
+def test_recovery_from_unmodelled_disturbances():
     env = batch(2, {"kind": "pose", "estimator": "model"}, "Sort")
     env.reset(seed=0)
     still = np.zeros(env.action_space.shape, dtype=np.float32)
@@ -170,7 +170,7 @@ def test_it_finds_back_after_what_no_model_foresees():
     assert np.abs(error[..., :2]).max() < 5e-4 and np.degrees(np.abs(error[..., 2]).max()) < 1.0
 
 
-def test_a_part_that_the_model_lets_fall_is_put_back_where_it_is_read():
+def test_a_part_that_falls_in_the_model_only_is_placed_at_its_reading():
     env = batch(2, {"kind": "pose", "estimator": "model"})
     env.reset(seed=0)
     still = np.zeros(env.action_space.shape, dtype=np.float32)
@@ -182,12 +182,12 @@ def test_a_part_that_the_model_lets_fall_is_put_back_where_it_is_read():
     known = env.core.sensing.measurement
     assert not front.fallen.any() and not front.diverged.any() and not known.gone.any()
     assert np.abs(known.pose - env.truth.pose)[..., :2].max() < 1e-3
-    env.core.simulator.state.fallen[0, 0] = True  # and one that has really fallen is said to be gone
+    env.core.simulator.state.fallen[0, 0] = True  # a fallen part is reported as gone
     env.core.step(still)
     assert known.gone[0, 0] and not known.gone[1, 0]
 
 
-def test_without_readings_the_prediction_goes_on_and_says_so():
+def test_without_readings_the_prediction_continues_with_larger_sigma():
     env = batch(4, {"kind": "pose", "dropout": 1.0, "estimator": "model", "tell": ["age", "sigma"]}, actuators=EXACT)
     env.reset(seed=0)
     random = np.random.default_rng(0)
@@ -200,12 +200,12 @@ def test_without_readings_the_prediction_goes_on_and_says_so():
     layout = TaskInfo.of(env).layout
     assert [row.name for row in env.observation_layout][-2:] == ["age", "sigma"] and layout.size == 18 + 3
     assert layout.quantity(observation, "age")[:, 0, 0] == pytest.approx(12.0, abs=1e-3)
-    told = layout.quantity(observation, "sigma")[:, 0]
-    assert told[:, 0] == pytest.approx(math.sqrt(2) * sigmas[-1], rel=1e-3)
+    reported = layout.quantity(observation, "sigma")[:, 0]
+    assert reported[:, 0] == pytest.approx(math.sqrt(2) * sigmas[-1], rel=1e-3)
 
 
 def test_a_learned_policy_needs_the_model_on_the_prototype():
-    """Trained in the ideal world: with what is known now it never gets there, with what the model foresees it does."""
+    """A policy trained on ideal hardware fails with present measurements and succeeds with predicted ones."""
     success = {}
     for estimator in ("none", "model"):
         env = batch(20, {"kind": "pose", "estimator": estimator}, **SPOKEN)

@@ -1,4 +1,4 @@
-"""The pose sensor: gaps, rates, velocities, ages. Of its errors: see test_effects.py."""
+"""The pose sensor: gaps, rates, velocities, ages. Errors: see test_effects.py."""
 
 import math
 
@@ -13,7 +13,7 @@ def batch(worlds, sensor, task="Align", **settings):
 
 
 def at_rest(env, steps):
-    """Errors (steps + 1, worlds, parts, 3) of measured poses, ages, and the poses, while no element moves."""
+    """Return errors (steps + 1, worlds, parts, 3) of measured poses, ages, and poses, with elements at rest."""
     env.reset(seed=2)
     still, errors, ages, poses = np.zeros(env.action_space.shape, dtype=np.float32), [], [], []
     for k in range(steps + 1):
@@ -40,7 +40,7 @@ def test_without_noise_velocities_are_the_mean_velocities():
 def test_dropouts_keep_the_last_reading_and_count_its_age():
     env = batch(40, {"kind": "pose", "noise": [1e-4, 0.0], "dropout": 0.3}, "Sort")
     _, ages, poses = at_rest(env, 50)
-    assert (ages[0] == 0).all()  # the first look misses nothing
+    assert (ages[0] == 0).all()  # the first sample misses nothing
     missed = ages[1:] > 0
     assert abs(missed.mean() - 0.3) < 4 * math.sqrt(0.21 / missed.size)
     assert (ages[1:] == np.where(missed, ages[:-1] + 1, 0)).all()
@@ -73,8 +73,8 @@ def test_a_slower_rate():
 
 @pytest.mark.parametrize("estimator", ["none", "kalman", "model"])
 @pytest.mark.parametrize("periods, delay", [(1, 0), (1, 3), (2, 3), (3, 3)])
-def test_age_counts_from_the_start_until_the_first_look_is_due(periods, delay, estimator):
-    """A reading of the start is as old as the episode, and no younger or more certain for being shown again."""
+def test_age_counts_from_the_start_until_the_first_sample_is_due(periods, delay, estimator):
+    """The repeated reading of the start has the age of the episode and a constant sigma."""
     sensor = {"kind": "pose", "delay": delay, "estimator": estimator}
     env = batch(2, sensor, "Sort", periods_per_step=periods)
     _, info = env.reset(seed=0)

@@ -1,4 +1,4 @@
-"""The door that every sensor goes through: delay in periods, and who gets to know what."""
+"""Base class of sensors: delay in periods, and use of measurement and truth."""
 
 import gymnasium as gym
 import numpy as np
@@ -10,7 +10,7 @@ from vibgym.tasks import PoseTask
 
 
 class Shifted(Sensor):
-    """Sees all parts shifted along x by a distance drawn for each episode."""
+    """Sensor with a shift of all parts along x, drawn for each episode."""
 
     draws = 1
 
@@ -41,7 +41,7 @@ def batch(worlds, task="Align", sensor="ideal", **settings):
 
 
 def driven(env, seed=3, steps=12):
-    """Observations under random patches, which are aimed by the measurement."""
+    """Return observations under random patches, which are centred on the measurement."""
     random = np.random.default_rng(1)
     seen = [env.reset(seed=seed)[0]]
     truth = [env.truth.pose]
@@ -52,8 +52,8 @@ def driven(env, seed=3, steps=12):
 
 
 @pytest.mark.parametrize("periods, delay", [(1, 1), (1, 3), (4, 1), (4, 4), (4, 6), (3, 7)])
-def test_a_delayed_sensor_says_what_was_true_then(periods, delay):
-    """Against environments of one period a step, driven alike."""
+def test_a_delayed_sensor_returns_the_past_state(periods, delay):
+    """Compare with environments of one period per step with the same commands."""
     settings = {"sensor": {"kind": "shifted", "most": 0.0}, "model": "planar"}
     slow = gym.make_vec("vibgym/Align-v0", num_envs=3, action="element", periods_per_step=periods,
                         **{**settings, "sensor": {**settings["sensor"], "delay": delay}}).unwrapped  # fmt: skip
@@ -68,7 +68,7 @@ def test_a_delayed_sensor_says_what_was_true_then(periods, delay):
             true.append(fine.truth.pose)
         assert (slow.truth.pose == true[-1]).all()
         expected = true[max(step * periods - delay, 0)]
-        if step * periods <= delay:  # not yet due: what it saw at the reset
+        if step * periods <= delay:  # not yet due: the reading of the reset
             expected = true[0]
         assert (slow.core.sensing.measurement.pose == expected).all(), step
 
@@ -77,7 +77,7 @@ def test_observation_and_aim_come_from_the_measurement_and_reward_from_the_truth
     ideal, shifted = batch(4, observation="goal"), batch(4, sensor={"kind": "shifted"}, observation="goal")
     ideal.reset(seed=3), shifted.reset(seed=3)
     shift = shifted.core.sensing.sensor.shift
-    assert (shift > 1e-4).all() and (ideal.truth.pose == shifted.truth.pose).all()  # the start is drawn as ever
+    assert (shift > 1e-4).all() and (ideal.truth.pose == shifted.truth.pose).all()  # the start does not change
     seen = shifted.step(np.zeros(shifted.action_space.shape, dtype=np.float32))
     true = ideal.step(np.zeros(ideal.action_space.shape, dtype=np.float32))
     moved = seen[0]["achieved_goal"] - true[0]["achieved_goal"]
@@ -85,7 +85,7 @@ def test_observation_and_aim_come_from_the_measurement_and_reward_from_the_truth
     for k in (1, 2, 3):
         assert_same(seen[k], true[k])
     assert_same(seen[4]["position_error"], true[4]["position_error"])
-    # A learner computes rewards of what it saw; the step's is of the truth.
+    # Learners compute rewards from observations; the reward of the step uses the truth.
     goal = true[0]["achieved_goal"]
     assert (shifted.compute_reward(goal, goal, None) == 0.0).all()
     assert (
@@ -96,7 +96,7 @@ def test_observation_and_aim_come_from_the_measurement_and_reward_from_the_truth
         env.reset(seed=11, options={"pose": [0.3, 0.1, 0.0]})
         env.step(np.ones(env.action_space.shape, dtype=np.float32))
     columns = [np.flatnonzero(np.hypot(*env.phasors(0)[4].T)) for env in (far, near)]
-    assert columns[0].min() > columns[1].max()  # the patch is where the part is believed to be
+    assert columns[0].min() > columns[1].max()  # the patch is centred on the measured part
 
 
 @pytest.mark.parametrize("sensor, message", [

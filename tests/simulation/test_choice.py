@@ -18,7 +18,7 @@ def auto(surface=PROTOTYPE, part=BLOCK, **knobs):
     return Simulator(surface, part, model="auto", **knobs)
 
 
-def test_it_computes_exactly_what_it_says():
+def test_auto_equals_the_chosen_model():
     sim = auto(tolerance=5e-5)
     same = Simulator(PROTOTYPE, BLOCK, model=sim.choice.model, **sim.choice.knobs)
     for each in (sim, same):
@@ -29,7 +29,7 @@ def test_it_computes_exactly_what_it_says():
 
 @pytest.mark.parametrize("kind", ["one element", "many elements", "stick-slip"])
 @pytest.mark.parametrize("periods_per_call", [1, 25])
-def test_the_cheapest_that_is_good_enough(kind, periods_per_call):
+def test_the_cheapest_sufficient_candidate_is_chosen(kind, periods_per_call):
     """Brute force over the evidence, for every class and a sweep of tolerances."""
     surface = Surface(rows=1, columns=1, element_size=1.0) if kind == "one element" else PROTOTYPE
     part = Part.rectangle(0.05, 0.035, friction=8.0) if kind == "stick-slip" else BLOCK
@@ -125,7 +125,7 @@ UNSEEN = {
 
 @pytest.mark.parametrize("name", UNSEEN)
 @pytest.mark.parametrize("tolerance", [2e-3, 2e-4])
-def test_the_promise_holds_on_scenes_it_was_not_fitted_to(name, tolerance):
+def test_promised_errors_hold_on_other_scenes(name, tolerance):
     surface, part = UNSEEN[name]
     worlds, periods = 32, choice.PERIODS
     pose, amplitude, phase = held_scene(surface, worlds, 11)

@@ -1,4 +1,4 @@
-"""Conditions of single worlds: factors on friction and mass, and an inclined table; closed forms, and parts made so."""
+"""Conditions of worlds: factors on friction and mass, and an inclined table, against closed forms and equivalent parts."""
 
 import dataclasses
 import math
@@ -39,7 +39,7 @@ def test_a_sliding_part_is_slowed_by_friction_less_the_incline(slope):
     assert simulator.pose[0, 0] == pytest.approx([0.3 + way, 0.1, 0.0], abs=1e-12)
     simulator.advance(0.0, 0.0, 10)
     assert simulator.sticking.all() and (simulator.velocity == 0.0).all()
-    # The last stretch is taken by implicit steps.
+    # The last steps are implicit.
     assert simulator.pose[0, 0] == pytest.approx([0.3 + start**2 / (2.0 * braking), 0.1, 0.0], abs=2e-7)
 
 
@@ -50,7 +50,7 @@ def test_static_friction_holds_up_to_its_coefficient(direction):
         simulator = inclined(STILL, BLOCK, share * 0.5 * G * along)
         simulator.advance(0.0, 0.0, 2)
         assert simulator.sticking.all() == held
-        # Once it goes, sliding friction is all that is left.
+        # After breakaway only sliding friction acts.
         way = 0.0 if held else 0.5 * (share * 0.5 - 0.4) * G * (2.0 * PERIOD) ** 2
         assert simulator.pose[0, 0] == pytest.approx([0.3 + way * along[0], 0.1 + way * along[1], 0.0], abs=2e-6)
 
@@ -73,7 +73,7 @@ def test_energy_on_an_inclined_table_never_grows():
         energies.append((moving - mass * (place[..., :2] * incline[:, None]).sum(-1)).sum(1))
         simulator.advance(0.0, 0.0, 1)
     energy = np.array(energies)
-    # What undoes overlaps may lift a part by their depth.
+    # The overlap correction may lift a part by the depth of the overlap.
     lift = simulator.deepest_overlap * (mass * np.hypot(*incline.T)[:, None]).sum(1)
     assert (np.diff(energy, axis=0) <= lift + 1e-12).all() and simulator.statistics["contact"] > 50
     assert simulator.deepest_overlap < 3e-4 and not simulator.fallen.any() and not simulator.diverged.any()
@@ -107,11 +107,11 @@ def test_order_of_convergence_under_incline():
         assert 12.0 < coarse / fine < 20.0
 
 
-# -- factors against parts that are made so ----------------------------------------------------------------------------
+# -- factors against equivalent parts ----------------------------------------------------------------------------------
 
 
 def copies(parts, worlds, friction, mass):
-    """Parts made with the first world's factors."""
+    """Return parts with the first world's factors."""
     return [
         dataclasses.replace(
             part, friction=f * part.friction, static_friction=f * part.static_friction, mass=m * part.mass
@@ -126,7 +126,7 @@ STICKY = Surface(frequency=8.0)
 @pytest.mark.parametrize("surface, model, factor", [
     *((SURFACE, model, factor) for model in ("planar", "averaged") for factor in (0.3, 1.3, 2.1)), (STICKY, "planar", 0.7),
 ])  # fmt: skip
-def test_a_factor_on_friction_is_a_part_made_so(surface, model, factor):
+def test_a_factor_on_friction_equals_another_part(surface, model, factor):
     """Sliding, and sticking and slipping."""
     worlds = 9
     amplitude, phase = random_fields(surface, worlds, 2)
@@ -144,8 +144,8 @@ def test_a_factor_on_friction_is_a_part_made_so(surface, model, factor):
 @pytest.mark.parametrize("friction, mass", [
     ([1.0] * 4, [5.0, 0.2, 1.0, 40.0]), ([2.5, 0.4, 1.0, 3.0], [1.0] * 4), ([3.0, 0.1, 2.0, 0.7], [0.03, 7.0, 0.5, 11.0]),
 ])  # fmt: skip
-def test_parts_in_touch_with_factors_are_parts_made_so(friction, mass):
-    """Impacts, the solver with its rounds, and the steps of the coupling."""
+def test_factors_of_touching_parts_equal_other_parts(friction, mass):
+    """In impacts, the solver's iterations, and the steps of the coupling."""
     parts = [BLOCK, Part.disc(0.02, friction=0.5, restitution=0.8), shipped_part("steel_block"), BLOCK]
     made, worlds = copies(parts, 1, friction, mass), 3
     pose = [[0.20, 0.10, 0.3], [0.26, 0.10, 0.0], [0.32, 0.10, 1.0], [0.04, 0.05, 0.0]]
@@ -161,8 +161,8 @@ def test_parts_in_touch_with_factors_are_parts_made_so(friction, mass):
     assert one.statistics == other.statistics and one.statistics["contact_steps"] > 20
 
 
-def test_a_world_of_its_own_conditions_does_not_see_the_others():
-    """One at a time, in threads, or among others; and a world under usual conditions is one that knows of none."""
+def test_conditions_of_worlds_are_independent():
+    """One at a time, in threads, or in a batch; default conditions equal no conditions."""
     parts, worlds, random = [BLOCK, Part.disc(0.02, friction=0.5)], 40, np.random.default_rng(8)
     pose, velocity = [[0.2, 0.1, 0.0], [0.25, 0.1, 0.0]], random.normal(0.0, 0.3, (worlds, 2, 3))
     friction, mass = random.uniform(0.3, 3.0, (2, worlds, 2))
@@ -191,7 +191,7 @@ def test_a_world_of_its_own_conditions_does_not_see_the_others():
 
 
 def test_an_incline_carries_parts_into_a_wall():
-    """Without friction and from rest: nothing but the incline says that it will touch. It rebounds with e times its speed."""
+    """Without friction and from rest, contact follows from the incline alone. The part rebounds with e times its speed."""
     part = Part.disc(0.02, friction=0.0, restitution=0.5, contact_friction=0.0)
     slope, gap, start = 3.0, 0.001, 0.021
     simulator = Simulator(STILL, part, walls=["left"])
@@ -201,7 +201,7 @@ def test_an_incline_carries_parts_into_a_wall():
     meet = math.sqrt(2.0 * gap / slope)
     left = PERIOD - meet
     speed = 0.5 * slope * meet
-    assert 0.0 < left < 2.0 * speed / slope  # it is on its way back, or down again, at the end
+    assert 0.0 < left < 2.0 * speed / slope  # moving back, or down again, at the end
     assert simulator.pose[0, 0, 0] == pytest.approx(0.02 + speed * left - 0.5 * slope * left**2, abs=3e-5)
     assert simulator.velocity[0, 0, 0] == pytest.approx(speed - slope * left, abs=3e-3)
     assert simulator.deepest_overlap < 1e-4
@@ -277,7 +277,7 @@ def test_the_averaged_model_refuses_what_may_stick():
     assert simulator.friction.tolist() == [[1.0], [5.6]] and (simulator.patches == 1.0).all()
 
 
-def test_friction_that_contacts_cannot_follow_is_refused():
+def test_friction_beyond_the_contact_steps_is_refused():
     slow = Surface(frequency=0.03, horizontal_amplitude=1e-4)
     simulator = Simulator(slow, [BLOCK, BLOCK])
     with pytest.raises(ValueError, match="friction"):

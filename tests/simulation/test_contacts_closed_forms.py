@@ -1,9 +1,9 @@
-"""Contacts against closed forms: parts without friction on a still table, which move straight on between blows.
+"""Contacts against closed forms: parts without friction on a still table, with straight motion between impacts.
 
-The solver sees a contact once shapes overlap by 2 um, and velocities may add ``contact_overlap`` to that before it does: a
-blow comes late by up to ``LATE`` of overlap, in which time the parts go on as they did. Along the line of centres nothing else
-is off; at an angle the normal has turned by overlap over tangent length. So the exact answer with radii that are together
-``LATE`` smaller bounds the error, and that is the bound the tests hold; and the same for the arms at which friction acts.
+The solver detects a contact once shapes overlap by 2 um, and velocities may add ``contact_overlap`` before: an impact is late
+by up to ``LATE`` of overlap, during which the motion is unchanged. Along the line of centres this is the only error; at an
+angle the normal has rotated by overlap over tangent length. The exact result with radii that are together ``LATE`` smaller
+therefore bounds the error, which the tests check; the same holds for the arms of friction.
 """
 
 import math
@@ -23,7 +23,7 @@ ALL_WALLS = ("left", "right", "bottom", "top")
 OVERLAP = 5e-6
 
 LATE = OVERLAP + 2e-6
-"""m of overlap that a blow may have; one at less than ``FAST``, ``LATE_AND_SLOW``: ten times what is asked for."""
+"""m of overlap at an impact; at less than ``FAST``, ``LATE_AND_SLOW``: ten times as much."""
 
 LATE_AND_SLOW = 10.0 * OVERLAP + 2e-6
 
@@ -45,7 +45,7 @@ def run(parts, pose, velocity, periods, **keywords):
 
 
 def blow(parts, pose, velocity, time, late=0.0, short=0.0):
-    """Two discs that meet once: pose and velocity (2, 3) after ``time`` s.
+    """Return pose and velocity (2, 3) of two discs that collide once, after ``time`` s.
 
     Radii are ``late / 2`` smaller, and the arms at which friction acts ``short``.
     """
@@ -75,7 +75,7 @@ def blow(parts, pose, velocity, time, late=0.0, short=0.0):
 
 
 def check_blow(parts, pose, velocity, periods=10):
-    """Against the closed form: no farther from it than a blow that comes ``LATE``."""
+    """Assert that the error is at most that of an impact delayed by ``LATE``."""
     measured = run(parts, pose, velocity, periods)
     exact = blow(parts, pose, velocity, periods * PERIOD)
     late = blow(parts, pose, velocity, periods * PERIOD, late=LATE)
@@ -92,7 +92,7 @@ def check_blow(parts, pose, velocity, periods=10):
 @pytest.mark.parametrize("restitution", [0.0, 0.2, 0.7, 1.0])
 @pytest.mark.parametrize("ratio", [1.0, 3.0, 1000.0])
 def test_head_on(restitution, ratio):
-    """Velocities to rounding, whichever of the two is heavy; places as late as the blow."""
+    """Velocities are exact to rounding for any masses; positions have the delay of the impact."""
     parts = [disc(restitution=restitution, mass=0.1), disc(0.015, restitution=restitution, mass=0.1 * ratio)]
     for pair in (parts, parts[::-1]):
         pose, velocity = [[0.3, 0.1, 0.2], [0.4, 0.1, 0.0]], [[0.5, 0.0, 3.0], [-0.1, 0.0, 0.0]]
@@ -101,21 +101,21 @@ def test_head_on(restitution, ratio):
         assert after == pytest.approx(exact, abs=0.5 * EXACT)
 
 
-def test_slow_blows():
-    """Below 60 mm/s parts overlap by more before the solver is asked; velocities are right all the same."""
+def test_slow_impacts():
+    """Below 60 mm/s parts overlap more before the solver is called; velocities are still exact."""
     parts = [disc(restitution=1.0), disc(restitution=1.0)]
     pose, velocity = [[0.3, 0.1, 0.0], [0.345, 0.1, 0.0]], [[0.03, 0.0, 0.0], [0.0, 0.0, 0.0]]
     place, after = run(parts, pose, velocity, 10)
     exact, expected = blow(parts, pose, velocity, 10 * PERIOD)
     assert after == pytest.approx(expected, abs=EXACT)
-    # Late by overlap over speed, times the change of velocity; and what is too deep is undone by half on either side.
+    # Delay by overlap over speed, times the change of velocity; excess depth is corrected by half on either side.
     assert place == pytest.approx(exact, abs=1.5 * LATE_AND_SLOW)
 
 
 @pytest.mark.parametrize("friction", [0.05, 0.3, 1.0, 3.0])
 @pytest.mark.parametrize("spin", [0.0, 30.0, -30.0])
 def test_oblique_with_friction(friction, spin):
-    """Sliding through the blow, or sticking by its end: the smaller of the two impulses, and the spin it leaves."""
+    """Sliding during the impact, or sticking at its end: the smaller of the two impulses, and the resulting spin."""
     parts = [disc(restitution=0.6, contact_friction=friction), disc(0.03, restitution=0.6, contact_friction=friction)]
     pose, velocity = [[0.3, 0.1, 0.0], [0.4, 0.125, 0.0]], [[0.6, 0.0, spin], [0.0, 0.05, 0.0]]
     check_blow(parts, pose, velocity, 8)
@@ -123,7 +123,7 @@ def test_oblique_with_friction(friction, spin):
 
 # -- walls -------------------------------------------------------------------------------------------------------------
 
-BY_WALL = {  # a place 30 mm of free way from each wall, and the direction to it
+BY_WALL = {  # a position 30 mm from each wall, and the direction to it
     "left": ((0.05, 0.1), (-1.0, 0.0)),
     "right": ((STILL.width - 0.05, 0.1), (1.0, 0.0)),
     "bottom": ((0.4, 0.05), (0.0, -1.0)),
@@ -132,11 +132,11 @@ BY_WALL = {  # a place 30 mm of free way from each wall, and the direction to it
 
 
 def rebound(part, friction, spin, place, towards, late=0.0, short=0.0):
-    """Pose and velocity (3,) of a disc of 20 mm at 0.5 m/s on a wall 50 mm away and 0.1 m/s along it, five periods later."""
+    """Return pose and velocity (3,) of a 20 mm disc at 0.5 m/s towards a wall 50 mm away, 0.1 m/s along it, 5 periods later."""
     along = np.array([-towards[1], towards[0]])
     begun = 0.5 * towards + 0.1 * along
     meet, radius, time = (0.05 - 0.02 + late) / 0.5, 0.02 - short, 5 * PERIOD
-    impulse = (1.0 + part.restitution) * 0.5  # over mass, as what follows
+    impulse = (1.0 + part.restitution) * 0.5  # over mass, as below
     slip = 0.1 + spin * radius  # of the disc's surface along the wall
     stick = -slip / (1.0 + radius**2 / part.gyration)
     rub = np.clip(stick, -friction * impulse, friction * impulse)
@@ -149,7 +149,7 @@ def rebound(part, friction, spin, place, towards, late=0.0, short=0.0):
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("friction, spin", [(0.0, 4.0), (0.1, 0.0), (3.0, 0.0), (0.2, 40.0)])
 def test_disc_on_a_wall(wall, restitution, friction, spin):
-    """A wall takes on the part's own restitution and friction, beside other parts with others."""
+    """A wall has the restitution and friction of the part that touches it."""
     place, towards = (np.array(each) for each in BY_WALL[wall])
     part = disc(restitution=restitution, contact_friction=friction, mass=0.03)
     parts = [part, disc(restitution=0.9, contact_friction=0.7)]
@@ -164,7 +164,7 @@ def test_disc_on_a_wall(wall, restitution, friction, spin):
 
 
 def test_a_fast_disc_between_walls():
-    """At 3 m/s it crosses the table's width many times, and neither passes a wall nor is taken to have fallen."""
+    """At 3 m/s it crosses the table's width many times, does not pass a wall and does not count as fallen."""
     small = disc(0.008, restitution=1.0)
     for y in np.linspace(0.02, 0.18, 9):
         place, after = run([small], [[0.4, y, 0.0]], [[0.0, 3.0, 0.0]], 25, walls=ALL_WALLS)
@@ -178,8 +178,8 @@ def test_a_fast_disc_between_walls():
 
 @pytest.mark.parametrize("gap", [0.001, 0.01, 0.03])
 @pytest.mark.parametrize("speed", [0.3, 2.0])
-def test_what_is_hit_hits_what_it_reaches(gap, speed):
-    """A part at rest, hit, reaches a wall or a third part within the same period: neither was near it before."""
+def test_impacts_propagate_within_a_period(gap, speed):
+    """A part that is hit reaches a wall or a third part within the same period, although neither was near."""
     light, heavy = disc(0.01, restitution=1.0), disc(restitution=1.0)
     x = STILL.width - 0.01 - gap
     pose, velocity = [[x - 0.032, 0.1, 0.0], [x, 0.1, 0.0]], [[speed, 0.0, 0.0], [0.0, 0.0, 0.0]]
@@ -203,7 +203,7 @@ def block(length, width, **properties):
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_face_to_face(restitution, friction):
-    """Two corners touch at once: both share the impulse, and nothing turns."""
+    """Two corners touch simultaneously and share the impulse, without rotation."""
     parts = [
         block(length, 0.04, restitution=restitution, contact_friction=friction, height=height)
         for length, height in ((0.05, 0.01), (0.03, 0.002))
@@ -212,7 +212,7 @@ def test_face_to_face(restitution, friction):
     place, after = run(parts, pose, velocity, 6)
     mass = np.array([part.mass for part in parts])
     impulse = (1.0 + restitution) * 0.6 / (1.0 / mass).sum()
-    # Two contacts, found by the solver's rounds one after the other: not to rounding.
+    # Two contacts, resolved by iterations: not exact to rounding.
     assert after[:, 0] == pytest.approx([0.4 - impulse / mass[0], -0.2 + impulse / mass[1]], abs=1e-5)
     assert np.abs(after[:, 1]).max() < 1e-5 and np.abs(after[:, 2]).max() < 5e-4
     assert np.abs(place[:, 1] - 0.1).max() < 1e-6 and np.abs(place[:, 2]).max() < 1e-4
@@ -226,7 +226,7 @@ def test_disc_on_a_face_off_centre(lever, restitution):
     """One contact with a lever arm: (1 + e) u / (1/m1 + 1/m2 + b^2 / I2)."""
     parts = [disc(restitution=restitution), block(0.03, 0.05, restitution=restitution)]
     pose, velocity = [[0.3, 0.1 + lever, 0.0], [0.4, 0.1, 0.0]], [[0.5, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    # Until just after the blow: the face turns then, and without a rebound would go on touching.
+    # Until just after the impact: the face then rotates, and without rebound would keep touching.
     _, after = run(parts, pose, velocity, 4)
     mass, inertia = parts[1].mass, parts[1].mass * parts[1].gyration
     impulse = (1.0 + restitution) * 0.5 / (1.0 / parts[0].mass + 1.0 / mass + lever**2 / inertia)
@@ -247,13 +247,13 @@ def test_cradle(gap, count):
     place, after = run(parts, row, [[0.5, 0.0, 0.0]] + [[0.0, 0.0, 0.0]] * count, 6)
     assert after[-1] == pytest.approx([0.5, 0.0, 0.0], abs=EXACT)
     assert after[:-1] == pytest.approx(0.0, abs=EXACT)
-    # Every disc moves on by its gap, and by the overlap that it takes for the solver to see it.
+    # Every disc moves by its gap, and by the overlap at which the solver detects contacts.
     where = row[-1][0] + 0.5 * (6 * PERIOD - (0.02 + (count - 1) * gap) / 0.5)
     assert place[-1, 0] == pytest.approx(where, abs=(count + 1) * LATE)
     assert place[1:-1, 0] == pytest.approx(np.array(row)[1:-1, 0] + gap, abs=(count + 1) * LATE)
 
 
-# -- what is kept ------------------------------------------------------------------------------------------------------
+# -- conservation -----------------------------------------------------------------------------------------------------
 
 
 def mixed(**properties):
@@ -269,7 +269,7 @@ def mixed(**properties):
 
 
 def moments(parts, simulator):
-    """Momentum (worlds, 2), angular momentum about the origin and kinetic energy (worlds,)."""
+    """Return momentum (worlds, 2), angular momentum about the origin and kinetic energy (worlds,)."""
     mass = np.array([part.mass for part in parts])
     inertia = mass * [part.gyration for part in parts]
     pose, velocity = simulator.pose, simulator.velocity
@@ -279,7 +279,7 @@ def moments(parts, simulator):
 
 
 def thrown_together(parts, seed, worlds=16, overlap=OVERLAP):
-    """A simulator in the middle of a wide table, its parts on the way to one another."""
+    """Return a simulator with approaching parts in the middle of a wide table."""
     rng = np.random.default_rng(seed)
     n = len(parts)
     pose, velocity = np.zeros((worlds, n, 3)), np.zeros((worlds, n, 3))
@@ -293,7 +293,7 @@ def thrown_together(parts, seed, worlds=16, overlap=OVERLAP):
 
 
 @pytest.mark.parametrize("friction, restitution", [(0.0, 1.0), (0.0, 0.5), (0.3, 0.2), (1.0, 0.0)])
-def test_momentum_is_kept(friction, restitution):
+def test_momentum_is_conserved(friction, restitution):
     parts = mixed(contact_friction=friction, restitution=restitution)
     simulator = thrown_together(parts, 5)
     mass = np.array([part.mass for part in parts])
@@ -303,7 +303,7 @@ def test_momentum_is_kept(friction, restitution):
         simulator.advance(0.0, 0.0)
         now, turning, left = moments(parts, simulator)
         assert (np.abs(now - momentum).max(axis=1) <= EXACT * scale).all()
-        # Forces act on two surfaces that overlap, and so may leave a torque of that arm.
+        # Forces act on two overlapping surfaces, so there may be a torque with that arm.
         assert (np.abs(turning - angular) <= LATE_AND_SLOW * scale).all()
         if restitution <= 0.5:
             assert (left <= energy * (1.0 + EXACT)).all()
@@ -323,8 +323,8 @@ def in_a_box(parts, seed, worlds=8):
     return simulator
 
 
-def test_energy_of_elastic_discs_is_kept():
-    """Hundreds of blows between discs and walls: to rounding, but for those slower than 10 mm/s, which do not rebound."""
+def test_energy_of_elastic_discs_is_conserved():
+    """Hundreds of impacts between discs and walls: exact to rounding, except below 10 mm/s, without rebound."""
     parts = [disc(radius, restitution=1.0) for radius in (0.01, 0.012, 0.008, 0.015, 0.01, 0.009)]
     simulator = in_a_box(parts, 1)
     begun = moments(parts, simulator)[2]
@@ -341,7 +341,7 @@ def test_energy_of_elastic_discs_is_kept():
 
 
 def pressed(kind, contact_steps):
-    """Poses (worlds, parts, 3) of parts that are held against something on the vibrating table, 10 periods later."""
+    """Return poses (worlds, parts, 3) of parts pushed against an obstacle on the vibrating table, after 10 periods."""
     surface = Surface()
     part = Part.rectangle(0.05, 0.04, friction=0.64, height=0.004)
     if kind == "wall":
@@ -360,8 +360,8 @@ def pressed(kind, contact_steps):
 
 
 def test_a_part_pushed_against_a_wall_converges():
-    """Away from the wall: the overlap that is left alone, and less with shorter steps. Along it, where each period's
-    blows decide how much of the way friction takes, within 8 % of that way."""
+    """Normal to the wall: within the uncorrected overlap, and less with shorter steps. Along it, where impacts determine
+    the effect of friction, within 8 % of the displacement."""
     finest = pressed("wall", 1280)
     apart = {n: np.abs(pressed("wall", n) - finest)[:, 0] for n in (10, 40, 160, 640)}
     off = [float(each[:, 0].max()) for each in apart.values()]
@@ -371,7 +371,7 @@ def test_a_part_pushed_against_a_wall_converges():
 
 
 def test_overlap_converges():
-    """An oblique blow, nearer to the closed form the less the parts may overlap: in proportion."""
+    """The error of an oblique impact is proportional to the allowed overlap."""
     parts = [disc(restitution=0.6, contact_friction=0.3), disc(0.03, restitution=0.6, contact_friction=0.3)]
     pose, velocity = [[0.3, 0.1, 0.0], [0.4, 0.14, 0.0]], [[0.6, 0.0, 0.0], [0.0, 0.05, 0.0]]
     _, exact = blow(parts, pose, velocity, 5 * PERIOD)

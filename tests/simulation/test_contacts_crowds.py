@@ -1,4 +1,4 @@
-"""Many parts in a world: bits that do not depend on who else is there, states, walls, rest and push on the vibrating table."""
+"""Many parts in a world: independence of distant parts, snapshots, walls, rest and push on the vibrating table."""
 
 import copy
 import math
@@ -25,14 +25,14 @@ CORNER = uniform(math.radians(225)).drive(SURFACE)
 
 
 def grid(parts):
-    """Poses of up to 33 parts, none in touch with another or a wall."""
+    """Poses of up to 33 parts without contacts."""
     columns = math.ceil(len(parts) / 3)
     k = np.arange(len(parts))
     return np.column_stack([0.05 + (k % columns) * 0.072, 0.035 + (k // columns) * 0.068, np.zeros(len(parts))])
 
 
 def pushed(parts, worlds=1, periods=0, **keywords):
-    """Parts next to one another under random fields: most worlds have contacts soon."""
+    """Return adjacent parts under random fields, with contacts in most worlds."""
     simulator = Simulator(SURFACE, parts, worlds=worlds, **keywords)
     rng = np.random.default_rng(4)
     pose = np.tile(grid(parts), (worlds, 1, 1))
@@ -43,11 +43,11 @@ def pushed(parts, worlds=1, periods=0, **keywords):
     return simulator
 
 
-# -- the bits of one part alone ----------------------------------------------------------------------------------------
+# -- parts without contacts --------------------------------------------------------------------------------------------
 
 
-def test_parts_far_apart_are_alone():
-    """Kinds of different step counts among them: every part goes as in a world of its own, bit for bit."""
+def test_distant_parts_are_independent():
+    """Every part moves as in a separate world, bit for bit, also with kinds of different step counts."""
     parts = [STEEL, SMALL, L_SHAPE, ALUMINIUM, SMALL, DISC]
     rng, worlds = np.random.default_rng(1), 24
     pose = np.zeros((worlds, 6, 3))
@@ -67,8 +67,8 @@ def test_parts_far_apart_are_alone():
             assert (getattr(alone, name)[:, 0] == getattr(together, name)[:, k]).all(), (k, name)
 
 
-def test_parts_that_pass_one_another_are_alone():
-    """Near enough to be looked at, never in touch: still the bits of one part alone."""
+def test_passing_parts_are_independent():
+    """Near parts without contact move as in separate worlds, bit for bit."""
     parts = [STEEL, STEEL, SMALL]
     pose = np.array([[0.3, 0.1, 0.0], [0.3, 0.143, 0.0], [0.348, 0.1, 0.0]])
     velocity = np.array([[0.1, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.0, 0.0]])
@@ -86,7 +86,7 @@ def test_parts_that_pass_one_another_are_alone():
         ).all()
 
 
-# -- bits do not depend on the company ---------------------------------------------------------------------------------
+# -- bits do not depend on other worlds --------------------------------------------------------------------------------
 
 WORLDS = 64
 
@@ -101,12 +101,12 @@ def crowd():
 
 
 def of(found, worlds):
-    """Some worlds of a snapshot."""
+    """Return some worlds of a snapshot."""
     return {name: value[worlds] if value.ndim else value for name, value in found.items()}
 
 
 def again(index, threads=1):
-    """The worlds ``index`` of the crowd, in that order, in a simulator of their own."""
+    """Return a separate simulator with the worlds ``index`` of the crowd, in that order."""
     index = np.asarray(index)
     whole = pushed(MIXED * 2, WORLDS, walls=["left", "bottom"])
     amplitude, phase = random_fields(SURFACE, WORLDS)
@@ -124,7 +124,7 @@ COMPANY = {
 
 
 @pytest.mark.parametrize("case", COMPANY)
-def test_worlds_in_other_company(crowd, case):
+def test_worlds_in_other_batches(crowd, case):
     index, threads = COMPANY[case]
     assert same(again(index, threads), of(crowd, list(index)))
 
@@ -155,7 +155,7 @@ def test_statistics_add_up():
 
 
 def heap(count=12, periods=40):
-    """A simulator whose parts lie in the corner against one another."""
+    """Return a simulator with a pile of parts in the corner."""
     parts = [MIXED[k % 4] for k in range(count)]
     simulator = Simulator(SURFACE, parts, walls=WALLS)
     simulator.reset(grid(parts))
@@ -164,7 +164,7 @@ def heap(count=12, periods=40):
 
 
 def test_states_in_the_middle_of_a_pile():
-    """Restored into itself, into a fresh simulator, into one that has done other things, into copies: the same bits."""
+    """Restored into the same simulator, a new one, one with another history, and copies: the same bits."""
     original = heap()
     touching = gaps_between(original.parts, original.pose)[0] < 1e-4
     assert touching.sum() >= 2 * 6
@@ -186,8 +186,8 @@ def test_states_in_the_middle_of_a_pile():
 # -- falling, and walls ------------------------------------------------------------------------------------------------
 
 
-def test_a_part_that_has_fallen_is_not_there():
-    """The others go on as if it were far away, through where it lies, bit for bit."""
+def test_fallen_parts_have_no_contacts():
+    """Others move as without the fallen part, also through its position, bit for bit."""
     fields = uniform(math.pi).drive(SURFACE)
     pose = np.array([[0.7, 0.1, 0.0], [0.08, 0.1, 0.1], [0.15, 0.1, 0.0]])
     far, fell = (Simulator(SURFACE, [STEEL, DISC, STEEL]) for _ in range(2))
@@ -201,13 +201,13 @@ def test_a_part_that_has_fallen_is_not_there():
         assert (fell.pose[0, 0] == [0.02, 0.1, 0.0]).all() and (fell.velocity[0, 0] == 0.0).all()
         for name in ("pose", "velocity", "fallen", "sticking"):
             assert (getattr(fell, name)[:, 1:] == getattr(far, name)[:, 1:]).all()
-    assert fell.statistics == far.statistics and fell.statistics["contact"] > 0  # the two have met
-    assert fell.fallen[0, 1] and not far.fallen[0, 0]  # over the border, past where the first one lies
+    assert fell.statistics == far.statistics and fell.statistics["contact"] > 0  # the two have collided
+    assert fell.fallen[0, 1] and not far.fallen[0, 0]  # over the border, through the position of the first one
 
 
 @pytest.mark.parametrize("direction", [0.0, 90.0, 180.0, 270.0, 45.0])
 def test_walls_hold_parts(direction):
-    """Full push towards every wall for two seconds: nothing falls and nothing is in a wall."""
+    """Under full push towards every wall for two seconds no part falls or overlaps a wall."""
     simulator = Simulator(SURFACE, MIXED, walls=WALLS)
     simulator.reset([[0.2, 0.05, 0.3], [0.4, 0.1, 0.2], [0.6, 0.15, 0.0], [0.7, 0.06, 2.0]])
     fields = uniform(math.radians(direction)).drive(SURFACE)
@@ -228,7 +228,7 @@ def test_walls_hold_parts(direction):
 
 
 def in_walls(simulator):
-    """Gap to the nearest wall, m, of all parts (parts,)."""
+    """Return the gap of all parts to the nearest wall, (parts,) m."""
     gaps = np.full(len(simulator.parts), math.inf)
     for k, part in enumerate(simulator.parts):
         x, y, turn = simulator.pose[0, k]
@@ -243,7 +243,7 @@ def in_walls(simulator):
 
 
 def deepest(simulator):
-    """Smallest gap between any two parts, or a part and a wall, m."""
+    """Return the smallest gap between two parts, or a part and a wall, m."""
     between = gaps_between(simulator.parts, simulator.pose) if len(simulator.parts) > 1 else np.array(math.inf)
     return min(between.min(), in_walls(simulator).min())
 

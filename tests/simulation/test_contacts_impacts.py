@@ -13,7 +13,7 @@ DEEPEST = 0.3e-3  # m
 
 
 def lose_energy(simulator, periods):
-    """Advance; no world's energy ever grows. Returns the share that is left."""
+    """Advance, and assert that energy does not grow; returns the share that is left."""
     begun = energy = kinetic_energy(simulator)
     for _ in range(periods):
         simulator.advance(0.0, 0.0)
@@ -24,7 +24,7 @@ def lose_energy(simulator, periods):
 
 
 def two_at_one_another(part, worlds, speed, spin, seed=0, other=None):
-    """Worlds in which two parts fly at one another at any angle."""
+    """Return worlds in which two parts approach at any angle."""
     rng = np.random.default_rng(seed)
     simulator = Simulator(WIDE, [part, other or part], worlds=worlds)
     apart = 1.01 * part.radius
@@ -42,7 +42,7 @@ def two_at_one_another(part, worlds, speed, spin, seed=0, other=None):
 
 
 def test_two_spinning_blocks():
-    """Corners on circles: 1.35 mm of overlap where steps are cut by closing speeds alone."""
+    """Corners on circles would overlap by 1.35 mm if only closing speeds limited the steps."""
     block = Part.rectangle(0.16, 0.16, friction=0.5)
     simulator = Simulator(STILL, [block, block])
     simulator.reset(
@@ -55,7 +55,7 @@ def test_two_spinning_blocks():
 
 
 def test_a_corner_turns_into_a_wall_that_the_part_leaves():
-    """The centre moves away, faster than a step allows to be seen at its end; the corner turns into the wall before."""
+    """The centre moves away from the wall, but a corner turns into it within the step."""
     bar = Part.rectangle(0.012, 0.001, friction=0.0)
     simulator = Simulator(STILL, bar, walls=WALLS, worlds=200)
     rng = np.random.default_rng(3)
@@ -83,20 +83,20 @@ def test_a_corner_turns_into_a_wall_that_the_part_leaves():
 ])  # fmt: skip
 @pytest.mark.parametrize("ratio", [1.0, 1000.0])
 def test_no_impact_gains_energy(length, width, restitution, friction, ratio):
-    """Newton's ratio of velocities gains up to 60 % in one impact of these. Free flight between them, so nothing hides it."""
+    """Newton's ratio of velocities gains up to 60 % in one of these impacts; friction does not hide it."""
     properties = {"friction": 0.0, "restitution": restitution, "contact_friction": friction}
     parts = [Part.rectangle(length, width, mass=mass, **properties) for mass in (0.1, 0.1 * ratio)]
     simulator = two_at_one_another(parts[0], 300, 1.5, 20.0, other=parts[1])
     left = lose_energy(simulator, 6)
     assert simulator.statistics["contact_steps"] > 200 and not simulator.fallen.any()
     if restitution == 1.0 and friction == 0.0:
-        # What happens twice between two bodies, or at less than 10 mm/s, loses a little.
+        # Repeated impacts of two bodies, and those below 10 mm/s, lose a little energy.
         assert np.median(left) == pytest.approx(1.0, abs=1e-12) and left.min() > 0.9
     if friction > 0.0 and ratio == 1.0:
         assert left.min() < 0.9
 
 
-# -- what is pushed softly, what falls, what is thin ----------------------------------------------------------------------
+# -- walls -------------------------------------------------------------------------------------------------------------
 
 
 ANGLE = 0.03 * np.array([[0, 0], [2, 0], [2, 0.1], [0.1, 0.1], [0.1, 2], [0, 2]])
@@ -116,11 +116,11 @@ def test_walls_hold_parts_whose_centre_is_near_or_off_their_outline(part):
     assert not simulator.fallen.any() and simulator.deepest_overlap <= DEEPEST
 
 
-# -- small, heavy and thin: what is taken, and what is not ------------------------------------------------------------------
+# -- small, heavy and thin parts -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("radius", [0.06e-3, 0.3e-3])
-def test_small_discs_take_their_own_state(radius):
+def test_small_discs_can_be_restored(radius):
     disc = Part.disc(radius, friction=0.6, mass=0.01)
     simulator = Simulator(Surface(), [disc, disc], worlds=50)
     rng = np.random.default_rng(0)
@@ -135,7 +135,7 @@ def test_small_discs_take_their_own_state(radius):
 
 
 def test_mass_ratios_hold_up_to_the_bound():
-    """A light disc between heavy blocks that close in on it: nobody changes places."""
+    """A light disc between approaching heavy blocks: parts keep their order."""
     disc = Part.disc(0.01, friction=0.3, mass=1e-3, restitution=0.5)
     block = Part.rectangle(0.04, 0.04, friction=0.3, mass=2.0, restitution=0.5)
     simulator = Simulator(STILL, [block, disc, block], worlds=100)
@@ -155,7 +155,7 @@ def test_ratios_beyond_the_bound_are_refused():
     )
     with pytest.raises(ValueError, match=r"parts"):
         Simulator(STILL, [light, heavy])
-    assert Simulator(STILL, heavy, walls=WALLS).worlds == 1  # a wall is no part
+    assert Simulator(STILL, heavy, walls=WALLS).worlds == 1  # a wall does not count as a part
 
 
 def test_thin_parts_are_refused_where_parts_may_touch():

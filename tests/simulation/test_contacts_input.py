@@ -28,7 +28,7 @@ def simulator(worlds=3, **keywords):
 
 
 def refused(made, action, *facts):
-    """``action`` raises a ValueError of one line with all ``facts``; the state is unchanged, bit for bit."""
+    """Assert that ``action`` raises a ValueError of one line with all ``facts``, without a change of the state."""
     before = snapshot(made)
     with pytest.raises(ValueError) as error:
         action()
@@ -66,7 +66,7 @@ def test_shapely_and_reset_agree(seed):
     if one.distance(other) > 0.0:
         made.reset(pose)
         assert (made.pose[0] == pose).all()
-    elif one.intersection(other).area > 0.1e-3 * 0.1:  # deeper than 0.1 mm, whatever the shape of the overlap
+    elif one.intersection(other).area > 0.1e-3 * 0.1:  # deeper than 0.1 mm for any shape of the overlap
         refused(made, lambda: made.reset(pose), "part 0 ('steel')", "part 1 ('aluminium')")
 
 
@@ -89,7 +89,7 @@ def test_overlap_with_a_wall(wall):
     pose = np.tile(APART, (3, 1, 1))
     pose[1, 0] = inside[wall]
     refused(made, lambda: made.reset(pose), "part 0 ('steel')", f"the {wall} wall", "1 mm", "world 1")
-    # Where there is no wall, parts may stick out.
+    # Parts may overhang borders without a wall.
     other = simulator(walls=[each for each in ALL_WALLS if each != wall])
     other.reset(pose)
     assert (other.pose == pose).all()
@@ -98,7 +98,7 @@ def test_overlap_with_a_wall(wall):
 # -- states ------------------------------------------------------------------------------------------------------------
 
 
-def test_states_may_overlap_as_far_as_contacts_let_them():
+def test_states_may_overlap_within_the_limit_of_contacts():
     made = simulator(walls=["left"])
     state = made.get_state()
     state["pose"][:] = [[0.1, 0.1, 0.0], [0.15 - 0.9e-3, 0.1, 0.0], [0.4, 0.1, 0.0]]
@@ -107,14 +107,14 @@ def test_states_may_overlap_as_far_as_contacts_let_them():
     refused(made, lambda: made.set_state(state), "1.1 mm", "world 1")
     state["pose"][1] = [[0.0239, 0.1, 0.0], [0.3, 0.1, 0.0], [0.4, 0.1, 0.0]]
     refused(made, lambda: made.set_state(state), "1.1 mm", "the left wall", "world 1")
-    # Parts that have fallen, and worlds that diverged, touch nothing.
+    # Fallen parts and diverged worlds have no contacts.
     state["fallen"][1, 0] = True
     made.set_state(state)
     state["fallen"][1, 0], state["diverged"][1] = False, True
     made.set_state(state)
 
 
-# -- what is built -----------------------------------------------------------------------------------------------------
+# -- construction ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("walls", [["north"], [0], ["left", "left"], "left", None, {"left": True}])
@@ -130,7 +130,7 @@ def test_too_many_materials_for_walls():
     assert Simulator(SURFACE, materials(31), walls=["left"]).worlds == 1
     with pytest.raises(ValueError, match="parts"):
         Simulator(SURFACE, materials(32), walls=["left"])
-    # Without walls there is no such limit; nor does it count parts of one material.
+    # There is no limit without walls, or for parts of one material.
     assert len(Simulator(SURFACE, materials(32)).parts) == 32
     assert len(Simulator(SURFACE, materials(1) * 40, walls=ALL_WALLS).parts) == 40
 

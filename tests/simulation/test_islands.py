@@ -1,4 +1,4 @@
-"""Islands: what a part does depends on what it may touch, whatever else is on the table, in whatever order."""
+"""Islands: the motion of a part depends only on parts that it may touch, independent of order."""
 
 import math
 
@@ -23,7 +23,7 @@ KINDS = [
     Part.polygon(
         np.array([(0, 0), (50, 0), (50, 20), (20, 20), (20, 50), (0, 50)]) * 1e-3, friction=0.6, contact_friction=0.1
     ),
-    # These ask for more steps, finer ones, smaller overlaps, and more rounds of the solver.
+    # These require more steps, finer ones, smaller overlaps, and more iterations of the solver.
     Part.disc(0.005, friction=0.9, mass=0.5, name="small and heavy"),
     Part.rectangle(0.03, 0.0004, friction=0.3, mass=0.01, name="thin"),
 ]
@@ -31,13 +31,13 @@ ELASTIC = Part.disc(0.02, friction=0.0, restitution=1.0, contact_friction=0.0)
 
 
 def state_of(simulator, parts):
-    """What the state says of some parts of the first world, as bytes."""
+    """Return the state of some parts of the first world, as bytes."""
     names = ("pose", "velocity", "mean_velocity", "fallen", "sticking")
     return [np.ascontiguousarray(getattr(simulator, name)[0, parts]).tobytes() for name in names]
 
 
 def heap(rng, count, corner):
-    """Parts close to one another, and on their way to one another: kinds, poses and velocities (count, 3)."""
+    """Return kinds, poses and velocities (count, 3) of close, approaching parts."""
     kinds = rng.integers(0, len(KINDS), count)
     k = np.arange(count)
     pose = np.column_stack([0.065 * (k % 3), 0.065 * (k // 3), np.zeros(count)]) + [*corner, 0.0]
@@ -58,8 +58,8 @@ def advanced(kinds, pose, velocity, periods, fields, walls=WALLS):
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_the_numbers_of_parts_do_not_matter(seed):
-    """All in one heap, named in another order."""
+def test_the_order_of_parts_does_not_matter(seed):
+    """One heap, with the parts in another order."""
     rng = np.random.default_rng(seed)
     kinds, pose, velocity = heap(rng, 9, (0.034, 0.034))
     order, fields = rng.permutation(9), random_fields(SURFACE, 1, seed=4)
@@ -71,7 +71,7 @@ def test_the_numbers_of_parts_do_not_matter(seed):
 
 
 def test_the_same_bits_among_a_thousand():
-    """Five parts in a clearing of a crowd that fills a large table, in two threads or one."""
+    """Five parts in a gap of a crowd on a large table, with one or two threads."""
     surface = Surface(115, 115)
     rng = np.random.default_rng(2)
     k = np.arange(1024)
@@ -95,7 +95,7 @@ def test_the_same_bits_among_a_thousand():
 
 
 def test_counts_are_those_of_islands():
-    """Two pairs that know nothing of one another: as many calls of the solver as both have alone, in as many periods as one."""
+    """Two independent pairs: the sum of the solver calls of each alone, in the periods of one."""
     pose = np.array([[0.1, 0.1, 0.0], [0.151, 0.1, 0.0], [0.7, 0.4, 0.0], [0.751, 0.4, 0.0]])
     velocity = np.zeros((4, 3))
     velocity[1::2, 0] = -0.1
@@ -112,8 +112,8 @@ def test_counts_are_those_of_islands():
 
 @pytest.mark.parametrize("gap", [0.5e-3, 2e-3, 5e-3])
 @pytest.mark.parametrize("pairs", [1, 3, 6])
-def test_a_blow_runs_through_pairs_that_were_apart(gap, pairs):
-    """Pairs in touch, each an island, in a row: within one period the blow goes through all, and the last disc leaves."""
+def test_an_impact_propagates_through_separate_pairs(gap, pairs):
+    """A row of touching pairs, each an island: within one period the impact passes through all, and the last disc leaves."""
     x = [0.1]
     for k in range(2 * pairs):
         x.append(x[-1] + (0.06 if k == 0 else 0.04 + (1e-6 if k % 2 else gap)))
@@ -130,7 +130,7 @@ def test_a_blow_runs_through_pairs_that_were_apart(gap, pairs):
 
 @pytest.mark.parametrize("speed", [2.0, 5.0])
 def test_a_fast_part_through_several_islands(speed):
-    """Momentum and energy stay, and nobody is passed through, in many worlds of pairs that a fast disc flies at."""
+    """A fast disc hits pairs in many worlds: momentum and energy are conserved, and no part is passed through."""
     worlds, rng = 40, np.random.default_rng(7)
     parts = [ELASTIC] * 13
     pose = np.zeros((worlds, 13, 3))
@@ -154,11 +154,11 @@ def test_a_fast_part_through_several_islands(speed):
     assert simulator.deepest_overlap < 60e-6
 
 
-# -- what leaves, and what makes no sense ------------------------------------------------------------------------------------
+# -- divergence --------------------------------------------------------------------------------------------------------------
 
 
-def test_a_world_in_which_one_part_makes_no_sense():
-    """It keeps its last state whole, heaps elsewhere in it included; other worlds do not notice."""
+def test_a_world_with_a_diverged_part():
+    """It keeps its last state, including other heaps; other worlds are unaffected."""
     rng = np.random.default_rng(0)
     kinds, pose, velocity = heap(rng, 6, (0.1, 0.1))
     parts, fields = [KINDS[k] for k in kinds], random_fields(SURFACE, 3, seed=6)
@@ -191,14 +191,14 @@ def test_a_table_smaller_than_a_part_can_reach():
 
 @jit
 def found_pairs(table, walls, circles, count, pairs):
-    """Near pairs, for Python."""
+    """Return the near pairs."""
     return near_pairs(reference(table), walls, reference(circles), count, pairs)
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.sampled_from([0.0, 1.0, 4.0]), st.integers(0, 15))
-def test_near_pairs_are_all_pairs_that_are_near(seed, count, spread, walls):
-    """Against all pairs: circles of one size or of very different ones, some of them beyond all bounds, in any place."""
+def test_near_pairs_are_complete(seed, count, spread, walls):
+    """Compare with all pairs: circles of equal or very different sizes, some of them huge, at any position."""
     rng = np.random.default_rng(seed)
     circles = new_circles(count)
     circles.x[:], circles.y[:] = rng.uniform(-0.2, 1.2, (2, count))

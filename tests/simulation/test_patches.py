@@ -1,4 +1,4 @@
-"""Elements that differ in friction: closed forms, the independent reference, and what a factor for all of them is."""
+"""Elements with different friction: closed forms, the independent reference, and equality with a common factor."""
 
 import math
 
@@ -12,7 +12,7 @@ from vibgym import Part, Simulator, Surface
 G = 9.81
 BLOCK = Part.rectangle(0.050, 0.030, friction=0.4, static_friction=0.5)
 TWO = Surface(rows=1, columns=2, element_size=1.0, horizontal_amplitude=0.0)
-"""A still table of two elements that meet at x = 1 m."""
+"""Return a still table of two elements with a border at x = 1 m."""
 
 
 def still(surface, part, pose, velocity, patches, **knobs):
@@ -25,18 +25,18 @@ def still(surface, part, pose, velocity, patches, **knobs):
 @pytest.mark.parametrize("knobs", [{}, {"steps": 30}, {"pieces": 3}])
 @pytest.mark.parametrize("before, after", [(1.0, 0.5), (0.6, 1.4)])
 def test_a_part_that_crosses_a_border_loses_the_work_of_friction(before, after, knobs):
-    """Over its length L the coefficient goes linearly from one to the other: v^2 / 2 falls by mu g (f_1 + f_2) L / 2."""
+    """The coefficient changes linearly over the part's length L: v^2 / 2 decreases by mu g (f_1 + f_2) L / 2."""
     start, length = 1.0, 0.050
     simulator = still(TWO, BLOCK, [0.97, 0.5, 0.0], [start, 0.0, 0.0], [[before, after]], **knobs)
     simulator.advance(0.0, 0.0, 2)
-    way = simulator.pose[0, 0, 0] - 0.97 - 0.005 - length  # on the second element alone; 5 mm were on the first
+    way = simulator.pose[0, 0, 0] - 0.97 - 0.005 - length  # on the second element alone, after 5 mm on the first
     energy = 0.5 * start**2 - 0.4 * G * (0.005 * before + 0.5 * (before + after) * length + way * after)
     assert way > 0.0 and simulator.velocity[0, 0] == pytest.approx([math.sqrt(2.0 * energy), 0.0, 0.0], abs=2e-4)
 
 
 @pytest.mark.parametrize("factor, held", [(0.999, True), (1.001, False)])
 def test_static_friction_is_that_of_the_elements(factor, held):
-    """Alike on either side of the centre of mass, it holds up to the mean."""
+    """With equal areas on both sides of the centre of mass, the limit is the mean."""
     slope = factor * 0.5 * G * 0.85
     simulator = still(TWO, BLOCK, [1.0, 0.5, 0.0], None, [[1.0, 0.7]])
     simulator.set_conditions(0, incline=[slope, 0.0])
@@ -67,7 +67,7 @@ def test_against_the_independent_reference(share, frequency, slope, switches):
 
 
 @pytest.mark.parametrize("knobs", [{}, {"pieces": 3}])
-def test_the_same_factor_everywhere_is_a_factor_on_friction(knobs):
+def test_equal_patches_equal_a_factor_on_friction(knobs):
     surface = Surface()
     amplitude, phase = random_fields(surface, 20, 6)
     start = np.random.default_rng(5).uniform([0.1, 0.05, -3.0], [0.7, 0.15, 3.0], (20, 1, 3))
@@ -81,8 +81,8 @@ def test_the_same_factor_everywhere_is_a_factor_on_friction(knobs):
     assert np.abs(ends[0] - ends[1]).max() < 1e-11
 
 
-def test_worlds_keep_their_own_and_snapshots_take_them_along():
-    """Room for them is made when the first are given: states from before and after go into one another."""
+def test_patches_per_world_and_in_snapshots():
+    """Patches are allocated on first use; snapshots from before and after are compatible."""
     surface = Surface()
     amplitude, phase = random_fields(surface, 3, 8)
     patches = np.random.default_rng(9).uniform(0.5, 1.5, (3, 8, 32))
@@ -105,8 +105,8 @@ def test_worlds_keep_their_own_and_snapshots_take_them_along():
     assert (several.patches == 1.0).all()
 
 
-def test_tipping_counts_with_the_pressure_and_the_friction_of_each_element():
-    """A part on one element of a factor is one with that factor; its pressure does not change."""
+def test_tipping_margin_with_patches():
+    """A part on one element equals a part with that factor; its pressure does not change."""
     tall = Part.rectangle(0.050, 0.030, friction=0.3, height=0.025)
     margins = []
     for given in ({"friction": 1.5}, {"patches": [[1.5] * 32] * 8}):
@@ -120,8 +120,8 @@ def test_tipping_counts_with_the_pressure_and_the_friction_of_each_element():
 @pytest.mark.parametrize(
     "part", [Part.rectangle(0.050, 0.035, friction=0.58, height=0.020), Part.disc(0.02, friction=0.5)]
 )
-def test_tilted_parts_rub_on_each_plate_with_its_friction(part):
-    """The same factor everywhere is a factor on friction; a flat part has the planar model's bits."""
+def test_tilted_parts_have_the_friction_of_each_plate(part):
+    """Equal patches equal a factor on friction; a flat part equals the planar model bit for bit."""
     surface = Surface()
     amplitude, phase = random_fields(surface, 6, 10)
     amplitude *= 0.3
@@ -134,7 +134,7 @@ def test_tilted_parts_rub_on_each_plate_with_its_friction(part):
         simulator.set_conditions(slice(None), **given)
         simulator.tip(slice(None), [0.03, 0.02])
         simulator.advance(0.2 * surface.max_amplitude, 0.3, 3)  # it lands
-        simulator.advance(amplitude, phase, 2)  # and stands on steps
+        simulator.advance(amplitude, phase, 2)  # and rests on steps
         ends[name] = simulator.pose
     assert np.abs(ends["even"] - ends["alike"]).max() < 1e-6  # rounding grows on steps
     assert np.abs(ends["rough"] - ends["even"]).max() > 1e-5

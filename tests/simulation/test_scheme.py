@@ -32,7 +32,7 @@ def test_at_least_eighteen_runge_kutta_steps(steps):
 
 @pytest.mark.parametrize("steps", [1, 2, 3])
 def test_too_few_cuts_are_refused(steps):
-    """They would err by millimetres in a second, and nothing would show it (see the hard cases)."""
+    """Their error would be millimetres in a second, without a warning (see the hard cases)."""
     with pytest.raises(ValueError, match=r"steps"):
         Simulator(SURFACE, shipped_part("steel_block"), steps=steps, substeps=20)
     one, still = Surface(rows=1, columns=1, element_size=1.0), Surface(horizontal_amplitude=0.0)

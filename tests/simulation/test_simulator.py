@@ -15,7 +15,7 @@ C_SHAPE = Part.polygon(
     np.array([[0, 0], [80, 0], [80, 20], [20, 20], [20, 60], [80, 60], [80, 80], [0, 80]]) * 1e-3, friction=0.6
 )
 SURFACE = Surface()
-WORLDS = 45  # not a multiple of anything; enough for two threads
+WORLDS = 45  # not a multiple of the block size; enough for two threads
 
 
 def scene(seed=0, worlds=WORLDS):
@@ -118,7 +118,7 @@ def test_bit_for_bit_alone_or_together_in_any_order_on_any_threads(part):
 
 
 def test_a_bad_neighbour_changes_nothing():
-    """A world that diverges and one that falls beside the others leave their bits alone."""
+    """A diverging world and one with a falling part do not change the others."""
     given = scene(3)
     expected = snapshot(run(BLOCK, given))
     spoiled = tuple(values.copy() for values in given)
@@ -146,7 +146,7 @@ def test_a_part_over_the_border_falls_and_stays(pose, velocity):
     simulator.advance(0.0, 0.0)
     assert simulator.fallen.all() and (simulator.velocity == 0).all() and not simulator.diverged.any()
     there = simulator.pose
-    # seen half a step ahead of the border, or up to one step of 6.7 ms at 2 m/s before it
+    # detected half a step ahead of the border, or up to one step of 6.7 ms at 2 m/s before it
     axis = 0 if velocity[0] else 1
     border = np.array([SURFACE.width, SURFACE.depth])[axis] if velocity[axis] > 0 else 0.0
     assert abs(there[0, 0, axis] - border) < 2 * SURFACE.period / 6
@@ -159,7 +159,7 @@ def test_a_part_over_the_border_falls_and_stays(pose, velocity):
     assert not simulator.fallen.any()
 
 
-# Centroids of both lie outside the material: in the C's gap, in the hook's notch.
+# Both centroids are outside the material: in the C's gap, in the hook's notch.
 HOOK = Part.polygon([[0, 0], [0.1, 0], [0.1, 0.006], [0.006, 0.006], [0.006, 0.1], [0, 0.1]], friction=0.6)
 X, Y = SURFACE.width - 0.001, SURFACE.depth - 0.001
 
@@ -167,7 +167,7 @@ X, Y = SURFACE.width - 0.001, SURFACE.depth - 0.001
 @pytest.mark.parametrize("part, pose, falls", [
     (C_SHAPE, [0.001, 0.1, 0.0], False),  # the back beyond the border; both arms hold it
     (C_SHAPE, [X, 0.1, 0.0], False),  # the arms' tips beyond it; the back and the stumps hold it
-    (C_SHAPE, [0.4, 0.001, 0.0], True),  # half the back and one arm are left: the hull's edge runs 5 mm beside the centre
+    (C_SHAPE, [0.4, 0.001, 0.0], True),  # half the back and one arm are left: the hull's edge is 5 mm from the centre
     (C_SHAPE, [0.4, Y, 0.0], True),
     (C_SHAPE, [0.4, 0.001, math.pi / 2], False),
     (C_SHAPE, [X, 0.1, 1.0], False),
@@ -186,7 +186,7 @@ def test_a_non_convex_part_falls_when_its_centre_leaves_the_hull_of_what_is_supp
     )
     hull = on.convex_hull
     assert hull.covers(Point(x, y)) != falls
-    # the idle circle has a radius of 0.24 mm: twice that never takes the centre over the hull's edge within a period
+    # the idle circle has a radius of 0.24 mm: too small to move the centre over the hull's edge
     assert on.is_empty or hull.exterior.distance(Point(x, y)) > 0.0005
     simulator = Simulator(SURFACE, part)
     simulator.reset(pose, [*SURFACE.idle_velocity(part.friction), 0.0])
@@ -274,12 +274,12 @@ def test_numbers_shown_are_always_finite(part, huge, axis, heading):
         simulator.advance(1e-4, 0.3)
         for name in ("pose", "velocity", "mean_velocity"):
             assert np.isfinite(getattr(simulator, name)).all(), name
-    if axis < 2:  # gone over the border at once, unless the heading's overflow came first
+    if axis < 2:  # over the border immediately, unless the heading overflows first
         assert (simulator.fallen[:, 0] | simulator.diverged).all()
         assert heading or not simulator.diverged.any()
 
 
-def test_a_diverged_world_says_so_and_keeps_its_last_sound_state():
+def test_a_diverged_world_is_flagged_and_keeps_its_last_finite_state():
     simulator = Simulator(SURFACE, BLOCK)
     simulator.reset([0.4, 0.1, 1.7e308], [0, 0, 1.7e308])
     for _ in range(3):

@@ -1,4 +1,4 @@
-"""Tables that benchmarks keep for the pages: what is printed is what is kept, whole and with where it comes from."""
+"""Stored tables of benchmarks: equal to the printed ones, complete, with provenance."""
 
 import re
 
@@ -9,7 +9,7 @@ from studies.manual.build import tables
 from studies.manual.figures_file import ROOT
 
 
-def test_what_is_shown_is_kept_and_becomes_a_page(capsys, monkeypatch, tmp_path):
+def test_printed_tables_are_stored_and_included(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(kept, "DIRECTORY", tmp_path / "tables")
     kept.show("mine", ("a", "b"), [("1", "2 µm")])
     assert not (tmp_path / "tables").exists()
@@ -23,7 +23,7 @@ def test_what_is_shown_is_kept_and_becomes_a_page(capsys, monkeypatch, tmp_path)
     assert page == table.markdown() + "\n"
 
 
-def test_a_row_of_another_length_is_refused_and_the_table_stays(monkeypatch, tmp_path, capsys):
+def test_rows_of_another_length_are_rejected_before_storing(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(kept, "DIRECTORY", tmp_path)
     kept.show("mine", ("a", "b"), [("1", "2")], keep=True)
     before = (tmp_path / "mine.json").read_text()
@@ -33,11 +33,11 @@ def test_a_row_of_another_length_is_refused_and_the_table_stays(monkeypatch, tmp
     assert (tmp_path / "mine.json").read_text() == before and not capsys.readouterr().out
 
 
-def test_every_kept_table_is_on_a_page_and_its_command_exists():
+def test_every_stored_table_is_on_a_page_and_its_command_exists():
     pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
-    asked = re.findall(r"\{include\} generated/tables/(\S+)\.md", pages)
+    included = re.findall(r"\{include\} generated/tables/(\S+)\.md", pages)
     found = kept.tables()
-    assert set(asked) == set(found) and len(asked) == len(set(asked))
+    assert sorted(included) == sorted(found)
     for table in found.values():
         module = re.match(r"python -m ([\w.]+)|make compare$", table.command)[1]
         path = ROOT / (module or "Makefile").replace(".", "/")

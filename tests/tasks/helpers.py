@@ -1,4 +1,4 @@
-"""What the task tests share."""
+"""Helpers of the task tests."""
 
 from typing import Any
 
@@ -9,17 +9,17 @@ from vibgym.tasks.base import Start
 from vibgym.tasks.scoring import Scoring
 
 
-class Judge:
-    """A task's scoring on states that the test makes up."""
+class Scorer:
+    """A task's scoring on given states."""
 
     def __init__(self, task: Any, worlds: int, periods: int = 1) -> None:
         self.state = new_state(worlds, len(task.parts))
-        self.state.velocity[...] = np.nan  # scores look at the mean only
+        self.state.velocity[...] = np.nan  # scores use the mean only
         self.scoring = Scoring(task, self.state, periods)
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
 
     def begin(self, start: Start, worlds: Any = None) -> None:
-        """Put the parts of some worlds down at a start, one row a world, and begin their episodes."""
+        """Place the parts of some worlds at a start, one row per world, and begin their episodes."""
         worlds = np.arange(len(self.state.pose)) if worlds is None else np.asarray(worlds)
         self.state.pose[worlds], self.state.fallen[worlds] = start.pose, ~start.present
         self.scoring.begin(worlds, start)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.tasks.helpers import Judge
+from tests.tasks.helpers import Scorer
 from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, MIXED, SIX, STEEL, SURFACE, distances
 from vibgym.tasks import TASKS, Singulate, Sort
 
@@ -67,7 +67,7 @@ class Reference:
 
 
 def settled(task, generator, worlds):
-    """Poses (worlds, parts, 3) where most parts are done: columns of their zones, or a wide row."""
+    """Return poses (worlds, parts, 3) with most parts done: in columns of their zones, or in a wide row."""
     pose = np.zeros((worlds, len(task.parts), 3))
     for k in range(len(task.parts)):
         if task.zones is None:
@@ -88,9 +88,9 @@ def test_score_kernel(name, parts):
     task = ARRANGED[name](SURFACE, parts, randomize={"parts": [1, len(parts)]})
     whole = Sort(SURFACE, parts, start="crowded") if name == "Sort" else Singulate(SURFACE, parts)
     start = task.start(generator.random((worlds, task.draws)))
-    judge = Judge(task, worlds)
-    judge.begin(start)
-    result = judge.episode
+    scorer = Scorer(task, worlds)
+    scorer.begin(start)
+    result = scorer.episode
     reference = [Reference(task, parts, start.present[k], start.pose[k]) for k in range(worlds)]
     seen = {"success": 0, "fallen": 0, "diverged": 0, "touching": 0, "alone": 0}
     base = settled(task, generator, worlds)
@@ -103,19 +103,19 @@ def test_score_kernel(name, parts):
         )
         fallen = ~start.present | (generator.random(start.present.shape) < 0.003)
         diverged = generator.random(worlds) < 0.01
-        judge.score(pose, velocity, fallen, diverged)
+        scorer.score(pose, velocity, fallen, diverged)
         for k in range(worlds):
             terms, success, ended = reference[k].step(pose[k], velocity[k], fallen[k], diverged[k])
             where = (step, k)
             assert list(terms) == list(task.TERMS)
-            overlap = reference[k].clearance <= 0.0  # shapely tells that two overlap, but not how far
+            overlap = reference[k].clearance <= 0.0  # shapely detects overlaps, but not their depth
             assert result.terms[k] == pytest.approx(list(terms.values()), abs=1e-9), where
             assert result.reward[k] == pytest.approx(math.fsum(terms.values()), abs=1e-9)
             assert (result.success[k], result.ended[k]) == (success, ended), where
             assert result.fallen[k] == (start.present[k] & fallen[k]).any()
             assert (result.parts_done[k], result.touching[k]) == (reference[k].done, reference[k].touching), where
             assert result.done[k].sum() == reference[k].done
-            assert judge.relations.error[k, :, :2] == pytest.approx(
+            assert scorer.relations.error[k, :, :2] == pytest.approx(
                 np.array(list(reference[k].way.values())), abs=1e-12
             )
             if overlap:
@@ -123,9 +123,9 @@ def test_score_kernel(name, parts):
             else:
                 assert result.position_error[k] == pytest.approx(reference[k].error, abs=1e-9)
                 assert result.clearance[k] == pytest.approx(reference[k].clearance, abs=1e-9)
-                assert judge.relations.gap[k] == pytest.approx(list(reference[k].gap.values()), abs=1e-9)
-                near = {p: int(other) for p, other in enumerate(judge.relations.neighbour[k]) if other >= 0}
-                for p, other in reference[k].neighbour.items():  # or another one, just as near
+                assert scorer.relations.gap[k] == pytest.approx(list(reference[k].gap.values()), abs=1e-9)
+                near = {p: int(other) for p, other in enumerate(scorer.relations.neighbour[k]) if other >= 0}
+                for p, other in reference[k].neighbour.items():  # or another one at the same distance
                     pair = [p, near[p]]
                     between = distances([parts[q] for q in pair], pose[k, pair])[0, 1]
                     assert between == pytest.approx(reference[k].gap[p], abs=1e-9), (other, where)
@@ -139,21 +139,21 @@ def test_score_kernel(name, parts):
 
 
 def scored(task, pose, steps=1, **state: Any):
-    """The score after steps at one pose (parts, 3)."""
-    judge = Judge(task, 1)
+    """Return the scorer after steps at one pose (parts, 3)."""
+    scorer = Scorer(task, 1)
     start = task.start(np.full((1, task.draws), 0.5))._replace(pose=pose[None], present=np.ones((1, len(pose)), bool))
-    judge.begin(start)
+    scorer.begin(start)
     for _ in range(steps):
-        judge.score(pose[None], **state)
-    return judge
+        scorer.score(pose[None], **state)
+    return scorer
 
 
 @pytest.mark.parametrize("speed, done", [(0.0199, 2), (0.0201, 0)])
-def test_sort_asks_for_slow_parts(speed, done):
+def test_sort_requires_slow_parts(speed, done):
     task = Sort(SURFACE, [STEEL, ALUMINIUM])
     pose = np.array([[0.05, 0.1, 0.0], [0.78, 0.1, 0.0]])
     for direction in (0.3, 2.0):
-        moving = speed * np.array([math.cos(direction), math.sin(direction), 1e6])  # whatever the spin
+        moving = speed * np.array([math.cos(direction), math.sin(direction), 1e6])  # at any spin
         assert scored(task, pose, mean_velocity=moving).episode.parts_done[0] == done
 
 
@@ -165,7 +165,7 @@ def test_sort_counts_centres(x, done):
 
 
 @pytest.mark.parametrize("beyond, success", [(1e-6, True), (-1e-6, False)])
-def test_singulate_asks_for_more_than_an_elements_diagonal(beyond, success):
+def test_singulate_requires_more_than_an_elements_diagonal(beyond, success):
     task = Singulate(SURFACE, [STEEL, ALUMINIUM, STEEL])
     pose = np.array([[0.1, 0.1, 0.0], [0.15 + RULE + beyond, 0.1, 0.0], [0.6, 0.1, 0.0]])
     assert not scored(task, pose, steps=9).episode.success[0]
@@ -175,7 +175,7 @@ def test_singulate_asks_for_more_than_an_elements_diagonal(beyond, success):
 
 
 def test_a_whole_episode_costs_less_than_a_fall():
-    """Or jumping off the table would pay."""
+    """Otherwise falling off the table would have a higher return."""
     from vibgym.registration import ENVIRONMENTS
 
     for limit, settings in ENVIRONMENTS.values():

@@ -39,7 +39,7 @@ def drawn(task, surface, part, numbers):
 @pytest.mark.parametrize("surface", SURFACES, ids=["wide", "tall"])
 @pytest.mark.parametrize("task", TASKS)
 @given(numbers=uniforms)
-def test_the_part_lies_wholly_on_the_surface_at_start_and_goal(task, surface, part, numbers):
+def test_the_part_is_wholly_on_the_surface_at_start_and_goal(task, surface, part, numbers):
     for pose in drawn(task, surface, part, numbers):
         corners = outline_at(part, pose)
         assert np.isfinite(pose).all()
@@ -47,7 +47,7 @@ def test_the_part_lies_wholly_on_the_surface_at_start_and_goal(task, surface, pa
 
 
 @given(numbers=uniforms)
-def test_headings_and_turns_lie_in_their_ranges(numbers):
+def test_headings_and_turns_are_in_their_ranges(numbers):
     part, surface = PARTS[0], SURFACES[0]
     for task in TASKS:
         start, goal = drawn(task, surface, part, numbers)
@@ -74,7 +74,7 @@ def test_draws_fill_their_ranges(task):
     if task == "Rotate":
         assert np.histogram(turn, 10, (-2 * math.pi, 2 * math.pi))[0] / len(turn) == pytest.approx(0.1, abs=0.015)
     columns = {"Transport": [*start.T, *goal.T[:2]], "Align": [*start.T, *goal.T], "Rotate": [*start.T, turn]}[task]
-    assert np.corrcoef(columns) == pytest.approx(np.eye(made.draws), abs=0.05)  # all numbers are their own
+    assert np.corrcoef(columns) == pytest.approx(np.eye(made.draws), abs=0.05)  # all numbers differ
 
 
 @pytest.mark.parametrize("task", TASKS)

@@ -1,4 +1,4 @@
-"""Parts that arrive and leave: who is good, what is counted, and that nothing is remembered of who was there before."""
+"""Parts that arrive and leave: good parts, counts, and cleared memory of slots."""
 
 import copy
 import math
@@ -22,7 +22,7 @@ MACHINE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "mo
 
 
 def play(env, steps, seed=3, law="pose"):
-    """Steps of parts that all go straight to their gates; yields what each step returned."""
+    """Move all parts straight to their gates; yield the result of each step."""
     policy = make_policy({"kind": "local_field", "law": law, "action": "wrench"}, env)
     seen, _ = env.reset(seed=seed)
     state, start = None, np.ones(env.num_envs, dtype=bool)
@@ -36,14 +36,14 @@ def play(env, steps, seed=3, law="pose"):
 
 @pytest.fixture
 def one():
-    """An environment of one world in which parts are put by hand."""
+    """Return an environment of one world for parts placed by the test."""
     env = single("Feed", parts=NAMES, action="wrench", task_settings={"warm_up": 0.0}).unwrapped
     env.reset(seed=0)
     return env
 
 
 def put(env, poses):
-    """Let just these slots be on the table, at these poses, at rest."""
+    """Place exactly these slots on the table, at these poses, at rest."""
     core = env.core
     state, episode = core.simulator.state, core.episode
     episode.present[0], state.fallen[0], state.velocity[0] = False, True, 0.0
@@ -51,7 +51,7 @@ def put(env, poses):
     for slot, pose in poses.items():
         episode.present[0, slot], state.fallen[0, slot], state.pose[0, slot] = True, False, pose
         state.velocity[0, slot] = core.idle[slot]
-    core.scoring._flow.pool[0] = episode.present[0]  # nobody else arrives
+    core.scoring._flow.pool[0] = episode.present[0]  # no further arrivals
 
 
 LOW, HIGH = 0.052, 0.156  # m, the middles of the two gates
@@ -70,7 +70,7 @@ LOW, HIGH = 0.052, 0.156  # m, the middles of the two gates
     ({0: (0.780, LOW, 0.0)}, {0: "stays"}),
     ({0: (RIGHT, -0.01, 0.0)}, {0: "lost"}),
 ])  # fmt: skip
-def test_what_becomes_of_a_part(one, poses, expected):
+def test_outcomes_of_a_part(one, poses, expected):
     put(one, poses)
     _, _, terminated, truncated, info = one.step(np.zeros(12, dtype=np.float32))
     event = {slot: EVENTS[info["parts"]["event"][slot]] for slot in expected}
@@ -128,7 +128,7 @@ def test_arrivals_have_room_and_come_through_the_inlet(heap):
     assert (came > 20).all()
     tally = {name: info[name] for name in EVENTS[1:]}
     on_table = env.unwrapped.truth.present.sum(axis=1)
-    # All that have arrived, those of the reset included, are on the table or have been counted.
+    # All arrived parts, including those of the reset, are on the table or have been counted.
     assert (sum(tally.values()) + on_table - came <= 12).all() and (sum(tally.values()) > 10).all()
     env.close()
 
@@ -151,7 +151,7 @@ def test_batch_and_single_environments_play_the_same(settings):
 
 
 @pytest.mark.parametrize("settings", [{}, MACHINE])
-def test_episodes_go_on_from_their_states(settings):
+def test_episodes_continue_from_snapshots(settings):
     env = batch("FeedHeaps", 2, action="wrench", **settings).unwrapped
     played = play(env, 400)
     for _ in range(150):
@@ -172,8 +172,8 @@ def test_episodes_go_on_from_their_states(settings):
     "ideal", "pose", {"kind": "pose", "delay": 3}, {"kind": "pose", "delay": 2, "estimator": "kalman"},
     {"kind": "pose", "estimator": "model"}, {"kind": "pose", "dropout": 0.5}, {"kind": "ideal", "rate": 5.0},
 ])  # fmt: skip
-def test_what_arrives_is_known_where_it_is_at_rest(sensor):
-    """Not where the one before in its slot was: of sensors, estimators and actions nothing is left."""
+def test_new_parts_are_measured_at_their_poses_at_rest(sensor):
+    """Sensors, estimators and actions keep nothing of the previous part in the slot."""
     env = batch("Feed", 2, action="wrench", sensor=sensor, parts=["steel_block", "aluminium_block"]).unwrapped
     arrivals = 0
     for _, _, _, _, info in play(env, 250):
@@ -191,7 +191,7 @@ def test_what_arrives_is_known_where_it_is_at_rest(sensor):
     assert arrivals > 4
 
 
-def test_a_reset_says_which_parts_may_come():
+def test_a_reset_sets_the_parts_that_may_arrive():
     env = single("Feed", parts=NAMES, action="wrench")
     env.reset(seed=1, options={"parts": [1, 2]})
     seen = np.zeros(4, dtype=bool)
@@ -215,7 +215,7 @@ def test_bad_settings_are_refused(settings, words):
         single("Feed", **settings)
 
 
-def test_poses_of_parts_that_come_by_themselves_are_refused():
+def test_poses_of_arriving_parts_are_refused():
     env = single("Feed")
     with pytest.raises(ValueError, match=r"options\['pose'\]"):
         env.reset(seed=1, options={"pose": [0.4, 0.1, 0.0]})

@@ -1,11 +1,11 @@
-"""Following paths: the scoring kernels against a plain reference, and where episodes may begin."""
+"""Following paths: the scoring kernels against a plain reference, and starts of episodes."""
 
 import math
 
 import numpy as np
 import pytest
 
-from tests.tasks.helpers import Judge
+from tests.tasks.helpers import Scorer
 from vibgym import Part, Surface
 from vibgym.tasks import Follow, route
 from vibgym.tasks.episode import MOTION, PREVIEW
@@ -17,8 +17,8 @@ SHORT = [{"shape": "polyline", "points_mm": [[x, 80], [x, 100]], "speed": 0.1} f
 NEAR, TURNED = 0.005, math.radians(5.0)
 
 
-class Judged(Judge):
-    """With the scoring that the task has."""
+class FollowScorer(Scorer):
+    """Scorer with the task's scoring."""
 
     def __init__(self, task, worlds, periods=1):
         super().__init__(task, worlds, periods)
@@ -94,9 +94,9 @@ def test_score_kernel(periods):
     present = np.ones((worlds, 2), dtype=bool)
     present[:5, 0], present[5:10, 1] = False, False
     start = task.start(generator.random((worlds, task.draws)), present)
-    judge = Judged(task, worlds, periods)
-    judge.begin(start)
-    facts = judge.scoring.facts()
+    scorer = FollowScorer(task, worlds, periods)
+    scorer.begin(start)
+    facts = scorer.scoring.facts()
     reference = [Reference(start.paths[w], present[w], start.pose[w], periods) for w in range(worlds)]
     seen = {"success": 0, "missed": 0, "fallen": 0}
     for step in range(40 // periods):
@@ -105,15 +105,15 @@ def test_score_kernel(periods):
         pose = now + np.array([1e-3, 1e-3, 0.03]) * np.where(clumsy, 8.0, 0.4) * generator.standard_normal(now.shape)
         pose[..., 2] += math.pi * generator.integers(-3, 4, pose.shape[:2])
         fallen = ~present | (generator.random(present.shape) < 0.002)
-        judge.score(pose, 0.0, fallen)
+        scorer.score(pose, 0.0, fallen)
         for w in range(worlds):
             terms, success, rms, largest = reference[w].step(pose[w], fallen[w], False)
-            assert judge.episode.terms[w] == pytest.approx([terms[name] for name in task.TERMS], abs=1e-8), (step, w)
-            assert judge.episode.success[w] == success
+            assert scorer.episode.terms[w] == pytest.approx([terms[name] for name in task.TERMS], abs=1e-8), (step, w)
+            assert scorer.episode.success[w] == success
             assert facts["path_error"][w] == pytest.approx(rms, abs=1e-12)
             assert facts["largest_path_error"][w] == pytest.approx(largest, abs=1e-12)
-        seen["success"] += judge.episode.success.sum()
-        seen["fallen"] += judge.episode.fallen.sum()
+        seen["success"] += scorer.episode.success.sum()
+        seen["fallen"] += scorer.episode.fallen.sum()
     seen["missed"] = sum(each.missed for each in reference)
     assert min(seen.values()) > 0
 
@@ -121,30 +121,30 @@ def test_score_kernel(periods):
 def test_goals_and_their_motion_are_those_of_the_paths():
     task = Follow(SURFACE, [BLOCK, STEEL], paths={"heading": "along", "speed": 0.08})
     start = task.start(np.random.default_rng(0).random((4, task.draws)))
-    judge = Judged(task, 4)
-    judge.begin(start)
+    scorer = FollowScorer(task, 4)
+    scorer.begin(start)
     for step in range(40):
         for w, k in np.ndindex(4, 2):
             times = SURFACE.period * (step + np.arange(PREVIEW + 1))
             motion = route.sample(start.paths[w, k], times)
-            assert (judge.episode.goal[w, k] == motion[0, :3]).all()
-            said = judge.episode.motion[w, k]
-            assert said.shape == (MOTION,) and (said[:3] == motion[0, 3:6]).all()
-            assert said[3:].reshape(PREVIEW, 3) == pytest.approx(motion[1:, :3] - motion[0, :3], abs=1e-14)
-        judge.score(judge.episode.goal)
+            assert (scorer.episode.goal[w, k] == motion[0, :3]).all()
+            stated = scorer.episode.motion[w, k]
+            assert stated.shape == (MOTION,) and (stated[:3] == motion[0, 3:6]).all()
+            assert stated[3:].reshape(PREVIEW, 3) == pytest.approx(motion[1:, :3] - motion[0, :3], abs=1e-14)
+        scorer.score(scorer.episode.goal)
 
 
-def test_success_comes_ten_periods_after_the_end_and_not_without_the_way():
+def test_success_requires_the_whole_path_and_ten_periods_at_its_end():
     task = Follow(SURFACE, [BLOCK], paths=SHORT[:1])
     start = task.start(np.full((2, 1), 0.5))
-    judge = Judged(task, 2)
-    judge.begin(start)
+    scorer = FollowScorer(task, 2)
+    scorer.begin(start)
     periods = math.ceil(task.lasts / SURFACE.period - 1e-9)
     end = route.sample(start.paths[0, 0], np.array([task.lasts]))[0, :3]
     for step in range(1, periods + 12):
         path = route.sample(start.paths[0, 0], np.array([step * SURFACE.period]))[0, :3]
-        judge.score(np.array([[path], [end]]))  # the second one goes to the end at once, and waits there
-        assert judge.episode.success.tolist() == [step >= periods + 9, False]
+        scorer.score(np.array([[path], [end]]))  # the second one jumps to the end and waits there
+        assert scorer.episode.success.tolist() == [step >= periods + 9, False]
 
 
 def test_parts_start_at_rest_where_their_paths_begin():
@@ -157,7 +157,7 @@ def test_parts_start_at_rest_where_their_paths_begin():
     assert (absent.pose[:, 1, :2] < 0).all() and (absent.pose[:, ::2] == start.pose[:, ::2]).all()
 
 
-def test_a_heading_of_ones_own_is_kept_along_the_path():
+def test_a_given_heading_is_kept_along_the_path():
     task = Follow(SURFACE, [BLOCK], paths=SHORT[:1])
     start = task.start(np.full((1, 1), 0.9))
     pose = start.pose + [0.003, -0.003, 0.7]

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.tasks.helpers import Judge
+from tests.tasks.helpers import Scorer
 from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, STEEL, SURFACE
 from vibgym.scene.hulls import gaps_between
 from vibgym.tasks import Pack, Pattern, Sort, Starts
@@ -20,7 +20,7 @@ def drawn(task, worlds=50, seed=0, present=None):
 
 
 def corners(parts, pose):
-    """(corners, 2) m of all parts at poses (parts, 3)."""
+    """Return the corners (n, 2) m of all parts at poses (parts, 3)."""
     turned = [part.outline @ np.array([[math.cos(h), math.sin(h)], [-math.sin(h), math.cos(h)]]) + [x, y]
               for part, (x, y, h) in zip(parts, pose, strict=True)]  # fmt: skip
     return np.concatenate(turned)
@@ -30,21 +30,21 @@ def corners(parts, pose):
 @pytest.mark.parametrize(
     "settings", [{}, {"gap_mm": 7}, {"heading_deg": 5, "rows": 2}, {"heading": math.pi / 2, "columns": 3}]
 )
-def test_lattices_lie_on_the_surface_with_their_gap(parts, settings):
+def test_lattices_are_on_the_surface_with_their_gap(parts, settings):
     pattern = Pattern(SURFACE, parts, **settings)
     goals = pattern.draw(np.random.default_rng(1).random((40, pattern.draws)))
     gap = settings.get("gap_mm", 2.0) * 1e-3
     for each in goals:
         of = [parts[int(np.flatnonzero(pattern._kind == kind)[0])] for kind in pattern.of_kind]
         least = gaps_between(of, each[None])[0].min()
-        assert gap - 1e-9 <= least  # of parts that are all alike it is the gap
+        assert gap - 1e-9 <= least  # equal to the gap for equal parts
         assert len({part.name for part in parts}) > 1 or least == pytest.approx(gap)
         reach = corners(of, each)
         assert (reach > -1e-9).all() and (reach < np.array([SURFACE.width, SURFACE.depth]) + 1e-9).all()
     assert np.ptp(goals[:, 0, 0]) > 0.25  # drawn along the table
 
 
-def test_the_place_may_be_given():
+def test_the_position_may_be_given():
     pattern = Pattern(SURFACE, SIX, place_mm=[400, 100], rows=2, heading_deg=90)
     assert pattern.draws == 0
     goals = pattern.draw(np.zeros((2, 0)))
@@ -52,8 +52,8 @@ def test_the_place_may_be_given():
     assert len(np.unique(goals[0, :, 0].round(9))) == 2 and len(np.unique(goals[0, :, 1].round(9))) == 3
 
 
-def test_free_goals_are_given_out_at_the_least_cubed_way():
-    """Against all permutations; kinds keep to their own."""
+def test_free_goals_are_assigned_at_the_least_cubed_distance():
+    """Compare with all permutations within kinds."""
     task = Pack(SURFACE, MIXED)
     for k in range(10):
         start = drawn(task, 1, k)
@@ -67,7 +67,7 @@ def test_free_goals_are_given_out_at_the_least_cubed_way():
         assert cost(start.goal[0]) == pytest.approx(least)
 
 
-def test_assigned_goals_are_each_parts_own():
+def test_assigned_goals_are_fixed():
     poses = [[0.1 + 0.06 * k, 0.1, 0.0] for k in range(6)]
     start = drawn(Pack(SURFACE, MIXED, free=False, pattern=poses), 3)
     assert start.goal == pytest.approx(np.tile(poses, (3, 1, 1)))
@@ -87,7 +87,7 @@ def test_with_fewer_parts_the_last_goals_stay_open():
     assert (start.goal[~present] == 0.0).all()
 
 
-def test_parts_that_are_put_down_elsewhere_get_other_goals():
+def test_parts_with_given_poses_get_other_goals():
     task = Pack(SURFACE, SIX)
     start = drawn(task, 1)
     other = start.pose[:, ::-1].copy()
@@ -100,28 +100,28 @@ def test_parts_that_are_put_down_elsewhere_get_other_goals():
 
 def test_success_is_all_in_place_at_once_and_the_error_is_the_rms():
     task = Pack(SURFACE, SIX)
-    judge = Judge(task, 2)
-    judge.scoring = task.scoring(judge.state, 1)
-    judge.episode = judge.scoring.episode
+    scorer = Scorer(task, 2)
+    scorer.scoring = task.scoring(scorer.state, 1)
+    scorer.episode = scorer.scoring.episode
     start = drawn(task, 2)
-    judge.begin(start)
-    within, goal = judge.scoring.facts()["pattern_error"], start.goal.copy()
+    scorer.begin(start)
+    within, goal = scorer.scoring.facts()["pattern_error"], start.goal.copy()
     assert within == pytest.approx(np.sqrt(((start.goal - start.pose)[..., :2] ** 2).sum(axis=-1).mean(axis=1)))
     pose = goal + [0.0006, 0.0006, math.radians(2.9)]
     pose[:, 0, 2] += math.pi  # a rectangle looks the same
     for _ in range(9):
-        judge.score(pose)
-    assert not judge.episode.success.any() and (judge.episode.parts_done == 6).all()
+        scorer.score(pose)
+    assert not scorer.episode.success.any() and (scorer.episode.parts_done == 6).all()
     assert within == pytest.approx(0.0006 * math.sqrt(2.0))
     pose[1, 3, 0] += 0.0004  # beyond a millimetre
-    judge.score(pose)
-    assert judge.episode.success.tolist() == [True, False] and judge.episode.parts_done[1] == 5
-    assert judge.episode.heading_error == pytest.approx(math.radians(2.9))
+    scorer.score(pose)
+    assert scorer.episode.success.tolist() == [True, False] and scorer.episode.parts_done[1] == 5
+    assert scorer.episode.heading_error == pytest.approx(math.radians(2.9))
 
 
 @pytest.mark.parametrize("parts", [MIXED, TWELVE], ids=["mixed", "twelve"])
 def test_starts_in_a_pattern(parts):
-    """In a lattice any part lies in any place; as many are there as are asked for."""
+    """In a lattice any part may be in any cell; the number of parts is as requested."""
     starts = Starts(SURFACE, parts, {"kind": "pattern", "gap_mm": 5}, {"parts": [2, len(parts)]})
     uniform = np.random.default_rng(2).random((200, starts.draws))
     pose, there = starts.draw(uniform)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.tasks.helpers import Judge
+from tests.tasks.helpers import Scorer
 from vibgym import Part, Surface
 from vibgym.physics.contacts.hulls import all_gaps
 from vibgym.tasks import Align, Follow, Singulate, Sort, Start
@@ -15,7 +15,7 @@ DISC = Part.disc(0.02, friction=0.58, name="disc")
 MIXED = [STEEL, DISC, STEEL, DISC, STEEL]
 WORLDS, STEPS = 30, 12
 LINEAR = ("distance", "turn", "inside", "clearance", "time", "success")
-"""Quantities of which the mean over the parts is the world's."""
+"""Quantities whose mean over the parts is that of the world."""
 
 
 def scattered(generator, parts, spread=1.0):
@@ -26,7 +26,7 @@ def scattered(generator, parts, spread=1.0):
 
 
 def numbers(task, pose, goal, gaps, present):
-    """Distance, turn, inside and share of the clearance of every part, as the documentation has them."""
+    """Return distance, turn, inside and share of the clearance of every part, as documented."""
     parts = pose.shape[1]
     away, turn, inside, clear = (np.zeros(pose.shape[:2]) for _ in range(4))
     for w, p in np.argwhere(present):
@@ -58,16 +58,16 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("spread", [1.0, 0.1])
-def test_terms_of_a_part_are_its_own(name, spread):
+def test_terms_of_single_parts(name, spread):
     task = CASES[name]()
     parts, generator = len(task.parts), np.random.default_rng(3)
     present = generator.random((WORLDS, parts)) < (0.7 if task.MOST_PARTS != 1 and name != "Follow" else 2.0)
     present[:, 0] = True
     goal = scattered(generator, parts, spread) if task.has_goal else np.zeros((WORLDS, parts, 3))
     pose = np.where(present[..., None], scattered(generator, parts, spread), -1.0)
-    judge = Judge(task, WORLDS, periods=2)
-    judge.begin(Start(pose, present, goal))
-    episode, gaps = judge.episode, np.empty((WORLDS, parts, parts))
+    scorer = Scorer(task, WORLDS, periods=2)
+    scorer.begin(Start(pose, present, goal))
+    episode, gaps = scorer.episode, np.empty((WORLDS, parts, parts))
     assert not episode.part_terms.any() and not episode.part_reward.any()
     all_gaps(task.hulls, pose, gaps)
     before = numbers(task, pose, goal, gaps, present)
@@ -82,11 +82,11 @@ def test_terms_of_a_part_are_its_own(name, spread):
             pose = goal.copy()
         fallen = ~present | ((generator.random((WORLDS, parts)) < 0.02) & (step < 4))
         speed = generator.uniform(0.0, 0.03, (WORLDS, parts, 3))
-        judge.score(pose, speed, fallen)
+        scorer.score(pose, speed, fallen)
         counted = np.where((present & ~fallen)[..., None], pose, [10.0, 10.0, 0.0])
         all_gaps(task.hulls, counted, gaps)
         away, turn, inside, _ = now = numbers(task, pose, goal, gaps, present)
-        # What has fallen is out of the way of the others, and has nobody near.
+        # Fallen parts are far from the others.
         seen = present & ~fallen
         now = (*now[:3], np.where(seen, numbers(task, pose, goal, gaps, seen)[3], float(math.isfinite(task.apart))))
         slow = np.hypot(*np.moveaxis(speed, -1, 0)[:2]) < task.speed_limit
@@ -128,12 +128,12 @@ def test_a_longer_hold():
     for hold, steps in ((3, 3), (25, 25), (24, 12)):
         periods = hold // steps
         task = Align(Surface(), [STEEL], hold=hold)
-        judge = Judge(task, 2, periods)
+        scorer = Scorer(task, 2, periods)
         pose = np.tile([0.4, 0.1, 0.2], (2, 1, 1))
-        judge.begin(Start(pose, np.ones((2, 1), dtype=bool), pose))
+        scorer.begin(Start(pose, np.ones((2, 1), dtype=bool), pose))
         for step in range(1, steps + 1):
-            judge.score(pose)
-            assert judge.episode.success.tolist() == [step == steps] * 2
+            scorer.score(pose)
+            assert scorer.episode.success.tolist() == [step == steps] * 2
     for bad in (0, -3, 2.5, "long", None, True, math.nan):
         with pytest.raises(ValueError, match="hold"):
             Align(Surface(), [STEEL], hold=bad)

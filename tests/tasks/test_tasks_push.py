@@ -1,4 +1,4 @@
-"""Push: where goals lie, who acts, what is covered, and what is refused."""
+"""Push: goals, driven parts, coverage, and bad input."""
 
 import math
 
@@ -17,7 +17,7 @@ EVERYWHERE = {"near_mm": 150.0, "near_deg": 60.0}
 
 
 @pytest.mark.parametrize("name, near, turn", [("Push", 0.150, math.radians(60)), ("PushAny", 1.0, math.pi)])
-def test_goals_lie_near_or_anywhere_and_parts_start_apart(name, near, turn):
+def test_goals_are_near_or_anywhere_and_parts_start_apart(name, near, turn):
     env = batch(name, 400)
     env.reset(seed=0)
     truth, task = env.unwrapped.truth, env.unwrapped.task
@@ -33,7 +33,7 @@ def test_goals_lie_near_or_anywhere_and_parts_start_apart(name, near, turn):
     assert not truth.goal[:, :2].any() and not truth.error[:, :2].any() and truth.done[:, :2].all()
 
 
-def test_elements_do_nothing_for_the_part_that_is_pushed():
+def test_elements_do_not_drive_the_pushed_part():
     env = batch("Push", 1, action="wrench")
     env.reset(seed=1)
     action = np.zeros((1, 3, 3), dtype=np.float32)
@@ -45,7 +45,7 @@ def test_elements_do_nothing_for_the_part_that_is_pushed():
     assert env.unwrapped.phasors().any() and info["commanded"]["unserved"].tolist() == [[0, 0, 1]]
 
 
-def test_the_tee_moves_when_it_is_pushed_and_comes_to_rest_by_itself():
+def test_the_tee_moves_when_pushed_and_stops_by_friction():
     env = single("PushAny", action="wrench").unwrapped
     pose = np.array(
         [[0.3, 0.104, 0.0], [0.1, 0.03, 0.0], [0.4, 0.104, math.pi / 2]]

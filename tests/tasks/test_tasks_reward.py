@@ -1,4 +1,4 @@
-"""Rewards of a task's own: the kernels' numbers in NumPy, terms by hand, weights, and what is refused."""
+"""Custom rewards: shipped rewards in NumPy, terms by hand, weights, and bad input."""
 
 import numpy as np
 import pytest
@@ -13,11 +13,11 @@ SCENES = {
     "Sort": {"randomize": {"parts": [2, 6]}}, "Singulate": {"randomize": {"parts": [2, 6]}},
 }  # fmt: skip
 OF_MEANS = ("approach", "alignment", "inside")
-"""Terms that the kernels form of the mean errors of several parts, or of whether all of them are inside (Follow)."""
+"""Terms of the mean errors of several parts, or of whether all of them are inside (Follow)."""
 
 
 class Quiet(Align):
-    """Align, and the elements' energy counts."""
+    """Align with a cost of energy."""
 
     TERMS = {**Align.TERMS, "energy": 0.5}
 
@@ -27,7 +27,7 @@ class Quiet(Align):
 
 
 class Gentle(Sort):
-    """Sort, and only progress and speed count."""
+    """Sort with progress and speed only."""
 
     TERMS = {"progress": 2.0, "speed": 1.0, "fallen": -3.0}
 
@@ -42,7 +42,7 @@ class Gentle(Sort):
 
 @pytest.fixture
 def names(monkeypatch):
-    """A registry for the time of a test: its ``register`` gives a class a name."""
+    """A registry for the duration of a test."""
     monkeypatch.setattr(TASKS, "_items", dict(TASKS._items))
     for cls in (Quiet, Gentle):
         TASKS.register(cls.__name__, cls)
@@ -58,7 +58,7 @@ def actions(env, steps, seed=0):
 @pytest.mark.parametrize("periods", [1, 3])
 @pytest.mark.parametrize("name", SCENES)
 def test_shipped_rewards_are_the_same_bits_in_numpy(names, name, periods):
-    """Of every part: what kernels compute, and what :meth:`Task.reward` says where a task of one's own asks it."""
+    """Compare the kernels with :meth:`Task.reward` called by a custom task, for every part."""
     own = type("Same", (names[name],), {"reward": lambda self, step: Task.reward(self, step)})
     names.register("Same", own)
     settings = {**SCENES[name], "num_envs": 8, "action": "field", "max_episode_steps": 20, "periods_per_step": periods}
@@ -68,7 +68,7 @@ def test_shipped_rewards_are_the_same_bits_in_numpy(names, name, periods):
     for action in actions(kernels, 50):
         expected, got = kernels.step(action), numpy.step(action)
         assert_same(got[4]["parts"], expected[4]["parts"])
-        # Sums of a world may differ by a rounding: the kernel is free to add in another order.
+        # Sums of a world may differ by rounding, since the kernel may add in another order.
         assert got[1] == pytest.approx(expected[1], abs=1e-12) or name == "Follow"
         if not several:
             assert_same((got[0], *got[2:]), (expected[0], *expected[2:]))
@@ -92,7 +92,7 @@ def test_energy_counts_as_computed_by_hand(names):
         phasors = action.reshape(4, -1, 2)
         phasors = phasors / np.maximum(np.linalg.norm(phasors, axis=-1, keepdims=True), 1.0)
         energy = np.square(phasors).sum(axis=(1, 2)) / phasors.shape[1]
-        if k == 29:  # the step after the limit begins anew, and is worth nothing
+        if k == 29:  # the step after the limit is a reset without reward
             assert without[3].all()
         if k == 30:
             assert not (with_it[1].any() or louder[1].any())
@@ -103,17 +103,17 @@ def test_energy_counts_as_computed_by_hand(names):
         assert (with_it[4]["parts"]["reward"][:, 0] == with_it[1]).all()
 
 
-def test_a_reward_of_its_own_terms_alone(names):
+def test_a_reward_with_custom_terms_only(names):
     env = VibgymVectorEnv("Gentle", num_envs=4, action="field", randomize={"parts": [2, 5]})
     env.reset(seed=1)
     assert not env.core.terms.any() and env.core.terms.shape == (4, 3)
     before = np.hypot(*np.moveaxis(env.truth.error, -1, 0)[:2])
     for action in actions(env, 10):
         _, reward, *_, info = env.step(action)
-        truth, told = env.truth, info["parts"]["reward_terms"]
+        truth, reported = env.truth, info["parts"]["reward_terms"]
         away = np.hypot(*np.moveaxis(truth.error, -1, 0)[:2])
-        assert told["progress"] == pytest.approx(np.where(truth.present, 2.0 * (before - away), 0.0), abs=1e-12)
-        assert not told["speed"][~truth.present].any() and (told["speed"][truth.present] < 0.0).all()
+        assert reported["progress"] == pytest.approx(np.where(truth.present, 2.0 * (before - away), 0.0), abs=1e-12)
+        assert not reported["speed"][~truth.present].any() and (reported["speed"][truth.present] < 0.0).all()
         assert reward == pytest.approx(info["parts"]["reward"].sum(axis=1) / truth.present.sum(axis=1), abs=1e-12)
         before = away
     pose = truth.pose[:, :].copy()
@@ -132,7 +132,7 @@ def test_a_goal_observation_keeps_its_reward(names):
         VibgymEnv("Align", observation="goal", task_settings={"weights": {"time": 0.1}})
 
 
-def test_what_a_step_shows_cannot_be_changed(names):
+def test_arrays_of_a_step_are_read_only(names):
     def meddle(self, step):
         step.now.pose[...] = 0.0
         return Task.reward(self, step)
@@ -155,7 +155,7 @@ def test_bad_weights_are_refused(names, task, weights, message):
 
 
 def returning(values):
-    """A reward that begins well and, where ``values`` is a function, goes on with what that says of the step."""
+    """A reward with valid first values, followed by ``values`` or its result for the step."""
     return lambda self, step: values(step)
 
 
@@ -169,7 +169,7 @@ def returning(values):
     ({"a": 1.0}, None, r"Mine.TERMS\['a'\]"),
     ({"a": float("inf")}, lambda step: {}, r"Mine.TERMS\['a'\]"),
 ])  # fmt: skip
-def test_bad_rewards_are_refused_before_anything_is_played(names, terms, reward, message):
+def test_bad_rewards_are_refused_at_construction(names, terms, reward, message):
     own = {} if reward is None else {"reward": returning(reward)}
     names.register("Mine", type("Mine", (Align,), {"TERMS": terms, **own}))
     with pytest.raises((ValueError, AttributeError), match=message):
@@ -193,7 +193,7 @@ def test_bad_rewards_are_refused_by_the_step(names, later, message):
         env.step(np.ones(6))
 
 
-def test_weights_of_a_term_that_only_the_settings_name(names):
+def test_weights_of_terms_without_a_default(names):
     names.register("Mine", type("Mine", (Align,), {"reward": lambda self, step: {"near": -step.now.position_error}}))
     env = VibgymEnv("Mine", action="field", task_settings={"weights": {"near": 10.0}})
     env.reset(seed=0)

@@ -1,4 +1,4 @@
-"""The scoring kernel against a plain reference, and what counts as the same heading."""
+"""The scoring kernel against a plain reference, and symmetry of headings."""
 
 import math
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.tasks.helpers import Judge
+from tests.tasks.helpers import Scorer
 from vibgym import Part, Surface
 from vibgym.tasks import Align, Rotate, Start, Transport
 
@@ -67,14 +67,14 @@ def test_score_kernel(task, part, period):
     made = TASKS[task](Surface(), [part])
     drawn = made.start(generator.random((worlds, made.draws)))
     start, goal, pose = drawn.pose[:, 0], drawn.goal[:, 0], drawn.pose.copy()
-    judge = Judge(made, worlds)
-    judge.begin(drawn)
-    result = judge.episode
+    scorer = Scorer(made, worlds)
+    scorer.begin(drawn)
+    result = scorer.episode
     period = 1 if task == "Rotate" else period
     reference = [Reference(task, period, start[k], goal[k]) for k in range(worlds)]
     seen = {"success": 0, "fallen": 0, "diverged": 0}
     for step in range(steps):
-        # Near the goal, most often within tolerance; now and then anywhere.
+        # Mostly near the goal, within tolerance; sometimes anywhere.
         spread = np.array([0.002, 0.002, 0.02]) * generator.choice([0.3, 1.0, 3.0], (worlds, 1), p=[0.9, 0.05, 0.05])
         pose[:, 0] = goal + spread * generator.standard_normal((worlds, 3))
         if task == "Align":
@@ -82,14 +82,14 @@ def test_score_kernel(task, part, period):
         away = generator.random(worlds) < 0.01
         pose[away, 0] = made.draw(generator.random((worlds, made.draws)))[0][away]
         fallen, diverged = generator.random((worlds, 1)) < 0.01, generator.random(worlds) < 0.01
-        judge.score(pose, 0.0, fallen, diverged)
+        scorer.score(pose, 0.0, fallen, diverged)
         for k in range(worlds):
             terms, success, ended = reference[k].step(pose[k, 0], fallen[k, 0], diverged[k])
             assert result.terms[k] == pytest.approx([terms[name] for name in made.TERMS], abs=1e-8), (step, k)
             assert result.reward[k] == pytest.approx(sum(terms.values()), abs=1e-8)
             assert (result.success[k], result.ended[k]) == (success, ended), (step, k)
             assert result.position_error[k] == pytest.approx(reference[k].distance, abs=1e-15)
-            assert result.heading_error[k] == abs(judge.relations.error[k, 0, 2])
+            assert result.heading_error[k] == abs(scorer.relations.error[k, 0, 2])
             assert result.heading_error[k] == pytest.approx(reference[k].turn, abs=1e-8)
         seen["success"] += result.success.sum()
         seen["fallen"] += fallen.sum()
@@ -98,10 +98,10 @@ def test_score_kernel(task, part, period):
 
 
 def heading_error(task, part, goal_heading, heading):
-    judge = Judge(TASKS[task](Surface(), [part]), 1)
+    scorer = Scorer(TASKS[task](Surface(), [part]), 1)
     there = np.ones((1, 1), dtype=bool)
-    judge.begin(Start(np.array([[[0.4, 0.1, heading]]]), there, np.array([[[0.4, 0.1, goal_heading]]])))
-    return judge.relations.error[0, 0, 2]
+    scorer.begin(Start(np.array([[[0.4, 0.1, heading]]]), there, np.array([[[0.4, 0.1, goal_heading]]])))
+    return scorer.relations.error[0, 0, 2]
 
 
 @pytest.mark.parametrize("part, symmetry", [(BLOCK, 2), (SQUARE, 4), (WEDGE, 1)], ids=["block", "square", "wedge"])
@@ -124,12 +124,12 @@ def test_rotate_does_not_wrap(part, goal, heading):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_hold_and_time_count_periods_not_steps(task):
-    """Four periods a step: the third step in place is the twelfth period, and costs what twelve steps of one would."""
+    """With four periods a step, the third step at the goal is the twelfth period, with the cost of twelve steps of one."""
     made = TASKS[task](Surface(), [BLOCK])
     start = made.start(np.full((1, made.draws), 0.3))
-    one, four = Judge(made, 1), Judge(made, 1, periods=4)
-    for judge in (one, four):
-        judge.begin(start)
+    one, four = Scorer(made, 1), Scorer(made, 1, periods=4)
+    for scorer in (one, four):
+        scorer.begin(start)
     cost = {"one": 0.0, "four": 0.0}
     for step in range(1, 13):
         one.score(start.goal)

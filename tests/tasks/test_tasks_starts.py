@@ -1,4 +1,4 @@
-"""Where many parts start, checked against distances by shapely."""
+"""Starts of many parts, checked against distances by shapely."""
 
 import math
 
@@ -28,7 +28,7 @@ WAYS = {"scattered": 3, "crowded": 2}
 
 
 def shapes(parts, pose):
-    """Outlines at a pose (parts, 3); a disc is a point, its radius beside it."""
+    """Return outlines at a pose (parts, 3), and radii; a disc is a point with its radius."""
     result = []
     for part, (x, y, heading) in zip(parts, pose, strict=True):
         cosine, sine = math.cos(heading), math.sin(heading)
@@ -39,7 +39,7 @@ def shapes(parts, pose):
 
 
 def distances(parts, pose):
-    """(parts, parts) m; infinite on the diagonal; 0 and less where parts overlap."""
+    """Return gaps (parts, parts) m; infinite on the diagonal; 0 or less for overlaps."""
     placed = shapes(parts, pose)
     result = np.full((len(parts), len(parts)), np.inf)
     for i, (a, ra) in enumerate(placed):
@@ -75,7 +75,7 @@ def test_scattered_parts_keep_clear(parts):
 
 
 def linked(gaps):
-    """Number of parts that hang together."""
+    """Return the size of the largest connected group of parts."""
     seen, more = set(), {0}
     while more:
         part = more.pop()
@@ -97,10 +97,10 @@ def test_crowded_parts_are_in_touch(task, parts):
         assert linked(between) == len(parts)
         assert on_surface(parts, pose, SURFACE)
     middle = start.pose[..., 0].mean(axis=1)
-    assert np.ptp(middle) > 0.3  # not always the same place
+    assert np.ptp(middle) > 0.3  # different positions
 
 
-def test_crowds_differ_in_who_is_in_the_middle():
+def test_crowds_have_different_parts_in_the_middle():
     pose = starts(Sort(SURFACE, SIX, start="crowded"), 60).pose
     centre = pose[..., :2].mean(axis=1, keepdims=True)
     inner = np.hypot(*np.moveaxis(pose[..., :2] - centre, -1, 0)).argmin(axis=1)
@@ -108,7 +108,7 @@ def test_crowds_differ_in_who_is_in_the_middle():
 
 
 class Anywhere(ArrangedTask):
-    """Parts on a surface with hardly more room than they need."""
+    """Parts on a surface with hardly more room than needed."""
 
 
 TIGHT = Surface(rows=7, columns=7)
@@ -117,8 +117,8 @@ TIGHT = Surface(rows=7, columns=7)
 @pytest.mark.parametrize("value", [0.0, 0.5, BELOW_ONE])
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("parts", [SIX[:4], MIXED[:4], [DISC] * 4], ids=["blocks", "mixed", "discs"])
-def test_without_luck_the_lattice_holds_them(way, parts, value):
-    """All numbers alike: every part tries the same poses or directions again and again."""
+def test_the_lattice_is_the_fallback(way, parts, value):
+    """With equal random numbers every part tries the same poses or directions repeatedly."""
     for surface in (SURFACE, TIGHT):
         task = Anywhere(surface, parts, start=way)
         start = starts(task, uniform=np.full((1, task.draws), value))
@@ -130,7 +130,7 @@ def test_without_luck_the_lattice_holds_them(way, parts, value):
             assert between.min() > -1e-12 and linked(between) == len(parts)
 
 
-def test_the_lattice_is_used_where_chance_fails():
+def test_the_lattice_is_used_if_random_placement_fails():
     parts = [DISC] * 9
     surface = Surface(rows=6, columns=6)  # 156 mm: three discs and 2 mm between them fit along a side
     task = Anywhere(surface, parts)
@@ -140,7 +140,7 @@ def test_the_lattice_is_used_where_chance_fails():
     met = [{tuple(at) for at in pose[:, :2].round(9).tolist()} == cells for pose in start.pose]
     assert sum(met) > 25  # nine of nine by chance is rare
     orders = {tuple(pose[:, :2].round(6).ravel()) for pose, here in zip(start.pose, met, strict=True) if here}
-    assert len(orders) == sum(met)  # who gets which cell is drawn
+    assert len(orders) == sum(met)  # cells are drawn
     for pose in start.pose:
         assert distances(parts, pose).min() >= 0.002 - 1e-12
 
@@ -151,7 +151,7 @@ def test_pushing_together_gives_a_crowd_in_the_corner():
     task = Anywhere(surface, parts, start="crowded")
     uniform = np.random.default_rng(0).random((20, task.draws))
     tries = uniform[:, 1 + len(parts) :].reshape(20, len(parts), TRIES, 2)
-    tries[:, :, :, 0] = 0.25  # all from below, so the column of parts soon sticks out
+    tries[:, :, :, 0] = 0.25  # all from below, so the column of parts soon overhangs
     start = starts(task, uniform=uniform)
     for pose in start.pose:
         between = distances(parts, pose)
@@ -166,7 +166,7 @@ number = st.one_of(st.sampled_from([0.0, 0.25, 0.5, BELOW_ONE]), st.floats(0.0, 
 @pytest.mark.parametrize("way", WAYS)
 @settings(deadline=None, max_examples=60)
 @given(data=st.data())
-def test_any_numbers_give_a_sound_start(way, data):
+def test_any_numbers_give_a_valid_start(way, data):
     parts = MIXED
     task = Sort(SURFACE, parts, start=way, randomize={"parts": [1, 6]})
     uniform = np.random.default_rng(data.draw(st.integers(0, 999))).random((1, task.draws))
@@ -194,12 +194,12 @@ def test_numbers_of_parts(task):
     share = start.present.mean(axis=0)
     assert share == pytest.approx(3.5 / 6, abs=0.05)
     together = np.corrcoef(start.present.T)
-    assert np.ptp(together[~np.eye(6, dtype=bool)]) < 0.12  # any part with any other
+    assert np.ptp(together[~np.eye(6, dtype=bool)]) < 0.12  # any pair of parts
     off = start.pose[~start.present]
     assert (off[:, 0] < -0.1).all() and (off[:, 1] < -0.1).all()
 
 
-def test_a_start_depends_on_its_own_numbers_only():
+def test_starts_of_worlds_are_independent():
     for way in WAYS:
         task = Sort(SURFACE, MIXED, start=way, randomize={"parts": [3, 6]})
         uniform = np.random.default_rng(3).random((9, task.draws))

@@ -1,4 +1,4 @@
-"""Swap: where parts and goals lie, who has which, and what is refused."""
+"""Swap: starts and goals, their assignment, and bad input."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_kinds_start_at_one_end_and_have_their_goals_at_the_other(pairs, setting
         assert np.ptp(places[..., 2]) > 6.0  # at any heading
 
 
-def test_free_goals_are_those_that_were_drawn_and_their_cubed_ways_are_the_least():
+def test_free_goals_are_a_permutation_with_least_cubed_distances():
     uniform = np.random.default_rng(2).random((50, Swap(SURFACE, BLOCKS * 4).draws))
     free, own = (Swap(SURFACE, BLOCKS * 4, free=each).start(uniform) for each in (True, False))
     assert (free.pose == own.pose).all()
@@ -59,7 +59,7 @@ def test_drawn_numbers_of_parts():
     assert number.min() <= 4 and number.max() >= 14 and not env.unwrapped.truth.goal[~env.unwrapped.truth.present].any()
 
 
-def test_states_go_on_with_the_goals_that_have_been_exchanged():
+def test_snapshots_contain_exchanged_goals():
     env, other = (batch("Swap", 2, action="field").unwrapped for _ in range(2))
     env.reset(seed=3)
     push = np.random.default_rng(0).uniform(-1, 1, (2, 16, 6)).astype(np.float32)

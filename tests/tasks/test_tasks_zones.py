@@ -1,4 +1,4 @@
-"""Kinds, zones and room: what is taken, and what is refused with which words."""
+"""Kinds, zones and room, and bad input."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_default_zones_are_six_columns_at_the_ends_and_in_the_middle():
     assert task.rules(1).slow == 0.020 and task.rules(1).hold == 10
 
 
-def test_zones_of_ones_own():
+def test_custom_zones():
     zones = {"steel": [0.4, 0.0, WIDTH, 0.208], "aluminium": (0, 0, 0.3, 0.2)}
     task = Sort(SURFACE, SIX, zones=zones)
     assert task.zones.tolist() == [[0.4, 0.0, WIDTH, 0.208], [0.0, 0.0, 0.3, 0.2]]
@@ -77,7 +77,7 @@ def test_surfaces_too_small():
         Singulate(SURFACE, [STEEL] * 17)
 
 
-def test_parts_that_are_never_there_at_once_need_no_room_at_once():
+def test_room_is_required_for_simultaneous_parts_only():
     task = Sort(SURFACE, [STEEL] * 40, zones={"steel": [0, 0, WIDTH, HEIGHT]}, randomize={"parts": [1, 30]})
     assert len(task.parts) == 40
     narrow = {"steel": [0, 0, 0.13, 0.1], "aluminium": RIGHT}  # room for two

@@ -43,7 +43,7 @@ class PrototypeSettings:
 
     Args:
         dead_zone: m, amplitude below which commands are not fully realised.
-        dead_zone_form: response to smaller amplitudes ``a``: ``"hard"``: 0, ``"soft"``: a^2 / dead_zone, ``"cubic"``:
+        dead_zone_form: response to a smaller amplitude ``a``: ``"hard"``: 0, ``"soft"``: a^2 / dead_zone, ``"cubic"``:
             a^3 / dead_zone^2.
         limit: m, largest amplitude; None: that of the surface.
         latency: periods between a command and its effect; elements rest until the first one takes effect. Data sheet and
@@ -70,10 +70,10 @@ class PrototypeSettings:
 
 
 class Commands:
-    """Ring buffer of commands; a row is the command of one world in one step.
+    """Ring buffer of commands, one row per world and step.
 
     Args:
-        template: a command of the same form as all others.
+        template: a command of the form to store.
         worlds: number of worlds.
         room: stored steps, including the present one.
     """
@@ -87,7 +87,7 @@ class Commands:
             for name, values in given.items()
             if isinstance(values, np.ndarray) and values.size
         }
-        self._count = np.zeros(1, dtype=np.int64)  # steps in all
+        self._count = np.zeros(1, dtype=np.int64)  # steps in total
         self._age = np.zeros(worlds, dtype=np.int64)  # commands of each world's episode
         self._world = np.arange(worlds)
 

@@ -17,7 +17,7 @@ from vibgym.snapshots import Live
 
 @dataclass(frozen=True)
 class DataSheet:
-    """Nominal properties of actuators, known beforehand and equal for all elements."""
+    """Nominal properties of actuators, equal for all elements and available to policies."""
 
     limit: float  # m, largest amplitude
     dead_zone: float = 0.0  # m, amplitude below which elements hardly move

@@ -64,7 +64,7 @@ class VecEnv(vec_env.VecEnv):
         for env in envs:
             mode = env.metadata.get("autoreset_mode")
             if mode is not AutoresetMode.SAME_STEP:
-                raise checks.Refused(f"env: autoreset_mode is {mode}; allowed: {AutoresetMode.SAME_STEP}")
+                raise checks.refuse("env.autoreset_mode", mode, "AutoresetMode.SAME_STEP")
             if env.single_observation_space != space or env.single_action_space != actions:
                 got = f"{env.single_observation_space} and {env.single_action_space}"
                 raise checks.refuse("scenes", got, f"scenes with the same spaces, {space} and {actions}")

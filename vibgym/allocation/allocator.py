@@ -5,7 +5,7 @@ angular acceleration follows from their moments (first-order average, thesis eqs
 allocated together.
 
 Below the dead zone's width d an element moves less than commanded, or not at all. In a soft dead zone the command is raised
-to compensate. In a hard one, elements rest or move with an amplitude of at least d, some against others
+to compensate. In a hard one, elements rest or move with an amplitude of at least d, some in opposite directions
 (:mod:`vibgym.allocation.projections`).
 """
 
@@ -27,14 +27,14 @@ from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
 
 MARGIN = 0.1
-"""Margin above a hard dead zone, as a share of it: elements differ."""
+"""Margin above a hard dead zone, as a share of it, for the spread of the elements."""
 
 INVERSES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {"soft": np.sqrt, "cubic": np.cbrt}
 """Command over d for an amplitude below d, for dead zones that turn an amplitude a into ``a^2 / d`` or ``a^3 / d^2``."""
 
 
 def strongest(surface: Surface, sheet: DataSheet) -> float:
-    """Return the largest amplitude of the elements over the surface's."""
+    """Return the largest amplitude of the actuators over the surface's."""
     assert surface.max_amplitude is not None
     return min(sheet.limit / surface.max_amplitude, 1.0) if surface.max_amplitude > 0.0 else 1.0
 
@@ -75,7 +75,7 @@ class Allocator:
         assert largest is not None
         self.most, self.least, self._made_up = strongest(surface, sheet), 0.0, None
         if sheet.dead_zone > 0.0 and sheet.dead_zone_form == "hard":
-            # Commands are rounded to the resolution before the dead zone takes what is small.
+            # Commands are rounded to the resolution before the dead zone applies.
             least = ((1.0 + MARGIN) * sheet.dead_zone + 0.5 * sheet.resolution) / largest
             self.least = min(least, self.most)
         elif sheet.dead_zone > 0.0:
@@ -95,7 +95,7 @@ class Allocator:
         gain: np.ndarray | None = None,
         spread: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return pushes (worlds, rows, columns, 2) of the elements whose effect is nearest to the wanted one.
+        """Return the feasible pushes (worlds, rows, columns, 2) whose effect is nearest to the wanted one.
 
         Each is zero or has a length between :attr:`least` and :attr:`most`. Elements rest under parts for which nothing is
         wanted, unless these share elements with others.

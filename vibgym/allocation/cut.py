@@ -1,8 +1,8 @@
 """Exact contact areas of parts on elements: outlines cut by the element grid; and aprons.
 
-Plates circle with the table, and parts travel within a step, so parts reach elements that bear none of their area now. If these
-rested, a rigid part would meet a step as high as its field. Elements in the apron around a part therefore continue the
-field under it, a push and a turn.
+Plates circle with the table and parts travel within a step, so a part reaches elements that do not carry it yet. If these
+rested, a rigid part would meet a step in height. Elements in the apron around a part therefore continue the field under it, a
+uniform push and a rotation.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ class Pieces(NamedTuple):
 
     part: np.ndarray  # (room,) int64
     element: np.ndarray  # (room,) int64, row times columns plus column
-    share: np.ndarray  # (room,) of the part's area; those of a part add up to 1 if it lies wholly on the surface
+    share: np.ndarray  # (room,) of the part's area; a part's shares add up to 1 if it is wholly on the surface
     lever: np.ndarray  # (room, 2) share times centroid about the part's centre, in radii of gyration
-    strip: np.ndarray  # (vertices, 2) scratch: the part of the outline in a column, and its further cuts
+    strip: np.ndarray  # (vertices, 2) scratch: outline clipped to a column, and its further cuts
     cell: np.ndarray
     spare: np.ndarray
 
@@ -56,7 +56,7 @@ def outlines_of(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -
 def new_pieces(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -> Pieces:
     """Allocate the pieces of one world, for outlines with such an apron."""
     room = sum((math.floor(2.0 * (part.radius + apron) / surface.element_size) + 2) ** 2 for part in parts)
-    # A cut along a line keeps at most every vertex and adds at most one an edge; there are four.
+    # Each of four cuts keeps at most every vertex and adds at most one per edge.
     most = 16 * max(len(part.outline) for part in parts)
     whole = np.zeros((2, room), dtype=np.int64)
     scratch = np.empty((3, most, 2))
@@ -161,7 +161,7 @@ def spread_fields(start, stop, outlines, grown, least, most, pose, present, piec
         outlines, grown: of :func:`vibgym.allocation.cut.outlines_of`, of the parts and of parts as large as their aprons.
         least, most: amplitudes of elements that move, over the surface's largest.
         pose: (worlds, parts, 3).  present: (worlds, parts) bool.
-        pieces, around: scratch, for either.
+        pieces, around: scratch, for parts and for aprons.
         mark: (elements,) bool scratch, False, and left so.
         push: (worlds, rows, columns, 2), changed in place.
     """
@@ -171,7 +171,7 @@ def spread_fields(start, stop, outlines, grown, least, most, pose, present, piec
         for i in range(count):
             mark[pieces.element[i]] = True
         first, at = 0, 0
-        while first < count:  # part by part: pieces stand in their order
+        while first < count:  # pieces are in the order of the parts
             part, last = pieces.part[first], first
             while last < count and pieces.part[last] == part:
                 last += 1

@@ -1,20 +1,20 @@
 """The frictional process and its inverse: pushes of the elements for wanted mean accelerations.
 
-The thesis's "oscillation parameter calculation" (section 5.2.2, figs. 5.16 and 5.18): put before the real plant it leaves a
-double integrator to the controller. Here it is of second order in ``eps = mu g / (a_h w^2)``. Friction is the same in all
-directions, so in the frame of the mean velocity (first axis along it) all depends on its length alone: with ``s`` that length
-over the table's speed ``V``, a push ``(p, q)`` in m/s^2 and ``k = mu / (w V)``
+The thesis's "oscillation parameter calculation" (section 5.2.2, figs. 5.16 and 5.18), a feedback linearisation: with it, the
+plant is a double integrator. Here it is of second order in ``eps = mu g / (a_h w^2)``. Friction is isotropic, so in the frame
+of the mean velocity (first axis along it) the coefficients depend only on the speed ``s`` over the table's speed ``V``. With a
+push ``(p, q)`` in m/s^2 and ``k = mu / (w V)``:
 
     a_1 / mu = -g d + Q p + k q (A0 g + A1 p)
     a_2 / mu = P q + k (B00 g^2 + B01 g p + B11 p^2 + B22 q^2)
 
-The first order are the thesis's eqs. 5.60 and 5.61, the second what :func:`vibgym.physics.averaged.averages.second_order` says
-of a push that is the same everywhere under the part. That takes care of what the push loses with speed, of the drag, and of the
-angle by which pushes run ahead of their first-order direction.
+The first order is the thesis's eqs. 5.60 and 5.61. The second order is that of
+:func:`vibgym.physics.averaged.averages.second_order` for a uniform push under the part. It covers the decrease of the push with
+speed, the drag, and the lead angle of pushes.
 
-Spin has a channel of its own, to first order and for a part as good as round: ``P`` and ``Q`` count half each, and the drag on
-spin is the divergence of the force, ``mu / (2 V) (g <1 / |n|> + p <cos / |n|>)`` with ``|n|`` the slip over ``V``. Of fast
-spin, at which a part's rim is not much slower than the table, both are changed as those of a ring that slides along itself.
+Spin is a separate channel, of first order and for nearly round parts: ``P`` and ``Q`` count half each, and the drag on spin is
+the divergence of the force, ``mu / (2 V) (g <1 / |n|> + p <cos / |n|>)`` with ``|n|`` the slip over ``V``. For fast spin, at
+which a part's rim is nearly as fast as the table, both are scaled like those of a ring that slides along itself.
 """
 
 from __future__ import annotations
@@ -37,22 +37,22 @@ from vibgym.simulation.averages_tables import COUPLING_NODES, COUPLING_STEP, ave
 from vibgym.simulation.schemes import check_sliding
 
 NEWTON = 8
-"""Most iterations; three or four do where the averaged model holds."""
+"""Most iterations; three or four suffice where the averaged model holds."""
 
 CLOSE = 1e-10
 """Tolerance of a solution, over ``g``."""
 
 ROUNDS, STILL = 8, 1e-4
-"""Most iterations of the velocity ahead, and its change over the table's speed at convergence."""
+"""Most iterations of the predicted velocity, and its change over the table's speed at convergence."""
 
 GUESS = 2.0
-"""Newton's method starts without a limit up to so many limits (first order), where it converges."""
+"""Largest first-order push, over the limit, from which Newton's method starts without a limit; it converges there."""
 
 
 class Pushes(NamedTuple):
     """Pushes of the elements and their effect."""
 
-    push: np.ndarray  # (batch, parts, 3) over full amplitude: x, y, and the push that turns; see FrictionalInverse
+    push: np.ndarray  # (batch, parts, 3) over full amplitude: x, y, and the turning push; see FrictionalInverse
     acceleration: np.ndarray  # (batch, parts, 3) m/s^2, m/s^2, rad/s^2: mean acceleration under this push
     holds: np.ndarray  # (batch, parts) bool: slip stays clear of zero, so the averaged model may be relied on
 
@@ -69,12 +69,12 @@ class Numbers(NamedTuple):
     speed: float  # V, m/s
     full: np.ndarray  # (parts,) a_v w^2 at the surface's largest amplitude, as it reaches the part, m/s^2
     limit: np.ndarray  # (parts,) largest push, m/s^2
-    ahead: float  # s, after which the velocity counts
+    ahead: float  # s, prediction horizon of the velocity
 
 
 @lru_cache(maxsize=1)
 def coefficients() -> np.ndarray:
-    """``d, P, Q, A0, A1, B00, B01, B11, B22, <1 / |n|>, <cos(theta) / |n|>`` over slip, (2, nodes, 11).
+    """Return ``d, P, Q, A0, A1, B00, B01, B11, B22, <1 / |n|>, <cos(theta) / |n|>`` over slip, (2, nodes, 11).
 
     Nodes as in :mod:`vibgym.simulation.averages_tables`: parts slower and parts faster than the table.
     """
@@ -82,7 +82,7 @@ def coefficients() -> np.ndarray:
     ratio, difference, total = np.moveaxis(mean_coefficients(s), -1, 0)
     d, p = ratio * s, 0.5 * (total - difference * s * s)
     inverse_slip = (total - s * d) / (1.0 - s * s)
-    # c[j, a, k] as in coupling_coefficients(): of which the shapes' products survive that have a uniform push.
+    # c[j, a, k] of coupling_coefficients(): only products with a uniform push remain.
     c = np.moveaxis(averages().coupling.reshape(*s.shape, 3, 3, 3), (2, 3, 4), (0, 1, 2))
     second = [
         c[0, 0, 0] + c[1, 0, 2] + c[0, 2, 0] + c[1, 2, 1],
@@ -101,7 +101,7 @@ def coefficients() -> np.ndarray:
 
 @borrowing
 def force(c, gravity, second, p, q):
-    """Mean acceleration over ``mu`` along and across the velocity under a push (p, q), all m/s^2."""
+    """Return the mean acceleration over ``mu`` along and across the velocity under a push (p, q), all m/s^2."""
     along = -gravity * c[0] + c[2] * p + second * q * (c[3] * gravity + c[4] * p)
     across = c[1] * q + second * (c[5] * gravity * gravity + c[6] * gravity * p + c[7] * p * p + c[8] * q * q)
     return along, across
@@ -109,10 +109,10 @@ def force(c, gravity, second, p, q):
 
 @borrowing
 def newton(c, gravity, second, limit, along, across, idle, idle_across, p, q):
-    """The push (p, q) whose force is (along, across), from a first guess.
+    """Return the push (p, q) whose force is (along, across), from a first guess.
 
-    With a ``limit`` > 0, the push of that length whose force lies between (idle, idle_across) and (along, across): one
-    more unknown, the share of the way, and one more equation.
+    With a ``limit`` > 0, return the push of that length whose force is on the line from (idle, idle_across) to (along, across);
+    the position on the line is a third unknown.
     """
     change, change_across = along - idle, across - idle_across
     share = 1.0
@@ -145,9 +145,9 @@ def newton(c, gravity, second, limit, along, across, idle, idle_across, p, q):
 
 
 def rim_of(part: Part) -> float:
-    """Radius (m) at which a part's points are as fast, in the mean, as friction feels: ``<r^4> / <r^2> = r_rim^2``.
+    """Return the radius (m) of the ring equivalent to a part in spin: ``<r^4> / <r^2> = r_rim^2``.
 
-    Torque is ``<r f(r spin)>``. Of an f that is odd, a ring of this radius gets the linear and the cubic term right.
+    Torque is ``<r f(r spin)>``. For odd f, the ring's linear and cubic terms are exact.
     """
     ax, ay = part.outline.T
     bx, by = np.roll(part.outline, -1, axis=0).T
@@ -159,7 +159,7 @@ def rim_of(part: Part) -> float:
 
 @borrowing
 def spun(numbers, k, spin, scratch):
-    """Factors by which spin changes friction against it and pushes that turn part ``k``: 1 and 1 near rest."""
+    """Return the factors by which spin changes friction and turning pushes of part ``k``: 1 and 1 near rest."""
     slip = abs(spin) * numbers.rim[k] / numbers.speed
     interpolate(numbers.table, 1.0 / COUPLING_STEP, slip, scratch)
     return 2.0 * scratch.values[0] / slip if slip > 1e-6 else 1.0, 2.0 * scratch.values[2]
@@ -167,8 +167,10 @@ def spun(numbers, k, spin, scratch):
 
 @borrowing
 def respond(numbers, k, c, spin, friction, p, q):
-    """Mean accelerations along, across (m/s^2) and angular (rad/s^2) of part ``k`` under a push (m/s^2) that does not turn it;
-    ``friction``: the factor of :func:`spun`."""
+    """Return the mean acceleration along, across (m/s^2) and angular (rad/s^2) of part ``k`` under a push (p, q), m/s^2.
+
+    ``friction`` is the factor of :func:`spun`.
+    """
     mu = numbers.friction[k]
     along, across = force(c, numbers.gravity, numbers.second[k], p, q)
     drag = 0.5 * mu / numbers.speed * (numbers.gravity * c[9] + c[10] * p)
@@ -183,7 +185,7 @@ def clear_of_sticking(numbers, k, length, p, q):
 
 @borrowing
 def forward_part(numbers, k, velocity, push, scratch, acceleration):
-    """Mean acceleration (3,) of part ``k`` under a push (3,) over full amplitude, overwritten; returns whether it holds."""
+    """Compute ``acceleration`` (3,) of part ``k`` under a push (3,) over full amplitude; returns whether the model holds."""
     c, full = scratch.values, numbers.full[k]
     friction, turning = spun(numbers, k, velocity[2], scratch)
     length, cosine, sine = direction(velocity[0], velocity[1])
@@ -199,7 +201,7 @@ def forward_part(numbers, k, velocity, push, scratch, acceleration):
 
 @borrowing
 def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration):
-    """Push (3,) over full amplitude of part ``k`` for a wanted mean acceleration and what it does, see forward_part()."""
+    """Compute ``push`` (3,) over full amplitude of part ``k`` for a wanted mean acceleration, and its acceleration."""
     c, limit, gravity, full = scratch.values, numbers.limit[k], numbers.gravity, numbers.full[k]
     mu, second = numbers.friction[k], numbers.second[k]
     friction, turning = spun(numbers, k, velocity[2], scratch)
@@ -213,7 +215,7 @@ def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration):
         p, q = newton(c, gravity, second, 0.0, along, across, idle, idle_across, p, q)
     if p * p + q * q > limit * limit:
         p, q = newton(c, gravity, second, limit, along, across, idle, idle_across, p, q)
-        shorter = min(limit / math.sqrt(p * p + q * q), 1.0)  # of what Newton's method leaves, rounding or more
+        shorter = min(limit / math.sqrt(p * p + q * q), 1.0)  # Newton's method may end above the limit
         p, q = p * shorter, q * shorter
     turning *= 0.5 * mu * (c[1] + c[2]) / numbers.gyration[k]
     along, across, angular = respond(numbers, k, c, velocity[2], friction, p, q)
@@ -226,18 +228,18 @@ def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration):
 
 @borrowing
 def look_ahead(numbers, velocity, acceleration, later):
-    """Velocity (3,) at which friction acts, into ``later`` (3,); returns by how much it has moved, over the table's speed."""
+    """Write the velocity (3,) at which friction acts to ``later`` (3,); returns its change over the table's speed."""
     moved = 0.0
     for j in range(3):
         now = velocity[j] + numbers.ahead * acceleration[j]
-        moved += abs(now - later[j]) if j < 2 else 0.1 * abs(now - later[j])  # rad/s: of a lever of a decimetre
+        moved += abs(now - later[j]) if j < 2 else 0.1 * abs(now - later[j])  # spin: of a lever of a decimetre
         later[j] = now
     return moved / numbers.speed
 
 
 @borrowing
 def forward(numbers, velocity, push, scratch, later, acceleration, holds):
-    """Mean accelerations (batch, parts, 3) under pushes (batch, parts, 3) over full amplitude, overwritten."""
+    """Compute ``acceleration`` (batch, parts, 3) under pushes (batch, parts, 3) over full amplitude."""
     for i in range(velocity.shape[0]):
         for k in range(velocity.shape[1]):
             at, given = velocity[i, k], acceleration[i, k]
@@ -251,7 +253,7 @@ def forward(numbers, velocity, push, scratch, later, acceleration, holds):
 
 @borrowing
 def invert(start, stop, numbers, velocity, wanted, scratch, later, push, acceleration, holds):
-    """Pushes (batch, parts, 3) over full amplitude for wanted mean accelerations and what they do, overwritten.
+    """Compute ``push`` (batch, parts, 3) over full amplitude for wanted mean accelerations, and their accelerations.
 
     Args:
         start, stop: first row of the batch, and the one after the last.
@@ -270,23 +272,22 @@ def invert(start, stop, numbers, velocity, wanted, scratch, later, push, acceler
 class FrictionalInverse:
     """Computes pushes from wanted mean accelerations, for parts that always slide.
 
-    A push counts as the allocators take it, over what full amplitude does: x and y in the first-order direction of the
-    elements' push at rest (phasor ``(C, S) = -full_scale (y, x)``), the third the moment of the elements' pushes about the
-    centre of mass over the radius of gyration. No lead angle is to be taken off afterwards: the second order has done that.
+    A push is relative to full amplitude, as for :class:`vibgym.allocation.Allocator`. Its x and y are in the first-order
+    direction at rest (phasor ``(C, S) = -full_scale (y, x)``). The third is the moment of the elements' pushes about the centre
+    of mass over the radius of gyration. The second order includes the lead angle, so no correction is needed afterwards.
 
-    Beyond the limit the push is scaled down: the change against elements at rest keeps
-    its direction and is scaled until the push is as long as the limit. The push that turns is limited by itself.
+    Pushes beyond the limit are scaled down: the change of acceleration relative to elements at rest keeps its direction. The
+    turning push is limited separately.
 
     Args:
         surface, parts: the scene.
-        limit: m, largest amplitude of the elements; None: the surface's. It is never more than that.
-        ahead: s, at most a period. Friction is that of the velocity which the part will have so much later, for accelerations
-            change it meanwhile: with half a step, accelerations are means over the step. At 0 they are those at the velocity
-            given, of which half a period of friction takes an eighth on the prototype.
+        limit: m, largest amplitude of the elements, at most the surface's; None: the surface's.
+        ahead: s, 0 to one period. Friction is evaluated at the velocity predicted for this time ahead; with half a step,
+            accelerations are means over the step. On the prototype, friction takes an eighth of the velocity in half a period.
         threads: None uses all processors of this process; results do not depend on it.
 
     Raises:
-        ValueError: a pair that can stick, a part without friction, or elements that cannot move.
+        ValueError: a part that can stick, a part without friction, or elements that cannot move.
     """
 
     def __init__(
@@ -311,7 +312,7 @@ class FrictionalInverse:
         if limit is not None:
             limit = checks.number("limit", limit, above=0.0)
         elif largest == 0.0:
-            raise checks.refuse("surface.max_amplitude", largest, "> 0: elements at rest push nothing")
+            raise checks.refuse("surface.max_amplitude", largest, "> 0: elements at rest do not push")
         self.limit = largest if limit is None else min(limit, largest)
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         friction = np.array([part.friction for part in self.parts])

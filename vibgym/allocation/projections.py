@@ -26,7 +26,7 @@ STARTS, ROUNDS = 64, 16
 gives. Starts are the innermost index, so that loops over them become vector instructions."""
 
 FEW_STARTS, FEW_ROUNDS = 8, 8
-"""The same where more is wanted."""
+"""The same for larger wanted effects."""
 
 HALVING = 4
 """Projections after which the worse half of many starts is dropped."""
@@ -38,13 +38,13 @@ rest longer at a goal, since it penalizes pulses of many elements against each o
 SLOTS = 64
 """Elements of a group with different starts."""
 
-TINY = 1e-300  # instead of the length of no push at all
+TINY = 1e-300  # replaces a length of zero in divisions
 
 
 class Limits(NamedTuple):
     """Feasible amplitudes, as shares of full amplitude, and parameters of the search."""
 
-    least: float  # smallest amplitude but rest
+    least: float  # smallest amplitude other than 0
     most: float
     start: np.ndarray  # (SLOTS, 2, STARTS), what is added to the least-norm phasors
     starts: int = STARTS  # numbers that kernels take at run time: loops over constants are unrolled, not vectorised
@@ -61,7 +61,7 @@ class Problem(NamedTuple):
     pose: np.ndarray  # (worlds, parts, 3)
     present: np.ndarray  # (worlds, parts) bool
     wanted: np.ndarray  # (worlds, parts, 3)
-    gain: np.ndarray  # (worlds, elements) what elements make of their phasors
+    gain: np.ndarray  # (worlds, elements) from commanded to actual phasors
     spread: np.ndarray  # (worlds, elements) expected error of an element's push over its size
 
 
@@ -69,25 +69,25 @@ class Scratch(NamedTuple):
     """Scratch of one world."""
 
     group: np.ndarray  # (parts,) int64: the first part with which each shares elements, directly or not
-    slot: np.ndarray  # (elements,) int64: where an element stands in the list of its group; -1: not under a part
-    element: np.ndarray  # (room,) int64: the list
-    covered: np.ndarray  # (room,) share of parts on it
-    at: np.ndarray  # (parts,) int64: where a part stands in its group
-    part_index: np.ndarray  # (room,) int64: of each of the group's pieces, three times where its part stands ...
-    element_index: np.ndarray  # (room,) int64: ... where its element stands ...
-    lever: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration, times the gain of its element ...
-    variance: np.ndarray  # (room,) ... and the expected error of its push, squared, over the element's, squared
+    slot: np.ndarray  # (elements,) int64: index of an element in its group; -1: not under a part
+    element: np.ndarray  # (room,) int64: elements of the group
+    covered: np.ndarray  # (room,) shares of parts on each of them, summed
+    at: np.ndarray  # (parts,) int64: index of a part in its group
+    part_index: np.ndarray  # (room,) int64: of each piece of the group, three times the index of its part
+    element_index: np.ndarray  # (room,) int64: of each piece, index of its element
+    lever: np.ndarray  # (room, 3): of each piece, share and lever in radii of gyration, times the gain of its element
+    variance: np.ndarray  # (room,) of each piece, squared error of its push over the element's squared push
     inverse: np.ndarray  # (3 parts, 3 parts): of the Gram matrix
-    wanted: np.ndarray  # (3 parts,) what the group's parts want, ...
-    missing: np.ndarray  # (3 parts, STARTS) ... what they do not get ...
-    command: np.ndarray  # (3 parts, STARTS) ... and the strengths of the fields that would give it to them
-    wish: np.ndarray  # (room, 2, STARTS) phasors, accumulated
-    expected: np.ndarray  # (STARTS,) error, squared
-    best: np.ndarray  # (room, 2)
+    wanted: np.ndarray  # (3 parts,) wanted effect on the group's parts
+    missing: np.ndarray  # (3 parts, STARTS) missing effect
+    command: np.ndarray  # (3 parts, STARTS) strengths of the fields with the missing effect
+    target: np.ndarray  # (room, 2, STARTS) accumulated phasors
+    expected: np.ndarray  # (STARTS,) squared error
+    best: np.ndarray  # (room, 2) best feasible phasors
 
 
 def new_scratch(parts: int, elements: int, room: int) -> Scratch:
-    """Scratch for worlds of so many parts, elements and pieces."""
+    """Return scratch memory for worlds with ``parts``, ``elements`` and ``room`` pieces."""
     return Scratch(
         group=np.zeros(parts, dtype=np.int64),
         slot=np.full(elements, -1, dtype=np.int64),
@@ -102,14 +102,14 @@ def new_scratch(parts: int, elements: int, room: int) -> Scratch:
         wanted=np.zeros(3 * parts),
         missing=np.zeros((3 * parts, STARTS)),
         command=np.zeros((3 * parts, STARTS)),
-        wish=np.zeros((room, 2, STARTS)),
+        target=np.zeros((room, 2, STARTS)),
         expected=np.zeros(STARTS),
         best=np.zeros((room, 2)),
     )
 
 
 def start_table(size: float) -> np.ndarray:
-    """Vectors (SLOTS, 2, STARTS), spread evenly over the disc of radius ``size``, those of the first start zero."""
+    """Return vectors (SLOTS, 2, STARTS), spread evenly over the disc of radius ``size``; zeros for the first start."""
     k = np.arange(STARTS * SLOTS, dtype=np.float64).reshape(STARTS, SLOTS).T
     # Kronecker's sequence; powers of the plastic number fill the square evenly (M. Roberts 2018).
     radius, turn = size * np.sqrt(k * 0.7548776662466927 % 1.0), 2.0 * math.pi * (k * 0.5698402909980532 % 1.0)
@@ -138,7 +138,7 @@ def group_parts(pieces, count, parts, group, slot):
 
 @borrowing
 def invert(matrix, n):
-    """Invert a positive definite matrix (n, n) in place: Gauss and Jordan, which then need no pivots."""
+    """Invert a positive definite matrix (n, n) in place by Gauss-Jordan elimination, without pivoting."""
     for k in range(n):
         pivot = 1.0 / matrix[k, k]
         matrix[k, k] = 1.0
@@ -156,8 +156,8 @@ def invert(matrix, n):
 def gather(problem, world, pieces, count, own, work):
     """List a group's parts, elements and pieces, and invert the Gram matrix of its fields; returns the numbers of all three.
 
-    Part p's field is a uniform push and one that turns. Of all pushes with the wanted effect those that are found have
-    the least mean square over the covered area, so that a part alone gets the same push from all its elements.
+    A part's field is a uniform push and a rotation. The pushes have the least mean square over the covered area among all
+    pushes with the wanted effect; under a single part they are therefore uniform.
     """
     group, slot, inverse = work.group, work.slot, work.inverse
     wanted, gain, spread = problem.wanted[world], problem.gain[world], problem.spread[world]
@@ -217,7 +217,7 @@ def want(missing, wanted, n, lanes):
 
 @inlined
 def give(missing, p, lane, a, ax, ay, x, y):
-    """Take off what a piece of share ``a`` and lever ``(ax, ay)`` gets from its element's push ``(x, y)``."""
+    """Subtract the effect of push ``(x, y)`` on a piece of share ``a`` and lever ``(ax, ay)`` from the missing effect."""
     missing[p, lane] -= a * x
     missing[p + 1, lane] -= a * y
     missing[p + 2, lane] -= ax * y - ay * x
@@ -226,19 +226,19 @@ def give(missing, p, lane, a, ax, ay, x, y):
 @borrowing
 def miss(work, parts, n, lanes):
     """Compute the effect that each start's target lacks, ``work.missing``."""
-    wish, missing = work.wish, work.missing
+    target, missing = work.target, work.missing
     want(missing, work.wanted, 3 * parts, lanes)
     for i in range(n):
         p, j = work.part_index[i], work.element_index[i]
         a, ax, ay = work.lever[i, 0], work.lever[i, 1], work.lever[i, 2]
         for lane in range(lanes):
-            give(missing, p, lane, a, ax, ay, wish[j, 0, lane], wish[j, 1, lane])
+            give(missing, p, lane, a, ax, ay, target[j, 0, lane], target[j, 1, lane])
 
 
 @borrowing
 def try_out(limits, work, parts, n, lanes):
     """Compute the missing effect under the feasible phasors nearest to each start's target, and the expected error squared."""
-    wish, missing, expected = work.wish, work.missing, work.expected
+    target, missing, expected = work.target, work.missing, work.expected
     least, half, most = limits.least, 0.5 * limits.least, limits.most
     for lane in range(lanes):
         expected[lane] = 0.0
@@ -247,7 +247,7 @@ def try_out(limits, work, parts, n, lanes):
         p, j, variance = work.part_index[i], work.element_index[i], work.variance[i]
         a, ax, ay = work.lever[i, 0], work.lever[i, 1], work.lever[i, 2]
         for lane in range(lanes):
-            x, y = wish[j, 0, lane], wish[j, 1, lane]
+            x, y = target[j, 0, lane], target[j, 1, lane]
             length = math.sqrt(x * x + y * y)
             allowed = nearest(length, least, half, most)
             scale = allowed / (length + TINY)
@@ -260,7 +260,7 @@ def try_out(limits, work, parts, n, lanes):
 
 @inlined
 def nearest(length, least, half, most):
-    """Return the nearest feasible amplitude, 0 or within the limits; ``half`` of the least is as far from both."""
+    """Return the nearest feasible amplitude, 0 or within the limits; ``half`` is half of the least."""
     allowed = length if length > least else least
     allowed = allowed if allowed < most else most
     return allowed if length > half else 0.0
@@ -269,7 +269,7 @@ def nearest(length, least, half, most):
 @borrowing
 def add_missing(work, parts, n, lanes):
     """Add to each start's target the phasors of least mean square over the covered area with the missing effect."""
-    command, missing, wish = work.command, work.missing, work.wish
+    command, missing, target = work.command, work.missing, work.target
     for k in range(3 * parts):
         for lane in range(lanes):
             command[k, lane] = 0.0
@@ -283,15 +283,15 @@ def add_missing(work, parts, n, lanes):
         a, ax, ay = weight * work.lever[i, 0], weight * work.lever[i, 1], weight * work.lever[i, 2]
         for lane in range(lanes):
             turn = command[p + 2, lane]
-            wish[j, 0, lane] += a * command[p, lane] - ay * turn
-            wish[j, 1, lane] += a * command[p + 1, lane] + ax * turn
+            target[j, 0, lane] += a * command[p, lane] - ay * turn
+            target[j, 1, lane] += a * command[p + 1, lane] + ax * turn
 
 
 @borrowing
 def untouched(limits, work, elements):
     """Return whether the target of the first start is feasible."""
     for j in range(elements):
-        x, y = work.wish[j, 0, 0], work.wish[j, 1, 0]
+        x, y = work.target[j, 0, 0], work.target[j, 1, 0]
         square = x * x + y * y
         moves = x != 0.0 or y != 0.0
         if square > limits.most * limits.most or (moves and square < limits.least * limits.least):
@@ -312,7 +312,7 @@ def keep_best(limits, work, elements, lanes, least):
             best, least = lane, work.expected[lane]
     if best >= 0:
         for j in range(elements):
-            x, y = work.wish[j, 0, best], work.wish[j, 1, best]
+            x, y = work.target[j, 0, best], work.target[j, 1, best]
             length = math.sqrt(x * x + y * y)
             scale = nearest(length, limits.least, 0.5 * limits.least, limits.most) / (length + TINY)
             work.best[j, 0], work.best[j, 1] = scale * x, scale * y
@@ -321,13 +321,13 @@ def keep_best(limits, work, elements, lanes, least):
 
 @borrowing
 def halve(work, parts, elements, lanes):
-    """Keep the better start of each pair of one in the first and one in the second half; returns the number left."""
+    """Keep the better of starts ``i`` and ``i + lanes / 2``; returns the number left."""
     half = lanes // 2
     for lane in range(half):
         if work.expected[lane + half] < work.expected[lane]:
             for j in range(elements):
                 for k in range(2):
-                    work.wish[j, k, lane] = work.wish[j, k, lane + half]
+                    work.target[j, k, lane] = work.target[j, k, lane + half]
             for k in range(3 * parts):
                 work.missing[k, lane] = work.missing[k, lane + half]
     return half
@@ -335,11 +335,11 @@ def halve(work, parts, elements, lanes):
 
 @borrowing
 def begin(limits, work, parts, elements, n, lanes):
-    """Initialize the targets of so many starts."""
+    """Initialize the targets of ``lanes`` starts."""
     for j in range(elements):
         for k in range(2):
             for lane in range(lanes):
-                work.wish[j, k, lane] = limits.start[j % SLOTS, k, lane]
+                work.target[j, k, lane] = limits.start[j % SLOTS, k, lane]
     miss(work, parts, n, lanes)
     add_missing(work, parts, n, lanes)
 
@@ -356,7 +356,7 @@ def allocate_group(problem, world, pieces, count, own, work):
     begin(limits, work, parts, elements, n, 1)
     if untouched(limits, work, elements):
         for j in range(elements):
-            work.best[j, 0], work.best[j, 1] = work.wish[j, 0, 0], work.wish[j, 1, 0]
+            work.best[j, 0], work.best[j, 1] = work.target[j, 0, 0], work.target[j, 1, 0]
         return elements
     lanes, rounds = (limits.starts, limits.rounds) if small else (limits.few_starts, limits.few_rounds)
     if lanes > 1:
@@ -373,7 +373,7 @@ def allocate_group(problem, world, pieces, count, own, work):
 
 @borrowing
 def allocate(start, stop, problem, pieces, work, push):
-    """Pushes of all elements of worlds ``start`` to ``stop``, see :meth:`vibgym.allocation.Allocator.pushes`.
+    """Compute the pushes of all elements of worlds ``start`` to ``stop``, see :meth:`vibgym.allocation.Allocator.pushes`.
 
     Args:
         pieces, work: scratch.

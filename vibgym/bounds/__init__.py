@@ -1,7 +1,7 @@
 """Bounds on the performance of any policy, for all commands of the elements; ``docs/bound.md`` derives them.
 
-Least times of one part (:class:`TimeBound`), of several (:class:`SeveralBound`), of one that others push (:class:`PushBound`),
-and the most parts a minute where parts come and go (:class:`FlowBound`).
+Least times for one part (:class:`TimeBound`), for several (:class:`SeveralBound`), and for a part pushed by others
+(:class:`PushBound`); largest flow in parts per minute (:class:`FlowBound`).
 """
 
 from vibgym.bounds.several import FlowBound, PushBound, SeveralBound

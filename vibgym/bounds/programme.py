@@ -1,4 +1,4 @@
-"""Dynamic programming on a grid of two state variables: the most that can be gained in so many periods."""
+"""Dynamic programming on a grid of two state variables: largest gain in a number of periods."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from vibgym.kernels.jit import borrowing, jit
 
 
 class Moves(NamedTuple):
-    """What one period can do from every node of the grid.
+    """Transitions of one period from every node of the grid.
 
     Attributes:
-        gain: (n, m, controls) what is added to the quantity that counts.
-        reached: (n, m, controls, 2) where the state is then, in nodes of the grid from its first one.
-        cyclic: whether the first axis closes on itself.
+        gain: (n, m, controls) increase of the objective.
+        reached: (n, m, controls, 2) resulting state, in grid indices.
+        cyclic: whether the first axis is periodic.
     """
 
     gain: np.ndarray
@@ -26,14 +26,14 @@ class Moves(NamedTuple):
 
 @borrowing
 def _weights(at):
-    """Lagrange's weights of four nodes at -1, 0, 1, 2 for a place ``at`` in [0, 1]."""
+    """Return the Lagrange weights of four nodes at -1, 0, 1, 2 for a position ``at`` in [0, 1]."""
     below, above, far = at + 1.0, 1.0 - at, 2.0 - at
     return -at * above * far / 6.0, below * above * far / 2.0, below * at * far / 2.0, -below * at * above / 6.0
 
 
 @borrowing
 def interpolated(value, cyclic, row, column):
-    """``value`` (n, m) at a place given in nodes, by cubics; beyond an edge that does not close, its value at the edge."""
+    """Interpolate ``value`` (n, m) at fractional indices by cubics; indices beyond non-periodic edges are clamped."""
     n, m = value.shape
     if cyclic:
         low = math.floor(row)
@@ -57,11 +57,11 @@ def interpolated(value, cyclic, row, column):
 
 @jit
 def best(gain, reached, cyclic, sign, value, result):
-    """``result = max over controls of sign * gain + value`` at what is reached, for every node.
+    """Compute ``max over controls of sign * gain + value(reached)`` for every node.
 
     Args:
         gain, reached, cyclic: see :class:`Moves`.
-        value: (n, m).  result: (n, m), overwritten.
+        value: (n, m) value function.  result: (n, m), overwritten.
     """
     for i in range(value.shape[0]):
         for j in range(value.shape[1]):
@@ -73,9 +73,9 @@ def best(gain, reached, cyclic, sign, value, result):
 
 
 def overshoots(moves: Moves, instants: int, stride: int) -> np.ndarray:
-    """Least distance by which the state goes on before it can be kept, (n, m).
+    """Return the least overshoot before the state can be held, (n, m).
 
-    Only what is gained at ``instants`` moments counts, ``stride`` periods apart; the first one is now and counts as zero.
+    Gains count at ``instants`` moments only, ``stride`` periods apart; the first one is now and counts as zero.
     """
     room = np.zeros(moves.gain.shape[:2])
     result = np.empty_like(room)
@@ -88,13 +88,13 @@ def overshoots(moves: Moves, instants: int, stride: int) -> np.ndarray:
 
 
 def furthest(moves: Moves, overshoot: np.ndarray, allowed: float, price: float, periods: int) -> np.ndarray:
-    """Most that can be gained in 0, 1, ..., ``periods`` periods before the state can be kept within ``allowed``.
+    """Return the largest gain in 0, 1, ..., ``periods`` periods before the state can be held within ``allowed``.
 
-    An end that is too fast is not forbidden but costs ``price`` for each unit by which its overshoot exceeds what is allowed.
-    For every price the result is therefore at least that of the constrained problem.
+    The constraint on the overshoot is relaxed: each unit beyond ``allowed`` costs ``price``. For every price the result is
+    therefore an upper bound of the constrained problem.
 
     Returns:
-        (periods + 1, n, m) for every state to start from.
+        (periods + 1, n, m) by initial state.
     """
     value = np.empty((periods + 1, *overshoot.shape))
     value[0] = -price * np.maximum(overshoot - allowed, 0.0)

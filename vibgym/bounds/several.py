@@ -1,4 +1,4 @@
-"""Bounds for several parts: least time together, most parts a minute through gates, and pushing of undriven parts."""
+"""Bounds for several parts: least time to joint success, flow through gates, and pushing of undriven parts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vibgym.scene.surface import Surface
 
 
 class SeveralBound:
-    """Fewest steps, and least time, in which several parts can succeed together: all at once, and held there.
+    """Fewest steps, and least time, to the joint success of several parts: all at their goals at once, and held there.
 
     The bound is the largest of the parts' single-part bounds. It neglects that parts obstruct and push one another and share
     elements, see ``docs/bound.md``.
@@ -68,7 +68,7 @@ class SeveralBound:
 
         Args:
             start, goal, counts: see :meth:`steps`; the goals are those of the parts that count.
-            group: (parts,) whole numbers; parts of a group are alike.
+            group: (parts,) group number of each part.
         """
         start, goal = self._poses("start", start), self._poses("goal", goal)
         group = checks.array("group", group, (len(self.bounds),), dtype=np.int64)
@@ -136,7 +136,7 @@ class FlowBound:
         surface: the table.
         parts: one per slot.
         kind: (parts,) whole numbers, gate of each part.
-        way: (parts,) m, least distance from inlet to gate.
+        way: (parts,) m, least distance from the inlet to the gate.
         headway: periods between good parts through the same gate.
         periods: number of counted periods.
         periods_per_step: oscillation periods of a step; parts arrive and leave at its end.
@@ -196,13 +196,13 @@ SPEEDS, INSTANTS = 400, 720  # samples up to the table's speed, and of a period
 
 
 def most_power(surface: Surface, friction: float, amplitude: float) -> float:
-    """Return the largest mean power, W/kg, that the elements can give a part of this friction, over all constant velocities.
+    """Return the largest mean power, W/kg, that elements can transfer to a part of this friction, over all constant velocities.
 
     At a velocity ``v`` along x the mean of friction times velocity over a period is linear in the mean phasor of the elements
 
         v mu <(g - C cos wt + S sin wt) u_x / |u|>        u = v_table(t) - v
 
-    and largest with all of them at full ``amplitude`` (m) and the best phase.
+    and is largest with all of them at full ``amplitude`` (m) and the best phase.
     """
     at = 2.0 * math.pi * (np.arange(INSTANTS) + 0.5) / INSTANTS
     speed = surface.table_speed * np.arange(1, SPEEDS + 1)[:, None] / SPEEDS
@@ -215,11 +215,11 @@ def most_power(surface: Surface, friction: float, amplitude: float) -> float:
 
 @dataclass(eq=False)
 class PushBound:
-    """Fewest steps, and least time, in which pushers can bring a part that the elements do not drive to a pose.
+    """Fewest steps, and least time, in which pushers can move an undriven part to a pose.
 
     Friction dissipates at least ``c m (v^2 + k^2 w^2)``, with ``c = mu g / (2 a_h w)``. Only the pushers transfer energy to
     the part, and the elements transfer at most :func:`most_power` to the pushers. With ``D^2 = way^2 + k^2 turn^2`` and a first
-    touch after a time ``t``, Cauchy and Schwarz leave
+    touch after a time ``t``, the Cauchy-Schwarz inequality gives
 
         D^2 <= (T - t) T sum(m_pusher P_pusher) / (c m)
 
@@ -249,9 +249,9 @@ class PushBound:
     def __post_init__(self) -> None:
         surface, part = self.surface, checks.instance("part", self.part, Part)
         if not self.pushers:
-            raise checks.refuse("pushers", list(self.pushers), "one part at least that the elements drive")
+            raise checks.refuse("pushers", list(self.pushers), "at least one part that the elements drive")
         if part.friction == 0.0:
-            raise checks.refuse("part", "friction 0", "parts that friction brakes")
+            raise checks.refuse("part", "friction 0", "a part with friction")
         self.position_tolerance = checks.number("position_tolerance", self.position_tolerance, above=0.0)
         amplitude = surface.full_scale / surface.angular_frequency**2 if self.amplitude is None else self.amplitude
         self.instants = -(-self.hold // self.periods_per_step)

@@ -1,4 +1,4 @@
-"""Tables of the largest displacement and turn of a part in a number of periods, by dynamic programming."""
+"""Tables of the largest displacement and rotation of a part in a number of periods, by dynamic programming."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
 PERIODS = 24
-"""Periods of the tables; later periods all add the same."""
+"""Periods of the tables; each later period adds the same increment."""
 
 WAY_MARGIN = 0.001
 """Added to the change of velocity in a period, over ``mu g T / 2``; see docs/bound.md."""
@@ -27,7 +27,7 @@ TURN_MARGIN = 0.005
 """Added to the change of spin in a period, over ``mu g T / (2 k)``; see docs/bound.md."""
 
 PRICE = 30.0
-"""Price of an end that is too fast, see :func:`vibgym.bounds.programme.furthest`."""
+"""Price of an overshoot at the end, see :func:`vibgym.bounds.programme.furthest`."""
 
 FREE_END = 10.0
 """m or rad, tolerance of displacements and turns that may end at any speed."""
@@ -36,15 +36,15 @@ DIRECTIONS = 8
 """Directions of displacements: the first and last period depend on the table's phase, by up to a millimetre."""
 
 PHASES = 48
-STEPS = 24  # of a period, for ways
-SPEEDS = (-0.25, 0.95, 41)  # along the way, in units of the table's speed: least, most, nodes
-SLIPS = (-0.40, 0.40, 21)  # across it
+STEPS = 24  # integration steps of a period, for displacements
+SPEEDS = (-0.25, 0.95, 41)  # along the displacement, in units of the table's speed: least, most, nodes
+SLIPS = (-0.40, 0.40, 21)  # perpendicular to it
 
-HEADINGS = 12  # of a quarter turn, after which the elements look the same
+HEADINGS = 12  # in a quarter turn, the symmetry of the element grid
 SPINS = (-0.40, 0.95, 28)  # in units of the table's speed over the radius of gyration
-PLACES = 4  # of the centre of mass in its element, along each side
-TURN_STEPS = 12  # of a period, for turns
-POINTS = 10  # along the longer side of the part, at least
+PLACES = 4  # positions of the centre of mass in its element, along each side
+TURN_STEPS = 12  # integration steps of a period, for rotations
+POINTS = 10  # at least, along the longer side of the part
 
 _AIMS = np.array([[1.0, 1.0], [1.0, 0.3], [0.3, 1.0], [1.0, -0.3], [-0.3, 1.0]])
 WEIGHTS = np.concatenate([_AIMS, -_AIMS, _AIMS[:1], -_AIMS[:1], _AIMS[:1]])
@@ -76,7 +76,7 @@ class Values(NamedTuple):
     cyclic: bool
 
     def at(self, periods: int, state: np.ndarray) -> np.ndarray:
-        """Return the values of states (k, 2) with so many periods left."""
+        """Return the values of states (k, 2) with ``periods`` left."""
         nodes = (np.asarray(state) - self.first) / self.step
         return np.array([interpolated(self.value[periods], self.cyclic, *each) for each in nodes.tolist()])
 
@@ -97,7 +97,7 @@ class Reach(NamedTuple):
     def periods(self, angle: np.ndarray, way: np.ndarray) -> np.ndarray:
         """Return the fewest periods, int64 of the shape of ``way``, for displacements or turns at an angle (rad).
 
-        The angle lies between two of the table; the one with the larger reach counts.
+        Of the two neighbouring angles of the table, the one with the larger reach counts.
         """
         most = np.maximum.accumulate(self.most, axis=1)
         at = np.asarray(angle) / self.circle * len(most)
@@ -252,7 +252,7 @@ def _turn_moves(
     """Return the moves of a period on the grid of :func:`turn_values`."""
     turner = turner_for(surface, friction, gyration, amplitude, np.frombuffer(points).reshape(-1, 2))
     place = np.stack(np.meshgrid(np.arange(PLACES), np.arange(PLACES)), axis=-1).reshape(-1, 2)
-    if even:  # and mirrors the place in its element
+    if even:  # a half turn also mirrors the position in the element
         place = place[place @ [PLACES, 1] <= (-place % PLACES) @ [PLACES, 1]]
     headings = np.arange(HEADINGS) * 0.5 * math.pi / HEADINGS
     spins = np.linspace(*SPINS) * surface.table_speed / math.sqrt(gyration)

@@ -14,7 +14,7 @@ from vibgym.kernels.jit import borrowing, jit
 
 
 class Turner(NamedTuple):
-    """A part on a table, as the kernels of this file take it."""
+    """A part on a table, for the kernels of this module."""
 
     points: np.ndarray  # (n, 2) m, of equal share, about the centre of mass
     lever: float  # friction over gyration, m^-2
@@ -23,12 +23,12 @@ class Turner(NamedTuple):
     speed: float  # m/s, of the table
     idle: np.ndarray  # (2,) m/s, velocity at the start of a period of a part that slides in place
     element: float  # m
-    reach: int  # elements to each side of its own that the part may touch
+    reach: int  # elements that the part may touch, on each side of the one under its centre
     period: float  # s
 
 
 class Scratch(NamedTuple):
-    """Of one period in ``steps``."""
+    """Scratch memory of one period, divided into ``steps``."""
 
     spin: np.ndarray  # (steps,) rad/s in the middle of each step
     heading: np.ndarray  # (steps,) rad
@@ -38,24 +38,24 @@ class Scratch(NamedTuple):
 
 @borrowing
 def _torque(turner, x, y, vx, vy, spin, tx, ty):
-    """Angular acceleration (per load g = 1) that friction gives at a point, ``r x n mu / k^2``."""
+    """Return the angular acceleration from friction at a point, per unit of load: ``r x n mu / k^2``."""
     ux, uy = tx - vx + spin * y, ty - vy - spin * x
     return turner.lever * (x * uy - y * ux) / math.sqrt(ux * ux + uy * uy + 1e-12)
 
 
 @borrowing
 def _element(turner, x, y):
-    """Which element is at a place, m from the corner of the centre's own."""
+    """Return the index of the element at a point, m from the corner of the element under the centre."""
     row, column = int(math.floor(y / turner.element)), int(math.floor(x / turner.element))
     return (2 * turner.reach + 1) * (row + turner.reach) + column + turner.reach
 
 
 @borrowing
 def aim(turner, scratch, ox, oy, early, late):
-    """Set the phasors that do most for ``early + late`` times the angular acceleration along the path in ``scratch``.
+    """Set the phasors that maximise the weighted angular acceleration along the path in ``scratch``.
 
-    The weights are those at the start and at the end of the period. Along a given path that is linear in the phasors, so each
-    element takes its own gradient at full amplitude.
+    The weights are ``early`` at the start and ``late`` at the end of the period. The objective is linear in the phasors along a
+    given path, so each element's phasor is its gradient at full amplitude.
     """
     steps, n = scratch.spin.shape[0], turner.points.shape[0]
     c, s = scratch.c, scratch.s
@@ -82,7 +82,7 @@ def aim(turner, scratch, ox, oy, early, late):
 
 @borrowing
 def follow(turner, scratch, ox, oy, heading, spin, share):
-    """Move through a period with a share of the phasors in ``scratch``, and write the path there; returns turn and spin."""
+    """Integrate a period with a share of the phasors in ``scratch``; write the path there, return turn and spin."""
     steps, n = scratch.spin.shape[0], turner.points.shape[0]
     h = turner.period / steps
     turned = 0.0
@@ -110,12 +110,12 @@ def follow(turner, scratch, ox, oy, heading, spin, share):
 
 @jit
 def turns(turner, scratch, offsets, weights, shares, headings, spins, gain, after):
-    """Turn and spin after a period from every heading and spin, for every control at the offset that suits it best.
+    """Compute turn and spin after a period from every heading and spin, for every control at its best offset.
 
     Args:
-        offsets: (m, 2) m, places of the centre of mass in its element.
-        weights: (controls, 2) what is asked for, see :func:`aim`.
-        shares: (controls,) of the amplitude.
+        offsets: (m, 2) m, positions of the centre of mass in its element.
+        weights: (controls, 2) early and late weights, see :func:`aim`.
+        shares: (controls,) shares of the amplitude.
         headings, spins: (h,), (w,) rad, rad/s.
         gain, after: (h, w, controls) overwritten: rad, rad/s.
     """
@@ -134,7 +134,7 @@ def turns(turner, scratch, offsets, weights, shares, headings, spins, gain, afte
                     for _ in range(2):
                         aim(turner, scratch, ox, oy, early, late)
                         turned, spin = follow(turner, scratch, ox, oy, headings[a], spins[b], shares[k])
-                    # of the weights' integral: late counts for the spin, the difference for what it has turned by then
+                    # integral of the weights, by parts: late times the spin, the difference times the turn
                     worth = late * (spin - spins[b]) + (early - late) * (turned / h - spins[b])
                     if worth > best:
                         best = worth
@@ -143,7 +143,7 @@ def turns(turner, scratch, offsets, weights, shares, headings, spins, gain, afte
 
 @borrowing
 def _friction(load, speed, co, si, c, s, vx, vy):
-    """Acceleration of a part on elements that all do the same; ``load``: friction and friction times gravity."""
+    """Return the acceleration of a part on elements in unison; ``load``: friction, and friction times gravity."""
     ux, uy = -speed * si - vx, speed * co - vy
     pull = (load[1] + load[0] * (s * si - c * co)) / math.sqrt(ux * ux + uy * uy + 1e-12)
     return pull * ux, pull * uy
@@ -151,7 +151,7 @@ def _friction(load, speed, co, si, c, s, vx, vy):
 
 @jit
 def moves(friction, gravity, speed, period, cosine, sine, velocity, phasor, travelled, after):
-    """Way and velocity after a period, by the classic Runge-Kutta rule.
+    """Compute displacement and velocity after a period by the classical Runge-Kutta method.
 
     Args:
         cosine, sine: (2 steps + 1,) of wt at the start, the middle and the end of every step.

@@ -1,4 +1,4 @@
-"""Gymnasium environments: a single and a vector one, both thin over the same batched core."""
+"""Gymnasium environments, single and vectorised, on the same batched core."""
 
 from vibgym.envs.actions import ACTIONS, Action, Velocity, Wrench
 from vibgym.envs.observations import OBSERVATIONS, Observation

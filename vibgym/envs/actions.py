@@ -68,7 +68,7 @@ def copy_finite(values, kept):
 
 
 WORTH_SHARING = 2**20
-"""Bytes of a batch of actions above which several threads check it: most of that is waiting for memory."""
+"""Bytes of a batch of actions above which several threads check it; the check is limited by memory bandwidth."""
 
 
 def all_finite_in_blocks(values: np.ndarray, blocks: Blocks) -> bool:
@@ -115,7 +115,7 @@ class Action(Live, ABC):
     """Base class of actions: shape, flat space, validation, and command.
 
     A custom action is a subclass with ``shape`` and :meth:`command`; ``vibgym.envs.ACTIONS.register`` gives it a name.
-    State that it keeps between steps is in :meth:`live`: arrays (worlds, ...), which are zero when an episode begins.
+    State between steps is in :meth:`live`: arrays (worlds, ...), which are reset to zero when an episode begins.
 
     Args:
         surface: the table.
@@ -195,7 +195,7 @@ class Action(Live, ABC):
         return checks.refuse("action", f"{float(values[tuple(bad)])} at {bad}", "finite numbers")
 
     def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
-        """Take the limits of the elements into account; called once, before the first command.
+        """Apply the limits of the elements; called once, before the first command.
 
         Args:
             sheet: nominal properties of the elements.
@@ -212,7 +212,7 @@ class Action(Live, ABC):
 
         Args:
             values: (worlds, size) float32, finite.
-            measurement: of the parts; nothing is commanded for those that are gone, or not driven.
+            measurement: of the parts; parts that are gone or not driven get no command.
         """
 
 
@@ -246,8 +246,8 @@ class Phasor(_ElementWise):
 class Patch(Action):
     """(parts, k, k, 2): phasors of the k x k elements around each part, rows first; all others at rest.
 
-    k suits the largest part. An element in several patches belongs to the part whose centre is nearest to its own; ties go to
-    the lower index. Parts that are gone command nothing.
+    k is that of the largest part. An element in several patches belongs to the part with the nearest centre; ties go to the
+    lower index. Parts that are gone have no elements.
     """
 
     by_part = True
@@ -275,8 +275,7 @@ class Field(Action):
     """(parts, 6): strengths of the fields around each part: uniform x, y, squeeze x, y, radial, tangential.
 
     The fields are those of :mod:`vibgym.fields` centred on the part, with a reach of k / 2 elements, k as for :class:`Patch`.
-    Every element belongs to the part whose centre is nearest to its own; ties go to the lower index. Parts that are gone
-    command nothing.
+    Every element belongs to the part with the nearest centre; ties go to the lower index. Parts that are gone have no elements.
     """
 
     by_part = True
@@ -291,7 +290,7 @@ class Field(Action):
             centre = np.zeros((*measurement.pose.shape[:2], 2))
             self._drive = field_drive(values, centre, self.surface.element_size, self.reach, self.full_scale)
         drive = self._drive
-        drive.centre[...] = measurement.pose[:, :, :2]  # the pose moves on, the field stays where it was
+        drive.centre[...] = measurement.pose[:, :, :2]  # a copy: the field keeps its position during the step
         drive.centre[measurement.gone] = NOWHERE
         if drive.values is not values:
             self._drive = drive._replace(values=values)
@@ -402,7 +401,7 @@ class Velocity(Wrench):
 
 
 REASONS = (
-    "served", "gone: absent, fallen, or not driven", "its centre is beside the surface", "it may stick at this velocity",
+    "served", "gone: absent, fallen, or not driven", "its centre is off the surface", "it may stick at this velocity",
     "left out by the action",
 )  # fmt: skip
 """Why elements rest under a part, see :class:`Wrench`."""

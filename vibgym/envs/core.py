@@ -40,7 +40,7 @@ BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
 """Least memory of a world: its generator, arrays of the parts, and actions and drives of the elements."""
 
 MOST_PERIODS = 1_000_000
-"""Of a step: eleven hours of simulated time."""
+"""Most periods of a step: eleven hours of simulated time."""
 
 
 class Core(Pipeline):
@@ -97,7 +97,7 @@ class Core(Pipeline):
         self.sensing.prepare(command)
         self.identity = options.identity(self.surface, self.parts, self.simulator.walls, worlds)
         self.idle = self._idle_velocity(np.ones(len(self.parts)))
-        # Arrays of the state and of the scoring live as long as the core and are changed in place.
+        # Arrays of the state and of the scoring are allocated once and changed in place.
         state = self.simulator.state
         self.scoring = self.task.scoring(state, self.periods)
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
@@ -154,7 +154,7 @@ class Core(Pipeline):
         return sensing
 
     def _reward_from(self, weights: Mapping[str, Any]) -> OwnReward | GoalReward | None:
-        """Return what replaces the reward of the kernels: the task's own method, or the goal observation.
+        """Return the reward source that replaces the kernels': the task's method or the goal observation; None: the kernels.
 
         Raises:
             ValueError: reward terms without a weight, or weights with a goal reward.
@@ -172,7 +172,7 @@ class Core(Pipeline):
     def reset(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride | None = None
     ) -> None:
-        """Begin new episodes in ``worlds`` (index array), each drawn from its own generator.
+        """Begin new episodes in ``worlds`` (index array), each drawn from the world's generator.
 
         Args:
             override: reset options that replace drawn values.
@@ -207,7 +207,7 @@ class Core(Pipeline):
         """
         self.simulator.place(worlds, start.pose, velocity, mean_velocity, ~start.present)
         self.scoring.begin(worlds, start)
-        if self.terms is not self.episode.terms:  # those have just been set
+        if self.terms is not self.episode.terms:  # else they have just been set
             self.terms[worlds], self.part_terms[worlds] = 0.0, 0.0
         for memory in self.action.live().values():
             memory[worlds] = 0
@@ -246,7 +246,7 @@ class Core(Pipeline):
         if name not in self._observations:
             if not OBSERVATIONS[name].beside:
                 have = [each for each in OBSERVATIONS if OBSERVATIONS[each].beside]
-                raise checks.refuse("kind", kind, f"{', '.join(have)}, or what the environment was made with")
+                raise checks.refuse("kind", kind, f"{', '.join(have)}, or the kind that the environment was made with")
             self._observations[name] = self._observation("kind", name)
         return self._observations[name].observe(self.sensing.measurement, self._measured, self.episode)
 

@@ -22,11 +22,11 @@ from vibgym.tasks.episode import PREVIEW
 
 FAR, COARSE, FINE, FINEST = 0.250, 0.050, 0.005, 0.0005  # m
 TURN, COARSE_TURN, FINE_TURN, FINEST_TURN = 2.0 * math.pi, 0.5, 0.05, 0.005  # rad
-SPIN, ROW_SPIN = 10.0, 25.0  # rad/s in the state observation, and in rows: a little more than a block reaches
+SPIN, ROW_SPIN = 10.0, 25.0  # rad/s, in the state observation and in rows; 25 exceeds the spin of the blocks
 AGE_SCALE = 10.0  # periods
 SIGMA_SCALES = (0.001, math.pi / 180.0)  # m, rad
 NEIGHBOURS = 5
-"""Nearest other parts in a row."""
+"""Number of nearest other parts in a row."""
 
 CODINGS = ("linear", "tanh", "place", "cell", "direction", "flag")
 """Codings of quantities, see :class:`Feature`."""
@@ -53,12 +53,12 @@ class Feature(NamedTuple):
         quantity: of the part, see :mod:`vibgym.envs.observations`.
         width: number of values.
         meaning: in words.
-        unit: of a number 1, in words.
+        unit: of a value of 1, in words.
         scale: quantity in SI units at a value of 1 (for tanh, of its argument): one, one per value, or a name in
             :func:`scales_of`.
         coding: ``"linear"`` (quantity / scale, clipped), ``"tanh"`` (of quantity / scale), ``"place"`` (-1 to 1 over the
             surface), ``"cell"`` (-1 to 1 over an element), ``"direction"`` or ``"flag"`` (unchanged).
-        forms: observations that have it, ``"state"``, ``"parts"`` or both.
+        forms: observations with this feature, ``"state"``, ``"parts"`` or both.
     """
 
     name: str
@@ -83,12 +83,12 @@ PLACE = ("centre on the surface, x and y; -1 and 1 are the borders", "half the w
 AHEAD = "goal 1, 2, 3 and 4 periods ahead minus present"
 
 TABLE = (
-    Feature("present", "present", 1, "1: the part is there; all its other numbers are 0 where it is not",
+    Feature("present", "present", 1, "1: the part is present; otherwise all its other values are 0",
             "1", 1.0, "flag", STATE),
     Feature("kind", "kind", MOST_KINDS, "1 for its kind: the first, second or third of the list of parts", "1", 1.0, "flag"),
-    Feature("friction", "friction", 1, "coefficient of sliding friction, as the part has it by itself",
+    Feature("friction", "friction", 1, "nominal coefficient of sliding friction",
             "1", 1.0, "linear", PARTS),
-    Feature("radius", "radius", 1, "of the smallest circle about the centre that holds the part",
+    Feature("radius", "radius", 1, "of the smallest circle about the centre that contains the part",
             "0.1 m", 0.1, "linear", PARTS),
     Feature("gyration", "gyration", 1, "radius of gyration", "0.1 m", 0.1, "linear", PARTS),
     Feature("extent", "extent", 1, "square root of the area", "0.2 m", 0.2, "linear", PARTS),
@@ -128,14 +128,14 @@ TABLE = (
     Feature("turn_ahead", "turn_ahead", PREVIEW, f"{AHEAD} heading, on from that of turn", "full turn", TURN, "linear"),
     Feature("arrived", "arrived", 1, "1: it has arrived in this step, where parts come and go", "1", 1.0, "flag"),
     Feature("age", "age", 1, "tanh of (periods since the instant of its last reading / 10 periods)", "1", AGE_SCALE, "tanh"),
-    Feature("sigma", "sigma", 2, "tanh of what the measurement may be off by (standard deviation): position in 1 mm, heading "
+    Feature("sigma", "sigma", 2, "tanh of the standard deviation of the measured pose: position in 1 mm, heading "
             "in 1 deg", "1", SIGMA_SCALES, "tanh"),
     Feature("contact_normal", "normal", 2, "unit vector from its outline to the nearest other part's, x and y: the normal "
             "where they touch; 0, 0 without others", "1", 1.0, "direction"),
     Feature("contact_impulse", "pushed", 2, "tanh of (impulse of its contacts with parts and walls over the last period / "
             "(its mass x table speed)), x and y", "1", "table speed", "tanh"),
 )  # fmt: skip
-"""All features of a part itself, in the order of a block or row."""
+"""All features of a single part, in the order of a block or row."""
 
 FEATURES = tuple(each for each in TABLE if "state" in each.forms)
 """Features of a block of the state observation."""
@@ -144,7 +144,7 @@ OWN = tuple(each for each in TABLE if "parts" in each.forms)
 """Features of a row about the part itself."""
 
 NEIGHBOUR = (
-    Feature("there", "there", 1, "1: there is such a part; all its other numbers are 0 where there is none", "1", 1.0, "flag"),
+    Feature("there", "there", 1, "1: there is such a part; otherwise all its other values are 0", "1", 1.0, "flag"),
     Feature("apart", "apart", 2, "tanh of (its centre minus own) in 50 mm, x and y", "1", COARSE, "tanh"),
     Feature("apart_far", "apart", 2, "tanh of the same in 250 mm", "1", FAR, "tanh"),
     Feature("gap", "gap", 1, "tanh of (distance between the outlines / (sqrt(2) x element size))",
@@ -153,14 +153,14 @@ NEIGHBOUR = (
             "twice the table speed", "linear"),
     Feature("heading", "heading", 2, "cos and sin of (its symmetry x its heading)", "1", 1.0, "direction"),
     Feature("same_kind", "same_kind", 1, "1: it is of the same kind", "1", 1.0, "flag"),
-    Feature("way_far", "way_far", 2, "tanh of its own way to its goal in 250 mm, x and y", "1", FAR, "tanh"),
-    Feature("turn", "turn", 1, "tanh of its own goal minus heading in 0.5 rad", "1", COARSE_TURN, "tanh"),
-    Feature("way", "way", 2, "tanh of its own way to its goal or zone in 50 mm, x and y", "1", COARSE, "tanh"),
+    Feature("way_far", "way_far", 2, "tanh of its displacement to its goal in 250 mm, x and y", "1", FAR, "tanh"),
+    Feature("turn", "turn", 1, "tanh of its goal minus heading in 0.5 rad", "1", COARSE_TURN, "tanh"),
+    Feature("way", "way", 2, "tanh of its displacement to its goal or zone in 50 mm, x and y", "1", COARSE, "tanh"),
 )  # fmt: skip
 """Features of a neighbour; their names in a row are ``"neighbour_1_there"``, ..., the nearest first."""
 
 PUSHED = ("way_far", "turn")
-"""Features of neighbours in tasks with parts that others have to push."""
+"""Features of neighbours in tasks with undriven parts."""
 
 ROW = (
     *OWN,

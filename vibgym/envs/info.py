@@ -1,6 +1,6 @@
 """``info`` of a step: fields of the episodes by name and column, reward terms, and arrays of single parts.
 
-A batch copies all fields into a few arrays per step, in a kernel, and hands out their rows: they are never written again.
+A kernel copies all fields of a batch into a few new arrays per step; ``info`` contains their rows.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FLAGS = {"ended": ENDED, "fallen": DOWN, "is_success": SUCCEEDED}
 
 COLUMNS = (NUMBERS, COUNTS, {**FLAGS, "diverged": -1})
 ROWS = {name: (group, row) for group, names in enumerate(COLUMNS) for row, name in enumerate(names)}
-"""Where each field is in a :class:`Report`: index of the array, and row in it."""
+"""Location of each field in a :class:`Report`: index of the array, and row."""
 
 NUMBER, COUNT, FLAG = (tuple(each.values()) for each in (NUMBERS, COUNTS, FLAGS))
 TERMS, DIVERGED = len(NUMBERS), len(FLAGS)
@@ -81,7 +81,7 @@ def report_worlds(source, worlds, number, count, flag, part_number, part_flag):
     """
     all_of = source_at(source)
     terms, part_terms = all_of.terms, all_of.part_terms
-    # Row by row: writing all rows of a world at a time would touch places a power of two apart, which share cache lines.
+    # Row by row: rows of a world are a power of two apart, so writing them together causes cache conflicts.
     for row in range(TERMS):
         for k in range(worlds.shape[0]):
             number[row, worlds[k]] = all_of.number[worlds[k], NUMBER[row]]
@@ -103,7 +103,7 @@ def report_worlds(source, worlds, number, count, flag, part_number, part_flag):
 
 
 class InfoData(NamedTuple):
-    """What ``info`` reports; the arrays are live."""
+    """Content of ``info``; the arrays are live."""
 
     fields: Sequence[str]  # names among ROWS, in order
     extra: Mapping[str, np.ndarray]  # further fields (worlds,)
@@ -120,7 +120,7 @@ class BatchInfo:
     """Makes the ``info`` of a batch, with Gymnasium's ``_key`` masks.
 
     Attributes:
-        write: ``write(worlds, *report)`` copies the fields of some worlds; of disjoint worlds several at a time.
+        write: ``write(worlds, *report)`` copies the fields of some worlds; thread-safe for disjoint worlds.
     """
 
     def __init__(self, data: InfoData) -> None:

@@ -1,4 +1,4 @@
-"""Observations: what policies get of a measurement, flat, by parts, as a goal dictionary or as an image.
+"""Observations of a measurement: flat, by parts, as a goal dictionary or as an image.
 
 Kernels compute a list of quantities of each part in SI units; a :class:`Program`, made from a layout, encodes them value by
 value. A new feature of a known quantity is a line of the table in :mod:`vibgym.envs.features`; a new quantity also needs a
@@ -40,7 +40,7 @@ Writer = Callable[[np.ndarray, np.ndarray], None]
 class Observation(ABC):
     """Base class of observations: the space of one world, and a batch from a measurement.
 
-    A custom observation is a subclass; ``vibgym.envs.OBSERVATIONS.register`` gives it a name.
+    A custom observation is a subclass, registered by ``vibgym.envs.OBSERVATIONS.register``.
 
     Args:
         task: with its surface and parts.
@@ -56,14 +56,14 @@ class Observation(ABC):
     """Whether the reward is that of a goal observation (GoalEnv)."""
 
     beside: bool = True
-    """Whether it can be computed beside another observation; not if the sensor has to record data for it."""
+    """Whether it can be computed in addition to another observation; not if the sensor must record data for it."""
 
     def __init__(self, task: Task) -> None:
         self.task = task
         self.layout = Layout(task.surface, task.parts, task.features, task.slots)
 
-    def watch(self, sensor: Sensor) -> None:  # noqa: B027 - most need the measurement alone
-        """Take the sensor into account; called once, before anything else.
+    def watch(self, sensor: Sensor) -> None:  # noqa: B027 - optional
+        """Configure the observation for a sensor; called once, first.
 
         Raises:
             ValueError: a sensor that does not support the observation.
@@ -86,7 +86,7 @@ class Observation(ABC):
 
 
 class RowObservation(Observation):
-    """Base class of observations that kernels write world by world, on the thread that has advanced them."""
+    """Base class of observations that kernels write block by block, on the thread that has advanced the worlds."""
 
     @abstractmethod
     def fresh(self, worlds: int) -> tuple[list[np.ndarray], Any]:
@@ -96,7 +96,7 @@ class RowObservation(Observation):
     def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
         """Return a function ``write(worlds, array)`` per array of a batch; ``worlds`` is an index array.
 
-        Each call returns writers with scratch memory of their own, for use on several threads. The arguments are those of
+        Each call returns writers with separate scratch memory, for use on several threads. The arguments are those of
         :meth:`observe`; their arrays are live.
         """
 
@@ -327,7 +327,7 @@ def check_batch(name: str, space: spaces.Space, batch: Any, worlds: int) -> None
 
 
 def _offsets(features: Sequence[Feature]) -> dict[str, int]:
-    """Return the offset of each quantity in the list of all, and under ``""`` the length of the list."""
+    """Return the offset of each quantity in the list of all quantities; key ``""``: the length of the list."""
     widths = {each.quantity: each.width for each in features}
     return dict(zip((*widths, ""), np.cumsum([0, *widths.values()]).tolist(), strict=True))
 
@@ -372,11 +372,11 @@ class Scene(NamedTuple):
     others: Program  # of a neighbour; empty if a row has none
     touch: int  # 1: with features of contacts
     coarse: int  # offset of "way_coarse" in a row, copied as "way" of a neighbour
-    quantities: np.ndarray  # scratch: (parts, values) quantities of each part, constant ones filled in; ...
-    neighbour: np.ndarray  # ... (numbers,) of a neighbour; ...
-    placed: np.ndarray  # ... as hulls.corner; ...
-    nearest: np.ndarray  # ... (parts, NEIGHBOURS) int64, nearest first, -1: none; ...
-    gap: np.ndarray  # ... (parts, NEIGHBOURS) m, to these
+    quantities: np.ndarray  # scratch: (parts, values) quantities of each part, with constant ones filled in
+    neighbour: np.ndarray  # scratch: (values,) quantities of a neighbour
+    placed: np.ndarray  # scratch: as hulls.corner
+    nearest: np.ndarray  # scratch: (parts, NEIGHBOURS) int64, nearest first, -1: none
+    gap: np.ndarray  # scratch: (parts, NEIGHBOURS) m, to these
 
 
 SCENE: Memory[Scene] = Memory("SCENE", __name__)
@@ -576,7 +576,7 @@ def row_writer(task: Task, layout: Layout, measurement: Measurement, relations: 
     surface, parts = task.surface, task.parts
     own = tuple(each for each in layout.table if each in TABLE)
     others = _program(tuple(each for each in NEIGHBOUR if f"neighbour_1_{each.name}" in layout), OF_NEIGHBOUR, surface)
-    # A neighbour's way is copied from its own row, encoded.
+    # The displacement of a neighbour is copied from its row, encoded.
     others.coding[others.source >= THEIR_WAY] = CODINGS.index("flag")
     coarse = next((row.start for row in layout.rows if row.name == "way_coarse"), -1)
     zones = np.zeros((len(parts), 4)) if task.zones is None else task.zones[task.kind]

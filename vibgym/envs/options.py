@@ -1,4 +1,4 @@
-"""Keyword arguments of environments, and options of a reset: defaults, names, and checks that combine several of them."""
+"""Keyword arguments of environments and options of a reset: defaults, names, and joint checks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RESET_OPTIONS = ("pose", "goal", "paths", "parts")
 """Keys of ``reset(options=...)``."""
 
 MOST_EPISODE = 10**12
-"""Steps or periods of an episode."""
+"""Most steps or periods of an episode."""
 
 
 class Keywords(TypedDict, total=False):
@@ -84,7 +84,7 @@ class Options:
 
         Args:
             name: of the mapping, for errors.
-            more: further keys, for errors.
+            more: further keys to list in errors.
 
         Raises:
             ValueError: not a mapping, no task, or an unknown key.
@@ -174,7 +174,7 @@ def task_settings(
     Args:
         options: of the environment; those in :data:`NAMED` go to tasks that have them.
         cls: of the task.
-        randomize: the keys of ``randomize`` that the task draws itself.
+        randomize: the entries of ``randomize`` that the task draws.
     """
     settings = {name: getattr(options, name) for name in NAMED if name != "randomize"}
     settings = {
@@ -229,7 +229,7 @@ class StartOverride:
 def parse_reset_options(
     options: Any, task: Task, worlds: int, longest: float, more: tuple[str, ...] = ()
 ) -> StartOverride | None:
-    """Parse the options of a reset; None if they set nothing of the start.
+    """Parse the options of a reset; None if they do not affect the start.
 
     Args:
         options: of the call.

@@ -14,7 +14,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.config import to_si
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from
-from vibgym.physics.planar.kick import begin_waiting, strike_parts
+from vibgym.physics.planar.kick import begin_waiting, disturb_parts
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import Conditions, Simulator
@@ -24,7 +24,7 @@ STEEPEST = 0.2
 """rad, largest incline; the normal load, which is not changed, would be 2 % smaller."""
 
 MOST_RATE, MOST_TILT = 100.0, math.radians(45.0)
-"""1/s and rad, of disturbances."""
+"""Largest rate (1/s) and tilt (rad) of disturbances."""
 
 EFFECTS = ("friction", "mass", "incline", "patches")
 """Conditions by their name in ``randomize=`` and in :meth:`vibgym.Simulator.set_conditions`, in the order of drawing."""
@@ -88,7 +88,7 @@ class Randomization:
         return found
 
     def extremes(self) -> Conditions:
-        """Return the extremes of these ranges, a row per part: it is at its heaviest while the others are at their lightest."""
+        """Return the extremes of these ranges, a row per part: this part heaviest, all others lightest."""
         parts, lowest = self._parts, {name: low for name, (low, _) in self.ranges.items()}
         highest = {name: high for name, (_, high) in self.ranges.items()}
         incline = [self._surface.gravity * np.sin(highest.get("incline", 0.0)), 0.0]
@@ -101,7 +101,7 @@ class Randomization:
 
 
 def _range(name: str, value: Any) -> tuple[float, float]:
-    """Return the range of an effect: factors, or angles from the horizontal, where one number is the end of [0, number]."""
+    """Return the range of an effect: factors, or angles from the horizontal; a single angle a is the range [0, a]."""
     where = f"randomize[{name!r}]"
     if name != "incline":
         return checks.interval(where, value, LEAST_FACTOR, MOST_FACTOR)
@@ -145,7 +145,7 @@ def disturbance_from(value: Any, parts: Sequence[Part]) -> Disturbance:
 class Disturbances:
     """Impulse disturbances of parts at random times.
 
-    Models with tilt release a disturbed part from a tilt. Others give it an impulse that has the statistics of what follows
+    Models with tilt release a disturbed part from a tilt. Others apply an impulse with the statistics of the tilt's effect
     (:mod:`vibgym.physics.planar.kick`).
 
     Args:
@@ -154,7 +154,7 @@ class Disturbances:
         span: s, of a step.
 
     Attributes:
-        struck: (worlds, parts) rad, tilt by which a part was struck in the last step, or 0; live.
+        struck: (worlds, parts) rad, tilt of a part that was disturbed in the last step, else 0; live.
     """
 
     draws = KEY_DRAWS
@@ -174,15 +174,15 @@ class Disturbances:
         return {f"disturbance_{name}": values for name, values in live.items()}
 
     def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
-        """Begin episodes in ``worlds`` (index array), with numbers (n, draws) in [0, 1) of their generators."""
+        """Begin episodes in ``worlds`` (index array), with uniform numbers (n, draws) in [0, 1)."""
         self._key[worlds], self.struck[worlds] = keys_from(uniform), 0.0
         begin_waiting(worlds, self._key, self._setting.rate, self._wait, self._count)
 
     def strike(self, present: np.ndarray) -> None:
-        """Disturb the parts whose time comes in a step; ``present``: (worlds, parts) bool."""
+        """Disturb the parts whose waiting time ends in this step; ``present``: (worlds, parts) bool."""
         state, setting = self._simulator.state, self._setting
         away = state.fallen | state.diverged[:, None] | ~present
-        if strike_parts(
+        if disturb_parts(
             self._key, setting.rate, setting.low, setting.high, self._span, away, self._wait, self._count, self._lean,
             self._kick,
         ):  # fmt: skip

@@ -115,7 +115,7 @@ class SharedInterface:
         return RowLayout.of(self.core.task).rows
 
     def observed(self, kind: str) -> Any:
-        """Return another observation of the same instant, for instance for an expert that reads another one than the learner.
+        """Return another observation of the same instant, for example for an expert with another observation than the learner.
 
         Args:
             kind: as for ``observation=``, except ``"camera"``.
@@ -135,7 +135,7 @@ class SharedInterface:
     def compute_reward(self) -> Any:
         """Compute the reward for achieved and desired goals, single or batched (GoalEnv).
 
-        See :meth:`vibgym.tasks.PoseTask.compute_reward`. Only with ``observation="goal"``: learners detect a GoalEnv by it.
+        See :meth:`vibgym.tasks.PoseTask.compute_reward`. Requires ``observation="goal"``; learners detect a GoalEnv by it.
         Goals of observations are measured; the reward of a step is the same function of the true state.
         """
         if not self.core.observation.goal_reward:
@@ -147,7 +147,7 @@ class SharedInterface:
         return float(reward) if reward.ndim == 0 else reward
 
     def _check_open(self, closed: bool) -> None:
-        """Refuse a step of a closed environment, or before the first reset."""
+        """Raise an error for a step of a closed environment, or before the first reset."""
         if closed:
             raise gym.error.ClosedEnvironmentError("step(): the environment is closed; reset() opens it again")
         if not self.core.began:

@@ -71,8 +71,8 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     ## Information
     ``is_success``, ``position_error`` (m), ``heading_error`` (rad), ``clearance`` (m, smallest distance between parts,
-    negative for overlap), ``touching`` (pairs closer than 0.1 mm), ``parts_done``, ``fallen``, ``diverged`` (as far as the
-    task has them), ``reward_terms``, and:
+    negative for overlap), ``touching`` (pairs closer than 0.1 mm), ``parts_done``, ``fallen``, ``diverged`` (where they
+    apply), ``reward_terms``, and:
 
     - ``parts``: arrays (parts,): ``done``, ``fallen``, ``present``, ``reward``, ``reward_terms``; with disturbances
       ``struck`` (rad), with ``model="tilting"`` ``toppled``.
@@ -148,7 +148,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         if seed is not None:
             seed = checks.count("seed", seed, least=0)
         override = self._override(options)
-        if override is not None:  # try it first: an invalid start must change nothing
+        if override is not None:  # dry run: an invalid start must not change anything
             generator = seeding.np_random(seed)[0] if seed is not None else copy.deepcopy(self.np_random)
             uniform = generator.random((1, self.core.task.draws))
             self.core.start_of(_FIRST, uniform, override)
@@ -223,14 +223,14 @@ class VibgymEnv(SharedInterface, gym.Env):
 
 
 class WorldInfo:
-    """Makes the ``info`` of a single environment: Python numbers, and copies of arrays."""
+    """Writer of the ``info`` of a single environment: Python numbers, and copies of arrays."""
 
     def __init__(self, data: InfoData) -> None:
         self._data, episode = data, data.episode
         starts = np.cumsum([0, episode.number.shape[1], episode.count.shape[1], episode.flag.shape[1]])
         columns = {name: int(start) + column for start, names in zip(starts, COLUMNS) for name, column in names.items()}
         columns["diverged"] = int(starts[-1])
-        self._pick = itemgetter(*(columns[name] for name in data.fields), columns["ended"])  # at least two: a tuple
+        self._pick = itemgetter(*(columns[name] for name in data.fields), columns["ended"])  # two or more: a tuple
 
     def read(self) -> tuple[float, bool, dict[str, Any]]:
         """Return reward, whether the episode has ended, and ``info``."""

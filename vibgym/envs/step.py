@@ -38,7 +38,7 @@ class Stage(NamedTuple):
 
 
 class Block(NamedTuple):
-    """A block of worlds, and kernels with scratch memory of its own: several blocks run at the same time."""
+    """A block of worlds, and kernels with separate scratch memory, since several blocks run at the same time."""
 
     worlds: np.ndarray  # (n,) index
     score: list[Callable[[np.ndarray], None]]
@@ -47,7 +47,7 @@ class Block(NamedTuple):
 
 
 class Pipeline:
-    """The stages of a step, and everything that holds addresses of arrays of its components.
+    """The stages of a step, and all objects with addresses of the components' arrays.
 
     A subclass sets the components and calls :meth:`_bind`.
 
@@ -97,7 +97,7 @@ class Pipeline:
             run()
 
     def _list_stages(self) -> tuple[Stage, ...]:
-        """List the stages of a step in order; those that these settings do not need are left out."""
+        """Return the stages of a step in order, without those that the settings do not need."""
         estimated, flows, by_kernel = not self.sensing.exact, self.task.flows, self._rows is not None
         stages = (
             Stage("decode", self._decode),
@@ -158,14 +158,14 @@ class Pipeline:
         self._command = self.action.command(values, measurement)
 
     def _allocate(self) -> None:
-        """Allocate a batch of observations and reports: arrays that were returned are not written again."""
+        """Allocate a new batch of observations and reports; returned arrays are never overwritten."""
         if self._rows is not None:
             self._arrays, self.observations = self._rows.fresh(self.worlds)
         if self._by_batch:
             self.report = self.info.allocate()
 
     def _store_state(self) -> None:
-        """Store the state before the step, for a task with its own reward."""
+        """Store the state before the step, for a task that overrides the reward."""
         self._reward.begin_step()  # type: ignore[union-attr]
 
     def _disturb(self) -> None:
@@ -195,7 +195,7 @@ class Pipeline:
             score(block.worlds)
 
     def _replace_reward(self) -> None:
-        """Replace the reward by that of the task's own method, or of the goal observation."""
+        """Replace the reward by that of the task's method, or of the goal observation."""
         self._reward.score()  # type: ignore[union-attr]
 
     def _sense(self) -> None:
@@ -236,7 +236,7 @@ class Pipeline:
     BOUND = (
         "info", "report", "observations", "_arrays", "_blocks", "_now", "_after_advance", "_pipeline", "_measurement",
     )  # fmt: skip
-    """Attributes that hold addresses or views of the core's arrays; copies create them again."""
+    """Attributes with addresses or views of the core's arrays; copies recreate them."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name not in self.BOUND}
@@ -246,7 +246,7 @@ class Pipeline:
         self._bind()
 
     def _bind(self) -> None:
-        """Create everything that holds addresses or views of the core's own arrays."""
+        """Create all objects with addresses or views of the core's arrays."""
         state, sensing, scoring, observation = self.simulator.state, self.sensing, self.scoring, self.observation
         drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
         nested = {"drawn": drawn, "measured": sensing.facts(), "commanded": self._commanded}
@@ -266,12 +266,12 @@ class Pipeline:
         by_rows = isinstance(observation, RowObservation) and type(observation).observe is RowObservation.observe
         self._rows: RowObservation | None = observation if by_rows else None  # type: ignore[assignment]
         everyone = np.arange(self.worlds)
-        self._now = self._new_block(everyone)  # outside of steps
+        self._now = self._new_block(everyone)  # for use outside of steps
         self._blocks = [self._new_block(everyone[start:stop]) for start, stop in self.simulator.blocks.edges]
         self._bind_stages()
 
     def _new_block(self, worlds: np.ndarray) -> Block:
-        """Return a block of worlds with scratch memory of its own."""
+        """Return a block of worlds with new scratch memory."""
         rows = self._rows
         write = [] if rows is None else rows.writers(self._measurement, self._measured, self.episode)
         return Block(worlds, self.scoring.stages(), self.scoring.relating(self._measured), write)
@@ -282,7 +282,7 @@ class Pipeline:
             self._now.relate(worlds, self.sensing.measurement.pose, self.sensing.measurement.gone)
 
     def refresh(self, worlds: np.ndarray) -> None:
-        """Observe and report ``worlds`` (index array) again in the present batch: their episodes have just begun."""
+        """Update observations and reports of ``worlds`` (index array), whose episodes have just begun, in the present batch."""
         if self._by_batch:
             self.info.write(worlds, *self.report)
         for write, array in zip(self._now.write, self._arrays):

@@ -22,7 +22,7 @@ from vibgym.tasks import TASKS
 
 
 class VibgymVectorEnv(SharedInterface, VectorEnv):
-    """``num_envs`` worlds of one task; results are bit-identical to as many single environments.
+    """Vector environment of ``num_envs`` worlds of one task; bit-identical to as many single environments.
 
     Args:
         task, surface ... max_episode_periods: as for :class:`vibgym.envs.VibgymEnv`.
@@ -103,7 +103,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         for world, each in enumerate(self._seeds(seed)):
             if mask[world] and (each is not None or fresh[world] is None):
                 fresh[world] = seeding.np_random(each)[0]
-        if override is not None:  # try it first: an invalid start must change nothing
+        if override is not None:  # dry run: an invalid start must not change anything
             worlds = np.flatnonzero(mask)
             drawn = [copy.deepcopy(fresh[world]).random(self.core.task.draws) for world in worlds]  # type: ignore[union-attr]
             self.core.start_of(worlds, np.array(drawn), override)
@@ -184,7 +184,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             ValueError: no public attribute of this name, or values that differ.
         """
         if callable(self._attribute(name)) or isinstance(getattr(type(self), name, None), property):
-            raise checks.refuse("name", name, "an attribute that can be set, no method or property")
+            raise checks.refuse("name", name, "an attribute that can be set, not a method or property")
         if isinstance(values, list | tuple):
             differ = (each is not values[0] and not np.array_equal(each, values[0]) for each in values)
             if len(values) != self.num_envs or any(differ):
@@ -246,7 +246,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         return worlds
 
     def _begin_anew(self, mask: np.ndarray) -> None:
-        """Begin episodes in the worlds of ``mask``, and update observations and info."""
+        """Begin episodes in the worlds of ``mask``; update observations and info."""
         self.core.refresh(self._begin(mask))
 
     def _seeds(self, seed: Any) -> Sequence[int | None]:

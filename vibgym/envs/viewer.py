@@ -32,12 +32,12 @@ def scenery_of(env: SharedInterface) -> Scenery:
 
 
 def has_side(env: SharedInterface) -> bool:
-    """Whether there is anything to see from the side: parts may tilt."""
+    """Return whether images include a side view: with models in which parts may tilt."""
     return not env.core.simulator.flat
 
 
 def side_of(env: SharedInterface, world: int) -> Side | None:
-    """Bottoms of the parts, and the plates in the rows under their centres, as a period ends; None where all parts lie flat."""
+    """Return bottoms of the parts and plates in the rows under their centres at the end of a period; None if all are flat."""
     if not has_side(env):
         return None
     core, surface = env.core, env.surface
@@ -56,7 +56,7 @@ def side_of(env: SharedInterface, world: int) -> Side | None:
 
 
 class Viewer:
-    """Draws worlds of an environment, with the trails of their parts."""
+    """Painter of the worlds of an environment, with the trails of their parts."""
 
     def __init__(self, env: SharedInterface, title: str, worlds: int = 1) -> None:
         self.env = env

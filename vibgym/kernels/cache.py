@@ -161,7 +161,7 @@ class Cache(caching.FunctionCache):
             except RuntimeError:  # numba has found no writable folder
                 options.warn_about_cache("no folder that may be written")
             else:
-                # No stamp: in older versions of numba it is the file's time, which a checkout changes. The version has a digest.
+                # No stamp: that of older numba is the file's time, which a checkout changes. The version has a digest.
                 # The version is compared before anything else is read, which another version may not be able to unpickle.
                 files: Any = _Files(self._cache_path, self._impl.filename_base, source_stamp="")
                 files._version = f"{files._version} {state_of(*place)}"

@@ -1,4 +1,4 @@
-"""The layers of the picture, bottom to top. Import only once pygame is known to be there."""
+"""The layers of the picture, bottom to top. Needs pygame."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ARROW_FROM = 0.03
 """Elements with less amplitude have no arrow."""
 
 WALL = 11
-"""Thickness of a wall in pixels; as thick as the margin can take beside the band under the table."""
+"""Thickness of a wall in pixels, limited by the margin."""
 
 TAG, SMALLEST_TAG = 18, 10
 """Size of a zone's label, and the smallest to which it is scaled down to fit."""
@@ -33,7 +33,7 @@ TRAIL_POINTS = 400
 """Older centres are not drawn."""
 
 KEPT = 32
-"""Layers of goals and zones that are kept for the next picture."""
+"""Cached layers of goals and zones."""
 
 TRAIL_PIXELS = 1.5
 """Length of a trail's pieces, in pixels, at least."""
@@ -50,14 +50,14 @@ def _tag(label: str, room: float, colour: tuple[int, ...]) -> pygame.Surface | N
 
 
 class Canvas:
-    """One surface's picture in the making: :meth:`begin`, then the layers in any number, then :meth:`finish`.
+    """Picture of a surface: call :meth:`begin`, draw layers in any number, then call :meth:`finish`.
 
     Args:
         rows: elements along y.
         columns: elements along x.
         element_size: edge of an element, m.
         pixels_per_metre: scale.
-        walls: borders at which a wall stands.
+        walls: borders with a wall.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class Canvas:
         self._scale = FINE * pixels_per_metre
         table = np.array([columns, rows]) * element_size * pixels_per_metre
         width, table_bottom = (math.ceil(edge) + 2 * MARGIN for edge in table)
-        # Video encoders want even sizes.
+        # Video encoders require even sizes.
         self.size = (width + width % 2, table_bottom + legend.HEIGHT + (table_bottom + legend.HEIGHT) % 2)
         self._origin = FINE * np.array([MARGIN, MARGIN + table[1]])
         self._edge = element_size * self._scale
@@ -114,10 +114,10 @@ class Canvas:
         draw: Callable[[pygame.Surface, np.ndarray], None],
         key: Hashable = None,
     ) -> None:
-        """Lay over the picture what ``draw`` paints around ``points``, see :func:`shapes.painted`.
+        """Blend what ``draw`` paints around ``points`` over the picture, see :func:`shapes.painted`.
 
         Args:
-            key: of what stays the same from picture to picture, which is kept.
+            key: cache key of layers that do not change between pictures; None: not cached.
         """
         layer = self._kept.get(key) if key is not None else None
         if layer is None:
@@ -217,13 +217,13 @@ class Canvas:
     def trail(self, points: np.ndarray, colour: tuple[int, ...]) -> None:
         """Draw a line through ``points`` (k, 2), m, oldest first, fading with age; light colours get a dark edge."""
         points = self._to_pixels(points[-TRAIL_POINTS:])
-        # What lies off the picture is not worth a layer, and pygame cannot take every number; who was there has come anew.
+        # Points far off the picture need no layer, and overflow pygame's integers.
         beside = np.flatnonzero(~((points >= 0.0) & (points <= self._fine.get_size())).all(axis=1))
         points = points[beside[-1] + 1 if len(beside) else 0 :]
         if len(points) < 2:
             return
         alpha = np.linspace(30.0, 240.0, len(points))[1:]
-        # Points that are less than a pixel or two further along show nothing: half the time of a picture went into them.
+        # Segments shorter than a pixel or two are invisible and take half the time of a picture.
         along = np.hypot(*np.diff(points, axis=0).T).cumsum()
         kept = np.append(np.diff(along // (TRAIL_PIXELS * FINE)) > 0, True)
         points, alpha = points[np.append(True, kept)], alpha[kept]

@@ -11,18 +11,18 @@ REST = (237, 239, 241)
 INK = (38, 44, 56)
 MUTED = (108, 115, 128)
 PARTS = ((52, 60, 76), (196, 90, 36), (120, 70, 160), (250, 247, 238))
-"""Fill of each kind of part, darker than any element or, as the last one, lighter than any that moves.
+"""Fill of each kind of part, darker than any element; the last one is lighter than any moving element.
 
-They are distinguishable, from each other and from the field, in every kind of colour vision.
+They are distinguishable from each other and from the field in every kind of colour vision.
 """
 
 HUES = 720
 HUE_OF_PHASE_0 = np.radians(-15.0)
-"""Puts left and right, the long axis of the table, on orange and blue, which red-green colour blindness keeps apart."""
+"""Maps left and right, the long axis of the table, to orange and blue, which red-green colour blindness distinguishes."""
 
 
 def is_light(colour: tuple[int, ...]) -> bool:
-    """Return whether what is written on ``colour`` (r, g, b) has to be dark."""
+    """Return whether text on ``colour`` (r, g, b) must be dark."""
     return sum(colour) >= 384
 
 

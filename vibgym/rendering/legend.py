@@ -1,4 +1,4 @@
-"""The band under the table that explains the picture. Import only once pygame is known to be there."""
+"""The band under the table that explains the picture. Needs pygame."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pygame
 from vibgym.rendering import colours, shapes
 
 HEIGHT = 64
-"""Of the band, in pixels."""
+"""Height of the band in pixels."""
 
 WHEEL = 52
 """Diameter of the colour wheel in pixels."""
@@ -27,11 +27,11 @@ def _font(size: int) -> pygame.font.Font:
 
 
 def render_text(line: str, size: int, colour: tuple[int, ...]) -> pygame.Surface:
-    """Render ``line`` on a transparent surface, in pygame's own font, which is the same on every machine."""
+    """Render ``line`` on a transparent surface, in pygame's font, which is the same on every platform."""
     # Scaled down from a larger size: at small ones, rounding to pixels spoils the font's spacing.
     try:
         text = _font(_FINE * size).render(line, True, colour)
-    except pygame.error:  # somebody has quit pygame since the font was loaded
+    except pygame.error:  # pygame was quit after the font was loaded
         _font.cache_clear()
         text = _font(_FINE * size).render(line, True, colour)
     return pygame.transform.smoothscale(

@@ -1,4 +1,4 @@
-"""Fast rasteriser behind ``observation="image"``: compiled, no pygame, the same pixels on every run."""
+"""Compiled rasteriser of ``observation="image"``: no pygame, the same pixels on every run."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _background(
             shade = GRID_EVEN if (i + j) % 2 == 0 else GRID_ODD
             for column in range(j * pixels_per_element, (j + 1) * pixels_per_element):
                 background[row, column, 2] = shade
-    # As polygons, zones keep to the same rule as parts do: those that share a border share no pixel.
+    # Zones are filled as polygons, like parts: zones that share a border share no pixel.
     here, outline, corners = np.zeros(3), np.empty((4, 2)), np.empty((4, 2))
     for k in range(zone.shape[0]):
         for corner in range(4):
@@ -73,7 +73,7 @@ def _background(
 
 @jit
 def _copy(source: np.ndarray, target: np.ndarray) -> None:
-    """Overwrite ``target`` with ``source``, both contiguous: many times faster than by slices or by three indices."""
+    """Overwrite ``target`` with ``source``, both contiguous; many times faster than slices or three indices."""
     flat_source, flat_target = source.reshape(-1), target.reshape(-1)
     for k in range(flat_source.shape[0]):
         flat_target[k] = flat_source[k]
@@ -83,7 +83,7 @@ def _copy(source: np.ndarray, target: np.ndarray) -> None:
 def _scan(corners: np.ndarray, row: int, left: int, right: int, inside: np.ndarray) -> None:
     """Write into ``inside`` whether the centres of pixels ``left`` to ``right`` of ``row`` are in the polygon (even-odd).
 
-    Every polygon has this scratch row to itself, so that one drawn over another leaves no holes.
+    The scratch row holds one polygon at a time, so that overlapping polygons leave no holes.
     """
     inside[left:right] = False
     y = row + 0.5
@@ -93,7 +93,7 @@ def _scan(corners: np.ndarray, row: int, left: int, right: int, inside: np.ndarr
         if (y0 <= y) != (y1 <= y):
             crossing = x0 + (y - y0) * (x1 - x0) / (y1 - y0)
             first = math.floor(min(max(crossing, float(left)), float(right)) - 0.5) + 1
-            # Everything right of an edge changes sides; what all edges leave changed is inside.
+            # Even-odd rule: pixels right of an edge are toggled.
             for column in range(first, right):
                 inside[column] = not inside[column]
 
@@ -122,7 +122,7 @@ def _mark(
 ) -> None:
     """Set channel 2 inside the part: the wedge that shows its heading, and the grid around it.
 
-    So a part that lies over another, as far as contacts let it, covers the other's wedge too.
+    A part that overlaps another one therefore covers the other's wedge too.
     """
     height, width = image.shape[0], image.shape[1]
     radius = 0.0
@@ -143,7 +143,7 @@ def _mark(
 
 
 class Marks(NamedTuple):
-    """What is drawn in every world: outlines and zones, and their values."""
+    """Outlines and zones of all worlds, and their pixel values."""
 
     outline: np.ndarray  # (total, 2) corners of all parts, one part after the other, each in its own frame, m
     first: np.ndarray  # (parts + 1,) int64; part p has the corners from first[p] to before first[p + 1]
@@ -165,7 +165,7 @@ def rasterise(
     pixels_per_element: int,
     image: np.ndarray,
 ) -> None:
-    """Draw the parts of each world, and their goals or the zones where they shall end.
+    """Draw the parts of each world, and their goals or goal zones.
 
     Channel 0 is the part's value inside a part, channel 1 is ``goal_value`` inside a part's outline at its goal and the zone's
     value inside a zone, channel 2 is the grid of elements and the parts' heading marks. Where parts or zones overlap, the

@@ -1,4 +1,4 @@
-"""Drawing primitives on a pygame surface, in its pixels. Import only once pygame is known to be there."""
+"""Drawing primitives on a pygame surface, in its pixels. Needs pygame."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def bar(
 ) -> list[float]:
     """Return left, top, width and height of a wall outside the rectangle from ``low`` to ``high`` (2,).
 
-    It reaches past the rectangle's corners as far as the ``frame`` does, or the other one of ``walls`` it meets there.
+    It extends past the rectangle's corners to the ``frame``, or to the adjacent one of ``walls``.
     """
     left, right, top, bottom = (thickness if side in walls else frame for side in ("left", "right", "top", "bottom"))
     if wall in ("left", "right"):
@@ -107,7 +107,7 @@ def painted(
     padding: float,
     draw: Callable[[pygame.Surface, np.ndarray], None],
 ) -> tuple[pygame.Surface, list[int]] | None:
-    """Return a layer around ``points`` (n, 2) on which ``draw`` has painted transparent colours, and its place in the picture.
+    """Return a layer around ``points`` (n, 2) with the transparent colours of ``draw``, and its rectangle in the picture.
 
     ``draw`` gets the layer and its origin in the picture of this ``size``. None where the layer would miss the picture.
     """

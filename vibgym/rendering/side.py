@@ -1,4 +1,4 @@
-"""The table from the side, heights magnified: plates that stand at different heights, and the bottoms of parts on them."""
+"""Side view of the table with magnified heights: plates and the bottoms of the parts on them."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ MAGNIFIED = 20.0
 """Heights over lengths."""
 
 FINE = 3
-"""It is drawn this many times larger and scaled down."""
+"""The strip is drawn this many times larger and scaled down, which smooths edges."""
 
 GROUND = 84
-"""Pixels from the strip's top to plates in the middle of their way."""
+"""Pixels from the strip's top to plates at mid-stroke."""
 
 THICK = 3
 """Pixels of a part's bottom."""
@@ -52,7 +52,7 @@ def strip(
     for bottom, tint in zip(side.bottoms, tints, strict=True):
         if np.isfinite(bottom).all():
             points = [placed(x, z) for x, _, z in bottom.tolist()]
-            pygame.draw.polygon(fine, tint, points)  # flat and convex: so is what is seen of it
+            pygame.draw.polygon(fine, tint, points)  # the projection of a flat convex bottom is convex
             pygame.draw.polygon(fine, [round(0.45 * each) for each in tint], points, THICK * FINE)
     small = pygame.transform.smoothscale(fine, (width, HEIGHT))
     small.blit(legend.render_text(f"From the side, heights {MAGNIFIED:g} times as large", 15, colours.INK), (left, 4))

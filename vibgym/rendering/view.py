@@ -123,9 +123,9 @@ def _colour_of(kind: int) -> tuple[int, int, int]:
 
 
 class SurfacePainter:
-    """Draws views of one surface with fixed parts. Needs no display.
+    """Painter of views of one surface with fixed parts. Needs no display.
 
-    Copies and pickles draw the same.
+    Copies and pickles draw the same pixels.
 
     Args:
         rows: elements along y.

@@ -28,7 +28,7 @@ class Window:
         self._open = self._closed = False
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but pygame's module and clock; a copy is not on the screen yet."""
+        """Return the state without pygame's module and clock; a copy opens its window on the first frame."""
         return {**vars(self), "_pygame": None, "_clock": None, "_open": False}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -60,7 +60,7 @@ class Window:
         self._clock.tick(self._fps)
 
     def close(self) -> None:
-        """Take the window off the screen for good. May be called any number of times."""
+        """Close the window permanently; further calls have no effect."""
         if self._open and self._pygame.display.get_init():
             self._pygame.display.quit()
         self._open, self._closed = False, True

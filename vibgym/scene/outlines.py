@@ -34,7 +34,7 @@ def signed_area(outline: np.ndarray) -> float:
 
 def centroid(outline: np.ndarray) -> np.ndarray:
     """Return the centre of the enclosed area (2,)."""
-    origin = outline.mean(axis=0)  # keeps digits when the outline lies far from its origin
+    origin = outline.mean(axis=0)  # keeps digits if the outline is far from the origin
     here = outline - origin
     there = np.roll(here, -1, axis=0)
     cross = here[:, 0] * there[:, 1] - here[:, 1] * there[:, 0]
@@ -139,7 +139,7 @@ def _first_fault(outline: np.ndarray) -> str | None:
         return along[:, None, 0] * off[..., 1] - along[:, None, 1] * off[..., 0]
 
     def within(point: np.ndarray) -> np.ndarray:
-        """Return whether each point (columns) lies in the box around each edge (rows)."""
+        """Return whether each point (columns) is in the bounding box of each edge (rows)."""
         low, high = np.minimum(begin, end)[:, None, :], np.maximum(begin, end)[:, None, :]
         return np.all((low <= point[None]) & (point[None] <= high), axis=2)
 
@@ -172,7 +172,7 @@ def simple_outline(vertices: object) -> np.ndarray:
     """
     allowed = "an (n, 2) array of at least three corners of a simple polygon, m"
     try:
-        if np.asarray(vertices).dtype.kind not in "biuf":  # texts would be read as numbers
+        if np.asarray(vertices).dtype.kind not in "biuf":  # strings would be parsed as numbers
             raise TypeError
         outline = np.array(vertices, dtype=np.float64)
     except (TypeError, ValueError, RecursionError):

@@ -32,7 +32,7 @@ def apart(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
 
 
 def check_centres(name: str, pose: np.ndarray, surface: Surface) -> None:
-    """Refuse poses (..., 3) whose centres are beside the surface.
+    """Check that the centres of poses (..., 3) are on the surface.
 
     Raises:
         ValueError: names the first of them.
@@ -53,7 +53,7 @@ def check(
     away: np.ndarray,
     allowed: float,
 ) -> None:
-    """Refuse poses at which parts overlap.
+    """Check that parts do not overlap at their poses.
 
     Args:
         name: of the argument.

@@ -1,6 +1,6 @@
 """Linear model of a part that slides near rest, for controllers, filters and planners.
 
-Friction brakes a part at a constant rate. Under an acceleration ``u`` by the elements each of x, y and heading follows
+Friction brakes a part at a constant rate. Under an acceleration ``u`` by the elements, x, y and heading each follow
 
     p' = v,   v' = -c v + u        c = mu g / (2 a_h w)
 
@@ -27,12 +27,12 @@ TOP_SLIP = 0.71
 """Speed of a part on elements at full amplitude, over the table's: 0.30 m/s on the prototype."""
 
 DRAG_GROWTH = 0.8
-"""Near the top speed friction brakes more and pushes less than near rest: ``1 + 0.8 s^2`` fits the first-order averages' ratio
-within 4 %, ``s`` being the speed over the table's."""
+"""Ratio of drag to push near the top speed, relative to rest: ``1 + 0.8 s^2`` with ``s`` the speed over the table's, within 4 %
+of the first-order averages."""
 
 
 class Sliding(NamedTuple):
-    """The parts near rest."""
+    """Linear model of the parts near rest."""
 
     strength: float  # largest amplitude of the elements over the surface's
     push: np.ndarray  # (parts,) m/s^2, of all elements at that amplitude
@@ -79,7 +79,7 @@ def top_slip(strength: float) -> float:
 
 @borrowing
 def motion(drag, time):
-    """Solve the model: after ``time``, ``p + way v + fall u`` and ``left v + way u``; returns ``way, fall, left``."""
+    """Return ``way, fall, left`` of the solution after ``time``: ``p + way v + fall u`` and ``left v + way u``."""
     left = math.exp(-drag * time)
     way = (1.0 - left) / drag if drag * time > 1e-9 else time
     fall = (time - way) / drag if drag * time > 1e-4 else 0.5 * time * time

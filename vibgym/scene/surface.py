@@ -20,7 +20,7 @@ MOST_ELEMENTS = 1_000_000
 
 @dataclass(frozen=True)
 class Surface:
-    """A table of ``rows x columns`` square elements on one fast horizontal circular motion.
+    """A table of ``rows x columns`` square elements that share a fast horizontal circular motion.
 
     The origin is a corner of the surface, x runs along columns, y along rows, z up. All elements move horizontally by
     ``a_h (cos wt, sin wt)``; element (i, j) covers ``[j L, (j+1) L] x [i L, (i+1) L]`` and moves vertically by
@@ -55,7 +55,7 @@ class Surface:
         put("columns", checks.count("columns", self.columns, most=MOST_ELEMENTS))
         if self.rows * self.columns > MOST_ELEMENTS:
             got = f"{self.columns} in {self.rows} rows"
-            raise checks.refuse("columns", got, f"at most {MOST_ELEMENTS} elements in all")
+            raise checks.refuse("columns", got, f"at most {MOST_ELEMENTS} elements in total")
         for name in ("element_size", "frequency", "gravity"):
             put(name, checks.number(name, getattr(self, name), above=0.0, least=1e-9, most=1e9))
         put(

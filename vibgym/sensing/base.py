@@ -38,13 +38,13 @@ class Sensor(ABC):
         delay: periods between a sample and the observation that contains it.
         rate: Hz of samples; None: one a step. The rate of steps is a multiple of it.
         effects: measurement errors by name, see :mod:`vibgym.sensing.effects`.
-        **more: likewise, effects beside the sensor's own settings.
+        **more: further effects, given as keyword arguments.
 
     Attributes:
         step: s of a step.
         instant: periods after a step's start at which the sensor samples.
         due: the latest delayed reading.
-        looking: (n,) indices of the worlds sampled: all, or at a reset the restarted ones. Readings of others are not used.
+        looking: (n,) indices of the sampled worlds: all, or at a reset the restarted ones. Readings of others are not used.
         looks: (worlds,) int64, samples since the episode's start; the one before its first step is 0.
         key: (worlds, 2) int64, key of the effects' random numbers in this episode.
 
@@ -145,7 +145,7 @@ class Sensor(ABC):
         self._repeat(which)
 
     def _repeat(self, where: np.ndarray) -> None:
-        """Make the fresh reading the present one in worlds or of parts, with no new one until a sample of a step is due."""
+        """Make the new reading the current one, in worlds or of parts, until the first sample of a step is due."""
         for each in self._readings:
             for kept, read in zip(each, self._fresh, strict=True):
                 kept[where] = read[where]
@@ -168,12 +168,12 @@ class Sensor(ABC):
         if self._effects:
             self._effects.apply(reading)
 
-    def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:  # noqa: B027 - most have nothing to do
+    def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:  # noqa: B027 - optional
         """Draw what is constant during the episodes of ``worlds``; see :meth:`reset`."""
 
     @abstractmethod
     def measure(self, state: State, reading: Reading) -> None:
-        """Write a measurement of ``state`` (not to be changed or kept) into ``reading``, for all worlds.
+        """Write a measurement of ``state`` (read-only, do not keep it) into ``reading``, for all worlds.
 
         ``reading.seen`` is True on entry: set it False for parts that are not measured.
         """

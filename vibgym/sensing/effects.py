@@ -1,6 +1,6 @@
-"""Effects: measurement errors as stages that all sensors share.
+"""Effects: measurement errors, shared by all sensors.
 
-A sensor's mapping names effects beside its settings (``{"kind": "camera", "dropout": 0.1}``), or under ``effects`` where the
+A sensor's mapping has effects next to its settings (``{"kind": "camera", "dropout": 0.1}``), or under ``effects`` where the
 sensor has a setting of the same name (``{"kind": "camera", "effects": {"noise": 1e-4}}``: ``noise`` is that of the camera's
 pixels). Custom effects apply in the order of registration; bias, noise and dropout follow. Finally velocities are computed from
 the resulting poses: the difference to the previous reading over the time between them. Delay and rate belong to
@@ -97,7 +97,7 @@ class Noise(Effect):
 class Bias(Effect):
     """Constant error of an episode: one shift of all positions, one turn for each part; normal.
 
-    The value is as for :class:`Noise`. It does not add to ``sigma``, which is noise that is new at every sample.
+    The value is as for :class:`Noise`. It does not add to ``sigma``, the deviation of independent noise.
     """
 
     def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
@@ -113,7 +113,7 @@ class Bias(Effect):
 
 
 class Dropout(Effect):
-    """Probability that a sample misses a part. The first sample of an episode misses none: with 1 it is the only reading."""
+    """Probability that a sample misses a part. The first sample of an episode misses none."""
 
     def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
         super().__init__(sensor, where)
@@ -131,8 +131,8 @@ class Effects:
 
     Args:
         sensor: the sensor.
-        flat: name -> value, of effects beside the sensor's settings.
-        more: likewise, of those under ``effects``.
+        flat: name -> value, of effects next to the sensor's settings.
+        more: the same, of effects under ``effects``.
 
     Raises:
         ValueError: an unknown effect, one that is named twice, or a bad value.
@@ -187,7 +187,7 @@ class Effects:
         )  # fmt: skip
 
     def renew(self, which: np.ndarray, reading: Reading) -> None:
-        """Apply all effects to the reading of parts that have just arrived, ``which`` (worlds, parts); none is missed."""
+        """Apply all effects except dropout to the reading of parts that have just arrived, ``which`` (worlds, parts)."""
         others = ~which
         last, elapsed = self._last[others], self._elapsed[others]
         self._new[...] = which

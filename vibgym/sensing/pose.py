@@ -15,7 +15,7 @@ POSITION_NOISE, HEADING_NOISE = 1e-4, math.radians(0.2)
 class IdealSensor(Sensor):
     """Sensor of true poses and mean velocities, by default without delay; arrays are not copied unless needed.
 
-    With effects its velocities are differences of what it reads, as those of :class:`vibgym.sensing.PoseSensor` are.
+    With effects, velocities are differences of readings, as for :class:`vibgym.sensing.PoseSensor`.
     """
 
     @property
@@ -28,7 +28,7 @@ class IdealSensor(Sensor):
 
 
 class PoseSensor(IdealSensor):
-    """Reads every part's pose with noise; its velocity is the difference to the pose read before.
+    """Sensor of every part's pose with noise; velocities are differences of successive poses.
 
     The ideal sensor with a permanent effect.
 

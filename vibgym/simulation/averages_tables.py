@@ -1,10 +1,10 @@
-"""Coefficients of the averaged model as functions of slip, and the tables that its kernels read.
+"""Coefficients of the averaged model as functions of slip, tabulated for its kernels.
 
 ``s`` is the part's mean speed over the table's. In the frame of the mean velocity (first axis along it) and with
 ``theta = w t + pi / 2 - direction`` the sliding direction is ``n = (exp(i theta) - s) / |exp(i theta) - s|``. The model needs
 averages over ``theta`` of ``n``, of its derivative and of its antiderivatives. At ``s = 1`` slip passes through zero once a
-period, and the averages of the derivative have a logarithm. The tables run over ``-log(1 - t)`` with ``t = min(s, 1 / s)``, in
-which all averages are smooth, for parts slower and faster than the table.
+period, and the averages of the derivative diverge logarithmically. The tables run over ``-log(1 - t)`` with
+``t = min(s, 1 / s)``, in which all averages are smooth, for parts slower and faster than the table.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def _fast_series(t: np.ndarray) -> np.ndarray:
 
 
 def _closed_forms(s: np.ndarray) -> np.ndarray:
-    s = np.where(s == 1.0, 1.0 - 1e-15, s)  # I0 is infinite there, but everything it enters is not
+    s = np.where(s == 1.0, 1.0 - 1e-15, s)  # I0 is infinite at 1, the results are not
     a, b = 1.0 + s, np.abs(1.0 - s)
     total, weight = 2.0 * s, 1.0
     for _ in range(12):  # arithmetic-geometric mean: K(m) and E(m) with m = 4 s / (1 + s)^2
@@ -115,11 +115,11 @@ class Waves:
         self.position = self.antiderivative(self.velocity)
 
     def average(self, values: np.ndarray) -> np.ndarray:
-        """Return mean over theta along the last axis."""
+        """Return the mean over theta along the last axis."""
         return np.mean(values * self._grade, axis=-1)
 
     def antiderivative(self, values: np.ndarray) -> np.ndarray:
-        """Return the antiderivative of ``values - average`` that has itself no average."""
+        """Return the antiderivative of ``values - average`` with zero mean."""
         rate = np.fft.fft((values - self.average(values)[..., None]) * self._grade)
         result = np.fft.ifft(rate * self._integrate).real
         return result - self.average(result)[..., None]
@@ -166,7 +166,7 @@ def wobble_values(s: float, theta: np.ndarray) -> np.ndarray:
 
 
 def slips(step: float, nodes: int) -> np.ndarray:
-    """Return slip at the nodes of a table, (2, nodes): slower and faster than the table; infinity is put at 1e12."""
+    """Return slip at the nodes, (2, nodes), of parts slower and faster than the table; infinity is replaced by 1e12."""
     t = -np.expm1(-step * np.arange(nodes))
     return np.stack([t, 1.0 / np.maximum(t, 1e-12)])
 
@@ -177,7 +177,7 @@ def averages() -> Averages:
     theta = np.linspace(0.0, np.pi, ANGLES)
     slip = slips(MEAN_STEP, MEAN_NODES)
     mean = mean_coefficients(slip)
-    mean[1] *= np.stack([slip[1], slip[1] ** 2, np.ones(MEAN_NODES)], axis=-1)  # d and Q - P, which stay finite
+    mean[1] *= np.stack([slip[1], slip[1] ** 2, np.ones(MEAN_NODES)], axis=-1)  # d and Q - P are finite
     coupling = np.array([[coupling_coefficients(s) for s in side] for side in slips(COUPLING_STEP, COUPLING_NODES)])
     wobble = np.array([[wobble_values(s, theta) for s in side] for side in slips(WOBBLE_STEP, WOBBLE_NODES)])
     # Chebyshev points, then powers of s^2 for Horner's rule

@@ -1,4 +1,4 @@
-"""``model="auto"``: the cheapest model and settings that keep a tolerance, from evidence measured once and stored.
+"""``model="auto"``: the cheapest model and settings within a tolerance, from stored measurements.
 
 The evidence (``evidence.json``, written by ``python -m studies.accuracy.evidence``) contains, for classes of scenes, the
 deviation of every candidate from a converged run in 25 periods, and the cost of a period. Errors are in units of the table's
@@ -9,7 +9,7 @@ amplitude ``a_h``. A class is determined by
 - ``scale``, the smaller radius of gyration, of the part or of an element, over the displacement ``2 pi a_h`` of the table in a
   period: the rate at which the contact area of an element changes.
 
-A scene takes the class with the next larger ``eps`` and the next smaller ``scale``, which is harder than the scene; errors are
+A scene gets the class with the next larger ``eps`` and the next smaller ``scale``, which is harder; errors are
 multiplied by :data:`MARGIN`.
 """
 
@@ -109,7 +109,7 @@ def cost_of(row: Mapping[str, Any], periods_per_call: int) -> float:
 
 
 def choose_for(surface: Surface, kinds: Sequence[Part], models: Sequence[str], **knobs: Any) -> Choice:
-    """Return the choice for the kind of part that needs the finest steps, among some models."""
+    """Return the choice for the kind of part that needs the finest steps, among ``models``."""
     choices = [choose(surface, part, models=models, **knobs) for part in kinds]
     return max(choices, key=lambda each: (each.knobs.get("steps", 0), each.knobs.get("substeps", 0)))
 
@@ -173,4 +173,4 @@ def choose(
 
 def describe(scene: Traits) -> str:
     """Describe a scene's traits."""
-    return f"a scene with {scene.kind}, mu g / (a_h w^2) = {scene.eps:.3g}, size / way per period = {scene.scale:.3g}"
+    return f"a scene with {scene.kind}, mu g / (a_h w^2) = {scene.eps:.3g}, size / displacement per period = {scene.scale:.3g}"

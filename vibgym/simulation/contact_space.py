@@ -50,7 +50,7 @@ MATERIALS = 31
 
 
 class ContactSpace:
-    """pymunk spaces for the parts of a world and the walls.
+    """Spaces of pymunk for the parts of a world and the walls.
 
     Contacts in them do not rebound: :mod:`vibgym.physics.contacts.impact` computes rebounds. Friction of a contact between two
     parts is the geometric mean of theirs; a wall has the friction of the part that touches it.
@@ -169,7 +169,7 @@ def slop_of(part: Part) -> float:
 
 
 def check_masses(argument: str, parts: Sequence[Part], masses: np.ndarray) -> None:
-    """Refuse ``masses`` (parts,), kg, that are too different for the solver."""
+    """Check that the ratio of ``masses`` (parts,), kg, is within the range of the solver."""
     heavy, light = int(np.argmax(masses)), int(np.argmin(masses))
     ratio = masses[heavy] / masses[light]
     if ratio > MOST_MASS_RATIO:

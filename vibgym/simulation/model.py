@@ -1,4 +1,4 @@
-"""Base class of models, and what a model is constructed with: :class:`Setup` and :class:`Conditions`."""
+"""Base class of models, and their arguments: :class:`Setup` and :class:`Conditions`."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Model(ABC):
 
     Attributes:
         setup: the scene.
-        choice: set by models that select another one, as ``"auto"`` does; None: the model was named.
+        choice: set by models that select another one, such as ``"auto"``; None: the model was named.
     """
 
     flat: ClassVar[bool] = True
@@ -144,7 +144,7 @@ class Model(ABC):
         """Raise ValueError for invalid values of :meth:`live`, which are finite and have the right shapes."""
 
     def begin(self, worlds: Any) -> None:  # noqa: B027 - optional
-        """Reset :meth:`live` for worlds (index or mask, also of single parts) whose parts have been put down."""
+        """Reset :meth:`live` for worlds (index or mask, also of single parts) whose parts have been placed."""
 
     def reset(self) -> None:  # noqa: B027 - optional
         """Reset the statistics."""
@@ -180,12 +180,12 @@ class Model(ABC):
 
 
 def warn_of_slender(parts: Sequence[Part], model: str) -> None:
-    """Warn of parts that wobble after a disturbance, which planar models do not cover."""
+    """Warn about parts that wobble after a disturbance, which planar models do not cover."""
     for part in kinds_of(parts, Part.same_as)[0]:
         limit = SLENDER_DISC if part.symmetry == 0 else SLENDER
         if part.height_is_known and part.slenderness > limit:
             warnings.warn(
-                f"parts: {part.name!r} has its centre of mass {part.slenderness:.2g} times as high as its edge is far; above "
+                f"parts: {part.name!r}: centre height over distance to the edge is {part.slenderness:.2g}; above "
                 f"{limit:g} a disturbed part wobbles, which model={model!r} does not cover: try model='tilting'",
                 UserWarning,
                 stacklevel=4,
@@ -193,7 +193,7 @@ def warn_of_slender(parts: Sequence[Part], model: str) -> None:
 
 
 def check_tipping(parts: Sequence[Part], factors: np.ndarray, where: str, model: str) -> None:
-    """Refuse parts that friction alone tips, which planar models do not cover; parts of unknown height pass.
+    """Check that friction alone does not tip parts, which planar models do not cover; parts of unknown height pass.
 
     Args:
         factors: (n, parts) on friction.
@@ -204,7 +204,7 @@ def check_tipping(parts: Sequence[Part], factors: np.ndarray, where: str, model:
         part = parts[int(np.unravel_index(int(ratio.argmax()), ratio.shape)[1])]
         raise checks.conflict(
             f"{where}: friction alone tips {part.name!r} (friction times centre_height, {part.centre_height:g} m, is "
-            f"{ratio.max():.3g} of the distance to its edge, at most 1 with model={model!r}): use model='tilting', or give "
+            f"{ratio.max():.3g} of the distance to its edge, at most 1 with model={model!r}): use model='tilting', or set "
             "its true height"
         )
 

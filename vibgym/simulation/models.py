@@ -66,7 +66,7 @@ class Averaged(Model):
         self._workspaces.give(workspace)
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
-        """Refuse conditions under which the part may stick."""
+        """Raise ValueError for conditions under which the part may stick."""
         part, surface = self.setup.parts[0], self.setup.surface
         factors = conditions.strongest[:, 0]
         if len(factors):
@@ -118,10 +118,10 @@ def averaged(setup: Setup, *, order: int = 2, stride: int = 1, steps: int | str 
 
 
 def auto(setup: Setup, *, tolerance: Any = DEFAULT_TOLERANCE, periods_per_call: Any = 1) -> Model:
-    """Return the cheapest model that keeps a tolerance, see :mod:`vibgym.simulation.choice`.
+    """Return the cheapest model within a tolerance, see :mod:`vibgym.simulation.choice`.
 
     Raises:
-        ValueError: no model keeps the tolerance.
+        ValueError: no model is within the tolerance.
     """
     kinds, _ = kinds_of(setup.parts)
     if setup.multibody:

@@ -90,7 +90,7 @@ class Multibody(Model):
         super().check_conditions(conditions, where)
 
     def check_contacts(self, conditions: Conditions, where: str) -> None:
-        """Refuse masses that are too different, and friction that requires too many contact steps."""
+        """Raise ValueError for masses that are too different, and friction that requires too many contact steps."""
         if not len(conditions.incline):
             return
         parts, surface = self.setup.parts, self.setup.surface
@@ -117,9 +117,9 @@ class ContactBuffers:
 
     Attributes:
         parts: number of parts of a world.
-        together: for all parts of a world, with contacts.
+        together: constants for all parts of a world, with contacts.
         contacts: working arrays of contacts.
-        alone: for eight parts of each kind, without contacts; they share working arrays.
+        alone: constants for eight parts of each kind, without contacts; working arrays are shared.
     """
 
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
@@ -140,7 +140,7 @@ class ContactBuffers:
         self._prospects: dict[int, Pinned[BroadPhase]] = {}
 
     def prospect(self, worlds: int) -> Pinned[BroadPhase]:
-        """Return working arrays of the broad phase for a block of so many worlds."""
+        """Return working arrays of the broad phase for a block of ``worlds``."""
         if worlds not in self._prospects:
             self._prospects[worlds] = Pinned(BROAD_PHASE, new_broad_phase(worlds, self.parts, self._steps))
         return self._prospects[worlds]

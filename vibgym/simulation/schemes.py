@@ -18,13 +18,13 @@ from vibgym.scene.surface import Surface
 from vibgym.simulation import averages_tables
 
 RUNGE_KUTTA_STEPS = 18
-"""Default for the fewest in a period."""
+"""Default for the fewest Runge-Kutta steps in a period."""
 
 FEWEST_STEPS = 4
 """Fewest cuts of the contact area in a period; with fewer, errors reach millimetres in a second."""
 
 MOST_STEPS, MOST_SUBSTEPS = 10_000, 4096
-"""In a period, and in a step; more do not improve accuracy."""
+"""Most cuts in a period and substeps in a step; more do not improve accuracy."""
 
 CONTACT_OVERLAP = 5e-6
 """Default for the overlap of two parts by an impact, m."""
@@ -105,7 +105,7 @@ def planar_schemes(
 
 
 def check_contact_steps(argument: str, surface: Surface, friction: float, incline: float, bend: float) -> None:
-    """Refuse friction (and an incline, m/s^2) that requires too many contact steps in a period.
+    """Check that friction (and an incline, m/s^2) does not require too many contact steps in a period.
 
     Kernels compute the number of steps for each island (:func:`vibgym.physics.contacts.islands.run_island`); ``bend``: see
     :class:`PlanarSchemes`.
@@ -132,7 +132,7 @@ def averaged_scheme(
 def check_sliding(
     surface: Surface, static_friction: float, incline: float = 0.0, argument: str = "model", value: Any = "averaged"
 ) -> None:
-    """Refuse scenes that the averaged model does not cover, naming the argument; ``incline``: m/s^2."""
+    """Raise ValueError, naming the argument, for scenes that the averaged model does not cover; ``incline``: m/s^2."""
     needed = static_friction * (surface.gravity + surface.full_scale) + incline
     horizontal = surface.horizontal_amplitude * surface.angular_frequency**2
     if not horizontal > needed:

@@ -43,10 +43,10 @@ class Simulator:
         surface: the table.
         parts: the parts of every world, one or a list.
         walls: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``; parts fall off the others.
-        worlds: number of independent worlds. Results never depend on it, nor on order or threads.
+        worlds: number of independent worlds. Results do not depend on it, on the order of worlds, or on threads.
         model: ``"planar"``: flat contact with static and sliding friction, resolved in time. ``"averaged"``: the same, averaged
             over the period, for parts that always slide; faster where drives are held for several periods, and less exact.
-            ``"auto"``: the cheapest of these two that keeps a tolerance; :attr:`choice` reports it, with the reason.
+            ``"auto"``: the cheapest of these two within a tolerance; :attr:`choice` reports it, with the reason.
             Plug-ins add further names, such as ``"tilting"`` (:func:`vibgym.plugins.tilting.tilting`).
         threads: None uses all processors of this process.
         knobs: of the model.
@@ -77,10 +77,10 @@ class Simulator:
 
     Attributes:
         choice: model and knobs in effect, and why (:class:`vibgym.simulation.choice.Choice`).
-        blocks: how worlds are shared out to threads.
+        blocks: partition of the worlds into blocks for threads.
 
     Raises:
-        ValueError: a bad argument, an unknown knob, or a scene that the model does not cover; nothing has been built.
+        ValueError: a bad argument, an unknown knob, or a scene that the model does not cover.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class Simulator:
         self.hulls = hulls_of(self.parts)
         self._setup = Setup(surface, self.parts, self.walls, self.hulls, self.worlds, model)
         self._model = _model_from(self._setup, model, knobs)
-        self.choice = self._model.choice or Choice(model, dict(knobs), None, None, None, None, "as asked for")
+        self.choice = self._model.choice or Choice(model, dict(knobs), None, None, None, None, "as requested")
         self.model = self.choice.model
         self._model.check_parts()
         threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
@@ -154,7 +154,7 @@ class Simulator:
         self._model.reset()
 
     def place(self, worlds: Any, pose: Any, velocity: Any, mean_velocity: Any, fallen: Any = False) -> None:
-        """Restart worlds (index or mask) from checked values and reset their conditions; other worlds and the time go on.
+        """Restart worlds (index or mask) from checked values and reset their conditions; the time does not change.
 
         ``fallen``: parts that are not simulated and touch nothing.
         """
@@ -207,13 +207,12 @@ class Simulator:
         Args:
             worlds: mask (worlds,), indices, or a slice; n worlds.
             friction: factor on the coefficients of static and sliding friction between part and table, broadcastable to
-                (n, parts), 0.01 to 100. Friction between parts is unchanged.
-            mass: likewise, on mass and planar inertia; it matters in contacts only.
+                (n, parts), 0.01 to 100. It does not apply to friction between parts.
+            mass: the same for mass and planar inertia, which matter in contacts only.
             incline: constant acceleration x and y of everything on the table, m/s^2, broadcastable to (n, 2), at most the
-                table's gravity together. A table inclined by a small angle has ``g sin(angle)``, downhill; that the load
-                becomes smaller by ``cos(angle)`` is left out.
-            patches: factor of every element on friction (wear, dirt), broadcastable to (n, rows, columns), likewise. Where a
-                part lies on several elements, each rubs with its own.
+                table's gravity in magnitude. A table inclined by a small angle has ``g sin(angle)``, downhill; the decrease of
+                the load by ``cos(angle)`` is neglected.
+                patches: factor of every element on friction (wear, dirt), broadcastable to (n, rows, columns), 0.01 to 100.
 
         Raises:
             ValueError: a bad argument, masses or friction outside the range of the contact solver, or, with the
@@ -278,7 +277,7 @@ class Simulator:
         self.go_on(drive, checks.count("periods", periods, most=checks.MOST_PERIODS))
 
     def go_on(self, drive: Drive, periods: int, stages: Sequence[Callable[[int], None]] = ()) -> None:
-        """Advance as :meth:`run`, unchecked, and run stages for each of :attr:`blocks` once its worlds have been advanced.
+        """Advance like :meth:`run`, without checks; run stages for each of :attr:`blocks` after its worlds have been advanced.
 
         Args:
             stages: called with a block's number on the thread that has advanced it, several blocks at a time.
@@ -353,21 +352,21 @@ class Simulator:
         return self._model.bottoms(self._state.pose[world], world)
 
     def disturb(self, lean: np.ndarray, kick: np.ndarray) -> None:
-        """Apply an impulse disturbance to parts: in models that keep parts flat the impulse, in others the tilt.
+        """Apply an impulse disturbance to parts: the impulse in models that keep parts flat, the tilt in others.
 
         Args:
             lean: (worlds, parts, 2) rad, rotation vector about the world's x and y, zeros for undisturbed parts.
-            kick: (worlds, parts, 3) m/s, m/s, rad/s, impulse over mass with the statistics of the tilt's effect, likewise.
+            kick: (worlds, parts, 3) m/s, m/s, rad/s, impulse over mass with the statistics of the tilt's effect.
         """
         self._model.disturb(self._state, lean, kick)
 
     @property
     def tipping_margin(self) -> np.ndarray:
-        """(worlds, parts) one minus the largest displacement of the centre of pressure in a period, over that to the edge.
+        """(worlds, parts) one minus the largest displacement of the centre of pressure in a period over that to the edge.
 
         For a rigid part of this height under the last drive, at its present pose and velocity
         (:mod:`vibgym.physics.planar.tipping`). Below 0 the part would tip, also in models that keep parts flat. 0 for parts
-        that do not lie flat, minus infinity for fallen parts.
+        that are tilted, minus infinity for fallen parts.
         """
         if self._tipping is None:
             self._tipping = TippingMargin(self._setup)
@@ -383,7 +382,7 @@ class Simulator:
         """Periods of all worlds since the reset by their collision case, and calls of the contact solver.
 
         ``free``: no parts were near one another.  ``near``: paths were compared and did not meet.  ``contact``: friction
-        and contacts were coupled, for some of the parts at least.  ``contact_steps``: steps with a call of the solver,
+        and contacts were coupled, for at least some of the parts.  ``contact_steps``: steps with a call of the solver,
         summed over islands.
         """
         return self._model.statistics(self.worlds * self._counted)
@@ -392,7 +391,7 @@ class Simulator:
     def deepest_overlap(self) -> float:
         """Largest overlap of parts with one another or with walls at the end of a contact step since the reset, m.
 
-        It bounds the overlap at the end of periods, as steps are fractions of a period.
+        It bounds the overlap at the end of periods, since steps are fractions of a period.
         """
         return self._model.deepest_overlap()
 
@@ -446,7 +445,7 @@ def _model_from(setup: Setup, name: str, knobs: Mapping[str, Any]) -> Model:
 
 
 def _check_amplitude(amplitude: np.ndarray, surface: Surface) -> None:
-    """Refuse amplitudes above the largest, with a margin for rounding."""
+    """Raise ValueError for amplitudes above the largest, with a margin for rounding."""
     largest = float(amplitude.max())
     assert surface.max_amplitude is not None
     if largest <= surface.max_amplitude * (1.0 + 1e-12):

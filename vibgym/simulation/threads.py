@@ -17,7 +17,7 @@ from vibgym import checks
 from vibgym.kernels.vector import LANES
 
 SMALLEST_BLOCK = 16
-"""Fewest worlds per thread: below, a second thread costs more than it saves."""
+"""Fewest worlds per thread; with fewer, a second thread costs more than it saves."""
 
 BLOCKS_PER_THREAD = 4
 """More blocks than threads, to balance the load when a thread is delayed."""

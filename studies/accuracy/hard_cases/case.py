@@ -25,15 +25,15 @@ DEFAULT_BOUND = 2.5e-4
 """m; a tenth of the table's amplitude, a fifth of a pixel of the prototype's camera."""
 
 FINE_BOUND = 1e-6
-"""m; what second order from 5 to 100 steps makes of the default's bound, and some room."""
+"""m; the default's bound scaled by second order from 5 to 100 steps, with a margin."""
 
 
 class Outcome(NamedTuple):
     """Result of a case.
 
     Attributes:
-        measured, bound: in ``unit``; the case holds if measured <= bound, unless ``note`` states another relation.
-        passed: whether the case holds.
+        measured, bound: in ``unit``; the case passes if measured <= bound, unless ``note`` states another relation.
+        passed: whether the case passes.
         note: conditions and further numbers.
     """
 
@@ -78,7 +78,7 @@ def run_case(case: HardCase, longest: float = LONGEST) -> Outcome:
 
     Args:
         case: to run.
-        longest: s after which the case counts as hung; its thread does not keep the process alive.
+        longest: s after which the case counts as hung; its thread is a daemon.
     """
     found: list[Outcome] = []
 

@@ -81,7 +81,7 @@ def u_shape(**properties: float) -> Part:
 
 
 def _laid_together() -> tuple[list[Part], np.ndarray]:
-    """Blocks in two rows, discs on top, each at exactly no distance from its neighbours."""
+    """Return blocks in two rows with discs on top, all at a distance of exactly zero from their neighbours."""
     steel, disc = shipped_part("steel_block"), Part.disc(0.02, friction=MU)
     pose = [[0.3 + 0.05 * (k % 3), 0.06 + 0.04 * (k // 3), 0.0] for k in range(6)]
     pose += [[0.31 + 0.04 * k, 0.14, 0.0] for k in range(3)]
@@ -90,7 +90,7 @@ def _laid_together() -> tuple[list[Part], np.ndarray]:
 
 @case("in touch, still table", "Do parts that lie against one another fly apart?")
 def stays_where_it_is() -> Outcome:
-    """Nothing moves, whether parts touch or start with 0.09 mm of overlap, which is only removed."""
+    """Check that touching parts do not move, and that an overlap of 0.09 mm is only removed."""
     parts, pose = _laid_together()
     surface, worst = Surface(horizontal_amplitude=0.0), 0.0
     for squeezed, allowed in ((0.0, 0.0), (0.9e-4, 3e-4)):
@@ -135,7 +135,7 @@ def wedge() -> Outcome:
 
 @case("heavy on light", "A thousandfold mass behind a light part at a wall: is it squashed?")
 def heavy_on_light() -> Outcome:
-    """A heavy part presses a light one against a wall, and the other way round."""
+    """Press a light part against a wall by a heavy one, and vice versa."""
     heavy = Part.rectangle(0.05, 0.04, friction=MU, mass=0.01 * 1000.0)
     light = Part.rectangle(0.03, 0.03, friction=MU, mass=0.01)
     deepest = 0.0
@@ -180,7 +180,7 @@ def fast_on_thin(speed: float) -> Outcome:
 
 @case("hooks torn apart", "Two U hooked into one another: do they hold without overlap?")
 def hooks() -> Outcome:
-    """An arm of each in the other's slot, pulled apart: they hold, and momentum is kept."""
+    """Pull apart two parts with an arm of each in the other's slot: they hold, and momentum is conserved."""
     surface, deepest = one_element(2.0, horizontal_amplitude=0.0), 0.0
     u = u_shape(friction=0.0)
     mass = masses([u, u])
@@ -205,14 +205,14 @@ def hooks() -> Outcome:
 
 @case("hooks driven", "Non-convex parts inside one another under full fields: do they overlap?")
 def hooked_and_driven() -> Outcome:
-    """L-shapes one inside the other and a U around a block."""
+    """Drive L-shapes one inside the other, and a U around a block."""
     deepest = 0.0
     l_shape = shape([(0, 0), (50, 0), (50, 20), (20, 20), (20, 50), (0, 50)], "L")
     parts = [l_shape, l_shape, u_shape(), Part.rectangle(0.025, 0.025, friction=MU)]
     corner, slot = parts[0].outline.min(axis=0), parts[2].outline.min(axis=0)
     pose = [
         [0.3, 0.1, 0.0],
-        # Its inner corner faces the other's: each reaches into the other by 25 mm.
+        # Inner corners face each other: each part extends 25 mm into the other.
         [0.3 + 2.0 * corner[0] + 0.075, 0.1 + 2.0 * corner[1] + 0.075, math.pi],
         [0.5, 0.1, 0.0],
         [0.5 + slot[0] + 0.035, 0.1 + slot[1] + 0.0335, 0.0],
@@ -252,7 +252,7 @@ def spinning_bar() -> Outcome:
 
 @case("grains between blocks", "Parts much smaller than an element, squeezed: do they overlap?")
 def grains() -> Outcome:
-    """Discs of 2 and 4 mm, a tenth of an element, between blocks that a field drives together."""
+    """Squeeze discs of 2 and 4 mm, a tenth of an element, between blocks that a field drives together."""
     steel = shipped_part("steel_block")
     small, smaller = Part.disc(0.004, friction=MU), Part.disc(0.002, friction=MU)
     parts = [steel, steel] + [small, smaller] * 4

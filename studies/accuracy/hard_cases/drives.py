@@ -86,7 +86,7 @@ def four(surface: Surface, phases: list[float]) -> tuple[np.ndarray, np.ndarray]
 
 @case("four elements in opposite phase, pure torque", "Do opposed elements cancel in force and add up in torque?")
 def pure_torque() -> Outcome:
-    """Little friction, so that first order in eps = mu g / (a_h w^2) is good to a few eps: torque and no force.
+    """Compare torque with first order in eps = mu g / (a_h w^2), which is accurate to a few eps for low friction; no force.
 
     From the piece's mean acceleration -(mu a / 2) (S, C) at its centroid, all quarters of a square of side 2 L:
     ``mu A / 2 * sqrt(2) L / 2 / k^2``.
@@ -99,7 +99,7 @@ def pure_torque() -> Outcome:
     pose = [12 * L + start[1] / surface.angular_frequency, 4 * L - start[0] / surface.angular_frequency, 0.0]
     path = follow(Scene(surface, square, pose, [*start, 0], amplitude, phase, periods))
     expected = 0.5 * friction * surface.gravity * math.sqrt(0.5) * L / square.gyration
-    # From period means, as torque swings within a period; spin is damped by mu g / (2 a_h w) meanwhile.
+    # From period means, since torque oscillates; spin is damped by mu g / (2 a_h w).
     turned = np.diff(path.pose[:, 2])
     damping = friction * surface.gravity / (2.0 * surface.table_speed)
     rate = (turned[-1] - turned[0]) / surface.period / ((periods - 1) * surface.period)

@@ -35,7 +35,7 @@ LATE_PERIODS = 2_500_000
 
 
 class LongRun(NamedTuple):
-    """A part that circles on a surface at rest, every 1e5 periods: velocity, place, period mean, memory."""
+    """A part that circles on a surface at rest, every 1e5 periods: velocity, position, period mean, memory."""
 
     velocity: np.ndarray
     pose: np.ndarray
@@ -71,7 +71,7 @@ def long_run() -> LongRun:
         memory.append((tracemalloc.get_traced_memory()[0], _resident()))
         sound(sim)
         states.append((sim.velocity[0, 0], sim.pose[0, 0], sim.mean_velocity[0, 0]))
-    # A leak grows in every interval, other allocations of the process in few: the median tells them apart.
+    # A leak grows in every interval, other allocations of the process in few: the median separates them.
     grown = float(np.median(np.diff(memory, axis=0), axis=0).max())
     if not tracing:
         tracemalloc.stop()
@@ -160,7 +160,7 @@ def late_run() -> Outcome:
 # -- steps that are too large --------------------------------------------------------------------------------------------
 
 OVERSIZED_BOUND = 1e-3
-"""m in ten periods, farthest point of the part; about a pixel of the prototype's camera, 3 % of what the part moves."""
+"""m in ten periods, farthest point of the part; about a pixel of the prototype's camera, 3 % of the part's displacement."""
 
 
 def _worlds(kind: str, count: int = 16) -> tuple[Surface, Part, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

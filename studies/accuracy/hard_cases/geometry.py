@@ -30,7 +30,7 @@ MU = 0.6
 TWO_BY_ONE = Part.rectangle(2 * L, L, friction=MU)
 U_SHAPE = Part.polygon(
     np.array([[0, 0], [7, 0], [7, 5], [5, 5], [5, 2], [2, 2], [2, 5], [0, 5]]) * 0.01, friction=MU, name="U"
-)  # its centre of mass lies outside its material
+)  # its centre of mass is outside its material
 GRID = [12 * L, 4.5 * L, 0.0]  # TWO_BY_ONE exactly on two elements, its corners on grid corners
 
 
@@ -76,7 +76,7 @@ def shifted(pose: list[float], by: float, bound: float) -> Outcome:
     (1e-4,), (1e-6,), (1e-12,), (-1e-12,),
 )  # fmt: skip
 def sliver(share: float) -> Outcome:
-    """A block slides along a grid line on a still table, ``share`` of it on the column beside, which is at full amplitude.
+    """Slide a block along a grid line on a still table, ``share`` of it on the next column, which is at full amplitude.
 
     The distance changes by no more than the sliver's share of the friction, and the block neither turns nor leaves the line.
     """
@@ -89,7 +89,7 @@ def sliver(share: float) -> Outcome:
     way = 0.5**2 / (2 * MU * surface.gravity)
     if abs(alone.pose[-1, 1] - pose[1] - way) > 1e-6:
         raise ArithmeticError(f"stops after {alone.pose[-1, 1] - pose[1]:.9g} m, not {way:.9g} m")
-    # At most twice the pressure on the sliver, and a torque that turns it by as much again.
+    # At most twice the pressure on the sliver, and a torque with the same effect again.
     bound = 4.0 * max(share, 0.0) * way + 1e-13
     return at_most(gap(part, beside.pose, alone.pose), bound, "m", f"way {1e3 * way:.3g} mm")
 

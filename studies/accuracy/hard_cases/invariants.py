@@ -113,7 +113,7 @@ def power() -> Outcome:
 
 
 def _some_part(rng: np.random.Generator, friction: float) -> Part:
-    """Return a part of a star-shaped outline of 1 to 300 mm."""
+    """Return a part with a star-shaped outline of 1 to 300 mm."""
     corners, size = int(rng.integers(3, 12)), 10.0 ** rng.uniform(-3.0, -0.5)
     gaps = rng.uniform(0.3, 1.0, corners)
     angle = 2.0 * math.pi * np.cumsum(gaps) / gaps.sum()
@@ -150,7 +150,7 @@ def anything() -> Outcome:
         except ArithmeticError as error:
             wrong, note = wrong + 1, f"{note} {k}: {error};"
             continue
-        # Friction takes energy from every point that is faster than the table: only slower ones can gain, up to its speed.
+        # Friction dissipates energy at every point faster than the table; only slower ones can gain, up to its speed.
         after = math.sqrt(2.0 * float(kinetic_energy(part, sim.velocity).max()))
         if after > 1.0001 * (speed + 2.0 * surface.table_speed):
             wrong, note = wrong + 1, f"{note} {k}: {speed:.3g} became {after:.3g} m/s;"

@@ -35,8 +35,8 @@ def through_zero(surface: Surface, friction: float, instant: float) -> tuple[com
     """Return the velocity at the start from which slip is zero at ``instant`` (in periods), and displacement and velocity
     at the end, as complex numbers.
 
-    The surface's elements rest. Before the instant ``n = u / |u|`` is against the table's acceleration, after it along;
-    both halves are integrated away from the instant, where they are smooth.
+    The surface's elements rest. Before the instant ``n = u / |u|`` is opposite to the table's acceleration, afterwards along
+    it. Both halves are smooth, and integrated away from the instant.
     """
     w, held = surface.angular_frequency, friction * surface.gravity
     needed = surface.table_speed * w

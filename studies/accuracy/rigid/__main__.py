@@ -27,8 +27,10 @@ def cell(value: Any) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure the named studies and print them all."""
     parser = argparse.ArgumentParser("python -m studies.accuracy.rigid", description=__doc__)
-    parser.add_argument("study", nargs="*", help=f"some of {', '.join(STUDIES)}; all, if none is named (20 minutes)")
-    parser.add_argument("--output", type=Path, default=rigid.PLACE, help="JSON file (default: beside this module)")
+    parser.add_argument("study", nargs="*", help=f"among {', '.join(STUDIES)}; default: all (20 minutes)")
+    parser.add_argument(
+        "--output", type=Path, default=rigid.PLACE, help="JSON file (default: in the directory of this module)"
+    )
     parser.add_argument("--print", action="store_true", help="print the stored figures without a measurement")
     arguments = parser.parse_args(argv)
     for name in arguments.study:

@@ -1,4 +1,4 @@
-"""Rigid prisms and discs: inertia, and the contact points that carry them."""
+"""Rigid prisms and discs: inertia and contact points."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from typing import NamedTuple
 import numpy as np
 
 RINGS = 7
-"""Of contact points between the middle of a bottom and its rim: 113 points of a block."""
+"""Rings of contact points between the middle of a bottom and its rim: 113 points of a block."""
 
 RIM = 72
 """Contact points around the rim of a disc."""
 
 
 class Body(NamedTuple):
-    """A rigid body and its foot.
+    """A rigid body and its contact points.
 
     Attributes:
         mass: kg.
-        inertia: (3, 3) kg m^2 about the centre of mass, in the body's own axes.
+        inertia: (3, 3) kg m^2 about the centre of mass, in the body's axes.
         points: (n, 3) m, contact points relative to the centre of mass, all on the bottom.
-        shares: (n,) of the bottom's stiffness, of sum 1: the area that each point stands for, so that a flat part on level
-            plates sags evenly and presses evenly.
-        friction: Coulomb's.
+        shares: (n,) share of the bottom's stiffness, of sum 1: the area of each point, so that a flat part on level plates sags
+            evenly and has even pressure.
+        friction: coefficient of Coulomb friction.
     """
 
     mass: float
@@ -34,11 +34,11 @@ class Body(NamedTuple):
 
     @property
     def centre_height(self) -> float:
-        """Of the centre of mass above the bottom, m."""
+        """Height of the centre of mass above the bottom, m."""
         return -float(self.points[0, 2])
 
     def inverse_mass(self, point: int) -> float:
-        """Velocity that a vertical unit impulse gives its own contact point, 1/kg."""
+        """Return the change of velocity of a contact point by a vertical unit impulse on it, 1/kg."""
         arm = np.cross(self.points[point], [0.0, 0.0, 1.0])
         return 1.0 / self.mass + float(arm @ np.linalg.solve(self.inertia, arm))
 
@@ -47,15 +47,15 @@ def prism(
     outline: np.ndarray, height: float, friction: float, *, mass: float = 1.0, centre_height: float | None = None,
     corners_only: bool = False, rings: int = RINGS,
 ) -> Body:  # fmt: skip
-    """A convex prism of uniform density.
+    """Return a convex prism of uniform density.
 
     Args:
         outline: (n, 2) m, counter-clockwise about the centroid.
-        height: m, which the moments of inertia follow from.
+        height: m, for the moments of inertia.
         friction: Coulomb's.
         mass: kg.
         centre_height: m, of the centre of mass above the bottom; None is half the height.
-        corners_only: whether the prism stands on its corners alone, like one with a slightly hollow bottom.
+        corners_only: whether only corners carry the prism, like one with a slightly hollow bottom.
         rings: of points around the middle.
     """
     outline = np.asarray(outline, dtype=float)
@@ -70,7 +70,7 @@ def prism(
 def disc(
     radius: float, height: float, friction: float, *, mass: float = 1.0, centre_height: float | None = None, rim: int = RIM
 ) -> Body:  # fmt: skip
-    """A disc of uniform density; see :func:`prism`. Rings of points stand for rings of area, the last lies on the rim."""
+    """Return a disc of uniform density; see :func:`prism`. Rings of points represent rings of area, the last is the rim."""
     edges = np.array([0.0, 0.15, 0.37, 0.59, 0.81, 0.95, 1.0])  # between the rings, in radii
     counts = (1, 8, 12, 16, 20, rim)
     points, shares = [], []
@@ -97,7 +97,7 @@ def _body(
 
 
 def _second_moments(outline: np.ndarray) -> np.ndarray:
-    """Mean of ``r r^T`` over the area within an outline about its centroid, (2, 2) m^2."""
+    """Return the mean of ``r r^T`` over the area within an outline about its centroid, (2, 2) m^2."""
     ends = np.roll(outline, -1, axis=0)
     cross = outline[:, 0] * ends[:, 1] - outline[:, 1] * ends[:, 0]
     total = np.zeros((2, 2))
@@ -107,9 +107,9 @@ def _second_moments(outline: np.ndarray) -> np.ndarray:
 
 
 def _fan(outline: np.ndarray, rings: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points of concentric copies of the outline, and the share of the area that each stands for.
+    """Return points of concentric copies of the outline, and the share of the area of each.
 
-    The triangles between the centroid and the edges are cut into small ones; each gives a third of its area to its corners.
+    The triangles between the centroid and the edges are divided into small ones, with a third of the area for each corner.
     """
     shares: dict[tuple[float, float], float] = {}
     total = 0.0

@@ -1,7 +1,7 @@
-"""Housner's rocking block: what is left of the energy when it changes corners.
+"""Housner's rocking block: energy left after the impact on the other edge.
 
-A block of width 2b and height 2h on rough ground rocks on one edge, then on the other. If it does not bounce, what it keeps of
-its momentum about the new edge leaves ``(1 - 1.5 sin^2 a)^2`` of the energy, ``tan a = b/h`` (Housner 1963).
+A block of width 2b and height 2h on rough ground rocks on one edge, then on the other. If it does not bounce, conservation of
+angular momentum about the new edge leaves ``(1 - 1.5 sin^2 a)^2`` of the energy, ``tan a = b/h`` (Housner 1963).
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from studies.accuracy.rigid.motion import STEP, Track, level, simulate, touching
 
 HALF_WIDTH = 0.01  # m
 GRAVITY = 9.81
-ROUGH = 5.0  # friction that lets nothing slip
+ROUGH = 5.0  # friction that prevents slip
 
 
 def expected(slenderness: float) -> float:
-    """Share of the energy that is left, for a block of that height over width."""
+    """Return the share of the energy that is left, for a ratio of height to width."""
     return (1.0 - 1.5 / (1.0 + slenderness**2)) ** 2
 
 
 def measured(slenderness: float, sag: float = 5e-8, step: float = STEP, share: float = 0.5) -> float:
-    """The same of the reference: from rest to rest, over one change of corners.
+    """Return the same share for the reference: from rest to rest, over one impact.
 
     Args:
         slenderness: height over width.
         sag: m, of the contact points.  step: s.
-        share: of the balance angle, from which the block is let go.
+        share: initial tilt over the balance angle.
     """
     height = 2.0 * slenderness * HALF_WIDTH
     outline = HALF_WIDTH * np.array([[-1, -1.5], [1, -1.5], [1, 1.5], [-1, 1.5]])
@@ -51,7 +51,7 @@ def _lean(track: Track, k: int) -> float:
 
 
 def _first_return(side: np.ndarray) -> int:
-    """How many samples the block stays on its second corner."""
+    """Return the number of samples that the block stays on its second corner."""
     back = np.nonzero(side > 0.0)[0]
     return int(back[0]) if len(back) else len(side)
 

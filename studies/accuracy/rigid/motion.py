@@ -1,9 +1,9 @@
 """Motion of a rigid body on compliant contact points: explicit midpoint steps of a few microseconds.
 
-Every contact point is a spring with a damper that can only push, and Coulomb's friction against its plate. A point's stiffness
-is its share of the bottom's, so that the whole part sags by ``sag`` under its weight. The time constant of damping is the same
-for all points; it is set so that the outermost one, hitting alone, bounces with ``restitution``. Many points that hit together
-are damped more. Friction is ``mu N`` against slip; below a slip that vanishes with the step it is viscous: points can stick.
+Every contact point is a unilateral spring and damper with Coulomb friction. Its stiffness is its share of the bottom's, so that
+the whole part sags by ``sag`` under its weight. The time constant of damping is the same for all points, such that a single
+impact of the outermost one has the restitution ``restitution``; simultaneous impacts of many points are damped more. Friction
+is ``mu N`` against slip. Below a slip that vanishes with the step it is viscous, so that points can stick.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from numba import njit
 from studies.accuracy.rigid.body import Body
 
 compiled = njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
-"""Kernels of the reference; infinities keep their meaning."""
+"""Decorator of the reference's kernels; fast math except for infinities and NaN."""
 
 
 class Plates(NamedTuple):
-    """Square plates, all on one horizontal circular motion, each with a vertical motion of its own.
+    """Square plates with a common horizontal circular motion and separate vertical motions.
 
     Plate (i, j) covers ``[j L, (j+1) L] x [i L, (i+1) L]``, has the height ``(C cos wt - S sin wt)/w^2``, and moves
     horizontally at ``a_h w (-sin wt, cos wt)``. Borders stay where they are. Within ``ramp`` of one, heights are blended
@@ -53,13 +53,13 @@ class Plates(NamedTuple):
 
 
 def level(rows: int = 8, columns: int = 32, c: float = 0.0, s: float = 0.0, **properties: float) -> Plates:
-    """Plates that all move alike; see :class:`Plates`."""
+    """Return plates with equal motion; see :class:`Plates`."""
     return Plates(np.full((rows, columns), float(c)), np.full((rows, columns), float(s)), **properties)
 
 
 @compiled
 def blend(place, size, ramp, count):
-    """Plate under a place along one axis, the neighbour it is blended with, that one's share and its slope, 1/m."""
+    """Return the plate under a position along one axis, its blended neighbour, and the neighbour's share and slope (1/m)."""
     own = min(max(int(math.floor(place / size)), 0), count - 1)
     within = place - own * size
     if within < ramp and own > 0:
@@ -73,7 +73,7 @@ def blend(place, size, ramp, count):
 
 @compiled
 def under(c, s, size, ramp, cosine, sine, w, x, y):
-    """Height (m) of the plates at a point, how fast that rises (m/s), and its slope along x and y."""
+    """Return height (m) and vertical velocity (m/s) of the plates at a point, and the slope along x and y."""
     i, k, q, dq = blend(y, size, ramp, c.shape[0])
     j, m, p, dp = blend(x, size, ramp, c.shape[1])
     a, b = c[i, j], s[i, j]
@@ -98,15 +98,15 @@ LANDED_TILT = math.radians(0.05)
 TOPPLED_TILT = math.radians(60.0)
 
 STICKING = 0.125
-"""Largest impulse of viscous friction in a step, as a share of what the whole mass would need to stop."""
+"""Largest impulse of viscous friction in a step, over the impulse that stops the whole mass."""
 
 
 class Start(NamedTuple):
-    """Where a body begins.
+    """Initial state of a body.
 
     Attributes:
         position: (3,) of the centre of mass, m.
-        attitude: (4,) unit quaternion (w, x, y, z) that turns the body's axes into the world's.
+        attitude: (4,) unit quaternion (w, x, y, z), rotation from the body's axes to the world's.
         velocity: (3,) m/s.  spin: (3,) angular velocity in the world's axes, rad/s.
     """
 
@@ -117,17 +117,17 @@ class Start(NamedTuple):
 
 
 class Track(NamedTuple):
-    """What a body did, at the start and after every interval.
+    """Motion of a body, at the start and after every interval.
 
     Attributes:
         time: (n,) s.
         position, velocity: (n, 3) m and m/s.
         attitude: (n, 4).  spin: (n, 3) rad/s, in the world's axes.
-        heading: (n,) rad, of the body's own x axis, without jumps.
+        heading: (n,) rad, of the body's x axis, unwrapped.
         tilt: (n,) rad, between the body's axis and the vertical.
-        landing: s, start of the first whole period with a tilt below :data:`LANDED_TILT`; infinite if there was none.
-        landing_spin: rad/s about the vertical, then.
-        toppled: whether the tilt went beyond :data:`TOPPLED_TILT`; the track is frozen there.
+        landing: s, start of the first whole period with a tilt below :data:`LANDED_TILT`; infinite if none.
+        landing_spin: rad/s about the vertical at landing.
+        toppled: whether the tilt exceeded :data:`TOPPLED_TILT`; the track is frozen there.
         largest_tilt: rad.
     """
 
@@ -145,7 +145,7 @@ class Track(NamedTuple):
 
 
 def attitude_of(heading: float, tilt: float = 0.0, towards: float = 0.0) -> np.ndarray:
-    """Turned by ``heading`` about the vertical, then by ``tilt`` so that the axis leans ``towards`` a direction (rad)."""
+    """Return the quaternion of a rotation by ``heading`` about the vertical, then by ``tilt`` ``towards`` a direction (rad)."""
     axis = np.array([-math.sin(towards), math.cos(towards), 0.0])
     a, b = math.cos(tilt / 2), math.sin(tilt / 2) * axis
     c, d = math.cos(heading / 2), math.sin(heading / 2)
@@ -153,7 +153,7 @@ def attitude_of(heading: float, tilt: float = 0.0, towards: float = 0.0) -> np.n
 
 
 def axes_of(attitude: np.ndarray) -> np.ndarray:
-    """Rotation matrix of a unit quaternion."""
+    """Return the rotation matrix of a unit quaternion."""
     matrix = np.empty((3, 3))
     _axes(attitude, matrix)
     return matrix
@@ -163,7 +163,7 @@ def touching(
     body: Body, plates: Plates, x: float, y: float, heading: float, tilt: float = 0.0, towards: float = 0.0,
     velocity: tuple[float, float] = (0.0, 0.0), sag: float = SAG,
 ) -> Start:  # fmt: skip
-    """A start at time 0 with the deepest contact point at its plate, moving up and down with it.
+    """Return a start at time 0 with the lowest contact point on its plate, moving with it vertically.
 
     A flat part (tilt 0) starts in its static sag.
     """
@@ -180,7 +180,7 @@ def touching(
 
 
 def damping_ratio(restitution: float) -> float:
-    """Of a spring and damper that only push, so that a mass leaves them with that share of its speed.
+    """Return the damping ratio of a unilateral spring and damper for a restitution.
 
     Contact ends when the force is zero: ``e = exp(-zeta (pi - psi) / sqrt(1 - zeta^2))``, ``psi = 2 asin(zeta)``.
     """
@@ -194,7 +194,7 @@ def damping_ratio(restitution: float) -> float:
 
 
 def contact(body: Body, gravity: float, sag: float, restitution: float) -> tuple[np.ndarray, float]:
-    """Stiffness of every contact point, N/m, and the time constant of damping, s."""
+    """Return the stiffness of every contact point, N/m, and the time constant of damping, s."""
     stiffness = body.shares * body.mass * gravity / sag
     outermost = int(np.argmax(np.hypot(body.points[:, 0], body.points[:, 1])))
     frequency = math.sqrt(stiffness[outermost] * body.inverse_mass(outermost))
@@ -205,15 +205,15 @@ def simulate(
     body: Body, plates: Plates, start: Start, duration: float, *, step: float = STEP, interval: float | None = None,
     sag: float = SAG, restitution: float = RESTITUTION,
 ) -> Track:  # fmt: skip
-    """Let a body go at time 0.
+    """Simulate a body from time 0.
 
     Args:
         body: the part.  plates: the table.  start: see :func:`touching`.
         duration: s.
         step: s, shortened so that an interval is a whole number of steps.
         interval: s between samples; None is a period.
-        sag: m, by which the part sinks into its contact points under its own weight.
-        restitution: of the outermost contact point, hitting alone.
+        sag: m, static deflection of the contact points under the weight of the part.
+        restitution: of a single impact of the outermost contact point.
     """
     interval = plates.period if interval is None else interval
     samples, per = round(duration / interval), math.ceil(interval / step - 1e-9)
@@ -255,7 +255,7 @@ def _axes(q, out):
 
 @compiled
 def _turn(q, turned, wx, wy, wz, h):
-    """Turn an attitude by ``w h`` in the world's axes; of second order, and a step turns by microradians."""
+    """Rotate an attitude by ``w h`` in the world's axes; second order, for rotations of microradians."""
     a, b, c, d = q[0], q[1], q[2], q[3]
     x, y, z = 0.5 * h * wx, 0.5 * h * wy, 0.5 * h * wz
     a, b, c, d = (
@@ -270,7 +270,7 @@ def _turn(q, turned, wx, wy, wz, h):
 
 @compiled
 def _through(axes, tensor, x, y, z):
-    """A tensor of the body's own axes, applied to a vector of the world's."""
+    """Apply a tensor in the body's axes to a vector in the world's axes."""
     a = axes[0, 0] * x + axes[1, 0] * y + axes[2, 0] * z
     b = axes[0, 1] * x + axes[1, 1] * y + axes[2, 1] * z
     c = axes[0, 2] * x + axes[1, 2] * y + axes[2, 2] * z
@@ -291,7 +291,7 @@ def _simulate(
 ):  # fmt: skip
     """Fill ``rows`` with states (position, attitude, velocity, spin); return landing, spin then, largest tilt, toppled.
 
-    The momentum about the centre of mass is what is integrated, so that a free body keeps it exactly.
+    The angular momentum about the centre of mass is integrated, so that a free body conserves it exactly.
     """
     axes = np.empty((3, 3))
     q, middle = state[3:7].copy(), np.empty(4)

@@ -119,7 +119,7 @@ def release(
     plates = transport(surface, DRIVES[drive])
     velocity = surface.idle_velocity(body.friction)
     begins = tilted_starts(body, plates, math.radians(tilt), starts, velocity)
-    duration = HEADING_TIMES[-1] + plates.period  # a landing at 1 s is seen a period later
+    duration = HEADING_TIMES[-1] + plates.period  # a landing at 1 s is detected a period later
     tracks = [simulate(body, plates, each, duration, step=step, sag=sag, restitution=restitution) for each in begins]
     landed = [each for each in tracks if each.landing <= HEADING_TIMES[-1]]
     at = [round(time / plates.period) for time in HEADING_TIMES]
@@ -136,7 +136,7 @@ def release(
 
 
 def blocks(progress: Progress) -> Rows:
-    """Measure both blocks from every tilt, under every drive; and the influence of the reference's own constants."""
+    """Measure both blocks from every tilt, under every drive; and the influence of the reference's constants."""
     found = []
     for name in BLOCKS:
         body = body_of(shipped_part(name))
@@ -158,7 +158,7 @@ def blocks(progress: Progress) -> Rows:
 
 
 def slender(progress: Progress) -> Rows:
-    """Measure discs and square blocks by height: how many are still tilted 1 s after the release."""
+    """Measure discs and square blocks by height: number still tilted 1 s after the release."""
     found = []
     stiffer: dict[str, Any] = {"variant": "four times stiffer", "sag": SAG / 4, "step": STEP / 2}
     for drive in ("table only", "full"):
@@ -185,7 +185,7 @@ DURATION = 1.0  # s
 RAMP = 3e-3  # m
 UNIFORM_PERIODS = 10
 FINE = {"steps": 64, "substeps": 2, "pieces": 2}
-"""Knobs of the planar model where its own steps should not count."""
+"""Knobs of the planar model with negligible step error."""
 
 
 class Gap(NamedTuple):
@@ -195,8 +195,8 @@ class Gap(NamedTuple):
         amplitude: share of the largest.
         travel_mm: displacement of the planar model's part.
         gap_mm, gap_deg, gap_95_mm, gap_95_deg: planar model and reference, and 95th percentiles.
-        step_mm, step_deg: reference and itself with half the step.
-        stiff_mm, stiff_deg: reference at half the step and itself four times stiffer.
+        step_mm, step_deg: reference against itself with half the step.
+        stiff_mm, stiff_deg: reference at half the step against itself four times stiffer.
         largest_tilt_deg: median of the reference's largest tilt.
         lost: fields in which the part fell, or toppled; they are left out.
     """

@@ -10,7 +10,7 @@ from agents.training_file import settings_from
 from agents.training_settings import PPOSettings
 from tests.policies.helpers import info_of
 from tests.policies.trained.helpers import coding_for
-from vibgym.policies.trained.coding import Seen
+from vibgym.policies.trained.coding import Inputs
 
 GAMMA, LAMBDA = 0.9, 0.8
 STEPS, WORLDS, PARTS = 9, 3, 2
@@ -32,13 +32,13 @@ def filled(reward, done, truncated=(), driven=(True, True)):
     for step in range(STEPS):
         rows = generator.normal(size=(WORLDS, PARTS, coding.shape.columns)).astype(np.float32)
         action = np.zeros((WORLDS, PARTS, coding.shape.action))
-        rollout.add(Seen(rows, mask), action, np.zeros((WORLDS, PARTS)), reward[step], done[step])
+        rollout.add(Inputs(rows, mask), action, np.zeros((WORLDS, PARTS)), reward[step], done[step])
         for world in [where for at, where in truncated if at == step]:
             last = generator.normal(size=(1, PARTS, coding.shape.columns)).astype(np.float32)
             finals[step, world] = last[0, :, 0].astype(np.float64)
-            rollout.truncate(world, Seen(last, mask[:1]))
+            rollout.truncate(world, Inputs(last, mask[:1]))
     rows = generator.normal(size=(WORLDS, PARTS, coding.shape.columns)).astype(np.float32)
-    rollout.finish(Seen(rows, mask), first_column)
+    rollout.finish(Inputs(rows, mask), first_column)
     return rollout, finals
 
 

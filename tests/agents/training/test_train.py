@@ -17,17 +17,17 @@ from vibgym.config import Settings
 from vibgym.envs.actions import ACTIONS, Field
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.networks.acting import ACTING
+from vibgym.policies.trained.coding import CODINGS
+from vibgym.policies.trained.networks import ACTING
 from vibgym.policies.trained.storage import load_set
-from vibgym.policies.trained.trained import CODINGS
 
 PPO = {"n_steps": 16, "batch_size": 64, "n_epochs": 2, "net": [8], "critic_net": [8], "target_kl": 0.02}
 BASE = {"task": "Align", "worlds": 8, "steps": 768, "checkpoint_steps": 256, "judging": {"episodes": 3, "every": 200}}
-LESSONS = {"expert": {"kind": "pose", "action": "wrench"}, "rounds": 2, "steps": 20, "epochs": 2}
+IMITATION = {"expert": {"kind": "pose", "action": "wrench"}, "rounds": 2, "steps": 20, "epochs": 2}
 RUNS = {
     "field": {"environment": {"action": "field"}, "ppo": PPO},
     "imitation": {
-        "environment": {"action": "wrench"}, "imitation": LESSONS, "ppo": {**PPO, "remembers": True, "turned": True},
+        "environment": {"action": "wrench"}, "imitation": IMITATION, "ppo": {**PPO, "remembers": True, "turned": True},
     },
     "residual": {"environment": {"action": "wrench"}, "residual": {"base": {"kind": "pose"}}, "ppo": PPO},
 }  # fmt: skip
@@ -147,7 +147,7 @@ def test_a_user_registered_algorithm_is_trained_and_continues(tmp_path, monkeypa
 
 @pytest.mark.parametrize("changes, named", [
     ({"algorithm": "sb3.Nothing"}, "algorithm"), ({"ppo": {"network": "nothing"}}, "network"), ({"steps": 0}, "steps"),
-    ({"algorithm": "sb3.SAC", "imitation": LESSONS}, "imitation"), ({"ppo": {"n_steps": 10**6}, "worlds": 1000}, "n_steps"),
+    ({"algorithm": "sb3.SAC", "imitation": IMITATION}, "imitation"), ({"ppo": {"n_steps": 10**6}, "worlds": 1000}, "n_steps"),
 ])  # fmt: skip
 def test_invalid_settings_are_refused_by_name(tmp_path, changes, named):
     with pytest.raises(ValueError, match=named):

@@ -62,10 +62,8 @@ def kept(run):
 
 
 @pytest.mark.parametrize("changes, named", [
-    ({"task": "Transport"}, "task"), ({"seed": 4}, "seed"), ({"worlds": 16}, "worlds"),
-    ({"environment": {"action": "patch"}}, "environment"), ({"ppo": {**OWN, "net": [9]}}, "ppo"),
-    ({"environment": {"action": "field", "surface": {"rows": 12, "columns": 16}}}, "environment"),
-    ({"ppo": {**OWN, "blind": ["position"]}}, "ppo"), ({"algorithm": "sb3.SAC"}, "algorithm"),
+    ({"task": "Transport"}, "task"), ({"seed": 4}, "seed"), ({"environment": {"action": "patch"}}, "environment"),
+    ({"ppo": {**OWN, "net": [9]}}, "ppo"), ({"algorithm": "sb3.SAC"}, "algorithm"),
 ])  # fmt: skip
 def test_checkpoints_of_other_settings_are_refused(copied, tmp_path, capsys, changes, named):
     before = files_in(copied)
@@ -81,23 +79,15 @@ def damage(run, name, how):
     data = tensors.read_bytes()
     if how == "truncated":
         os.truncate(path, 40)
-    elif how == "altered":
-        path.write_text(json.dumps({**record, "sha256": "0" * 64}))
     elif how == "version":
         path.write_text(json.dumps({**record, "version": 1}))
-    elif how == "half the tensors":
-        tensors.write_bytes(data[: len(data) // 2])
-    elif how == "altered tensors":
-        tensors.write_bytes(data[:-2] + bytes([data[-2] ^ 1]) + data[-1:])
     else:
-        tensors.unlink()
+        tensors.write_bytes(data[:-2] + bytes([data[-2] ^ 1]) + data[-1:])
     return path
 
 
 @pytest.mark.parametrize("name", ["checkpoint.json", "policy.json"])
-@pytest.mark.parametrize(
-    "how", ["truncated", "altered", "version", "half the tensors", "altered tensors", "no tensors"]
-)
+@pytest.mark.parametrize("how", ["truncated", "version", "altered tensors"])
 def test_damaged_files_are_refused(copied, tmp_path, capsys, name, how):
     """Checkpoints to continue, policies to start from."""
     path = damage(copied, name, how)
@@ -108,7 +98,7 @@ def test_damaged_files_are_refused(copied, tmp_path, capsys, name, how):
     assert str(path) in line and files_in(copied) == before and not (tmp_path / "new").exists()
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"settings": 3, "seconds": 1}', '{"settings": {}', None])
+@pytest.mark.parametrize("text", ["", '{"settings": 3, "seconds": 1}', None])
 def test_a_damaged_record_of_the_run_is_refused(copied, tmp_path, capsys, text):
     path = copied / "run.json"
     path.unlink() if text is None else path.write_text(text)
@@ -131,11 +121,8 @@ ADAM = "adam.policy.optimizer"
 
 @pytest.mark.parametrize("name, change", [
     (f"{ADAM}.0.exp_avg", None), (f"{ADAM}.1.exp_avg_sq", lambda value: value[:1]),
-    ("policy.actor.mean.weight", lambda value: value.T), ("policy.actor.log_std.bias", None),
-    *((name, with_last(number)) for number in (math.nan, math.inf, 1e300) for name in (
-        "policy.critic.value.bias", f"{ADAM}.0.exp_avg", f"{ADAM}.1.step")),
-    (checkpoint.STATE, None), (checkpoint.STATE, lambda value: value[:9]),
-    (checkpoint.STATE, lambda value: np.frombuffer(b"{}", dtype=np.uint8)), ("state.torch", None),
+    ("policy.actor.mean.weight", lambda value: value.T), ("policy.critic.value.bias", with_last(math.nan)),
+    (f"{ADAM}.1.step", with_last(1e300)), (checkpoint.STATE, lambda value: value[:9]), ("state.torch", None),
 ])  # fmt: skip
 def test_a_checkpoint_with_wrong_contents_is_refused(copied, tmp_path, name, change):
     path = copied / "checkpoint.json"
@@ -160,8 +147,7 @@ def test_a_checkpoint_with_wrong_contents_is_refused(copied, tmp_path, name, cha
 # -- failures ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("place", ["actor.mean", "critic.value"])
-@pytest.mark.parametrize("method", ["collect", "update"])
+@pytest.mark.parametrize("place, method", [("actor.mean", "collect"), ("critic.value", "update")])
 def test_a_diverged_training_keeps_the_last_checkpoint(copied, tmp_path, monkeypatch, capsys, place, method):
     config, before, original = written(tmp_path, steps=1024), kept(copied), getattr(PPO, method)
 
@@ -183,17 +169,16 @@ def test_a_diverged_training_keeps_the_last_checkpoint(copied, tmp_path, monkeyp
     assert load_set(train.train(config, copied, quiet=True), KIND, VERSION)[1]["training"]["steps"] == 1024
 
 
-@pytest.mark.parametrize("number", [math.nan, math.inf])
 @pytest.mark.parametrize("place", ["actor.log_std", "critic.value", "adam"])
-def test_values_that_are_not_finite_are_not_written(copied, tmp_path, place, number):
+def test_values_that_are_not_finite_are_not_written(copied, tmp_path, place):
     learner = PPO(load_settings(written(tmp_path)))
     assert learner.load(copied)
     before = files_in(copied)
     with torch.no_grad():
         if place == "adam":
-            next(iter(learner.optimizer.state.values()))["exp_avg_sq"].view(-1)[-1] = number
+            next(iter(learner.optimizer.state.values()))["exp_avg_sq"].view(-1)[-1] = math.inf
         else:
-            learner.policy.get_submodule(place).bias[-1] = number
+            learner.policy.get_submodule(place).bias[-1] = math.nan
     with pytest.raises(Diverged, match=place):
         learner.save(copied)
     if place == "actor.log_std":
@@ -233,27 +218,20 @@ def test_a_full_disk_is_one_error_and_keeps_the_checkpoint(tmp_path, monkeypatch
 
 
 BAD_PLACES = {
-    "a file": lambda folder: ("--output", file_at(folder / "file")),
-    "below a file": lambda folder: ("--output", file_at(folder / "file") / "below"),
-    "overlong": lambda folder: ("--output", folder / ("x" * 300)),
-    "NUL": lambda folder: ("--output", folder / "a\0b"),
-    "of the system": lambda folder: ("--output", "/proc/vibgym"),
-    "a directory as the policy": lambda folder: ("--policy", folder_at(folder / "policy.json")),
-    "a policy below a file": lambda folder: ("--policy", file_at(folder / "file") / "policy.json"),
-    "a policy of the system": lambda folder: ("--policy", "/proc/policy.json"),
-    "a policy without a suffix": lambda folder: ("--policy", folder / "policy"),
-    "the checkpoint": lambda folder: ("--policy", folder / "runs" / "checkpoint.json"),
+    "a file": lambda folder: file_at(folder),
+    "a directory as the policy": lambda folder: folder_at(folder / "policy.json"),
+    "a directory as the checkpoint": lambda folder: folder_at(folder / "checkpoint.json"),
 }
 
 
 @pytest.mark.parametrize("case", BAD_PLACES)
 def test_places_that_cannot_be_written_are_refused_before_training(tmp_path, monkeypatch, capsys, case):
     monkeypatch.setattr(PPO, "learn", lambda *_, **__: pytest.fail("trains"))
-    option, place = BAD_PLACES[case](tmp_path)
-    arguments = ["train", str(written(tmp_path)), "--output", str(tmp_path / "runs"), option, str(place), "--quiet"]
-    assert command.main(arguments) == 2
-    assert option.strip("-") in said_in_one_line(capsys)
-    assert not (tmp_path / "file").exists() or (tmp_path / "file").read_text() == "mine"
+    run = tmp_path / "runs"
+    BAD_PLACES[case](run)
+    assert command.main(["train", str(written(tmp_path)), "--output", str(run), "--quiet"]) == 2
+    assert "output" in said_in_one_line(capsys)
+    assert run.is_dir() or run.read_text() == "mine"
     assert not list(tmp_path.rglob("*.safetensors")) and not list(tmp_path.rglob("log-from-*"))
 
 
@@ -264,9 +242,8 @@ def test_places_that_cannot_be_written_are_refused_before_training(tmp_path, mon
     ({"task": "Transport"}, "tasks"), ({"environment": {"action": "patch"}}, "action"),
     ({"environment": {"action": "field", "surface": {"rows": 12, "columns": 16}}}, "surface"),
     *(({"ppo": {**OWN, key: value}}, named) for key, value, named in (
-        ("blind", ["position"], "columns"), ("blind", ["velocity"], "columns"), ("turned", True, "turned"),
-        ("remembers", True, "remembers"), ("activation", "relu", "activation"), ("net", [9], "layers"),
-        ("net", [8, 8], "layers"))),
+        ("blind", ["position"], "columns"), ("turned", True, "turned"), ("remembers", True, "remembers"),
+        ("activation", "relu", "activation"), ("net", [9], "layers"))),
     ({"algorithm": "sb3.SAC"}, "start"),
 ])  # fmt: skip
 def test_policies_that_do_not_fit_are_no_start(trained, tmp_path, capsys, changes, named):
@@ -274,13 +251,6 @@ def test_policies_that_do_not_fit_are_no_start(trained, tmp_path, capsys, change
     line = refusal(capsys, command.main, "train", config, "--output", tmp_path / "next")
     assert named in line and str(config) in line
     assert not (tmp_path / "next").exists() and files_in(trained) == before
-
-
-def test_other_files_are_no_start(trained, tmp_path, capsys):
-    for start in (tmp_path / "none.json", trained / "checkpoint.json"):
-        config = written(tmp_path, start=str(start))
-        assert str(start) in refusal(capsys, command.main, "train", config, "--output", tmp_path / "next")
-    assert not (tmp_path / "next").exists()
 
 
 def test_a_run_starts_with_the_weights_of_a_policy(trained, tmp_path):
@@ -324,18 +294,3 @@ def test_progress_is_written_row_by_row(tmp_path):
     found = rows_of(path)
     assert [row["steps"] for row in found] == ["1", "2", "3", "4"]
     assert [row["success"] for row in found] == ["", "", "1.0", ""] and found[1]["loss"] == "0.25"
-
-
-def test_an_interrupted_run_has_its_rows(tmp_path, monkeypatch):
-    collect = PPO.collect
-
-    def interrupted(self):
-        if self.steps >= 384:
-            raise KeyboardInterrupt
-        collect(self)
-
-    monkeypatch.setattr(PPO, "collect", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        train.train(written(tmp_path, steps=1024), tmp_path / "run", quiet=True)
-    rows = rows_of(tmp_path / "run" / "log-from-0" / "progress.csv")
-    assert [row["steps"] for row in rows] == ["128", "256", "384"] and all(row["policy"] for row in rows)

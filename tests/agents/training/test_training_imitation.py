@@ -17,7 +17,7 @@ WORLDS = 8
 
 
 class TowardsTheGoal:
-    """A simple law: uniform motion along the way; notes what it is told."""
+    """A simple law: uniform motion towards the goal; it stores its arguments."""
 
     action, observation = "field", "state"
 
@@ -33,24 +33,24 @@ class TowardsTheGoal:
 
 
 class Answering(TowardsTheGoal):
-    """The same as accelerations, by one that wants to know what was done in its place."""
+    """The same in accelerations; it stores the applied actions."""
 
     action = "wrench"
 
     def __init__(self, info):
         super().__init__(info)
-        self.told = []
+        self.applied = []
 
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         action, state = super().predict(observation, state, episode_start)
         return action[:, :3], state
 
-    def acted(self, memory, said, done):
-        self.told.append((said.copy(), done.copy()))
+    def acted(self, memory, proposed, done):
+        self.applied.append((proposed.copy(), done.copy()))
         return memory + 0.5
 
 
-def lessons(seed=5, turned=False, remembers=False, made=TowardsTheGoal, **settings):
+def imitation_of(seed=5, turned=False, remembers=False, made=TowardsTheGoal, **settings):
     env = batch(
         "Transport", WORLDS, action=made.action, observation="parts", autoreset_mode="SameStep", max_episode_steps=30
     )
@@ -72,12 +72,12 @@ def lessons(seed=5, turned=False, remembers=False, made=TowardsTheGoal, **settin
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_network_learns_a_law_from_few_steps(turned):
-    imitation, expert, coding = lessons(turned=turned)
+    imitation, expert, coding = imitation_of(turned=turned)
     errors = list(imitation.rounds())
     assert len(errors) == 3 and imitation.steps == 3 * 40 * WORLDS
     assert errors[-1] < 5e-3 and errors[-1] < 0.5 * errors[0]
     assert isinstance(coding, Coding) and coding.turned is turned
-    # Asked anew, in places it has not seen: what it does in the scene itself is what the law does.
+    # On new observations its action in the scene is the law's.
     env = batch("Transport", 200, action="field", observation="parts")
     seen, _ = env.reset(seed=9000)
     wanted, _ = expert.predict(env.observed("state"), None, np.ones(200, bool))
@@ -86,26 +86,26 @@ def test_a_network_learns_a_law_from_few_steps(turned):
     assert np.sqrt(((action - wanted) ** 2).mean()) < 0.3 * np.sqrt((wanted**2).mean())
 
 
-def test_lessons_are_the_same_for_the_same_seed():
-    (first, *_), (again, *_), (other, *_) = lessons(), lessons(), lessons(seed=6)
+def test_imitation_is_reproducible():
+    (first, *_), (again, *_), (other, *_) = imitation_of(), imitation_of(), imitation_of(seed=6)
     errors = [list(each.rounds()) for each in (first, again, other)]
     assert errors[0] == errors[1] != errors[2]
     weights = [each.policy.actor.mean.weight for each in (first, again, other)]
     assert torch.equal(weights[0], weights[1]) and not torch.equal(weights[0], weights[2])
 
 
-def test_experts_are_told_their_memory_and_when_episodes_begin():
-    imitation, expert, _ = lessons(epochs=1, noise=0.0)
+def test_experts_receive_their_memory_and_starts_of_episodes():
+    imitation, expert, _ = imitation_of(epochs=1, noise=0.0)
     list(imitation.rounds())
     starts = np.array([start for _, _, start in expert.asked])
     assert starts.shape == (120, WORLDS) and starts[0].all() and not starts[1].any()
     assert 3 * WORLDS <= starts[1:].sum() and [state for _, state, _ in expert.asked] == [None, *range(1, 120)]
     way = np.array([np.hypot(*seen[:, expert.way : expert.way + 2].T) for seen, *_ in expert.asked])
-    assert (np.abs(np.diff(way, axis=0))[starts[1:]] > 0.01).mean() > 0.6  # another episode, another way
+    assert (np.abs(np.diff(way, axis=0))[starts[1:]] > 0.01).mean() > 0.6  # another episode has another displacement
 
 
 def test_only_the_actors_mean_learns():
-    imitation, *_ = lessons(epochs=1)
+    imitation, *_ = imitation_of(epochs=1)
     before = {name: value.clone() for name, value in imitation.policy.state_dict().items()}
     list(imitation.rounds())
     same = {name for name, value in imitation.policy.state_dict().items() if torch.equal(value, before[name])}
@@ -114,22 +114,22 @@ def test_only_the_actors_mean_learns():
     assert {"actor.mean.weight", "actor.hidden.0.weight"}.isdisjoint(same)
 
 
-def test_experts_are_told_what_was_done_where_the_network_remembers_it():
-    imitation, expert, coding = lessons(remembers=True, made=Answering, epochs=1, rounds=2)
+def test_experts_receive_applied_actions_if_the_network_remembers():
+    imitation, expert, coding = imitation_of(remembers=True, made=Answering, epochs=1, rounds=2)
     list(imitation.rounds())
-    assert len(expert.told) == len(expert.asked) == 80
+    assert len(expert.applied) == len(expert.asked) == 80
     assert [state for _, state, _ in expert.asked[1:]] == [k + 0.5 for k in range(1, 80)]
-    said, done = (np.array(each) for each in zip(*expert.told, strict=True))
-    assert (np.abs(done - said).reshape(80, WORLDS, 3).max(axis=(0, 2)) > 1e-3).all() and np.abs(done).max() <= 1.0
-    rows = imitation._found.rows.reshape(80, WORLDS, -1)
-    told = rows[..., coding.shape.own - 3 : coding.shape.own]
+    proposed, done = (np.array(each) for each in zip(*expert.applied, strict=True))
+    assert (np.abs(done - proposed).reshape(80, WORLDS, 3).max(axis=(0, 2)) > 1e-3).all() and np.abs(done).max() <= 1.0
+    rows = imitation._demonstrations.rows.reshape(80, WORLDS, -1)
+    previous = rows[..., coding.shape.own - 3 : coding.shape.own]
     starts = np.array([start for _, _, start in expert.asked])
-    assert (told[starts] == 0.0).all() and starts[1:].any()
-    assert (told[1:][~starts[1:]] == done[:-1][~starts[1:]]).all()  # the network learns from the same
+    assert (previous[starts] == 0.0).all() and starts[1:].any()
+    assert (previous[1:][~starts[1:]] == done[:-1][~starts[1:]]).all()  # the network learns from the same
 
 
-def test_experts_that_are_not_remembered_are_left_alone():
-    imitation, expert, coding = lessons(remembers=False, made=Answering, epochs=1, rounds=1)
+def test_experts_receive_no_applied_actions_without_remembers():
+    imitation, expert, coding = imitation_of(remembers=False, made=Answering, epochs=1, rounds=1)
     list(imitation.rounds())
-    assert expert.told == [] and [state for _, state, _ in expert.asked] == [None, *range(1, 40)]
+    assert expert.applied == [] and [state for _, state, _ in expert.asked] == [None, *range(1, 40)]
     assert not coding.remembers

@@ -1,4 +1,4 @@
-"""Networks: NumPy acts as torch does, and neighbours count as attention says."""
+"""Networks: NumPy against torch, attention over neighbours."""
 
 import copy
 
@@ -8,11 +8,10 @@ import torch
 
 from agents.network_kernels import attend, tanh
 from agents.networks import NETWORKS, Attention, PartsCritic, elements_about, trained_tensors
-from vibgym.policies.trained.networks.acting import ACTING
-from vibgym.policies.trained.networks.shape import Shape, offsets
+from vibgym.policies.trained.networks import ACTING, Shape, offsets
 
 ACTORS = {kind: NETWORKS[kind][0] for kind in ("parts", "elements")}
-"""Those that read rows; networks of pixels have tests of their own."""
+"""Networks that read rows; test_trained_pictures.py tests networks of pixels."""
 
 OWN, WIDTH, PLACE = 9, 4, 3
 NUMBERS, SIDE = 6, 5
@@ -35,7 +34,7 @@ def actor_of(kind, neighbours, activation="tanh"):
 
 
 def rows_of(neighbours, there=None, lead=(3, 6), seed=0):
-    """Rows with so many neighbours, of which ``there`` (neighbours,) are there; those that are not are all zeros."""
+    """Rows with ``neighbours`` neighbours, present where ``there`` (neighbours,) is 1; absent ones are zeros."""
     rows = np.random.default_rng(seed).uniform(-1, 1, (*lead, OWN + neighbours * WIDTH)).astype(np.float32)
     if neighbours:
         blocks = rows[..., OWN:].reshape(*lead, neighbours, WIDTH)
@@ -106,8 +105,8 @@ def test_attention_is_that_of_keys_and_queries(there):
         torch.nn.init.normal_(parameter, std=0.7)
     rows = torch.from_numpy(rows_of(len(there), there))
     own, others = rows[..., :OWN].clone().requires_grad_(), rows[..., OWN:].unflatten(-1, (len(there), WIDTH))
-    told = torch.randn(3, 6, 8)
-    (attention(own, others) * told).sum().backward()
+    gradient = torch.randn(3, 6, 8)
+    (attention(own, others) * gradient).sum().backward()
     mine = {name: each.grad for name, each in attention.named_parameters()} | {"own": own.grad}
     plain, seen = copy.deepcopy(attention).double(), rows[..., :OWN].double().requires_grad_()
     code = torch.relu(plain.encode(others.double()))
@@ -116,7 +115,7 @@ def test_attention_is_that_of_keys_and_queries(there):
     mean = torch.einsum("...k,...kc->...c", share, code) if any(there) else 0.0 * code.sum(dim=-2)
     assert torch.allclose(attention(own, others).double(), mean, atol=1e-5)
     plain.zero_grad()
-    (mean * told).sum().backward()
+    (mean * gradient).sum().backward()
     assert mine.pop("key.bias") is None
     for name, theirs in ({name: each.grad for name, each in plain.named_parameters()} | {"own": seen.grad}).items():
         expected = torch.zeros(()) if theirs is None else theirs
@@ -163,19 +162,19 @@ def test_the_order_of_neighbours_does_not_matter_and_they_do(kind):
 
 @pytest.mark.parametrize("kind", ACTORS)
 def test_absent_neighbours_have_no_weight(kind):
-    """Whatever stands in their blocks: only that they are not there counts. Without any, a part is as if alone."""
+    """The values in their blocks have no effect. Without neighbours the result is zero."""
     actor, rows = actor_of(kind, 3), rows_of(3, [1, 0, 0])
 
     def rubbish(blocks):
         blocks = blocks.copy()
-        blocks[..., 1:, 1:] = 50.0  # far above what the one that is there has to say
+        blocks[..., 1:, 1:] = 50.0  # far above the values of the present one
         return blocks
 
     mean, _ = by_torch(actor, rows)
     assert torch.allclose(by_torch(actor, with_blocks(rows, rubbish))[0], mean, atol=1e-6)
     with torch.no_grad():
-        nobody = actor.eyes(torch.from_numpy(rows_of(3, [0, 0, 0])))[..., OWN:]
-    assert nobody.shape[-1] == 8 and (nobody == 0).all()
+        alone = actor.eyes(torch.from_numpy(rows_of(3, [0, 0, 0])))[..., OWN:]
+    assert alone.shape[-1] == 8 and (alone == 0).all()
 
 
 def test_the_critic_sees_the_parts_that_are_there_in_any_order():

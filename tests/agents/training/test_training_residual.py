@@ -9,7 +9,7 @@ import torch
 
 from agents.learning_curve import LearningCurve, play
 from agents.ppo import PPO
-from agents.tabulate import Places, tabulate
+from agents.tabulate import tabulate
 from agents.train import train
 from agents.training_file import load_settings
 from tests.policies.helpers import info_of
@@ -77,31 +77,15 @@ def test_the_file_has_the_base_and_loads_with_no_other(run):
     ).any()
     same = make_policy({"kind": "residual", "path": path, "base": "pose", "scale": 0.3}, info)
     assert (action == same.predict(seen)[0]).all()
-    for wrong in (
-        {"base": "lqr"},
-        {"base": {"kind": "pose", "law": "pose"}},
-        {"base": make_policy(POSE, info)},
-        {"scale": 0.5},
-    ):
+    for wrong in ({"base": "lqr"}, {"base": make_policy(POSE, info)}, {"scale": 0.5}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
             make_policy({"kind": "residual", "path": path, **wrong}, info)
     with pytest.raises(ValueError, match="residual"):
         load_trained(run[1] / "policy.json", info)
 
 
-@pytest.mark.parametrize(
-    "what", [None, {"base": "pose"}, {"base": POSE, "scale": -1.0}, {"base": {"kind": "residual"}, "scale": 0.3}]
-)
-def test_altered_files_are_refused(run, tmp_path, what):
-    record = json.loads((run[1] / "policy.json").read_text())
-    (tmp_path / record["tensors"]).write_bytes((run[1] / record["tensors"]).read_bytes())
-    (tmp_path / "policy.json").write_text(json.dumps({**record, "residual": what}))
-    with pytest.raises(ValueError, match=r"residual|base"):
-        make_policy({"kind": "residual", "path": str(tmp_path / "policy.json")}, info_of("Align", action="wrench"))
-
-
 def test_the_table_plays_the_hybrid(run, tmp_path):
-    rows = tabulate(run[0], ["Align/hybrid"], [0], 2, Places(tmp_path, ship=tmp_path / "shipped"))
+    rows = tabulate(run[0], ["Align/hybrid"], [0], 2, tmp_path, ship=tmp_path / "shipped")
     assert rows[0]["success"] == 1.0  # as the base; the network alone would fail
     shipped = tmp_path / "shipped" / "align-hybrid.json"
     assert json.loads(shipped.read_text())["residual"]["scale"] == 0.3
@@ -146,7 +130,7 @@ def test_a_run_starts_from_a_correction_of_the_same_base(learner, run):
     ("{kind: pose}", "pose", "residual.base"), ("{kind: pose}", "{law: pose}", "residual.base"),
     ("{kind: pose}", "{kind: residual, path: x.json}", "residual.base"), ("{kind: pose}", "{kind: nobody}", "nobody"),
     ("{kind: pose}", "{kind: pose, action: phasor}", "base.action"), ("scale: 0.3", "scale: 0", "residual.scale"),
-    ("scale: 0.3", "size: 0.3", "residual 'size'"), ("ppo: {", "ppo: {remembers: true, ", "ppo.remembers"),
+    ("ppo: {", "ppo: {remembers: true, ", "ppo.remembers"),
     ("ppo: {", "ppo: {turned: true, ", "ppo.turned"), ("ppo: {", "ppo: {network: pixels, ", "ppo.network"),
     ("{action: wrench}", "{action: patch}", "environment.action"),
     ("    worlds", "    imitation: {expert: pose}\n    worlds", "imitation"),
@@ -154,13 +138,3 @@ def test_a_run_starts_from_a_correction_of_the_same_base(learner, run):
 def test_settings_that_conflict_with_a_correction_are_refused(learner, old, new, named):
     with pytest.raises(ValueError, match=named):
         learner(old, new)
-
-
-@pytest.mark.parametrize("algorithm", ["sb3.SAC", "offline"])
-def test_corrections_require_ppo(tmp_path, algorithm):
-    path = tmp_path / "many.yaml"
-    own = "offline: {dataset: none-v0}\n    " if algorithm == "offline" else ""
-    path.write_text(TEXT.replace("    worlds", f"    algorithm: {algorithm}\n    {own}worlds", 1))
-    with pytest.raises(ValueError, match="residual"):
-        train(path, tmp_path / "run", quiet=True, agent="Align/hybrid")
-    assert not (tmp_path / "run").exists()

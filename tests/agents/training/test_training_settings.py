@@ -71,25 +71,21 @@ def test_environments_of_others_keep_their_whole_name(tmp_path, monkeypatch):
         load_settings(path, "Align/own")
 
 
-@pytest.mark.parametrize("agent, named", [
-    (None, "agent"),
-    ("Align", "agent"), ("Align/real", "agent"),
-    ("", "agent"), ("defaults", "agent"),
-])  # fmt: skip
-def test_agents_that_a_file_has_not_are_refused(many, agent, named):
-    with pytest.raises(ValueError, match=named) as error:
+@pytest.mark.parametrize("agent", [None, "Align/real"])
+def test_agents_that_a_file_has_not_are_refused(many, agent):
+    with pytest.raises(ValueError, match="agent") as error:
         load_settings(many, agent)
     assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("old, new, named", [
     ("vibgym/Align-v0:", "vibgym/Juggle-v0:", "ppo.yaml"),
-    ("vibgym/Align-v0:", "Align:", "ppo.yaml"), ("vibgym/Align-v0:", "3:", "ppo.yaml"),
+    ("vibgym/Align-v0:", "3:", "ppo.yaml"),
     ("  ideal: {}", "  ideal: 3", "vibgym/Align-v0.ideal"),
     ("  ideal: {}", "  ideal: {task: Sort}", "vibgym/Align-v0.ideal"),
     ("  worlds: 16", "  worlds: 0", "Align/prototype.worlds"), ("  worlds: 16", "  word: 1", "word"),
     ("net: [64, 64]", "net: [0]", "Align/prototype: ppo.net"), ("rounds: 2", "rounds: 0", "imitation.rounds"),
-    ("rounds: 2", "rounds: 2, own_share: 1.5", "imitation.own_share"), ("rounds: 2", "teacher: 2", "teacher"),
+    ("rounds: 2", "teacher: 2", "teacher"),
     ("expert: pose, ", "", "imitation.expert"), ("ppo: {net: [64, 64]}", "ppo: 3", "Align/prototype: ppo"),
 ])  # fmt: skip
 def test_faults_are_one_line_with_file_and_agent(many, old, new, named):

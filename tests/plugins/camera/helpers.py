@@ -1,4 +1,4 @@
-"""What several tests of the camera need."""
+"""Helpers of the camera tests."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ def setup(parts, **settings):
 
 
 def state_of(pose, velocity=None, gone=None):
-    """A state with poses (worlds, parts, 3)."""
+    """Return a state with poses (worlds, parts, 3)."""
     pose = np.asarray(pose, dtype=float)
     state = new_state(*pose.shape[:2])
     state.pose[:] = pose
@@ -25,7 +25,7 @@ def state_of(pose, velocity=None, gone=None):
 
 
 def camera(parts, pose, periods=1, **settings):
-    """A sensor that has been reset to poses (worlds, parts, 3)."""
+    """Return a sensor after a reset to poses (worlds, parts, 3)."""
     state = state_of(pose)
     worlds = len(state.pose)
     sensor = CameraSensor(SURFACE, parts, worlds, periods, **settings)

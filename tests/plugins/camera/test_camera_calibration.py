@@ -1,4 +1,4 @@
-"""Calibration: the way back from the image, and templates that are refused."""
+"""Calibration: the map from the image to the surface, and invalid templates."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ corner = st.floats(-8.0, 8.0)
 
 @given(st.lists(corner, min_size=8, max_size=8), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
 def test_bilinear_interpolation_is_inverted_within_its_tetragon(shifts, xi, eta):
-    """Any convex tetragon near a square of 40 px, from either side."""
+    """Check convex tetragons near a square of 40 px, of either orientation."""
     square = np.array([[[0.0, 40.0], [40.0, 40.0]], [[0.0, 0.0], [40.0, 0.0]]])
     places = square + np.array(shifts).reshape(2, 2, 2)
     grid = grid_of(Template(0.1, 0.2, 2, 2, 0.01), places)
@@ -50,8 +50,8 @@ def test_bilinear_interpolation_is_inverted_within_its_tetragon(shifts, xi, eta)
     assert (x, y) == pytest.approx((0.1 * xi, 0.2 * eta), abs=1e-9)
 
 
-def test_the_jacobian_is_the_derivative_of_the_way_back():
-    """Of the smooth one, of which the bilinear pieces are an approximation."""
+def test_the_jacobian_is_the_derivative_of_the_inverse_map():
+    """Compare with the derivative of the smooth map, which the bilinear pieces approximate."""
     known = setup(BLOCK, distortion=0.01, noise=0.0, lines="half")
     jacobian = np.empty(4)
     for x, y in ((0.1, 0.05), (0.75, 0.17), (0.4, 0.11)):
@@ -84,7 +84,7 @@ def test_a_mark_too_many_is_named():
             known.calibrate(bad)
 
 
-def test_marks_are_told_apart_though_the_lens_moves_them_by_most_of_their_distance():
+def test_marks_are_identified_under_large_distortion():
     expected = np.stack(np.meshgrid(np.arange(17) * 40.0, np.arange(5) * -40.0), axis=-1)
     middle = expected.mean(axis=(0, 1))
     seen = middle + (expected - middle) * (1.0 + 0.1 * (((expected - middle) / 330.0) ** 2).sum(axis=-1, keepdims=True))
@@ -98,7 +98,7 @@ def lifted(x: float, y: float, z: float):
     return at_height(x, y, 0.4, 0.1, 0.8, z)
 
 
-def test_the_place_of_a_top_is_on_the_ray_to_the_lens():
+def test_the_position_of_a_top_is_on_the_ray_to_the_lens():
     lens, z = np.array([0.4, 0.1, 0.8]), 0.05
     top = np.array([0.7, 0.2, z])
     seen = lens + (top - lens) * lens[2] / (lens[2] - z)

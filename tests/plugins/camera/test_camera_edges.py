@@ -27,7 +27,7 @@ def centroids(share, level=200.0, fine=True, reach=2):
     return find_marks(grey, interest, meaning, 10)
 
 
-def test_grey_levels_tell_the_centroid_far_better_than_whole_pixels():
+def test_grey_levels_are_far_more_accurate_than_whole_pixels():
     random, errors = np.random.default_rng(1), {True: [], False: []}
     for _ in range(25):
         centre, angle = 20.0 + random.random(2), random.uniform(-np.pi, np.pi)
@@ -39,7 +39,7 @@ def test_grey_levels_tell_the_centroid_far_better_than_whole_pixels():
 
 @pytest.mark.parametrize("gap", [2.0, 3.0, 5.0])
 def test_a_neighbour_does_not_count(gap):
-    """Two rectangles side by side, nearer than their bands are wide."""
+    """Two adjacent rectangles with overlapping bands."""
     left = coverage(30, 60, (15.3, 14.7), 0.0, (20.0, 12.0))
     right = coverage(30, 60, (15.3 + 20.0 + gap, 14.7), 0.0, (20.0, 12.0))
     places = centroids(left + right, reach=3)

@@ -1,4 +1,4 @@
-"""Images: what pixels show, where, and with what noise."""
+"""Images: coverage, position and noise of pixels."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def picture(pose=POSE, parts=(BLOCK,), **settings):
 
 
 def seen_polygon(setup, part, pose, points=40):
-    """The part's top in pixels, its edges finely cut."""
+    """Return the outline of the part's top in pixels, with finely divided edges."""
     t = np.linspace(0.0, 1.0, points, endpoint=False)[:, None]
     sides = [a + t * (b - a) for a, b in zip(part.outline, np.roll(part.outline, -1, axis=0))]
     outline = np.concatenate(sides)
@@ -29,7 +29,7 @@ def seen_polygon(setup, part, pose, points=40):
 
 
 @pytest.mark.parametrize("lines", ["all", "half"])
-def test_a_pixel_shows_how_much_of_it_is_covered(lines):
+def test_pixels_show_their_coverage(lines):
     """Through perspective and a barrel distortion of 5 %, against shapely's intersections with a finely cut outline."""
     settings = QUIET | {"distortion": -0.05, "lines": lines}
     image, known = picture([[[0.75, 0.06, 0.4]]], **settings), setup([BLOCK], **settings)
@@ -54,7 +54,7 @@ def test_noise_has_its_deviation_and_is_independent():
     assert normal_quantiles().std() == pytest.approx(1.0, abs=1e-3) and abs(normal_quantiles().mean()) < 1e-6
 
 
-def test_blur_moves_no_light():
+def test_blur_conserves_light():
     sharp, blurred = (picture(**QUIET | {"blur": blur}, lines="all").astype(float) for blur in (0.0, 1.5))
     inside = np.s_[255:345, 200:360]  # around the part
     assert (200 - blurred[inside]).sum() == pytest.approx((200 - sharp[inside]).sum(), rel=2e-3)
@@ -80,7 +80,7 @@ def test_odd_lines_of_an_interlaced_image_are_from_half_a_period_before():
     assert (image[::2] == now[::2]).all() and (image[1::2] == before[1::2]).all() and (now != before).any()
 
 
-def test_parts_that_differ_in_height_alone_are_seen_at_their_own():
+def test_parts_of_different_height_are_drawn_at_their_heights():
     low, high = (Part.rectangle(0.05, 0.03, friction=0.5, mass=0.1, height=height) for height in (0.004, 0.040))
     at, absent = [0.15, 0.05, 0.4], [-1.0, -1.0, 0.0]
     for part, order in ((low, (high, low)), (high, (low, high))):

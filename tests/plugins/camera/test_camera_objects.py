@@ -63,7 +63,7 @@ def test_moments_are_those_of_scikit_image(seed):
         assert found.clipped[number] == (top == 0 or left == 0 or bottom == SHAPE[0] or right == SHAPE[1])
 
 
-def test_a_coarse_grid_finds_every_object_that_holds_its_circle():
+def test_a_coarse_grid_finds_every_large_enough_object():
     random = np.random.default_rng(2)
     lines, columns = np.mgrid[: SHAPE[0], : SHAPE[1]]
     for _ in range(40):

@@ -24,8 +24,8 @@ TRIANGLE = Part.polygon([[0.03, 0.0], [-0.015, 0.026], [-0.015, -0.026]], fricti
     ("all", "grey", 2e-5, 0.1), ("half", "grey", 3e-5, 0.1), ("all", "threshold", 6e-5, 0.45),
     ("half", "threshold", 1.2e-4, 0.8),
 ])  # fmt: skip
-def test_how_well_the_aluminium_block_is_measured(lines, edge, position, heading):
-    """At default noise, blur, light and distortion, at its real height, wherever it lies wholly on the surface."""
+def test_accuracy_for_the_aluminium_block(lines, edge, position, heading):
+    """Check the error at default noise, blur, light and distortion, at its height, anywhere on the surface."""
     known = setup([BLOCK], lines=lines, edge=edge)
     error, seen = look_alone(known, 0, random_poses(known, 0, 300, seed=9), key=77)
     assert seen.all()
@@ -45,7 +45,7 @@ def test_a_part_that_leaves_the_image_is_lost_and_found_again():
 
 
 @pytest.mark.parametrize("statistical", [False, True])
-def test_two_parts_that_touch_are_merged_and_told_apart_again(statistical):
+def test_touching_parts_are_merged_and_separated_again(statistical):
     gaps = [0.03, 0.015, 0.0003, 0.0003, 0.02]
     poses = [[[0.3, 0.1, 0.0], [0.35 + gap, 0.1, 0.0], [0.6, 0.1, 1.0]] for gap in gaps]
     sensor = camera([BLOCK] * 3, [poses[0]], statistical=statistical)
@@ -57,8 +57,8 @@ def test_two_parts_that_touch_are_merged_and_told_apart_again(statistical):
         assert np.isfinite(sensor.due.pose).all() and not sensor.facts()["swaps"].any()
 
 
-def test_parts_taken_for_each_other_are_counted():
-    """Two of a kind that change places from one look to the next: no camera can tell."""
+def test_swapped_parts_are_counted():
+    """Two parts of a kind that exchange positions between samples cannot be distinguished."""
     left, right = [0.3, 0.1, 0.0], [0.4, 0.1, 0.0]
     sensor = camera([BLOCK, BLOCK], [[left, right]])
     sensor.look(state_of([[right, left]]))
@@ -66,7 +66,7 @@ def test_parts_taken_for_each_other_are_counted():
 
 
 def test_the_image_is_the_one_that_is_due():
-    """With a delay of two periods, what one without saw two steps ago; each look has its own noise."""
+    """With a delay of two periods, the image equals that without delay two steps ago; noise is new at each sample."""
     late, now = (
         gym.make("vibgym/Align-v0", action="field", sensor={"kind": "camera", "delay": delay}, observation="camera")
         for delay in (2, 0)
@@ -80,7 +80,7 @@ def test_the_image_is_the_one_that_is_due():
         assert {"swaps", "merges", "losses"} <= set(info["measured"])
 
 
-def test_pictures_are_kept_for_those_who_ask():
+def test_images_are_stored_on_request():
     sensor = CameraSensor(SURFACE, [BLOCK], 1, 1)
     sensor.reset(np.array([0]), state_of([[[0.2, 0.1, 0.0]]]), np.array([[0.1, 0.2]]))
     with pytest.raises(ValueError, match=r"image\(\)"):
@@ -135,8 +135,8 @@ def test_smooth_noise_is_normal_continuous_and_its_components_independent():
 
 
 @pytest.mark.parametrize("settings", [{"edge": "threshold"}, {"edge": "grey", "lines": "all"}])
-def test_the_statistical_sensor_errs_as_the_camera_does(settings):
-    """Deviations at random poses, new at each look, and of the change from one pose to another nearby."""
+def test_errors_of_the_statistical_sensor_equal_the_cameras(settings):
+    """Compare deviations at random poses, of independent samples, and of the change between neighbouring poses."""
     worlds, known = 300, setup([BLOCK, DISC], **settings)
     for kind, part in enumerate((BLOCK, DISC)):
         pose = random_poses(known, kind, worlds, seed=21)[:, None]
@@ -158,7 +158,7 @@ def test_the_statistical_sensor_errs_as_the_camera_does(settings):
 
 
 @pytest.mark.parametrize("part", [BLOCK, SQUARE, TRIANGLE])
-def test_both_see_what_motion_does_to_interlaced_lines(part):
+def test_effect_of_motion_on_interlaced_lines(part):
     """Centres lag by a quarter of a period, and parts seem turned by the shift and the turn between both halves."""
     random, worlds = np.random.default_rng(3), 60
     pose = random_poses(setup([part]), 0, worlds, seed=5)[:, None]
@@ -166,7 +166,7 @@ def test_both_see_what_motion_does_to_interlaced_lines(part):
     errors = {}
     for statistical in (False, True):
         sensor = camera([part], pose, statistical=statistical, lines="interlaced")
-        sensor.track.velocity[:] = velocity  # as if it had been followed for a while
+        sensor.track.velocity[:] = velocity  # as after some tracked samples
         sensor.looks[:] = 1
         sensor.track.pose[:] = pose - 0.04 * velocity
         sensor.look(state_of(pose, velocity))
@@ -175,12 +175,12 @@ def test_both_see_what_motion_does_to_interlaced_lines(part):
     assert errors[False][:, :2] == pytest.approx(-0.01 * velocity[:, 0, :2], abs=3e-4)
     difference = (errors[True] - errors[False]).std(axis=0)
     assert (difference < [6e-5, 6e-5, math.radians(0.25)]).all(), difference
-    assert errors[False][:, 2].std() > math.radians(0.9)  # a fault to speak of
+    assert errors[False][:, 2].std() > math.radians(0.9)  # a noticeable effect
 
 
 @pytest.mark.parametrize("statistical", [False, True])
 def test_its_error_freezes_at_rest(statistical):
-    """Whole pixels: the mean over many looks is as wrong as one, since what is new at each look is little."""
+    """With whole pixels, the error of the mean over many samples equals that of one, since white noise is small."""
     pose = random_poses(setup([BLOCK]), 0, 60, seed=2)[:, None]
     sensor = camera([BLOCK], pose, statistical=statistical, edge="threshold", noise=0.3)
     total = np.zeros_like(pose)
@@ -191,7 +191,7 @@ def test_its_error_freezes_at_rest(statistical):
     assert (mean > 0.8 * one).all() and one[0, 2] > math.radians(0.3)
 
 
-def test_what_estimators_are_told_of_the_error():
+def test_sigma_for_estimators():
     sensor = CameraSensor(SURFACE, [DISC, BLOCK, DISC], 1, 1, edge="threshold")
     errors = fit_errors(sensor.setup)
     assert sensor.sigma.shape == (3, 3) and (sensor.sigma[0] == sensor.sigma[2]).all() and sensor.sigma[0, 2] == 0.0

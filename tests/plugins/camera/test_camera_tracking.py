@@ -35,7 +35,7 @@ def assigned(cost: np.ndarray, result: np.ndarray) -> None:
 def test_assignments_cost_as_little_as_those_of_scipy(rows, more, seed):
     random = np.random.default_rng(seed)
     cost = random.random((rows, rows + more))
-    cost[random.random(cost.shape) < 0.3] = 1e9  # pairs that cannot be
+    cost[random.random(cost.shape) < 0.3] = 1e9  # impossible pairs
     cost[:, :rows] = np.where(np.eye(rows) > 0, 60.0, cost[:, :rows])
     result = np.full(rows, -1)
     assigned(cost, result)
@@ -64,7 +64,7 @@ def test_moments_of_outlines_are_sums_over_their_area():
 @pytest.mark.parametrize("part", [ALUMINIUM, STEEL, ANGLE, SQUARE, TRIANGLE], ids=lambda part: part.name)
 @pytest.mark.parametrize("lines", ["all", "half"])
 def test_headings_of_all_shapes_through_two_turns(part, lines):
-    """Wherever the part lies; the heading goes on beyond a full turn, as that of the simulator does."""
+    """At any position; headings continue beyond a full turn, as in the simulator."""
     sensor = camera([part], [[[0.1, 0.06, 0.0]]], **QUIET | {"distortion": 0.01}, lines=lines)
     worst = 0.0
     for k in range(1, 130):
@@ -79,7 +79,7 @@ def test_headings_of_all_shapes_through_two_turns(part, lines):
 
 @pytest.mark.parametrize("lines, edge", [("half", "grey"), ("all", "threshold")])
 def test_no_identity_is_lost_among_parts_that_keep_the_spacing_rule(lines, edge):
-    """Six blocks, three of a kind, that cross each other's ways for 1000 frames, and stop dead and turn back."""
+    """Six blocks, three of a kind, cross paths for 1000 frames, with sudden stops and reversals."""
     parts = [ALUMINIUM] * 3 + [STEEL] * 3
     poses = wandering(1000, parts, 11)
     order = np.sign(poses[:, :, None, 0] - poses[:, None, :, 0])
@@ -91,8 +91,8 @@ def test_no_identity_is_lost_among_parts_that_keep_the_spacing_rule(lines, edge)
         assert np.abs(sensor.due.pose[0] - now)[:, :2].max() < 1e-3
 
 
-def test_kinds_are_told_apart_by_shape():
-    """Two parts of different kinds change places from one look to the next: their names go with their shapes."""
+def test_kinds_are_distinguished_by_shape():
+    """Two parts of different kinds exchange positions between samples: identities follow the shapes."""
     left, right = [0.3, 0.1, 0.0], [0.312, 0.16, 0.0]
     for kinds in ([ALUMINIUM, STEEL], [STEEL, DISC], [ALUMINIUM, SQUARE]):
         sensor = camera(kinds, [[left, right]])

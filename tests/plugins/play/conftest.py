@@ -1,4 +1,4 @@
-"""A server of the page in a thread of the test's, and a browser."""
+"""A server of the page in a thread of the test, and a browser."""
 
 import asyncio
 import threading

@@ -9,13 +9,13 @@ from tests.browser import faults_at_all_sizes, watch
 
 
 class Seen:
-    """A page that somebody looks at."""
+    """An open page."""
 
     def __init__(self, browser, served, task, size=(1280, 900)):
         self.address, self.server = served
         known = set(self.server.visitors)
         self.page = browser.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
-        self.said = watch(self.page)
+        self.console = watch(self.page)
         self.page.goto(f"http://{self.address}/?id={task}")
         self.page.wait_for_function("() => window.vibgym && window.vibgym.pictures > 5", timeout=60000)
         (token,) = set(self.server.visitors) - known
@@ -31,7 +31,7 @@ class Seen:
         return box["x"] + left, box["y"] + top
 
     def stop(self):
-        """Let time stand still, and wait until the page shows it."""
+        """Pause, and wait until the page shows it."""
         self.page.click("#run")
         self.page.wait_for_function("() => !window.vibgym.motion.frame.running")
 
@@ -64,11 +64,11 @@ def look(browser, served):
 
     yield at
     for seen in opened:
-        assert seen.said == []
+        assert seen.console == []
         seen.page.close()
 
 
-def test_a_part_is_taken_with_the_mouse_and_put_down_elsewhere(look):
+def test_a_part_is_moved_with_the_mouse(look):
     seen = look("Align")
     seen.stop()
     before = seen.pose().copy()
@@ -79,7 +79,7 @@ def test_a_part_is_taken_with_the_mouse_and_put_down_elsewhere(look):
     seen.until(lambda: np.array_equal(seen.pose(), before))
 
 
-def test_the_law_takes_the_part_where_the_ghost_was_dragged(look):
+def test_the_controller_moves_the_part_to_the_dragged_goal(look):
     seen = look("Align")
     goal = seen.world.core.episode.goal[0, 0].copy()
     seen.page.keyboard.down("Shift")
@@ -100,7 +100,7 @@ def test_a_stroke_of_the_brush_pushes_along_itself(look):
     seen.until(lambda: np.isnan(seen.world.paint).all())
 
 
-def test_keys_do_what_the_mouse_does(look):
+def test_keys_have_the_effect_of_the_mouse(look):
     seen = look("Align")
     seen.page.focus("#table")
     seen.page.keyboard.press("Space")
@@ -146,13 +146,13 @@ def test_choices_record_and_share(look):
     seen.page.wait_for_function("() => document.getElementById('line').textContent.includes(\"Nothing\")")
 
 
-def test_a_lost_connection_is_taken_up_again_and_what_was_done_meanwhile_is_done(look):
+def test_a_lost_connection_is_restored_and_pending_messages_are_applied(look):
     seen = look("Align")
     seen.stop()
     seen.page.evaluate("() => { window.vibgym.link.tries = 4; window.vibgym.link.socket.close(); }")
     seen.page.wait_for_function("() => document.getElementById('state').textContent.includes('lost')")
     seen.drag(seen.pose()[:2], (0.4, 0.1))
-    assert not seen.world.held, "nobody has heard of it yet"
+    assert not seen.world.held, "not sent yet"
     seen.page.wait_for_function("() => document.getElementById('state').textContent === 'connected'")
     seen.until(lambda: abs(seen.pose()[0] - 0.4) < 3e-3 and not seen.world.held)
     seen.page.reload()

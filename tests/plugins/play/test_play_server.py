@@ -1,4 +1,4 @@
-"""The server: worlds of their own, nothing lost, closed doors."""
+"""The server: separate worlds, reconnection, refused requests."""
 
 import http.client
 import json
@@ -73,7 +73,7 @@ def test_other_hosts_are_refused(served, host):
     assert get(served[0], "/", Host=host)[0] in (400, 403)
 
 
-def test_everybody_has_a_world(served):
+def test_every_visitor_has_a_world(served):
     address, _ = served
     one, two = Page(address), Page(address, id="Sort")
     assert one.token != two.token
@@ -84,7 +84,7 @@ def test_everybody_has_a_world(served):
     two.socket.close()
 
 
-def test_bad_messages_end_nobodys_world(served):
+def test_bad_messages_do_not_end_a_world(served):
     address, _ = served
     one, two = Page(address), Page(address)
     for text in ("no json", "[]", json.dumps({"n": 1, "do": "pace", "speed": 1e9})):
@@ -105,7 +105,7 @@ def test_bad_messages_end_nobodys_world(served):
     two.socket.close()
 
 
-def test_a_lost_connection_is_taken_up_again_and_nothing_is_lost(served):
+def test_a_lost_connection_is_restored_without_loss(served):
     address, server = served
     page = Page(address)
     page.send("pace", running=False)
@@ -116,7 +116,7 @@ def test_a_lost_connection_is_taken_up_again_and_nothing_is_lost(served):
     assert back.token == page.token and back.ack == 2
     frame = back.next("frame")
     assert [round(each, 3) for each in frame["goal"][0]] == [40000, 10000, 3000]
-    # What the page does not know to be done it sends again: done once.
+    # The page repeats unacknowledged messages; each is executed once.
     back.socket.send(json.dumps({"n": 2, "do": "aim", "part": 0, "pose": [0.9 - 0.4, 0.1, 0.0]}))
     back.socket.send(json.dumps({"n": 3, "do": "steps", "count": 1}))
     frame = back.after(3)
@@ -137,19 +137,19 @@ def test_a_page_that_is_opened_twice_has_one_socket(served):
     second.socket.close()
 
 
-@pytest.mark.parametrize(("query", "said"), [({"id": "Nothing"}, "id"), ({"start": "altered"}, "start")])
-def test_bad_urls_are_one_clear_line(served, query, said):
+@pytest.mark.parametrize(("query", "named"), [({"id": "Nothing"}, "id"), ({"start": "altered"}, "start")])
+def test_bad_urls_are_one_clear_line(served, query, named):
     page = Page(served[0], **query)
-    assert said in page.first["text"]
+    assert named in page.first["text"]
     with pytest.raises(ConnectionClosed):
         page.next()
 
 
-def test_there_is_room_for_so_many(served, monkeypatch):
+def test_the_number_of_worlds_is_limited(served, monkeypatch):
     address, server = served
     monkeypatch.setattr(module, "MOST_WORLDS", len(server.visitors))
     assert "no room" in Page(address).first["text"]
-    monkeypatch.setattr(module, "WAIT", -1.0)  # those who have left are let go
+    monkeypatch.setattr(module, "WAIT", -1.0)  # disconnected visitors are removed
     page = Page(address)
     assert page.token
     page.socket.close()

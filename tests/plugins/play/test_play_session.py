@@ -1,4 +1,4 @@
-"""What a page may ask for, and what comes of it."""
+"""Messages of the page and their effects."""
 
 import json
 
@@ -14,7 +14,7 @@ from vibgym.plugins.play.session import Session
 
 
 class Page:
-    """Sends numbered messages."""
+    """Sender of numbered messages."""
 
     def __init__(self, task, folder):
         self.session, self.n = Session(Settings(task), folder), 0
@@ -38,7 +38,7 @@ def refused(answers):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "named"),
     [
         ("hello", "message"),
         ("{}", "do"),
@@ -60,12 +60,12 @@ def refused(answers):
         ('{"do": "reset", "n": 1, "colour": "red"}', "colour"),
     ],
 )
-def test_bad_messages_are_one_clear_line_and_change_nothing(align, text, said):
+def test_bad_messages_are_one_clear_line_and_change_nothing(align, text, named):
     session = align.session
     before = session.world.get_state()["env"]
     answers = session.do(text)
     (line,) = refused(answers)
-    assert said in line and "\n" not in line
+    assert named in line and "\n" not in line
     after = session.world.get_state()["env"]
     assert np.array_equal(before["simulator"]["pose"], after["simulator"]["pose"])
     assert np.array_equal(before["episode"]["goal"], after["episode"]["goal"])
@@ -77,14 +77,14 @@ def test_bad_messages_are_one_clear_line_and_change_nothing(align, text, said):
     | st.binary()
     | st.recursive(st.none() | st.floats() | st.text(), lambda x: st.dictionaries(st.text(), x)).map(json.dumps)
 )
-def test_whatever_comes_is_a_message_or_refused(text):
+def test_any_text_is_a_message_or_refused(text):
     try:
         messages.parsed(text)
     except ValueError as error:
         assert "\n" not in str(error)
 
 
-def test_a_message_that_comes_twice_is_done_once(align):
+def test_a_repeated_message_is_executed_once(align):
     text = json.dumps({"n": 5, "do": "steps", "count": 3})
     align.session.do(text)
     there = align.pose
@@ -122,7 +122,7 @@ def test_undo_takes_back_step_by_step(align):
     assert np.array_equal(align.pose, second)
 
 
-def test_a_start_comes_back_as_it_was_shared(tmp_path):
+def test_a_shared_start_is_restored(tmp_path):
     page = Page("Sort", tmp_path)
     page("steps", count=20)
     page("paint", elements=[[1, 2], [3, 4]], phasor=[0.6, -0.8])
@@ -138,7 +138,7 @@ def test_a_start_comes_back_as_it_was_shared(tmp_path):
 @given(st.data())
 def test_an_altered_start_is_refused(data):
     code = CODE
-    place = data.draw(st.integers(0, len(code) - 2))  # the last letter has bits that count for nothing
+    place = data.draw(st.integers(0, len(code) - 2))  # the last letter has unused bits
     letter = data.draw(st.sampled_from("ABCDEFGHIJabcdefghij0123456789-_").filter(lambda each: each != code[place]))
     with pytest.raises(ValueError, match="start"):
         starts.world_from(code[:place] + letter + code[place + 1 :])
@@ -176,7 +176,7 @@ def test_recordings_hold_what_was_seen_and_done(align, tmp_path, monkeypatch):
     assert episodes[-1].observations.shape == (11, *env.observation_space.shape)
 
 
-def test_a_recorded_episode_is_the_environments_own(align, tmp_path, monkeypatch):
+def test_a_recorded_episode_is_reproduced_by_the_environment(align, tmp_path, monkeypatch):
     """The actions of a recording, played in the environment that it names, give its rewards."""
     align("reset", seed=4)
     align("record", what="begin")

@@ -1,4 +1,4 @@
-"""A world with hands in it: physics as in the environment, and what hands do."""
+"""Interactive world: physics of the environment, and interventions."""
 
 import gymnasium as gym
 import numpy as np
@@ -18,8 +18,8 @@ def poses(world):
 @pytest.mark.parametrize(
     ("task", "policy"), [("Align", "pose"), ("Align", "learned"), ("Sort", "planner"), ("Feed", "lanes")]
 )
-def test_a_world_left_alone_is_the_environment(task, policy):
-    """Nobody's hand in it, it does what the environment does with the same policy and seed, but for phasors in float32."""
+def test_a_world_without_interventions_equals_the_environment(task, policy):
+    """Without interventions the world equals the environment with the same policy and seed, up to float32 phasors."""
     world = World(Settings(task, policy=policy), seed=3)
     env = gym.make(f"vibgym/{task}-v0", action="phasor").unwrapped
     named = vibgym.make_policy(policy, TaskInfo.of(env))
@@ -48,7 +48,7 @@ def test_a_snapshot_goes_on_bit_for_bit(task):
     assert np.array_equal(first, poses(world)) and np.array_equal(field, world.wanted)
 
 
-def test_a_part_in_the_hand_goes_where_the_hand_goes_and_is_brought_back_by_the_law():
+def test_a_lifted_part_is_moved_and_brought_back_by_the_controller():
     world = World(Settings("Align"), seed=0)
     world.step()
     world.lift(0)
@@ -76,7 +76,7 @@ def test_there_is_no_room_on_another_part():
     assert world.room(0)
 
 
-def test_a_goal_that_is_moved_is_where_the_law_goes():
+def test_the_controller_follows_a_moved_goal():
     world = World(Settings("Align", hardware="prototype"), seed=0)
     world.step()
     world.aim(0, np.array([0.6, 0.12, 0.5]))
@@ -86,7 +86,7 @@ def test_a_goal_that_is_moved_is_where_the_law_goes():
 
 
 @pytest.mark.parametrize("task", ["Sort", "Follow", "Feed"])
-def test_tasks_without_goals_that_stay_say_so(task):
+def test_tasks_without_fixed_goals_refuse_moved_goals(task):
     world = World(Settings(task))
     with pytest.raises(ValueError, match="goal"):
         world.aim(0, np.array([0.4, 0.1, 0.0]))
@@ -106,7 +106,7 @@ def test_a_brush_alone_drives_a_part_along_its_stroke():
 @pytest.mark.parametrize(
     "change", [{"hardware": "prototype"}, {"hardware": "camera"}, {"model": "tilting"}, {"rate": 1.0}]
 )
-def test_a_switch_changes_the_machine_and_leaves_the_parts(change):
+def test_a_switch_changes_the_hardware_and_keeps_the_parts(change):
     world = World(Settings("Sort"), seed=0)
     for _ in range(10):
         world.step()

@@ -1,4 +1,4 @@
-"""What the tests of parts above the plane share."""
+"""Helpers of the tests of the tilting model."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ PARTS = [STEEL, ALUMINIUM, DISC, KITE]
 
 
 def leans(angles: np.ndarray, seed: int = 0) -> np.ndarray:
-    """(n, 1, 2) rad, tilts by these angles (n,) in any direction."""
+    """Return tilts (n, 1, 2) rad by these angles (n,) in random directions."""
     way = np.random.default_rng(seed).uniform(-math.pi, math.pi, len(angles))
     return (angles * np.stack([np.cos(way), np.sin(way)])).T[:, None, :]
 
 
 def in_the_middle(simulator: Simulator, seed: int = 0) -> None:
-    """Put parts down there, any heading, idling."""
+    """Place parts at a point with random headings, sliding in place."""
     rng, parts = np.random.default_rng(seed), len(simulator.parts)
     pose = np.full((simulator.worlds, parts, 3), MIDDLE)
     pose[..., 0] += 0.08 * (np.arange(parts) - 0.5 * (parts - 1))

@@ -1,4 +1,4 @@
-"""The drive is all that gives a rigid part energy; watched step by step, in a process whose kernels are plain Python."""
+"""Energy balance of a rigid part, step by step, in a process with plain Python kernels."""
 
 import json
 import os
@@ -27,8 +27,8 @@ def balances():
 
 @pytest.mark.parametrize("case", range(4))
 def test_energy_grows_by_no_more_than_the_work_of_table_and_plates(balances, case):
-    """On random fields, tilted, at any restitution: what is made besides, in however many steps in a row, lifts the part by
-    less than ten micrometres."""
+    """On random fields, tilted, at any restitution, the excess energy over any sequence of steps lifts the part by less
+    than ten micrometres."""
     each = balances[case]
     assert each["given"] > 0.1 and each["lost"] > 0.1
     assert each["most"] < 9.81 * 1e-5

@@ -46,7 +46,7 @@ def test_a_block_on_its_edge_begins_to_fall_as_a_pendulum():
 
 
 def test_uniform_transport_is_that_of_the_plane():
-    """A rigid part on level ground above the plane moves as one that lies flat: within 0.02 %, and of second order."""
+    """A rigid part on level ground moves like a flat one: within 0.02 %, with second order."""
     away, way = closed_forms.errors("steel_block")
     assert away[closed_forms.STEPS.index(200)] < 2e-4 * way
     assert (np.log2(away[:-1] / away[1:]) > 1.7).all()
@@ -58,7 +58,7 @@ def test_uniform_transport_is_that_of_the_plane():
 @pytest.mark.parametrize("restitution", [0.0, 0.2, 1.0])
 @pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
 def test_a_still_table_gives_no_energy(part, restitution):
-    """But for what a step's impact is late: a fall of a tenth of a millimetre."""
+    """Up to the delay of an impact within a step: a fall of a tenth of a millimetre."""
     rng, worlds = np.random.default_rng(1), 32
     simulator = Simulator(STILL, part, worlds=worlds, model="tilting", restitution=restitution)
     in_the_middle(simulator, 1)
@@ -72,7 +72,7 @@ def test_a_still_table_gives_no_energy(part, restitution):
 
 
 def test_blocks_land_and_their_headings_are_lost():
-    """Thesis, section 8.2: friction under one corner turns a part that was tipped. Squat ones land within two periods."""
+    """Friction under one corner turns a tipped part (thesis, section 8.2). Squat parts land within two periods."""
     for part in (STEEL, ALUMINIUM):
         simulator = Simulator(LARGE, part, worlds=64, model="tilting")
         in_the_middle(simulator)

@@ -1,4 +1,4 @@
-"""``model="tilting"``: what it leaves to the planar model, parity, snapshots, contacts, bad input."""
+"""``model="tilting"``: equality with the planar model, parity, snapshots, contacts, bad input."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_flat_on_level_ground_is_the_planar_model_to_the_bit(parts):
         assert np.array_equal(state[name], values), name
 
 
-def test_a_part_that_has_landed_is_the_planar_models_again():
+def test_landed_parts_equal_the_planar_model():
     simulator = tilting(worlds=8)
     simulator.tip(slice(None), leans(np.full(8, 0.03)))
     simulator.advance(2e-4, 1.0, 4)
@@ -54,7 +54,7 @@ def test_a_part_that_has_landed_is_the_planar_models_again():
 
 @pytest.mark.parametrize("parts", [STEEL, KITE, THREE], ids=["block", "kite", "three"])
 def test_single_and_batch_and_threads(parts):
-    """On random fields, with tilts: nothing depends on how many worlds there are, nor on threads, nor on periods a call."""
+    """Results on random fields, with tilts, do not depend on the number of worlds, threads, or periods per call."""
     worlds = 40
     amplitude, phase = random_fields(LARGE, worlds, 3)
     many = 1 if isinstance(parts, Part) else len(parts)
@@ -98,7 +98,7 @@ def test_state_restored_in_the_middle_of_a_tilt(parts):
 
 @pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
 def test_a_part_rocks_where_plates_differ(part):
-    """It stands on the highest ones: between them and the lowest, tilted by what their heights and its width allow."""
+    """It rests on the highest plates, tilted within the limits of their heights and its width."""
     amplitude, phase = random_fields(LARGE, 16, 2)
     simulator = tilting(part, worlds=16)
     simulator.advance(0.25 * amplitude, phase, 10)
@@ -108,8 +108,8 @@ def test_a_part_rocks_where_plates_differ(part):
     assert (np.abs(state["height"] - part.centre_height) < 5e-4).all()
 
 
-def test_gentle_ramps_approach_one_another():
-    """The narrower the ramps, the less the results depend on them; at a tenth of the amplitude means are alike."""
+def test_narrow_ramps_converge():
+    """Results depend less on narrower ramps; at a tenth of the amplitude means agree."""
     amplitude, phase = random_fields(LARGE, 32, 4)
     ends = []
     for ramp in (0.0, 0.5, 6.0):
@@ -125,7 +125,7 @@ def test_gentle_ramps_approach_one_another():
 
 
 def test_a_tilted_part_keeps_its_footprint_in_contacts():
-    """A block that is pushed into a tilted one moves it, and neither runs into the other."""
+    """A block pushed into a tilted one moves it, without overlap."""
     parts = [STEEL, STEEL]
     simulator = Simulator(LARGE, parts, model="tilting")
     simulator.reset([[[0.50, 0.52, 0.0], [0.551, 0.52, 0.0]]], [[[0.3, 0.0, 0.0], [0.0, 0.0, 0.0]]])
@@ -137,7 +137,7 @@ def test_a_tilted_part_keeps_its_footprint_in_contacts():
     assert not simulator.tilt.any() and simulator.deepest_overlap < 3e-4
 
 
-def test_a_toppled_part_is_out_of_play():
+def test_a_toppled_part_has_no_contacts():
     tall = Part.rectangle(0.02, 0.02, friction=0.6, height=0.06, name="tall")
     simulator = tilting(tall, worlds=6)
     simulator.tip(slice(None), leans(np.full(6, 0.3)), rocking=40.0 * leans(np.full(6, 0.3)))
@@ -195,7 +195,7 @@ def test_slender_parts_are_warned_of_and_unstable_ones_refused():
     with pytest.raises(ValueError, match="parts"):
         Simulator(LARGE, tall)
     Simulator(LARGE, tall, model="tilting")
-    Simulator(LARGE, Part.rectangle(0.002, 0.002, friction=0.6))  # nobody has said how high it is
+    Simulator(LARGE, Part.rectangle(0.002, 0.002, friction=0.6))  # of unknown height
     simulator = Simulator(LARGE, ALUMINIUM)
     with pytest.raises(ValueError, match="friction"):
         simulator.set_conditions(0, friction=4.0)

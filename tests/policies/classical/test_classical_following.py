@@ -1,4 +1,4 @@
-"""Following paths with all laws, and one law with phasors and with wrenches."""
+"""Following paths with all controllers, with phasors and with wrenches."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from vibgym.policies.task_info import TaskInfo
 
 CORNER = [{"shape": "polyline", "points_mm": [[300, 60], [380, 60], [380, 140]]}]
 TURNING = [{**CORNER[0], "heading": "along"}]
-SIDE_BY_SIDE = [  # the first two 37.0 mm apart, the same way
+SIDE_BY_SIDE = [  # the first two 37.0 mm apart, in the same direction
     {"shape": "polyline", "points_mm": [[300, 40], [400, 40]]},
     {"shape": "polyline", "points_mm": [[300, 138], [400, 138]]},
     {"shape": "polyline", "points_mm": [[500, 40], [500, 140]]},
@@ -25,14 +25,14 @@ ALIKE = {"kind": "prototype", "dead_zone": 0.0, "gain_spread": 0.0, "phase_sprea
 
 
 def follow(*arguments, **environment):
-    """Errors (steps, worlds, parts, 3); parts that are not alone stay apart."""
+    """Return errors (steps, worlds, parts, 3); several parts must stay apart."""
     errors, gap = followed(*arguments, **environment)
     assert np.nanmin(gap) > 0.0368
     return errors
 
 
 def rms(errors):
-    """m, of the part that was worst, (worlds,)."""
+    """Return the error of the worst part, (worlds,) m."""
     away = np.hypot(errors[..., 0], errors[..., 1])
     return np.sqrt(np.nanmean(away**2, axis=0)).max(axis=-1)
 
@@ -62,19 +62,19 @@ def test_headings_are_kept_at_half_the_top_speed(path, worlds, most):
 
 
 def test_on_the_prototype():
-    """With a dead zone, elements that are not alike, latency and noise."""
+    """With a dead zone, spread between elements, latency and noise."""
     errors = follow("pose", CORNER, 10, **HARDWARE)
     assert np.median(rms(errors)) < 0.5e-3 and np.nanmax(np.hypot(errors[..., 0], errors[..., 1])) < 2e-3
 
 
-def test_paths_that_are_drawn_are_followed():
+def test_drawn_paths_are_followed():
     found = rollout("pose", "Follow", seeds=range(5, 25))
     assert found.success.all() and 0.0 < found.path_error.max() < 0.3e-3
 
 
 @pytest.mark.parametrize("task, name", [("Follow", "pose"), ("Align", "local_field"), ("Sort", "planner")])
-def test_one_world_by_itself_has_the_same_bits(task, name):
-    """To the bit: near a dead zone a rounding error may be another choice of elements."""
+def test_single_worlds_equal_the_batch(task, name):
+    """Bit for bit: near a dead zone a rounding error may change the choice of elements."""
     many, one = batch(task, 3, action="phasor", **HARDWARE), single(task, action="phasor", **HARDWARE)
     policy = make_policy(name, TaskInfo.of(one))
     seen, _ = many.reset(seed=[4, 5, 6])
@@ -100,8 +100,8 @@ def played(policy, steps, **settings):
 
 
 @pytest.mark.parametrize("hardware", [{}, HARDWARE], ids=["ideal", "prototype"])
-def test_wrenches_ask_for_the_pushes_that_phasors_make(hardware):
-    """From rest, a part moves alike within what allocating half a step later makes of it."""
+def test_wrenches_give_the_pushes_of_phasors(hardware):
+    """From rest, motions agree within the effect of allocating half a step later."""
     info = info_of("Align", **hardware)
     kind = {"kind": "pose", "learn": False}
     phasor, wrench = (
@@ -112,8 +112,8 @@ def test_wrenches_ask_for_the_pushes_that_phasors_make(hardware):
     assert np.median(way) > 0.03 and np.median(off) < 0.04 * np.median(way)
 
 
-def test_a_part_that_slides_home_is_let_rest():
-    """Elements are off under parts in motion of which the law wants nothing, though zeros would ask for a push."""
+def test_elements_rest_under_parts_that_coast_to_their_goals():
+    """Elements rest under moving parts without a command, although zeros would require a push."""
     env = batch("Align", 12, action="wrench", **HARDWARE)
     policy, state, rests, driven = make_policy({"kind": "pose", "action": "wrench"}, TaskInfo.of(env)), None, 0, 0
     seen, _ = env.reset(seed=5)
@@ -127,7 +127,7 @@ def test_a_part_that_slides_home_is_let_rest():
     assert rests > 60 and driven > 200
 
 
-def test_absent_parts_want_nothing():
+def test_absent_parts_have_no_acceleration():
     settings = {"randomize": {"parts": [2, 3]}}
     env = batch("Sort", 4, action="wrench", **settings)
     policy = make_policy({"kind": "planner", "law": "pose", "action": "wrench"}, TaskInfo.of(env))

@@ -1,4 +1,4 @@
-"""Gains learnt in the loop: on constructed pulses whose effect is known, and on the prototype's hardware."""
+"""Online identification of gains: on constructed pulses with known effect, and on the prototype hardware."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ POSE = np.array([0.30, 0.10, 0.4])
 
 
 def seen(info, pose, velocity=(0.0, 0.0, 0.0)):
-    """One part, as measured at ``pose``."""
+    """Return the measurement of one part at ``pose``."""
     one = Measured.of(np.zeros((1, info.layout.size)), info)
     return dataclasses.replace(
         one, present=np.ones((1, 1), dtype=bool), centre=np.reshape(pose[:2], (1, 1, 2)),
@@ -30,9 +30,9 @@ def seen(info, pose, velocity=(0.0, 0.0, 0.0)):
 
 
 def played(true, pulses=40, noise=0.0, seed=0):
-    """What is learnt of elements of which each makes ``true`` (elements,) of its pushes, from as many pulses at one place.
+    """Return gains identified for elements with gains ``true`` (elements,), from as many pulses at one position.
 
-    The estimator corrects its nominal prediction after the latency, by a fifth of what is left in each step.
+    The estimator corrects its nominal prediction after the latency, by a fifth of the remaining error in each step.
     """
     info = info_of("Align", actuators="prototype")
     learner, random = GainLearner(info), np.random.default_rng(seed)
@@ -46,7 +46,7 @@ def played(true, pulses=40, noise=0.0, seed=0):
             under = gains.element[0, 0][gains.arm[0, 0, :, 0] > 0.0]
             push.reshape(-1, 2)[under] = 0.3 * random.normal(size=(len(under), 2))
         learner.predict(push, gains, np.zeros((1, 1, 3)))
-        # By the definition: the place of rest is off by B sum J (h - 1) u, put right late; the nominal shift is taken back.
+        # By definition the position of rest is off by B sum J (h - 1) u, corrected late; the nominal shift is subtracted.
         x, y = push.reshape(-1, 2).T
         missed = np.zeros(3)
         for k, e in enumerate(gains.element[0, 0]):
@@ -58,7 +58,7 @@ def played(true, pulses=40, noise=0.0, seed=0):
         late.append(missed)
         left = left + late.pop(0)
         off, left = 0.2 * left, 0.8 * left
-        gains.rest[...] = POSE  # the nominal shift and what was seen before are taken back: the part is where it was
+        gains.rest[...] = POSE  # minus the nominal shift and the earlier correction: the part has not moved
     mean, spread = gains.mean[0, 0], np.sqrt(np.diagonal(gains.covariance[0, 0]))
     room = len(gains.element[0, 0])
     known = {
@@ -73,7 +73,7 @@ def whole():
     return np.ones(256, dtype=complex)
 
 
-def test_elements_that_do_as_they_are_told_stay_so():
+def test_gains_of_exact_elements_stay_one():
     _, _, known = played(whole(), noise=2e-5)
     assert len(known) >= 4
     for gain, spread in known.values():
@@ -81,7 +81,7 @@ def test_elements_that_do_as_they_are_told_stay_so():
 
 
 def test_a_dead_element_is_found():
-    """Within some pulses, and not held against its neighbours."""
+    """Within some pulses, without an effect on the gains of neighbours."""
     _, _, known = played(whole(), pulses=1)
     dead = min(known)
     true = whole()
@@ -96,7 +96,7 @@ def test_a_dead_element_is_found():
 
 
 def test_gains_and_phases_are_learnt():
-    """Each by itself: less wrong than what was thought before, by far."""
+    """Each alone: the error decreases by far."""
     random = np.random.default_rng(3)
     true = (1.0 + 0.08 * random.normal(size=256)) * np.exp(0.1j * random.normal(size=256))
     _, _, known = played(true, pulses=80)
@@ -105,7 +105,7 @@ def test_gains_and_phases_are_learnt():
     assert np.sqrt(np.mean(np.square(after))) < 0.5 * np.sqrt(np.mean(np.square(before)))
 
 
-def test_fast_parts_teach_nothing():
+def test_fast_parts_are_not_used():
     info = info_of("Align", actuators="prototype")
     learner = GainLearner(info)
     gains = learner.begin(1)
@@ -125,16 +125,16 @@ def test_pushes_are_turned():
     assert got[..., 0] + 1j * got[..., 1] == pytest.approx(expected)
 
 
-def test_only_hard_dead_zones_call_for_it():
+def test_only_used_with_hard_dead_zones():
     assert Steering(info_of("Align")).learner is None
     assert Steering(info_of("Align", actuators={"kind": "prototype", "dead_zone_form": "soft"})).learner is None
-    assert Steering(info_of("Sort", actuators="prototype")).learner is None  # its parts hold no poses
+    assert Steering(info_of("Sort", actuators="prototype")).learner is None  # its task has no goal poses
     assert Steering(info_of("Align", actuators="prototype"), learn=False).learner is None
     assert isinstance(Steering(info_of("Align", actuators="prototype")).learner, GainLearner)
 
 
-def test_a_world_learns_the_same_alone_and_in_a_batch():
-    """To the bit, with dead elements, until all are at their goals."""
+def test_a_world_has_the_same_gains_alone_and_in_a_batch():
+    """Bit for bit, with dead elements, until all parts are at their goals."""
     machine = {**MACHINE, "actuators": {"kind": "prototype", "dead": 0.2}}
     env = batch("Align", 6, action="phasor", **machine)
     policy = make_policy({"kind": "local_field", "law": "pose"}, TaskInfo.of(env))
@@ -146,5 +146,5 @@ def test_a_world_learns_the_same_alone_and_in_a_batch():
             action, alone[world] = policy.predict(row, alone[world])
             assert (action == actions[world]).all()
         rows, *_ = env.step(actions)
-    assert (np.abs(together.output.mean[:, 0]) > 0.02).any(axis=1).sum() >= 4  # and it did learn
+    assert (np.abs(together.output.mean[:, 0]) > 0.02).any(axis=1).sum() >= 4  # and gains have changed
     assert math.isfinite(np.abs(together.output.covariance).max())

@@ -1,4 +1,4 @@
-"""Laws: set velocities and headings, predictions over long steps, targets, and the velocity that a lead sets."""
+"""Controllers: set velocities and headings, predictions over long steps, targets, and velocities from leads."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ def steering(name="Sort", periods=1, **arguments):
 
 
 def still(policy, worlds=1):
-    """Parts at rest in the middle of the table, straight, with nothing left to do."""
+    """Return straight parts at rest at their goals, in the middle of the table."""
     shape = (worlds, len(policy.info.parts))
     rows = np.zeros((worlds, policy.info.layout.size))
     none = np.zeros((*shape, 2))
@@ -39,12 +39,12 @@ def test_parts_can_stop_from_the_set_speed():
 
 
 def wanted(policy, measured, way):
-    """What the law wants for ways (parts, 2) that are left, in one world."""
+    """Return the controller's accelerations for displacements (parts, 2) to the goal, in one world."""
     turn = policy._turn(measured)
     return policy.law.wanted(measured, np.tile(way, (1, len(policy.info.parts), 1)), turn, ())[0]
 
 
-def test_no_part_is_set_to_go_faster_than_it_can():
+def test_set_velocities_are_within_the_top_speed():
     policy = steering()
     change = wanted(policy, still(policy), np.array([3.0, -4.0])) * policy.law.response[:, None]
     assert np.hypot(change[..., 0], change[..., 1]) == pytest.approx(TOP_SLIP * SURFACE.table_speed)
@@ -52,7 +52,7 @@ def test_no_part_is_set_to_go_faster_than_it_can():
 
 
 @pytest.mark.parametrize("task, turned", [("Sort", True), ("Transport", False), ("Align", True)])
-def test_headings_are_controlled_where_they_count_and_several_parts_are_turned_straight(task, turned):
+def test_headings_are_controlled_and_several_parts_are_aligned(task, turned):
     policy = steering(task)
     rest = still(policy)
     skew = dataclasses.replace(rest, heading=rest.heading + 0.3)
@@ -62,7 +62,7 @@ def test_headings_are_controlled_where_they_count_and_several_parts_are_turned_s
     assert (torque < 0.0).all() if turned else (torque == 0.0).all()
 
 
-def test_parts_in_touch_do_not_turn():
+def test_touching_parts_do_not_turn():
     policy = steering()
     skew = dataclasses.replace(still(policy), heading=np.full((1, 6), 0.3))
     for gap, turns in ((0.1, True), (0.0, False)):
@@ -74,7 +74,7 @@ def test_parts_in_touch_do_not_turn():
 
 @pytest.mark.parametrize("periods", [1, 2, 4, 8])
 def test_the_velocity_does_not_overshoot_in_a_step(periods):
-    """Of a part at rest, by the first-order averages: after a step it is no faster than what was set."""
+    """By first-order averages, a part from rest is not faster than the set velocity after a step."""
     policy = steering("Transport", periods)
     target = 0.05
     push = wanted(policy, still(policy), np.array([policy.law.lead * target, 0.0]))[0, 0, 0]
@@ -101,7 +101,7 @@ def test_one_period_a_step_leaves_the_measurement_as_it_is():
 # -- targets -----------------------------------------------------------------------------------------------------------
 
 
-def test_targets_are_goals_places_in_zones_or_away_from_others():
+def test_targets_are_goals_positions_in_zones_or_away_from_others():
     for name in ("Transport", "Sort", "Singulate"):
         env = batch(name, 5, action="field")
         seen, _ = env.reset(seed=2)
@@ -121,12 +121,12 @@ def test_targets_are_goals_places_in_zones_or_away_from_others():
 # -- what it achieves --------------------------------------------------------------------------------------------------
 
 
-def test_planners_ask_laws_for_the_velocities_that_they_set():
-    """A place ``lead v`` ahead of a part that moves with v is as good as nothing to do."""
+def test_controllers_realise_the_velocities_of_planners():
+    """A target ``lead v`` ahead of a part with velocity v needs no change of velocity."""
     for name in LAWS:
         policy = make_policy({"kind": "local_field", "law": name}, info_of("Transport"))
         if name in ("pid"):
-            continue  # it sees positions only, and needs steps to know a velocity
+            continue  # it observes positions only, and needs steps to estimate a velocity
         rest = Measured.of(np.zeros((1, policy.info.layout.size)), policy.info)
         velocity = np.array([[[0.05, -0.02]]])
         moving = dataclasses.replace(rest, velocity=velocity, present=np.ones((1, 1), dtype=bool))

@@ -25,7 +25,7 @@ SCENES = [
 
 
 @pytest.mark.parametrize("task, settings", SCENES)
-def test_it_is_the_true_state(task, settings):
+def test_decoded_observations_are_the_true_state(task, settings):
     """With the ideal sensor."""
     env = batch(task, 8, action="patch", **settings)
     env.reset(seed=3)
@@ -80,7 +80,7 @@ class Two(NamedTuple):
     count: np.ndarray
 
 
-def test_memories_begin_anew_where_episodes_do():
+def test_memories_are_reset_with_episodes():
     initial, state = Two(np.zeros((2, 3)), np.full(2, 7)), Two(np.ones((2, 3)), np.array([1, 2]))
     first, new = recall(None, None, initial, 2)
     assert isinstance(first, Two) and new.tolist() == [True, True]
@@ -88,11 +88,11 @@ def test_memories_begin_anew_where_episodes_do():
     kept, new = recall(state, np.array([False, True]), initial, 2)
     assert isinstance(kept, Two) and new.tolist() == [False, True]
     assert kept.place.tolist() == [[1, 1, 1], [0, 0, 0]] and kept.count.tolist() == [1, 7]
-    kept.place[:], kept.count[:] = 5.0, 5  # a copy of its own
+    kept.place[:], kept.count[:] = 5.0, 5  # a separate copy
     assert (state.place == 1).all() and state.count.tolist() == [1, 2]
 
 
-def test_of_parts_that_have_arrived_nothing_is_remembered():
+def test_memory_of_new_parts_is_cleared():
     initial, state = Two(np.zeros((1, 2, 3)), np.full((1, 2), 7)), Two(np.ones((2, 2, 3)), np.array([[1, 2], [3, 4]]))
     arrived = np.array([[False, True], [False, False]])
     kept, _ = recall(state, np.array([False, True]), initial, 2, arrived)
@@ -101,8 +101,8 @@ def test_of_parts_that_have_arrived_nothing_is_remembered():
 
 
 @pytest.mark.parametrize("kind", ["lanes", "planner", "local_field"])
-def test_controllers_forget_slots_in_which_a_part_has_arrived(kind):
-    """Whatever the one before did there."""
+def test_controllers_clear_slots_with_new_parts(kind):
+    """Independent of the previous part in the slot."""
     env = batch("Feed", 2, parts=["steel_block", "aluminium_block"] * 2, action="wrench")
     info, memory, found = TaskInfo.of(env), None, 0
     policy = make_policy({"kind": kind, "law": "pid"}, env)
@@ -119,7 +119,7 @@ def test_controllers_forget_slots_in_which_a_part_has_arrived(kind):
 
 
 def spoilt(memory, parts):
-    """Other numbers in the rows of some parts, (batch, parts) bool."""
+    """Return an observation with changed rows of some parts, (batch, parts) bool."""
     if isinstance(memory, np.ndarray):
         return np.where(parts.reshape(parts.shape + (1,) * (memory.ndim - 2)), memory + 1, memory).astype(memory.dtype)
     return type(memory)(*(spoilt(each, parts) for each in memory)) if memory else memory
@@ -151,12 +151,12 @@ STEADY = np.array([[0.1, -0.05, 0.3], [0.0, 0.0, 0.0]]), np.array([[0.4, 0.2, -1
 
 
 def motion(start, rate, time):
-    """Place and velocity of goals under constant acceleration."""
+    """Return position and velocity of goals under constant acceleration."""
     return time * start + 0.5 * time**2 * rate, start + time * rate
 
 
 def seen(info, start, rate, way=0.0):
-    """What is measured of two parts whose goals have these velocities and accelerations."""
+    """Return the measurement of two parts whose goals have these velocities and accelerations."""
     rest = Measured.of(np.zeros((1, info.layout.size)), info)
     ahead = np.stack([motion(start, rate, T * k)[0] for k in range(1, PREVIEW + 1)], axis=-2)
     shape = (1, len(start), 2)
@@ -172,8 +172,8 @@ def two(lead=0, periods=1, parts=("steel_block", "aluminium_block")):
 
 @pytest.mark.parametrize("lead", range(7))
 @pytest.mark.parametrize("periods", [1, 2, 5])
-def test_steady_acceleration_is_carried_on_from_any_instant(lead, periods):
-    """Also beyond what is told, and for steps of several periods."""
+def test_constant_acceleration_is_extrapolated_from_any_instant(lead, periods):
+    """Also beyond the preview, and for steps of several periods."""
     info = two(lead, periods)
     start, rate = STEADY
     then = Preview(info)(seen(info, start, rate, way=0.01))
@@ -185,7 +185,7 @@ def test_steady_acceleration_is_carried_on_from_any_instant(lead, periods):
 
 
 @pytest.mark.parametrize("lead", [0, 1, 2])
-def test_on_a_circle_a_part_with_the_goals_velocity_and_acceleration_is_with_it_after_a_step(lead):
+def test_a_part_with_its_goals_motion_on_a_circle_stays_with_it(lead):
     radius, speed = 0.06, 0.15
     info = two(lead)
     angle = speed / radius * T * np.arange(PREVIEW + 2)
@@ -205,7 +205,7 @@ def test_the_heading_of_a_disc_is_not_turned():
     assert then.goal_acceleration[0, 1, 2] == pytest.approx(2.0)
 
 
-def test_a_part_that_goes_with_its_goal_stands_still_seen_from_there():
+def test_a_part_that_moves_with_its_goal_has_zero_relative_velocity():
     info = two()
     start, rate = STEADY
     measured = dataclasses.replace(
@@ -217,7 +217,7 @@ def test_a_part_that_goes_with_its_goal_stands_still_seen_from_there():
     assert (rest.centre == -0.002).all() and (rest.heading == -0.1).all()
 
 
-def test_the_middle_of_a_long_step_is_where_part_and_goal_have_moved_to():
+def test_predictions_for_the_middle_of_a_long_step():
     info = two(0, periods=4)
     policy = Steering(info)
     measured = dataclasses.replace(seen(info, *STEADY, way=0.01), velocity=np.full((1, 2, 2), 0.02))
@@ -227,7 +227,7 @@ def test_the_middle_of_a_long_step_is_where_part_and_goal_have_moved_to():
     assert then.turn[0] == pytest.approx(0.06 * STEADY[0][:, 2])
 
 
-def test_parts_do_not_come_to_rest_where_their_goals_move():
+def test_parts_do_not_rest_if_their_goals_move():
     info = info_of("Follow", actuators="prototype")
     settling = Settling(info, 0.25e-3, math.radians(0.3))
     rest, wanted = Measured.of(np.zeros(info.layout.size), info), np.ones((1, 1, 3))
@@ -243,6 +243,6 @@ def test_parts_do_not_come_to_rest_where_their_goals_move():
     ({"kind": "pose", "delay": 1, "estimator": "model"}, 2, 2), ({"kind": "pose", "estimator": "kalman"}, 1, 1),
     ({"kind": "pose", "estimator": "model"}, 0, 0),
 ])  # fmt: skip
-def test_measurements_tell_of_so_many_periods_ahead(sensor, latency, lead):
+def test_preview_of_measurements(sensor, latency, lead):
     actuators = {"kind": "prototype", "latency": latency}
     assert TaskInfo.of(single("Follow", sensor=sensor, actuators=actuators)).lead == lead

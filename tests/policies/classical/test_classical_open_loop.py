@@ -10,8 +10,8 @@ from vibgym.policies.task_info import TaskInfo
 
 
 @pytest.mark.parametrize("task", POSE_TASKS)
-def test_it_looks_once_an_episode(task):
-    """After its first observation nothing that it sees changes what it does, until an episode starts."""
+def test_it_observes_once_per_episode(task):
+    """Later observations do not change its actions, until an episode starts."""
     policy = make_policy("open_loop", info_of(task))
     seen = observations(task, worlds=2, steps=6)
     other = observations(task, worlds=2, steps=6, seed=5)
@@ -22,7 +22,7 @@ def test_it_looks_once_an_episode(task):
         action, state = policy.predict(seen[step], state, off)
         same, blind = policy.predict(other[step], blind, off if step % 2 else None)
         assert (action == same).all()
-    # World 1 starts anew: it takes up what it sees now, world 0 goes on.
+    # World 1 restarts with the present observation, world 0 continues.
     restarted, _ = policy.predict(other[0], state, np.array([False, True]))
     going_on, _ = policy.predict(seen[0], state, off)
     fresh, _ = policy.predict(other[0], None, ~off)
@@ -31,7 +31,7 @@ def test_it_looks_once_an_episode(task):
 
 
 def strengths(turn, periods, steps):
-    """Largest amplitude in each step of a turn (rad) in place at 10 rad/s."""
+    """Return the largest amplitude in each step of a turn (rad) in place at 10 rad/s."""
     policy = make_policy({"kind": "open_loop", "turn_rate": 10.0}, info_of("Rotate", periods_per_step=periods))
     env = single("Rotate", action="phasor", periods_per_step=periods)
     seen, _ = env.reset(seed=0, options={"pose": [0.416, 0.104, 0.0], "goal": [0.416, 0.104, turn]})
@@ -43,14 +43,14 @@ def strengths(turn, periods, steps):
 
 
 @pytest.mark.parametrize("turn, periods", [(1.0, 1), (2.0, 4), (-1.9, 3), (0.3, 4)])
-def test_its_fields_act_for_their_time_whatever_a_step_lasts(turn, periods):
-    """The last step acts by its share: strengths times step time add up to the turn over its rate."""
+def test_durations_of_fields_do_not_depend_on_the_step(turn, periods):
+    """The last step is scaled: strengths times step time add up to the turn over its rate."""
     acting = strengths(turn, periods, 12)
     assert acting.sum() * 0.04 * periods == pytest.approx(abs(turn) / 10.0, rel=1e-4)
 
 
 def observations(task, worlds=6, steps=8, seed=0):
-    """States that a batch comes through, (steps, worlds, n)."""
+    """Return the states of a batch, (steps, worlds, n)."""
     env = batch(task, worlds, action="patch")
     env.action_space.seed(seed)
     return np.array([env.reset(seed=seed)[0], *[env.step(env.action_space.sample())[0] for _ in range(steps - 1)]])
@@ -68,7 +68,7 @@ def test_random_policy():
 
 
 @pytest.mark.parametrize("task", ["Transport", "Sort"])
-def test_zero_policy_lets_the_parts_rest(task):
+def test_parts_rest_under_the_zero_policy(task):
     env = single(task, action="field")
     seen, _ = env.reset(seed=0)
     start = env.unwrapped.truth.pose
@@ -78,7 +78,7 @@ def test_zero_policy_lets_the_parts_rest(task):
     assert np.abs(env.unwrapped.truth.pose - start).max() < 1e-4
 
 
-def test_local_field_remembers_what_parts_were_given():
+def test_local_field_stores_the_last_commands():
     policy = make_policy("local_field", info_of("Rotate"))
     seen = observations("Rotate", steps=2)
     first, state = policy.predict(seen[0])

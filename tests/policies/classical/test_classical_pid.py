@@ -14,7 +14,7 @@ T = 0.04
 
 
 def run(pid, errors):
-    """What it gives out for errors (n,) one after the other."""
+    """Return the outputs for a sequence of errors (n,)."""
     memory, given = pid.initial((1,)), []
     for error in errors:
         wanted, memory = pid.output(np.array([error]), memory)
@@ -52,8 +52,8 @@ def test_it_is_equation_5_81(late, below):
     kp, ki, kd = gains_for()
     above = [kd / T + kp + ki * T, -(2.0 * kd / T + kp), kd / T]
     errors = np.random.default_rng(0).normal(size=50)
-    _, judged = control.forced_response(control.tf(above, below, T), T * np.arange(50), errors)
-    assert run(Pid(T, late=late), errors) == pytest.approx(judged, rel=1e-9, abs=1e-8)
+    _, expected = control.forced_response(control.tf(above, below, T), T * np.arange(50), errors)
+    assert run(Pid(T, late=late), errors) == pytest.approx(expected, rel=1e-9, abs=1e-8)
 
 
 def test_the_reduced_plant_overshoots_by_a_fifth():
@@ -66,11 +66,11 @@ def test_the_reduced_plant_overshoots_by_a_fifth():
 
 
 def test_windup_and_what_prevents_it():
-    """With an acceleration that is limited the sum of errors carries the part far over, unless it rests meanwhile."""
+    """Under limited acceleration the integral of the error causes overshoot, unless it is frozen."""
     wound, plain = step(Pid(T), T, 8.0, limit=3.0), step(Pid(T, anti_windup=True), T, 8.0, limit=3.0)
     assert wound.max() > 1.3 and plain.max() < 1.15
     free = step(Pid(T), T, 8.0)
-    assert (step(Pid(T, anti_windup=True), T, 8.0) == free).all()  # it does nothing where nothing is limited
+    assert (step(Pid(T, anti_windup=True), T, 8.0) == free).all()  # no effect without a limit
 
 
 def test_axes_are_independent():
@@ -82,13 +82,13 @@ def test_axes_are_independent():
         assert wanted[1, 0, 2] == run(pid, errors[: k + 1, 1, 0, 2])[-1]
 
 
-@pytest.mark.parametrize("arguments, told", [
+@pytest.mark.parametrize("arguments, named", [
     ({"poles": [-2.0, -2.0, 0.1]}, "poles"),
     ({"poles": [-2.0, complex(-1, 1), complex(-1, 2)]}, "poles"),
     ({"poles": [-2.0, -2.0]}, "poles"),
     ({"late": 1}, "late"),
     ({"period": -0.04}, "period"),
 ])  # fmt: skip
-def test_bad_arguments_are_refused(arguments, told):
-    with pytest.raises(ValueError, match=f"^{told}"):
+def test_bad_arguments_are_refused(arguments, named):
+    with pytest.raises(ValueError, match=f"^{named}"):
         Pid(**{"period": T, **arguments})

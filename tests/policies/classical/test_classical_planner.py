@@ -39,7 +39,7 @@ def planner(name="Sort", **arguments):
 
 
 def block(name, x, y, heading=0.0, velocity=(0.0, 0.0), kind=0):
-    """What the state observation says of one block, but for what the planner does not read."""
+    """Return the features of the state observation that the planner reads, for one block."""
     values = np.zeros(20)
     values[0] = values[1 + kind] = 1.0
     values[6:8] = np.cos(2 * heading), np.sin(2 * heading)
@@ -61,7 +61,7 @@ def test_assignment_is_the_best_of_all():
         assert cost(assign(centre, free)) == pytest.approx(best)
 
 
-def test_swaps_shorten_ways_within_a_kind_only():
+def test_swaps_shorten_distances_within_a_kind_only():
     kind = np.array([0, 1, 0])
     centre = np.array([[[0.1, 0.1], [0.2, 0.1], [0.3, 0.1]]] * 3)
     target = centre[:, ::-1].copy()
@@ -81,7 +81,7 @@ def test_swaps_shorten_ways_within_a_kind_only():
     "name, room", [("Sort", RULE), ("SortThreeKinds", RULE), ("SortTwelve", RULE), ("Singulate", RULE)]
 )
 def test_targets_keep_the_spacing_rule(name, room):
-    """Parts that lie straight in their places are as far apart as the rule asks."""
+    """Aligned parts at their targets satisfy the spacing rule."""
     known = info_of(name)
     targets = Targets(known, 0.026, 0.02)
     generator = np.random.default_rng(1)
@@ -102,7 +102,7 @@ def test_absent_parts_keep_their_place():
     assert (target[2:] == centre[2:]).all() and (target[:2] != centre[:2]).any(axis=1).all()
 
 
-def test_a_tight_lattice_still_holds_all():
+def test_a_tight_lattice_has_room_for_all():
     low, high = np.array([0.03, 0.03]), np.array([0.15, 0.18])
     for least in (1, 3, 7, 12, 30):
         found = places(low, high, np.array([0.05, 0.04]), RULE, least)
@@ -125,7 +125,7 @@ def path(motion, here, velocity=(0.0, 0.0), target=(0.7, 0.1)):
     return all_paths(here, velocity, target)[motion]
 
 
-def test_motions_do_what_they_are_called():
+def test_motions_agree_with_their_names():
     here = (0.2, 0.12)
     straight = path(0, here, target=(0.5, 0.15))
     assert straight[-1] == pytest.approx([0.5, 0.15], abs=0.005)  # arrives, and stays
@@ -143,7 +143,7 @@ def test_motions_do_what_they_are_called():
         assert np.hypot(*set_velocity(planner().preferences, motion, 0.0, *here, 0.7, 0.1)) <= 0.302
 
 
-def test_all_motions_at_once_go_as_each_by_itself():
+def test_all_motions_together_equal_each_alone():
     wants, generator = planner().preferences, np.random.default_rng(3)
     for _ in range(50):
         here, target = generator.random((2, 2)) * [0.8, 0.2]
@@ -158,7 +158,7 @@ def test_all_motions_at_once_go_as_each_by_itself():
                 assert found[motion, k] == pytest.approx(place, abs=1e-12)
 
 
-def test_what_a_motion_costs_at_least_is_no_more_than_what_it_costs():
+def test_least_cost_is_a_lower_bound():
     policy, generator = planner(), np.random.default_rng(4)
     parts = len(policy.info.parts)
     rank, above = np.arange(parts), 0
@@ -184,7 +184,7 @@ def test_a_moving_part_needs_time_to_stop():
 
 
 def test_distances_are_bounded_from_below():
-    """And exact for discs and for blocks that face each other."""
+    """Bounds are exact for discs and for blocks that face each other."""
     generator = np.random.default_rng(2)
     parts = (STEEL, ALUMINIUM, DISC, DISC, Part.polygon([[0, 0], [0.06, 0], [0.06, 0.02], [0, 0.05]], friction=0.5))
     hulls = hulls_of(parts)
@@ -206,10 +206,10 @@ def test_distances_are_bounded_from_below():
 
 
 def simulate(policy, blocks, seconds, targets=None):
-    """Points that take the planner's set velocities, with the lag of a part.
+    """Simulate points that follow the planner's set velocities with the lag of a part.
 
     Returns:
-        Smallest distance of straight blocks on the way, places at the end, targets.
+        Smallest distance of straight blocks on the way, final positions, targets.
 
     Args:
         blocks: x, y and kind of each part.
@@ -217,9 +217,9 @@ def simulate(policy, blocks, seconds, targets=None):
     place = np.array([each[:2] for each in blocks], dtype=float)
     velocity, state, least = np.zeros_like(place), None, np.inf
     target = place
-    asked = []
+    requested = []
     # Record the set velocities instead of computing actions.
-    policy.steer = lambda seen, way, memory: (asked.append(way[0] / policy.law.lead), memory)
+    policy.steer = lambda seen, way, memory: (requested.append(way[0] / policy.law.lead), memory)
     parts = policy.info.parts
     for _ in range(round(seconds / 0.04)):
         seen = np.zeros((6, 20))
@@ -227,7 +227,7 @@ def simulate(policy, blocks, seconds, targets=None):
             seen[k] = block("", x, y, velocity=velocity[k], kind=blocks[k][2])
         _, state = policy.predict(seen.ravel(), state)
         target = state.own.target[0, : len(place)]
-        change = asked[-1][: len(place)] - velocity
+        change = requested[-1][: len(place)] - velocity
         velocity = velocity + np.clip(change, -0.09, 0.09)
         place = place + 0.04 * velocity
         gaps = gaps_between(parts[: len(place)], np.c_[place, np.zeros(len(place))][None])
@@ -236,22 +236,22 @@ def simulate(policy, blocks, seconds, targets=None):
 
 
 @pytest.mark.parametrize("rows", [(0.1, 0.1), (0.1, 0.12), (0.05, 0.05)])
-def test_two_that_meet_pass_each_other_at_a_distance(rows):
+def test_two_approaching_parts_pass_at_a_distance(rows):
     least, place, target = simulate(planner(), [(0.7, rows[0], 0), (0.13, rows[1], 1)], 6.0)
     assert place == pytest.approx(target, abs=0.003)
     assert least > 0.65 * RULE  # it may be broken by a little where that saves time
 
 
-def test_who_has_arrived_makes_way():
-    """A wall of three parts in their places, and one that has to get past them."""
+def test_arrived_parts_make_way():
+    """Three arrived parts block a fourth one."""
     wall = [(0.136, 0.026, 0), (0.05, 0.104, 1), (0.136, 0.104, 0), (0.75, 0.1, 1), (0.136, 0.182, 0), (0.75, 0.182, 1)]
     least, place, target = simulate(planner(), wall, 15.0)
     assert np.abs(place - target).max() < 0.02 and place[1, 0] > 0.6
     assert least > 0.0
 
 
-def test_the_rule_asks_no_more_than_goals_have_room_for():
-    """Two parts at goals 2 mm apart owe each other that, and on their way the rule, as all do in other tasks."""
+def test_the_spacing_rule_is_limited_by_the_goals():
+    """Parts with goals 2 mm apart keep that distance at the goals, and the spacing rule on the way."""
     policy = planner("Pack")
     room = np.full((1, 12, 12), np.inf)
     room[0, 0, 1] = room[0, 1, 0] = 0.002
@@ -271,7 +271,7 @@ def test_a_goal_near_the_border_costs_nothing():
     assert price_of_place(wants, rest - aside, rest[:, 0]) > price_of_place(wants, rest + aside, rest[:, 0]) + 1.0
 
 
-def test_parts_that_leave_have_places_of_their_own():
+def test_leaving_parts_have_separate_targets():
     known = info_of("Feed")
     targets, generator = Targets(known, 0.026, 0.02), np.random.default_rng(4)
     centre = generator.random((20, 12, 2)) * [0.83, 0.208]
@@ -288,14 +288,14 @@ def test_parts_that_leave_have_places_of_their_own():
     assert np.argsort(planner().right_of_way(way))[0].tolist() == [1, 2, 0]
 
 
-def test_goals_too_near_together_are_told_of(caplog):
-    for name, settings, told in (
+def test_goals_too_close_together_are_logged(caplog):
+    for name, settings, reported in (
         ("Pack", {}, True), ("Pack", {"parts": ["steel_block"] * 4, "task_settings": {"gap_mm": 37, "rows": 2}}, False),
         ("Sort", {}, False), ("Swap", {}, False),
     ):  # fmt: skip
         caplog.clear()
         PlannerPolicy(info_of(name, **settings))
-        assert any("mm apart" in each and "two_phases" in each for each in caplog.messages) == told, name
+        assert any("mm apart" in each and "two_phases" in each for each in caplog.messages) == reported, name
     TwoPhasesPolicy(info_of("Pack"))
     assert not any("mm apart" in each for each in caplog.messages)
 
@@ -304,7 +304,7 @@ def test_goals_too_near_together_are_told_of(caplog):
 
 
 def test_waiting_is_counted_in_time():
-    """A part that cannot move loses patience after as many seconds, whatever a step lasts."""
+    """A blocked part waits for the same time with any step length."""
     waited = []
     for periods in (1, 4):
         policy = PlannerPolicy(info_of("Sort", periods_per_step=periods))
@@ -312,4 +312,4 @@ def test_waiting_is_counted_in_time():
         for _ in range(24 // periods):
             _, state = policy.predict(seen, state)
         waited.append(state.own.waited[0, 0])
-    assert waited == pytest.approx([0.96, 0.96], abs=0.1)  # in its first steps it looks as if it got under way
+    assert waited == pytest.approx([0.96, 0.96], abs=0.1)  # in its first steps it appears to start moving

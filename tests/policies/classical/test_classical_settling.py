@@ -1,4 +1,4 @@
-"""Pulses near the target: the place of rest, what is left alone, and what it achieves on the prototype's hardware."""
+"""Pulses near the target: position of rest, parts without pulses, and results on the prototype hardware."""
 
 import dataclasses
 import math
@@ -20,7 +20,7 @@ def steering(name="Align", periods=1, **arguments):
 
 
 def seen(policy, way, turn=0.0, velocity=(0.0, 0.0), spin=0.0):
-    """One part so far from its goal, moving so; as measured at the start of a step."""
+    """Return the measurement of one part at a displacement and velocity, at the start of a step."""
     rows = np.zeros((1, policy.info.layout.size))
     measured = dataclasses.replace(
         Measured.of(rows, policy.info),
@@ -33,7 +33,7 @@ def seen(policy, way, turn=0.0, velocity=(0.0, 0.0), spin=0.0):
 
 
 def wanted(policy, measured):
-    """Wanted acceleration (3,), not a number where the elements shall rest."""
+    """Return the wanted acceleration (3,), NaN for resting elements."""
     return policy.law.wanted(measured, measured.way, measured.turn, ())[0][0, 0]
 
 
@@ -44,15 +44,13 @@ def rests(policy, measured):
 @pytest.mark.parametrize("periods", [1, 4])
 @pytest.mark.parametrize("velocity, spin", [((0.0, 0.0), 0.0), ((0.004, 0.006), -0.1)])
 def test_a_pulse_brings_a_part_to_rest_at_its_goal(periods, velocity, spin):
-    """By v' = a - c v, solved: after the pulse the part coasts to the goal, however long a step is."""
+    """By the solution of v' = a - c v the part coasts to the goal after the pulse, for any step length."""
     policy = steering(periods=periods)
     drag, length = policy.law.plant.drag[0], 0.04 * periods
     way, turn = np.array([0.0012, -0.0008]), 0.03
     pulse = wanted(policy, seen(policy, way, turn, velocity, spin))
     assert not np.isnan(pulse).any()
-    pulse = pulse + drag * (
-        np.array([*velocity, spin]) + 0.5 * 0.04 * pulse
-    )  # elements make up for friction's mean too
+    pulse = pulse + drag * (np.array([*velocity, spin]) + 0.5 * 0.04 * pulse)  # elements also compensate mean friction
     for start, rate, goal in ((np.array(velocity), pulse[:2], way), (spin, pulse[2], turn)):
         fade = math.exp(-drag * length)
         after = start * fade + rate / drag * (1.0 - fade)
@@ -60,18 +58,18 @@ def test_a_pulse_brings_a_part_to_rest_at_its_goal(periods, velocity, spin):
         assert moved + after / drag == pytest.approx(goal, rel=1e-9)
 
 
-def test_parts_that_come_to_rest_near_enough_are_left_alone():
+def test_parts_that_coast_close_enough_get_no_pulse():
     policy, band = steering(), BAND * 0.002
     assert rests(policy, seen(policy, [0.9 * band, 0.0])) and not rests(policy, seen(policy, [1.1 * band, 0.0]))
     turn = BAND * math.radians(3.0)
     assert rests(policy, seen(policy, [0.0, 0.0], -0.9 * turn))
     assert wanted(policy, seen(policy, [0.0, 0.0], -1.1 * turn))[2] < 0.0
-    # On its way there at the speed that friction takes until then; nothing brakes it.
+    # At the speed that friction dissipates on the way; not decelerated otherwise.
     assert rests(policy, seen(policy, [0.010, 0.0], 0.0, [0.010 * policy.law.plant.drag[0], 0.0]))
     assert wanted(policy, seen(policy, [-0.001, 0.0], 0.0, [0.02, 0.0]))[0] < 0.0  # it would overshoot
 
 
-def test_farther_away_the_law_is_the_same():
+def test_no_effect_far_from_the_goal():
     aware, plain = steering(), Steering(info_of("Align"))
     for way, turn, velocity in (
         ([0.2, 0.05], 1.0, [0.0, 0.0]),
@@ -83,8 +81,8 @@ def test_farther_away_the_law_is_the_same():
     assert (wanted(aware, seen(aware, [0.9 * NEAR, 0.0])) != wanted(plain, seen(aware, [0.9 * NEAR, 0.0]))).any()
 
 
-def test_spins_beyond_what_observations_tell_are_known():
-    """They end at 10 rad/s; a block on ideal elements gets to 14. Compared with the truth in all of a long turn."""
+def test_spins_beyond_the_range_of_observations_are_estimated():
+    """Observations end at 10 rad/s; a block on ideal elements reaches 14. Compare with the truth during a long turn."""
     env = batch("Rotate", 40, action="phasor")
     policy = make_policy({"kind": "local_field", "law": "pose"}, TaskInfo.of(env))
     rows, _ = env.reset(seed=5)
@@ -99,8 +97,8 @@ def test_spins_beyond_what_observations_tell_are_known():
     assert fastest > 12.0
 
 
-def test_parts_that_still_turn_fast_are_no_matter_of_pulses():
-    """Even if they would come to rest at their goals: pushed and braked they get there sooner."""
+def test_fast_spinning_parts_get_no_pulses():
+    """Even if they would coast to their goals: acceleration and deceleration are faster."""
     policy = steering(law="pose")
     turn = 1.0
     coasting = turn * policy.info.plant.drag[0]
@@ -109,7 +107,7 @@ def test_parts_that_still_turn_fast_are_no_matter_of_pulses():
     assert rests(policy, seen(policy, [0.0, 0.0], slow, (0.0, 0.0), slow * policy.info.plant.drag[0]))
 
 
-def test_only_hard_dead_zones_call_for_it():
+def test_only_used_with_hard_dead_zones():
     assert Steering(info_of("Align")).law.settling is None
     for change in ({"dead_zone": 0.0}, {"dead_zone_form": "soft"}):
         policy = Steering(info_of("Align", actuators={"kind": "prototype", **change}))
@@ -117,7 +115,7 @@ def test_only_hard_dead_zones_call_for_it():
     assert isinstance(steering().law.settling, Settling)
 
 
-def test_tasks_without_poses_have_a_band_of_their_own():
+def test_tasks_without_poses_have_a_separate_band():
     settle = steering("Sort").law.settling
     assert settle.band == LOOSE_BAND and 0.0 < settle.slack < 0.005
 

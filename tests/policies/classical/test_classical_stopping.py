@@ -1,4 +1,4 @@
-"""Braking curves and the speeds at which steps end: closed forms near rest, and parts on the planar simulator that do stop."""
+"""Braking curves and set speeds: closed forms near rest, and stopping on the planar simulator."""
 
 import math
 
@@ -34,7 +34,7 @@ def curve_for(part, push, top, turning):
 
 
 def even_curve(braking, top=14.0):
-    """Of a part that brakes as hard at every speed."""
+    """Return the curve of a part with constant deceleration."""
     curve = object.__new__(StoppingCurve)
     curve.speed = np.linspace(0.0, top, 4001)[:, None]
     curve.way = curve.speed**2 / (2.0 * braking)
@@ -45,8 +45,8 @@ def even_curve(braking, top=14.0):
 
 
 @pytest.mark.parametrize("part", [ALUMINIUM, STEEL, DISC])
-def test_near_rest_braking_is_even(part):
-    """By v^2 / (2 a) with a = mu g / 2 times the push, over the radius of gyration for turns."""
+def test_deceleration_is_constant_near_rest(part):
+    """Compare with v^2 / (2 a), a = mu g / 2 times the push, over the radius of gyration for rotations."""
     push, radius = 0.8, math.sqrt(part.gyration)
     rate = push * 0.5 * part.friction * SURFACE.full_scale
     slow, slow_turn = curve_for(part, push, 0.02, False), curve_for(part, push, 0.5, True)
@@ -58,7 +58,7 @@ def test_near_rest_braking_is_even(part):
 
 
 @pytest.mark.parametrize("turning, top", [(False, 0.3), (True, 14.0)])
-def test_more_way_lets_be_faster_and_more_push_as_well(turning, top):
+def test_speeds_grow_with_distance_and_push(turning, top):
     weak, strong = (curve_for(ALUMINIUM, push, top, turning) for push in (0.6, 0.8))
 
     def speeds(curve, way):
@@ -69,7 +69,7 @@ def test_more_way_lets_be_faster_and_more_push_as_well(turning, top):
     slow, fast = speeds(weak, way), speeds(strong, way)
     assert (np.diff(slow) >= 0.0).all() and slow[0] == 0.0 and slow[-1] == top
     assert (fast[1:-150] > slow[1:-150]).all()
-    # Friction helps the more the faster a part is: speeds grow faster than the root of the way.
+    # Friction grows with speed, so speeds grow faster than the root of the distance.
     assert speeds(weak, end)[0] > 2.05 * speeds(weak, 0.25 * end)[0]
 
 
@@ -86,11 +86,11 @@ def test_every_part_has_its_own_curve():
 
 
 STRENGTH = 130.0
-"""rad/s^2, of bodies that have no friction."""
+"""rad/s^2, of bodies without friction."""
 
 
 def landed(over, left, trusted=0.95, top=14.0):
-    """Ways left at the ends of steps of bodies that start at rest, of whose strength a share is counted on."""
+    """Return the remaining displacement at the ends of steps, for bodies from rest and a share of their strength."""
     curve = even_curve(trusted * STRENGTH, top)
     now, kept = np.zeros_like(left), [left]
     for _ in range(60):
@@ -104,8 +104,8 @@ def landed(over, left, trusted=0.95, top=14.0):
 
 @pytest.mark.parametrize("over", [0.0, 0.0175])
 @pytest.mark.parametrize("top", [14.0, 100.0])
-def test_bodies_land_and_hardly_pass(over, top):
-    """By less than an eighth of a step's braking: what steps of finite length make of a curve."""
+def test_bodies_stop_with_little_overshoot(over, top):
+    """Overshoot is less than an eighth of a step's braking, the effect of finite steps."""
     start = np.linspace(0.05, 6.0, 400)
     left = landed(over, start, top=top)
     assert np.abs(left[-1]).max() < 1e-9 and left.min() >= -STRENGTH * STEP**2 / 8.0
@@ -123,19 +123,19 @@ def test_a_tolerance_saves_time_and_is_kept():
 
 
 def test_hardly_more_than_the_least_time():
-    """Bang and bang: ``2 sqrt(d / a)``; steps are whole, a twentieth of the strength is left, the last of it ends slowly."""
+    """Compare with bang-bang control, ``2 sqrt(d / a)``, with whole steps and a reserve of a twentieth of the strength."""
     start = np.linspace(0.5, 6.0, 400)
     arrived = STEP * (np.abs(landed(0.0, start, top=100.0)) <= 0.01).argmax(axis=0)
     assert (arrived - 2.0 * np.sqrt((start - 0.01) / STRENGTH)).max() <= 3.0 * STEP
 
 
-def test_one_that_would_leave_the_tolerance_is_turned_back():
+def test_bodies_that_would_leave_the_tolerance_are_reversed():
     def landing(over, left, now):
         return landing_speed(even_curve(130.0), 36.0, STEP, over, np.array([[left]]), np.array([[now]]))[0, 0]
 
     speed = landing(0.02, 0.014, 2.0)
     assert speed < 0.0 and 0.014 - 0.5 * STEP * (2.0 + speed) == pytest.approx(-INSIDE * 0.02, abs=1e-9)
-    # No faster than what it can lose within the tolerance, however far out it will be.
+    # Not faster than it can decelerate within the tolerance.
     assert landing(0.02, 0.0, 9.0) == pytest.approx(-2.0 * 0.02 / STEP)
     assert landing(0.0, 0.0, 9.0) == 0.0
 
@@ -149,10 +149,10 @@ def test_time_left_of_a_body_that_speeds_up_cruises_and_brakes():
     assert time_left(way[2:], 0.3 + 0.0 * way[2:], gain, curve) == pytest.approx(0.3 / 4.0 + (0.5 - 0.3**2 / 8.0) / 0.3)
 
 
-# -- turning -----------------------------------------------------------------------------------------------------------
+# -- rotation ----------------------------------------------------------------------------------------------------------
 
 
-def test_no_push_that_turns_is_larger_than_the_reach():
+def test_the_reach_bounds_turning_pushes():
     info, random = info_of("Rotate"), np.random.default_rng(4)
     allocator = Allocator(info.surface, info.parts, info.hardware)
     pose = np.column_stack(
@@ -167,21 +167,21 @@ def test_no_push_that_turns_is_larger_than_the_reach():
     assert turning_push(info)[0] == pytest.approx(reach.mean(), rel=0.03)
 
 
-def test_reach_of_a_disc_small_against_its_element_on_a_corner():
+def test_reach_of_a_small_disc_on_a_corner():
     """A quarter on each of four: shares 1/4, centroids at 4 r sqrt(2) / (3 pi) over the radius of gyration r / sqrt(2)."""
     disc = Part.disc(0.008, friction=0.5)
     info = info_of("Rotate")
     allocator = Allocator(info.surface, (disc,), info.hardware)
     corner = SURFACE.element_size * np.array([8.0, 4.0])
     assert allocator.reach(np.array([[[*corner, 0.2]]]))[0, 0] == pytest.approx(8.0 / (3.0 * math.pi), rel=2e-3)
-    # Of one in the middle of an element nothing turns.
+    # No torque in the middle of an element.
     middle = SURFACE.element_size * np.array([8.5, 4.5])
     assert allocator.reach(np.array([[[*middle, 0.2]]]))[0, 0] == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("part", [ALUMINIUM, STEEL, LONG], ids=["aluminium", "steel", "long"])
-def test_a_spinning_part_really_stops_within_the_way(part):
-    """On the planar simulator, by the elements' utmost: in the mean as said, and wherever it lies within a seventh."""
+def test_a_spinning_part_stops_within_the_predicted_angle(part):
+    """On the planar simulator at the limit: as predicted in the mean, and within a seventh at any position."""
     info = info_of("Rotate", parts=[part])
     push, random, n = turning_push(info), np.random.default_rng(3), 24
     process = FrictionalInverse(SURFACE, part)
@@ -210,7 +210,7 @@ def test_a_spinning_part_really_stops_within_the_way(part):
 
 
 @pytest.mark.parametrize("part", [ALUMINIUM, DISC, LONG], ids=["aluminium", "disc", "long"])
-def test_friction_takes_all_at_the_fastest_spin(part):
+def test_friction_balances_the_push_at_the_largest_spin(part):
     process, push = FrictionalInverse(SURFACE, part), np.array([0.6])
     spin = fastest_spin(process, push)[0]
     given = np.array([[[0.0, 0.0, push[0]]]])
@@ -225,8 +225,8 @@ def test_tolerances_are_used_where_headings_count_and_goals_stay():
         assert allowed_turn(info_of(name)) == 0.0
 
 
-def test_turning_takes_hardly_more_than_the_bound():
-    """The whole chain on ideal hardware, at most a step more than the least in the median; no more than two in nearly all."""
+def test_rotation_times_are_near_the_bound():
+    """The whole chain on ideal hardware: at most a step above the bound in the median, and two in nearly all episodes."""
     policy = make_policy({"kind": "local_field", "law": "pose"}, info_of("Rotate"))
     found = rollout(policy, "Rotate", seeds=range(FRESH, FRESH + 80), keep=Measures)
     steps = np.rint((found.time_to_goal - found.bound) / found.step_time)
@@ -234,7 +234,7 @@ def test_turning_takes_hardly_more_than_the_bound():
     assert np.median(found.time_over_bound) <= 1.06 and (steps <= 2.0).mean() >= 0.9
 
 
-def test_law_brakes_turns_as_elements_can():
+def test_the_controller_decelerates_rotations_within_the_limits():
     law, info = PoseLaw(info_of("Rotate")), info_of("Rotate")
     strongest = info.plant.turn_push[0]
     braking = law.turn_curve.speed[1, 0] ** 2 / (2.0 * law.turn_curve.way[1, 0])

@@ -1,4 +1,4 @@
-"""Two phases: the pattern drawn apart, when parts may close in, and what comes of it."""
+"""Two phases: the expanded pattern, the switch to the goals, and results."""
 
 import math
 
@@ -15,8 +15,8 @@ from vibgym.tasks import Pattern
     "parts", [[ALUMINIUM] * 12, [ALUMINIUM] * 20, [STEEL, ALUMINIUM] * 4], ids=["12", "20", "two kinds"]
 )
 @pytest.mark.parametrize("settings", [{}, {"heading_deg": 8, "rows": 2}, {"gap_mm": 20, "rows": 2}])
-def test_patterns_are_drawn_apart_on_the_table(parts, settings):
-    """They fit; parts are as far apart as is asked, or as there is room across; and nobody meets anybody on the way back."""
+def test_patterns_are_expanded_on_the_table(parts, settings):
+    """Expanded patterns fit, keep the distance or use the width, and paths to the goals do not cross."""
     pattern = Pattern(SURFACE, parts, **settings)
     of = [parts[int(np.flatnonzero(pattern._kind == kind)[0])] for kind in pattern.of_kind]
     for uniform in np.random.default_rng(0).random((10, 2)):

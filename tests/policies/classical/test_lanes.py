@@ -1,4 +1,4 @@
-"""Lanes: through gates, and both ways past one another."""
+"""Lanes: through gates, and in opposite directions."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def info():
 
 
 def seen(centre, present=None, velocity=0.0):
-    """A measurement of straight parts at rest, (parts, 2) m."""
+    """Return a measurement of straight parts at rest, (parts, 2) m."""
     centre = np.array(centre, dtype=float)[None]
     alone = np.zeros(centre.shape[:2])
     there = np.ones_like(alone, dtype=bool) if present is None else np.array([present])
@@ -30,15 +30,15 @@ def seen(centre, present=None, velocity=0.0):
     )  # fmt: skip
 
 
-def test_parts_alone_go_along_their_lanes_at_full_speed(info):
+def test_single_parts_move_along_their_lanes_at_full_speed(info):
     policy = FeedingPolicy(info)
     velocity = policy.velocity(seen([[0.2, 0.052], [0.3, 0.156], [0.6, 0.156], [0.1, 0.104]]))[0]
     assert velocity[[0, 1]] == pytest.approx(np.array([[policy.top, 0.0]] * 2))
-    assert velocity[2, 1] < 0.0 < velocity[2, 0] and velocity[3, 1] > 0.0  # to their own half
+    assert velocity[2, 1] < 0.0 < velocity[2, 0] and velocity[3, 1] > 0.0  # to their half
     assert np.hypot(*velocity.T) == pytest.approx(policy.top)
 
 
-def test_who_is_behind_keeps_its_distance_and_who_is_not_there_counts_for_nothing(info):
+def test_following_parts_keep_their_distance_and_absent_ones_are_ignored(info):
     policy, absent = FeedingPolicy(info), [-0.8, -0.2]
     there = [True, False, True, False]
     near, far = (
@@ -48,7 +48,7 @@ def test_who_is_behind_keeps_its_distance_and_who_is_not_there_counts_for_nothin
     assert near[0] == far[0] == policy.top and near[1] == 0.0 and 0.0 < far[1] <= policy.top
 
 
-def test_nobody_changes_its_lane_into_another_part(info):
+def test_lane_changes_avoid_other_parts(info):
     policy = FeedingPolicy(info)
     beside = policy.velocity(seen([[0.2, 0.110], [0.21, 0.068], [0.6, 0.052], [0.7, 0.156]]))[0]
     assert beside[0, 1] > -0.02  # its lane is below, where another one is just ahead of it
@@ -58,7 +58,7 @@ def test_nobody_changes_its_lane_into_another_part(info):
     ("Feed", {}, 240.0), ("FeedHeaps", {}, 230.0),
     ("FeedHeaps", {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}, 225.0),
 ])  # fmt: skip
-def test_good_parts_a_minute(task, settings, least):
+def test_good_parts_per_minute(task, settings, least):
     env = batch(task, 4, action="wrench", **settings)
     policy = make_policy({"kind": "lanes", "action": "wrench"}, env)
     state, info = None, {}
@@ -85,7 +85,7 @@ def test_when_rectangles_meet(dx, dy, vx, vy, expected):
 
 
 def chosen(centre, wanted, order=(0, 1)):
-    """What two straight blocks at rest choose."""
+    """Return the choice of two straight blocks at rest."""
     centre, wanted = (np.array([each], dtype=float) for each in (centre, wanted))
     pose = np.concatenate([centre, np.zeros((1, 2, 1))], axis=-1)
     reach = np.tile([0.025, 0.020], (1, 2, 1))
@@ -95,19 +95,19 @@ def chosen(centre, wanted, order=(0, 1)):
     return velocity[0]
 
 
-def test_parts_that_are_alone_get_what_they_want():
+def test_single_parts_choose_their_preference():
     wanted = [[TOP, 0.0], [-0.1, 0.2]]
     assert chosen([[0.2, 0.1], [0.6, 0.1]], wanted) == pytest.approx(np.array(wanted))
 
 
-def test_who_has_right_of_way_goes_and_the_other_makes_room():
+def test_the_part_without_right_of_way_yields():
     first, second = chosen([[0.2, 0.1], [0.27, 0.1]], [[TOP, 0.0], [0.0, 0.0]])
     assert first[0] >= 0.0 and np.hypot(*second) > 0.0 and second[0] >= 0.0
     first, second = chosen([[0.2, 0.1], [0.27, 0.1]], [[TOP, 0.0], [0.0, 0.0]], order=(1, 0))
     assert np.hypot(*second) == 0.0 and first[0] < 0.5 * TOP
 
 
-def test_nobody_chooses_to_go_over_the_border():
+def test_choices_stay_on_the_surface():
     _, second = chosen([[0.2, 0.066], [0.2, 0.021]], [[0.0, -TOP], [0.0, -TOP]])
     assert second[1] > -8.0 * 0.005 - 1e-9
     first, _ = chosen([[0.812, 0.1], [0.2, 0.1]], [[TOP, 0.0], [0.0, 0.0]])

@@ -1,4 +1,4 @@
-"""The pushing rule: what pushes do, on which way who pushes goes round, and how far it comes."""
+"""The pushing rule: effect of pushes, paths of the pushers, and results."""
 
 import math
 
@@ -40,17 +40,17 @@ def test_a_rectangle_is_turned_by_the_lever_of_a_push():
     assert outline.round[18] == pytest.approx(0.015 + RADIUS, rel=1e-2)
 
 
-def test_nobody_stands_where_the_part_is_in_the_way():
+def test_push_points_are_outside_of_the_part():
     part = part_from(TEE, "tee")
     outline = Outline(part, RADIUS)
     from_outline = np.inf
     for a, b in zip(part.outline, np.roll(part.outline, -1, axis=0), strict=True):
         share = np.clip(((outline.place - a) @ (b - a)) / ((b - a) @ (b - a)), 0.0, 1.0)
         from_outline = np.minimum(from_outline, np.hypot(*(outline.place - a - share[:, None] * (b - a)).T))
-    assert from_outline.min() > RADIUS - 0.0015  # a quarter of the points' spacing, and nowhere deep in a corner
+    assert from_outline.min() > RADIUS - 0.0015  # a quarter of the points' spacing
 
 
-def test_neither_goes_past_the_other_on_the_way_round():
+def test_pushers_do_not_pass_each_other():
     policy, rng = rule(), np.random.default_rng(0)
     angle = rng.uniform(-math.pi, math.pi, (200, 2))
     at = 0.08 * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
@@ -65,12 +65,12 @@ def test_neither_goes_past_the_other_on_the_way_round():
     after = before + sweep[:, 1] - sweep[:, 0]
     assert ((after > 0.0) & (after < 2.0 * math.pi)).all()
     assert (push >= 0.0).all() and (push.max(axis=1) > 0.0).all()
-    # What is pushed goes the way that it has to.
+    # The pushed part moves towards its goal.
     twist = np.einsum("bk,bkj->bj", push, policy.outline.effect[chosen])
     assert (np.einsum("bj,bj->b", twist, direction) > 0.0).all()
 
 
-def test_borders_are_in_the_way():
+def test_paths_avoid_borders():
     policy = rule()
     part_near_border = np.array([[0.416, 0.045]])
     at = np.array([[[0.09, 0.0], [-0.09, 0.0]]])
@@ -78,7 +78,7 @@ def test_borders_are_in_the_way():
     sweeps = np.stack([under, -under], axis=2)[:, [0, 0]]
     barred = policy.barred(np.arctan2(at[..., 1], at[..., 0]), sweeps, part_near_border, np.eye(2)[None])
     assert barred.shape == (1, 2, 2, 2)
-    assert barred[0, 0, 0].tolist() == [True, False]  # clockwise from the right: below the part, where no room is
+    assert barred[0, 0, 0].tolist() == [True, False]  # clockwise from the right: below the part, without room
 
 
 def test_bad_settings_are_refused():

@@ -8,7 +8,7 @@ import numpy as np
 from tests.policies.helpers import info_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding
-from vibgym.policies.trained.networks.shape import Shape
+from vibgym.policies.trained.networks import Shape
 from vibgym.policies.trained.storage import save_set
 from vibgym.policies.trained.trained import KIND, VERSION, described
 
@@ -41,7 +41,7 @@ def actor_tensors(shape: Shape, seed: int = 0) -> dict[str, np.ndarray]:
 def policy_file(
     folder: Path, info: TaskInfo | None = None, tensors: dict[str, np.ndarray] | None = None, **changes: Any
 ) -> Path:
-    """A policy of random numbers for a scene, Align's without one; ``changes`` replace what its record says."""
+    """A policy file with random weights for a scene, by default Align's; ``changes`` replace entries of its record."""
     info = info_of("Align") if info is None else info
     coding = coding_for(info)
     record = {

@@ -13,7 +13,7 @@ PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "
 def test_the_catalogue_is_what_the_files_say():
     agents = shipped_agents()
     assert [agent.path for agent in agents] == sorted(SHIPPED.glob("*.json")) and len(agents) > 10
-    for agent in agents:  # what files are called is what their records say
+    for agent in agents:  # names of files agree with their records
         words = [agent.tasks[0].lower(), *([agent.hardware] if agent.hardware != "ideal" else []), agent.variant]
         assert agent.path.stem == "-".join(filter(None, words))
 
@@ -33,24 +33,18 @@ def test_the_agent_for_a_task_its_hardware_and_what_is_wished(task, settings, ar
     assert vibgym.make_policy({"kind": "learned", **arguments}, info).predict
 
 
-@pytest.mark.parametrize("task, settings, arguments, got, allowed", [
-    ("Follow", {}, {}, "Follow", r"Align \(ideal, action 'wrench', 1 part, 8 x 32 elements\); .*Sort, .*Transport"),
-    ("Align", {"surface": {"rows": 12, "columns": 12}}, {"action": "wrench"}, "12 x 12 elements, action 'wrench'",
-     r"Align \(ideal, action 'wrench', 1 part, 8 x 32 elements\)"),
-    ("Singulate", {"parts": ["steel_block"] * 4}, {}, "parts: 4", r"Singulate \(ideal, action 'wrench', 6 parts"),
-    ("Align", {}, {"action": "field"}, "action 'field'", "action 'element', 1 part, any surface, variant 'element'"),
-    ("Align", {}, {"variant": "best"}, "variant 'best'", "variant 'cloned'"),
-    ("Align", PROTOTYPE, {"variant": "iql"}, "prototype", "variant 'iql'"),
-    ("Align", {}, {"hardware": "real"}, "real", "'ideal', 'prototype'"),
+@pytest.mark.parametrize("task, settings, arguments", [
+    ("Follow", {}, {}), ("Align", {"surface": {"rows": 12, "columns": 12}}, {"action": "wrench"}),
+    ("Align", {}, {"action": "field"}), ("Align", PROTOTYPE, {"variant": "iql"}), ("Align", {}, {"hardware": "real"}),
 ])  # fmt: skip
-def test_what_no_agent_serves_is_refused_with_all_that_there_is(task, settings, arguments, got, allowed):
+def test_scenes_without_an_agent_are_refused(task, settings, arguments):
     with pytest.raises(ValueError, match="policy") as error:
         vibgym.make_policy({"kind": "learned", **arguments}, info_of(task, **settings))
     assert "\n" not in str(error.value)
 
 
 def test_an_environment_with_an_action_asks_for_an_agent_that_speaks_it():
-    assert vibgym.make_policy("learned", gym.make("vibgym/Align-v0")).action == "wrench"  # nobody has chosen one
+    assert vibgym.make_policy("learned", gym.make("vibgym/Align-v0")).action == "wrench"  # the default
     assert (
         vibgym.make_policy("learned", gym.make_vec("vibgym/Align-v0", num_envs=2, action="phasor")).action == "phasor"
     )

@@ -52,76 +52,67 @@ def test_no_correction_leaves_the_base_as_it_is(task, kind, hardware):
     trained.reset(seed=4)
     memory, other, start, ended = None, None, np.ones(6, dtype=bool), 0
     for _ in range(50 if task == "Align" else 12):
-        said, memory = base.predict(one, memory, start)
+        proposed, memory = base.predict(one, memory, start)
         again, other = policy.predict(two, other, start)
-        assert (said == again).all()
-        one, reward, terminated, truncated, _ = alone.step(said)
+        assert (proposed == again).all()
+        one, reward, terminated, truncated, _ = alone.step(proposed)
         two, *_ = both.step(again)
-        _, same, *_ = trained.step(np.zeros_like(said))
+        _, same, *_ = trained.step(np.zeros_like(proposed))
         assert (two["state"] == one).all() and (reward == same).all()
         start = terminated | truncated
         ended += start.sum()
     assert ended > 0 or task == "Sort"
 
 
-def test_corrections_are_added_and_cut_off():
-    info = info_of("Sort", action="wrench", observation="state")
-    base = Base(make_policy(PLANNER, info), info, 0.25)
-    said = np.linspace(-1.0, 1.0, 36, dtype=np.float32).reshape(2, 18)
-    _, memory = base.policy.predict(np.zeros((2, info.layout.size)))
-    done, _ = base.corrected(said, np.full((2, 18), 1.0), memory)
-    assert done == pytest.approx(np.minimum(said + 0.25, 1.0)) and done.dtype == np.float32
-
-
-def test_the_base_remembers_what_was_done():
-    """Told of a correction, it counts on what the environment counts on; of parts left alone nothing changes."""
+def test_the_base_receives_applied_actions():
+    """With the applied action its state is the environment's; the state of parts without a correction is unchanged."""
     env = worlds("Sort")
     info = TaskInfo.of(env)
     policy = make_policy(PLANNER, info)
     seen, _ = env.reset(seed=1)
     memory = None
     for _ in range(5):
-        said, memory = policy.predict(seen["state"], memory)
-        done = said.copy()
+        proposed, memory = policy.predict(seen["state"], memory)
+        done = proposed.copy()
         done[:, :3] = np.clip(done[:, :3] + 0.3, -1.0, 1.0)  # of the first part
-        told = policy.acted(memory, said, done)
+        after = policy.acted(memory, proposed, done)
         seen, *_ = env.step(done)
         given = env.unwrapped.core.action.live()["given"]
-        assert told.output.given == pytest.approx(given, rel=1e-4, abs=1e-3)
-        assert (told.acceleration[:, 1:] == memory.acceleration[:, 1:]).all()
-        assert (told.acceleration[:, 0] != memory.acceleration[:, 0]).any()
-        memory = told
-    assert policy.acted(memory, said, said) == memory
+        assert after.output.given == pytest.approx(given, rel=1e-4, abs=1e-3)
+        assert (after.acceleration[:, 1:] == memory.acceleration[:, 1:]).all()
+        assert (after.acceleration[:, 0] != memory.acceleration[:, 0]).any()
+        memory = after
+    assert policy.acted(memory, proposed, proposed) == memory
     with pytest.raises(ValueError, match="action"):
         other = make_policy("pose", info_of("Align"))
-        other.acted(other.initial(1), said, said)
+        other.acted(other.initial(1), proposed, proposed)
 
 
 @pytest.mark.parametrize("task, kind", [("Align", POSE), ("Sort", PLANNER)])
-def test_the_learner_sees_what_it_corrects(task, kind):
+def test_the_learner_observes_the_base_action(task, kind):
     settings = {"slots": 7, "randomize": {"parts": [2, 6]}} if task == "Sort" else {}
     env = worlds(task, **settings)
     info = TaskInfo.of(env)
     trained, base = ResidualEnv(env, make_policy(kind, info), scale=0.3), make_policy(kind, info)
     seen, _ = trained.reset(seed=3)
     at = next(row for row in trained.parts_layout if row.name == "base")
-    said, _ = base.predict(env.observed("state"))
+    proposed, _ = base.predict(env.observed("state"))
     parts = len(info.parts)
     columns = slice(at.start, at.start + 3)
-    assert (seen["parts"][:, :parts, columns] == said.reshape(6, parts, 3)).all() and said.any()
+    assert (seen["parts"][:, :parts, columns] == proposed.reshape(6, parts, 3)).all() and proposed.any()
     assert not seen["parts"][seen["mask"] == 0].any() and trained.observation_space.contains(seen)
     plain = env.observed("parts")["parts"]
     assert (np.delete(seen["parts"], range(columns.start, columns.stop), axis=-1) == plain).all()
     shape = Coding(info.surface, info.parts, trained.parts_layout, "wrench").shape
     assert shape.own == Coding(info.surface, info.parts, info.parts_layout, "wrench").shape.own + 3
     assert at.start + 3 == shape.own  # neighbours stay last
-    # As a policy it sees the same.
+    # The policy's observation is the same.
     spy = Constant(info, 0.0)
     ResidualPolicy(info, base, spy).predict({**env.observed("parts"), "state": env.observed("state")})
     assert (spy.seen[0]["parts"] == seen["parts"]).all()
 
 
-def test_final_observations_have_it_too_and_new_episodes_forget():
+def test_final_observations_contain_the_base_action_and_new_episodes_reset_it():
     env = worlds("Align", 8, max_episode_steps=6)
     trained = ResidualEnv(env, make_policy(POSE, TaskInfo.of(env)))
     trained.reset(seed=2)
@@ -173,7 +164,7 @@ def replace_observation(policy):
 
 
 def written(path, info, layout, **record):
-    """A correction's file, of a network that nobody has trained; and what it says."""
+    """Write the file of a correction with random weights."""
     coding = Coding(info.surface, info.parts, layout, "wrench")
     torch.manual_seed(1)
     actor = PartsActor(coding.shape, [8], "tanh", 4, -1.0)
@@ -195,8 +186,8 @@ def test_files_hold_corrections(tmp_path, task, base):
     policy = make_policy({"kind": "residual", "path": path}, info)
     seen, _ = env.reset(seed=0)
     action, _ = policy.predict(seen)
-    said, _ = make_policy({**what["base"], "action": "wrench"}, info).predict(seen["state"])
-    change = np.abs(action - said).max()
+    proposed, _ = make_policy({**what["base"], "action": "wrench"}, info).predict(seen["state"])
+    change = np.abs(action - proposed).max()
     assert 0.005 < change <= 0.2 + 1e-6
     with pytest.raises(ValueError, match="residual"):  # it is no policy by itself
         make_policy(path.format(task=task.lower()), info)
@@ -208,3 +199,12 @@ def test_a_policy_by_itself_is_no_correction(tmp_path):
     make_policy(str(tmp_path / "plain.json"), info)
     with pytest.raises(ValueError, match=r"plain.json: residual"):
         make_policy({"kind": "residual", "base": "pose", "path": str(tmp_path / "plain.json")}, info)
+
+
+def test_corrections_are_added_and_cut_off():
+    info = info_of("Sort", action="wrench", observation="state")
+    base = Base(make_policy(PLANNER, info), info, 0.25)
+    proposed = np.linspace(-1.0, 1.0, 36, dtype=np.float32).reshape(2, 18)
+    _, memory = base.policy.predict(np.zeros((2, info.layout.size)))
+    done, _ = base.corrected(proposed, np.full((2, 18), 1.0), memory)
+    assert done == pytest.approx(np.minimum(proposed + 0.25, 1.0)) and done.dtype == np.float32

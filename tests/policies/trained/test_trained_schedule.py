@@ -31,7 +31,7 @@ def schedule(fields=None, seconds=(0.10, 0.06)):
 
 @pytest.mark.parametrize("periods", [1, 3])
 def test_segments_act_for_their_time_and_then_all_rest(periods):
-    """Whatever a step lasts, shares of the segments add up to their durations, in their order."""
+    """For any step time the shares of the segments add up to their durations, in order."""
     played, step = schedule(), 0.04 * periods
     shares = played.shares(step * np.arange(6), step)
     assert shares.sum(axis=1) == pytest.approx(np.ones(6))

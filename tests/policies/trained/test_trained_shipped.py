@@ -1,4 +1,4 @@
-"""The trained policies in the repository do what the table of trained agents says of them."""
+"""Shipped policies against the table of trained agents."""
 
 import csv
 import json
@@ -27,14 +27,14 @@ ROOT = Path(__file__).parents[3]
 TABLE = ROOT / "results" / "agents.csv"
 FILES = {agent: path for path in sorted((ROOT / "configs" / "agents").glob("*.yaml"))
          if "\nvibgym/" in path.read_text() for agent in agents_in(path)}  # fmt: skip
-"""In which file the settings of an agent stand."""
+"""Agent -> file with its settings."""
 
 ALL = [path.stem for path in sorted(SHIPPED.glob("*.json"))]
 SINGLE, CROWD, SCENES = 40, 8, 4
 """Episodes with one part and with several; of an agent of many scenes as many of these, and each gets its share."""
 
 RARE = 1e-3
-"""On either side: chance of a fresh sample that is refused although the table's interval holds."""
+"""On either side: probability that a new sample fails although the table's interval is right."""
 
 
 def table() -> dict[str, dict[str, str]]:
@@ -59,7 +59,7 @@ def shipped(name: str, info: TaskInfo) -> Policy:
     return make_policy({"kind": kind, "path": str(SHIPPED / f"{name}.json")}, info)
 
 
-def test_the_table_tells_of_exactly_what_is_shipped():
+def test_the_table_has_exactly_the_shipped_policies():
     assert ALL and sorted(table()) == sorted(ALL)
     named = [record(name)["tensors"] for name in ALL]
     assert sorted(path.name for path in SHIPPED.glob("*.safetensors")) == sorted(named)
@@ -68,15 +68,14 @@ def test_the_table_tells_of_exactly_what_is_shipped():
 
 @pytest.mark.parametrize("name", ALL)
 def test_a_shipped_policy_succeeds_as_often_as_the_table_says(name):
-    """Fresh episodes, other ones than the table's.
+    """On episodes that are not the table's.
 
-    The rate lies between ``low`` and ``high``, says the table (with 95 % confidence). At either rate the number of successes
-    of so many episodes is binomial, and must be no rarer than :data:`RARE`: not below the lower quantile at ``low``, and not
-    above the upper one at ``high``.
+    The table has an interval ``low`` to ``high`` of the success rate (95 % confidence). The number of successes is binomial. It
+    must not be below the quantile :data:`RARE` at ``low``, nor above the quantile 1 - :data:`RARE` at ``high``.
     """
     row = table()[name]
     settings = load_settings(FILES[row["agent"]], row["agent"])
-    assert json.loads(row["environment"]) == settings.environment  # it was trained as the file says
+    assert json.loads(row["environment"]) == settings.environment  # trained with the file's settings
     task, each = row["agent"].partition("/")[0], scenes(settings)
     success = []
     for number, scene in enumerate(each):
@@ -93,7 +92,7 @@ def test_a_shipped_policy_succeeds_as_often_as_the_table_says(name):
     least = binom.ppf(RARE, len(success), float(row["success_low"]))
     most = binom.ppf(1.0 - RARE, len(success), float(row["success_high"]))
     assert least <= sum(success) <= most, (sum(success), least, most)
-    assert least > 0  # or it would say nothing
+    assert least > 0  # otherwise the test could not fail
 
 
 @pytest.mark.parametrize("name", ALL)

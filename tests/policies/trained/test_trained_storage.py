@@ -1,13 +1,11 @@
-"""Tensors and settings on disk: what is damaged or foreign is refused by name, a kill leaves files that load."""
+"""Tensors and settings on disk: damaged or foreign files are rejected by name, a kill leaves files that load."""
 
 import hashlib
 import json
 import os
 import pickle
-import struct
 import subprocess
 import sys
-import zipfile
 
 import numpy as np
 import pytest
@@ -52,12 +50,10 @@ def test_saving_again_replaces_and_leaves_no_litter(tmp_path):
 
 
 @pytest.mark.parametrize("name, others", [
-    ("align[12]", ("align1", "align2", "align[1]")), ("align*", ("align-x", "aligned")), ("a?b", ("axb", "a.b")),
-    ("align", ("align-0123456789ab", "align-0123456789ab-0123456789ab")), ("align-0123456789ab", ("align",)),
-    ("a.b", ("a", "axb", "a.b.c")), ("a|b", ("a", "b")), ("[!a]", ("b", "c")),
+    ("align[12]", ("align1", "align2", "align[1]")), ("align", ("align-0123456789ab", "align-0123456789ab-0123456789ab")),
+    ("a.b", ("a", "axb", "a.b.c")),
 ])  # fmt: skip
-def test_a_name_stands_for_itself(tmp_path, name, others):
-    """Whatever it would mean in a pattern."""
+def test_names_are_not_patterns(tmp_path, name, others):
     for each in others:
         save_set(tmp_path / f"{each}.json", KIND, FIRST, {})
     for tensors in (FIRST, SECOND):
@@ -97,20 +93,8 @@ def rewritten(**changes):
     return change
 
 
-def lacking(*names):
-    def change(path):
-        path.write_text(json.dumps({k: v for k, v in json.loads(path.read_text()).items() if k not in names}))
-
-    return change
-
-
 def pickled(path):
     path.write_bytes(pickle.dumps({"format": KIND, "version": 1}))
-
-
-def zipped(path):
-    with zipfile.ZipFile(path, "w") as file:
-        file.writestr("data.pkl", pickle.dumps(1))
 
 
 def signed_rubbish(path):
@@ -121,31 +105,19 @@ def signed_rubbish(path):
 DAMAGE = {
     "flipped byte": (flip, "tensors.*SHA-256"),
     "truncated tensors": (lambda path: os.truncate(tensor_file(path), 20), "tensors.*SHA-256"),
-    "empty tensors": (lambda path: os.truncate(tensor_file(path), 0), "tensors.*SHA-256"),
     "missing tensors": (lambda path: tensor_file(path).unlink(), "tensors.*readable file"),
     "tensors that are none": (signed_rubbish, "tensors.*whole safetensors"),
     "truncated json": (lambda path: os.truncate(path, 30), "not JSON"),
-    "empty json": (lambda path: os.truncate(path, 0), "not JSON"),
     "not text": (lambda path: path.write_bytes(b"\xff\xfe\x00\x01"), "not JSON"),
-    "deep json": (lambda path: path.write_text("[" * 100_000), "not JSON"),
     "foreign json": (lambda path: path.write_text('{"hello": 1}'), f"format '{KIND}', version 1"),
-    "list": (lambda path: path.write_text("[1, 2]"), f"format '{KIND}', version 1"),
     "number": (lambda path: path.write_text("3"), f"format '{KIND}', version 1"),
     "another kind": (rewritten(format="vibgym-other"), "vibgym-other"),
     "a later version": (rewritten(version=2), "'version': 2"),
     "pickle": (pickled, "not JSON"),
-    "zip": (zipped, "not JSON|allowed"),
     "path traversal": (rewritten(tensors="../set.safetensors"), "tensors.*beside it"),
-    "absolute path": (rewritten(tensors="/etc/hostname.safetensors"), "tensors.*beside it"),
     "null byte": (rewritten(tensors="a\0.safetensors"), "tensors.*beside it"),
-    "no text": (rewritten(tensors="\ud800.safetensors"), "tensors.*beside it"),
-    "overlong name": (rewritten(tensors=300 * "x" + ".safetensors"), "tensors.*beside it"),
     "a directory": (lambda path: (path.unlink(), path.mkdir()), "readable"),
-    "another suffix": (rewritten(tensors="set.json"), "tensors.*beside it"),
     "tensors no name": (rewritten(tensors=["a.safetensors"]), "tensors.*beside it"),
-    "no tensors": (lacking("tensors"), "tensors.*beside it"),
-    "no hash": (lacking("sha256"), "SHA-256"),
-    "no format": (lacking("format"), f"format '{KIND}'"),
     "missing file": (lambda path: path.unlink(), "readable"),
 }
 
@@ -244,51 +216,32 @@ FIT = f"rows of {SHAPE.columns} numbers and actions of 6"
 
 
 @pytest.mark.parametrize("changes, message", [
-    ({"tasks": ["Rotate"]}, "tasks"), ({"tasks": None}, "tasks"), ({"tasks": "Align"}, "tasks"),
-    ({"tasks": [{}, 3]}, "tasks.*'Align'"),
-    ({"surface": {**SURFACE, "rows": 9}}, "surface"), ({"surface": "all"}, "surface"),
+    ({"tasks": ["Rotate"]}, "tasks"), ({"tasks": None}, "tasks"),
     ({"surface": {**SURFACE, "frequency": 50.0}}, "surface.*50.0"), ({"surface": None}, "surface"),
-    ({"parts": 2}, "parts"), ({"parts": None}, "parts"), ({"parts": True}, "parts"),
-    ({"parts": [1]}, "parts"),
-    ({"action": "swing"}, "action.*swing"), ({"action": None}, "action"), ({"action": ["patch"]}, "action"),
-    ({"action": "patch"}, "tensors.*actions of 32"), ({"action": "wrench"}, "tensors.*actions of 3"),
+    ({"parts": 2}, "parts"), ({"parts": True}, "parts"),
+    ({"action": "swing"}, "action.*swing"), ({"action": ["patch"]}, "action"),
+    ({"action": "patch"}, "tensors.*actions of 32"),
     ({"activation": "sine"}, "activation"),
     ({"network": "mlp"}, "network"), ({"network": "elements"}, "network"),
     ({"network": "elements", "action": "patch", "columns": [each for each in COLUMNS if each[0] != "element"]},
      "network"),
-    ({"turned": 1}, "turned"), ({"turned": None}, "turned"),
-    ({"remembers": 1}, "remembers"), ({"remembers": None}, "remembers"), ({"remembers": True}, "tensors.*rows of"),
-    ({"columns": None}, "columns"), ({"columns": []}, "columns"),
-    ({"columns": COLUMNS[:-1]}, "tensors.*rows of"),
+    ({"turned": None}, "turned"), ({"remembers": 1}, "remembers"), ({"remembers": True}, "tensors.*rows of"),
+    ({"columns": None}, "columns"), ({"columns": []}, "columns"), ({"columns": COLUMNS[:-1]}, "tensors.*rows of"),
     ({"columns": [*COLUMNS, ["smell", 2]]}, "columns.*smell"), ({"columns": COLUMNS[::-1]}, "columns.*in this order"),
-    ({"columns": [["position", 3], *COLUMNS[1:]]}, "columns.*position"), ({"columns": [["position"]]}, "columns"),
+    ({"columns": [["position", 3], *COLUMNS[1:]]}, "columns.*position"),
     ({"columns": [*COLUMNS, COLUMNS[-1]]}, "columns"), ({"columns": [[["position"], 2]]}, "columns"),
     ({"columns": [[name, width] for name, width in COLUMNS if name not in ("element", "way_far")], "turned": True},
      "columns"),
     ({"tensors": {}}, "tensors"), ({"tensors": without("log_std.bias")}, "tensors.*log_std"),
-    ({"tensors": without("hidden.0.bias")}, "tensors.*hidden.0"), ({"tensors": without("mean.weight")}, "tensors"),
-    ({"tensors": actor_tensors(SHAPE._replace(columns=SHAPE.columns - 1))}, f"tensors.*{FIT}"),
     ({"tensors": actor_tensors(SHAPE._replace(action=7))}, f"tensors.*{FIT}"),
-    ({"tensors": {**network(), "mean.weight": np.zeros((6, 4), np.float32)}}, f"tensors.*{FIT}"),
-    ({"tensors": {**network(), "mean.bias": np.full(6, np.nan, np.float32)}}, "tensors.*finite"),
-    *[({"tensors": with_one(name, number)}, "tensors")
-      for name in network() for number in (1e300, -1e39, np.inf)],
+    *[({"tensors": with_one("mean.bias", number)}, "tensors") for number in (1e300, np.nan)],
     ({"tensors": with_one("hidden.0.bias", 1, np.int64)}, "tensors"),
-    ({"tensors": with_one("hidden.0.bias", 1, np.complex64)}, "complex64|whole safetensors"),
 ])  # fmt: skip
 def test_policies_that_do_not_fit_are_refused(tmp_path, changes, message):
     path = policy_file(tmp_path, INFO, **changes)
     with pytest.raises(ValueError, match=message) as error:
         load_trained(path, INFO)
     assert str(path) in str(error.value) and "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize("version", [1, 3, None, "2"])
-def test_policies_of_other_versions_are_refused(tmp_path, version):
-    path = policy_file(tmp_path, INFO)
-    rewritten(version=version)(path)
-    with pytest.raises(ValueError, match="policy.json"):
-        load_trained(path, INFO)
 
 
 def test_a_policy_may_serve_any_surface_and_any_number_of_parts(tmp_path):
@@ -318,15 +271,8 @@ def test_other_observations_are_refused(tmp_path, change, got):
     assert "\n" not in str(error.value)
 
 
-def test_a_checkpoint_is_not_a_policy(tmp_path):
-    path = tmp_path / "checkpoint.json"
-    save_set(path, "vibgym-checkpoint", network(), {"tasks": ["Align"]})
-    with pytest.raises(ValueError, match="vibgym-policy.*vibgym-checkpoint"):
-        load_trained(path, INFO)
-
-
 def test_loading_and_acting_need_neither_torch_nor_pickle(tmp_path):
-    """Whatever lies beside it: JSON and safetensors are all that is read, in a process that cannot unpickle."""
+    """Only JSON and safetensors are read, in a process that cannot unpickle."""
     path = policy_file(tmp_path, INFO)
     code = f"""
 import builtins, marshal, pickle, sys
@@ -357,17 +303,3 @@ assert "torch" not in sys.modules and "stable_baselines3" not in sys.modules
 """
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
-
-
-@pytest.mark.parametrize("kind", ["BF16", "F8_E4M3", "XYZ"])
-def test_unknown_number_types_are_refused(tmp_path, kind):
-    """Tensors as other programs write them, with the right hash: NumPy has no such numbers."""
-    size = {"BF16": 4, "F8_E4M3": 2, "XYZ": 2}[kind]
-    header = json.dumps({"x": {"dtype": kind, "shape": [2], "data_offsets": [0, size]}}).encode()
-    header += b" " * (-len(header) % 8)
-    data = struct.pack("<Q", len(header)) + header + bytes(size)
-    path = policy_file(tmp_path, INFO)
-    tensor_file(path).write_bytes(data)
-    rewritten(sha256=hashlib.sha256(data).hexdigest())(path)
-    with pytest.raises(ValueError, match=f"{path}: tensors.*whole safetensors"):
-        load_trained(path, INFO)

@@ -1,4 +1,4 @@
-"""Quarter turns: what is said of a turned scene is what the environment says of it, and what is done in it does the same.
+"""Quarter turns: turned rows and actions against the environment's in a turned scene.
 
 World k of a batch is a scene after k quarter turns to the left.
 """
@@ -111,7 +111,7 @@ def test_turned_actions_do_the_same(action):
         one = np.array([0.5, 0.2, 0.3, -0.2, 0.1, 0.3])[:size]
     acts = turns.turn_actions(QUARTERS[:, None], np.tile(one.reshape(-1).astype(np.float32), (4, 1, 1)))
     for _ in range(10):
-        seen = env.step(coding.actions(coding.see(seen), acts))[0]
+        seen = env.step(coding.decode(coding.encode(seen), acts))[0]
     velocity, spin = (next(row for row in env.parts_layout if row.name == name) for name in ("velocity", "spin"))
     moves = seen["parts"][:, 0, velocity.start : velocity.start + 2].astype(float)
     speed = np.hypot(*moves[0])
@@ -160,5 +160,5 @@ def test_policies_by_construction_do_the_same_in_a_turned_scene(action):
     assert (after == turns.turn_actions(once, before)).all()
     plain = TrainedPolicy(policy.tensors, "parts", "tanh", coding_of(env))
     assert np.abs(plain.predict(seen)[0].reshape(50, 1, -1) - before).max() > 0.1
-    learned = coding.to_rows(coding.see(seen), before)  # and back: what a network is to say of its turned rows
-    assert (coding.actions(coding.see(seen), learned).reshape(50, 1, -1) == before).all()
+    learned = coding.to_rows(coding.encode(seen), before)  # and back: the network's output for its turned rows
+    assert (coding.decode(coding.encode(seen), learned).reshape(50, 1, -1) == before).all()

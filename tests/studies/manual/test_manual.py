@@ -1,4 +1,4 @@
-"""What the documentation shows but nobody types: it says what the results and the code say."""
+"""Generated documentation agrees with the results and the code."""
 
 import csv
 import io
@@ -12,7 +12,7 @@ from docutils import nodes
 from docutils.core import publish_doctree
 from PIL import Image
 
-from studies.manual import environments, films, open_tasks, published, readme, rest, thesis, trained
+from studies.manual import build, environments, films, open_tasks, published, rest, thesis
 from studies.manual.__main__ import main
 from studies.manual.figures_file import RESULTS, ROOT
 from studies.thesis.figure import Comparison, Figure, Picture, Table
@@ -22,7 +22,7 @@ from vibgym.registration import ENVIRONMENTS
 
 
 def cells_of(text):
-    """Rows of a table in Markdown, without its head and rule."""
+    """Return the rows of a table in Markdown, without heading and rule."""
     lines = [line for line in text.splitlines() if line.startswith("|")]
     return [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines[2:]]
 
@@ -33,18 +33,18 @@ def pages():
 
 
 @pytest.mark.parametrize(("task", "policy"), [("Transport", "random"), ("Align", "open_loop"), ("Rotate", "learned")])
-def test_a_line_of_the_results_follows_from_the_episodes(task, policy):
+def test_results_follow_from_the_episodes(task, policy):
     with (RESULTS / "report" / "episodes.csv").open(newline="") as file:
         lines = [line for line in csv.DictReader(file) if line["study"] == "report" and line["hardware"] == "ideal"]
-    own = [line for line in lines if (line["task"], line["policy"]) == (task, policy)]
-    times = [float(line["time_to_goal_s"]) for line in own if line["time_to_goal_s"]]
+    chosen = [line for line in lines if (line["task"], line["policy"]) == (task, policy)]
+    times = [float(line["time_to_goal_s"]) for line in chosen if line["time_to_goal_s"]]
     row = next(cells for cells in cells_of(published.one_part()) if cells[:2] == [task, policy])
-    assert row[2] == f"{100 * sum(line['success'] == '1' for line in own) / len(own):.1f} %"
+    assert row[2] == f"{100 * sum(line['success'] == '1' for line in chosen) / len(chosen):.1f} %"
     assert row[4] == f"{statistics.median(times):.2f} s"
-    assert row[-1] == f"{100 * sum(line['fallen'] == '1' for line in own) / len(own):.1f} %"
+    assert row[-1] == f"{100 * sum(line['fallen'] == '1' for line in chosen) / len(chosen):.1f} %"
 
 
-def test_every_table_is_one_and_says_when_it_was_found():
+def test_every_table_has_rows_and_no_missing_values():
     for name, make in published.TABLES.items():
         text = make()
         assert name == "provenance" or cells_of(text), name
@@ -52,40 +52,40 @@ def test_every_table_is_one_and_says_when_it_was_found():
     assert published.report().day in published.provenance()
 
 
-def test_what_was_not_tried_is_a_dash():
+def test_missing_results_are_dashes():
     rows = {tuple(cells[:2]): cells for cells in cells_of(open_tasks.suite())}
     assert rows["prototype", "mpc"][3:] == ["–"] * 8
     assert rows["ideal", "classical"][3] != "–"
 
 
-def test_tasks_without_success_tell_of_good_parts():
+def test_continuous_tasks_report_good_parts_instead_of_success():
     feed, swap = open_tasks.of("Feed"), open_tasks.of("Swap")
-    assert "success" not in feed and "good a minute" in feed
-    assert "success" in swap and "good a minute" not in swap and "| task |" not in swap
+    assert "success" not in feed and "good parts per minute" in feed
+    assert "success" in swap and "good parts per minute" not in swap and "| task |" not in swap
 
 
-def test_agents_have_a_line_each_and_parts_that_flow_no_success():
-    lines = {cells[0]: cells for cells in trained.lines_of()}
+def test_agents_have_one_line_each():
+    lines = {cells[0]: cells for cells in published.agent_lines()}
     assert lines["Feed/ideal"][1] == "–" and lines["Feed/ideal"][5] != "–"
     assert re.fullmatch(r"[\d., ]+ % of \d+", lines["Align/ideal"][1])
-    assert {cells[0] for cells in trained.lines_of("Swap")} == {"Swap/ideal", "Swap/prototype"}
+    assert {cells[0] for cells in published.agent_lines("Swap")} == {"Swap/ideal", "Swap/prototype"}
 
 
 def test_every_environment_has_a_page(pages):
     assert pages.keys() == ENVIRONMENTS.keys()
-    assert {f"{path.stem}" for path in (ROOT / "docs" / "films").glob("*.webp")} == ENVIRONMENTS.keys()
+    assert {path.stem for path in (ROOT / "docs" / "films").glob("*.webp")} == ENVIRONMENTS.keys()
     index = (ROOT / "docs" / "environments" / "index.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^([A-Z]\w+)$", index, re.M)) == ENVIRONMENTS.keys()
 
 
 @pytest.mark.parametrize("name", ["Align", "Sort", "Push", "Feed"])
-def test_a_pages_tables_are_those_of_the_environment(pages, name):
+def test_tables_of_a_page_agree_with_the_environment(pages, name):
     page = pages[name]
     for action, shape, numbers, _ in cells_of(page.split("## Actions")[1].split("## ")[0]):
         space = gym.make(f"vibgym/{name}-v0", action=action.strip("`")).action_space
         assert space.shape == (int(numbers),) and np.prod([int(n) for n in re.findall(r"\d+", shape)]) == int(numbers)
     env = gym.make(f"vibgym/{name}-v0").unwrapped
-    state = cells_of(page.split("### The state")[1].split("## ")[0])
+    state = cells_of(page.split("### Features of `state`")[1].split("## ")[0])
     indices = [int(index) for cells in state for index in cells[0].split(",")]
     assert indices == list(range(env.observation_space.shape[0] // env.task.slots))
     rewards = cells_of(page.split("## Reward")[1].split("## ")[0])
@@ -100,7 +100,7 @@ def test_films_are_small_and_move():
             assert film.n_frames >= 5 and film.width <= 480, name
 
 
-def test_a_film_is_made(tmp_path):
+def test_films_are_written(tmp_path):
     assert main(["films", "--only", "Rotate", "--output", str(tmp_path), "--quiet"]) == 0
     with Image.open(tmp_path / "Rotate.webp") as film:
         assert film.n_frames > 3 and film.width == films.FEW.width
@@ -155,9 +155,9 @@ def test_markdown_in_a_docstring_becomes_rest():
     assert [title.astext() for title in tree.findall(nodes.rubric)] == ["Rewards"]
 
 
-def test_the_readme_is_renewed_between_its_marks(tmp_path, capsys):
+def test_the_readme_is_updated_between_its_marks(tmp_path, capsys):
     path = tmp_path / "README.md"
-    path.write_text(f"before\n{readme.BEGIN}\nold\n{readme.END}\nafter\n")
+    path.write_text(f"before\n{build.BEGIN}\nold\n{build.END}\nafter\n")
     assert main(["readme", "--output", str(tmp_path)]) == 0
     text = path.read_text(encoding="utf-8")
     assert (
@@ -167,18 +167,18 @@ def test_the_readme_is_renewed_between_its_marks(tmp_path, capsys):
         and published.overview() in text
     )
     assert main(["readme", "--output", str(tmp_path)]) == 0
-    assert "as it was" in capsys.readouterr().out
+    assert "unchanged" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("text", ["", readme.BEGIN, readme.END + readme.BEGIN, 2 * (readme.BEGIN + readme.END)])
-def test_a_readme_without_its_marks_is_refused_and_stays(tmp_path, capsys, text):
+@pytest.mark.parametrize("text", ["", build.BEGIN, build.END + build.BEGIN, 2 * (build.BEGIN + build.END)])
+def test_a_readme_without_its_marks_is_rejected_unchanged(tmp_path, capsys, text):
     path = tmp_path / "README.md"
     path.write_text(text)
-    said = refusal(capsys, main, "readme", "--output", tmp_path)
-    assert "README" in said and path.read_text() == text
+    message = refusal(capsys, main, "readme", "--output", tmp_path)
+    assert "README" in message and path.read_text() == text
 
 
 @pytest.mark.parametrize(("command", "known"), [("films", "Transport"), ("thesis", "transient")])
-def test_unknown_names_are_refused_in_one_line(tmp_path, capsys, command, known):
-    said = refusal(capsys, main, command, "--only", "Nothing", "--output", tmp_path / "out")
-    assert "'Nothing'" in said and known in said and not (tmp_path / "out").exists()
+def test_unknown_names_are_rejected(tmp_path, capsys, command, known):
+    message = refusal(capsys, main, command, "--only", "Nothing", "--output", tmp_path / "out")
+    assert "'Nothing'" in message and known in message and not (tmp_path / "out").exists()

@@ -1,4 +1,4 @@
-"""The machines of Table 1.1 beside the segmented surface."""
+"""Other machines of Table 1.1, compared with the segmented surface."""
 
 import math
 import re
@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies.manual import rivals as shown
+from studies.manual import published
 from studies.rivals import figures
 from studies.rivals.__main__ import main
 from studies.rivals.by_turns import ByTurnsPolicy
@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture(autouse=True)
 def registered(monkeypatch):
-    """The rivals' actions, for one test: others run over all that are registered."""
+    """Register the machines for one test, since other tests use all registered actions."""
     monkeypatch.setattr(ACTIONS, "_items", dict(ACTIONS))
     register()
 
@@ -40,20 +40,20 @@ def machine(name):
     return MACHINES[name](SURFACE, (BLOCK,))
 
 
-def some(shape, seed=1):
+def uniform_values(shape, seed=1):
     return np.random.default_rng(seed).uniform(-1.0, 1.0, shape)
 
 
 @pytest.mark.parametrize("name", MACHINES)
-def test_no_element_does_more_than_it_can(name):
-    own = machine(name)
-    push = own.pushes(some((50, own.size)))
+def test_pushes_are_within_the_limit(name):
+    tested = machine(name)
+    push = tested.pushes(uniform_values((50, tested.size)))
     assert push.shape == (50, 8, 32, 2)
     assert np.hypot(push[..., 0], push[..., 1]).max() <= 1.0 + 1e-12
-    assert (own.pushes(np.zeros((1, own.size))) == 0.0).all()
+    assert (tested.pushes(np.zeros((1, tested.size))) == 0.0).all()
 
 
-def test_a_stroke_pushes_square_to_its_centre_of_rotation_and_equally_hard():
+def test_a_stroke_pushes_around_its_centre_with_uniform_strength():
     plate, centre = machine("plate"), np.array([0.2, 0.05])
     stroke = np.array([centre[1] - 0.5 * SURFACE.depth, 0.5 * SURFACE.width - centre[0], plate.half])
     push = plate.pushes(stroke[None] / np.linalg.norm(stroke))[0]
@@ -63,29 +63,29 @@ def test_a_stroke_pushes_square_to_its_centre_of_rotation_and_equally_hard():
     assert np.hypot(push[..., 0], push[..., 1]) == pytest.approx(np.minimum(distance / plate.core, 1.0))
 
 
-def test_without_saturation_pushes_are_those_of_a_rigid_body():
-    push = machine("plain-plate").pushes(some((20, 3)))
+def test_proportional_pushes_are_those_of_a_rigid_body():
+    push = machine("plain-plate").pushes(uniform_values((20, 3)))
     place = np.stack(SURFACE.element_centres(), axis=-1).reshape(-1, 2)
     push = push.reshape(20, -1, 2)
     apart, differ = place[:, None] - place, push[:, :, None] - push[:, None]
-    assert np.abs((apart * differ).sum(axis=-1)).max() < 1e-12  # no two places come nearer to each other
+    assert np.abs((apart * differ).sum(axis=-1)).max() < 1e-12  # distances between points are constant
 
 
 @pytest.mark.parametrize("name", ["conveyor", "one-way"])
 def test_cells_push_along_their_own_axis(name):
-    own, values = machine(name), some((10, 256))
-    push = own.pushes(values)
-    along = (push * own.axis).sum(axis=-1)
-    assert np.abs(push - along[..., None] * own.axis).max() == 0.0
+    tested, values = machine(name), uniform_values((10, 256))
+    push = tested.pushes(values)
+    along = (push * tested.axis).sum(axis=-1)
+    assert np.abs(push - along[..., None] * tested.axis).max() == 0.0
     least = -1.0 if name == "conveyor" else 0.0
     assert along == pytest.approx(np.maximum(values.reshape(10, 8, 32), least))
 
 
 @pytest.mark.parametrize("name", MACHINES)
-def test_elements_do_what_the_machine_says(name):
+def test_elements_move_as_commanded(name):
     env = batch_of(environment_id("Transport"), num_envs=3, action=name)
     env.reset(seed=[1, 2, 3])
-    action = some((3, env.unwrapped.core.action.size)).astype(np.float32)
+    action = uniform_values((3, env.unwrapped.core.action.size)).astype(np.float32)
     env.step(action)
     push = env.unwrapped.core.action.pushes(action.astype(np.float64))
     done = np.stack([env.unwrapped.core.phasors(world) for world in range(3)])
@@ -94,14 +94,14 @@ def test_elements_do_what_the_machine_says(name):
 
 
 @pytest.mark.parametrize("name", MACHINES)
-def test_what_is_fitted_is_better_than_anything_drawn(name):
+def test_fitted_commands_are_better_than_random_ones(name):
     env = batch_of(environment_id("Sort"), num_envs=4, action=name)
     env.reset(seed=list(range(4)))
     info, pose = TaskInfo.of(env), env.unwrapped.truth.pose.copy()
     env.close()
     output = OUTPUTS[name](info, MACHINES[name](info.surface, info.parts))
-    present, wanted = np.ones(pose.shape[:2], dtype=bool), some(pose.shape)
-    if name == "plain-plate":  # so that no corner is at its limit, where the stroke is only slowed down
+    present, wanted = np.ones(pose.shape[:2], dtype=bool), uniform_values(pose.shape)
+    if name == "plain-plate":  # so that no corner is at its limit, where strokes are scaled down
         wanted *= 0.02
     weight = np.broadcast_to(output.weight, pose.shape).copy()
 
@@ -116,14 +116,14 @@ def test_what_is_fitted_is_better_than_anything_drawn(name):
     for size in (0.01, 0.1, 1.0):
         for _ in range(50):
             other = np.clip(found + size * rng.normal(size=found.shape), -1.0, 1.0)
-            if name == "plate":  # it is searched on a lattice and refined
+            if name == "plate":  # searched on a lattice and refined
                 other /= np.maximum(np.linalg.norm(other, axis=1), 1.0)[:, None]
                 assert (best <= 1.03 * error(other) + 1e-3).all()
-            else:  # but for the price of the cells' effort
+            else:  # up to the regularization
                 assert (best <= error(other) + (1e-3 if "plate" not in name else 1e-9)).all()
 
 
-def test_at_its_own_speed_the_plate_takes_a_part_no_faster_than_table_1_1_says():
+def test_the_plate_at_its_own_speed_has_the_speed_of_table_1_1():
     strength = strength_of(SURFACE, OWN_SPEED)
     simulator = Simulator(SURFACE, (BLOCK,))
     simulator.reset([[[0.1, 0.104, 0.0]]])
@@ -135,45 +135,44 @@ def test_at_its_own_speed_the_plate_takes_a_part_no_faster_than_table_1_1_says()
     assert "actuators" not in scene_of("plate")
 
 
-def test_degrees_of_freedom_count():
+def test_shares_of_the_push_depend_on_degrees_of_freedom():
     found = {(row["machine"], row["parts"]): row for row in rows(samples=2, counts=(1, 2))}
     assert found["segmented", 2]["share"] > 0.9
     assert found["plate", 1]["share"] > 0.99 and 0.1 < found["plate", 2]["share"] < 1.0
     assert found["plain-plate", 1]["share"] > 0.99 and found["plain-plate", 2]["none"] == 1.0
-    # Of a uniform push in a random direction conveyors give half, or more along a diagonal.
+    # Conveyors give half of a uniform push in a random direction, or more along a diagonal.
     assert 0.3 < found["conveyor", 1]["share"] < 0.8 and found["one-way", 1]["share"] < found["conveyor", 1]["share"]
 
 
 @pytest.mark.parametrize("name", ["plate", "conveyor", "one-way"])
-def test_rivals_do_transport_and_the_row_says_so(name):
-    own, first = (played(each, "Transport", 6) for each in (name, "segmented"))
-    row = row_of(name, "Transport", own, first)
+def test_machines_solve_transport(name):
+    results, first = (played(each, "Transport", 6) for each in (name, "segmented"))
+    row = row_of(name, "Transport", results, first)
     assert row["success"] == 1.0 and row["success_low"] < 1.0 and not row["fallen"]
-    ratio = own.time_to_goal / first.time_to_goal
+    ratio = results.time_to_goal / first.time_to_goal
     assert row["time_ratio"] == pytest.approx(np.exp(np.log(ratio).mean()))
 
 
 def test_the_plate_sorts():
-    played_ = played("plate", "Sort", 2)
-    assert played_.success.all()
+    assert played("plate", "Sort", 2).success.all()
 
 
-def test_the_page_shows_the_tables():
+def test_the_page_includes_the_tables():
     page = (ROOT / "docs/rivals.md").read_text(encoding="utf-8")
-    for name, make in shown.TABLES.items():
+    for name, make in (("rivals", published.rivals), ("rivals-push", published.rivals_push)):
         assert f"```{{include}} generated/{name}.md\n" in page
         assert all(
             title in make() for title in ("segmented surface", "rigid plate, as fast", "conveyor cells, one way")
         )
     first = figures.read(ROOT / figures.FIGURES)[1]
-    assert f"{float(first['time_median']):.2f} s, x {float(first['time_ratio']):.2f}" in shown.TABLES["rivals"]()
+    assert f"{float(first['time_median']):.2f} s, x {float(first['time_ratio']):.2f}" in published.rivals()
 
 
-def test_the_block_on_the_page_takes_the_part_along():
+def test_the_code_block_of_the_page_moves_the_part():
     (block,) = re.findall(r"^```python\n(.*?)^```", (ROOT / "docs/rivals.md").read_text(encoding="utf-8"), re.M | re.S)
-    names = {}
-    exec(block, names)
-    assert names["simulator"].state.pose[0, 0, 0] == pytest.approx(0.1 + 0.1 * 100 * SURFACE.period, abs=0.015)
+    namespace = {}
+    exec(block, namespace)
+    assert namespace["simulator"].state.pose[0, 0, 0] == pytest.approx(0.1 + 0.1 * 100 * SURFACE.period, abs=0.015)
 
 
 def test_the_film_shows_the_line_and_the_parts():
@@ -183,7 +182,7 @@ def test_the_film_shows_the_line_and_the_parts():
     assert (pictures[0] != pictures[1]).any() and (ROOT / FILM).stat().st_size < 1e6
 
 
-def test_the_plate_serves_by_turns_where_there_are_zones():
+def test_the_policy_by_turns_requires_zones():
     env = batch_of(environment_id("Transport"), num_envs=1, action="plate")
     info = TaskInfo.of(env)
     env.close()
@@ -191,11 +190,11 @@ def test_the_plate_serves_by_turns_where_there_are_zones():
         ByTurnsPolicy(info, "plate")
 
 
-def test_new_lines_replace_those_of_their_task():
+def test_new_rows_replace_those_of_their_task():
     old = [{"task": "Sort", "machine": "plate"}, {"task": "Align", "machine": "plate"}]
     found = figures.merged(old, [{"task": "Sort", "machine": "conveyor"}])
     assert found == [{"task": "Align", "machine": "plate"}, {"task": "Sort", "machine": "conveyor"}]
 
 
-def test_bad_input_is_refused_in_one_line(capsys):
+def test_unknown_tasks_are_rejected(capsys):
     assert "--task" in refusal(capsys, main, "figures", "--task", "Juggle")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from studies.sensorless.__main__ import main
-from studies.sensorless.handmade import FAMILIES, made, plain, shifted
+from studies.sensorless.handmade import FAMILIES, as_drawn, schedule_of, shifted
 from studies.sensorless.play import COARSE, FINE, Trials, cost, draw_trials, errors_of, play
 from studies.sensorless.search import costs, decoded, encoded, search
 from studies.sensorless.settings import SensorlessSettings
@@ -18,22 +18,21 @@ GOAL = np.array([0.416, 0.104, 0.0])
 QUICK = SensorlessSettings(seconds=2.0, segments=2, starts=6, generations=12, population=8, judged=8)
 
 
-def both(turned=0.0, seconds=2.0):
-    return made("both squeezes at once", GOAL, seconds, 0.58, turned, 0.026, 0.5)
+def both(angle=0.0, seconds=2.0):
+    return schedule_of("both squeezes at once", GOAL, seconds, 0.58, angle, 0.026, 0.5)
 
 
-def test_errors_count_modulo_the_symmetry():
+def test_heading_errors_are_modulo_the_symmetry():
     poses = np.array([[0.4187, 0.1076, math.pi - 0.01], [0.416, 0.104, 0.02], [0.416, 0.104, -1.5]])
     errors = errors_of(poses, GOAL, 2)
-    assert errors.distance == pytest.approx([0.0045, 0.0, 0.0]) and errors.turn == pytest.approx([0.01, 0.02, 1.5])
+    assert errors.distance == pytest.approx([0.0045, 0.0, 0.0]) and errors.heading == pytest.approx([0.01, 0.02, 1.5])
     assert errors.within(COARSE).tolist() == [True, True, False]
     assert errors.within(FINE).tolist() == [False, True, False]
-    assert not errors_of(poses, GOAL, 0).turn.any()
-    assert errors_of(poses, GOAL, 4).turn[2] == pytest.approx(math.pi / 2 - 1.5)
+    assert not errors_of(poses, GOAL, 0).heading.any()
+    assert errors_of(poses, GOAL, 4).heading[2] == pytest.approx(math.pi / 2 - 1.5)
 
 
-def test_the_cost_falls_with_every_error_and_with_time():
-    """Errors (periods, schedules, trials): farther, turned more, or later is dearer."""
+def test_the_cost_increases_with_size_and_duration_of_errors():
     pose = np.tile(GOAL, (20, 4, 3, 1))
     pose[:, 1, :, 0] += 0.004
     pose[:, 2, :, 0] += 0.008
@@ -44,8 +43,8 @@ def test_the_cost_falls_with_every_error_and_with_time():
     assert values[3] == pytest.approx(0.5 * math.log1p((0.1 / FINE[1]) ** 2))
 
 
-def test_play_is_what_the_environment_does():
-    """A schedule played for the search, and its policy in Align, from the same start: the same poses to rounding."""
+def test_play_agrees_with_the_environment():
+    """The poses of a simulated schedule are those of its policy in Align, to rounding."""
     start, played = np.array([0.2, 0.06, 1.0]), both(0.3, seconds=0.5)
     trials = Trials(start[None], np.ones(1), np.zeros((1, 0)))
     poses = play([played], trials, ALUMINIUM, SURFACE, "ideal", 1.0)[:, 0, 0]
@@ -59,17 +58,17 @@ def test_play_is_what_the_environment_does():
     assert np.hypot(*(poses[-1] - poses[0])[:2]) > 0.05
 
 
-def test_schedules_and_starts_do_not_depend_on_their_neighbours():
+def test_schedules_and_trials_of_a_batch_are_independent():
     trials = draw_trials(ALUMINIUM, SURFACE, "prototype", (0.9, 1.1), 3, (4, 2))
     several = play([both(), both(0.5)], trials, ALUMINIUM, SURFACE, "prototype", 0.6)
-    first = Trials(trials.pose[:1], trials.friction[:1], trials.machine[:1])
+    first = Trials(trials.pose[:1], trials.friction[:1], trials.uniform[:1])
     alone = play([both(0.5)], first, ALUMINIUM, SURFACE, "prototype", 0.6)
     assert (several[:, 1, 0] == alone[:, 0, 0]).all()
     assert (several[0, 0] == trials.pose).all() and (several[0, 1] == trials.pose).all()
     assert (several[-1, 0] != several[-1, 1]).any()
 
 
-def test_starts_lie_wholly_on_the_table():
+def test_starts_are_entirely_on_the_table():
     trials = draw_trials(ALUMINIUM, SURFACE, "ideal", (0.9, 1.1), 500, (1, 0))
     low, high = trials.pose[:, :2].min(0), trials.pose[:, :2].max(0)
     assert (low >= ALUMINIUM.radius).all() and (high <= [0.832 - ALUMINIUM.radius, 0.208 - ALUMINIUM.radius]).all()
@@ -79,9 +78,9 @@ def test_starts_lie_wholly_on_the_table():
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_a_search_begins_with_what_it_is_given(family):
-    """The point that encodes a schedule is decoded to the same fields, the longest halved."""
-    given = shifted(made(family, GOAL, 2.4, 0.58, 0.2, 0.05, 0.5), np.array([0.003, -0.002]))
+def test_encoding_and_decoding_give_the_same_schedule(family):
+    """Fields are the same at all times; the longest segment is halved."""
+    given = shifted(schedule_of(family, GOAL, 2.4, 0.58, 0.2, 0.05, 0.5), np.array([0.003, -0.002]))
     found = decoded(encoded(given, 3, 2.4), GOAL, 2.4, 0.58, 0.04)
     assert found.total == pytest.approx(2.4) and len(found.seconds) == 3
     for time in np.arange(0.02, 2.4, 0.04):
@@ -89,18 +88,18 @@ def test_a_search_begins_with_what_it_is_given(family):
         assert found.fields[theirs] == pytest.approx(given.fields[mine])
 
 
-def test_segments_end_with_steps_and_in_time():
+def test_segments_end_with_steps_and_within_the_time():
     for numbers in np.random.default_rng(0).normal(0.0, 3.0, (50, 24)):
         schedule = decoded(numbers, GOAL, 4.0, 0.58, 0.16)
         assert schedule.total <= 4.0 + 1e-9
         assert np.cumsum(schedule.seconds) / 0.16 == pytest.approx(np.round(np.cumsum(schedule.seconds) / 0.16))
 
 
-def test_both_squeezes_bring_every_start_to_one_pose():
-    """An elliptic field has one stable pose up to half a turn: ends scatter by less than the starts by far."""
+def test_two_squeezes_move_all_starts_to_one_pose():
+    """An elliptic field has one stable pose up to half a turn."""
     trials = draw_trials(ALUMINIUM, SURFACE, "ideal", (1.0, 1.0), 12, (4, 1))
     ends = play(
-        [plain("both squeezes at once", ALUMINIUM, SensorlessSettings())], trials, ALUMINIUM, SURFACE, "ideal", 4.0
+        [as_drawn("both squeezes at once", ALUMINIUM, SensorlessSettings())], trials, ALUMINIUM, SURFACE, "ideal", 4.0
     )[-1, 0]
     assert np.ptp(ends[:, :2], axis=0) == pytest.approx(0.0, abs=0.002)
     assert abs(np.exp(2j * ends[:, 2]).mean()) > 0.99 > 0.6 > abs(np.exp(2j * trials.pose[:, 2]).mean())
@@ -118,7 +117,7 @@ def test_a_search_improves_and_repeats():
     assert after < before - 0.3
 
 
-def test_discs_have_no_heading_to_bring_about():
+def test_discs_have_no_heading_error():
     trials = draw_trials(DISC, SURFACE, "ideal", (1.0, 1.0), 4, (4, 3))
     field = np.array([[*GOAL, 1.0, 1.0, 0.0, 0.026]])
     ends = play([Schedule(field, np.array([4.0]), GOAL, DISC.friction)], trials, DISC, SURFACE, "ideal", 4.5)[-1]
@@ -151,10 +150,10 @@ def test_the_command_writes_schedules_and_a_page(tmp_path):
     ("hardware: [dream]", "hardware.0"),
     ("speed: 3", "speed"),
 ])  # fmt: skip
-def test_bad_configurations_are_refused_before_anything_is_written(tmp_path, capsys, text, message):
+def test_invalid_configurations_are_rejected_before_writing(tmp_path, capsys, text, message):
     config = tmp_path / "bad.yaml"
     config.write_text(text)
     assert main([str(config), "--output", str(tmp_path / "out")]) == 2
-    told = capsys.readouterr().err
-    assert len(told.splitlines()) == 1 and pytest.raises(ValueError, match=message).matches(ValueError(told))
+    error = capsys.readouterr().err
+    assert len(error.splitlines()) == 1 and pytest.raises(ValueError, match=message).matches(ValueError(error))
     assert not (tmp_path / "out").exists()

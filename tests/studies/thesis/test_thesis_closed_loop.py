@@ -1,17 +1,29 @@
-"""The thesis's closed loops: what each of its figures must show, as numbers."""
+"""Closed loops of the thesis: values of each figure."""
 
 import numpy as np
 import pytest
 
-from studies.thesis import control_cycle, pid_step, prototype_steps, state_space_step
-from studies.thesis.closed_loop import PidController, RealPlant, ReducedPlant, StateController, shortened, step_response
+from studies.thesis import control_cycle, prototype_steps
+from studies.thesis.closed_loop import (
+    PidController,
+    RealPlant,
+    ReducedPlant,
+    StateController,
+    limit_length,
+    step_response,
+)
 from studies.thesis.control_cycle import cycle
-from studies.thesis.pid_step import ACCELERATION, STEP
-from studies.thesis.pid_step import responses as pid_responses
 from studies.thesis.prototype_steps import LAST, responses
 from studies.thesis.prototype_steps import STEP as SMALL_STEP
+from studies.thesis.simulated_steps import (
+    ACCELERATION,
+    STEP,
+    draw_pid,
+    draw_state_space,
+    pid_responses,
+    state_space_responses,
+)
 from studies.thesis.state_feedback import Observer
-from studies.thesis.state_space_step import responses as state_responses
 from vibgym import Surface
 from vibgym.scene.parts import shipped_part
 
@@ -33,26 +45,26 @@ def test_pid_on_the_reduced_and_on_the_real_plant():
     assert all(abs(float(run.position[-1, 0]) - STEP) < 1e-3 for run in runs.values())
     real = runs["real"]
     late = real.time > 1.0
-    assert np.abs(real.estimate - real.velocity)[late].max() < 0.02  # fig. 5.20: the observer knows what is saturated
+    assert np.abs(real.estimate - real.velocity)[late].max() < 0.02  # fig. 5.20: the observer's input is saturated
     assert (real.wanted[5:30] > real.given[5:30] + 1.0).all() and np.abs(real.wanted - real.given)[-50:].max() < 1e-6
 
 
-def test_an_observer_that_is_told_what_was_asked_for_runs_away():
-    """What the saturation block of fig. 5.18 is for."""
+def test_an_observer_of_the_unsaturated_acceleration_diverges():
+    """The purpose of the saturation block of fig. 5.18."""
 
     class Misled(RealPlant):
         def give(self, wanted, velocity):
             _, amplitude = super().give(wanted, velocity)
             return wanted, amplitude
 
-    told = step_response(PidController(T), Misled(PART, limit=0.25e-3), 0.3, 2.0, Observer(T))
+    misled = step_response(PidController(T), Misled(PART, limit=0.25e-3), 0.3, 2.0, Observer(T))
     known = step_response(PidController(T), RealPlant(PART, limit=0.25e-3), 0.3, 2.0, Observer(T))
-    assert np.abs(told.estimate - told.velocity)[25:40].min() > 0.2
+    assert np.abs(misled.estimate - misled.velocity)[25:40].min() > 0.2
     assert np.abs(known.estimate - known.velocity)[25:40].max() < 0.02
 
 
 def test_anti_windup_on_the_real_plant():
-    """With the thesis's limit: a third of the step too far, or less than a tenth."""
+    """With the thesis's limit the overshoot is a third of the step, with anti-windup less than a tenth."""
     over = {
         prevented: float(
             step_response(
@@ -69,17 +81,17 @@ def test_anti_windup_on_the_real_plant():
 
 
 def test_state_space_does_not_overshoot():
-    """Figs. 5.24 and 5.25. Before the real plant stands its inverse, so that both plants behave alike but for the limit."""
-    runs = state_responses()
+    """Figs. 5.24 and 5.25. The inverse precedes the real plant, so both plants behave alike except for the limit."""
+    runs = state_space_responses()
     assert all(float(run.overshoot(STEP)[0]) < 1e-3 and abs(run.position[-1, 0] - STEP) < 1e-3 for run in runs.values())
-    free = step_response(StateController(), RealPlant(PART), 0.05, 4.0, Observer(T))  # within what the elements can do
+    free = step_response(StateController(), RealPlant(PART), 0.05, 4.0, Observer(T))  # within the limit
     ideal = step_response(StateController(), ReducedPlant(T), 0.05, 4.0, Observer(T))
     assert free.wanted == pytest.approx(free.given, abs=1e-8)
-    assert np.abs(free.position - ideal.position).max() < 0.03 * 0.05  # what friction changes within a period
+    assert np.abs(free.position - ideal.position).max() < 0.03 * 0.05  # effect of friction within a period
 
 
-def test_it_is_the_top_speed_that_winds_up():
-    """With the acceleration that 0.25 mm gives at rest the reduced plant hardly overshoots more."""
+def test_a_limited_acceleration_explains_little_of_the_overshoot():
+    """With the acceleration of 0.25 mm at rest the reduced plant hardly overshoots more."""
     over = [
         float(step_response(PidController(T, late=False), ReducedPlant(T, limit), 0.3, 8.0, None).overshoot(0.3)[0])
         for limit in (np.inf, ACCELERATION, 0.5)
@@ -91,8 +103,8 @@ def test_it_is_the_top_speed_that_winds_up():
     "form, pid, state",
     [("hard", (2.0, 6.5), (55.0, 70.0)), ("soft", (0.0, 0.6), (7.0, 11.0)), ("cubic", (0.6, 1.5), (19.0, 27.0))],
 )
-def test_what_forms_of_dead_zone_leave(form, pid, state):
-    """Figs. 7.8 to 7.10, mm: PID's 6.2 needs a hard one, state space's 5.9 and 26.8 do not."""
+def test_residuals_by_form_of_dead_zone(form, pid, state):
+    """Figs. 7.8 to 7.10, mm: only a hard dead zone gives PID's 6.2; others give the 5.9 and 26.8 of state space."""
     run = responses("PID", form=form)
     assert 0.3 < middle(run.overshoot(SMALL_STEP)) < 0.5
     assert pid[0] < 1e3 * middle(run.residual(SMALL_STEP, LAST)) < pid[1]
@@ -102,7 +114,7 @@ def test_what_forms_of_dead_zone_leave(form, pid, state):
 
 
 def test_a_hard_dead_zone_holds_the_part_and_misleads_the_observer():
-    """At rest, 4 e - 4.4 v^ = 2.5 v^: the observer believes 0.58 per second of the error that is left."""
+    """At rest, 4 e - 4.4 v^ = 2.5 v^: the observer estimates 0.58 per second of the remaining error."""
     run = responses("state space")
     assert np.abs(run.velocity[-100:]).max() < 1e-6
     assert run.estimate[-1] == pytest.approx(4.0 / 6.9 * (SMALL_STEP - run.position[-1]), rel=0.01)
@@ -114,27 +126,27 @@ def test_a_cycle_fits_into_a_period():
     assert min(times) > 0.0 and times.total < T
 
 
-@pytest.mark.parametrize("figure", [pid_step, state_space_step, prototype_steps, control_cycle])
-def test_what_the_figures_say(figure, monkeypatch):
-    """Each draws its pictures and says what was found; with few machines, widths and repeats."""
+@pytest.mark.parametrize("draw", [draw_pid, draw_state_space, prototype_steps.draw, control_cycle.draw])
+def test_comparisons_of_the_figures(draw, monkeypatch):
+    """Pictures and differences, with few machines, widths and repeats."""
     monkeypatch.setattr(prototype_steps, "MACHINES", 2)
     monkeypatch.setattr(prototype_steps, "WIDTHS", (0.1e-3,))
     monkeypatch.setattr(control_cycle, "REPEATS", 5)
     monkeypatch.setattr(control_cycle, "OBJECTS", (1, 3))
-    drawn = figure.draw()
+    drawn = draw()
     assert all(picture.png.startswith(b"\x89PNG") for picture in drawn.pictures)
-    said = {each.what: each.difference for each in drawn.comparisons}
-    assert figure is not pid_step or [each for each, off in said.items() if off.endswith((" above", " below"))] == [
+    differences = {each.what: each.difference for each in drawn.comparisons}
+    assert draw is not draw_pid or [each for each, off in differences.items() if off.endswith((" above", " below"))] == [
         "The same with the limit at lift-off, 0.40 mm", "Peak with the discrete form, real plant (fig. 5.21)"
     ]  # fmt: skip
-    assert figure is not prototype_steps or (
-        said["State space: residual, soft dead zone of 0.1 mm"] == "within"
-        and said["State space: residual, cubic dead zone of 0.1 mm"] == "within"
-        and said["State space: residual, hard dead zone of 0.1 mm"].endswith("above")
+    assert draw is not prototype_steps.draw or (
+        differences["State space: residual, soft dead zone of 0.1 mm"] == "within"
+        and differences["State space: residual, cubic dead zone of 0.1 mm"] == "within"
+        and differences["State space: residual, hard dead zone of 0.1 mm"].endswith("above")
     )
 
 
 def test_vectors_beyond_the_limit_keep_their_direction():
-    assert shortened(np.array([[3.0, -4.0], [0.3, 0.4], [0.0, 0.0]]), 1.0) == pytest.approx(
+    assert limit_length(np.array([[3.0, -4.0], [0.3, 0.4], [0.0, 0.0]]), 1.0) == pytest.approx(
         np.array([[0.6, -0.8], [0.3, 0.4], [0.0, 0.0]])
     )

@@ -1,4 +1,4 @@
-"""The thesis's sensor figures: what they must show, and the page."""
+"""Figures of the thesis from sensor and drive, and the page."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from studies.thesis import (
     cylinder,
     cylinder_figure,
     element_size,
-    page,
+    figures,
     speed_ratio,
     squeeze,
 )
@@ -29,7 +29,7 @@ WITHOUT_LOOPS = (
 
 @pytest.mark.parametrize("diameter, most", [(2, 0.17), (10, 0.08), (40, 0.035)])
 def test_the_error_of_a_discs_centroid(diameter, most):
-    """Fig. 5.8: no bias, and a deviation that both readings of a pixel's membership keep below these."""
+    """Fig. 5.8: no bias, and a bounded standard deviation for both definitions of a disc's pixels."""
     for errors in (centre_errors(diameter, 10_000), chain_errors(diameter, 10_000)):
         assert 0.7 * most < errors.std() < most
         assert abs(errors.mean(axis=0)).max() < 5.0 * errors.std() / 100.0
@@ -37,11 +37,11 @@ def test_the_error_of_a_discs_centroid(diameter, most):
 
 
 def test_velocity_against_amplitude():
-    """Fig. 7.3: 0.305 m/s at lift-off, nothing within a hard dead zone, and beyond it what there is without one."""
+    """Fig. 7.3: 0.305 m/s at lift-off, zero within a hard dead zone, and beyond it as without dead zone."""
     part = Part.rectangle(0.05, 0.035, friction=0.6)
-    told = [0.0, 0.05e-3, 0.099e-3, 0.11e-3, 0.2e-3, Surface().lift_off_amplitude]
+    amplitude = [0.0, 0.05e-3, 0.099e-3, 0.11e-3, 0.2e-3, Surface().lift_off_amplitude]
     bare, hard, soft = (
-        steady_velocity(part, told, dead_zone=width, form=form)
+        steady_velocity(part, amplitude, dead_zone=width, form=form)
         for width, form in ((0.0, "hard"), (1e-4, "hard"), (1e-4, "soft"))
     )
     assert bare[-1] == pytest.approx(0.30438, rel=2e-3) and (np.diff(bare) > 0).all()
@@ -53,16 +53,16 @@ def test_the_page(tmp_path, capsys):
     assert main(["--output", str(tmp_path), "--figure", "camera_chain"]) == 0
     page = (tmp_path / "replicate.html").read_text()
     assert page.count("data:image/png;base64,") == 5 and "Figs. 5.5 to 5.9" in page and "Fig. 5.8" not in page
-    assert "http" not in page  # opens offline
-    assert "python -m studies.thesis --figure camera_chain" in page  # the command that draws it alone
-    assert "11 of 11" in page and "What is assumed" in page
+    assert "http" not in page  # no external resources
+    assert "python -m studies.thesis --figure camera_chain" in page
+    assert "11 of 11" in page and "Assumptions" in page
     assert str(tmp_path) in capsys.readouterr().out
 
 
-def test_what_the_figures_say_is_on_the_page(tmp_path, monkeypatch):
-    """In few trials, each with its command, its pictures and no line that contradicts the thesis."""
+def test_figures_agree_with_the_thesis_and_are_on_the_page(tmp_path, monkeypatch):
+    """With few trials: each has its command, its pictures and no comparison that contradicts the thesis."""
     for module, name, fewer in (
-        (centroid_error, "TRIALS", 300), (centroid_error, "GREY_TRIALS", 50), (element_size, "PLACES", 10),
+        (centroid_error, "TRIALS", 300), (centroid_error, "GREY_TRIALS", 50), (element_size, "STARTS", 10),
         (element_size, "SIZES", (PITCH / 2, PITCH)), (squeeze, "STARTS", 24), (squeeze, "OTHERS", 8),
         (speed_ratio, "POINTS", 20), (cylinder_figure, "TALL", (0.020,)), (cylinder_figure, "FLAT", (0.025,)),
         (cylinder, "DIRECTIONS", 2),
@@ -70,11 +70,12 @@ def test_what_the_figures_say_is_on_the_page(tmp_path, monkeypatch):
         monkeypatch.setattr(module, name, fewer)
     drawn = {name: FIGURES[name]() for name in WITHOUT_LOOPS}
     for figure in drawn.values():
+        assert all(len(row) == len(table.columns) for table in figure.tables for row in table.rows)
         assert all(picture.png.startswith(b"\x89PNG") for picture in figure.pictures)
         for line in figure.comparisons:
             assert not line.difference.endswith((" above", " below", "differs", "does not fall", "does not grow"))
-    monkeypatch.setattr(page, "FIGURES", Registry("figure", {name: lambda it=it: it for name, it in drawn.items()}))
-    text = page.write(tmp_path).read_text()
+    monkeypatch.setattr(figures, "FIGURES", Registry("figure", {name: lambda it=it: it for name, it in drawn.items()}))
+    text = figures.write(tmp_path).read_text()
     for name, figure in drawn.items():
         assert f"--figure {name}<" in text and f'href="#{name}"' in text
         assert text.count(str(escape(figure.differs))) == 2

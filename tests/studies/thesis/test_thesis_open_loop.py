@@ -1,4 +1,4 @@
-"""Figures of parts without a sensor: the squeeze experiment, the grid of points that attract, the friction experiment."""
+"""Figures without a sensor: squeeze experiment, alignment on a grid, friction experiment."""
 
 import math
 
@@ -13,7 +13,7 @@ from vibgym.scene.parts import SHIPPED, shipped_part
 
 
 def courses(headings, symmetry=2, seconds=10.0):
-    """Parts on the squeeze line whose headings (worlds,) deg turn on by so many deg a second, given as pairs."""
+    """Return parts on the squeeze line, by pairs of initial heading (deg) and rate (deg/s)."""
     time = np.linspace(0.0, seconds, 251)
     pose = np.zeros((251, len(headings), 3))
     pose[..., 1] = 0.078
@@ -22,9 +22,9 @@ def courses(headings, symmetry=2, seconds=10.0):
     return Squeezed(time, pose, symmetry)
 
 
-def test_headings_are_told_modulo_the_symmetry():
+def test_headings_are_modulo_the_symmetry():
     run = courses([(10.0, 0.0), (190.0, 0.0), (-170.0, 0.0), (14.0, 0.0)])
-    assert np.degrees(run.turned[-1]) == pytest.approx([-1.0, -1.0, -1.0, 3.0], abs=0.01)
+    assert np.degrees(run.heading[-1]) == pytest.approx([-1.0, -1.0, -1.0, 3.0], abs=0.01)
     assert run.resting == run.stable == 1.0
     assert largest_deviations(run) == pytest.approx((0.0, math.sqrt(3.0)), abs=0.01)
 
@@ -49,9 +49,9 @@ def test_a_squeeze_field_aligns_a_block(squeezed_blocks):
         offset, turn = largest_deviations(run)
         assert offset < 5.0 and turn < 22.5
         assert 20.0 < 1e3 * run.offset[0].std() < 35.0  # 96 mm, evenly: 27.7 mm
-        assert math.degrees(run.turned[0].std()) == pytest.approx(180.0 / math.sqrt(12.0), abs=8.0)
+        assert math.degrees(run.heading[0].std()) == pytest.approx(180.0 / math.sqrt(12.0), abs=8.0)
     ideal, real = squeezed_blocks["ideal"], squeezed_blocks["prototype"]
-    assert 1e3 * ideal.offset[-1].std() < 1e-2 and math.degrees(ideal.turned[-1].std()) < 0.01 and ideal.stable == 1.0
+    assert 1e3 * ideal.offset[-1].std() < 1e-2 and math.degrees(ideal.heading[-1].std()) < 0.01 and ideal.stable == 1.0
     assert largest_deviations(real)[1] > 2.0 and real.stable > 0.9  # its elements differ
 
 
@@ -61,17 +61,12 @@ def test_other_shapes_have_no_stable_heading():
     assert 1e3 * run.offset[run.late].std(axis=1).max() < 5.0
 
 
-def test_unknown_hardware_is_refused():
-    with pytest.raises(ValueError, match="hardware"):
-        squeezed(shipped_part("steel_block"), "real")
-
-
 @pytest.mark.parametrize("name", list(SHIPPED))
 def test_four_elements_attract_a_block_and_fewer_do_not(name):
     """Fig. 6.2: elements of half the pitch align all blocks, larger ones none to speak of."""
     part = shipped_part(name)
     for elements, least, most in ((4, 1.0, 1.0), (2, 1.0, 1.0), (1.5, 0.0, 0.1), (1, 0.0, 0.1)):
-        distance, pose = aligned(part, PITCH / elements, places=20)
+        distance, pose = aligned(part, PITCH / elements, starts=20)
         assert least <= (distance < ALIGNED).mean() <= most
     assert np.isfinite(pose).all()
 

@@ -10,7 +10,7 @@ from scipy.special import ellipe, ellipk
 
 from studies.thesis import parameter_study, speed_ratio, steady_velocity
 from studies.thesis.sliding import steady, velocity
-from studies.thesis.transient import FRICTION, courses
+from studies.thesis.transient import FRICTION, transients
 from vibgym import Surface
 
 LIFT_OFF = 1.5 * math.pi
@@ -81,7 +81,7 @@ def test_the_largest_speed_ratio():
 
 def test_the_transient():
     """Fig. 3.8, and the time that the averaged equation takes for it, to half a period."""
-    surface, found = Surface(), courses()
+    surface, found = Surface(), transients()
     rises = [each.rise for each in found]
     assert rises == sorted(rises, reverse=True)
     assert [each.ripple for each in found] == sorted(each.ripple for each in found)

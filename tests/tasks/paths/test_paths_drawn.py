@@ -1,4 +1,4 @@
-"""Drawn paths: on the surface, apart, followable, closed, and the same whatever is drawn beside them."""
+"""Drawn paths: on the surface, apart, feasible, closed, and independent of other draws."""
 
 import math
 
@@ -24,7 +24,7 @@ CASES = {
 
 
 def shape_of(path):
-    """By what a path does, not by how it was made."""
+    """Check the properties of a path."""
     straight = np.diff(path[1:, route.START])[path[1:-1, route.CURVATURE] == 0].sum()
     turns = (path[-1, route.DIRECTION] - path[1, route.DIRECTION]) / (2 * math.pi)
     assert abs(turns) == pytest.approx(round(abs(turns)), abs=1e-9)
@@ -32,7 +32,7 @@ def shape_of(path):
 
 
 @pytest.mark.parametrize("surface, parts, settings", CASES.values(), ids=CASES)
-def test_drawn_paths_keep_their_promises(surface, parts, settings):
+def test_properties_of_drawn_paths(surface, parts, settings):
     drawn = DrawnPaths(surface, parts, settings, APART)
     paths = drawn.draw(np.random.default_rng(0).random((60, drawn.draws)))
     reach = [Reach(surface, part) for part in parts]
@@ -53,7 +53,7 @@ def test_drawn_paths_keep_their_promises(surface, parts, settings):
     assert shapes == set(settings.get("shapes", ["circle", "square", "figure_eight"]))
 
 
-def test_draws_do_not_depend_on_what_is_drawn_beside_them():
+def test_draws_are_independent():
     drawn = DrawnPaths(SURFACE, [BLOCK, STEEL], {}, APART)
     uniform = np.random.default_rng(2).random((9, drawn.draws))
     together = drawn.draw(uniform)

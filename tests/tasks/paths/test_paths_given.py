@@ -1,4 +1,4 @@
-"""Paths from settings: their geometry, and what is refused."""
+"""Paths from settings: geometry, and bad input."""
 
 import math
 
@@ -72,7 +72,7 @@ def test_the_other_way_round(path):
     assert area(ahead[:half]) == pytest.approx(-area(back[:half]), abs=2e-5) and area(ahead[:half]) > area(back[:half])
 
 
-def test_a_polyline_goes_by_its_points_and_ends_at_the_last():
+def test_a_polyline_passes_its_points_and_ends_at_the_last():
     motion = followed(LINE)[0]
     assert motion[0, :2] == pytest.approx([0.1, 0.05]) and motion[-1, :2] == pytest.approx([0.3, 0.15])
     assert np.hypot(motion[:, 0] - 0.3, motion[:, 1] - 0.05).min() < 0.01
@@ -84,7 +84,7 @@ def test_a_polyline_goes_by_its_points_and_ends_at_the_last():
     st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), min_size=2, max_size=8), st.floats(1e-3, 0.1), st.booleans()
 )
 def test_rounded_corners_never_leave_the_line_by_more_than_their_sagitta(points, corner, closed):
-    """A course, or one error; positions go from the first to the last point, never farther off than the bends take them."""
+    """A path or one error; positions follow the points within the rounding of corners."""
     try:
         course = rounded(np.array(points), corner, int(closed), "points")
     except ValueError as error:
@@ -104,7 +104,7 @@ def test_rounded_corners_never_leave_the_line_by_more_than_their_sagitta(points,
     assert motion[0, :2] == pytest.approx(first, abs=1e-9) and motion[-1, :2] == pytest.approx(last, abs=1e-7)
 
 
-def test_heading_is_kept_or_goes_along():
+def test_heading_is_constant_or_along_the_path():
     kept, along = followed(CIRCLE)[0], followed({**CIRCLE, "heading": "along"})[0]
     assert (kept[:, 2] == kept[0, 2]).all() and (kept[:, 5] == 0).all()
     middle = len(along) // 2
@@ -116,7 +116,7 @@ def test_heading_is_kept_or_goes_along():
 
 
 @pytest.mark.parametrize("path", [CIRCLE, SQUARE, LINE, EIGHT, {**CIRCLE, "radius_mm": 17}], ids=str)
-def test_what_is_taken_can_be_followed(path):
+def test_accepted_paths_are_feasible(path):
     assert Reach(SURFACE, BLOCK).most_effort(followed(path)[0]) <= EFFORT + 1e-3
 
 
@@ -128,7 +128,7 @@ def test_parts_may_be_as_near_as_an_elements_diagonal():
     lines[1]["points_mm"] = [[beside - 0.1, 50], [beside - 0.1, 150]]
     with pytest.raises(ValueError, match=r"paths\[1\]"):
         given_paths(*lines)
-    # Crossing paths are fine as long as the parts are not there together.
+    # Crossing paths are allowed if the parts are apart at all times.
     crossing = {"shape": "polyline", "points_mm": [[250, 160], [250, 40]]}
     late = {"shape": "polyline", "points_mm": [[780, 160], [100, 160]]}
     assert given_paths(crossing, late).lasts > 3.0

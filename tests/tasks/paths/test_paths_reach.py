@@ -1,4 +1,4 @@
-"""What a part can do, against the closed forms with elliptic integrals and against the averaged model."""
+"""Limits of a part's motion, against closed forms with elliptic integrals and the averaged model."""
 
 import math
 
@@ -29,7 +29,7 @@ def test_means_are_the_elliptic_integrals():
 
 
 def test_top_speed_is_that_of_the_thesis():
-    """eq. 3.41: 0.70 to 0.72 of the table's speed, whatever the friction."""
+    """Thesis eq. 3.41: 0.70 to 0.72 of the table's speed at any friction."""
     assert REACH.top_speed / SURFACE.table_speed == pytest.approx(0.71917, abs=2e-5)
     assert Reach(SURFACE, Part.disc(0.02, friction=0.3)).top_speed == pytest.approx(REACH.top_speed)
     half = Surface(max_amplitude=0.5 * SURFACE.max_amplitude)
@@ -40,8 +40,8 @@ def test_top_speed_is_that_of_the_thesis():
 @pytest.mark.parametrize("speed, along, across", [
     (0.0, 1.5, 0.0), (0.0, 0.0, -2.0), (0.15, 0.6, 0.0), (0.15, -1.0, 1.2), (0.25, 0.0, 0.5), (0.1, 0.3, -2.0)
 ])  # fmt: skip
-def test_an_effort_gives_what_it_is_for(speed, along, across):
-    """Elements alike, with that share of the amplitude and the best phase, give the averaged part just this acceleration."""
+def test_an_effort_gives_its_acceleration(speed, along, across):
+    """Elements in unison, with that share of the amplitude and the best phase, give this acceleration in the averaged model."""
     effort = float(REACH.effort(speed, along, across))
     assert 0.0 < effort < 1.0
     phase = np.linspace(-np.pi, np.pi, 721)
@@ -52,11 +52,11 @@ def test_an_effort_gives_what_it_is_for(speed, along, across):
         got = mean_acceleration(SURFACE, BLOCK, pose, velocity, amplitude, phase[:, None, None], order=1)
         return np.hypot(got[:, 0] - along, got[:, 1] - across).min()
 
-    assert missed(1.0) < 0.02  # the phases stand 0.5 deg apart
+    assert missed(1.0) < 0.02  # the phases are 0.5 deg apart
     assert missed(0.9) > 3 * missed(1.0)
 
 
-def test_turning_costs_as_well_as_pushing():
+def test_rotation_and_displacement_share_the_effort():
     assert REACH.effort(0.1, turning=5.0) > REACH.effort(0.1)
     assert REACH.effort(0.1, spin=-2.0) == REACH.effort(0.1, spin=2.0) > REACH.effort(0.1)
 

@@ -75,7 +75,7 @@ def test_velocity_is_the_derivative_of_the_pose(made_of):
 
 
 @given(paths())
-def test_the_way_is_the_integral_of_the_direction(made_of):
+def test_the_position_is_the_integral_of_the_direction(made_of):
     path, (start, lengths, curvatures) = made_of
     n = 4000
     s = (np.arange(n) + 0.5) * (sum(lengths) / n)
@@ -99,12 +99,12 @@ def test_a_heading_along_the_path_is_its_mean_direction(made_of):
         time = share * route.duration(path[0])
         s = route.progress(path[0], time)[0]
         about = s + WINDOW * ((np.arange(6000) + 0.5) / 6000 - 0.5)
-        mean = start[2] + np.interp(about, ends, turn).mean()  # the ends' values are kept beyond them
+        mean = start[2] + np.interp(about, ends, turn).mean()  # constant beyond the ends
         heading = route.sample(path, np.array([time]))[0, 2]
         assert heading == pytest.approx(0.4 + mean, abs=1e-3)
 
 
-def test_rows_that_only_pad_change_nothing():
+def test_padding_rows_have_no_effect():
     path = made([0.1, 0.2, 0.3], [0.1, 0.05], [0.0, 30.0], along=1.0)
     times = np.linspace(-0.1, 3.0, 200)
     assert (route.sample(route.padded(path, 20), times) == route.sample(path, times)).all()

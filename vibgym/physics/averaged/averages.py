@@ -6,7 +6,7 @@ acceleration is that at ``vbar`` (thesis eqs. 5.60 and 5.61); to second order
 
     <v'> = < f(vbar) > + < Df . wobble >
 
-The first order is summed over points, each with its own slip. Wobble and second order use the slip of the centre for the whole
+The first order is summed over points with the slip at each. Wobble and second order use the slip of the centre for the whole
 part; the error is of the order ``eps^2 spin r / V``. They then depend on the field under the part only through the zeroth,
 first and second moments of its phasors, and on slip through tabulated coefficients.
 

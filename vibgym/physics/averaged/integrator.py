@@ -3,14 +3,14 @@
 The state is that of the planar model, pose and velocity at an instant. Each call converts it to the slow variables, pose and
 velocity without wobble (:mod:`vibgym.physics.averaged.averages`), advances these, and converts them back under the same drive.
 The wobble depends on the drive, so without this conversion each change of the drive would cause an error of first order. With
-a drive that changes every period it reduces the error of the first-order model by a factor of 2.6, too.
+a drive that changes every period, it also reduces the error of the first-order model by a factor of 2.6.
 
-A step covers one or several periods or a fraction of one. Both its ends cut the outline. Between them the acceleration less
+A step covers a fraction of a period, one or several. The outline is cut at both ends. Between them the acceleration minus
 ``-mu g / (2 a_h w) v``, the linear part of friction, is linear in time, and the rest is solved exactly (exponential
 Runge-Kutta, second order), so that steps of several periods are stable and damping is exact.
 
-If slip may have passed through zero within a period, the world is marked in ``state.doubtful``: the wobble may then accelerate
-the part to the speed of the table, which this model does not describe.
+If slip may have passed through zero within a period, ``state.doubtful`` is set: the wobble may then accelerate the part to the
+speed of the table, which this model does not cover.
 """
 
 from __future__ import annotations

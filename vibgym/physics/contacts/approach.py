@@ -23,7 +23,7 @@ DEEP = 12.0
 
 RESTING = 0.01
 """Closing speed at the start of a step (m/s) below which parts rest against each other and do not rebound: the acceleration by
-friction would make them chatter without end. A rebound of this speed is over after 10 um."""
+friction would cause endless chatter. A rebound at this speed is 10 um high."""
 
 
 class Approach(NamedTuple):
@@ -154,7 +154,7 @@ def advance_to_part(island, approach, shortest, pair, i, j):
     xi, yi, ui, wi, si = part_motion(island.scene.workspace, i)
     xj, yj, uj, wj, sj = part_motion(island.scene.workspace, j)
     h = approach.h
-    pull = friction_bound(island, i) + friction_bound(island, j)  # an inclined table accelerates both alike
+    pull = friction_bound(island, i) + friction_bound(island, j)  # an incline accelerates both equally
     dx, dy, du, dw = xj - xi, yj - yi, uj - ui, wj - wi
     speed, distance = math.sqrt(du * du + dw * dw), math.sqrt(dx * dx + dy * dy)
     separation = distance - hulls.radius[one] - hulls.radius[other]

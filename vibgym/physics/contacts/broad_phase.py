@@ -18,7 +18,7 @@ from vibgym.physics.contacts.hulls import BOTTOM, LEFT, RIGHT, part_gap, place_h
 from vibgym.physics.core.records import friction_in, incline_size
 
 IN_TOUCH = 2e-4
-"""Gap (m) at the start of a period below which parts are taken to touch in it; no path without contacts is tried."""
+"""Gap (m) at the start of a period below which parts are assumed to touch; they are not advanced without contacts first."""
 
 FREE, NEAR, CONTACT = 0, 1, 2
 """Kinds of periods of a world: no near pairs; near pairs that stay apart; with contacts."""
@@ -109,7 +109,7 @@ def is_near(circles, k, other):
 def near_pairs(table, walls, circles, count, pairs):
     """Find the pairs of circles that overlap, and the circles that reach over a border with a wall.
 
-    Each circle searches for circles that are not larger, within twice its own radius. The cell size is the mean diameter, so a
+    Each circle searches for circles that are not larger, within twice its radius. The cell size is the mean diameter, so a
     small circle searches a few cells, independently of the largest circle.
 
     Args:

@@ -7,12 +7,12 @@ Impact Mechanics, 2000, ch. 3; J. B. Keller, J. Appl. Mech. 53, 1986). Friction 
 end, stick or reverse. Every impact dissipates energy, for all shapes, whereas Newton's ratio of velocities can add energy if
 slip reverses.
 
-Two faces touch along a segment. The impulse acts at the end that closes fastest until both are equally fast, and then where it
-keeps the faces parallel, as long as that place is between the ends.
+Two faces touch along a segment. The impulse acts at the end that closes fastest until both close equally fast, and then at the
+point that keeps the faces parallel, if it is between the ends.
 
-The impacts of a step are resolved one by one, the fastest first, until no pair that was hit approaches. In this way they
-propagate through a row as in Newton's cradle, and none of them adds energy. Parts that bounce between others too often are
-left to the solver, which brings them to rest.
+The impacts of a step are resolved one by one, the fastest first, until no pair that was hit approaches. They therefore
+propagate through a row as in Newton's cradle, and none of them adds energy. After too many impacts, the contact solver brings
+the parts to rest.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Mobility(NamedTuple):
     """Change of the relative velocity at a contact by a unit impulse; a symmetric matrix.
 
     Rows and columns: normal (n), tangential (t) and rotation (w). The tangent is the normal rotated by 90 degrees. An impulse
-    ``p`` at the place ``s`` along the tangent is ``p`` at the origin and the moment ``-s p`` about it.
+    ``p`` at the position ``s`` along the tangent is ``p`` at the origin and the moment ``-s p`` about it.
     """
 
     nn: float
@@ -99,7 +99,7 @@ def friction_ratio(slip, coefficient, coupling, resistance):
 
 @borrowing
 def impulse_location(mobility, slip, end, low, high, coefficient):
-    """Return the place where the impulse acts (m, along the tangent), its ratio of friction, and the end.
+    """Return the position at which the impulse acts (m, along the tangent), its friction ratio, and the end.
 
     Args:
         slip: m/s, tangential velocity of one body against the other.
@@ -108,7 +108,7 @@ def impulse_location(mobility, slip, end, low, high, coefficient):
         coefficient: of friction.
     """
     if end == FLAT:
-        # A torque keeps the faces parallel, as long as the impulse acts between the ends.
+        # The impulse keeps the faces parallel if it can act between the ends.
         coupling = mobility.nt - mobility.tw * mobility.nw / mobility.ww
         resistance = mobility.tt - mobility.tw * mobility.tw / mobility.ww
         ratio = friction_ratio(slip, coefficient, coupling, resistance)
@@ -128,7 +128,7 @@ def impact_impulse(mobility, approach, slip, turning, low, high, restitution, co
         mobility: of the contact.
         approach, slip, turning: velocity of the second body against the first at the contact's origin: along the normal, which
             points from the first to the second, along the tangent, m/s, and rotation, rad/s.
-        low, high: m, places along the tangent between which the bodies touch.
+        low, high: m, ends of the contact along the tangent.
         restitution: energetic coefficient, 0 to 1.  coefficient: of dry friction.
 
     Returns:

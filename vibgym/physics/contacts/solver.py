@@ -169,8 +169,8 @@ def solve(island, n, h, in_solver, undo):
     if not in_solver:
         add_shapes(island, space)
         add_walls(island, n)
-    # The solver starts from the last step's impulses. It would scale them with the step but not its record of them, and
-    # parts would stick together by the difference.
+    # The solver starts from the last step's impulses. It scales them with the step but not their stored sums, so that
+    # parts would stick together.
     call_foreign(solver.last_step, (space, h))
     call_foreign(solver.step, (space, h))
     solver.cursor[0] = 0
@@ -190,7 +190,7 @@ def write_bodies(island, space, h):
         g, lane = slot // LANES, slot % LANES
         for k in range(3):
             speed = 0.0 if away[slot] else velocity[g, k * LANES + lane]
-            # The solver's step starts with a motion by velocity, which friction has already done.
+            # The solver's step starts with a motion by velocity, which the friction step already contains.
             data[6 * slot + k] = FAR_AWAY * (slot + 1) if away[slot] else pose[g, k * LANES + lane] - h * speed
             data[6 * slot + 3 + k] = speed
     for k in range(6):  # the last body is the walls'
@@ -213,12 +213,12 @@ def read_bodies(island):
         change = 0.0
         for k in range(3):
             at = k * LANES + lane
-            # Bodies without contacts keep their bits.
+            # Velocities of bodies without contacts remain bit-identical.
             if not away[slot] and data[6 * slot + 3 + k] != velocity[g, at]:
                 arm = 1.0 if k < 2 else hulls.radius[part]
                 change = max(change, arm * abs(data[6 * slot + 3 + k] - velocity[g, at]))
                 velocity[g, at] = data[6 * slot + 3 + k]
-                sticking[island.world, part] = False  # a part that is pushed sticks no longer
+                sticking[island.world, part] = False  # a pushed part no longer sticks
             contacts.uncorrected[slot, k] = data[6 * slot + k]
             data[3 * slot + k] = 0.0
         if change > HIT_SPEED:

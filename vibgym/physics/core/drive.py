@@ -51,7 +51,7 @@ class Drive(NamedTuple):
     angular_frequency: float = 0.0  # rad/s: POLAR
     element_size: float = 0.0  # m: FIELD
     reach: float = 0.0  # m, at which squeeze, radial and tangential fields are at full strength: FIELD
-    hardware: int = NO_HARDWARE  # address of pinned Hardware, with the rows of commands that act now
+    hardware: int = NO_HARDWARE  # address of pinned Hardware, with the rows of commands in effect
 
 
 DRIVE: Layout[Drive] = Layout("DRIVE", __name__)
@@ -207,7 +207,7 @@ def _patch(drive, world, row, column):
 def _field(drive, world, row, column):
     part, nearest = -1, math.inf
     for k in range(drive.centre.shape[1]):
-        # In elements: a product shared with the lines below would be rounded differently.
+        # In elements: sharing a product with the lines below would change the rounding.
         dx = column + 0.5 - drive.centre[world, k, 0] / drive.element_size
         dy = row + 0.5 - drive.centre[world, k, 1] / drive.element_size
         square = dx * dx + dy * dy
@@ -310,7 +310,7 @@ def limit_phasors(phasors, limit, c, s):
 
 @borrowing
 def follow_phasors(drive, keep, reached, c, s):
-    """Let elements follow their phasors with a first-order lag, for a period.
+    """Compute the response of the elements to their phasors with a first-order lag, for a period.
 
     Args:
         keep: (worlds, 2) shares of the distance to the phasor that are left at the period's end, and in its mean.

@@ -35,9 +35,7 @@ _SPREAD, _FAULTS = range(2)  # second word of the counter
 class Hardware(NamedTuple):
     """Imperfect elements of all worlds, pinned in memory; amplitudes are ``a_v w^2``, m/s^2."""
 
-    source: (
-        np.ndarray
-    )  # (worlds,) int64, row of the drive that acts now (latency); -1: none yet, the elements are at rest
+    source: np.ndarray  # (worlds,) int64, row of the drive in effect (latency); -1: none yet, the elements are at rest
     # (worlds, rows, columns, 4): complex gain, and the phasor of an element that is stuck
     element: np.ndarray
     number: np.ndarray  # (worlds, NUMBERS)

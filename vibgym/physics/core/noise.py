@@ -1,8 +1,8 @@
 """Counter-based random numbers: equal key and counter give equal numbers, independently of earlier draws.
 
-A world's noise therefore does not depend on the number and order of worlds, or on threads, and a restored state needs its key
-and counter alone. The generator is Philox4x32-10 (J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw: Parallel
-random numbers: as easy as 1, 2, 3. SC'11, 2011). Keys are drawn outside the kernels, from the world's own generator.
+A world's noise therefore does not depend on the number and order of worlds, or on threads, and a snapshot needs only key and
+counter. The generator is Philox4x32-10 (J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw: Parallel
+random numbers: as easy as 1, 2, 3. SC'11, 2011). Keys are drawn outside the kernels, from the world's generator.
 """
 
 from __future__ import annotations

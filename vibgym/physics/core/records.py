@@ -21,9 +21,7 @@ class Table(NamedTuple):
     period: float  # s
     radius: float  # m, of the horizontal motion
     speed: float  # m/s, of the horizontal motion
-    left: (
-        float  # m; a part falls when its centre of mass is beyond: the border, or a little farther if there is a wall,
-    )
+    left: float  # m; a part falls when its centre of mass is beyond: the border, or a little farther with a wall,
     right: float  # since parts overlap walls a little
     bottom: float
     top: float

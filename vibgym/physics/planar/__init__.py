@@ -1,1 +1,1 @@
-"""The planar model: which elements a part lies on, and what friction there does to it."""
+"""The planar model: contact area on the elements, and friction."""

@@ -93,7 +93,7 @@ def cut_outline(x, y, cells, box):
             qy = ay + t_x * dy if across else line_y
             _add_segment(cells[row * columns + column], px - column, py - row, qx - column, qy - row)
             px, py = qx, qy
-            # Rounding may lead one cell past the box; stay in the last cell, where the formulas hold, too.
+            # Rounding may lead one cell past the box; the formulas also hold in the last cell.
             column = min(max(column + (step_x if across else 0), 0), columns - 1)
             row = min(max(row + (0 if across else step_y), 0), rows - 1)
             line_x += step_x if across else 0.0

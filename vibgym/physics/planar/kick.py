@@ -1,9 +1,8 @@
 """Impulse disturbances: times and magnitudes of random tilts of parts, and the equivalent kick in a planar model.
 
-Disturbances of a part are a Poisson process. The tilting model releases the part from a tilt. A planar model changes spin and
-velocity at
-once, by what friction under one corner causes until the part has landed: normal deviates whose standard deviations grow with
-the root of the tilt, fitted to the tilting model (``python -m studies.tilting kick``). The heading does not jump.
+Disturbances of a part are a Poisson process. The tilting model releases the part from a tilt. A planar model instead changes
+spin and velocity by the effect of friction under one corner until the part has landed: normal deviates whose standard
+deviations grow with the root of the tilt, fitted to the tilting model (``python -m studies.tilting kick``).
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ def begin_waiting(worlds, key, rate, wait, count):
 
 
 @borrowing
-def strike_parts(key, rate, low, high, span, away, wait, count, lean, kick):
+def disturb_parts(key, rate, low, high, span, away, wait, count, lean, kick):
     """Disturb the parts whose waiting time ends within ``span`` s.
 
     Args:

@@ -5,8 +5,8 @@ acceleration of a part that follows them. A rigid part that stays flat needs its
 
     r = (M_1 - h F) / N
 
-where ``M_1`` is the first moment of uniform pressure ``(m / A)(g + z'')`` about the centre of the supported area. The part
-cannot tip while ``r`` is inside its support: the convex hull of its outline, as far as it is on the table.
+where ``M_1`` is the first moment of uniform pressure ``(m / A)(g + z'')`` about the centre of the supported area. The part does
+not tip while ``r`` is inside its support, the convex hull of the outline on the table.
 """
 
 from __future__ import annotations

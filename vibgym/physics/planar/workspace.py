@@ -56,7 +56,7 @@ class Workspace(NamedTuple):
     own: np.ndarray  # (groups, 6 x lane), see vibgym.physics.planar.wrench.slide_by_series
     kind: np.ndarray  # (slots,) kind of the stored outline and shape, -1: none
     outline: np.ndarray  # (groups, corner x 2 x lane) m
-    shape: np.ndarray  # (groups, 4 x lane), see vibgym.physics.planar.stepper.enter_shape
+    shape: np.ndarray  # (groups, 4 x lane), see vibgym.physics.planar.stepper.load_shape
     corners: int  # largest number of any outline
     lowest: np.ndarray  # (kinds, SECTORS) lowest corner of an outline whose heading is in a sector
     sector: np.ndarray  # (groups, lane) sector of the loaded outline
@@ -123,7 +123,7 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
     """Allocate working arrays for any ``slots`` parts of these kinds."""
     groups = -(-slots // LANES)
     slots = groups * LANES
-    body = getattr(body_of, "py_func", body_of)  # it is Python itself under NUMBA_DISABLE_JIT
+    body = getattr(body_of, "py_func", body_of)  # a plain function under NUMBA_DISABLE_JIT
     kinds = [body(bodies, kind) for kind in range(len(bodies.area))]
     across = max(window(body.radius / table.element_size) for body in kinds)
     cells = across * across

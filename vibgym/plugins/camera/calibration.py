@@ -1,7 +1,7 @@
 """Calibration: the map from the image to the surface, from a picture of a template (thesis section 5.1.3).
 
-The template has dark marks in a grid from border to border of the surface. Between four marks the map is bilinear: the place
-within a tetragon follows from a quadratic equation (eqs. 5.25 to 5.27). The centroid of an object is transformed, not its
+The template has dark marks in a grid from border to border of the surface. Between four marks the map is bilinear: the position
+in a tetragon is the solution of a quadratic equation (eqs. 5.25 to 5.27). The centroid of an object is transformed, not its
 boundary; the Jacobian for lengths and angles comes from the same marks.
 """
 
@@ -57,7 +57,7 @@ def _centroids(grey: np.ndarray, interest: Interest, meaning: Grey, found: Found
 
 
 def find_marks(grey: np.ndarray, interest: Interest, meaning: Grey, most: int) -> np.ndarray:
-    """Return centroids (n, 2), column and line, of all dark objects in an image that lie wholly in the area of interest."""
+    """Return centroids (n, 2), column and line, of all dark objects wholly inside the area of interest."""
     found = new_found((grey.shape[0], grey.shape[1]), most)
     places = np.empty((most, 2))
     _centroids(grey, interest, meaning, found, places)
@@ -66,10 +66,10 @@ def find_marks(grey: np.ndarray, interest: Interest, meaning: Grey, most: int) -
 
 
 def assign_marks(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Assign the marks ``seen`` (n, 2) to those ``expected`` (rows, columns, 2), px; returns places (rows, columns, 2).
+    """Assign the marks ``seen`` (n, 2) to those ``expected`` (rows, columns, 2), px; returns positions (rows, columns, 2).
 
-    From the middle of the grid outwards, each mark is searched at its expected place plus the displacement of a neighbour:
-    distortion may displace marks by more than half of their distance, except in the middle.
+    From the middle of the grid outwards, each mark is searched at its expected position plus the displacement of a neighbour,
+    since distortion may displace outer marks by more than half of their distance.
 
     Raises:
         ValueError: a mark is missing, or there is one too many.
@@ -95,7 +95,7 @@ def assign_marks(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
     missing = np.argwhere(np.isnan(places[..., 0]))
     if len(missing):
         names = ", ".join(f"row {row} column {column}" for row, column in missing[:5])
-        more = f" and {len(missing) - 5} more places" if len(missing) > 5 else ""
+        more = f" and {len(missing) - 5} more" if len(missing) > 5 else ""
         raise checks.conflict(f"template: no mark at {names}{more}, of {rows} x {columns}")
     if len(left):
         at = f"column {left[0, 0]:.1f}, line {left[0, 1]:.1f}"
@@ -104,7 +104,7 @@ def assign_marks(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
 
 
 def grid_of(template: Template, places: np.ndarray) -> Grid:
-    """Return the map from the image to the surface, from the places of the marks in the image (rows, columns, 2)."""
+    """Return the map from the image to the surface, from the positions of the marks in the image (rows, columns, 2)."""
     along = np.gradient(places, template.width, axis=1, edge_order=2 if template.columns > 2 else 1)
     across = np.gradient(places, template.height, axis=0, edge_order=2 if template.rows > 2 else 1)
     jacobian = np.ascontiguousarray(np.linalg.inv(np.stack([along, across], axis=-1)))
@@ -138,7 +138,7 @@ def _within(grid, row, column, u, v):
 
 @borrowing
 def locate(grid, u, v, jacobian):
-    """Return the place (x, y), m, on the surface of column ``u``, line ``v``; beyond the marks the map is extrapolated.
+    """Return the position (x, y), m, on the surface of column ``u``, line ``v``; extrapolated beyond the marks.
 
     Args:
         jacobian: (4,) derivatives of x by column and line around there, then of y, written.
@@ -172,10 +172,10 @@ def locate_all(grid: Grid, places: np.ndarray, points: np.ndarray) -> None:
 
 @borrowing
 def at_height(x, y, foot_x, foot_y, height, z):
-    """Return (x, y) of a point at height ``z`` that appears at the place (x, y) of the surface.
+    """Return (x, y) of a point at height ``z`` that appears at (x, y) on the surface.
 
     Args:
-        foot_x, foot_y: m, the place under the lens, which is ``height`` above it.
+        foot_x, foot_y: m, point below the lens, at a distance of ``height``.
     """
     nearer = (height - z) / height
     return foot_x + nearer * (x - foot_x), foot_y + nearer * (y - foot_y)

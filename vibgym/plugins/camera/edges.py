@@ -1,7 +1,7 @@
 """Subpixel measurement: the grey level of a pixel at an edge is proportional to its covered area.
 
-Pixels well within an object count in full, pixels well outside not at all. So noise enters only from a band around the
-boundary, which is wide enough for the blur of the lens.
+Pixels inside an object count in full, pixels outside not at all. Noise therefore enters only from a band around the boundary,
+which is wide enough for the blur of the lens.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ class Grey(NamedTuple):
     """Relation of grey levels to coverage."""
 
     level: np.ndarray  # (lines, columns) float32 of the empty surface, known from the reference image
-    contrast: float  # 1 - dark: share of the level that a part takes
+    contrast: float  # 1 - dark: share of the level that a part removes
     lines: int  # half width of the band
     columns: int
-    fine: bool  # grey levels count; False: a pixel belongs to the object, or not
+    fine: bool  # whether grey levels are used; False: pixels belong to the object wholly or not at all
 
 
 @borrowing
@@ -41,7 +41,7 @@ def _is_nearest(found, number, line, column, reach_l, reach_c):
 
 @jit
 def shares(grey: np.ndarray, meaning: Grey, found: Found, number: int):
-    """Return the share of every pixel around an object that belongs to it.
+    """Return the covered share of every pixel around an object.
 
     Returns:
         (lines, columns) float64, and the line and column of its first pixel.
@@ -58,7 +58,7 @@ def shares(grey: np.ndarray, meaning: Grey, found: Found, number: int):
             for column in range(runs[k, 1], runs[k, 2]):
                 share[runs[k, 0] - top, column - left] = 1.0
         return share, top, left
-    # Along lines first: where a run is near, and where one reaches far enough to both sides.
+    # First along lines: pixels near a run, and pixels well inside one.
     near = np.zeros(share.shape, dtype=np.uint8)
     deep = np.zeros(share.shape, dtype=np.uint8)
     for k in range(runs.shape[0]):
@@ -68,7 +68,7 @@ def shares(grey: np.ndarray, meaning: Grey, found: Found, number: int):
         for column in range(runs[k, 1] + reach_c, runs[k, 2] - reach_c):
             deep[line, column - left] = 1
     crowded = False
-    for line in range(max(top - reach_l, 0), min(bottom + reach_l, grey.shape[0])):  # as far as a pixel here may look
+    for line in range(max(top - reach_l, 0), min(bottom + reach_l, grey.shape[0])):  # within reach of the band
         for column in range(max(left - reach_c, 0), min(right + reach_c, grey.shape[1])):
             label = found.label[line, column]
             crowded = crowded or (label != 0 and label != number + 1)
@@ -119,7 +119,7 @@ def share_moments(share, top, left, moment):
 
 @borrowing
 def complex_moment(share, top, left, column, line, jacobian, order):
-    """Return the sum of share times z^order, where z = x + i y is the place of a pixel about (column, line), m.
+    """Return the sum of share times z^order, where z = x + i y is the position of a pixel from (column, line), m.
 
     For order 2 its angle is twice that of the principal axis (eq. 5.7). Of a part with n-fold symmetry, orders below n vanish.
     """

@@ -1,7 +1,7 @@
 """Measurement error of the camera: sampled from synthetic images, for the statistical sensor and for estimators.
 
 The error has two parts. The error from pixels, lens and calibration depends on the pose alone: it is constant at rest and
-cannot be averaged. The error from the noise of pixels is new at each sample.
+cannot be averaged. The error from pixel noise is independent at each sample.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class ErrorModel(NamedTuple):
     """Error of a measured pose, kind by kind: m, m, rad."""
 
     mean: np.ndarray  # (kinds, 3)
-    fixed: np.ndarray  # (kinds, 3) standard deviation of what depends on the pose alone
+    fixed: np.ndarray  # (kinds, 3) standard deviation of the part that depends on the pose alone
     white: np.ndarray  # (kinds, 3) standard deviation of white noise
     cell: np.ndarray  # (kinds, 3) m, m, rad over which the fixed error changes
 
@@ -56,7 +56,7 @@ def look_alone(setup: Setup, kind: int, pose: np.ndarray, key: int) -> tuple[np.
 
 
 def random_poses(setup: Setup, kind: int, count: int, seed: int = 1) -> np.ndarray:
-    """Return random poses (count, 3) at which a part of that kind lies wholly on the surface."""
+    """Return random poses (count, 3) of a part of that kind wholly on the surface."""
     random = np.random.default_rng(seed)
     radius = setup.known.traits.radius[kind]
     surface = setup.surface
@@ -103,7 +103,7 @@ def sampled_errors(setup: Setup) -> ErrorModel:
             there, all_seen = look_alone(setup, kind, moved, 3)
             common = both & all_seen
             change = ((there - here)[common] ** 2).mean(axis=0) if common.any() else np.zeros(3)
-            # Of the components that have a fixed error to speak of: <(e' - e)^2> = 2 (1 - rho) fixed^2 + 2 white^2.
+            # For components with a significant fixed error: <(e' - e)^2> = 2 (1 - rho) fixed^2 + 2 white^2.
             heavy = fixed > 0.1 * white
             rho = 1.0 - 0.5 * (change - 2.0 * white)[heavy] / np.maximum(fixed[heavy], 1e-30)
             rho = float(np.clip(rho.mean(), 0.05, 0.999)) if heavy.any() else 0.999

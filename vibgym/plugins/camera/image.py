@@ -36,7 +36,7 @@ PIXEL_NOISE = 0
 """Last word of the counters of pixel noise."""
 
 _MOST = 1e7
-"""px, beyond which nothing is drawn."""
+"""px, largest coordinate that is drawn."""
 
 
 class Shapes(NamedTuple):
@@ -53,8 +53,8 @@ class Exposure(NamedTuple):
 
     level: np.ndarray  # (lines, columns) float32 grey levels of the empty surface
     dark: float  # grey level of parts over that of the surface
-    across: np.ndarray  # weights of the blur along a line, of odd number
-    along: np.ndarray  # and from line to line
+    across: np.ndarray  # weights of the blur along a line, an odd number
+    along: np.ndarray  # weights of the blur across lines
     noise: float  # grey levels, standard deviation
     quantiles: np.ndarray  # (65536,) float32 of the standard normal distribution
 
@@ -62,7 +62,7 @@ class Exposure(NamedTuple):
 class Canvas(NamedTuple):
     """Buffers of an image; between two samples they hold the empty surface."""
 
-    bare: np.ndarray  # (lines, columns) float32 share that no part hides
+    bare: np.ndarray  # (lines, columns) float32 uncovered share
     grey: np.ndarray  # (lines, columns) uint8
 
 
@@ -74,7 +74,7 @@ def normal_quantiles() -> np.ndarray:
 
 
 def blur_weights(sigma: float) -> np.ndarray:
-    """Return weights of a Gaussian blur of ``sigma`` pixels: its integrals over pixels, within three sigma."""
+    """Return weights of a Gaussian blur of ``sigma`` pixels: integrals over pixels, within three sigma."""
     if sigma == 0.0:
         return np.ones(1)
     reach = math.ceil(3.0 * sigma)
@@ -91,7 +91,7 @@ def weights_variance(weights: np.ndarray) -> float:
 
 @borrowing
 def _blur(cover, weights, axis, scratch):
-    """Convolve ``cover`` along an axis; beyond its borders there is nothing."""
+    """Convolve ``cover`` along an axis, with zeros beyond its borders."""
     reach = weights.shape[0] // 2
     if reach == 0:
         return
@@ -250,7 +250,7 @@ def whole_image(
     """Write the whole image (lines, columns) uint8 of one world, with noise everywhere.
 
     Args:
-        bare: (lines, columns) float32, share of each pixel that no part hides, written.
+        bare: (lines, columns) float32, uncovered share of each pixel, overwritten.
     """
     bare[:] = 1.0
     canvas = Canvas(bare, image)
@@ -276,7 +276,7 @@ def _add_edge(x0, y0, x1, y1, cover):
         dy = min(line + 1.0, y1) - max(float(line), y0)
         then = x + slope * dy
         if line == last - 1:
-            then = x1  # no rounding errors that reach into a pixel outside
+            then = x1  # without rounding errors beyond the edge's last pixel
         d = sign * dy
         left, right = min(x, then), max(x, then)
         c0, c1 = math.floor(left), math.ceil(right)
@@ -303,11 +303,11 @@ def _add_edge(x0, y0, x1, y1, cover):
 
 @borrowing
 def add_polygon(corners, count, left, top, cover):
-    """Write the share of every pixel that a polygon covers into ``cover`` (lines, columns), which holds zeros.
+    """Write the share of every pixel that a polygon covers into ``cover`` (lines, columns), initially zeros.
 
     Args:
-        corners: (n, 2) column and line, pixel centres at whole numbers, in either sense; ``count`` of them count.
-        left, top: pixel of ``cover[0, 0]``. The polygon lies inside, with a column to spare on the right.
+        corners: (n, 2) column and line, pixel centres at whole numbers, in either sense; the first ``count`` are used.
+        left, top: pixel of ``cover[0, 0]``. The polygon is inside, with an empty column on the right.
     """
     dx, dy = 0.5 - left, 0.5 - top
     for k in range(count):

@@ -1,4 +1,4 @@
-"""Sample of the camera: image, objects, their measures, and their assignment to parts."""
+"""A sample of the camera: image, objects, measurements, and assignment of objects to parts."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from vibgym.plugins.camera.optics import Optics
 from vibgym.plugins.camera.shapes import Traits
 
 FAR = 1e9
-"""Cost of pairs that cannot be."""
+"""Cost of impossible pairs."""
 
 NO_PAIR = 60.0
-"""Cost of a part without an object: a pair that costs more is none."""
+"""Cost of a part without an object, and therefore the largest cost of a pair."""
 
 X, Y, M00, XX, XY, YY, JACOBIAN = 0, 1, 2, 3, 4, 5, 6
 """Columns of :class:`Seen`'s ``measure``."""
@@ -30,8 +30,8 @@ X, Y, M00, XX, XY, YY, JACOBIAN = 0, 1, 2, 3, 4, 5, 6
 class Mishap(IntEnum):
     """Errors of a sample: columns of :class:`Track`'s ``count``."""
 
-    SWAPS = 0  # parts taken for others
-    MERGES = 1  # parts that run into one another
+    SWAPS = 0  # parts mistaken for others
+    MERGES = 1  # parts that appear as one object
     LOSSES = 2
 
 
@@ -55,11 +55,11 @@ class Knowledge(NamedTuple):
     meaning: Grey
     grid: Grid
     traits: Traits
-    foot: np.ndarray  # (3,) m, place of the lens
+    foot: np.ndarray  # (3,) m, position of the lens
     grain: float  # m, size of a pixel on the surface, the larger of both
     aperture: np.ndarray  # (2,) px^2, variance added by the pixel size and the blur, columns and lines
-    reach: float  # m, largest distance of a part from its expected position ...
-    speed: float  # m/s, ... and its growth with the time since the part was last seen
+    reach: float  # m, largest distance of a part from its expected position
+    speed: float  # m/s, growth of that distance with the time since the part was last seen
     step: float  # s from sample to sample
 
 
@@ -69,10 +69,10 @@ class Seen(NamedTuple):
     canvas: Canvas
     found: Found
     boxes: np.ndarray  # (parts, 2, 4) int64
-    measure: np.ndarray  # (objects, 10): place on the surface, area in px, central moments over it, Jacobian
+    measure: np.ndarray  # (objects, 10): position on the surface, area in px, central moments over area, Jacobian
     expected: np.ndarray  # (parts, 3) predicted pose
     cost: np.ndarray  # (parts, objects + parts)
-    potential_row: np.ndarray  # scratch of the assignment, see there
+    potential_row: np.ndarray  # scratch of vibgym.physics.core.assignment.assign
     potential_column: np.ndarray
     row_of: np.ndarray
     way: np.ndarray
@@ -91,7 +91,7 @@ class Track(NamedTuple):
 
 
 def new_seen(shape: tuple[int, int], parts: int, background: np.ndarray) -> Seen:
-    """Return working arrays for an image of ``shape`` with so many parts."""
+    """Return working arrays for an image of ``shape`` with ``parts`` parts."""
     objects = 4 * parts + 16
     columns = objects + parts
     canvas = Canvas(np.ones(shape, dtype=np.float32), background.copy())
@@ -122,7 +122,7 @@ def new_track(worlds: int, parts: int) -> Track:
 
 @jit
 def measure_object(grey: np.ndarray, known: Knowledge, found: Found, number: int, measure: np.ndarray) -> None:
-    """Write the measures of an object, see :class:`Seen`: its centroid is transformed, and its moments by the Jacobian."""
+    """Write the measurements of an object, see :class:`Seen`; moments are transformed by the Jacobian at the centroid."""
     moment = found.moment[number]
     if known.meaning.fine:
         share, top, left = shares(grey, known.meaning, found, number)
@@ -172,7 +172,7 @@ def _match(known, missed, shown, seen):
     """Assign an object to every part: ``seen.column_of``, -1 for none."""
     objects, parts = seen.found.count[0], shown.shape[0]
     traits = known.traits
-    # Each part has a column of its own for being without an object.
+    # Each part has an extra column for "no object".
     cost = seen.cost[:, : objects + parts]
     for p in range(parts):
         kind = traits.kind[p]
@@ -203,7 +203,7 @@ def _match(known, missed, shown, seen):
 
 @borrowing
 def _is_merged(known, p, shown, seen):
-    """Return whether a part without an object and another one lie within one object that is not assigned."""
+    """Return whether a part without an object and another one are inside the same unassigned object."""
     for k in range(seen.found.count[0]):
         taken = False
         for other in range(shown.shape[0]):
@@ -230,7 +230,7 @@ def _is_merged(known, p, shown, seen):
 
 @borrowing
 def _swapped(pose, x, y, p, shown):
-    """Return whether another part is nearer to where part ``p`` was measured than itself."""
+    """Return whether another part is nearer to the measured position of part ``p`` than part ``p``."""
     nearest, least = p, math.hypot(pose[p, 0] - x, pose[p, 1] - y)
     for other in range(pose.shape[0]):
         if shown[other]:
@@ -315,10 +315,10 @@ def unlikeness(away, gate, area, spread, elongation, grain, traits, kind):
     FAR beyond the gates. Kinds differ by area and elongation.
 
     Args:
-        away: m, from where the part is expected.
-        gate: m, within which it must be.
-        area, spread, elongation: of the object, m^2, m^2, 1, were it of this kind.
-        grain: m, size of a pixel: areas are known to a fraction of the outline's length times it.
+        away: m, distance from the expected position of the part.
+        gate: m, largest such distance.
+        area, spread, elongation: of the object, m^2, m^2, 1, assuming this kind.
+        grain: m, size of a pixel; the error of areas is a fraction of it times the outline's length.
     """
     if not (away < gate and area > 0.0 and spread > 0.0):
         return FAR

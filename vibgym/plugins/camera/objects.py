@@ -1,7 +1,7 @@
 """Finding objects in the image: fixed threshold, area of interest, coarse grid, runs, moments from runs (thesis section 5.1).
 
-An object is a set of dark pixels that are connected along lines and columns. Some pixel of each is met on a coarse grid; from
-there its runs are followed from line to line. Moments are sums over runs, not pixels (the delta method, eqs. 5.13 to 5.18).
+An object is a set of dark pixels that are connected along lines and columns. A coarse grid hits at least one pixel of each;
+from there its runs are followed from line to line. Moments are sums over runs (the delta method, eqs. 5.13 to 5.18).
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from vibgym.kernels.jit import borrowing, jit
 
 
 class Interest(NamedTuple):
-    """The area of interest and how it is searched."""
+    """The area of interest and parameters of the search."""
 
-    first: np.ndarray  # (lines,) first column that counts, of each line; past ``last`` where none does
-    last: np.ndarray  # (lines,) last column that counts
+    first: np.ndarray  # (lines,) first column of interest in each line; beyond ``last`` for empty lines
+    last: np.ndarray  # (lines,) last column of interest
     threshold: float  # grey level below which a pixel belongs to a part
-    lines: int  # from line to line of the coarse grid
-    columns: int  # and from column to column
-    least: int  # pixels of an object: fewer are noise
+    lines: int  # spacing of the coarse grid
+    columns: int  # the same along lines
+    least: int  # fewest pixels of an object; smaller ones are noise
 
 
 class Found(NamedTuple):
-    """Objects of one image; what is beyond the counts is left over from earlier ones."""
+    """Objects of one image; entries beyond the counts are undefined."""
 
     count: np.ndarray  # (2,) int64, objects and runs
     run: np.ndarray  # (most runs, 4) int64: line, first column, column after the last, object
     first: np.ndarray  # (most objects + 1,) int64 of each object's runs
     moment: np.ndarray  # (most objects, 6) float64: M00, M10, M01, M20, M11, M02 of columns and lines
     box: np.ndarray  # (most objects, 4) int64: first line, line after the last, first column, column after the last
-    # (most objects,) bool: reaches the border of the area of interest, where a part is seen in part
+    # (most objects,) bool: reaches the border of the area of interest, so that it may be incomplete
     clipped: np.ndarray
     label: np.ndarray  # (lines, columns) int16: 1 + object, 0 elsewhere; cleared by :func:`clear`
 
@@ -53,7 +53,7 @@ def new_found(shape: tuple[int, int], objects: int) -> Found:
 
 @borrowing
 def _add_run(grey, interest, line, column, number, count, found):
-    """Follow the run of dark pixels through one that is, and note it; returns the new number of runs."""
+    """Store the run of dark pixels through a dark one; returns the new number of runs."""
     start, end = column, column + 1
     while start > interest.first[line] and grey[line, start - 1] < interest.threshold:
         start -= 1
@@ -68,7 +68,7 @@ def _add_run(grey, interest, line, column, number, count, found):
 
 @borrowing
 def _follow(grey, interest, number, first, found):
-    """Note all runs of an object whose first run is known; returns the number of runs in all, or -1 without room."""
+    """Store all runs of an object whose first run is known; returns the total number of runs, or -1 without room."""
     at, count = first, first + 1
     while at < count:
         line, start, end = found.run[at, 0], found.run[at, 1], found.run[at, 2]
@@ -86,7 +86,7 @@ def _follow(grey, interest, number, first, found):
 
 @borrowing
 def run_moments(line, start, length, moment):
-    """Add what a run of pixels adds to the moments (thesis eqs. 5.13 to 5.18).
+    """Add a run of pixels to the moments (thesis eqs. 5.13 to 5.18).
 
     Args:
         line, start, length: whole numbers: line, first column and number of pixels (delta).
@@ -127,7 +127,7 @@ def _describe(interest, number, first, last, found):
 
 @borrowing
 def shift_moments(moment, column, line):
-    """Return moments about another origin: those of what has moved by (column, line)."""
+    """Return moments of an object displaced by (column, line)."""
     m00, m10, m01 = moment[0], moment[1], moment[2]
     moment[3] += column * (2.0 * m10 + column * m00)
     moment[4] += column * m01 + line * m10 + column * line * m00
@@ -162,7 +162,7 @@ def find(grey, interest, found):
             first = runs
             _add_run(grey, interest, line, column, objects, runs, found)
             runs = _follow(grey, interest, objects, first, found)
-            if runs < 0:  # no room: what is left is not one of the parts
+            if runs < 0:  # no room: the remaining objects are not parts
                 found.count[0], found.count[1] = objects, found.run.shape[0]
                 return
             _describe(interest, objects, first, runs, found)
@@ -185,7 +185,7 @@ def find_objects(grey: np.ndarray, interest: Interest, found: Found) -> None:
 
 
 def area_of_interest(places: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return first and last column, each (lines,), whose centres lie within a convex polygon ``places`` (n, 2), px."""
+    """Return first and last column, each (lines,), of pixel centres inside a convex polygon ``places`` (n, 2), px."""
     first, last = np.full(shape[0], 0, dtype=np.int64), np.full(shape[0], -1, dtype=np.int64)
     following = np.roll(places, -1, axis=0)
     for line in range(shape[0]):
@@ -199,7 +199,7 @@ def area_of_interest(places: np.ndarray, shape: tuple[int, int]) -> tuple[np.nda
 
 
 def boundary(found: Found, number: int) -> np.ndarray:
-    """Return pixels (n, 2) of an object, line and column, that have a neighbour which is not of it; for pictures."""
+    """Return boundary pixels (n, 2) of an object, line and column; for pictures."""
     runs = found.run[found.first[number] : found.first[number + 1]]
     top, left = runs[:, 0].min() - 1, runs[:, 1].min() - 1
     inside = np.zeros((runs[:, 0].max() - top + 2, runs[:, 2].max() - left + 1), dtype=bool)

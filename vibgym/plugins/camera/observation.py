@@ -1,4 +1,4 @@
-"""Observation ``"camera"``: the image that the camera has taken."""
+"""Observation ``"camera"``: the latest delayed image."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vibgym.tasks.episode import Episode, Relations
 
 
 class CameraObservation(Observation):
-    """uint8 image (lines, columns): the camera image that is due, with noise and distortion."""
+    """uint8 image (lines, columns): the latest delayed camera image, with noise and distortion."""
 
     beside = False
 

@@ -1,7 +1,7 @@
 """Projection of points to the image: pinhole camera with radial distortion, at any pose.
 
-Places in an image are ``(column, line)`` in pixels, with pixel centres at whole numbers and line 0 at the top, which is at
-the largest y when the camera looks straight down. An image may hold every line of the chip or one for every two (``pitch``).
+Image coordinates are ``(column, line)`` in pixels, with pixel centres at whole numbers and line 0 at the top, which is at the
+largest y for a vertical optical axis. An image has every line of the chip, or one for every two (``pitch``).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ PIXELS = (752, 570)
 """Columns and lines of the prototype's camera (thesis section 5.1)."""
 
 CHIP = 868e-3 * 6e-3 / 0.772
-"""m, width. The thesis gives 6.7 mm, rounded; with these digits, 868 mm are covered from 0.772 m through 6 mm, as it says.
-Pixels are square: so are the thesis's 1.15 mm, to 0.01 %."""
+"""m, width. The thesis gives 6.7 mm, rounded; this value reproduces its field of view of 868 mm at 0.772 m with a 6 mm lens.
+Pixels are square, like the thesis's of 1.15 mm, within 0.01 %."""
 
 _NEAREST = 1e-6
 """m, least depth of a visible point."""
 
 
 class Optics(NamedTuple):
-    """The camera as kernels need it."""
+    """The camera, for kernels."""
 
     place: np.ndarray  # (3,) m, of the lens in the surface's frame
     axes: np.ndarray  # (3, 3) rows: directions of increasing columns, of increasing lines, and of view
@@ -52,7 +52,7 @@ def optics_of(
     Args:
         position: of the lens over the surface, m.
         height: of the lens above the surface, m.
-        tilt: turns about the surface's x and y axes, away from looking straight down, rad (about y first).
+        tilt: rotations about the surface's x and y axes from the vertical optical axis, rad (about y first).
         lens: focal length, m.
         chip: width of the chip, m; its pixels are square.
         pixels: columns and lines of the chip.
@@ -61,7 +61,7 @@ def optics_of(
     """
     columns, lines = pixels
     (cx, sx), (cy, sy) = ((math.cos(angle), math.sin(angle)) for angle in tilt)
-    # Looking straight down, columns grow along x and lines against y.
+    # With a vertical optical axis, columns grow along x and lines against y.
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
     about_y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
     axes = np.ascontiguousarray(np.diag([1.0, -1.0, -1.0]) @ (about_x @ about_y).T)
@@ -94,7 +94,7 @@ def project_all(optics, points, places):
 
 
 def projected(optics: Optics, points: np.ndarray) -> np.ndarray:
-    """Return where points (n, 3), m, are seen: (n, 2) column and line."""
+    """Return image coordinates (n, 2), column and line, of points (n, 3), m."""
     places = np.empty((len(points), 2))
     project_all(optics, np.ascontiguousarray(points, dtype=np.float64), places)
     return places

@@ -23,7 +23,7 @@ from vibgym.sensing.measurement import Reading
 
 
 class Picture(NamedTuple):
-    """Content of an image, which is drawn on request."""
+    """Data of an image, which is drawn on request."""
 
     pose: np.ndarray  # (worlds, parts, 3)
     earlier: np.ndarray  # (worlds, parts or 0, 3) when the odd lines were taken
@@ -32,27 +32,27 @@ class Picture(NamedTuple):
 
 
 class CameraSensor(Sensor):
-    """Measures poses in images of the surface.
+    """Sensor that measures poses in synthetic images of the surface.
 
-    Each sample draws what the camera sees around the parts (dark tops at their height, through perspective and distortion,
-    blurred, in uneven light, with noise, in eight bits), finds the objects in it, measures them, takes their centroids to the
-    surface by a calibration with a template, and assigns objects to parts. A part that is cut off by the border of what is
-    seen, or runs into another one, is not seen; ``info`` counts ``swaps`` (parts taken for others), ``merges`` and ``losses``
-    of each sample. At an episode's start the camera uses the true poses, for the identities of parts and their headings modulo
-    symmetry. Fallen parts are reported as gone.
+    Each sample renders the image around the parts: dark tops at their height, with perspective, distortion, blur, uneven light,
+    noise and eight bits. It then finds and measures the objects, maps their centroids to the surface by a calibration with a
+    template, and assigns objects to parts. A part that is cut off by the border of the image, or merges with another one, is
+    not seen. ``info`` counts ``swaps`` (parts mistaken for others), ``merges`` and ``losses`` of each sample. At an episode's
+    start the identities of parts and their headings modulo symmetry are initialised from the true poses. Fallen parts are
+    reported as gone.
 
     Args:
         surface, parts, worlds, periods: see :class:`Sensor`.
-        statistical: no images, but their errors: a fixed function of the pose and white noise, with what :func:`fit_errors`
-            finds in a sample of images for these parts and settings.
-        **settings: of the camera, see :class:`vibgym.plugins.camera.setup.Settings`; ``delay``, ``rate`` and effects. Its own
-            ``noise`` is that of the pixels: additional noise of poses goes under ``effects``.
+        statistical: model the errors without images: a fixed function of the pose and white noise, fitted by
+            :func:`fit_errors` to images of these parts with these settings.
+        **settings: of the camera, see :class:`vibgym.plugins.camera.setup.Settings`; ``delay``, ``rate`` and effects.
+            ``noise`` is that of the pixels; additional noise of poses goes under ``effects``.
 
     Attributes:
-        setup: optics, calibration and what else follows from the settings.
+        setup: optics, calibration and other data derived from the settings.
 
     Raises:
-        ValueError: a bad setting; a camera that does not see the whole surface; parts that it cannot see.
+        ValueError: a bad setting; a camera that does not cover the whole surface; parts that cannot be detected.
     """
 
     SETTINGS = Settings
@@ -99,7 +99,7 @@ class CameraSensor(Sensor):
         return {each.name.lower(): self.track.count[:, each] for each in Mishap}
 
     def keep_pictures(self) -> None:
-        """Store the data for :meth:`image` from the next start of an episode on; they belong to snapshots."""
+        """Store the data for :meth:`image` from the next start of an episode on, also in snapshots."""
         count = len(self.parts)
         odd = count if self.setup.lag > 0.0 else 0
         self._pictures = [
@@ -113,7 +113,7 @@ class CameraSensor(Sensor):
         ]
 
     def image(self) -> np.ndarray:
-        """Return (worlds, lines, columns) uint8: a new array with the camera image that is due.
+        """Return the latest delayed image, (worlds, lines, columns) uint8, in a new array.
 
         Raises:
             ValueError: :meth:`keep_pictures` has not been called.

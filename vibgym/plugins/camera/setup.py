@@ -20,12 +20,12 @@ from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 
 LINES = {"all": 1, "interlaced": 1, "half": 2}
-"""Lines of the chip that make one of the image."""
+"""Lines of the chip per line of the image."""
 
 EDGES = ("grey", "threshold")
 
 SURFACE, PARTS, SURROUNDINGS = 200.0, 40.0, 90.0
-"""Grey levels where the light is full."""
+"""Grey levels in full light."""
 
 REACH = 0.005
 """m, gate around the expected position, added to the distance at full speed."""
@@ -36,16 +36,16 @@ class Settings:
     """Settings of the camera.
 
     Args:
-        edge: ``"grey"`` uses the grey levels along the edges, ``"threshold"`` counts whole pixels, as the thesis did.
-        lines: ``"half"`` of the chip's lines make an image, two and two together (as in the thesis), ``"all"`` at once, or
+        edge: ``"grey"`` uses the grey levels along the edges, ``"threshold"`` counts whole pixels (as in the thesis).
+        lines: ``"half"``: pairs of the chip's lines are combined (as in the thesis); ``"all"`` at once; or
             ``"interlaced"``: even lines at the instant, odd ones half an oscillation before.
         noise: grey levels, standard deviation, of each pixel at each sample.
         blur: px, standard deviation of the lens's point spread.
         distortion: displacement of the image's corner outwards, over its distance from the centre.
-        light: share of the light that is missing in the image's corners; it falls off with the square of the distance.
+        light: share of the light that is missing in the image's corners; it decreases with the square of the distance.
         threshold: grey level below which a pixel belongs to a part. Full light makes the surface 200, and parts 40.
         height: of the lens above the surface, m.  position: of the lens over the surface, m; None: its middle.
-        tilt: turns away from looking straight down about the surface's x and y axes, rad.
+        tilt: rotations about the surface's x and y axes from the vertical optical axis, rad.
         lens: focal length, m.  chip: width of the chip, m.  pixels: its columns and lines.
         border: m, width of the light frame around the surface; the area of interest ends there.
         tetragons: of the calibration, along x and y.  mark: length of its square marks, m.
@@ -74,7 +74,7 @@ class Setup:
 
     Args:
         surface: the table.  parts: of every world.
-        settings: checked here.
+        settings: of the camera.
         step: s from sample to sample.
 
     Attributes:
@@ -82,7 +82,7 @@ class Setup:
         lag: s by which the odd lines are taken before the even ones.
 
     Raises:
-        ValueError: a bad setting; a camera that does not see the whole surface; a part that is too small or tall to be seen.
+        ValueError: a bad setting; a camera that does not cover the whole surface; a part too small or tall to be detected.
     """
 
     def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings, step: float) -> None:
@@ -119,7 +119,7 @@ class Setup:
             traits=traits_of(self.parts),
             foot=self.ideal.place,
             grain=grain,
-            # Sums over shares are widened by the pixels' size and the blur; sets of whole pixels are right on average.
+            # Second moments of shares include pixel size and blur; those of whole pixels are unbiased.
             aperture=1.0 / 12.0 + np.array(variance) if self.edge == "grey" else np.zeros(2),
             reach=REACH,
             speed=surface.table_speed,
@@ -153,7 +153,7 @@ class Setup:
         return grid_of(self.template, assign_marks(seen, expected))
 
     def alone(self, kind: int) -> tuple[Rig, Knowledge]:
-        """Return the camera before worlds of one part each, of that kind."""
+        """Return the camera for worlds of one part each, of that kind."""
         only = np.array([kind])
         rig = self.rig._replace(shapes=self.rig.shapes._replace(kind=only))
         return rig, self.known._replace(traits=self.known.traits._replace(kind=only))
@@ -192,7 +192,7 @@ class Setup:
         return np.array([[-border, -border], [right, -border], [right, top], [-border, top]])
 
     def _frame(self, border: float) -> np.ndarray:
-        """Return (n, 2) px, outline of the surface and of a light border around it, as they are seen."""
+        """Return (n, 2) px, outline of the surface and its light border in the image."""
         corners = self._corners(border)
         t = np.linspace(0.0, 1.0, 65)[:-1, None]
         sides = [a + t * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
@@ -209,7 +209,7 @@ class Setup:
         return bare, picture
 
     def _refuse_unseen(self, frame: np.ndarray) -> None:
-        """Refuse a camera that does not see the whole surface with its border."""
+        """Raise ValueError for a camera that does not cover the whole surface with its border."""
         lines, columns = self.shape
         inside = (frame > -0.5) & (frame < (columns - 0.5, lines - 0.5))  # False for NaN, too
         if inside.all():
@@ -224,7 +224,7 @@ class Setup:
         )
 
     def _refuse_unfit(self, kinds: Sequence[Part]) -> None:
-        """Refuse parts that the camera cannot see."""
+        """Raise ValueError for parts that cannot be detected."""
         for part in kinds:
             if part.height > 0.5 * self.optics.place[2]:
                 got = f"{part.name}, {part.height:g} m high"
@@ -235,11 +235,11 @@ class Setup:
                 raise checks.refuse("parts", got, allowed)
 
     def _pixel(self) -> float:
-        """Return m on the surface, along a line."""
+        """Return the size of a pixel on the surface along a line, m."""
         return self.optics.place[2] / self.optics.focal
 
     def _inner(self, part: Part) -> float:
-        """Return px, radius of the largest circle in a part as it is seen."""
+        """Return the radius of the largest circle inside a part in the image, px."""
         return room_inside(part) / self._pixel()
 
     def _exposure(self, settings: Settings) -> image.Exposure:
@@ -252,7 +252,7 @@ class Setup:
         v = (np.arange(lines) + 0.5) * self.pitch - 0.5 - self.optics.line
         from_centre = (u**2 + v[:, None] ** 2) / (0.25 * (columns**2 + (lines * self.pitch) ** 2))
         brightness = 1.0 - light * from_centre
-        # The border goes on a little, so that nothing of what is beyond shows in the area of interest.
+        # The border extends a little farther, so that the blurred surroundings stay outside the area of interest.
         beyond = (1 + len(along) // 2) * self.pitch * self._pixel()
         bare = image.Exposure(np.ones(self.shape, np.float32), 0.0, across, along, 0.0, image.normal_quantiles())
         frame = image.Shapes(
@@ -277,7 +277,7 @@ class Setup:
             )
             raise checks.refuse("sensor.threshold", threshold, allowed)
         least = min(part.area for part in kinds) / (self.pitch * self._pixel() ** 2)
-        # A square grid meets every circle of 1 / sqrt 2 of its spacing; half a pixel is lost to the threshold.
+        # A square grid hits every circle of 1 / sqrt 2 of its spacing; half a pixel is lost to the threshold.
         spacing = min(1.4 * (self._inner(part) - 0.5) for part in kinds)
         interest = Interest(
             first, last, threshold, max(int(spacing / self.pitch), 1), max(int(spacing), 1), max(int(0.25 * least), 1)
@@ -294,7 +294,7 @@ class Setup:
         template = Template(surface.width / along, surface.depth / across, across + 1, along + 1, mark)
         needed = 0.5 * mark + 2.0 * self.pitch * self._pixel()
         if border < needed:
-            allowed = f"at least {needed:.4g} m, so that marks on the surface's border are seen"
+            allowed = f"at least {needed:.4g} m, so that marks on the surface's border are visible"
             raise checks.refuse("sensor.border", border, allowed)
         most = 0.5 * min(template.width, template.height)
         if mark > most:

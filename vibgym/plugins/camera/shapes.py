@@ -18,22 +18,22 @@ LEAST_SHARE = 0.05
 
 
 class Traits(NamedTuple):
-    """Of every kind of parts, as they are measured."""
+    """Measured properties of every kind of parts."""
 
     kind: np.ndarray  # (parts,)
     area: np.ndarray  # (kinds,) m^2
     spread: np.ndarray  # (kinds,) m^2, of the area about its centroid: sum of the two principal moments over the area
     elongation: np.ndarray  # (kinds,) difference of the principal moments over their sum
-    order: np.ndarray  # (kinds,) of the complex moment in which the heading shows; 0: in none
+    order: np.ndarray  # (kinds,) of the complex moment that defines the heading; 0: none
     phase: np.ndarray  # (kinds,) rad, angle of that moment at heading 0
-    strength: np.ndarray  # (kinds,) m^order, its size over the area
+    strength: np.ndarray  # (kinds,) m^order, its magnitude over the area
     height: np.ndarray  # (kinds,) m, of the top
     radius: np.ndarray  # (kinds,) m
     edge: np.ndarray  # (kinds,) m, length of the outline
 
 
 def outline_moment(outline: np.ndarray, order: int) -> complex:
-    """Return integral of (x + i y)^order over a polygon: 1 / 2i times that of conj(z) z^order along its border (Green)."""
+    """Return the integral of (x + i y)^order over a polygon: 1 / 2i times that of conj(z) z^order along its border (Green)."""
     z = outline[:, 0] + 1j * outline[:, 1]
     step = np.roll(z, -1) - z
     nodes, weights = np.polynomial.legendre.leggauss(order // 2 + 2)  # exact for these polynomials
@@ -43,7 +43,7 @@ def outline_moment(outline: np.ndarray, order: int) -> complex:
 
 
 def size_moment(outline: np.ndarray, order: int) -> float:
-    """Return integral of |x + i y|^order over a polygon that holds its origin, or nearly."""
+    """Return the integral of |x + i y|^order over a polygon that contains the origin, or nearly."""
     x, y = outline[:, 0], outline[:, 1]
     nodes, weights = np.polynomial.legendre.leggauss(order + 4)
     t = 0.5 * (nodes + 1.0)
@@ -54,7 +54,7 @@ def size_moment(outline: np.ndarray, order: int) -> float:
 
 
 def heading_order(part: Part) -> tuple[int, complex]:
-    """Return order of the first moment that tells the heading clearly, and it at heading 0, m^order; order 0 if none does."""
+    """Return order and value (m^order, at heading 0) of the first moment that defines the heading; order 0 if none does."""
     if part.symmetry == 0:
         return 0, 0.0
     for order in range(2, MOST_ORDER + 1):
@@ -87,11 +87,11 @@ def traits_of(parts: Sequence[Part]) -> Traits:
 
 
 def room_inside(part: Part) -> float:
-    """Return radius of the largest circle within a part, m, to 2 %: a grid that is fine enough meets it wherever it lies."""
+    """Return the radius of the largest circle inside a part, m, within 2 %, by search on a grid."""
     outline = part.outline
     low, high = outline.min(axis=0), outline.max(axis=0)
     centre, span, best = 0.5 * (low + high), 0.5 * (high - low), 0.0
-    for _ in range(6):  # a grid, and finer ones around the best of it
+    for _ in range(6):  # a grid, then finer ones around the best point
         offsets = np.linspace(-1.0, 1.0, 25)
         points = (centre + np.stack(np.meshgrid(*(offsets[:, None] * span).T), axis=-1)).reshape(-1, 2)
         depth = _depth(points, outline)
@@ -101,7 +101,7 @@ def room_inside(part: Part) -> float:
 
 
 def _depth(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
-    """Return distance of points (n, 2) to the outline, negative outside."""
+    """Return the distance of points (n, 2) to the outline, negative outside."""
     ends = np.roll(outline, -1, axis=0)
     edge = ends - outline
     relative = points[:, None] - outline

@@ -1,4 +1,4 @@
-"""Statistical camera: a fixed function of the pose as measurement error, and white noise at each sample; no images.
+"""Statistical camera: measurement errors as a fixed function of the pose plus white noise, without images.
 
 The function is smooth noise: standard normal numbers, hashed from the corners of a lattice over (x, y, heading), are blended
 between the corners and scaled to variance one everywhere. So the error is constant while a part is at rest. The effect of
@@ -41,7 +41,7 @@ class Statistics(NamedTuple):
     traits: Traits
     model: ErrorModel
     frame: np.ndarray  # (4,) m, visible part of the surface: least and largest x, least and largest y
-    foot: np.ndarray  # (3,) m, place of the lens
+    foot: np.ndarray  # (3,) m, position of the lens
     pixel: np.ndarray  # (2,) m, size of a pixel on the surface along columns and lines
     step: float  # s from sample to sample
     lag: float  # s by which the odd lines are taken before the even ones
@@ -57,7 +57,7 @@ def normal_levels() -> np.ndarray:
 
 @borrowing
 def _mixed(value):
-    """Return a whole number, scrambled (the finaliser of splitmix64, G. Steele et al. 2014)."""
+    """Return the hash of an integer (the finaliser of splitmix64, G. Steele et al. 2014)."""
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return value ^ (value >> np.uint64(31))
@@ -71,7 +71,7 @@ def _level(word, bits, quantiles):
 
 @borrowing
 def smooth_noise(x, y, z, kind, quantiles):
-    """Return three independent smooth functions of a place in lattice units, of mean 0 and variance 1.
+    """Return three independent smooth functions of a position in lattice units, of mean 0 and variance 1.
 
     A cube of the lattice is cut into six simplices, in which the numbers at four corners are blended linearly (K. Perlin 2001).
     """
@@ -79,7 +79,7 @@ def smooth_noise(x, y, z, kind, quantiles):
     u, v, w = x - i, y - j, z - k
     ax, ay, az = np.uint64(_ALONG_X), np.uint64(_ALONG_Y), np.uint64(_ALONG_Z)
     here = np.uint64(i) * ax + np.uint64(j) * ay + np.uint64(k) * az + _mixed(np.uint64(kind + 1))
-    # From the first corner along the axis on which the place is farthest, then the next one, then the last.
+    # From the first corner along the axis of the largest coordinate, then the next, then the last.
     largest = ax if u >= v and u >= w else (ay if v >= w else az)
     least = az if w <= v and w <= u else (ay if v <= u else ax)
     high, low = max(u, v, w), min(u, v, w)
@@ -100,7 +100,7 @@ def smooth_noise(x, y, z, kind, quantiles):
 
 @borrowing
 def white_noise(key, look, part, quantiles):
-    """Return three independent normal numbers of variance 1, new at each sample: each the sum of two of the table's."""
+    """Return three independent normal numbers of variance 1, new at each sample; each is a sum of two from the table."""
     a, b, c, _ = philox(key, look, part, 0, WHITE)
     scale = math.sqrt(0.5)
     return (
@@ -112,7 +112,7 @@ def white_noise(key, look, part, quantiles):
 
 @borrowing
 def turned(order, strength, phase, along, across, turn):
-    """Return the measured turn of an image of two halves, of which one is shifted and turned.
+    """Return the measured rotation of an image of two halves, of which one is shifted and rotated.
 
     With n-fold symmetry E[(z + e)^n], averaged over +e and -e, is E[z^n] + e^n for even n: the moment that defines the heading
     (:func:`vibgym.plugins.camera.edges.complex_moment`) is that of both halves about their common centre.
@@ -120,7 +120,7 @@ def turned(order, strength, phase, along, across, turn):
     Args:
         order: n.  strength, phase: of E[z^n] at heading 0, m^n and rad.
         along, across: e, half of the shift, along the heading and across it, m.
-        turn: of the half that is turned by minus so much, rad.
+        turn: negative rotation of that half, rad.
     """
     re, im = 0.5 * (1.0 + math.cos(order * turn)), -0.5 * math.sin(order * turn)
     if order % 2 == 0:
@@ -161,7 +161,7 @@ def _gap(mine, here, theirs, there):
 
 @borrowing
 def _clipped(pose, outline, radius, height, frame, foot):
-    """Return whether a part's top is seen beyond the frame (4,): least and largest x, least and largest y, m."""
+    """Return whether a part's top appears beyond the frame (4,): least and largest x, least and largest y, m."""
     far = foot[2] / (foot[2] - height)
     x, y = foot[0] + far * (pose[0] - foot[0]), foot[1] + far * (pose[1] - foot[1])
     r = far * radius

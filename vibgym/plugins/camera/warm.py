@@ -6,6 +6,6 @@ from vibgym.warm import environment
 
 
 def compile_kernels() -> None:
-    """Run a step with camera images, and one with the camera's statistics."""
+    """Run a step with camera images, and one with the statistical camera."""
     environment(sensor="camera", observation="camera")
     environment(sensor={"kind": "camera", "statistical": True})

@@ -31,7 +31,7 @@ NEED_MORE = ("trained", "residual", "schedule", "by_task")
 """Policies that require further settings, such as a file."""
 
 MOST_RATE, MOST_TILT = 5.0, math.radians(10.0)
-"""1/s and rad of a disturbance."""
+"""Largest rate (1/s) and tilt (rad) of disturbances."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Settings:
         id: of the environment.
         policy: a name among those that :func:`policies_of` finds; ``"zero"``: only painted elements move.
         hardware: a key of :data:`HARDWARE`.
-        model: among :data:`MODELS`; None: what the environment has.
+        model: among :data:`MODELS`; None: the environment's default.
         rate: disturbances of each part, 1/s.
         tilt: rad, size of a disturbance.
 
@@ -80,7 +80,7 @@ class Settings:
         return found
 
     def environment(self) -> Any:
-        """Return the environment, without a limit of time.
+        """Return the environment, without a time limit.
 
         Raises:
             ValueError: a model or hardware that does not support the task.
@@ -96,7 +96,7 @@ def _named(info: TaskInfo) -> dict[str, Any]:
 
 
 def policies_of(info: TaskInfo) -> tuple[str, ...]:
-    """Return names of the policies that serve a task."""
+    """Return the names of the policies that support a task."""
     return tuple(name for name, policy in _named(info).items() if _made(policy, info) is not None)
 
 

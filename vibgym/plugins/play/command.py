@@ -25,14 +25,14 @@ NEEDED = ("PIL", "starlette", "uvicorn", "websockets")
 def play(parser: argparse.ArgumentParser) -> Callable[[argparse.Namespace], int]:
     """Serve a page to control an environment by hand (extra 'play')."""
     parser.add_argument("id", nargs="?", default="vibgym/Align-v0", metavar="ID", help="an environment (Align)")
-    parser.add_argument("--host", default="127.0.0.1", help="where to listen; by default only this machine can come")
-    parser.add_argument("--port", type=int, default=PORT, help=f"{PORT}; 0: any that is free")
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on; default: this host only")
+    parser.add_argument("--port", type=int, default=PORT, help=f"default {PORT}; 0: any free port")
     parser.add_argument(
         "--import", dest="imports", action="append", default=[], metavar="PACKAGE",
-        help="a module whose environments, tasks and laws take part; may be given several times",
+        help="module that registers environments, tasks or controllers; repeatable",
     )  # fmt: skip
     parser.add_argument("--output", type=Path, default=Path("runs/play"), help="directory for recordings")
-    parser.add_argument("--no-browser", action="store_true", help="print the address only")
+    parser.add_argument("--no-browser", action="store_true", help="do not open a browser")
     return run
 
 
@@ -40,7 +40,7 @@ def run(given: argparse.Namespace) -> int:
     """Serve until Ctrl-C; returns the exit code.
 
     Raises:
-        ValueError: an unknown id, a port that is taken or no number of one, a host that is not here, a folder that is none.
+        ValueError: an unknown id, an invalid or used port, an address of another host, or an output that is not a directory.
         ModuleNotFoundError: the extra is not installed.
     """
     imports.take_part(given.imports)
@@ -98,7 +98,7 @@ def _listening(host: str, port: int) -> socket.socket:
     try:
         family, kind, number, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except (OSError, UnicodeError):
-        raise checks.refuse("--host", host, "an address of this machine, such as 127.0.0.1") from None
+        raise checks.refuse("--host", host, "an address of this host, such as 127.0.0.1") from None
     result = socket.socket(family, kind, number)
     if sys.platform != "win32":
         result.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -108,5 +108,5 @@ def _listening(host: str, port: int) -> socket.socket:
     except OSError as error:
         result.close()
         why = (error.strerror or str(error)).lower()
-        raise checks.refuse("--port", f"{port} on {host} ({why})", "a port that is free; 0 finds one") from None
+        raise checks.refuse("--port", f"{port} on {host} ({why})", "a free port; 0 selects one") from None
     return result

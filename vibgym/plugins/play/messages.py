@@ -1,4 +1,4 @@
-"""Messages of the page: JSON objects with the action in ``do``; invalid ones are refused in one line."""
+"""Messages of the page: JSON objects with the action in ``do``; invalid ones raise an error of one line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from vibgym import checks
 
 MOST_BYTES = 64 * 1024
-"""Largest size of a message: one that paints all elements of a large table is smaller."""
+"""Largest size of a message; painting all elements of a large table takes less."""
 
 MOST_ELEMENTS = 4096
 """Most elements painted by a message."""
@@ -20,7 +20,7 @@ Share = Annotated[float, Field(allow_inf_nan=False, ge=-1.0, le=1.0)]
 
 
 class Message(BaseModel):
-    """Base class of messages; ``n`` numbers them from 1 on, so that none is applied twice after a reconnect."""
+    """Base class of messages, numbered by ``n`` from 1 on, so that none is applied twice after a reconnect."""
 
     model_config = ConfigDict(extra="forbid", strict=False, frozen=True)
 

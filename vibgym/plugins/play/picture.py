@@ -46,7 +46,7 @@ def scene_of(world: World) -> dict[str, Any]:
 
 
 def frame_of(world: World) -> dict[str, Any]:
-    """Return how the world stands now."""
+    """Return the present state of the world."""
     core, info = world.core, world.info
     episode, state = core.episode, core.simulator.state
     held = {str(part): world.room(part) for part in world.held}
@@ -79,6 +79,6 @@ def _poses(pose: np.ndarray) -> list[list[int]]:
 
 
 def _number(info: dict[str, Any], name: str, scale: float) -> float | None:
-    """Return a number of ``info`` in a unit for people; None where the task has none."""
+    """Return a value of ``info`` in display units; None where the task has none."""
     value = info.get(name)
     return None if value is None or not math.isfinite(value) else round(float(value) * scale, 4)

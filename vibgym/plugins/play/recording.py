@@ -22,7 +22,7 @@ MOST_STEPS = 2500
 """Most steps of a recording: 100 s at 25 Hz. Later steps are skipped, with a message on the page."""
 
 EVERY = 2
-"""Steps from picture to picture: GIFs play 12.5 a second at the machine's 25 Hz."""
+"""Steps per frame: GIFs play 12.5 frames per second at the table's 25 Hz."""
 
 WIDTH = 720
 """Pixels of a GIF's pictures."""
@@ -39,7 +39,7 @@ class Segment:
 
 
 class Recorder:
-    """Records a world from now on."""
+    """Recorder of a world."""
 
     def __init__(self, world: World) -> None:
         self.pictures: list[Image.Image] = []
@@ -55,13 +55,13 @@ class Recorder:
         self._cut = True
 
     def before(self, world: World) -> None:
-        """Note where a step begins."""
+        """Store the state before a step."""
         if self._cut and not self.full:
             self.segments.append(Segment(world.env.observed("state")))
             self.settings, self._cut, self._over = world.settings, False, False
 
     def after(self, world: World) -> None:
-        """Note what a step has come to."""
+        """Store the result of a step."""
         if self.full:
             return
         if (
@@ -87,7 +87,7 @@ class Recorder:
         self.pictures.append(frame.resize((WIDTH, height)).quantize(96, dither=Image.Dither.NONE))
 
     def gif(self, path: Path, step_time: float) -> None:
-        """Write the pictures, each shown as long as the machine took."""
+        """Write the frames in real time; ``step_time``: s of a step."""
         path.parent.mkdir(parents=True, exist_ok=True)
         size = max(picture.size for picture in self.pictures)
         same = [picture if picture.size == size else picture.resize(size) for picture in self.pictures]

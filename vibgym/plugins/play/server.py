@@ -1,4 +1,4 @@
-"""The server: one page, one socket, a world for every visitor; other requests are refused."""
+"""The server: a page, a socket and a world for every visitor; other requests are refused."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Visitor:
         socket = self.socket
         if socket is None:
             return
-        with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # lost just now: the receiver notices, too
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the connection was lost; the receiver handles it
             for answer in answers:
                 await socket.send_text(json.dumps(answer, separators=(",", ":")))
 
@@ -93,10 +93,10 @@ class Visitor:
 
 
 class Server:
-    """Creates and keeps the worlds of visitors.
+    """Server of the worlds of visitors.
 
     Args:
-        first: what a world begins with.
+        first: initial settings of a world.
         output: directory for recordings.
     """
 
@@ -105,7 +105,7 @@ class Server:
         self.visitors = dict[str, Visitor]()
 
     def app(self, hosts: Sequence[str]) -> ASGIApp:
-        """Return the application; ``hosts``: names under which it answers, ``"*"`` for all."""
+        """Return the application; ``hosts``: accepted host names, ``"*"`` for all."""
         routes = [
             Route("/", self._page),
             Route("/{name}", self._file),
@@ -122,7 +122,7 @@ class Server:
     async def _file(self, request: Request) -> Response:
         name = request.path_params["name"]
         if name not in PAGE:
-            return PlainTextResponse("nothing here\n", 404)
+            return PlainTextResponse("not found\n", 404)
         path, kind = PAGE[name]
         return FileResponse(path, media_type=kind, headers=HEADERS)
 
@@ -130,7 +130,7 @@ class Server:
         name = request.path_params["name"]
         path = next((each.session.kept[name] for each in self.visitors.values() if name in each.session.kept), None)
         if path is None or not path.is_file():
-            return PlainTextResponse("nothing here\n", 404)
+            return PlainTextResponse("not found\n", 404)
         return FileResponse(path, media_type="image/gif", filename=name, headers=HEADERS)
 
     async def _world(self, socket: WebSocket) -> None:
@@ -166,14 +166,14 @@ class Server:
         """Return the visitor with this token, or a new one.
 
         Raises:
-            ValueError: no room, or an environment or a start that cannot be.
+            ValueError: no room, or an invalid environment or start.
         """
         known = self.visitors.get(socket.query_params.get("token", ""))
         if known is not None:
             return known
         self._see_off()
         if len(self.visitors) >= MOST_WORLDS:
-            raise ValueError(f"no room: {MOST_WORLDS} worlds are being played with; come back later")
+            raise ValueError(f"no room: {MOST_WORLDS} worlds are in use; try again later")
         first, start = socket.query_params.get("id"), socket.query_params.get("start")
         settings = self.first if first is None else Settings(first)
         session = await asyncio.to_thread(Session, settings, self.output, start)
@@ -218,7 +218,7 @@ class Guard:
             await receive()
             await send({"type": "websocket.close", "code": POLICY_VIOLATION})
             return
-        answer: Callable[[Scope, Receive, Send], Awaitable[None]] = PlainTextResponse("not for this host\n", 403)
+        answer: Callable[[Scope, Receive, Send], Awaitable[None]] = PlainTextResponse("unknown host\n", 403)
         await answer(scope, receive, send)
 
 

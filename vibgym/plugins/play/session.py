@@ -27,7 +27,7 @@ Answer = dict[str, Any]
 
 
 class Session:
-    """Executes messages in order, each once.
+    """Executor of messages, in order and each once.
 
     Args:
         settings: of the first world.
@@ -84,7 +84,7 @@ class Session:
             return self._look()
 
     def do(self, text: str | bytes) -> list[Answer]:
-        """Execute a message; an invalid one is refused in one line, and nothing changes."""
+        """Execute a message; for an invalid one return an error, without any change."""
         with self._lock:
             try:
                 message = messages.parsed(text)
@@ -204,7 +204,9 @@ class Session:
         rows, columns = self.world.paint.shape[:2]
         elements = np.array(message.elements, dtype=int).reshape(-1, 2)
         if ((elements < 0) | (elements >= [rows, columns])).any():
-            raise checks.refuse("elements", "one beside the table", f"rows 0 to {rows - 1}, columns 0 to {columns - 1}")
+            raise checks.refuse(
+                "elements", "an element off the table", f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
+            )
         if message.begin:
             self._note()
         phasor = np.array([np.nan, np.nan] if message.phasor is None else message.phasor)
@@ -240,7 +242,7 @@ class Session:
                 return [{"kind": "kept", "text": f"written: {path}", "link": f"kept/{path.name}"}]
             path = recorder.minari(self.output, f"play/{name}-v0")
         except Exception:
-            self._recorder = recorder  # nothing is lost
+            self._recorder = recorder  # keep the recording
             raise
         text = f"written: {path} (MINARI_DATASETS_PATH={self.output}, data set play/{name}-v0)"
         return [{"kind": "kept", "text": text}]

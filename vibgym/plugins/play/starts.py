@@ -19,7 +19,7 @@ MOST_BYTES = 200_000
 """Largest size of an unpacked start."""
 
 SEAL = 6
-"""Bytes of the check sum against mistyped codes."""
+"""Bytes of the checksum against mistyped codes."""
 
 
 def code_of(world: World) -> str:
@@ -46,7 +46,7 @@ def world_from(code: str) -> World:
     """Return the world that a code describes.
 
     Raises:
-        ValueError: a code that was altered or cut off, or one of an environment that is not there.
+        ValueError: a code that was altered or truncated, or that of an unknown environment.
     """
     content = _content(code)
     try:
@@ -77,8 +77,8 @@ def _off_the_table_allowed(world: World, options: dict[str, Any]) -> np.ndarray:
 
 
 def _content(code: str) -> dict[str, Any]:
-    """Return the content of a code with a valid check sum."""
-    allowed = "the code of a start as it was shared, unaltered and whole"
+    """Return the content of a code with a valid checksum."""
+    allowed = "the complete, unaltered code of a start"
     try:
         packed = base64.urlsafe_b64decode(code.encode("ascii") + b"=" * (-len(code) % 4))
         seal, plain = packed[:SEAL], packed[SEAL:]

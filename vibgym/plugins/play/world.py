@@ -22,7 +22,7 @@ SAME_WORLD = ("pose", "velocity", "mean_velocity", "sticking", "fallen", "fricti
 
 
 class World:
-    """An environment whose elements follow a policy, except painted ones.
+    """An environment under a policy, except for painted elements.
 
     A lifted part (:meth:`lift`) is not simulated until it is put down. Where parts arrive and leave, it stays at its place.
 
@@ -32,7 +32,7 @@ class World:
 
     Attributes:
         env: the environment, whose actions are the phasors of all elements.
-        policies: names of the policies that serve the task.
+        policies: names of the policies that support the task.
         held: pose of each lifted part.
         paint: (rows, columns, 2) float32 phasors, as fractions of full scale; nan: not painted.
         info: of the last step.
@@ -53,7 +53,7 @@ class World:
         self.begin(seed)
 
     def _bind(self, policy: Any) -> None:
-        """Use ``policy`` from now on."""
+        """Set the policy."""
         core = self.env.core
         self.policy, self._state, self._fresh = policy, None, True
         self.action = ACTIONS[policy.action](core.surface, core.parts)
@@ -188,7 +188,7 @@ class World:
         """Set the goal pose (3,) of a part.
 
         Raises:
-            ValueError: a task without fixed goals, a part without a goal, or a goal beside the surface.
+            ValueError: a task without fixed goals, a part without a goal, or a goal off the surface.
         """
         task = self.core.task
         if not task.has_goal or task.goal_moves:
@@ -205,7 +205,7 @@ class World:
         self.paint[elements[:, 0], elements[:, 1]] = phasor
 
     def switch(self, settings: Settings) -> None:
-        """Change the settings; poses and motion of the parts stay.
+        """Change the settings; poses and motion of the parts are kept.
 
         Raises:
             ValueError: incompatible settings; nothing has changed.

@@ -20,7 +20,7 @@ def tilting(
         setup: the scene.
         restitution: of a part's bottom on plates (Newton), 0 to 1.
         ramp_mm: mm on either side of a border between plates over which their heights are blended, up to half an element.
-        steps: a period.
+        steps: number of steps in a period.
 
     Raises:
         ValueError: an invalid setting, or a scene that the model does not cover.

@@ -1,4 +1,4 @@
-"""Attitudes of a rigid body: swing and turn in the state, quaternion during motion, matrix for points."""
+"""Attitudes of a rigid body: swing and twist in the state, quaternion during motion, matrix for points."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from vibgym.plugins.tilting.records import (
 
 @borrowing
 def enter_attitude(lean_x, lean_y, heading, motion):
-    """Write the quaternion of a turn by the heading and then the swing by ``lean`` (rad)."""
+    """Write the quaternion of a rotation by the heading followed by the swing ``lean`` (rad)."""
     angle = math.sqrt(lean_x * lean_x + lean_y * lean_y)
     share = 0.5 if angle < 1e-8 else math.sin(0.5 * angle) / angle
     sx, sy, sw = share * lean_x, share * lean_y, math.cos(0.5 * angle)
@@ -38,7 +38,7 @@ def enter_attitude(lean_x, lean_y, heading, motion):
 
 @borrowing
 def leave_attitude(motion, heading):
-    """Return lean x and y of the quaternion, and its heading nearest to the one given."""
+    """Return lean x and y of the quaternion, and its heading nearest to ``heading``."""
     w, x, y, z = motion[QW], motion[QX], motion[QY], motion[QZ]
     half = math.atan2(z, w)
     cosine, sine = math.cos(half), math.sin(half)

@@ -1,7 +1,7 @@
 """Contact candidates: the vertices of the pieces into which the borders of plates cut a part's bottom.
 
-The bottom is a convex plane polygon, and the ground over one plate is level. So the gap over a piece is least at one of its
-vertices: corners of the bottom, crossings of its edges with lines at which plates begin and end, and crossings of these lines
+The bottom is a convex plane polygon, and the ground over one plate is level. The gap over a piece is therefore least at a
+vertex: a corner of the bottom, a crossing of its edge with a line at which plates begin or end, or a crossing of these lines
 under the bottom. Over a ramp between two plates the gap is least at the ends of the ramp, which are such lines. Candidates on
 the rim of a disc are its lowest point and points evenly around.
 """
@@ -53,18 +53,18 @@ NEAR = 5e-6
 """m, largest gap of a contact that does not close within half a step."""
 
 AHEAD = 1e-3
-"""m, more than any point slides in half a step."""
+"""m, bound on the sliding of any point in half a step."""
 
 SAME, LEAST_SAME = 4.0, 1e-5
 """Largest displacement of a contact in a step: in units of the table's displacement, and m."""
 
 KEPT = 0.1
-"""Share of the depth of a contact that is made good in a step."""
+"""Share of the depth of a contact that is corrected in a step."""
 
 
 @borrowing
 def place_corners(rigid, kind):
-    """Write the corners of the bottom into the working array; returns how many there are."""
+    """Write the corners of the bottom into the working array; returns their number."""
     frame, motion, corner = rigid.work.frame, rigid.work.motion, rigid.work.corner
     h, radius = rigid.solids.centre_height[kind], rigid.solids.disc[kind]
     x, y, z = motion[CX] - h * frame[2], motion[CY] - h * frame[5], motion[CZ] - h * frame[8]
@@ -89,8 +89,7 @@ def place_corners(rigid, kind):
 
 @borrowing
 def begin_warm(work, contact, n, x, y, reach):
-    """Let a contact at (x, y) begin with the impulses of one that stood there in the last step, if any did within ``reach``
-    (m)."""
+    """Warm-start a contact at (x, y) with the impulses of one within ``reach`` (m) in the last step, if any."""
     contact[n, PN] = contact[n, PX] = contact[n, PY] = 0.0
     warm = work.warm
     for k in range(work.kept[0]):
@@ -102,14 +101,14 @@ def begin_warm(work, contact, n, x, y, reach):
 
 @borrowing
 def add_contact(rigid, n, x, y, z, height, rate, node):
-    """Add a point of the bottom (m, world) to the ``n`` contacts at hand if it touches the ground or may touch within the step.
+    """Add a point of the bottom (m, world) to the ``n`` contacts if it touches the ground or may touch it within the step.
 
     Args:
-        height, rate: of the ground beneath (m, m/s); the point comes no nearer than half a step makes it, see ``REACH``.
-        node: half steps since the period's start, for the ground's place.
+        height, rate: of the ground below (m, m/s); the approach in half a step is bounded by ``REACH``.
+        node: half steps since the period's start, for the position of the ground.
 
     Returns:
-        The number of contacts now.
+        The new number of contacts.
     """
     table, scheme, motion, contact = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.contact
     cosine, sine = scheme.cosine[node], scheme.sine[node]
@@ -120,7 +119,7 @@ def add_contact(rigid, n, x, y, z, height, rate, node):
     if not ahead < (NEAR if u > -IMPACT else 0.0):
         return n
     goal = -2.0 * gap / step if gap > 0.0 else min(-KEPT * gap / step, scheme.settling)
-    if u <= -IMPACT:  # at once, or friction would stop the slip before the rest of the impact comes
+    if u <= -IMPACT:  # not distributed over steps, in which friction would stop the slip early
         goal = max(goal, -scheme.restitution * u)
     slip_x = motion[VX] + motion[WY] * rz - motion[WZ] * ry + table.speed * sine
     slip_y = motion[VY] + motion[WZ] * rx - motion[WX] * rz - table.speed * cosine
@@ -141,8 +140,8 @@ def add_corner(rigid, n, k, level, climbing, node):
     """Add a corner of the bottom, see :func:`add_contact`.
 
     Args:
-        level: whether the plates beneath move alike.
-        climbing: m, that it gains at most in half a step as it slides up a ramp.
+        level: whether the plates below have equal motion.
+        climbing: m, largest rise in half a step by sliding up a ramp.
     """
     table, scheme, motion, corner = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.corner
     x, y, z = corner[k, 0], corner[k, 1], corner[k, 2]
@@ -151,7 +150,7 @@ def add_corner(rigid, n, k, level, climbing, node):
     height, rate, slope_x, slope_y = ground(rigid, at_x, at_y)
     if z - height > motion[REACH] + climbing:
         return n
-    if not level:  # what slides up a ramp climbs
+    if not level:  # sliding up a ramp lifts a corner
         rz = z - motion[CZ]
         slip_x = motion[VX] + motion[WY] * rz - motion[WZ] * (y - motion[CY]) + table.speed * sine
         slip_y = motion[VY] + motion[WZ] * (x - motion[CX]) - motion[WX] * rz - table.speed * cosine
@@ -161,8 +160,11 @@ def add_corner(rigid, n, k, level, climbing, node):
 
 @borrowing
 def write_lines(rigid, axis, low, high):
-    """Write the lines across an axis on which plates begin and end, in the table's frame between two places (m); returns how
-    many."""
+    """Write the lines across an axis on which plates begin and end, between ``low`` and ``high`` (m) in the table's frame.
+
+    Returns:
+        Number of lines.
+    """
     table, ramp, lines, beside = rigid.table, rigid.scheme.ramp, rigid.work.lines, rigid.work.beside
     size, count = table.element_size, table.columns if axis == 0 else table.rows
     first, last = int(math.floor((low - ramp) / size)), int(math.floor((high + ramp) / size)) + 1
@@ -178,7 +180,7 @@ def write_lines(rigid, axis, low, high):
                 lines[axis, n] = line
                 own = border - 1 + side
                 other = 2 * border - 1 - own
-                if own < 0 or own >= count:  # the table ends there: what is beside it has no number
+                if own < 0 or own >= count:  # no plate beyond the table's border
                     own, other = other, -1
                 beside[axis, n, 0], beside[axis, n, 1] = own, other
                 n += 1
@@ -187,15 +189,15 @@ def write_lines(rigid, axis, low, high):
 
 @borrowing
 def is_step(rigid, axis, line, along):
-    """Return whether the ground goes down beyond a line, at a plate ``along`` the other axis.
+    """Return whether the ground descends beyond a line, at a plate ``along`` the other axis.
 
-    Where it stays level no piece ends, and where it goes up it is steeper on: a plane comes nearest to it elsewhere.
+    Other lines have no candidates: on level ground no piece ends, and over a rise the gap is least elsewhere.
     """
     heights, beside = rigid.work.height, rigid.work.beside
     mask = heights.shape[1] - 1
     own, other = beside[axis, line, 0], beside[axis, line, 1]
     if other < 0 or other >= (rigid.table.columns if axis == 0 else rigid.table.rows):
-        return True  # the table ends there
+        return True  # border of the table
     if axis == 0:
         return heights[along & mask, own & mask] - heights[along & mask, other & mask] > LEVEL
     return heights[own & mask, along & mask] - heights[other & mask, along & mask] > LEVEL
@@ -203,7 +205,7 @@ def is_step(rigid, axis, line, along):
 
 @borrowing
 def add_crossing(rigid, n, axis, line, x, y, z, node):
-    """Add where the edge of the bottom crosses a line across an axis, see :func:`add_contact`."""
+    """Add the crossing of an edge of the bottom with a line across an axis, see :func:`add_contact`."""
     table, scheme, work = rigid.table, rigid.scheme, rigid.work
     at = y - table.radius * scheme.sine[node] if axis == 0 else x - table.radius * scheme.cosine[node]
     own, along = work.beside[axis, line, 0], int(math.floor(at * scheme.fineness))
@@ -217,7 +219,7 @@ def add_crossing(rigid, n, axis, line, x, y, z, node):
 
 @borrowing
 def add_edges(rigid, n, corners, crossed_x, crossed_y, node, high):
-    """Add where edges of the bottom cross lines, of which there are so many across each axis."""
+    """Add the crossings of the bottom's edges with lines; ``crossed_x``, ``crossed_y``: number of lines across each axis."""
     table, scheme, corner, lines = rigid.table, rigid.scheme, rigid.work.corner, rigid.work.lines
     beside, highest, reach = rigid.work.beside, rigid.work.highest, rigid.work.motion[REACH]
     mask = highest.shape[1] - 1
@@ -248,7 +250,7 @@ def add_edges(rigid, n, corners, crossed_x, crossed_y, node, high):
 
 @borrowing
 def add_rim(rigid, n, kind, crossed_x, crossed_y, node):
-    """Add where the edge of a disc crosses lines, see :func:`add_edges`."""
+    """Add the crossings of a disc's edge with lines, see :func:`add_edges`."""
     table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
     lines, h, radius = rigid.work.lines, rigid.solids.centre_height[kind], rigid.solids.disc[kind]
     beside, highest, reach = rigid.work.beside, rigid.work.highest, motion[REACH]
@@ -274,7 +276,7 @@ def add_rim(rigid, n, kind, crossed_x, crossed_y, node):
 
 @borrowing
 def on_bottom(rigid, kind, x, y):
-    """Place on the plane of the bottom (m, in the part's axes) that lies under or over a point of the world."""
+    """Return the point on the plane of the bottom (m, in the part's axes) below or above a point of the world."""
     frame, motion, h = rigid.work.frame, rigid.work.motion, rigid.solids.centre_height[kind]
     dx, dy = x - motion[CX] + h * frame[2], y - motion[CY] + h * frame[5]
     determinant = frame[0] * frame[4] - frame[1] * frame[3]
@@ -283,7 +285,7 @@ def on_bottom(rigid, kind, x, y):
 
 @borrowing
 def is_inside(rigid, kind, u, v):
-    """Return whether a place of the bottom's plane (m, in the part's axes) belongs to the bottom."""
+    """Return whether a point of the bottom's plane (m, in the part's axes) is inside the bottom."""
     radius = rigid.solids.disc[kind]
     if radius > 0.0:
         return u * u + v * v <= radius * radius
@@ -300,7 +302,7 @@ def is_inside(rigid, kind, u, v):
 
 @borrowing
 def add_nodes(rigid, n, kind, crossed_x, crossed_y, low_y, high_y, node):
-    """Add where lines cross one another under the bottom, which lies between two places (m) along y of the table's frame."""
+    """Add the crossings of lines under the bottom, which is between ``low_y`` and ``high_y`` (m) in the table's frame."""
     table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
     lines, h = rigid.work.lines, rigid.solids.centre_height[kind]
     heights, rates, reach = rigid.work.height, rigid.work.rate, motion[REACH]
@@ -313,12 +315,12 @@ def add_nodes(rigid, n, kind, crossed_x, crossed_y, low_y, high_y, node):
         base = motion[CZ] - h * frame[8] + down_x * dx
         away = max(abs(low_y + shift_y - motion[CY] + h * frame[5]), abs(high_y + shift_y - motion[CY] + h * frame[5]))
         if base - abs(down_y) * away - rigid.work.highest[0, column & mask] > reach:
-            continue  # all of the line is too high
+            continue  # the whole line is too high
         for j in range(crossed_y):
             y = lines[1, j] + shift_y
             dy = y - motion[CY] + h * frame[5]
             z, row = base + down_y * dy, rigid.work.beside[1, j, 0]
-            height = heights[row & mask, column & mask]  # where lines cross, ramps have ended
+            height = heights[row & mask, column & mask]  # crossings are outside of ramps
             if z - height > reach:
                 continue
             if is_step(rigid, 0, i, row) and is_step(rigid, 1, j, column):
@@ -330,10 +332,10 @@ def add_nodes(rigid, n, kind, crossed_x, crossed_y, low_y, high_y, node):
 
 @borrowing
 def find_contacts(rigid, world, kind, level, node):
-    """Write all points at which the part touches the ground or may touch it within the step; returns how many.
+    """Write all points at which the part touches the ground or may touch it within the step; returns their number.
 
     Args:
-        level: whether the plates beneath move alike: then only corners can touch.
+        level: whether the plates below have equal motion, so that only corners can touch.
         node: half steps since the period's start.
     """
     table, scheme, motion, corner = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.corner
@@ -343,18 +345,18 @@ def find_contacts(rigid, world, kind, level, node):
         low_x, high_x = min(low_x, corner[k, 0]), max(high_x, corner[k, 0])
         low_y, high_y = min(low_y, corner[k, 1]), max(high_y, corner[k, 1])
     radius = rigid.solids.disc[kind]
-    if radius > 0.0:  # beyond the corners
+    if radius > 0.0:  # a disc extends beyond its corners
         x, y = 0.5 * (corner[0, 0] + corner[4, 0]), 0.5 * (corner[0, 1] + corner[4, 1])
         low_x, high_x, low_y, high_y = x - radius, x + radius, y - radius, y + radius
     dx, dy = table.radius * scheme.cosine[node], table.radius * scheme.sine[node]
     low_x, high_x, low_y, high_y = low_x - dx, high_x - dx, low_y - dy, high_y - dy
     wide = scheme.ramp + AHEAD
     high = write_plates(rigid, world, low_x - wide, low_y - wide, high_x + wide, high_y + wide, node, node + 1)
-    # What is higher than a plate by more than it can come down in half a step cannot touch it.
+    # Points higher above a plate than they can descend in half a step cannot touch it.
     rocking = math.sqrt(motion[WX] * motion[WX] + motion[WY] * motion[WY])
     coming = abs(motion[VZ]) + rocking * (rigid.bodies.radius[kind] + rigid.solids.centre_height[kind]) + motion[LIFT]
     motion[REACH] = NEAR + 0.5 * table.period / scheme.steps * coming
-    climbing = 0.5 * table.period / scheme.steps * scheme.settling  # what a corner gains at most as it slides up a ramp
+    climbing = 0.5 * table.period / scheme.steps * scheme.settling  # largest rise of a corner that slides up a ramp
     high += motion[REACH]
     for k in range(corners):
         if corner[k, 2] < high + climbing:

@@ -10,17 +10,17 @@ from vibgym.physics.core.records import grip_of
 from vibgym.plugins.tilting.records import LIFT
 
 ABYSS = -1.0
-"""m, height where there is no plate."""
+"""m, height without a plate."""
 
 LEVEL = 1e-6
-"""m, difference between heights up to which plates count as level. It tilts a part by far less than a hundredth of a degree."""
+"""m, largest difference in height of level plates; it tilts a part by far less than 0.01 deg."""
 
 
 @borrowing
 def plate(rigid, world, row, column, node, after):
     """Return the height (m) of a plate ``node`` half steps after the period's start, and its velocity (m/s) ``after`` of them.
 
-    In a step the velocity is that at its end: the mean from the middle of the step to the middle of the next. So normal
+    The velocity of a step is that at its end, the mean from the middle of the step to the middle of the next, so that normal
     impulses and friction act at the same instant.
     """
     c, s = phasor_under(rigid.work.phasors, 0, rigid.drive, world, row, column)
@@ -33,7 +33,7 @@ def plate(rigid, world, row, column, node, after):
 def write_plates(rigid, world, low_x, low_y, high_x, high_y, node, after):
     """Write heights, velocities and grip of the plates in a box of the table's frame (m), for :func:`ground`.
 
-    The highest plates of each column and row and the speed of the fastest are written, too.
+    The highest plates of each column and row and the largest speed are written as well.
 
     Args:
         node, after: see :func:`plate`.
@@ -68,11 +68,11 @@ def share_of_own(position, index, count, steepness):
 
     Args:
         position: in the element, 0 to 1.
-        index, count: of the element, and how many there are.
-        steepness: by how much the element's own share falls in an element's length.
+        index, count: of the element, and number of elements.
+        steepness: decrease of the element's share per element length.
 
     Returns:
-        The neighbour (the element itself where there is none), its share, and how that grows with the position.
+        The neighbour (the element itself where there is none), its share, and the derivative of the share by position.
     """
     upward = position > 0.5
     distance = 1.0 - position if upward else position
@@ -115,8 +115,8 @@ def ground_on_line(rigid, axis, own, along, at):
     """Return the ground on a line across an axis at which a plate's ramp ends, by the plates of :func:`write_plates`.
 
     Args:
-        own, along: the plate's numbers along the axis and along the other.
-        at: m, place along the other axis in the table's frame, over that plate.
+        own, along: indices of the plate along the axis and along the other.
+        at: m, position along the other axis in the table's frame, over that plate.
 
     Returns:
         Height (m) and velocity (m/s).

@@ -1,8 +1,8 @@
 """Impulses of a step: of a tilted part by Gauss-Seidel sweeps over its contacts, and of a part that lies flat.
 
-A part that has landed on level ground lies flat for the rest of the period, under even pressure, as the planar model continues.
-Corners alone would brake its spin three times as fast as even pressure does. Four points of equal load with the second moments
-of the outline brake it correctly, to second order in the change of slip across the part.
+A part that has landed on level ground lies flat for the rest of the period, under even pressure as in the planar model.
+Contacts at the corners would decelerate its spin three times as fast as even pressure. Four points of equal load with the
+second moments of the outline are accurate to second order in the change of slip across the part.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ NO_GAIN = 1e-7
 """J/kg, energy that counts as zero: a fall of ten nanometres."""
 
 SOFTER = 4
-"""Most reductions of rebounds that would add energy: each halves them, the last one removes them."""
+"""Most reductions of rebounds that add energy: each halves them, the last one removes them."""
 
 POINTS = 4
 """Contacts of a part that lies flat."""
@@ -80,7 +80,7 @@ def rubbed(contact, k, friction, slip_x, slip_y):
     """Return the impulse over mass (m/s) of friction at a contact that reduces its slip (m/s) within the friction cone."""
     px, py = contact[k, PX] - slip_x * contact[k, SLIDE], contact[k, PY] - slip_y * contact[k, SLIDE]
     limit = friction * contact[k, GRIP] * contact[k, PN]
-    if px * px + py * py > limit * limit:  # against the mean slip of the step, so that friction never adds energy
+    if px * px + py * py > limit * limit:  # opposite to the mean slip of the step, so that friction never adds energy
         mean_x, mean_y = slip_x + contact[k, SLIP_X], slip_y + contact[k, SLIP_Y]
         scale = -limit / max(math.sqrt(mean_x * mean_x + mean_y * mean_y), 1e-12)
         px, py = scale * mean_x, scale * mean_y
@@ -220,7 +220,7 @@ def resolve_contacts(work, n, friction, table_x, table_y):
 
 @borrowing
 def begin_flat(motion):
-    """Lay a part flat that has almost landed."""
+    """Set the motion of a part that has almost landed to flat."""
     motion[WX] = motion[WY] = motion[LX] = motion[LY] = 0.0
 
 

@@ -1,6 +1,6 @@
 """The tilting model: rigid parts on plates of different heights.
 
-The planar model advances parts that lie flat on plates with equal motion, with the same bits. All others are rigid bodies: they
+Parts that lie flat on plates with equal motion are advanced by the planar model, bit for bit. All others are rigid bodies: they
 rock on the highest plates, tilt, land, or topple.
 """
 
@@ -41,7 +41,7 @@ from vibgym.simulation.models import planar_scene
 from vibgym.simulation.threads import Pool
 
 STEPS = 200
-"""In a period: energies of impacts within 0.5 %, transport by uniform fields within 0.01 %."""
+"""Steps in a period: energies of impacts within 0.5 %, transport by uniform fields within 0.01 %."""
 
 RESTITUTION = 0.2
 
@@ -92,7 +92,7 @@ def scheme_of(
         restitution: of a part's bottom on plates, Newton's, 0 to 1.
         ramp_mm: mm on either side of a border between plates over which their heights are blended, up to half an element; 0:
             steps.
-        steps: a period.
+        steps: number of steps in a period.
     """
     restitution = checks.number("restitution", restitution, least=0.0, most=1.0)
     ramp = 1e-3 * checks.number("ramp_mm", ramp_mm, least=0.0, most=0.5e3 * surface.element_size)
@@ -106,7 +106,7 @@ def stands(part: Part, heading: np.ndarray, lean: np.ndarray) -> np.ndarray:
     angle = np.hypot(lean[:, 0], lean[:, 1])
     if part.centre_height == 0.0:
         return angle < STEEPEST
-    # The axis leans towards z x lean; on the bottom the centre of mass stands over a point tan(angle) times its height away.
+    # The axis leans towards z x lean; the centre of mass projects to a point of the bottom tan(angle) times its height away.
     share = np.where(angle > 0.0, np.tan(np.minimum(angle, STEEPEST)) / np.maximum(angle, 1e-300), 0.0)
     away = part.centre_height * share[:, None] * np.column_stack([lean[:, 1], -lean[:, 0]])
     cosine, sine = np.cos(heading), np.sin(heading)
@@ -138,7 +138,7 @@ class AbovePlane(Model):
         self._centres = [part.centre_height for part in setup.parts]
 
     def check_parts(self) -> None:
-        """Refuse parts that are not convex."""
+        """Raise ValueError for parts that are not convex."""
         for part in self.setup.parts:
             if not is_convex(part.outline):
                 raise checks.refuse("parts", f"{part.name!r}, which is not convex", "convex with model='tilting'")
@@ -150,7 +150,7 @@ class AbovePlane(Model):
         return self.attitudes._asdict()
 
     def check_live(self, values: Mapping[str, np.ndarray]) -> None:
-        """Refuse unknown modes, and tilts beyond :data:`STEEPEST`."""
+        """Raise ValueError for unknown modes and for tilts beyond :data:`STEEPEST`."""
         mode, lean = values["mode"], np.hypot(values["lean"][..., 0], values["lean"][..., 1])
         if not ((mode >= 0) & (mode < len(MODES))).all():
             allowed = f"0 to {len(MODES) - 1} ({', '.join(MODES)})"
@@ -199,7 +199,7 @@ class AbovePlane(Model):
         return self.attitudes.toppled.copy()
 
     def tip(self, simulator: Simulator, worlds: Any, lean: Any, *, rocking: Any = 0.0, which: Any = True) -> None:
-        """Put parts of some worlds on an edge or a corner.
+        """Tilt parts of some worlds onto an edge or a corner.
 
         A tipped part keeps its position, heading and velocity in the plane. Its lowest point touches the plates as they stand
         when the next period begins.
@@ -277,7 +277,7 @@ class Tilting(AbovePlane):
 def sorted_rows(
     rows: np.ndarray, rigid: int, inputs: tuple[int, int], tilt: int, periods: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rows whose parts lie flat on level ground for so many periods, and the others; see :func:`sort_rows`.
+    """Return the rows whose parts lie flat on level ground for ``periods`` periods, and the others; see :func:`sort_rows`.
 
     Args:
         rigid, inputs, tilt: addresses of pinned records; ``inputs`` of drive and state.

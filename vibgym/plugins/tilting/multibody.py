@@ -1,7 +1,7 @@
 """The tilting model with several parts in a world, or walls: contacts of the planar model, rigid bodies between them.
 
-In contacts a tilted part has its flat footprint. In a period in which it touches another part or a wall, the planar model
-computes its motion in the plane as if it lay flat; height and tilt are integrated as if it were alone.
+For contacts a tilted part has its flat footprint. In a period in which it touches another part or a wall, the planar model
+computes its motion in the plane as that of a flat part; height and tilt are integrated without the contacts.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A period of rigid parts on the plates: steps of drift, impulses at the midpoint, drift.
 
-Friction and normal impulses act at the same instant, the middle of the step: half a step between them would change transport by
-a hundredth. The numbers of steps and sweeps are bounded, so that the cost is, too.
+Friction and normal impulses act at the same instant, the middle of the step; half a step between them would change transport by
+a hundredth. The numbers of steps and sweeps, and therefore the cost, are bounded.
 """
 
 from __future__ import annotations
@@ -55,12 +55,12 @@ CALM_STEPS = 5
 """Consecutive calm steps after which a part on level ground counts as flat."""
 
 LEAST_RESTITUTION = 0.2
-"""Lower bound of the restitution in the largest edge speed of a flat part, whose rebounds are no impacts."""
+"""Lower bound of the restitution in the largest edge speed of a flat part, whose rebounds do not count as impacts."""
 
 
 @borrowing
 def reach_of(rigid, world, part, periods):
-    """Return the radius (m) around a part's centre of mass of the plates that it may touch within so many periods."""
+    """Return the radius (m), about a part's centre of mass, of the plates that it may touch within ``periods`` periods."""
     table, state, kind = rigid.table, rigid.state, rigid.bodies.kind[part]
     vx, vy = state.velocity[world, part, 0], state.velocity[world, part, 1]
     span = periods * table.period
@@ -76,7 +76,7 @@ def reach_of(rigid, world, part, periods):
 
 @borrowing
 def is_steady(rigid, world, part):
-    """Return whether friction is too weak to tip a part that lies flat on level ground."""
+    """Return whether friction does not tip a part that lies flat on level ground."""
     state = rigid.state
     factor = state.friction[world, part] * best_grip(state.patches[world])
     return factor < rigid.solids.unsteady[rigid.bodies.kind[part]]
@@ -84,7 +84,7 @@ def is_steady(rigid, world, part):
 
 @borrowing
 def lies_level(rigid, world, part, periods):
-    """Return whether a flat part stays flat for so many periods: it does not tip, and plates within reach have equal motion."""
+    """Return whether a flat part stays flat for ``periods`` periods: it does not tip, and plates within reach move equally."""
     state, kind = rigid.state, rigid.bodies.kind[part]
     if not is_steady(rigid, world, part):
         return False
@@ -133,7 +133,7 @@ def set_down(rigid, world, kind):
     frame, h = rigid.work.frame, rigid.solids.centre_height[kind]
     for row in range(max(low, 0), min(top, table.rows - 1) + 1):
         for column in range(max(left, 0), min(right, table.columns - 1) + 1):
-            # The point of this plate nearest to the centre of mass, if it lies under the bottom.
+            # The point of this plate nearest to the centre of mass, if it is under the bottom.
             x = min(max(motion[CX] - table.radius, column * size), (column + 1) * size)
             y = min(max(motion[CY], row * size), (row + 1) * size)
             u, v = on_bottom(rigid, kind, x + table.radius, y)
@@ -233,7 +233,7 @@ def leave_motion(rigid, world, part, flat, follows):
 
     Args:
         flat: whether the part has landed on level ground.
-        follows: whether the motion in the plane is stored, too; else contacts with other parts determine it.
+        follows: whether the motion in the plane is stored as well; else contacts with other parts determine it.
     """
     state, tilt, motion = rigid.state, rigid.tilt, rigid.work.motion
     old = state.pose[world, part, 2]
@@ -260,7 +260,7 @@ def leave_motion(rigid, world, part, flat, follows):
 
 @borrowing
 def lie_flat(tilt, world, part):
-    """Hand a part over to the planar model."""
+    """Set a part to be advanced by the planar model."""
     tilt.mode[world, part], tilt.calm[world, part] = FLAT, 0
     tilt.lean[world, part, 0] = tilt.lean[world, part, 1] = 0.0
     tilt.rocking[world, part, 0] = tilt.rocking[world, part, 1] = 0.0
@@ -275,8 +275,8 @@ def rock_period(rigid, world, part, follows, paths, base, nodes):
         follows: see :func:`leave_motion`.
         paths: (all rows, nodes + 1, 3) overwritten with poses, see :func:`vibgym.physics.planar.friction.slide_rows`, or no
             rows.
-        base: the row of ``world * parts + part`` that is the first of ``paths``.
-        nodes: poses to be written down within the period.
+        base: value of ``world * parts + part`` for the first row of ``paths``.
+        nodes: number of poses to record within the period.
     """
     state, tilt, work = rigid.state, rigid.tilt, rigid.work
     kind = rigid.bodies.kind[part]
@@ -327,7 +327,7 @@ def rock_period(rigid, world, part, follows, paths, base, nodes):
 
 @borrowing
 def is_flat(rigid, world, part, periods):
-    """Return whether the planar model advances a part for so many periods, also if it has fallen or diverged."""
+    """Return whether the planar model advances a part for ``periods`` periods; True for fallen and diverged parts."""
     if rigid.state.fallen[world, part] or rigid.state.diverged[world]:
         return True
     return rigid.tilt.mode[world, part] == FLAT and lies_level(rigid, world, part, periods)
@@ -344,11 +344,11 @@ def rigid_at(fixed, drive, state, tilt):
 
 @borrowing
 def sort_rows(rows, flat, other, fixed, drive, state, tilt, periods):
-    """Separate parts that lie flat on level ground for so many periods from others.
+    """Separate parts that lie flat on level ground for ``periods`` periods from others.
 
     Args:
         rows: (n,) parts, as ``world * parts + part``.
-        flat, other: (n at least,) overwritten with the rows of flat parts and of others.
+        flat, other: (at least n,) overwritten with the rows of flat parts and of others.
         fixed, drive, state, tilt: addresses of pinned records.
 
     Returns:

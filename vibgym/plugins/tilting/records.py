@@ -12,28 +12,28 @@ from vibgym.physics.core.drive import Drive, Phasors, new_phasors
 from vibgym.physics.core.records import Bodies, State, Table
 
 FLAT, TILTED, TIPPED = range(3)
-"""Modes of a part: the planar model moves it; it is a rigid body; it has just been tipped from outside, and stands on the
-plates as they are when the next period begins."""
+"""Modes of a part: advanced by the planar model; a rigid body; just tipped by the user, to be placed on the plates when the
+next period begins."""
 
 MODES = ("flat", "tilted", "tipped")
-"""Their names."""
+"""Names of the modes."""
 
 
 class Tilt(NamedTuple):
     """State in addition to :class:`vibgym.physics.core.records.State`, changed in place.
 
-    Of a flat part, only the mode is non-zero. Attitude is ``swing o turn``: the part turns by its heading about the vertical,
-    then about a horizontal axis by the length of ``lean``, so that a pose means the same flat and tilted.
+    Attitude and vertical motion of a flat part are zero. The attitude is a rotation by the heading about the vertical, then
+    by the length of ``lean`` about a horizontal axis, so that poses of flat and tilted parts have the same definition.
     """
 
     mode: np.ndarray  # (worlds, parts) int64
     lean: np.ndarray  # (worlds, parts, 2) rad, rotation vector of the swing
-    height: np.ndarray  # (worlds, parts) m, of the centre of mass above plates in the middle of their way
+    height: np.ndarray  # (worlds, parts) m, of the centre of mass above plates at mid-stroke
     climb: np.ndarray  # (worlds, parts) m/s, upward
     rocking: np.ndarray  # (worlds, parts, 2) rad/s, about the world's x and y
-    calm: np.ndarray  # (worlds, parts) int64, steps in a row in which it did all but lie flat
-    since: np.ndarray  # (worlds, parts) int64, steps since it was tipped last
-    landing: np.ndarray  # (worlds, parts) int64, likewise, until its tilt was last more than next to nothing
+    calm: np.ndarray  # (worlds, parts) int64, consecutive steps in which it was almost flat and at rest
+    since: np.ndarray  # (worlds, parts) int64, steps since it was last tipped
+    landing: np.ndarray  # (worlds, parts) int64, steps from the last tip until its tilt was last significant
     toppled: np.ndarray  # (worlds, parts) bool: it has tipped beyond its edge, and counts as fallen
 
 
@@ -53,13 +53,13 @@ def new_tilt(worlds: int, parts: int) -> Tilt:
 
 
 class Solids(NamedTuple):
-    """The third dimension of the kinds of parts, beside their :class:`vibgym.physics.core.records.Bodies`."""
+    """Vertical properties of the kinds of parts, in addition to :class:`vibgym.physics.core.records.Bodies`."""
 
     centre_height: np.ndarray  # (kinds,) m, of the centre of mass above the bottom
     inertia: np.ndarray  # (kinds, 3) m^2, xx, yy, xy about the centre of mass, over mass
     disc: np.ndarray  # (kinds,) m, radius of a disc, or 0
     cross: np.ndarray  # (kinds, 4, 2) m, points of equal load whose second moments are those of even pressure
-    unsteady: np.ndarray  # (kinds,) largest factor on friction with which it stays flat on level ground
+    unsteady: np.ndarray  # (kinds,) largest factor on friction at which it stays flat on level ground
 
 
 class TiltScheme(NamedTuple):
@@ -71,32 +71,31 @@ class TiltScheme(NamedTuple):
     restitution: float
     ramp: float  # m, on either side of a border over which heights are blended
     fineness: float  # elements per m
-    steepness: float  # of a ramp: by how much an element's share falls in its length
-    settling: float  # m/s, at most, with which what has sunk into a plate is lifted out
+    steepness: float  # of a ramp: decrease of an element's share per element length
+    settling: float  # m/s, largest velocity at which penetration is corrected
 
 
 MOTION = 24
-"""Numbers of a rigid body in motion."""
+"""Number of values of a rigid body in motion."""
 
 CX, CY, CZ, QW, QX, QY, QZ, VX, VY, VZ, LX, LY, LZ, WX, WY, WZ, MXX, MYY, MZZ, MXY, MXZ, MYZ, REACH, LIFT = range(
     MOTION
 )
-"""Places: centre of mass (m), attitude (quaternion), velocity (m/s), angular momentum over mass (m^2/s), angular velocity
-(rad/s), the inverse of the inertia over mass (m^-2), all in the world's axes; m that any point comes nearer to a plate in half
-a step at most; speed of the fastest plate beneath (m/s)."""
+"""Indices: centre of mass (m), attitude (quaternion), velocity (m/s), angular momentum over mass (m^2/s), angular velocity
+(rad/s), inverse of the inertia over mass (m^-2), all in the world's axes; bound on the approach of any point to a plate in half
+a step (m); speed of the fastest plate below (m/s)."""
 
 FRAME = 9
-"""Numbers of an attitude as a matrix, row by row."""
+"""Number of values of an attitude as a matrix, row by row."""
 
 CONTACT = 23
-"""Numbers of a contact."""
+"""Number of values of a contact."""
 
 RX, RY, RZ, GOAL, RATE, GIVE, SLIDE, PN, PX, PY, BEFORE, SLIP_X, SLIP_Y, GRIP = range(14)
 UP_X, UP_Y, UP_Z, EAST_X, EAST_Y, EAST_Z, NORTH_X, NORTH_Y, NORTH_Z = range(14, CONTACT)
-"""Places: arm from the centre of mass (m); normal velocity aimed at, and that of the ground (m/s); inverse of what a normal and
-a horizontal impulse change; impulses over mass, normal, x and y (m/s); normal velocity against the ground, and slip, before
-(m/s); the plate's factor on friction; angular velocity (rad/s) that a unit impulse over mass (m/s) upward, along x and along y
-gives."""
+"""Indices: arm from the centre of mass (m); target normal velocity, and that of the ground (m/s); effective masses of a normal
+and a horizontal impulse; impulses over mass, normal, x and y (m/s); initial normal velocity against the ground, and slip (m/s);
+the plate's factor on friction; angular velocity (rad/s) by a unit impulse over mass (m/s) upward, along x and along y."""
 
 
 class Work(NamedTuple):
@@ -106,19 +105,19 @@ class Work(NamedTuple):
     frame: np.ndarray  # (FRAME,)
     corner: np.ndarray  # (corners, 3) m, of the bottom, in the world
     contact: np.ndarray  # (capacity, CONTACT)
-    warm: np.ndarray  # (capacity, 5) m, m, m/s, where contacts pushed in the last step, and their impulses over mass
-    kept: np.ndarray  # (1,) how many of these there are
+    warm: np.ndarray  # (capacity, 5) m, m, m/s, positions of the last step's contacts, and their impulses over mass
+    kept: np.ndarray  # (1,) number of these
     lines: np.ndarray  # (2, lines) m, across x and y, on which plates begin or end, in the table's frame
-    beside: np.ndarray  # (2, lines, 2) plates along the axis on either side of each line: its own, and the other
+    beside: np.ndarray  # (2, lines, 2) plates along the axis on either side of each line
     phasors: Phasors
-    height: np.ndarray  # (size, size) m, of the plates beneath, by row and column modulo size, which is a power of two
+    height: np.ndarray  # (size, size) m, of the plates below, by row and column modulo size, which is a power of two
     rate: np.ndarray  # (size, size) m/s, likewise
     grip: np.ndarray  # (size, size) factor on friction, likewise
-    highest: np.ndarray  # (2, size) m, highest plate beneath of each column and of each row
+    highest: np.ndarray  # (2, size) m, highest plate below the part in each column and in each row
 
 
 RIM_POINTS = 8
-"""Of a disc: the lowest, and others evenly around."""
+"""Points on the rim of a disc: the lowest, and others evenly around."""
 
 
 class FixedTilting(NamedTuple):
@@ -153,8 +152,10 @@ class Rigid(NamedTuple):
 def new_work(table: Table, bodies: Bodies, ramp: float) -> Work:
     """Return working arrays for any part of these kinds."""
     corners = max(int(np.diff(bodies.first).max()), RIM_POINTS)
-    across = int(2.0 * float(bodies.radius.max()) / table.element_size) + 3  # borders beneath an axis, with room
-    lines = 2 * across  # of which each meets a convex edge twice
+    across = (
+        int(2.0 * float(bodies.radius.max()) / table.element_size) + 3
+    )  # borders under a part along an axis, with room
+    lines = 2 * across  # each crosses a convex outline twice
     phasors = new_phasors(1, across + 2)
     return Work(
         motion=np.zeros(MOTION),

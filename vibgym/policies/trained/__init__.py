@@ -1,1 +1,1 @@
-"""Learned policies as they act: NumPy and safetensors, without torch. Training is in :mod:`agents.train`."""
+"""Trained policies in NumPy and safetensors, without torch. Training is in :mod:`agents.train`."""

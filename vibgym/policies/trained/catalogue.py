@@ -1,4 +1,4 @@
-"""The trained agents that are shipped: which there are, by their files' own records, and which one serves a scene."""
+"""Shipped agents: the records of their files, and the choice for a scene."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ HARDWARE = ("ideal", "prototype")
 
 
 class Agent(NamedTuple):
-    """A shipped agent, as the record of its file has it."""
+    """A shipped agent, from the record of its file."""
 
     path: Path
-    tasks: tuple[str, ...]  # that it serves, first the one that it was trained for
-    hardware: str  # among HARDWARE, that it was trained on
+    tasks: tuple[str, ...]  # that it serves, first the one of training
+    hardware: str  # among HARDWARE, of training
     action: str
-    variant: str  # what tells it from the usual agent of its task and hardware, such as "cloned"; "" for that one
-    surface: Any  # as :func:`.trained.described` has it, or ANY
+    variant: str  # such as "cloned"; "" for the usual agent of the task and hardware
+    surface: Any  # see trained.described(), or ANY
     parts: Any  # number of them, or ANY
     kind: str  # of the policy: "trained" or "residual"
 
@@ -36,55 +36,46 @@ class Agent(NamedTuple):
         variant = f", variant {self.variant!r}" if self.variant else ""
         return f"{', '.join(self.tasks)} ({self.hardware}, action {self.action!r}, {parts}, {surface}{variant})"
 
-    def differs(self, info: TaskInfo) -> bool:
-        """Whether surface or number of parts are not those that it was trained with."""
-        return self.surface not in (ANY, described(info.surface)) or self.parts not in (ANY, len(info.parts))
+    def fits(self, info: TaskInfo) -> bool:
+        """Return whether it supports surface and number of parts."""
+        return self.surface in (ANY, described(info.surface)) and self.parts in (ANY, len(info.parts))
 
 
 def hardware_of(sheet: DataSheet, surface: Surface) -> str:
-    """Which of :data:`HARDWARE` a data sheet describes."""
+    """Return which of :data:`HARDWARE` a data sheet describes."""
     assert surface.max_amplitude is not None
     return HARDWARE[sheet != DataSheet(surface.max_amplitude)]
 
 
 @functools.cache
 def shipped_agents() -> tuple[Agent, ...]:
-    """All of them, by their files' names."""
+    """Return all shipped agents, sorted by file name."""
     return tuple(map(_agent, sorted(SHIPPED.glob("*.json"))))
 
 
 def _agent(path: Path) -> Agent:
     record = json.loads(path.read_text(encoding="utf-8"))
-    trained_in = record["training"]["settings"]["environment"]
-    surface = Surface()
-    machine = actuators_from(trained_in.get("actuators", "ideal"), surface, 1, 1)
-    hardware, kind = hardware_of(machine.data_sheet, surface), RESIDUAL if record.get(RESIDUAL) else "trained"
-    words = [word for word in path.stem.split("-") if word not in (record["tasks"][0].lower(), hardware)]
-    return Agent(
-        path,
-        tuple(record["tasks"]),
-        hardware,
-        record["action"],
-        "-".join(words),
-        record["surface"],
-        record["parts"],
-        kind,
-    )
+    tasks, surface = tuple(record["tasks"]), Surface()
+    actuators = record["training"]["settings"]["environment"].get("actuators", "ideal")
+    hardware = hardware_of(actuators_from(actuators, surface, 1, 1).data_sheet, surface)
+    variant = "-".join(word for word in path.stem.split("-") if word not in (tasks[0].lower(), hardware))
+    kind = RESIDUAL if record.get(RESIDUAL) else "trained"
+    return Agent(path, tasks, hardware, record["action"], variant, record["surface"], record["parts"], kind)
 
 
 def shipped_agent(
     info: TaskInfo, *, hardware: str | None = None, action: str | None = None, variant: str | None = None
 ) -> Agent:
-    """The shipped agent for a task, the usual one before its variants.
+    """Return the shipped agent for a task, the usual one before its variants.
 
     Args:
         info: task and scene.
-        hardware: among :data:`HARDWARE`; None: what the data sheet of the scene's actuators says.
-        action: that it shall speak; None: any.
-        variant: another one than the usual, such as ``"cloned"``.
+        hardware: among :data:`HARDWARE`; None: by the data sheet of the scene's actuators.
+        action: of the policy; None: any.
+        variant: such as ``"cloned"``; None: any.
 
     Raises:
-        ValueError: there is none; says which there are, and for what.
+        ValueError: there is none; the message lists those of the task.
     """
     if hardware is None:
         hardware = hardware_of(info.hardware, info.surface)
@@ -93,7 +84,7 @@ def shipped_agent(
     fitting = [
         agent for agent in mine
         if agent.hardware == hardware and action in (None, agent.action) and variant in (None, agent.variant)
-        and not agent.differs(info)
+        and agent.fits(info)
     ]  # fmt: skip
     if not fitting:
         named = "".join(f", {name} {value!r}" for name, value in (("action", action), ("variant", variant)) if value)

@@ -1,4 +1,4 @@
-"""From observations by parts to the rows that networks read, and from the parts' actions to the environment's."""
+"""Conversion of observations to network inputs, and of network outputs to actions of the environment."""
 
 from __future__ import annotations
 
@@ -10,57 +10,65 @@ import numpy as np
 
 from vibgym import Part, Surface, checks
 from vibgym.envs.actions import ACTIONS, actions_by_part, patch_size
-from vibgym.policies.trained.networks.shape import Shape
+from vibgym.envs.observations import PIXELS
+from vibgym.policies.trained.networks import ImageShape, Shape
 from vibgym.policies.trained.symmetry import Turns
 
 TOUCHING = 0.02
-"""Of the column that tells the distance to the nearest part, below which it is in touch: 0.7 mm on the prototype."""
+"""Largest value of the column of the nearest part's gap at which two parts touch: 0.7 mm on the prototype."""
+
+FRAMES = 3
+"""Images of the part that ``pixels`` networks read: two give a velocity to a rounded pixel, a third refines it."""
 
 NOTHING = np.zeros((0, 0, 0), dtype=np.float32)
 
 
-class Seen(NamedTuple):
-    """A batch of observations, as networks read it; what networks remember of it at the next step."""
+class Inputs(NamedTuple):
+    """Network inputs of a batch of observations; also the memory for the next step."""
 
     rows: np.ndarray  # (worlds, parts, columns) float32; of images uint8
     mask: np.ndarray  # (worlds, parts) float32, 1 where there is a part
-    quarters: np.ndarray = NOTHING  # (worlds, parts) quarter turns by which the rows were turned; empty: never
-    where: np.ndarray = NOTHING  # (worlds, parts, 4) columns position and element; empty where actions need them not
-    command: np.ndarray = NOTHING  # (worlds, parts, numbers) actions then, in table coordinates; empty: not stored
+    quarters: np.ndarray = NOTHING  # (worlds, parts) quarter turns of the rows; empty without 'turned'
+    where: np.ndarray = NOTHING  # (worlds, parts, 4) columns position and element; empty unless actions need them
+    command: np.ndarray = NOTHING  # (worlds, parts, values) actions, in table coordinates; empty without 'remembers'
 
-    def of(self, worlds: Any) -> Seen:
-        """Of some of the worlds, or of one, which stays a batch."""
+    def of(self, worlds: Any) -> Inputs:
+        """Return the inputs of some worlds, or of one as a batch of one."""
         chosen = np.atleast_1d(worlds)
-        return Seen(*(each[chosen] if len(each) else each for each in self))
+        return Inputs(*(each[chosen] if len(each) else each for each in self))
 
 
 class Coding:
-    """Turns observations by parts into rows, and actions of single parts into the environment's.
+    """Conversion for networks that read ``observation="parts"`` row by row.
 
-    With ``"element"`` and ``"phasor"`` a part's action is for the square of elements around it, as with ``"patch"``, and all
-    others rest.
+    With ``"element"`` and ``"phasor"`` a part's action drives the square of elements around it, as with ``"patch"``; all other
+    elements rest.
 
     Args:
         surface, parts: the scene.
         layout: ``env.unwrapped.parts_layout``.
         action: the environment's ``action=``.
-        columns: names and widths of the columns that a network reads; None: all. A scene may tell more, such as how old a
-            measurement is, of which a network that was trained without knows nothing.
-        turned: whether rows are turned by quarter turns until their way leads to the right and up, and actions turned back:
-            networks are then the same in all four directions by construction (:mod:`vibgym.policies.trained.symmetry`).
-        remembers: whether rows contain, after the part's own columns, its previous action. Measured velocities are means over
-            the last period; the previous action determines the velocity at its end.
+        columns: names and widths of the columns that the network reads; None: all. A scene may have more columns than the
+            training had.
+        turned: turn each row by quarter turns until its displacement points right and up, and turn the actions back. The
+            network is then equal in all four directions (:mod:`vibgym.policies.trained.symmetry`).
+        remembers: rows contain, after the part's own columns, its previous action. Measured velocities are means over the last
+            period; the previous action determines the velocity at its end.
 
     Attributes:
-        shape: what a network has to know.
-        columns: names and widths of what it reads.
+        shape: of rows and actions.
+        columns: names and widths of the columns that the network reads.
 
     Raises:
-        ValueError: an action that has neither rows of parts nor elements, or columns that this scene does not have.
+        ValueError: an action that is neither by part nor by element, or columns that this scene does not have.
     """
 
-    observation = "parts"
-    dtype = np.float32  # of rows
+    observation: str = "parts"
+    dtype: Any = np.float32  # of rows
+    shape: Any
+    _code: Callable[[np.ndarray], np.ndarray] | None = None
+    _turns: Turns | None = None
+    _nearest: list[int] | None = None
 
     def __init__(
         self,
@@ -75,7 +83,6 @@ class Coding:
         self.surface, self.parts, self.action = surface, tuple(parts), action
         whole: int = ACTIONS.choose("action", action)(surface, self.parts).size
         side = patch_size(surface, self.parts)
-        self._code: Callable[[np.ndarray], np.ndarray] | None = None
         if action in CODES:
             size, self._code = 2 * side**2, CODES[action]
         elif ACTIONS[action].by_part:
@@ -89,21 +96,22 @@ class Coding:
         self.shape = Shape.of(layout, size, side if action in (*CODES, "patch") else 0)
         starts = {row.name: row.start for row in layout}
         nearest = [starts[name] for name in ("neighbour_1_there", "neighbour_1_gap") if name in starts]
-        # Counted from the end: rows that remember have more before.
-        self._nearest = [each - self.shape.columns for each in nearest] if len(nearest) == 2 else None
+        if len(nearest) == 2:  # counted from the end, since rows that remember have more columns before
+            self._nearest = [each - self.shape.columns for each in nearest]
         self.turned = turned
-        self._turns = Turns(self.columns, self.parts, action, self.shape) if turned else None
+        if turned:
+            self._turns = Turns(self.columns, self.parts, action, self.shape)
         self.remembers, self._own = remembers, self.shape.own
         if remembers:
             self.shape = self.shape._replace(columns=self.shape.columns + size)
 
-    def see(self, observation: Any, before: Seen | None = None, start: np.ndarray | None = None) -> Seen:
-        """Rows and mask of the parts; of one observation a batch of one.
+    def encode(self, observation: Any, before: Any = None, start: np.ndarray | None = None) -> Inputs:
+        """Return the inputs for an observation (as a batch of one) or a batch of observations.
 
         Args:
-            observation: a dictionary, of one world or many.
-            before: what was seen at the last step; None: nothing. Only rows that remember need it.
-            start: (worlds,) bool, where an episode has begun since: the previous action is 0.
+            observation: dictionary of ``parts`` and ``mask``.
+            before: inputs of the last step, whose ``command`` holds the actions since; None: none. Only for 'remembers'.
+            start: (worlds,) bool, whether an episode has begun since: the previous action is then 0.
 
         Raises:
             ValueError: not an observation by parts, or a memory of other worlds.
@@ -123,61 +131,64 @@ class Coding:
         if self._code is not None:
             where = np.concatenate([rows[:, :n, first : first + 2] for first in self._at], axis=-1)
         rows = rows[:, :n] if self._pick is None else rows[:, :n, self._pick]
-        seen = Seen(rows, mask[:, :n], where=where)
+        inputs = Inputs(rows, mask[:, :n], where=where)
         if self._turns is not None:
             quarters = self._turns.ahead(rows)
-            seen = seen._replace(rows=self._turns.turn_rows(quarters, rows), quarters=quarters)
-        return self._remembered(seen, before, start) if self.remembers else seen
+            inputs = inputs._replace(rows=self._turns.turn_rows(quarters, rows), quarters=quarters)
+        return self._with_command(inputs, before, start) if self.remembers else inputs
 
-    def _remembered(self, seen: Seen, before: Any, start: np.ndarray | None) -> Seen:
-        """Return ``seen`` with the previous actions in its rows, and a buffer of zeros for the next actions."""
-        command = np.zeros((*seen.mask.shape, self.shape.action), dtype=np.float32)
+    def _with_command(self, inputs: Inputs, before: Any, start: np.ndarray | None) -> Inputs:
+        """Return ``inputs`` with the previous actions in its rows, and a buffer of zeros for the next actions."""
+        command = np.zeros((*inputs.mask.shape, self.shape.action), dtype=np.float32)
         if before is not None:
-            if not isinstance(before, Seen) or before.command.shape != command.shape:
-                got = f"of shape {before.command.shape}" if isinstance(before, Seen) else type(before).__name__
+            if not isinstance(before, Inputs) or before.command.shape != command.shape:
+                got = f"of shape {before.command.shape}" if isinstance(before, Inputs) else type(before).__name__
                 raise checks.refuse("state", got, f"None, or what predict() returned last, of shape {command.shape}")
             # Absent parts have no previous action: where parts come and go, a slot is empty before each arrival.
             command[...] = before.command * (before.mask[..., None] > 0.5)
             if start is not None:
                 command[np.asarray(start, dtype=bool)] = 0.0
-        own, others = seen.rows[..., : self._own], seen.rows[..., self._own :]
-        rows = np.concatenate([own, self.to_rows(seen, command), others], axis=-1)
-        return seen._replace(rows=rows, command=np.zeros_like(command))
+        own, others = inputs.rows[..., : self._own], inputs.rows[..., self._own :]
+        rows = np.concatenate([own, self.to_rows(inputs, command), others], axis=-1)
+        return inputs._replace(rows=rows, command=np.zeros_like(command))
 
-    def touching(self, seen: Seen) -> np.ndarray:
-        """(worlds, parts) 1.0 where a part is in touch with another, or nearly; zeros where rows do not tell."""
+    def touching(self, inputs: Inputs) -> np.ndarray:
+        """Return (worlds, parts) 1.0 where a part touches another or nearly, 0.0 elsewhere or if rows have no gaps."""
         if self._nearest is None:
-            return np.zeros(seen.mask.shape, dtype=np.float32)
-        there, gap = (seen.rows[..., column] for column in self._nearest)
+            return np.zeros(inputs.mask.shape, dtype=np.float32)
+        there, gap = (inputs.rows[..., column] for column in self._nearest)
         return ((there > 0.5) & (gap < TOUCHING)).astype(np.float32)
 
-    def to_rows(self, seen: Seen, of_parts: np.ndarray) -> np.ndarray:
-        """What networks shall say of turned rows for actions (worlds, parts, size) that parts are to take on the table."""
-        return of_parts if self._turns is None else self._turns.turn_actions(seen.quarters, of_parts)
+    def to_rows(self, inputs: Inputs, of_parts: np.ndarray) -> np.ndarray:
+        """Return actions (worlds, parts, values) of parts on the table in the coordinates of the turned rows."""
+        return of_parts if self._turns is None else self._turns.turn_actions(inputs.quarters, of_parts)
 
     def single(self, observation: Any) -> bool:
-        """Whether it is one observation, and no batch."""
+        """Return whether it is one observation, not a batch."""
         return np.ndim(observation["mask"]) == 1
 
-    def actions(self, seen: Seen, of_parts: np.ndarray) -> np.ndarray:
-        """The environment's actions (worlds, n) float32 of what networks say (worlds, parts, size)."""
+    def decode(self, inputs: Inputs, of_parts: np.ndarray) -> np.ndarray:
+        """Return the environment's actions (worlds, n) float32 for network outputs (worlds, parts, values).
+
+        With 'remembers' the actions are stored in ``inputs.command``.
+        """
         if self._turns is not None:
-            of_parts = self._turns.turn_actions(-seen.quarters, of_parts)
+            of_parts = self._turns.turn_actions(-inputs.quarters, of_parts)
         if self.remembers:
-            seen.command[...] = of_parts
+            inputs.command[...] = of_parts
         if self._code is None:
             return of_parts.reshape(len(of_parts), -1)
         side, surface = self.shape.side, self.surface
-        # In elements; where the centre lies in its element says it more finely than where it lies on the table.
-        place, element = seen.where[..., :2].astype(np.float64), seen.where[..., 2:].astype(np.float64)
+        # In elements. The position in the element is finer than the position on the table.
+        place, element = inputs.where[..., :2].astype(np.float64), inputs.where[..., 2:].astype(np.float64)
         within = 0.5 * (element + 1.0)
         size = np.array([surface.columns, surface.rows])
         whole = np.rint(0.5 * (place + 1.0) * size - within)
         first = (whole + np.floor(within + (0.5 - 0.5 * side))).astype(np.int64)
-        return self._code(self._on_table(first, whole + within, seen.mask > 0.5, of_parts))
+        return self._code(self._on_table(first, whole + within, inputs.mask > 0.5, of_parts))
 
     def _on_table(self, first: np.ndarray, centre: np.ndarray, present: np.ndarray, of_parts: np.ndarray) -> np.ndarray:
-        """Phasors (worlds, rows, columns, 2) of all elements; one in several patches obeys the part that is nearest.
+        """Return the phasors (worlds, rows, columns, 2) of all elements; in overlapping patches the nearest part's.
 
         Args:
             first: (worlds, parts, 2) column and row of each patch's first element.
@@ -205,11 +216,95 @@ class Coding:
         return table
 
 
-def picked(layout: Sequence[Any], columns: Sequence[Sequence[Any]] | None) -> tuple[np.ndarray | None, list[Any]]:
-    """Which numbers of a row a network reads, None for all, and what they mean, as it counts them.
+class ImageCoding(Coding):
+    """Conversion of images of one part and its goal to planes: the part in the last images, newest first, and the goal.
+
+    The planes of the last step are the memory.
+
+    Args:
+        surface, parts: the scene.
+        layout: not used; an image has no columns.
+        action: the environment's ``action=``.
+        columns: ``[["part", frames], ["goal", 1]]``; None: :data:`FRAMES` frames.
+        turned, remembers: False.
 
     Raises:
-        ValueError: the row has them not, or in another order.
+        ValueError: several parts, an action that is not by part, or other columns.
+    """
+
+    observation, dtype = "image", np.uint8
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        layout: Sequence[Any],
+        action: str,
+        columns: Sequence[Sequence[Any]] | None = None,
+        turned: bool = False,
+        remembers: bool = False,
+    ) -> None:
+        self.surface, self.parts, self.action = surface, tuple(parts), action
+        self.turned, self.remembers = turned, remembers
+        for name, value in (("turned", turned), ("remembers", remembers)):
+            if value:
+                raise checks.conflict(f"{name} is not supported by network 'pixels'")
+        if len(parts) != 1:
+            raise checks.conflict(f"network 'pixels' requires one part, got {len(parts)}")
+        checks.choice("action", action, actions_by_part())
+        size: int = ACTIONS[action](surface, self.parts).size
+        self.columns = [["part", FRAMES], ["goal", 1]] if columns is None else [list(each) for each in columns]
+        if [each[0] for each in self.columns] != ["part", "goal"] or self.columns[1][1] != 1:
+            raise checks.refuse("columns", columns, "[['part', frames], ['goal', 1]]")
+        frames = checks.count("columns: frames", self.columns[0][1], most=16)
+        height, width = surface.rows * PIXELS, surface.columns * PIXELS
+        self.shape = ImageShape(frames + 1, height, width, surface.element_size / PIXELS, size)
+
+    def encode(self, observation: Any, before: Any = None, start: np.ndarray | None = None) -> Inputs:
+        """Return the planes for an image (as a batch of one) or a batch of images.
+
+        Args:
+            observation: (..., height, width, 3) uint8.
+            before: inputs of the last step; None: none.
+            start: (worlds,) bool, whether an episode has just begun: the part was at rest before.
+
+        Raises:
+            ValueError: no such images, or a memory of other worlds.
+        """
+        shape = self.shape
+        size = (shape.height, shape.width)
+        image = np.asarray(observation) if not isinstance(observation, dict) else np.asarray(None)
+        image = image[None] if image.ndim == 3 else image
+        if image.dtype != np.uint8 or image.ndim != 4 or image.shape[1:] != (*size, 3):
+            got = f"{type(observation).__name__} of shape {image.shape} and type {image.dtype}"
+            raise checks.refuse("observation", got, f"uint8 images (..., {shape.height}, {shape.width}, 3)")
+        planes = np.empty((len(image), shape.planes, *size), dtype=np.uint8)
+        planes[:, 0], planes[:, -1] = image[..., 0], image[..., 1]
+        new = np.ones(len(image), dtype=bool)
+        if before is not None:
+            rows = before.rows if isinstance(before, Inputs) else None
+            if rows is None or rows.shape != (len(image), 1, shape.columns) or rows.dtype != self.dtype:
+                allowed = f"None, or what predict() returned last for {len(image)} worlds"
+                raise checks.refuse("state", before if rows is None else f"rows of shape {rows.shape}", allowed)
+            planes[:, 1:-1] = rows.reshape(planes.shape)[:, :-2]
+            new[:] = False if start is None else start
+        planes[new, 1:-1] = planes[new, :1]
+        return Inputs(planes.reshape(len(image), 1, -1), np.ones((len(image), 1), dtype=np.float32))
+
+    def single(self, observation: Any) -> bool:
+        """Return whether it is one image, not a batch."""
+        return np.ndim(observation) == 3
+
+
+CODINGS: dict[str, type[Coding]] = {"parts": Coding, "elements": Coding, "pixels": ImageCoding}
+"""Conversion by the name of a network."""
+
+
+def picked(layout: Sequence[Any], columns: Sequence[Sequence[Any]] | None) -> tuple[np.ndarray | None, list[Any]]:
+    """Return the indices of the values that a network reads from a row (None: all), and their layout.
+
+    Raises:
+        ValueError: the row does not have the columns in this order.
     """
     if columns is None or list(map(list, columns)) == [[row.name, row.width] for row in layout]:
         return None, list(layout)
@@ -226,12 +321,12 @@ def picked(layout: Sequence[Any], columns: Sequence[Sequence[Any]] | None) -> tu
 
 
 def phasor_code(table: np.ndarray) -> np.ndarray:
-    """``"phasor"`` actions of phasors (worlds, rows, columns, 2)."""
+    """Return ``"phasor"`` actions for phasors (worlds, rows, columns, 2)."""
     return table.reshape(len(table), -1)
 
 
 def element_code(table: np.ndarray) -> np.ndarray:
-    """``"element"`` actions of phasors (worlds, rows, columns, 2): amplitude and phase, as numbers in [-1, 1]."""
+    """Return ``"element"`` actions, amplitude and phase in [-1, 1], for phasors (worlds, rows, columns, 2)."""
     coded = np.zeros(table.shape, dtype=np.float32)
     coded[..., 0] = -1.0  # most elements rest
     moves = np.nonzero((table[..., 0] != 0.0) | (table[..., 1] != 0.0))
@@ -242,4 +337,4 @@ def element_code(table: np.ndarray) -> np.ndarray:
 
 
 CODES = {"phasor": phasor_code, "element": element_code}
-"""Actions that have numbers for every element of the table, of the phasors of all."""
+"""Actions with values for every element, computed from the phasors of all elements."""

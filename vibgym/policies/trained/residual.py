@@ -1,8 +1,8 @@
-"""A classical policy with a learned correction: what it wants of every part, plus what a network has learned to add.
+"""Residual policies: the action of a classical base policy plus a learned correction.
 
-Both speak ``"wrench"``. The classical one, the base, reads the flat state; the network reads observations by parts, in whose
-rows the base's action stands as well, so that it sees what it corrects (residual policy learning: Silver et al. 2018, Johannink
-et al. 2019). A correction of zero leaves the base as it is, bit for bit.
+See Silver et al. 2018, "Residual Policy Learning", and Johannink et al. 2019. Base and network have the action ``"wrench"``.
+The base reads the flat state. The network reads observations by parts, whose rows also contain the base's action. A
+correction of zero gives the base's action bit for bit.
 """
 
 from __future__ import annotations
@@ -18,22 +18,21 @@ from vibgym import checks
 from vibgym.envs.features import Numbers
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.networks.shape import NEIGHBOUR
+from vibgym.policies.trained.networks import NEIGHBOUR
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION, TrainedPolicy, network_of
 
 SCALE = 0.5
-"""Of the network's action, before it is added: what it may change of what elements can do."""
+"""Default factor of the network's action."""
 
-MOST_SCALE = 2.0
-"""That takes any action to any other."""
+MOST_SCALE = 2.0  # changes any action to any other
 
 NAME, NUMBERS = "base", 3
-"""Of the base's action in a row."""
+"""Name and width of the base's action in a row."""
 
 
 def with_base(layout: Sequence[Numbers]) -> tuple[Numbers, ...]:
-    """The table of a row in which the base's action stands, behind the part's own columns and before its neighbours'."""
+    """Return a row's layout with the base's action after the part's own columns, before its neighbours'."""
     rows = list(layout)
     at = next((k for k, row in enumerate(rows) if row.name.endswith(NEIGHBOUR)), len(rows))
     start = rows[at].start if at < len(rows) else rows[-1].start + rows[-1].width
@@ -43,18 +42,18 @@ def with_base(layout: Sequence[Numbers]) -> tuple[Numbers, ...]:
 
 
 class Memory(NamedTuple):
-    """What the policy hands on from step to step."""
+    """State of the policy from step to step."""
 
-    base: Any  # the base's own
-    learned: Any  # the network's own; () where it has none
+    base: Any  # of the base policy
+    learned: Any  # of the network
 
 
 class Base:
-    """A base policy as both the trained policy and its training want it.
+    """A base policy, for the trained policy and for its training.
 
     Args:
-        policy: speaks ``"wrench"`` and reads ``"state"``, such as ``{"kind": "pose", "action": "wrench"}``. If it has
-            ``acted`` (:meth:`.steering.Steering.acted`), this is called with the proposed and the applied action.
+        policy: with action ``"wrench"`` and observation ``"state"``, such as ``{"kind": "pose", "action": "wrench"}``.
+            If it has ``acted`` (:meth:`.steering.Steering.acted`), this is called with the proposed and the applied action.
         info: task and scene.
         scale: see :class:`ResidualPolicy`.
 
@@ -62,7 +61,7 @@ class Base:
         layout: of the rows, with the base's action.
 
     Raises:
-        ValueError: it speaks or reads something else, or a bad scale.
+        ValueError: another action or observation, or a bad scale.
     """
 
     def __init__(self, policy: Policy, info: TaskInfo, scale: float) -> None:
@@ -75,7 +74,7 @@ class Base:
         self._acted = getattr(policy, "acted", lambda memory, proposed, done: memory)
 
     def rows(self, rows: np.ndarray, action: np.ndarray) -> np.ndarray:
-        """Rows (batch, slots, columns) with the base's action (batch, n) among them; zeros in slots without a part."""
+        """Return rows (batch, slots, columns) with the base's action (batch, n) inserted; zeros in slots without a part."""
         wide = np.zeros((*rows.shape[:2], rows.shape[2] + NUMBERS), dtype=np.float32)
         wide[..., : self._at], wide[..., self._at + NUMBERS :] = rows[..., : self._at], rows[..., self._at :]
         wide[:, : self.parts, self._at : self._at + NUMBERS] = action.reshape(len(rows), self.parts, NUMBERS)
@@ -93,10 +92,9 @@ class ResidualPolicy:
 
     Args:
         info: task and scene.
-        base: a policy that speaks ``"wrench"`` and reads ``"state"``.
-        learned: has ``predict``, reads observations by parts whose rows are those of :func:`with_base`, and gives actions of
-            ``"wrench"``.
-        scale: of its action. It is part of what was trained.
+        base: policy with action ``"wrench"`` and observation ``"state"``.
+        learned: policy with action ``"wrench"`` that reads rows of :func:`with_base`.
+        scale: of its action, as in training.
 
     Raises:
         ValueError: a base that does not fit, or a bad scale.
@@ -110,24 +108,24 @@ class ResidualPolicy:
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Wanted accelerations; the state is a :class:`Memory`."""
+        """Return accelerations; the state is a :class:`Memory`."""
         single = np.ndim(observation["mask"]) == 1
         seen = {name: np.asarray(each)[None] for name, each in observation.items()} if single else observation
         if state is not None and not isinstance(state, Memory):
             raise checks.refuse("state", type(state).__name__, "None, or what predict() returned: Memory")
-        kept = Memory(None, None) if state is None else state
-        proposed, base = self.base.policy.predict(seen["state"], kept.base, episode_start, deterministic)
+        memory = Memory(None, None) if state is None else state
+        proposed, base = self.base.policy.predict(seen["state"], memory.base, episode_start, deterministic)
         rows = {"parts": self.base.rows(seen["parts"], proposed), "mask": seen["mask"]}
-        residual, learned = self.learned.predict(rows, kept.learned, episode_start, deterministic)
+        residual, learned = self.learned.predict(rows, memory.learned, episode_start, deterministic)
         action, base = self.base.corrected(proposed, residual, base)
         return (action[0] if single else action), Memory(base, learned)
 
 
 def base_named(base: Any) -> dict[str, Any]:
-    """A base policy's name or mapping as corrections' files have it.
+    """Return a base policy as a mapping, as policy files have it.
 
     Raises:
-        ValueError: something else, of which a file cannot tell whether it is the same.
+        ValueError: neither a name nor a mapping with 'kind', which a file could not store.
     """
     base = {"kind": base} if isinstance(base, str) else base
     if not isinstance(base, Mapping) or base.get("kind") in (None, RESIDUAL):
@@ -136,23 +134,23 @@ def base_named(base: Any) -> dict[str, Any]:
 
 
 class Correction(NamedTuple):
-    """What the file of a correction holds."""
+    """Contents of a correction's file."""
 
     learned: TrainedPolicy  # reads rows with the base's action
-    base: dict[str, Any]  # what it corrects, as a mapping for make_policy()
-    scale: float  # of what it says
+    base: dict[str, Any]  # for make_policy()
+    scale: float  # of the correction
 
 
 def load_correction(path: Path, info: TaskInfo, base: Any = None, scale: float | None = None) -> Correction:
-    """The network in a trained correction's file, and what it corrects.
+    """Load a correction's file.
 
     Args:
         path: of the file.
         info: task and scene.
-        base, scale: with which the caller wants it; None: with those that it was trained with.
+        base, scale: expected values, which must be those of training; None: any.
 
     Raises:
-        ValueError: the file holds no correction for this task, or one that was trained with another base or scale.
+        ValueError: no correction for this task, or one of another base or scale.
     """
     tensors, record = load_set(path, KIND, VERSION)
     what = record.get(RESIDUAL)

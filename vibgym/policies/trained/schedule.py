@@ -1,11 +1,11 @@
-"""A sensorless schedule: a sequence of fields of the whole surface for one part from any start pose.
+"""Sensorless schedules: sequences of fields of the whole surface that bring one part from any start pose to a goal.
 
 Programmable force fields can bring a part of unknown pose to a known one without a sensor (Boehringer, Donald, MacDonald,
 "Programmable force fields for distributed manipulation", 1999; Kavraki 1997 for one elliptic field): each field of a sequence
 leaves fewer poses possible, up to the part's symmetry. The thesis (sections 4.2, 7.2.2) tried one squeeze field. Here every
-field is two squeezes at right angles and a swirl about one centre; :mod:`studies.sensorless` finds the numbers.
+field is two squeezes at right angles and a swirl about one centre; :mod:`studies.sensorless` finds the values.
 
-Nothing but time is looked at. The goal is part of the schedule: use it with ``reset(options={"goal": schedule.goal})``.
+The policy depends on time only. The goal is part of the schedule: ``reset(options={"goal": schedule.goal})``.
 """
 
 from __future__ import annotations
@@ -43,13 +43,12 @@ class Schedule:
 
     Args:
         fields: (segments, 7), see :data:`COLUMNS`.
-        seconds: (segments,) that each of them acts, s.
-        goal: (3,) pose at which the part shall end, m, m, rad.
-        friction: of the part that it was made for, to correct the direction of every push; see
-            :func:`vibgym.fields.lead_angle`.
+        seconds: (segments,) duration of each field, s.
+        goal: (3,) final pose of the part, m, m, rad.
+        friction: of the part, which determines the direction of a push (:func:`vibgym.fields.lead_angle`).
 
     Raises:
-        ValueError: a wrong shape, or numbers out of range.
+        ValueError: a wrong shape, or values out of range.
     """
 
     fields: np.ndarray
@@ -76,11 +75,11 @@ class Schedule:
 
     @property
     def total(self) -> float:
-        """s until the elements rest."""
+        """Duration of all fields, s."""
         return float(self.seconds.sum())
 
     def phasors(self, surface: Surface) -> np.ndarray:
-        """Phasors (segments + 1, rows, columns, 2) of the fields, and of the rest after them."""
+        """Return the phasors (segments + 1, rows, columns, 2) of the fields, and of the rest after them."""
         found = np.zeros((len(self.seconds) + 1, surface.rows, surface.columns, 2))
         for k, (x, y, angle, towards, along, swirl, reach) in enumerate(self.fields.tolist()):
             field = squeeze(x, y, angle, towards, reach) + squeeze(x, y, angle + math.pi / 2.0, along, reach)
@@ -89,31 +88,31 @@ class Schedule:
         return found
 
     def shares(self, time: np.ndarray, step: float) -> np.ndarray:
-        """Share (batch, segments + 1) that each segment, and the rest, has of a step of ``step`` s from ``time`` (batch,)."""
+        """Return the share (batch, segments + 1) of each segment and of the rest in ``step`` s from ``time`` (batch,) s."""
         ends = np.append(np.cumsum(self.seconds), math.inf)
         begins = np.append(0.0, ends[:-1])
         now = np.asarray(time, dtype=np.float64)[:, None]
         shares = np.clip(np.minimum(ends, now + step) - np.maximum(begins, now), 0.0, None) / step
-        return np.round(shares, 9)  # a whole step is whole, however late it is
+        return np.round(shares, 9)  # 1 for a whole step at any time
 
 
 class Clock(NamedTuple):
-    """All that is remembered."""
+    """State of the policy."""
 
     time: np.ndarray  # (batch,) s since the episode's start
 
 
 class SchedulePolicy:
-    """Plays a schedule as ``"phasor"`` actions; of the observation only its shape is looked at.
+    """Open-loop policy that plays a schedule as ``"phasor"`` actions; of the observation it uses only the shape.
 
     A segment that ends within a step shares it with the next one.
 
     Args:
         info: task, scene and step time.
-        schedule: what to play.
+        schedule: fields in time.
 
     Raises:
-        ValueError: a task for several parts, or without a goal pose that stays.
+        ValueError: a task for several parts, or without a fixed goal pose.
     """
 
     action, observation = "phasor", "state"
@@ -125,18 +124,18 @@ class SchedulePolicy:
         self._phasors = schedule.phasors(info.surface).reshape(len(schedule.seconds) + 1, -1)
 
     def initial(self, batch: int) -> Clock:
-        """Memory at the very start."""
+        """Return the state at the start."""
         return Clock(np.zeros(batch))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Phasors of all elements for one observation or a batch; the state is a :class:`Clock`."""
+        """Return phasors of all elements for one observation or a batch; the state is a :class:`Clock`."""
         values = check_state(observation, self.info.layout)
         batch = 1 if values.ndim == 1 else len(values)
         clock, _ = recall(state, episode_start, self.initial(batch), batch)
         shares = self.schedule.shares(clock.time, self.info.step_time)
-        # A world's sum must not depend on how many others there are, as that of a matrix product may.
+        # Not a matrix product: a world's sum must not depend on the number of worlds.
         action = np.zeros((batch, self._phasors.shape[1]))
         for k in range(shares.shape[1]):
             action += shares[:, k, None] * self._phasors[k]
@@ -145,7 +144,7 @@ class SchedulePolicy:
 
 
 def save_schedule(path: Path, schedule: Schedule, surface: Surface, training: Mapping[str, Any]) -> None:
-    """Write a schedule for :func:`load_schedule`, with a note of how it was made.
+    """Write a schedule for :func:`load_schedule`, with a record of how it was found.
 
     Raises:
         ValueError: the name does not end in ``.json``.
@@ -156,10 +155,10 @@ def save_schedule(path: Path, schedule: Schedule, surface: Surface, training: Ma
 
 
 def read_schedule(path: Path) -> tuple[Schedule, dict[str, Any]]:
-    """A schedule and its file's record.
+    """Return a schedule and its file's record.
 
     Raises:
-        ValueError: the file is missing, altered, or holds no schedule.
+        ValueError: the file is missing, damaged, or contains no schedule.
     """
     tensors, record = load_set(path, KIND)
     missing = {"fields", "seconds", "goal"} - set(tensors)
@@ -174,7 +173,7 @@ def load_schedule(path: Path, info: TaskInfo) -> SchedulePolicy:
     """Load a schedule and check that it fits.
 
     Raises:
-        ValueError: as :func:`read_schedule`; or a task or a surface that it is not for.
+        ValueError: see :func:`read_schedule`, or another task or surface.
     """
     schedule, record = read_schedule(path)
     mine, theirs = asdict(info.surface), record.get("surface")

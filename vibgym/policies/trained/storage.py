@@ -1,9 +1,7 @@
-"""Tensors and settings on disk: safetensors and JSON, so that loading runs no code, written so that a kill leaves files
-that load.
+"""Sets of tensors and settings on disk, as safetensors and JSON: loading runs no code, and a kill leaves files that load.
 
-A saved set is a JSON file that names its tensor file and that file's SHA-256. The tensor file's name carries its hash: a
-new one is written beside the old, then the JSON is replaced in one step, then the old tensors go. Whenever the process
-dies, the JSON on disk names tensors that are whole.
+The JSON file names its tensor file and its SHA-256, and the tensor file's name contains the hash. A new tensor file is written
+beside the old one, then the JSON is replaced in one step, then the old tensors are removed.
 """
 
 from __future__ import annotations
@@ -23,14 +21,13 @@ from vibgym.files import reason, write_atomically
 
 
 def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: dict[str, Any], version: int = 1) -> None:
-    """Write ``tensors`` and ``settings`` as a set of ``kind`` under the JSON file ``path``.
-
-    One process at a time: what another one has just written for a set of the same name may go.
+    """Write ``tensors`` and ``settings`` as a set of ``kind`` under the JSON file ``path``, one process at a time.
 
     Raises:
-        ValueError: the name does not end in ``.json``; without, two sets could share the names of their tensors.
+        ValueError: the name does not end in ``.json``.
     """
-    check_name("path", path)
+    if path.suffix != ".json":
+        raise checks.refuse("path", str(path), "a name that ends in .json")
     path.parent.mkdir(parents=True, exist_ok=True)
     data = save({name: np.asarray(value, order="C") for name, value in tensors.items()})
     digest = hashlib.sha256(data).hexdigest()
@@ -44,17 +41,11 @@ def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: di
             old.unlink(missing_ok=True)
 
 
-def check_name(field: str, path: Path) -> None:
-    """Refuse what is no name of a set."""
-    if path.suffix != ".json":
-        raise checks.refuse(field, str(path), "a name that ends in .json")
-
-
 def as_float32(where: str, tensors: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The tensors as they are computed with.
+    """Return the tensors in float32.
 
     Raises:
-        ValueError: numbers of another kind, or such as are not finite, or not in float32.
+        ValueError: a type that is not floating point, or values that are not finite in float32.
     """
     result = {}
     for name, value in tensors.items():
@@ -68,11 +59,10 @@ def as_float32(where: str, tensors: dict[str, np.ndarray]) -> dict[str, np.ndarr
 
 
 def load_set(path: Path, kind: str, version: int = 1) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Read a set back.
+    """Read a set.
 
     Raises:
-        ValueError: the file is missing, not JSON, of another kind or version, or its tensors are missing or not those
-            that were saved.
+        ValueError: the file is missing, not JSON, of another kind or version, or its tensors are missing or altered.
     """
     name = str(path)
     try:
@@ -89,11 +79,11 @@ def load_set(path: Path, kind: str, version: int = 1) -> tuple[dict[str, np.ndar
         raise checks.refuse(f"{name}: tensors", file, "the name of a safetensors file beside it")
     try:
         data = path.with_name(file).read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: characters that no name of a file has
+    except (OSError, ValueError) as error:  # ValueError: characters that file names cannot contain
         raise checks.refuse(f"{name}: tensors", file, f"a readable file beside it ({reason(error)})") from None
     if hashlib.sha256(data).hexdigest() != record.get("sha256"):
         raise checks.refuse(f"{name}: tensors", file, "the file that was saved with it (SHA-256 differs)")
     try:
         return load(data), record
-    except (SafetensorError, KeyError) as error:  # KeyError: a type of number that NumPy does not have
+    except (SafetensorError, KeyError) as error:  # KeyError: a type that NumPy does not have
         raise checks.refuse(f"{name}: tensors", f"{file} ({error})", "a whole safetensors file") from None

@@ -1,9 +1,8 @@
-"""Quarter turns of the table: what a turned scene looks like, and what is to be done in it.
+"""Quarter turns of the table: rows and actions in a turned scene.
 
-The grid of elements looks the same after a quarter turn, and so does the common circular motion a quarter period later. An
-element's phasor turns backwards with it: what pushed along x then pushes along y. So each sample is four. Two more symmetries
-are in the rows themselves: the part's own, since headings are coded modulo it, and shifts by whole elements, for networks that
-do not read the column ``position``.
+The grid of elements is unchanged by a quarter turn, and the circular motion of the table by a quarter turn a quarter period
+later. An element's phasor turns backwards. Two more symmetries are in the rows: headings are coded modulo the part's symmetry,
+and networks that do not read the column ``position`` are invariant to shifts by whole elements.
 """
 
 from __future__ import annotations
@@ -14,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from vibgym import Part, checks
-from vibgym.policies.trained.networks.shape import Shape
+from vibgym.policies.trained.networks import Shape
 
 VECTORS = (
     "position", "element", "way_far", "way_coarse", "way_fine", "way_finest", "velocity", "goal_velocity", "way_ahead",
     "apart", "apart_far", "way",
 )  # fmt: skip
-"""Columns that are vectors, one after the other; as they are called after their neighbour's number."""
+"""Columns of one or more vectors; names of neighbours' columns without their number."""
 
 SIDES = ("borders", "zone")
 """Columns of the left, right, bottom and top side."""
@@ -28,21 +27,21 @@ SIDES = ("borders", "zone")
 HEADING = "heading"
 
 TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
-"""A vector after a quarter turn to the left."""
+"""Rotation of a vector by a quarter turn to the left."""
 
 TURN_SIDES = np.array([[0, 0, 0, 1], [0, 0, 1, 0], [1, 0, 0, 0], [0, 1, 0, 0]], dtype=np.float64)
-"""What was above is on the left, what was below on the right, what was left below, what was right above."""
+"""Permutation of the sides: above to left, below to right, left to below, right to above."""
 
 
 def turned_rows(columns: Sequence[Sequence[Any]], parts: Sequence[Part]) -> np.ndarray:
-    """Matrix (columns, columns) that takes a row to that of the scene after a quarter turn to the left.
+    """Return the matrix (columns, columns) that maps a row to the row of the scene after a quarter turn to the left.
 
     Args:
         columns: names and widths of a row's columns.
         parts: of the scene.
 
     Raises:
-        ValueError: if parts differ in symmetry: the headings of neighbours are then ambiguous.
+        ValueError: parts of different symmetry; the headings of neighbours are then ambiguous.
     """
     symmetries = {part.symmetry for part in parts}
     if len(symmetries) > 1:
@@ -65,10 +64,10 @@ def turned_rows(columns: Sequence[Sequence[Any]], parts: Sequence[Part]) -> np.n
 
 
 def turned_actions(action: str, shape: Shape) -> np.ndarray:
-    """Matrix (numbers, numbers) that takes a part's action to the one that does the same after a quarter turn to the left.
+    """Return the matrix (values, values) that maps a part's action to the equivalent one after a quarter turn to the left.
 
     Args:
-        action: ``"wrench"``, ``"field"``, or one of elements, whose numbers are the phasors of a square.
+        action: ``"wrench"``, ``"field"``, or an action of elements, whose values are the phasors of a patch.
         shape: of the network.
 
     Raises:
@@ -92,14 +91,14 @@ def turned_actions(action: str, shape: Shape) -> np.ndarray:
 
 
 class Turns:
-    """Turns samples by quarter turns.
+    """Quarter turns of rows and actions.
 
     Args:
         columns, parts: see :func:`turned_rows`.
         action, shape: see :func:`turned_actions`.
 
     Raises:
-        ValueError: no column that says where the way leads, or parts of different symmetry.
+        ValueError: no column ``way_far``, or parts of different symmetry.
     """
 
     def __init__(self, columns: Sequence[Sequence[Any]], parts: Sequence[Part], action: str, shape: Shape) -> None:
@@ -113,7 +112,7 @@ class Turns:
         self._way = int(starts[names.index("way_far")])
 
     def ahead(self, rows: np.ndarray) -> np.ndarray:
-        """Quarter turns after which the way of each part leads to the right and up, or straight right: (...) of 0 to 3."""
+        """Return the quarter turns (...), 0 to 3, after which the displacement of each part points right and up."""
         x, y = rows[..., self._way], rows[..., self._way + 1]
         # In the second quadrant three turns, in the third two, in the fourth one.
         return np.where(x > 0.0, np.where(y >= 0.0, 0, 1), np.where(y > 0.0, 3, np.where(x < 0.0, 2, 1))) * (
@@ -121,11 +120,11 @@ class Turns:
         )
 
     def turn_rows(self, quarters: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Rows (..., columns), each after so many quarter turns (...)."""
+        """Return rows (..., columns) after ``quarters`` (...) quarter turns."""
         return _each(self.rows, quarters, rows)
 
     def turn_actions(self, quarters: np.ndarray, actions: np.ndarray) -> np.ndarray:
-        """Actions (..., numbers), each after so many quarter turns (...), which may be less than none."""
+        """Return actions (..., values) after ``quarters`` (...) quarter turns, which may be negative."""
         return _each(self.actions, quarters % 4, actions)
 
 

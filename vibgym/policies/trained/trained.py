@@ -1,4 +1,4 @@
-"""A trained policy: a small network in NumPy, loaded from safetensors and JSON."""
+"""Trained policies: small networks in NumPy, loaded from safetensors and JSON."""
 
 from __future__ import annotations
 
@@ -9,51 +9,43 @@ from typing import Any
 import numpy as np
 
 from vibgym import Surface, checks
-from vibgym.envs.actions import actions_by_part
+from vibgym.envs.actions import ACTIONS, actions_by_part
+from vibgym.policies.classical.measured import check_state
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.coding import CODES, Coding
-from vibgym.policies.trained.networks.acting import ACTING, ACTIVATIONS
-from vibgym.policies.trained.pictures import PictureCoding
-from vibgym.policies.trained.state_policy import NETWORK as STATE
-from vibgym.policies.trained.state_policy import StatePolicy, state_policy
+from vibgym.policies.trained.coding import CODES, CODINGS, Coding
+from vibgym.policies.trained.networks import ACTING, ACTIVATIONS
 from vibgym.policies.trained.storage import as_float32, load_set
 
 KIND = "vibgym-policy"
 VERSION = 2
-"""Of the files; those of version 1 held networks that read the flat state."""
-
-CODINGS: Mapping[str, type[Coding] | type[PictureCoding]] = {
-    "parts": Coding,
-    "elements": Coding,
-    "pixels": PictureCoding,
-}
-"""What a network reads, by its name."""
+"""Of policy files; in version 1 networks read the flat state."""
 
 ANY = "any"
-"""Of a surface, or a number of parts, that a policy file may leave open."""
+"""Value of ``surface`` or ``parts`` in a policy file that serves all of them."""
+
 RESIDUAL = "residual"
-"""Under which the file of a correction names what it corrects: its base policy and the scale."""
-ELEMENTS = "elements"
+"""Key of a policy file that names the base policy and the scale of a correction."""
+
+STATE = "state"
+"""Value of ``network`` in the file of a :class:`StatePolicy`."""
+
+LOG_STD_LIMITS = (-20.0, 2.0)
+"""Of Stable-Baselines3's SAC actor."""
 
 
 class TrainedPolicy:
-    """A network trained on observations by parts, or on images; acts by its mean, unless it is asked to explore.
+    """A network that reads observations by parts, or images; the deterministic action is its mean.
 
     Args:
-        tensors: of the network, float32, under the names that :mod:`vibgym.policies.trained.networks.acting` wants.
-        network: among :data:`vibgym.policies.trained.networks.acting.ACTING`.
+        tensors: of the network, float32, under torch's names.
+        network: among :data:`vibgym.policies.trained.networks.ACTING`.
         activation: of the hidden layers, ``"tanh"`` or ``"relu"``.
         coding: of the environment.
         seed: of the exploration.
     """
 
     def __init__(
-        self,
-        tensors: Mapping[str, np.ndarray],
-        network: str,
-        activation: str,
-        coding: Coding | PictureCoding,
-        seed: int = 0,
+        self, tensors: Mapping[str, np.ndarray], network: str, activation: str, coding: Coding, seed: int = 0
     ) -> None:
         self.tensors, self.network, self.activation, self.coding = tensors, ACTING[network], activation, coding
         self.action, self.observation = coding.action, coding.observation
@@ -62,18 +54,80 @@ class TrainedPolicy:
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Actions in [-1, 1] for one observation or a batch; the state is what was seen last."""
-        seen = self.coding.see(observation, state, episode_start)
-        of_parts, log_std = self.network(self.tensors, self.coding.shape, self.activation, seen.rows)
+        """Return actions in [-1, 1] for one observation or a batch; the state is the network's inputs."""
+        inputs = self.coding.encode(observation, state, episode_start)
+        of_parts, log_std = self.network(self.tensors, self.coding.shape, self.activation, inputs.rows)
         if not deterministic:
             noise = self.generator.standard_normal(of_parts.shape, dtype=np.float32)
             of_parts = of_parts + np.exp(log_std) * noise
-        actions = self.coding.actions(seen, np.clip(of_parts, -1.0, 1.0).astype(np.float32))
-        return (actions[0] if self.coding.single(observation) else actions), seen
+        actions = self.coding.decode(inputs, np.clip(of_parts, -1.0, 1.0).astype(np.float32))
+        return (actions[0] if self.coding.single(observation) else actions), inputs
+
+
+class StatePolicy:
+    """An actor that SAC trained on the flat state: hidden layers with rectifiers, then mean and log std before a tanh.
+
+    Args:
+        tensors: float32 weights (out, in) and biases (out,) of ``layer0``, ``layer1``, ..., ``mean`` and ``log_std``.
+        info: of the task.
+        action: the environment's ``action=``.
+        seed: of the exploration.
+        name: of the file, for errors.
+
+    Raises:
+        ValueError: missing tensors, or another size of observation or action.
+    """
+
+    observation = "state"
+
+    def __init__(
+        self, tensors: dict[str, np.ndarray], info: TaskInfo, action: str, seed: int = 0, name: str = "policy"
+    ) -> None:
+        self.layout, self.action, self.generator = info.layout, action, np.random.default_rng(seed)
+        self.hidden: list[tuple[np.ndarray, np.ndarray]] = []
+        width = info.layout.size
+        while f"layer{len(self.hidden)}.weight" in tensors:
+            self.hidden.append(_layer(name, tensors, f"layer{len(self.hidden)}", width))
+            width = len(self.hidden[-1][1])
+        if not self.hidden:
+            raise checks.refuse(f"{name}: tensors", sorted(tensors), "layer0.weight, layer0.bias and so on")
+        size = ACTIONS[action](info.surface, info.parts).size
+        self.mean, self.log_std = (_layer(name, tensors, last, width, size) for last in ("mean", "log_std"))
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Return actions in [-1, 1] for one observation or a batch; no memory."""
+        x = check_state(observation, self.layout).astype(np.float32)
+        for weight, bias in self.hidden:
+            x = np.maximum(x @ weight.T + bias, 0.0, dtype=np.float32)
+        before = x @ self.mean[0].T + self.mean[1]
+        if not deterministic:
+            spread = np.exp(np.clip(x @ self.log_std[0].T + self.log_std[1], *LOG_STD_LIMITS))
+            before = before + spread * self.generator.standard_normal(before.shape, dtype=np.float32)
+        return np.tanh(before), state
+
+
+def _layer(
+    name: str, tensors: dict[str, np.ndarray], layer: str, width: int, size: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return weight and bias of a layer with ``width`` inputs and ``size`` outputs (None: any number)."""
+    weight, bias = (tensors.get(f"{layer}.{each}", np.zeros(0)) for each in ("weight", "bias"))
+    outputs = len(bias) if size is None and bias.ndim else size
+    if weight.shape != (outputs, width) or bias.shape != (outputs,):
+        raise checks.refuse(
+            f"{name}: {layer}", f"weight of shape {weight.shape}", f"shape ({size or 'n'}, {width}) and a bias"
+        )
+    return weight, bias
+
+
+def columns_of(info: TaskInfo) -> list[list[Any]]:
+    """Return names and widths of the state's columns, as policy files have them."""
+    return [[row.name, row.width] for row in info.layout.rows]
 
 
 def described(surface: Surface) -> dict[str, Any]:
-    """A surface as policy files have it."""
+    """Return a surface as policy files have it."""
     return {name: getattr(surface, name) for name in ("rows", "columns", "element_size", "frequency")}
 
 
@@ -81,8 +135,8 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | StatePolicy:
     """Load a policy file and check that it fits.
 
     Raises:
-        ValueError: not a policy file, corrupted, not finite in float32, made for another task, surface, number of parts,
-            observation or size of action, or a correction, which is no policy without its base.
+        ValueError: not a policy file, damaged, not finite in float32, of another task, surface, number of parts, observation
+            or size of action, or a correction, which requires its base policy.
     """
     tensors, record = load_set(path, KIND, VERSION)
     if record.get(RESIDUAL) is not None:
@@ -93,11 +147,11 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | StatePolicy:
 def network_of(
     name: str, tensors: dict[str, np.ndarray], record: dict[str, Any], info: TaskInfo
 ) -> TrainedPolicy | StatePolicy:
-    """The network of a policy file.
+    """Return the network of a policy file.
 
     Args:
         name: of the file.
-        tensors, record: what it holds.
+        tensors, record: contents of the file.
         info: task and scene, with the rows that the network reads.
 
     Raises:
@@ -110,19 +164,22 @@ def network_of(
         theirs = record.get(what)
         if theirs not in (ANY, mine) or isinstance(theirs, bool):  # True would be 1 part
             raise checks.refuse(f"{name}: {what}", theirs, f"{mine!r}, as this scene has it")
-    if record.get("network") == STATE:
-        return state_policy(name, tensors, record, info)
-    tensors = as_float32(name, tensors)
-    action = checks.choice(f"{name}: action", record.get("action"), (*actions_by_part(), *CODES))
-    network = checks.choice(f"{name}: network", record.get("network"), tuple(ACTING))
-    activation = checks.choice(f"{name}: activation", record.get("activation"), tuple(ACTIVATIONS))
+    network = checks.choice(f"{name}: network", record.get("network"), (STATE, *ACTING))
+    actions = ACTIONS if network == STATE else (*actions_by_part(), *CODES)
+    action = checks.choice(f"{name}: action", record.get("action"), tuple(actions))
     columns = record.get("columns")
+    if network == STATE and columns != columns_of(info):
+        raise checks.refuse(f"{name}: columns", columns, f"{columns_of(info)!r}, as this task has them")
+    tensors = as_float32(name, tensors)
+    if network == STATE:
+        return StatePolicy(tensors, info, action, name=name)
+    activation = checks.choice(f"{name}: activation", record.get("activation"), tuple(ACTIVATIONS))
     if not isinstance(columns, list) or not all(isinstance(each, list) and len(each) == 2 for each in columns):
         raise checks.refuse(f"{name}: columns", columns, "a list of names and widths")
     with checks.within(name):
         flags = (checks.flag(each, record.get(each)) for each in ("turned", "remembers"))
         coding = CODINGS[network](info.surface, info.parts, info.parts_layout, action, columns, *flags)
-    if network == ELEMENTS and not coding.shape.has_elements:
+    if network == "elements" and not coding.shape.has_elements:
         raise checks.refuse(f"{name}: network", network, "'parts', or an action of elements and the column 'element'")
     policy = TrainedPolicy(tensors, network, activation, coding)
     _try(name, policy)
@@ -130,10 +187,10 @@ def network_of(
 
 
 def _try(name: str, policy: TrainedPolicy) -> None:
-    """Let it act once: tensors that are missing or of other shapes show.
+    """Evaluate the network once.
 
     Raises:
-        ValueError: they do.
+        ValueError: tensors are missing or have other shapes.
     """
     shape, parts = policy.coding.shape, len(policy.coding.parts)
     rows = np.zeros((1, parts, shape.columns), dtype=policy.coding.dtype)

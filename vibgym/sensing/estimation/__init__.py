@@ -18,7 +18,7 @@ returns a :class:`vibgym.sensing.Estimator`."""
 
 
 def estimator_from(value: Any, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str]) -> Any:
-    """Return an estimator from its name or a mapping with ``kind`` and its own settings."""
+    """Return an estimator from its name or a mapping with ``kind`` and its settings."""
     kind, settings = checks.named("sensor.estimator", value, tuple(ESTIMATORS))
     return checks.made("sensor.estimator", ESTIMATORS[kind], (sensor, plant, latency, walls), settings)
 

@@ -2,16 +2,16 @@
 
 A reading describes a past instant (``delay``), and a command acts later (``latency``). A controller needs the state at the
 instant at which its command takes effect. The predictor is always at that instant, ``lead = delay + latency`` periods after the
-one of this step's reading. So every command is simulated once, independent of the lead.
+time of this step's reading. So every command is simulated once, independent of the lead.
 
 The difference between a reading and the pose predicted for its instant corrects that prediction. The linear motion of a part
 near rest (:mod:`vibgym.scene.sliding`) propagates the correction to all later predictions:
 
     p' = v,   v' = -c v + d,   d' = 0
 
-``p`` is x, y or heading, each by itself; ``d`` is an acceleration that the model does not contain (an inclined table, a wrong
-coefficient of friction). The process noise of ``v'`` is a floor and a share of the acting acceleration. So readings of parts at
-rest are averaged, and readings of driven parts have more weight.
+``p`` is x, y or heading, each filtered separately; ``d`` is an acceleration that the model does not contain (an inclined table,
+a wrong coefficient of friction). The process noise of ``v'`` is a floor and a share of the acting acceleration. So readings of
+parts at rest are averaged, and readings of driven parts have more weight.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from vibgym.sensing.estimation.predictors import FreePredictor, ModelPredictor, 
 from vibgym.sensing.measurement import Reading, new_measurement
 
 LEAST_SIGMA = 1e-7
-"""Floor of the standard deviation of readings, m and rad: an exact reading would outweigh everything else."""
+"""Floor of the standard deviation of readings, m and rad: an exact reading would have infinite weight."""
 
-START_SPEED = 1e-3  # m/s, standard deviation of the velocity of a part that has been put down
+START_SPEED = 1e-3  # m/s, initial standard deviation of the velocity of a part
 SURPRISE = 5.0
 """Standard deviations by which a reading may differ before the estimate counts as wrong, as after a collision."""
 
@@ -122,7 +122,7 @@ def kalman_update(covariance, innovation, variance):
     """Update a covariance by a reading; returns the corrections of p, v and d."""
     total = covariance[Triangle.PP] + variance
     if innovation * innovation > SURPRISE * SURPRISE * total:
-        # The prediction is wrong: give the reading full weight, and widen the velocity.
+        # The prediction is rejected: full weight for the reading, larger variance of the velocity.
         covariance[Triangle.PP] += innovation * innovation
         covariance[Triangle.VV] += innovation * innovation * 100.0
         total = covariance[Triangle.PP] + variance
@@ -184,7 +184,7 @@ def carry_disturbance(all_of, w, p):
 
 @borrowing
 def start_track(all_of, w, p, pose):
-    """Restart the filter of a part at a pose (3,), at which it has been put down."""
+    """Restart the filter of a part at a pose (3,), at rest."""
     for k in range(3):
         scale = all_of.arm[p] if k == 2 else 1.0
         all_of.disturbance[w, p, k], all_of.trend[w, p, k] = 0.0, 0.0
@@ -199,7 +199,7 @@ def start_track(all_of, w, p, pose):
 
 @borrowing
 def reset_track(all_of, w, p, pose):
-    """Put a part of the predictor down at a measured pose (3,), at rest."""
+    """Place a part of the predictor at a measured pose (3,), at rest."""
     start_track(all_of, w, p, pose)
     for k in range(3):
         all_of.pose[w, p, k], all_of.velocity[w, p, k], all_of.mean_velocity[w, p, k] = pose[k], 0.0, 0.0
@@ -209,7 +209,7 @@ def reset_track(all_of, w, p, pose):
 
 @borrowing
 def begin_filter(which, pose, gone, address):
-    """Restart for the parts ``which`` (worlds, parts), which the predictor has put down at ``pose``."""
+    """Restart for the parts ``which`` (worlds, parts), which the predictor has placed at ``pose``."""
     all_of = filter_at(address)
     for w in range(pose.shape[0]):
         for p in range(pose.shape[1]):
@@ -321,7 +321,7 @@ class ModelSettings(KalmanSettings):
 
 
 class FilterEstimator:
-    """A predictor that readings correct; see the module.
+    """A predictor corrected by readings; see the module.
 
     The measurement is the state at which the next command begins to act: ``latency`` periods after the present.
 
@@ -429,6 +429,6 @@ class ModelEstimator(FilterEstimator):
 
     def __init__(self, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str], **settings: Any) -> None:
         given = ModelSettings(**settings)
-        with checks.within("sensor.estimator", "."):  # only the model can be wrong here
+        with checks.within("sensor.estimator", "."):  # only the model's settings can be invalid here
             predictor = ModelPredictor(sensor, plant, walls, given.model, given.delivered)
         super().__init__(sensor, predictor, latency, given, given.model_error)

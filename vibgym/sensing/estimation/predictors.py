@@ -62,12 +62,12 @@ class ModelPredictor:
         self._plant.prepare(command)
 
     def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
-        """Put parts down at rest in ``worlds``."""
+        """Place parts at rest in ``worlds``."""
         self._plant.reset(worlds, np.full((len(worlds), self._plant.draws), 0.5))
         self.simulator.place(worlds, pose, np.where(fallen[..., None], 0.0, self._idle), 0.0, fallen)
 
     def renew(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
-        """Put the parts ``which`` (worlds, parts) down at poses (n, 3); ``fallen`` (n,): beside the table."""
+        """Place the parts ``which`` (worlds, parts) at poses (n, 3); ``fallen`` (n,): off the table."""
         idle = np.broadcast_to(self._idle, self.state.velocity.shape)[which]
         self.state.pose[which], self.state.velocity[which] = pose, np.where(fallen[:, None], 0.0, idle)
         self.state.mean_velocity[which], self.state.sticking[which], self.state.fallen[which] = 0.0, False, fallen
@@ -95,7 +95,7 @@ class ModelPredictor:
 
 @borrowing
 def glide(state, drag, time):
-    """Advance parts that friction alone slows down, see :mod:`vibgym.scene.sliding`."""
+    """Advance parts under friction alone, see :mod:`vibgym.scene.sliding`."""
     for w in range(state.pose.shape[0]):
         for p in range(state.pose.shape[1]):
             if state.fallen[w, p]:

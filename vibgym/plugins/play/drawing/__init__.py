@@ -14,7 +14,7 @@ from vibgym.rendering.view import Scenery
 HERE = Path(__file__).parent
 
 SCRIPTS = ("shapes", "table", "side")
-"""In the order in which they build on one another."""
+"""Scripts in the order of their dependencies."""
 
 
 def script_path(name: str) -> Path:
@@ -28,7 +28,7 @@ def scripts() -> str:
 
 
 def _as_script(module: str) -> str:
-    """Return a module whose imports come from the scope around it, and whose exports go there."""
+    """Return a module with imports from, and exports to, the enclosing scope."""
     names = ", ".join(re.findall(r"^export (?:class|function|const) (\w+)", module, flags=re.M))
     own = re.sub(r"^export ", "", re.sub(r"^import .*;\n", "", module, flags=re.M), flags=re.M)
     return f"const {{ {names} }} = (() => {{\n{own}\nreturn {{ {names} }};\n}})();"
@@ -53,7 +53,7 @@ def drawn_scene(scenery: Scenery) -> dict[str, Any]:
 
 
 def tint_of(kind: int) -> list[str]:
-    """Return colour of a kind, and what is written on it."""
+    """Return the colour of a kind, and that of text on it."""
     colour = colours.PARTS[kind % len(colours.PARTS)]
     return [_hex(colour), _hex(colours.INK if colours.is_light(colour) else colours.PAPER)]
 

@@ -1,0 +1,194 @@
+"""Learners whose network acts part by part: inputs of the network, policy files, checkpoints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+
+from agents import checkpoint
+from agents.networks import NETWORKS, ActorCritic, trained_tensors
+from agents.training_settings import NetworkSettings, TrainSettings
+from vibgym import checks
+from vibgym.adapters.sb3 import VecEnv
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.coding import CODINGS, Coding
+from vibgym.policies.trained.networks import FLOOR
+from vibgym.policies.trained.residual import load_correction
+from vibgym.policies.trained.storage import save_set
+from vibgym.policies.trained.trained import ANY, KIND, RESIDUAL, VERSION, TrainedPolicy, described, load_trained
+
+Report = Callable[[dict[str, float]], None]
+
+
+class PartsLearner:
+    """Base of PPO and offline learning.
+
+    Args:
+        settings: of the run.
+
+    Attributes:
+        env: worlds of the run.
+        policy: actor and critic.
+        steps: done so far.
+    """
+
+    title: ClassVar[str]
+    phase: ClassVar[str]
+    env: VecEnv
+    policy: ActorCritic
+    steps = 0
+
+    def __init__(self, settings: TrainSettings) -> None:
+        assert isinstance(settings.own, NetworkSettings)
+        self.settings, self.network, self.action = settings, settings.own, settings.action
+        checks.choice(f"{settings.algorithm}.network", self.network.network, tuple(NETWORKS))
+        self.observation = CODINGS[self.network.network].observation
+        given = settings.environment.get("observation", self.observation)
+        if given != self.observation:
+            name = f"{settings.algorithm} with network {self.network.network!r}"
+            raise checks.conflict(f"{name} requires observation {self.observation!r}, got {given!r}")
+
+    def coding(self) -> Coding:
+        """Return the conversion of observations and actions for the network.
+
+        Raises:
+            ValueError: ``blind`` names an unknown column, or the network does not support the action.
+        """
+        network, where, env = self.network, self.settings.algorithm, self.env.env
+        layout = env.parts_layout
+        for name in network.blind:
+            checks.choice(f"{where}.blind", name, tuple(row.name for row in layout))
+        columns = [[row.name, row.width] for row in layout if row.name not in network.blind] if network.blind else None
+        flags = network.turned, network.remembers
+        found = CODINGS[network.network](env.surface, env.parts, layout, self.action, columns, *flags)
+        if network.network == "elements" and not found.shape.has_elements:
+            reason = "column 'element' is in 'blind'" if found.shape.side else f"not {self.action!r}"
+            raise checks.conflict(f"{where}.network 'elements' requires action 'element' or 'phasor' ({reason})")
+        return found
+
+    # -- policies ----------------------------------------------------------------------------------------------------
+
+    def acting(self) -> TrainedPolicy:
+        """Return the present policy in NumPy."""
+        return TrainedPolicy(self.actor(), self.policy.actor.kind, self.network.activation, self.policy.coding)
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Return actions, see :meth:`vibgym.policies.protocol.Policy.predict`."""
+        return self.acting().predict(observation, state, episode_start, deterministic)
+
+    def actor(self) -> dict[str, np.ndarray]:
+        """Return the actor's tensors."""
+        return trained_tensors(self.policy.actor)
+
+    def set_actor(self, tensors: Mapping[str, np.ndarray]) -> None:
+        """Replace the actor's tensors."""
+        self.policy.actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in tensors.items()})
+
+    def start_from(self, path: Path) -> None:
+        """Take the actor from a policy file; exploration keeps its own settings.
+
+        Raises:
+            ValueError: a policy of another form, or for another task.
+        """
+        info, mine, residual = TaskInfo.of(self.env.env), self.acting(), self.settings.residual
+        if residual is None:
+            found: Any = load_trained(path, info)
+        else:
+            found = load_correction(path, info, residual.base, residual.scale).learned
+        if not isinstance(found, TrainedPolicy):
+            raise checks.refuse("start", str(path), "a policy trained by PPO")
+        # Tensors of equal shapes may have another meaning.
+        theirs, ours = _form(found), _form(mine)
+        for name in ours:
+            if theirs[name] != ours[name]:
+                raise checks.conflict(f"start: {path} has other {name} than the settings")
+        tensors = {name: each for name, each in found.tensors.items() if not name.startswith("log_std")}
+        self.set_actor({**self.actor(), **tensors})
+
+    def save_policy(self, path: Path, training: dict[str, Any]) -> None:
+        """Write the policy for :func:`vibgym.policies.trained.trained.load_trained`.
+
+        Raises:
+            Diverged: a weight is not finite; an older policy stays.
+        """
+        tensors = self.actor()
+        checkpoint.check_finite(tensors)
+        settings, info, coding = self.settings, TaskInfo.of(self.env.env), self.policy.coding
+        serves = settings.serves
+        record: dict[str, Any] = {
+            "tasks": list(dict.fromkeys([info.name, *(serves.tasks or ())])),
+            "surface": ANY if serves.surface == ANY else described(info.surface),
+            "parts": ANY if serves.parts == ANY else len(info.parts),
+            "columns": coding.columns,
+            "turned": coding.turned,
+            "remembers": coding.remembers,
+            "action": coding.action,
+            "network": self.network.network,
+            "activation": self.network.activation,
+            "training": training,
+        }
+        if settings.residual is not None:
+            record[RESIDUAL] = settings.residual.model_dump(mode="json")
+        save_set(path, KIND, tensors, record, VERSION)
+
+    # -- checkpoints -------------------------------------------------------------------------------------------------
+
+    def learned(self) -> tuple[checkpoint.Modules, checkpoint.Optimizers]:
+        """Return the modules and optimizers of a checkpoint by name."""
+        raise NotImplementedError
+
+    def get_state(self) -> dict[str, Any]:
+        """Return the rest of a checkpoint, see :func:`agents.checkpoint.save`."""
+        raise NotImplementedError
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from what :meth:`get_state` returned.
+
+        Raises:
+            ValueError: a state of other worlds or data.
+        """
+        raise NotImplementedError
+
+    def check_finite(self) -> None:
+        """Raise :class:`agents.failures.Diverged` if a weight or an optimizer state is not finite."""
+        checkpoint.check_finite(checkpoint.tensors_of(*self.learned()))
+
+    def save(self, directory: Path) -> None:
+        """Write a checkpoint with everything that the rest of the run depends on.
+
+        Raises:
+            Diverged: a weight is not finite; the last checkpoint stays.
+        """
+        checkpoint.save(directory, *self.learned(), self.get_state())
+
+    def load(self, directory: Path) -> bool:
+        """Continue from the checkpoint in ``directory``; return False if there is none.
+
+        Raises:
+            ValueError: it is damaged or belongs to other settings.
+        """
+        return checkpoint.load(directory, *self.learned(), self.set_state)
+
+    def close(self) -> None:
+        """Close the environment."""
+        self.env.close()
+
+
+def _form(policy: TrainedPolicy) -> dict[str, Any]:
+    """Return what the meaning of a policy's tensors depends on, by setting."""
+    coding = policy.coding
+    return {
+        "action": policy.action,
+        "columns": coding.columns,
+        "ppo.turned": coding.turned,
+        "ppo.remembers": coding.remembers,
+        "ppo.network": policy.network,
+        "ppo.activation": policy.activation,
+        "layers": {name: each.shape for name, each in policy.tensors.items() if name != FLOOR},
+    }
