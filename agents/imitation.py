@@ -21,6 +21,7 @@ from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding, Inputs
+from vibgym.policies.trained.residual import CORRECTED
 
 STUDENT_SHARE = 0.8
 """Share of the worlds in which the network acts, after the first round."""
@@ -75,7 +76,7 @@ class Demonstrator:
         self.expert, self.env, self.coding, self.generator = expert, env, coding, generator
         self._driven = np.array(TaskInfo.of(env).driven)
         self._memory: Any = None
-        self._acted = getattr(expert, "acted", None) if coding.remembers and expert.action == "wrench" else None
+        self._acted = getattr(expert, "acted", None) if coding.remembers and expert.action in CORRECTED else None
         self._new = np.ones(env.num_envs, dtype=bool)
         self._observation: Any = None
         self._inputs: Inputs | None = None

@@ -16,7 +16,6 @@ from agents.training_settings import TrainSettings
 from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
-from vibgym.envs.actions import Wrench
 from vibgym.envs.vector import batch_of
 from vibgym.policies.mpc import rows_of
 from vibgym.policies.protocol import Policy
@@ -62,9 +61,9 @@ class ResidualEnv(VectorWrapper):
     base's memory follows the applied action, not the proposed one.
 
     Args:
-        env: a :class:`vibgym.envs.VibgymVectorEnv` with ``action="wrench"``, ``observation="parts_and_state"`` and
+        env: a :class:`vibgym.envs.VibgymVectorEnv` with the base's action, ``observation="parts_and_state"`` and
             ``autoreset_mode="SameStep"``.
-        base: policy with action ``"wrench"`` and observation ``"state"``.
+        base: policy with action ``"wrench"`` or ``"velocity"`` and observation ``"state"``.
         scale: of the learner's action.
 
     Attributes:
@@ -85,9 +84,8 @@ class ResidualEnv(VectorWrapper):
         if not isinstance(space, spaces.Dict) or set(space.spaces) != {"parts", "mask", "state"}:
             raise checks.refuse("env.single_observation_space", space, "that of observation='parts_and_state'")
         super().__init__(env)
-        if not isinstance(inner.core.action, Wrench):
-            raise checks.refuse("env.action", type(inner.core.action).__name__, "that of action='wrench'")
         self.base = Base(base, TaskInfo.of(env), scale)
+        checks.choice("env.action", inner.core.options.action, (base.action,))
         self.parts, self.surface, self.autoreset_mode = inner.parts, inner.surface, inner.autoreset_mode
         self.parts_layout = self.base.layout
         columns = sum(row.width for row in self.base.layout)

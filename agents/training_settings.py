@@ -103,7 +103,7 @@ class ImitationSettings(Settings):
 class ResidualSettings(Settings):
     """Correction of a classical policy, see :class:`agents.training_envs.ResidualEnv`."""
 
-    base: dict[str, Any]  # a policy with action "wrench" (the default) and observation "state"
+    base: dict[str, Any]  # a policy with action "wrench" (the default) or "velocity", and observation "state"
     scale: float = Field(0.5, gt=0, le=2)  # of the network's action, before it is added to the base's
 
     @field_validator("base")
@@ -172,14 +172,16 @@ class TrainSettings(Settings):
             ValueError: one is set.
         """
         assert isinstance(self.own, PPOSettings)
+        if self.residual is None:
+            return
         for name, got, allowed in (
             ("imitation", self.imitation, None),
             ("ppo.remembers", self.own.remembers, False),
             ("ppo.turned", self.own.turned, False),
             ("ppo.network", self.own.network, "parts"),
-            ("environment.action", self.action, "wrench"),
+            ("environment.action", self.action, self.residual.base["action"]),
         ):
-            if self.residual is not None and got != allowed:
+            if got != allowed:
                 raise checks.conflict(f"{name} must be {allowed!r} with 'residual'")
 
     @property

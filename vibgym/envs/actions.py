@@ -409,7 +409,8 @@ REASONS = (
 SERVED, GONE, BESIDE, STICKS, LEFT_OUT = range(len(REASONS))
 
 ACTIONS: Registry[type[Action]] = Registry(
-    "action", {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field, "wrench": Wrench, "velocity": Velocity}
+    "action",
+    {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field, "wrench": Wrench, "velocity": Velocity},
 )
 """Actions by name; ``ACTIONS.register(name, cls)`` adds a custom one."""
 

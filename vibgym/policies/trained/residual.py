@@ -1,6 +1,6 @@
 """Residual policies: the action of a classical base policy plus a learned correction.
 
-See Silver et al. 2018, "Residual Policy Learning", and Johannink et al. 2019. Base and network have the action ``"wrench"``.
+See Silver et al. 2018, "Residual Policy Learning", and Johannink et al. 2019. Base and network have the same action, ``"wrench"`` or ``"velocity"``.
 The base reads the flat state. The network reads observations by parts, whose rows also contain the base's action. A
 correction of zero gives the base's action bit for bit.
 """
@@ -27,6 +27,9 @@ SCALE = 0.5
 
 MOST_SCALE = 2.0  # changes any action to any other
 
+CORRECTED = ("wrench", "velocity")
+"""Actions that can be corrected: three values per part."""
+
 NAME, NUMBERS = "base", 3
 """Name and width of the base's action in a row."""
 
@@ -36,7 +39,7 @@ def with_base(layout: Sequence[Numbers]) -> tuple[Numbers, ...]:
     rows = list(layout)
     at = next((k for k, row in enumerate(rows) if row.name.endswith(NEIGHBOUR)), len(rows))
     start = rows[at].start if at < len(rows) else rows[-1].start + rows[-1].width
-    meaning = "acceleration that the base policy wants, x, y and angular, as an action of 'wrench'"
+    meaning = "action of the base policy: acceleration or velocity, x, y and angular"
     base = Numbers(NAME, None, start, NUMBERS, "1", (1.0,) * NUMBERS, (-1.0, 1.0), meaning, "linear")
     return (*rows[:at], base, *(row._replace(start=row.start + NUMBERS) for row in rows[at:]))
 
@@ -52,7 +55,7 @@ class Base:
     """A base policy, for the trained policy and for its training.
 
     Args:
-        policy: with action ``"wrench"`` and observation ``"state"``, such as ``{"kind": "pose", "action": "wrench"}``.
+        policy: with an action of :data:`CORRECTED` and observation ``"state"``, such as ``{"kind": "pose", "action": "wrench"}``.
             If it has ``acted`` (:meth:`.steering.Steering.acted`), this is called with the proposed and the applied action.
         info: task and scene.
         scale: see :class:`ResidualPolicy`.
@@ -65,7 +68,7 @@ class Base:
     """
 
     def __init__(self, policy: Policy, info: TaskInfo, scale: float) -> None:
-        checks.choice("base.action", policy.action, ("wrench",))
+        checks.choice("base.action", policy.action, CORRECTED)
         checks.choice("base.observation", policy.observation, ("state",))
         self.policy, self.parts = policy, len(info.parts)
         self.scale = np.float32(checks.number("scale", scale, above=0.0, most=MOST_SCALE))
@@ -92,23 +95,23 @@ class ResidualPolicy:
 
     Args:
         info: task and scene.
-        base: policy with action ``"wrench"`` and observation ``"state"``.
-        learned: policy with action ``"wrench"`` that reads rows of :func:`with_base`.
+        base: policy with an action of :data:`CORRECTED` and observation ``"state"``.
+        learned: policy with the same action that reads rows of :func:`with_base`.
         scale: of its action, as in training.
 
     Raises:
         ValueError: a base that does not fit, or a bad scale.
     """
 
-    action, observation = "wrench", "parts_and_state"
+    observation = "parts_and_state"
 
     def __init__(self, info: TaskInfo, base: Policy, learned: Any, *, scale: float = SCALE) -> None:
-        self.base, self.learned = Base(base, info, scale), learned
+        self.base, self.learned, self.action = Base(base, info, scale), learned, base.action
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Return accelerations; the state is a :class:`Memory`."""
+        """Return actions; the state is a :class:`Memory`."""
         single = np.ndim(observation["mask"]) == 1
         seen = {name: np.asarray(each)[None] for name, each in observation.items()} if single else observation
         if state is not None and not isinstance(state, Memory):
@@ -164,7 +167,7 @@ def load_correction(path: Path, info: TaskInfo, base: Any = None, scale: float |
     for name, mine, theirs in zip(("base", "scale"), wanted, own, strict=True):
         if mine != theirs:
             raise checks.refuse(name, mine, f"{theirs!r}, with which {path} was trained")
-    checks.choice(f"{path}: action", record.get("action"), ("wrench",))
+    checks.choice(f"{path}: action", record.get("action"), (own[0]["action"],))
     checks.choice(f"{path}: network", record.get("network"), ("parts",))
     learned = network_of(str(path), tensors, record, replace(info, parts_layout=with_base(info.parts_layout)))
     assert isinstance(learned, TrainedPolicy)
