@@ -91,8 +91,8 @@ class WrenchOutput:
 
     The environment inverts the frictional process at a velocity that it computes from the same measurement. This class applies
     the forward process at that velocity, so that the environment finds the intended push; at rest this is the acceleration
-    that friction alone gives. Values beyond 1 are clipped: with ``"wrench"``, a part that brakes from its top speed, where friction
-    helps, can do half as much again. Gains of elements are not estimated, since the environment allocates.
+    that friction alone gives. Values beyond 1 are clipped: with ``"wrench"``, a part that brakes from its top speed, where
+    friction helps, can do half as much again. Gains of elements are not estimated, since the environment allocates.
 
     Args:
         info, process: see :class:`PhasorOutput`.

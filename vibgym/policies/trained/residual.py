@@ -1,7 +1,7 @@
 """Residual policies: the action of a classical base policy plus a learned correction.
 
-See Silver et al. 2018, "Residual Policy Learning", and Johannink et al. 2019. Base and network have the same action, ``"wrench"`` or ``"velocity"``.
-The base reads the flat state. The network reads observations by parts, whose rows also contain the base's action. A
+See Silver et al. 2018, "Residual Policy Learning", and Johannink et al. 2019. Base and network have the same action,
+``"wrench"`` or ``"velocity"``. The base reads the flat state. The network reads observations by parts, whose rows also contain the base's action. A
 correction of zero gives the base's action bit for bit.
 """
 
@@ -55,8 +55,9 @@ class Base:
     """A base policy, for the trained policy and for its training.
 
     Args:
-        policy: with an action of :data:`CORRECTED` and observation ``"state"``, such as ``{"kind": "pose", "action": "wrench"}``.
-            If it has ``acted`` (:meth:`.steering.Steering.acted`), this is called with the proposed and the applied action.
+        policy: with an action of :data:`CORRECTED` and observation ``"state"``, such as
+            ``{"kind": "pose", "action": "wrench"}``. If it has ``acted`` (:meth:`.steering.Steering.acted`),
+            this is called with the proposed and the applied action.
         info: task and scene.
         scale: see :class:`ResidualPolicy`.
 
