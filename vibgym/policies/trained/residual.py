@@ -1,8 +1,8 @@
 """Residual policies: the action of a classical base policy plus a learned correction.
 
 See Silver et al. 2018, "Residual Policy Learning", and Johannink et al. 2019. Base and network have the same action,
-``"wrench"`` or ``"velocity"``. The base reads the flat state. The network reads observations by parts, whose rows also contain the base's action. A
-correction of zero gives the base's action bit for bit.
+``"wrench"`` or ``"velocity"``. The base reads the flat state. The network reads observations by parts, whose rows also contain
+the base's action. A correction of zero gives the base's action bit for bit.
 """
 
 from __future__ import annotations
