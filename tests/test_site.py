@@ -68,7 +68,7 @@ def test_every_environment_has_a_page_with_film_tables_and_baselines(pages, site
         path = site / "environments" / f"{name}.html"
         text = path.read_text(encoding="utf-8")
         assert f"vibgym/{name}-v0" in text and any(f"{name}.webp" in address for address in pages[path].loads)
-        assert {"actions", "observations", "the-state", "reward", "baselines"} <= pages[path].ids
+        assert {"actions", "observations", "features-of-state", "reward", "baselines"} <= pages[path].ids
         assert text.count("<table") >= 4
 
 
