@@ -7,7 +7,7 @@ import pytest
 
 from tests.envs.helpers import batch, single
 from vibgym.envs import ACTIONS, Wrench
-from vibgym.envs.actions import BESIDE, GONE, LEFT_OUT, REASONS, SERVED
+from vibgym.envs.motions import BESIDE, GONE, LEFT_OUT, REASONS, SERVED
 from vibgym.scene.parts import shipped_part
 
 PART = shipped_part("aluminium_block")

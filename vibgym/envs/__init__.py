@@ -1,6 +1,7 @@
 """Gymnasium environments, single and vectorised, on the same batched core."""
 
-from vibgym.envs.actions import ACTIONS, Action, Velocity, Wrench
+from vibgym.envs.actions import ACTIONS, Action
+from vibgym.envs.motions import Target, Velocity, Wrench
 from vibgym.envs.observations import OBSERVATIONS, Observation
 from vibgym.envs.options import Options
 from vibgym.envs.shared import Truth
@@ -13,6 +14,7 @@ __all__ = [
     "Action",
     "Observation",
     "Options",
+    "Target",
     "Truth",
     "Velocity",
     "VibgymEnv",

@@ -12,8 +12,6 @@ from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.actuators import DataSheet
-from vibgym.allocation import Allocator
-from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.drive import (
     CARTESIAN,
@@ -30,7 +28,6 @@ from vibgym.physics.core.drive import (
 )
 from vibgym.registry import Registry
 from vibgym.scene.parts import Part
-from vibgym.scene.sliding import reached
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement
 from vibgym.simulation.threads import Blocks
@@ -297,122 +294,10 @@ class Field(Action):
         return self._drive
 
 
-class Wrench(Action):
-    """(parts, 3): mean acceleration of each part, x, y and angular, allocated to the elements under it.
-
-    1 is the acceleration of a part at rest by all elements at full amplitude: ``mu a_v w^2 / 2`` (2.9 m/s^2 on the prototype
-    with mu 0.58), divided by the radius of gyration for the third. Friction drag at the measured velocity is compensated
-    (:mod:`vibgym.allocation.frictional`), so zeros keep the velocity. Commands beyond the actuator limits are scaled down.
-    Parts that share elements are allocated together (:mod:`vibgym.allocation.allocator`), within dead zone and limit of the
-    data sheet.
-
-    Elements rest under a part without an allocation; ``info["commanded"]["unserved"]`` (parts,) gives the reason as an index
-    of :data:`REASONS`. A subclass excludes parts by :meth:`left_out`.
-
-    Attributes:
-        allocator: :class:`vibgym.allocation.Allocator` of the scene.
-        scale: (parts, 3) accelerations of an action of 1, m/s^2, m/s^2, rad/s^2.
-
-    Raises:
-        ValueError: a part that can stick to the surface, where averages over a period do not hold.
-    """
-
-    by_part = True
-
-    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
-        super().__init__(surface, parts)
-        self.shape = (len(self.parts), 3)
-        push = 0.5 * reached(self.parts) * np.array([part.friction for part in self.parts]) * self.full_scale
-        gyration = np.sqrt([part.gyration for part in self.parts])
-        self.scale = np.stack([push, push, push / gyration], axis=-1)
-
-    def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
-        self.allocator = Allocator(self.surface, self.parts, sheet)
-        self._process = FrictionalInverse(self.surface, self.parts, limit=sheet.limit, ahead=0.5 * self.surface.period)
-        self._unserved = np.zeros((worlds, len(self.parts)), dtype=np.int64)
-        self._given = np.zeros((worlds, *self.shape))
-        return {"unserved": self._unserved}
-
-    def left_out(self, measurement: Measurement) -> np.ndarray:
-        """Return the parts (worlds, parts) bool that are excluded from the allocation; by default none."""
-        return np.zeros_like(measurement.gone)
-
-    def acceleration(self, values: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Return the wanted mean accelerations (worlds, parts, 3) in the step, m/s^2 and rad/s^2.
-
-        Args:
-            values: (worlds, parts, 3) of the action.
-            velocity: (worlds, parts, 3) at the start of the step, m/s and rad/s.
-        """
-        return values * self.scale
-
-    def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Return the action, not clipped, whose wanted accelerations these are: the inverse of :meth:`acceleration`."""
-        return acceleration / self.scale
-
-    def live(self) -> dict[str, np.ndarray]:
-        return {"given": self._given, "unserved": self._unserved}
-
-    def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        # A mean velocity is half a period old.
-        velocity = measurement.mean_velocity + 0.5 * self.surface.period * self._given
-        wanted = self.acceleration(values.reshape(-1, *self.shape), velocity)
-        push, given, holds = self._process.push(velocity, wanted)
-        pose = measurement.pose
-        x, y = pose[..., 0], pose[..., 1]
-        beside = (x < 0.0) | (y < 0.0) | (x > self.surface.width) | (y > self.surface.depth)
-        reasons = [measurement.gone, beside, ~holds, self.left_out(measurement)]
-        self._unserved[...] = np.select(reasons, [GONE, BESIDE, STICKS, LEFT_OUT], SERVED)
-        served = self._unserved == SERVED
-        self._given[...] = np.where(served[..., None], given, 0.0)
-        actions = self.allocator.actions(pose, served, np.where(served[..., None], push, 0.0))
-        return phasor_drive(actions, self.surface.columns, self.full_scale)
-
-
-TOP_SHARE = 5.0 / 6.0
-"""Speed of an action of 1 over the table's: 0.35 m/s on the prototype, where parts reach 0.30 m/s."""
-
-
-class Velocity(Wrench):
-    """(parts, 3): mean velocity of each part at the end of the step, x, y and spin, allocated to the elements under it.
-
-    A value ``a`` commands ``sign(a) a^2`` times :attr:`top`: 5/6 of the table's speed (0.35 m/s on the prototype, above the
-    speed that parts reach), divided by the radius of gyration for the third. The square makes small velocities finer; 0 stops
-    a part. The acceleration is that of :class:`Wrench` which changes the measured velocity to the commanded one within the
-    step, as far as actuator limits permit.
-
-    Attributes:
-        top: (parts, 3) velocities of an action of 1, m/s, m/s, rad/s.
-    """
-
-    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
-        super().__init__(surface, parts)
-        speed = np.full(len(self.parts), TOP_SHARE * surface.table_speed)
-        self.top = np.stack([speed, speed, speed / np.sqrt([part.gyration for part in parts])], axis=-1)
-
-    def acceleration(self, values: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """See :meth:`Wrench.acceleration`."""
-        return (values * np.abs(values) * self.top - velocity) / self.step_time
-
-    def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """See :meth:`Wrench.values`."""
-        share = (velocity + self.step_time * acceleration) / self.top
-        return np.sign(share) * np.sqrt(np.abs(share))
-
-
-REASONS = (
-    "served", "gone: absent, fallen, or not driven", "its centre is off the surface", "it may stick at this velocity",
-    "left out by the action",
-)  # fmt: skip
-"""Why elements rest under a part, see :class:`Wrench`."""
-
-SERVED, GONE, BESIDE, STICKS, LEFT_OUT = range(len(REASONS))
-
 ACTIONS: Registry[type[Action]] = Registry(
-    "action",
-    {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field, "wrench": Wrench, "velocity": Velocity},
+    "action", {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field}
 )
-"""Actions by name; ``ACTIONS.register(name, cls)`` adds a custom one."""
+"""Actions by name; ``ACTIONS.register(name, cls)`` adds a custom one. :mod:`vibgym.envs.motions` adds those of motions."""
 
 
 def new_action(name: Any, surface: Surface, parts: Sequence[Part]) -> Action:

@@ -42,6 +42,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     | ``"patch"`` | (parts, k, k, 2) | phasors of the k x k elements around each part (k = 4 for the shipped blocks) |
     | ``"field"`` | (parts, 6) | strengths of uniform x, y, squeeze x, y, radial and tangential field around each part |
     | ``"wrench"`` | (parts, 3) | acceleration of each part, x, y and angular, see :class:`vibgym.envs.Wrench` |
+    | ``"velocity"`` | (parts, 3) | velocity of each part at the end of the step, see :class:`vibgym.envs.Velocity` |
+    | ``"target"`` | (parts, 3) | pose of each part to go to, relative to the measured one, see :class:`vibgym.envs.Target` |
 
     For learning, start with ``"field"``: 6 numbers per part. ``"element"`` has 512 numbers on the prototype.
 
@@ -78,7 +80,8 @@ class VibgymEnv(SharedInterface, gym.Env):
       ``struck`` (rad), with ``model="tilting"`` ``toppled``.
     - ``drawn``: values drawn by ``randomize``.
     - ``measured``: ``age`` (periods) and ``sigma`` (m, m, rad) of the measurement, unless the sensor is ideal.
-    - ``commanded``: with ``action="wrench"``, ``unserved`` (parts,), an index of :data:`vibgym.envs.actions.REASONS`.
+    - ``commanded``: with actions that command motions, ``unserved`` (parts,), an index of
+      :data:`vibgym.envs.motions.REASONS`.
 
     Args:
         task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, ``"Pack"``,

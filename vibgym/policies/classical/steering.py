@@ -15,8 +15,8 @@ import numpy as np
 from vibgym import checks
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
-from vibgym.envs.actions import Velocity, Wrench
 from vibgym.envs.features import SPIN
+from vibgym.envs.motions import Target, Velocity, Wrench
 from vibgym.policies.classical.gains import GainLearner, turn_pushes
 from vibgym.policies.classical.law import Law, LocalLaw
 from vibgym.policies.classical.lqr import LqrLaw
@@ -84,6 +84,7 @@ class Accelerations(NamedTuple):
 
     given: np.ndarray  # m/s^2 and rad/s^2, which the environment's action assumed in the last step
     velocity: np.ndarray  # m/s and rad/s, at which it did
+    pose: np.ndarray  # m, m, rad, at which it did
 
 
 class WrenchOutput:
@@ -112,13 +113,14 @@ class WrenchOutput:
         self.process = process
         self.mapping = self.action(info.surface, info.parts)
         self.mapping.step_time = info.step_time
-        self.allocator = Allocator(info.surface, info.parts, info.hardware)
+        self.mapping.resolve_limits(info.hardware, 1)
+        self.allocator = self.mapping.allocator
         self.half, self.parts = 0.5 * info.surface.period, len(info.parts)
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
 
     def begin(self, batch: int) -> Accelerations:
         """See :meth:`PhasorOutput.begin`."""
-        return Accelerations(*np.zeros((2, batch, self.parts, 3)))
+        return Accelerations(*np.zeros((3, batch, self.parts, 3)))
 
     def give(
         self, measured: Measured, seen: np.ndarray, push: np.ndarray, memory: Accelerations
@@ -129,19 +131,20 @@ class WrenchOutput:
         wanted, _ = self.process.acceleration(velocity, push)
         action = np.clip(self.mapping.values(wanted, velocity), -1.0, 1.0)
         action = np.where(present[..., None], action, 0.0).astype(np.float32)
-        found, counted, holds = self.process.push(velocity, self.mapping.acceleration(action, velocity))
+        pose = measured.pose - self.ahead * measured.rate  # measured by the environment, which allocates there
+        found, counted, holds = self.process.push(velocity, self.mapping.acceleration(action, velocity, pose))
         served = present & holds
         found = np.where(served[..., None] & push.any(axis=-1, keepdims=True), found, 0.0)
-        # Like the environment, which allocates at the measured pose.
-        pose = measured.pose - self.ahead * measured.rate
         given = self.allocator.effect(pose, served, self.allocator.pushes(pose, served, found))
-        memory = Accelerations(np.where(served[..., None], counted, 0.0), velocity)
+        memory = Accelerations(np.where(served[..., None], counted, 0.0), velocity, pose)
         return action.reshape(len(present), -1), given, memory
 
     def counted(self, action: np.ndarray, memory: Accelerations) -> np.ndarray:
         """Return the accelerations (batch, parts, 3) that the environment assumes if the last step's action was another one."""
         action = np.clip(action, -1.0, 1.0).reshape(memory.given.shape)
-        _, counted, holds = self.process.push(memory.velocity, self.mapping.acceleration(action, memory.velocity))
+        _, counted, holds = self.process.push(
+            memory.velocity, self.mapping.acceleration(action, memory.velocity, memory.pose)
+        )
         return np.where(holds[..., None], counted, 0.0)
 
 
@@ -151,7 +154,18 @@ class VelocityOutput(WrenchOutput):
     action = Velocity
 
 
-OUTPUTS: Mapping[str, Any] = {"phasor": PhasorOutput, "wrench": WrenchOutput, "velocity": VelocityOutput}
+class TargetOutput(WrenchOutput):
+    """Output that turns pushes into poses to go to, see :class:`vibgym.envs.Target`."""
+
+    action = Target
+
+
+OUTPUTS: Mapping[str, Any] = {
+    "phasor": PhasorOutput,
+    "wrench": WrenchOutput,
+    "velocity": VelocityOutput,
+    "target": TargetOutput,
+}
 """Outputs by the environment's ``action=``, made as ``cls(info, process, learn, apron)``."""
 
 TURN_ROOM = 0.010  # m, distance to the nearest other part below which a part turns more slowly
@@ -312,7 +326,7 @@ class Steering:
         Raises:
             ValueError: the policy has another action.
         """
-        checks.choice("action", self.action, ("wrench", "velocity"))
+        checks.choice("action", self.action, tuple(OUTPUTS)[1:])
         shape = memory.acceleration.shape
         changed = (proposed.reshape(shape) != done.reshape(shape)).any(axis=-1, keepdims=True)
         if not changed.any():
