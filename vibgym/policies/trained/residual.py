@@ -27,7 +27,7 @@ SCALE = 0.5
 
 MOST_SCALE = 2.0  # changes any action to any other
 
-CORRECTED = ("wrench", "velocity")
+CORRECTED = ("wrench", "velocity", "target")
 """Actions that can be corrected: three values per part."""
 
 NAME, NUMBERS = "base", 3

@@ -67,14 +67,14 @@ def turned_actions(action: str, shape: Shape) -> np.ndarray:
     """Return the matrix (values, values) that maps a part's action to the equivalent one after a quarter turn to the left.
 
     Args:
-        action: ``"wrench"``, ``"velocity"``, ``"field"``, or an action of elements, whose values are the phasors of a patch.
+        action: ``"wrench"``, ``"velocity"``, ``"target"``, ``"field"``, or an action of elements, whose values are the phasors of a patch.
         shape: of the network.
 
     Raises:
         ValueError: another action, whose behaviour under rotation is not known.
     """
     matrix = np.eye(shape.action)
-    if action in ("wrench", "velocity", "field"):
+    if action in ("wrench", "velocity", "target", "field"):
         matrix[:2, :2] = TURN
         if action == "field":  # squeeze along x and along y
             matrix[2:4, 2:4] = np.array([[0.0, 1.0], [1.0, 0.0]])
