@@ -67,7 +67,7 @@ def turned_actions(action: str, shape: Shape) -> np.ndarray:
     """Return the matrix (values, values) that maps a part's action to the equivalent one after a quarter turn to the left.
 
     Args:
-        action: ``"wrench"``, ``"velocity"``, ``"target"``, ``"field"``, or an action of elements, whose values are the phasors of a patch.
+        action: an action of motions, ``"field"``, or an action of elements, whose values are the phasors of a patch.
         shape: of the network.
 
     Raises:
