@@ -176,7 +176,8 @@ class Action(Live, ABC):
             self._size = self.size
             shapes = self._shapes[worlds] = ((*lead, self._size), (*lead, *self.shape))
         if type(action) is np.ndarray and action.dtype is FLOAT32 and action.shape in shapes and action.flags.carray:
-            return action.reshape(-1, self._size)  # the usual case, without further checks
+            # The usual case, without further checks. An array that is the same as in the last step need not be pinned again.
+            return action if action.ndim == 2 and worlds is not None else action.reshape(-1, self._size)
         values = checks.shaped("action", action, shapes, "real numbers")
         if values.dtype != np.float32:
             if not np.isfinite(values).all():

@@ -180,21 +180,23 @@ class Core(Pipeline):
         Raises:
             ValueError: an invalid start; only the generators have changed.
         """
-        draws = [each.draws for each in (self.task, self.actuators, self.sensing, self.randomization)]
-        total = sum(draws) + (0 if self.disturbances is None else self.disturbances.draws)
+        actuators = self.task.draws
+        sensing = actuators + self.actuators.draws
+        randomization = sensing + self.sensing.draws
+        disturbances = randomization + self.randomization.draws
+        total = disturbances + (0 if self.disturbances is None else self.disturbances.draws)
         uniform = np.array([generator.random(total) for generator in generators])
-        of_task, of_actuators, of_sensor, of_conditions, of_disturbances = np.split(uniform, np.cumsum(draws), axis=1)
-        start = self.start_of(worlds, of_task, override)
-        drawn = self.randomization.values(of_conditions)
+        start = self.start_of(worlds, uniform[:, :actuators], override)
+        drawn = self.randomization.values(uniform[:, randomization:disturbances])
         idle = self.idle
         if "friction" in drawn:
             idle = np.array([self._idle_velocity(factors) for factors in drawn["friction"]])
         self.put(worlds, start, np.where(start.present[..., None], idle, 0.0))
         self.simulator.condition(worlds, drawn)
-        self.actuators.reset(worlds, of_actuators)
-        self.sensing.reset(worlds, self.simulator.state, of_sensor)
+        self.actuators.reset(worlds, uniform[:, actuators:sensing])
+        self.sensing.reset(worlds, self.simulator.state, uniform[:, sensing:randomization])
         if self.disturbances is not None:
-            self.disturbances.reset(worlds, of_disturbances)
+            self.disturbances.reset(worlds, uniform[:, disturbances:])
         self.relate(worlds)
 
     def put(self, worlds: np.ndarray, start: Start, velocity: Any, mean_velocity: Any = 0.0) -> None:

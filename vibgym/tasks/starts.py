@@ -290,7 +290,8 @@ class Starts:
         """
         worlds, parts = len(uniform), len(self.parts)
         present = self.draw_present(uniform) if present is None else np.array(present)
-        pose = np.tile(self._absent, (worlds, parts, 1))
+        pose = np.empty((worlds, parts, 3))
+        pose[...] = self._absent
         if self.pattern is not None:
             goals = self.pattern.draw(uniform[:, 1 + 2 * parts :])
             if self.pattern.shuffles:
@@ -306,6 +307,8 @@ class Starts:
 
     def draw_present(self, uniform: np.ndarray) -> np.ndarray:
         """Return the parts of each episode (n, parts), drawn from the first ``1 + parts`` columns of ``uniform``."""
+        if self.fewest == len(self.parts):
+            return np.ones((len(uniform), self.fewest), dtype=bool)
         count = self.fewest + (uniform[:, 0] * (self.most - self.fewest + 1)).astype(np.int64)
         rank = uniform[:, 1 : 1 + len(self.parts)].argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
         return rank < np.minimum(count, self.most)[:, None]
