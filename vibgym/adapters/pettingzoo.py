@@ -31,7 +31,7 @@ def parallel_env(
         name: id of a registered environment, such as ``"vibgym/Sort-v0"``, or its short name, ``"Sort"``.
         max_episode_steps: step limit; None: that of the environment.
         render_mode, options: as for :class:`vibgym.envs.VibgymEnv`, except ``observation``. ``action`` has values per part:
-            ``"wrench"`` (default), ``"patch"``, ``"field"``.
+            ``"wrench"`` (default), ``"velocity"``, ``"target"``, ``"patch"``, ``"field"``.
 
     Raises:
         ValueError: an unknown environment, or an invalid setting.

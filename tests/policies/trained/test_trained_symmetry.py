@@ -94,7 +94,7 @@ def test_parts_of_different_symmetry_are_refused():
     assert turned_rows([["way_far", 2]], [STEEL, ALUMINIUM]).tolist() == [[0, -1], [1, 0]]
 
 
-@pytest.mark.parametrize("action", ["field", "wrench", "patch", "phasor", "element"])
+@pytest.mark.parametrize("action", ["field", "wrench", "velocity", "target", "patch", "phasor", "element"])
 def test_turned_actions_do_the_same(action):
     """To a few percent of the speed that they give: the table's own motion turns by a quarter of its period, which parts
     do not begin with. Wrenches, which make up for friction, keep what differs then: a tenth of the speed."""

@@ -1,0 +1,125 @@
+"""Actions that command velocities and poses: what parts reach, where they stop, and the inverse map of the controllers."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.envs.helpers import batch, single
+from vibgym.envs import ACTIONS
+from vibgym.policies import rollout
+from vibgym.scene.parts import shipped_part
+from vibgym.scene.surface import Surface
+
+PART = shipped_part("aluminium_block")
+MACHINE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
+
+
+def commanded(env, action):
+    """Return the velocities of an action, by the documented map."""
+    return np.sign(action) * action**2 * env.unwrapped.core.action.top
+
+
+@pytest.mark.parametrize("periods, error", [(1, 0.004), (2, 0.012)])
+def test_parts_reach_the_commanded_velocity(periods, error):
+    """The mean velocity over the last period of a step, from rest, within two steps."""
+    env = batch("Align", 64, action="velocity", periods_per_step=periods)
+    env.reset(seed=1)
+    action = np.random.default_rng(1).uniform(-0.5, 0.5, (64, 1, 3)).astype(np.float32)
+    for _ in range(3):
+        env.step(action)
+    velocity = env.unwrapped.truth.mean_velocity
+    off = (velocity - commanded(env, action)) / env.unwrapped.core.action.top
+    assert np.median(np.abs(off)) < error and np.abs(off).max() < 0.1
+    assert np.hypot(velocity[..., 0], velocity[..., 1]).max() > 0.06
+
+
+def test_zero_stops_a_part():
+    env = single("Transport", action="velocity")
+    env.reset(seed=2, options={"pose": [0.2, 0.1, 0.0], "goal": [0.7, 0.1, 0.0]})
+    for _ in range(12):
+        env.step(np.array([1.0, 0.0, 0.0], dtype=np.float32))
+    fast = env.unwrapped.truth.mean_velocity[0, 0, 0]
+    assert fast == pytest.approx(0.30, abs=0.01)  # the top speed, below that of an action of 1
+    for _ in range(6):
+        env.step(np.zeros(3, dtype=np.float32))
+    assert np.abs(env.unwrapped.truth.mean_velocity[0, 0, :2]).max() < 1e-3
+
+
+def test_velocities_are_reached_on_the_prototype():
+    """With latency, dead zone, gain and phase errors, and an estimator."""
+    env = batch("Align", 64, action="velocity", **MACHINE)
+    env.reset(seed=3)
+    action = np.zeros((64, 1, 3), dtype=np.float32)
+    action[..., 0] = 0.6 * np.where(np.arange(64) % 2, 1.0, -1.0)[:, None]
+    mean = np.zeros((64, 1, 3))
+    for step in range(12):
+        env.step(action)
+        mean += env.unwrapped.truth.mean_velocity if step >= 8 else 0.0
+    served = ~env.unwrapped.truth.fallen
+    off = (0.25 * mean - commanded(env, action))[served][:, :2]
+    assert np.median(np.abs(off)) < 0.01 and served.sum() > 48
+
+
+@pytest.mark.parametrize("start, target", [
+    ([0.30, 0.10, 0.3], [0.36, 0.13, 0.9]), ([0.30, 0.10, 0.0], [0.30, 0.10, -1.0]), ([0.20, 0.10, 0.0], [0.60, 0.12, 0.4])
+])  # fmt: skip
+@pytest.mark.parametrize("periods", [1, 2])
+def test_a_part_goes_to_a_fixed_target_without_overshoot(start, target, periods):
+    env = single("Transport", action="target", periods_per_step=periods).unwrapped
+    env.reset(seed=4, options={"pose": start, "goal": [0.7, 0.05, 0.0]})
+    reach, way = env.core.action.reach, []
+    for _ in range(100 // periods):
+        offset = np.clip((np.array(target) - env.truth.pose[0, 0]) / reach, -1.0, 1.0)
+        env.step((np.sign(offset) * np.sqrt(np.abs(offset))).astype(np.float32))
+        way.append(env.truth.pose[0, 0])
+    off = np.abs(way[-1] - target)
+    assert off[:2].max() < 1e-4 and off[2] < math.radians(0.2)
+    forward = (np.array(way) - start) @ np.where([True, True, False], np.subtract(target, start), 0.0)
+    whole = np.square(np.subtract(target, start)[:2]).sum()
+    assert (forward <= 1.02 * whole + 1e-4).all()
+
+
+def test_targets_beyond_a_border_are_at_the_border():
+    env = single("Transport", action="target").unwrapped
+    env.reset(seed=5, options={"pose": [0.4, 0.15, 0.0], "goal": [0.7, 0.05, 0.0]})
+    for _ in range(40):
+        env.step(np.array([0.0, 1.0, 0.0], dtype=np.float32))
+    assert not env.truth.fallen.any() and env.truth.pose[0, 0, 1] == pytest.approx(env.surface.depth, abs=2e-3)
+
+
+SHARES = st.lists(st.floats(-0.9, 0.9), min_size=3, max_size=3)
+
+
+@pytest.mark.parametrize("name", ["wrench", "velocity", "target"])
+@given(values=SHARES, velocity=SHARES, periods=st.integers(1, 4))
+def test_controllers_find_the_action_of_an_acceleration(name, values, velocity, periods):
+    """``acceleration(values(a)) == a`` wherever an action has this acceleration."""
+    surface = Surface()
+    action = ACTIONS[name](surface, [PART])
+    action.step_time = periods * surface.period
+    sheet = batch("Align", 1).unwrapped.data_sheet
+    action.resolve_limits(sheet, 1)
+    pose = np.array([[[0.4, 0.1, 0.0]]])
+    velocity = 0.2 * np.array(velocity).reshape(1, 1, 3)
+    wanted = action.acceleration(np.array(values).reshape(1, 1, 3) * [0.6, 0.6, 1.0], velocity, pose)
+    found = action.values(wanted, velocity)
+    again = action.acceleration(np.clip(found, -1.0, 1.0), velocity, pose)
+    np.testing.assert_allclose(again, wanted, rtol=1e-3, atol=2e-2 * np.abs(action.scale).max())
+
+
+@pytest.mark.parametrize("name", ["velocity", "target"])
+def test_a_controller_acts_the_same_in_motions_as_in_phasors(name):
+    """It commands the same pushes by another action, so its times differ by steps at most."""
+    times = [
+        rollout({"kind": "planner", "action": each}, "Sort", seeds=range(8)).time_to_goal for each in ("phasor", name)
+    ]
+    assert np.abs(times[1] - times[0]).max() <= 0.12 and np.isfinite(times).all()
+
+
+@pytest.mark.parametrize("name", ["velocity", "target"])
+def test_a_part_that_can_stick_is_rejected(name):
+    with pytest.raises(ValueError, match="stick|slid"):
+        single("Align", action=name, surface={"frequency": 5.0})
