@@ -153,15 +153,18 @@ class Target(Velocity):
 
     A value ``a`` commands ``sign(a) a^2`` times 0.12 m, or 90 degrees. A part gets the acceleration that puts it on the curve
     from which it can just stop at the target (thesis fig. 5.19), at most at the speed of :class:`Velocity`; 0 stops it.
-    Targets beyond a border of the surface are moved to the border.
+    Targets beyond a border of the surface are moved inside, to :attr:`margin` from it.
 
     Attributes:
         reach: (3,) displacements and turn of an action of 1, m, m, rad.
+        margin: m, least distance of a target from the borders: twice the table's horizontal amplitude.
     """
 
     reach = np.array([REACH, REACH, TURN_REACH])
 
     def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
+        # The border moves with the table, so that a centre of mass on it would be without support now and then.
+        self.margin = 2.0 * self.surface.horizontal_amplitude
         plant = sliding_of(self.surface, self.parts, strongest(self.surface, sheet))
         self._braking = np.stack([BRAKING * plant.push, BRAKING * plant.push, TURN_BRAKING * plant.turn_push], axis=-1)
         return super().resolve_limits(sheet, worlds)
@@ -169,8 +172,8 @@ class Target(Velocity):
     def acceleration(self, values: np.ndarray, velocity: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """See :meth:`Wrench.acceleration`."""
         offset = values * np.abs(values) * self.reach
-        size = self.surface.width, self.surface.depth
-        offset[..., :2] = np.clip(pose[..., :2] + offset[..., :2], 0.0, size) - pose[..., :2]
+        most = np.array([self.surface.width, self.surface.depth]) - self.margin
+        offset[..., :2] = np.clip(pose[..., :2] + offset[..., :2], self.margin, most) - pose[..., :2]
         way, direction = _polar(offset)
         return (self._speed(way, _towards(velocity, direction)) * direction - velocity) / self.step_time
 
