@@ -35,7 +35,7 @@ ACTION_MEANINGS = {
     "patch": "amplitude x (cos, sin) phase of the elements around each part",
     "field": "strengths of six basic fields around each part",
     "wrench": "linear (x, y) and angular acceleration of each part, over the largest that the elements can produce",
-    "velocity": "signed square root of velocity (x, y) and spin of each part at the end of the step, over 5/6 of the table speed",
+    "velocity": "signed square root of the velocity and spin of each part at the end of a step, over 5/6 of the table speed",
     "target": "signed square root of the displacement (x, y) and turn to go, over 0.12 m and 90 degrees",
 }
 
