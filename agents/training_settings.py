@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 from agents.outlines import OutlineSettings, scenes
 from vibgym import checks
 from vibgym.config import Settings
-from vibgym.policies.trained.residual import base_named
+from vibgym.policies.trained.residual import CORRECTED, base_named
 
 MOST_STEPS = 10**12
 MOST_BYTES = 4e9
@@ -174,6 +174,7 @@ class TrainSettings(Settings):
         assert isinstance(self.own, PPOSettings)
         if self.residual is None:
             return
+        checks.choice("residual.base.action", self.residual.base["action"], CORRECTED)
         for name, got, allowed in (
             ("imitation", self.imitation, None),
             ("ppo.remembers", self.own.remembers, False),
