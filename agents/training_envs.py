@@ -63,7 +63,7 @@ class ResidualEnv(VectorWrapper):
     Args:
         env: a :class:`vibgym.envs.VibgymVectorEnv` with the base's action, ``observation="parts_and_state"`` and
             ``autoreset_mode="SameStep"``.
-        base: policy with action ``"wrench"`` or ``"velocity"`` and observation ``"state"``.
+        base: policy with an action of ``vibgym.envs.motions.MOTIONS`` and observation ``"state"``.
         scale: of the learner's action.
 
     Attributes:

@@ -103,7 +103,7 @@ class ImitationSettings(Settings):
 class ResidualSettings(Settings):
     """Correction of a classical policy, see :class:`agents.training_envs.ResidualEnv`."""
 
-    base: dict[str, Any]  # a policy with action "wrench" (the default) or "velocity", and observation "state"
+    base: dict[str, Any]  # a policy with action "wrench" (the default), "velocity" or "target", and observation "state"
     scale: float = Field(0.5, gt=0, le=2)  # of the network's action, before it is added to the base's
 
     @field_validator("base")

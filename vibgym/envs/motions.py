@@ -152,7 +152,7 @@ class Target(Velocity):
     """(parts, 3): pose of each part relative to the measured one, x, y and heading, reached along a braking curve.
 
     A value ``a`` commands ``sign(a) a^2`` times 0.12 m, or 90 degrees. A part gets the acceleration that puts it on the curve
-    from which it can just stop at the target (thesis fig. 5.19), at most at the speed of :class:`Velocity`; 0 stops it.
+    from which it can just stop at the target, at most at the speed of :class:`Velocity`; 0 stops it.
     Targets beyond a border of the surface are moved inside, to :attr:`margin` from it.
 
     Attributes:
@@ -210,5 +210,8 @@ def _towards(velocity: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return along
 
 
-for _name, _action in {"wrench": Wrench, "velocity": Velocity, "target": Target}.items():
+MOTIONS: dict[str, type[Wrench]] = {"wrench": Wrench, "velocity": Velocity, "target": Target}
+"""The actions of this module by name."""
+
+for _name, _action in MOTIONS.items():
     ACTIONS.register(_name, _action)

@@ -57,6 +57,7 @@ class World:
         core = self.env.core
         self.policy, self._state, self._fresh = policy, None, True
         self.action = ACTIONS[policy.action](core.surface, core.parts)
+        self.action.step_time = core.action.step_time
         self.action.resolve_limits(core.actuators.data_sheet, 1)
         self._relate = core.scoring.relating(core.relations)
 

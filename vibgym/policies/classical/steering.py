@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -16,7 +17,7 @@ from vibgym import checks
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.envs.features import SPIN
-from vibgym.envs.motions import Target, Velocity, Wrench
+from vibgym.envs.motions import MOTIONS, Wrench
 from vibgym.policies.classical.gains import GainLearner, turn_pushes
 from vibgym.policies.classical.law import Law, LocalLaw
 from vibgym.policies.classical.lqr import LqrLaw
@@ -80,15 +81,15 @@ class PhasorOutput:
 
 
 class Accelerations(NamedTuple):
-    """Memory of :class:`WrenchOutput`: (batch, parts, 3) each."""
+    """Memory of :class:`MotionOutput`: (batch, parts, 3) each."""
 
     given: np.ndarray  # m/s^2 and rad/s^2, which the environment's action assumed in the last step
     velocity: np.ndarray  # m/s and rad/s, at which it did
     pose: np.ndarray  # m, m, rad, at which it did
 
 
-class WrenchOutput:
-    """Output that turns pushes into accelerations or velocities of the parts, for which the environment finds phasors.
+class MotionOutput:
+    """Output that turns pushes into motions of the parts (:mod:`vibgym.envs.motions`), for which the environment finds phasors.
 
     The environment inverts the frictional process at a velocity that it computes from the same measurement. This class applies
     the forward process at that velocity, so that the environment finds the intended push; at rest this is the acceleration
@@ -96,6 +97,7 @@ class WrenchOutput:
     friction helps, can do half as much again. Gains of elements are not estimated, since the environment allocates.
 
     Args:
+        action: class of the environment's action.
         info, process: see :class:`PhasorOutput`.
         learn: no effect.
         apron: must be 0.
@@ -105,13 +107,14 @@ class WrenchOutput:
     """
 
     learner = None
-    action: type[Wrench] = Wrench
 
-    def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float) -> None:
+    def __init__(
+        self, action: type[Wrench], info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float
+    ) -> None:
         if apron != 0.0:
             raise checks.refuse("apron", apron, "0 unless action='phasor': the environment allocates")
         self.process = process
-        self.mapping = self.action(info.surface, info.parts)
+        self.mapping = action(info.surface, info.parts)
         self.mapping.step_time = info.step_time
         self.mapping.resolve_limits(info.hardware, 1)
         self.allocator = self.mapping.allocator
@@ -148,23 +151,9 @@ class WrenchOutput:
         return np.where(holds[..., None], counted, 0.0)
 
 
-class VelocityOutput(WrenchOutput):
-    """Output that turns pushes into velocities at the end of the step, see :class:`vibgym.envs.Velocity`."""
-
-    action = Velocity
-
-
-class TargetOutput(WrenchOutput):
-    """Output that turns pushes into poses to go to, see :class:`vibgym.envs.Target`."""
-
-    action = Target
-
-
 OUTPUTS: Mapping[str, Any] = {
     "phasor": PhasorOutput,
-    "wrench": WrenchOutput,
-    "velocity": VelocityOutput,
-    "target": TargetOutput,
+    **{name: partial(MotionOutput, action) for name, action in MOTIONS.items()},
 }
 """Outputs by the environment's ``action=``, made as ``cls(info, process, learn, apron)``."""
 
@@ -326,7 +315,7 @@ class Steering:
         Raises:
             ValueError: the policy has another action.
         """
-        checks.choice("action", self.action, tuple(OUTPUTS)[1:])
+        checks.choice("action", self.action, tuple(MOTIONS))
         shape = memory.acceleration.shape
         changed = (proposed.reshape(shape) != done.reshape(shape)).any(axis=-1, keepdims=True)
         if not changed.any():

@@ -1,8 +1,8 @@
 """Residual policies: the action of a classical base policy plus a learned correction.
 
-See Silver et al. 2018, "Residual Policy Learning", and Johannink et al. 2019. Base and network have the same action,
-``"wrench"`` or ``"velocity"``. The base reads the flat state. The network reads observations by parts, whose rows also contain
-the base's action. A correction of zero gives the base's action bit for bit.
+See Silver et al. 2018, "Residual Policy Learning", and Johannink et al. 2019. Base and network have the same action
+of :data:`vibgym.envs.motions.MOTIONS`. The base reads the flat state. The network reads observations by parts, whose rows
+also contain the base's action. A correction of zero gives the base's action bit for bit.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.envs.features import Numbers
+from vibgym.envs.motions import MOTIONS
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.networks import NEIGHBOUR
@@ -27,7 +28,7 @@ SCALE = 0.5
 
 MOST_SCALE = 2.0  # changes any action to any other
 
-CORRECTED = ("wrench", "velocity", "target")
+CORRECTED = tuple(MOTIONS)
 """Actions that can be corrected: three values per part."""
 
 NAME, NUMBERS = "base", 3
@@ -39,7 +40,7 @@ def with_base(layout: Sequence[Numbers]) -> tuple[Numbers, ...]:
     rows = list(layout)
     at = next((k for k, row in enumerate(rows) if row.name.endswith(NEIGHBOUR)), len(rows))
     start = rows[at].start if at < len(rows) else rows[-1].start + rows[-1].width
-    meaning = "action of the base policy: acceleration or velocity, x, y and angular"
+    meaning = "action of the base policy: acceleration, velocity or target, x, y and angular"
     base = Numbers(NAME, None, start, NUMBERS, "1", (1.0,) * NUMBERS, (-1.0, 1.0), meaning, "linear")
     return (*rows[:at], base, *(row._replace(start=row.start + NUMBERS) for row in rows[at:]))
 
