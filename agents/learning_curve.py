@@ -27,14 +27,14 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.residual import ResidualPolicy
 
 FILE = "curve.csv"
-COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "mean_time", "return_", "rate")
+COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "mean_time", "speed", "return_", "rate")
 
 RATE = "good_per_minute"
 """Field of ``info`` at the end of episodes of tasks that end only at their limit."""
 
 
 class CurveRow(Settings):
-    """One evaluation in the file of a learning curve; empty cells have their defaults. Old files lack the last two columns."""
+    """One evaluation in the file of a learning curve; empty cells have their defaults. Old files lack some columns."""
 
     model_config = ConfigDict(strict=False)  # cells are texts
 
@@ -45,6 +45,7 @@ class CurveRow(Settings):
     time_to_goal: float = Field(default=math.nan, ge=0.0)  # s, median of successes
     return_: float
     mean_time: float = math.nan
+    speed: float = math.nan  # 1/s
     rate: float = math.nan
 
 
@@ -97,8 +98,9 @@ def read_curve(path: Path, field: str) -> Curve:
 class LearningCurve:
     """Evaluation of a policy during training, written to ``curve.csv``.
 
-    Columns: success rate, median time to the goal (s), its mean over all episodes (failures count with their limit), median
-    return, and for tasks in which parts come and go the mean number of good parts per minute.
+    Columns: success rate, median time to the goal (s), its mean over all episodes (failures count with their limit), mean of
+    its inverse (1/s, 0 for failures), median return, and for tasks in which parts come and go the mean number of good parts per
+    minute.
 
     Args:
         settings: of the run; its ``judging`` has the number of episodes and the interval.
@@ -172,6 +174,7 @@ class LearningCurve:
             "success": round(float(success.mean()), 4),
             "time_to_goal": round(float(np.median(reached)), 4) if len(reached) else "",
             "mean_time": round(float(mean), 4),
+            "speed": round(float((success / np.maximum(env.step_time * steps_taken, env.step_time)).mean()), 5),
             "return_": round(float(np.median(returns)), 4),
             "rate": round(float(rate.mean()), 4) if np.isfinite(rate).all() else "",
         }
@@ -181,7 +184,7 @@ class LearningCurve:
 
     def is_best(self, row: dict[str, Any]) -> bool:
         """Return whether no row of the curve so far is better, see :func:`rank`."""
-        return all(rank(each) >= rank(row) for each in self.rows)
+        return all(rank(each, self.judging.best) >= rank(row, self.judging.best) for each in self.rows)
 
     def _whole(self, policy: Policy, env: Any) -> Policy:
         """Return the policy, or the residual policy with its base."""
@@ -198,10 +201,10 @@ class LearningCurve:
         write_atomically(self.path, text.getvalue())
 
 
-def rank(row: Mapping[str, Any]) -> tuple[float, float, float]:
-    """Return the sort key of a row, the best first: by good parts per minute where tasks have no success, else by success rate,
-    then by time. Old curves have no rates."""
-    return -float(row.get("rate") or 0.0), -float(row["success"]), float(row["time_to_goal"] or "inf")
+def rank(row: Mapping[str, Any], best: str = "success") -> tuple[float, float, float]:
+    """Return the sort key of a row, the best first: by good parts per minute where tasks have no success, else by ``best``,
+    ``"success"`` or ``"speed"``, then by time. Old curves have no rates."""
+    return -float(row.get("rate") or 0.0), -float(row[best]), float(row["time_to_goal"] or "inf")
 
 
 def evaluation_settings(environment: dict[str, Any]) -> dict[str, Any]:

@@ -145,8 +145,8 @@ class _Attend(torch.autograd.Function):
 
 
 def tanh(x: torch.Tensor) -> torch.Tensor:
-    """Return the hyperbolic tangent of float32 values, to 2e-7."""
-    result: Any = _Tanh.apply(x)
+    """Return the hyperbolic tangent in float32, to 2e-7."""
+    result: Any = _Tanh.apply(x.float())
     return result
 
 
@@ -154,12 +154,12 @@ def attend(code: torch.Tensor, there: torch.Tensor, sought: torch.Tensor) -> tor
     """Return means (..., size) of rectified encodings, weighted by the softmax of their products with the queries.
 
     Args:
-        code: (..., neighbours, size) float32, not yet rectified.
+        code: (..., neighbours, size), not yet rectified.
         there: (..., neighbours) bool; without any neighbour the mean is zero.
         sought: (..., size) queries.
     """
     flat = code.reshape(-1, *code.shape[-2:]), there.reshape(-1, there.shape[-1]), sought.reshape(-1, sought.shape[-1])
-    mean: Any = _Attend.apply(*flat)
+    mean: Any = _Attend.apply(*(each if each.dtype == torch.bool else each.float() for each in flat))
     return mean.view(sought.shape)
 
 

@@ -49,9 +49,18 @@ def hidden(inputs: int, widths: Sequence[int], activation: str) -> nn.Sequential
     return nn.Sequential(*layers)
 
 
-def linear(inputs: int, outputs: int, gain: float) -> nn.Linear:
+class Output(nn.Linear):
+    """Linear layer that computes in float32 in updates with bfloat16, too: small changes of actions and values matter."""
+
+    def forward(self, code: torch.Tensor) -> torch.Tensor:
+        """Return (..., outputs) for ``code`` (..., inputs)."""
+        with torch.autocast("cpu", enabled=False):
+            return super().forward(code.float())
+
+
+def linear(inputs: int, outputs: int, gain: float, kind: type[nn.Linear] = nn.Linear) -> nn.Linear:
     """Return a linear layer with orthogonal weights times ``gain`` and zero bias."""
-    layer = nn.Linear(inputs, outputs)
+    layer = kind(inputs, outputs)
     nn.init.orthogonal_(layer.weight, gain)
     nn.init.zeros_(layer.bias)
     return layer
@@ -130,8 +139,8 @@ class PartsActor(nn.Module):
         super().__init__()
         self.eyes = self.encoder(shape, attention)
         self.hidden = hidden(self.eyes.size, net, activation)
-        self.mean = linear(net[-1], shape.action, 0.01)
-        self.log_std = linear(net[-1], shape.action, 0.01)
+        self.mean = linear(net[-1], shape.action, 0.01, Output)
+        self.log_std = linear(net[-1], shape.action, 0.01, Output)
         nn.init.constant_(self.log_std.bias, log_std)
         self.register_buffer(FLOOR, None if floor is None else torch.tensor([floor]))
 
@@ -159,7 +168,7 @@ class PartsCritic(nn.Module):
         self.eyes = self.encoder(shape, attention)
         self.together = linear(shape.own, attention, 2.0**0.5) if shape.neighbours else None
         self.hidden = hidden(self.eyes.size + (attention if shape.neighbours else 0), net, activation)
-        self.value = linear(net[-1], 1, 1.0)
+        self.value = linear(net[-1], 1, 1.0, Output)
         self.own = shape.own
 
     def forward(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
@@ -194,7 +203,7 @@ class ElementsActor(nn.Module):
         self.hidden = hidden(self.eyes.size, net, activation)
         self.coefficients = linear(net[-1], 2 * BASIS, 0.1)
         self.places = linear(4, BASIS, 1.0)
-        self.log_std = linear(net[-1], 1, 0.01)
+        self.log_std = linear(net[-1], 1, 0.01, Output)
         nn.init.constant_(self.log_std.bias, log_std)
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -330,10 +339,10 @@ class ActorCritic(nn.Module):
         self.actor = make_actor(coding.shape, list(settings.net), *rest, log_std, **floor)
         self.critic = make_critic(coding.shape, list(settings.critic_net), *rest)
 
-    def sample(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def sample(self, rows: torch.Tensor, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
         """Return random actions (..., action) for rows (..., columns), and their log-probabilities (...)."""
         mean, log_std = self.actor(rows)
-        noise = torch.randn_like(mean)
+        noise = torch.randn(mean.shape, generator=generator)
         return mean + log_std.exp() * noise, -(0.5 * noise * noise + log_std + HALF_LOG_TAU).sum(dim=-1)
 
 

@@ -3,12 +3,18 @@
 Schulman et al. 2017, "Proximal Policy Optimization Algorithms", https://arxiv.org/abs/1707.06347, with generalised advantage
 estimation (GAE; Schulman et al. 2016, https://arxiv.org/abs/1506.02438). All parts of a world share one actor; every part has
 its own reward, value and advantage, and the critic reads all parts of a world. A stopped run continues bit for bit.
+
+With ``overlap`` the next rollout is collected while the networks learn from the last one, by the networks before that update;
+the probabilities in the ratios are those of the networks that acted.
 """
 
 from __future__ import annotations
 
+import copy
 from collections import deque
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -44,7 +50,8 @@ class PPO(PartsLearner):
     """PPO with parts as samples; see the module and :class:`agents.training_settings.PPOSettings`.
 
     Attributes:
-        rollout: the last ``n_steps`` steps of all worlds.
+        rollout: ``n_steps`` steps of all worlds, from which the next update learns, or the last has learned.
+        behaviour: actor and critic of rollouts: :attr:`policy`, or with ``overlap`` a copy from before the update.
         pace: share of the learning rate, controlled by ``target_kl``.
     """
 
@@ -81,7 +88,14 @@ class PPO(PartsLearner):
         torch.manual_seed(settings.seed)
         self.policy = ActorCritic(coding, own, own.log_std_init, own.noise_floor)
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=own.learning_rate, eps=1e-5, fused=True)
-        self.rollout = Rollout(own, env.num_envs, coding, np.array(TaskInfo.of(env.env).driven))
+        driven = np.array(TaskInfo.of(env.env).driven)
+        self.rollout = Rollout(own, env.num_envs, coding, driven)
+        self.behaviour, self._ahead = self.policy, self.rollout
+        if own.overlap:
+            self.behaviour = copy.deepcopy(self.policy)
+            self._ahead = Rollout(own, env.num_envs, coding, driven)  # being collected
+        self._waits = not own.overlap  # whether there is a rollout to learn from once collect() has returned
+        self._noise = torch.Generator().manual_seed(settings.seed)
         self.pace = 1.0
         self.episodes: deque[tuple[float, int, bool]] = deque(maxlen=WINDOW)  # return, length, success
         self._observation: Any = None
@@ -109,34 +123,55 @@ class PPO(PartsLearner):
             self.env.seed(self.settings.seed + self.steps)  # not the seeds of imitation
             self._observation = self.env.reset()
         metrics: dict[str, float] = {}
-        while self.steps < until:
-            report(metrics)
-            self.collect()
-            metrics = self.update(1.0 - self.steps / until) | self._episode_metrics()
+        with ThreadPoolExecutor(1) as collector, self._threads():
+            while self.steps < until:
+                report(metrics)
+                if self.own.overlap:
+                    self.behaviour.load_state_dict(self.policy.state_dict())
+                collecting = collector.submit(self.collect)
+                if not self.own.overlap:
+                    self.steps += collecting.result()
+                metrics = self.update(1.0 - self.steps / until) if self._waits else {}
+                if self.own.overlap:
+                    self.steps += collecting.result()
+                metrics |= self._episode_metrics()
+                self.rollout, self._ahead, self._waits = self._ahead, self.rollout, True
         report(metrics)
 
-    def collect(self) -> None:
-        """Make ``n_steps`` steps in all worlds, then compute values and advantages."""
-        env, coding, rollout = self.env, self.policy.coding, self.rollout
+    @contextmanager
+    def _threads(self) -> Iterator[None]:
+        """With ``overlap`` leave half of the processors to the rollouts: threads of torch wait for each other actively."""
+        usual = torch.get_num_threads()
+        if self.own.overlap:
+            torch.set_num_threads(max(usual // 2, 1))
+        try:
+            yield
+        finally:
+            torch.set_num_threads(usual)
+
+    def collect(self) -> int:
+        """Make ``n_steps`` steps in all worlds, then compute values and advantages; return the steps of all worlds together."""
+        env, policy, rollout = self.env, self.behaviour, self._ahead
+        coding = policy.coding
         rollout.reset()
         for _ in range(self.own.n_steps):
             inputs = coding.encode(self._observation, self._inputs, self._start)
             with torch.no_grad():
-                action, log_prob = self.policy.sample(torch.from_numpy(inputs.rows))
+                action, log_prob = policy.sample(torch.from_numpy(inputs.rows), self._noise)
             observation, _, done, infos = env.step(coding.decode(inputs, action.clamp(-1.0, 1.0).numpy()))
             reward = env.part_reward - self.own.touch_cost * coding.touching(inputs)
             rollout.add(inputs, action.numpy(), log_prob.numpy(), reward, done)
-            self.steps += env.num_envs
             for world in np.flatnonzero(done).tolist():
                 info = infos[world]
                 if info["TimeLimit.truncated"]:
                     rollout.truncate(world, coding.encode(info["terminal_observation"], inputs.of(world)))
                 self.episodes.append((info["episode"]["r"], info["episode"]["l"], info["is_success"]))
             self._observation, self._start, self._inputs = observation, done, inputs
-        rollout.finish(coding.encode(self._observation, self._inputs, self._start), self.policy.critic)
+        rollout.finish(coding.encode(self._observation, self._inputs, self._start), policy.critic)
+        return self.own.n_steps * env.num_envs
 
     def update(self, remaining: float) -> dict[str, float]:
-        """Update actor and critic from the last rollout; return mean losses.
+        """Update actor and critic from the rollout; return mean losses.
 
         Args:
             remaining: share of the training that remains, 1 to 0, for the learning rate.
@@ -153,7 +188,8 @@ class PPO(PartsLearner):
         losses: list[dict[str, float]] = []
         for chosen in self._minibatches(*samples["mask"].shape):
             batch = {name: each.index_select(0, chosen) for name, each in samples.items()}
-            loss, metrics = self.loss(batch, actor_learns)
+            with torch.autocast("cpu", torch.bfloat16, enabled=own.bfloat16):
+                loss, metrics = self.loss(batch, actor_learns)
             losses.append(metrics)
             if own.target_kl is not None and actor_learns and len(losses) > 1:  # the first divergence is 0
                 self._adapt_pace(metrics["kl"], own.target_kl)
@@ -236,6 +272,8 @@ class PPO(PartsLearner):
             "steps": self.steps,
             "pace": self.pace,
             "torch": torch.get_rng_state().numpy(),
+            "noise": self._noise.get_state().numpy(),
+            "rollout": self.rollout.get_state() if self.own.overlap and self._waits else None,
             "observation": self._observation,
             "start": self._start,
             "seen": None if self._inputs is None else list(self._inputs),
@@ -251,6 +289,10 @@ class PPO(PartsLearner):
         self._inputs = None if state["seen"] is None else Inputs(*state["seen"])
         self.episodes = deque((tuple(each) for each in state["episodes"]), maxlen=WINDOW)
         torch.set_rng_state(torch.from_numpy(np.array(state["torch"])))
+        self._noise.set_state(torch.from_numpy(np.array(state["noise"])))
+        if state["rollout"] is not None:
+            self.rollout.set_state(state["rollout"])
+            self._waits = True
 
 
 class Rollout:
@@ -326,6 +368,22 @@ class Rollout:
             error = self.reward[step] + self.gamma * continues * value[step + 1] - value[step]
             advantage = error + self.gamma * self.gae_lambda * continues * advantage
             self.advantage[step] = advantage
+
+    LEARNED = ("rows", "mask", "actions", "log_prob", "value", "advantage")
+    """Arrays that an update reads."""
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Return what an update reads."""
+        return {name: getattr(self, name).copy() for name in self.LEARNED}
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Restore what :meth:`get_state` returned.
+
+        Raises:
+            ValueError: arrays of another form.
+        """
+        for name in self.LEARNED:
+            getattr(self, name)[...] = state[name]
 
     def samples(self) -> dict[str, torch.Tensor]:
         """Return all steps of all worlds, (steps * worlds, parts, ...)."""

@@ -70,6 +70,8 @@ class PPOSettings(NetworkSettings, RateSettings):
     noise_floor: float | None = Field(None, gt=0, le=1)
     touch_cost: float = Field(0.0, ge=0, le=1000)  # reward per step and part in contact with another; training only
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # first steps, in which the critic alone learns
+    overlap: bool = False  # collect the next rollout during the update
+    bfloat16: bool = False  # products of matrices in updates, for processors with such instructions
 
 
 class OfflineSettings(NetworkSettings, RateSettings):
@@ -122,6 +124,8 @@ class JudgingSettings(Settings):
     episodes: int = Field(100, ge=1, le=1_000_000)
     first_seed: int = Field(500_000, ge=0, le=2**31)
     every: int = Field(1_000_000, ge=1, le=MOST_STEPS)  # steps
+    # Which actor is kept: that with the highest success rate, or with the highest mean of 1 / time to goal, as scores rank.
+    best: Literal["success", "speed"] = "success"
 
 
 class ServesSettings(Settings):

@@ -29,6 +29,7 @@ RUNS = {
     "imitation": {
         "environment": {"action": "wrench"}, "imitation": IMITATION, "ppo": {**PPO, "remembers": True, "turned": True},
     },
+    "overlap": {"environment": {"action": "field"}, "ppo": {**PPO, "overlap": True, "bfloat16": True}},
     "residual": {"environment": {"action": "wrench"}, "residual": {"base": {"kind": "pose"}}, "ppo": PPO},
 }  # fmt: skip
 
@@ -47,10 +48,11 @@ def test_interrupted_runs_end_with_the_same_weights(tmp_path, monkeypatch, name)
     collect, stops = ppo.PPO.collect, [300, 500]
 
     def interrupted(self):
-        collect(self)
+        steps = collect(self)
         if stops and self.steps >= stops[0]:
             stops.pop(0)
             raise KeyboardInterrupt
+        return steps
 
     monkeypatch.setattr(ppo.PPO, "collect", interrupted)
     while not (tmp_path / "broken" / "policy.json").exists():
