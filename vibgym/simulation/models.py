@@ -24,8 +24,12 @@ from vibgym.scene.outlines import convex_hull
 from vibgym.scene.parts import Part, bodies_of, kinds_of
 from vibgym.simulation.choice import DEFAULT_TOLERANCE, choose, choose_for
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
-from vibgym.simulation.schemes import averaged_scheme, check_sliding, planar_scheme, planar_schemes
+from vibgym.simulation.schemes import averaged_scheme, check_sliding, fast_schemes, planar_scheme, planar_schemes
 from vibgym.simulation.threads import Pool
+
+
+CERTIFIED, FAST = CONTACTS = "certified", "fast"
+"""Contacts of the planar model: with bounded overlap, and for training."""
 
 
 class Planar(Model):
@@ -84,6 +88,7 @@ def planar(
     steps: int | str = "auto",
     substeps: int | str = "auto",
     pieces: int | str = "auto",
+    contacts: str = CERTIFIED,
     contact_steps: int | str = "auto",
     contact_overlap: float | str = "auto",
 ) -> Model:
@@ -92,17 +97,25 @@ def planar(
     Raises:
         ValueError: an invalid setting, or a scene that the model does not cover.
     """
+    checks.choice("contacts", contacts, CONTACTS)
     resolution = {"steps": steps, "substeps": substeps, "pieces": pieces}
-    contacts = {"contact_steps": contact_steps, "contact_overlap": contact_overlap}
+    coupling = {"contact_steps": contact_steps, "contact_overlap": contact_overlap}
     if not setup.multibody:
-        for name, value in contacts.items():
+        for name, value in {"contacts": "auto" if contacts == CERTIFIED else contacts, **coupling}.items():
             if value != "auto":
                 raise checks.conflict(f"{name} requires several parts or walls")
         return Planar(setup, planar_scheme(setup.surface, setup.parts[0], **resolution))
+    kinds, _ = kinds_of(setup.parts)
+    if contacts == FAST:
+        if contact_overlap != "auto":
+            raise checks.conflict("contact_overlap requires contacts='certified'")
+        from vibgym.simulation.fast import FastMultibody  # imports pymunk
+
+        schemes = fast_schemes(setup.surface, kinds, setup.walls, **resolution, contact_steps=contact_steps)
+        return FastMultibody(setup, schemes)
     from vibgym.simulation.multibody import Multibody  # imports pymunk
 
-    kinds, _ = kinds_of(setup.parts)
-    return Multibody(setup, planar_schemes(setup.surface, kinds, setup.walls, **resolution, **contacts))
+    return Multibody(setup, planar_schemes(setup.surface, kinds, setup.walls, **resolution, **coupling))
 
 
 def averaged(setup: Setup, *, order: int = 2, stride: int = 1, steps: int | str = "auto") -> Model:
