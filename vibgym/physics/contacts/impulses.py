@@ -24,7 +24,7 @@ FIELDS = 17
 closing speed (m/s); coefficient of friction; gap (m); impulses (N s); restitution, 0 at points that rest; time for which the
 impulses have moved the bodies (s); impulses times time (kg m)."""
 
-STILL_SPEED, STILL_MOVE = 2e-4, 4e-6
+STILL_SPEED, STILL_MOVE = 1e-3, 2e-5
 """Largest change (m/s; m) in an iteration at which it ends."""
 
 UNLIMITED = 1e9
