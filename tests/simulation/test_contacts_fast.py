@@ -127,17 +127,17 @@ def test_overlap_by_random_fields_in_dense_crowds():
 
 
 def test_a_pile_stays_at_rest_and_holds_under_push():
-    """12 s of full push towards a corner: no part passes a wall or another one; on a table at rest nothing moves."""
+    """14 s of full push towards a corner: no part passes a wall or another one; on a table at rest nothing moves."""
     parts = [MIXED[k % 4] for k in range(12)]
     simulator, k = fast(SURFACE, parts, walls=WALLS), np.arange(12)
     simulator.reset(np.column_stack([0.05 + (k % 4) * 0.072, 0.035 + (k // 4) * 0.068, np.zeros(12)]))
-    simulator.advance(*CORNER, 100)
+    simulator.advance(*CORNER, 200)
     settled = simulator.pose
-    for _ in range(8):
+    for _ in range(6):
         simulator.advance(*CORNER, 25)
         assert gaps_between(parts, simulator.pose).min() > -0.3e-3
     assert not simulator.fallen.any()
-    assert np.abs(simulator.pose - settled)[..., :2].max() < 5e-3  # the table's motion shakes the pile, and it settles
+    assert np.abs(simulator.pose - settled)[..., :2].max() < 3e-3  # the table's motion shakes the pile, as with certified contacts
     rest = fast(STILL, parts, walls=WALLS)
     rest.reset(simulator.pose)
     rest.advance(0.0, 0.0, 25)

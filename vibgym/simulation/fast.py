@@ -46,10 +46,10 @@ class FastMultibody(Multibody):
             inputs = drive.address, state.address
             for _ in range(periods):
                 find_rows(start, stop, together, state.address, rows.address)
-                drive_together(start, stop, together, *inputs, rows.address, self.counts)
                 for kind, alone in enumerate(buffers.alone):
                     free = rows.record.rows[kind, : rows.record.count[kind]]
                     slide_rows(free, alone.address, *inputs, 1, NO_PATHS, 0)
+                drive_together(start, stop, together, *inputs, rows.address, self.counts)  # not diverged worlds
             self._smallest_gap[start] = deepest[0]
 
         self._buffers.lend(work)
