@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -30,6 +30,16 @@ from vibgym.simulation.threads import Pool
 
 CERTIFIED, FAST = CONTACTS = "certified", "fast"
 """Contacts of the planar model: with bounded overlap, and for training."""
+
+
+def has_fast_contacts(model: str | Mapping[str, Any]) -> bool:
+    """Return whether the ``model`` argument of an environment selects fast contacts."""
+    return not isinstance(model, str) and model.get("contacts") == FAST
+
+
+def with_certified_contacts(model: str | Mapping[str, Any]) -> str | Mapping[str, Any]:
+    """Return the ``model`` argument of an environment without ``contacts``, whose default is certified."""
+    return model if isinstance(model, str) else {name: value for name, value in model.items() if name != "contacts"}
 
 
 class Planar(Model):
