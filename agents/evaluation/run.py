@@ -193,7 +193,9 @@ def certified_world(task: str, environment: Mapping[str, Any]) -> VectorEnv:
     env = worlds_of(task, 1, **environment)
     if has_fast_contacts(env.unwrapped.core.options.model):  # type: ignore[attr-defined]
         env.close()
-        raise checks.conflict(f"{task}: contacts='fast' is for training: results require contacts='certified', the default")
+        raise checks.conflict(
+            f"{task}: contacts='fast' is for training: results require contacts='certified', the default"
+        )
     return env
 
 

@@ -137,7 +137,9 @@ def test_a_pile_stays_at_rest_and_holds_under_push():
         simulator.advance(*CORNER, 25)
         assert gaps_between(parts, simulator.pose).min() > -0.3e-3
     assert not simulator.fallen.any()
-    assert np.abs(simulator.pose - settled)[..., :2].max() < 3e-3  # the table's motion shakes the pile, as with certified contacts
+    assert (
+        np.abs(simulator.pose - settled)[..., :2].max() < 3e-3
+    )  # the table's motion shakes the pile, as with certified contacts
     rest = fast(STILL, parts, walls=WALLS)
     rest.reset(simulator.pose)
     rest.advance(0.0, 0.0, 25)
@@ -209,7 +211,8 @@ def whole():
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
 @pytest.mark.parametrize(
-    "index", [[5], [47, 3], [7] * 9, range(WORLDS), np.random.default_rng(5).permutation(WORLDS)],
+    "index",
+    [[5], [47, 3], [7] * 9, range(WORLDS), np.random.default_rng(5).permutation(WORLDS)],
     ids=["one", "two", "repeated", "all", "permuted"],
 )
 def test_worlds_in_other_batches(whole, index, threads):

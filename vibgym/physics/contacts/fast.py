@@ -332,7 +332,9 @@ def drive_together(start, stop, fixed, drive, state, rows, counts):
         counts[k, FREE] += 1
     while world < stop:
         most = friction.workspace.pose.shape[0]
-        loading = reference(Scene(friction.table, friction.bodies, friction.scheme, drive, state, friction.workspace, most))
+        loading = reference(
+            Scene(friction.table, friction.bodies, friction.scheme, drive, state, friction.workspace, most)
+        )
         count, world = load_worlds(loading, contacts, rows.driven, world, stop, start)
         groups = (contacts.first[count] + LANES - 1) // LANES
         scene = reference(

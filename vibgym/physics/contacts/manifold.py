@@ -117,9 +117,7 @@ def hull_manifold(hulls, placed, a, b, dx, dy, margin):
         return clipped(nx, ny, nx * ax + ny * ay, min(along, end), max(along, end), cx, cy, ex, ey, margin)
     along, end = ny * cx - nx * cy, ny * ex - nx * ey
     found = clipped(-nx, -ny, -nx * cx - ny * cy, min(along, end), max(along, end), ax, ay, bx, by, margin)
-    return Manifold(
-        found.count, nx, ny, found.x, found.y, found.gap, found.other_x, found.other_y, found.other_gap
-    )
+    return Manifold(found.count, nx, ny, found.x, found.y, found.gap, found.other_x, found.other_y, found.other_gap)
 
 
 @borrowing
@@ -129,6 +127,4 @@ def wall_manifold(table, hulls, placed, a, wall, margin):
     ax, ay, bx, by = edge_ends(hulls, placed, a, nx, ny)
     # Seen from the wall; its normal points to the part.
     found = clipped(-nx, -ny, -border, -math.inf, math.inf, ax, ay, bx, by, margin)
-    return Manifold(
-        found.count, nx, ny, found.x, found.y, found.gap, found.other_x, found.other_y, found.other_gap
-    )
+    return Manifold(found.count, nx, ny, found.x, found.y, found.gap, found.other_x, found.other_y, found.other_gap)
