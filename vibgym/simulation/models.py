@@ -27,7 +27,6 @@ from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
 from vibgym.simulation.schemes import averaged_scheme, check_sliding, fast_schemes, planar_scheme, planar_schemes
 from vibgym.simulation.threads import Pool
 
-
 CERTIFIED, FAST = CONTACTS = "certified", "fast"
 """Contacts of the planar model: with bounded overlap, and for training."""
 
