@@ -291,7 +291,7 @@ def resolve_contacts(scene, fixed, index, h):
     count, rounds = load_bodies(scene, fixed, first, parts)
     n = find_points(scene, fixed, first, parts, count, h)
     if n > 0:
-        gap = solve_points(contacts.points, n, rounds, fixed.slop)
+        gap = solve_points(contacts.points, n, parts, rounds, fixed.slop)
         contacts.deepest[0] = min(contacts.deepest[0], gap)
         contacts.touched[index] += 1
         write_bodies(scene, fixed, first, parts)

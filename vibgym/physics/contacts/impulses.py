@@ -2,7 +2,7 @@
 
 Velocities: no point approaches, and friction at a point is at most ``mu`` times its normal impulse (J. J. Moreau, Unilateral
 Contact and Dry Friction in Finite Freedom Dynamics, 1988; E. Catto, Iterative Dynamics with Temporal Coherence, GDC 2005). An
-impact then returns the share ``e`` of its impulses (Poisson). For two bodies this is not above the energy before.
+impact then returns the share ``e`` of its impulses (Poisson), or less where energy would be gained.
 
 Positions: impulses move the parts for the time since they touched, and a second iteration over the linearised gaps removes the
 overlap that is left.
@@ -10,6 +10,7 @@ overlap that is left.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -148,16 +149,47 @@ def iterate(points, n, rounds):
 
 
 @borrowing
-def rebound(points, n):
-    """Return the share ``e`` of the impulses of impacts; return whether there are any."""
-    velocity, inverse, any_impact = points.velocity, points.inverse, False
+def energy(points, bodies):
+    """Return the kinetic energy of the first ``bodies``, J."""
+    velocity, inverse, total = points.velocity, points.inverse, 0.0
+    for k in range(bodies):
+        total += (velocity[k, 0] * velocity[k, 0] + velocity[k, 1] * velocity[k, 1]) / inverse[k, 0]
+        total += velocity[k, 2] * velocity[k, 2] / inverse[k, 1]
+    return 0.5 * total
+
+
+@borrowing
+def return_share(points, n, factor):
+    """Apply ``factor`` times the share ``e`` of the impulses of impacts."""
+    for k in range(n):
+        value, share = points.value[k], factor * points.value[k, RESTITUTION]
+        normal, tangential = share * value[NORMAL], share * value[TANGENTIAL]
+        apply(value, points.inverse, points.velocity, points.body[k, 0], points.body[k, 1], normal, tangential)
+
+
+@borrowing
+def rebound(points, n, bodies, before):
+    """Return the share ``e`` of the impulses of impacts, or less of it if energy would exceed that ``before``, J.
+
+    Energy is quadratic in the share. It may exceed the one before if the iteration has not converged, and if impacts of
+    different restitution meet.
+    """
+    velocity, work = points.velocity, 0.0
     for k in range(n):
         value, i, j = points.value[k], points.body[k, 0], points.body[k, 1]
-        share = value[RESTITUTION]
-        if share > 0.0 and value[NORMAL] > 0.0:
-            any_impact = True
-            apply(value, inverse, velocity, i, j, share * value[NORMAL], share * value[TANGENTIAL])
-    return any_impact
+        along, across = normal_speed(value, velocity, i, j), slip_speed(value, velocity, i, j)
+        work += value[RESTITUTION] * (value[NORMAL] * along + value[TANGENTIAL] * across)
+    after = energy(points, bodies)
+    return_share(points, n, 1.0)
+    gained = energy(points, bodies) - after
+    lost = max(before - after, 0.0)
+    if gained > lost:
+        square = gained - work
+        root = math.sqrt(work * work + 4.0 * square * lost)
+        factor = min(2.0 * lost / (work + root), 1.0) if work + root > 0.0 else 0.0
+        return_share(points, n, factor - 1.0)
+        for k in range(n):
+            points.value[k, RESTITUTION] *= factor
 
 
 @borrowing
@@ -191,21 +223,27 @@ def move_apart(points, n, slop):
 
 
 @borrowing
-def solve_points(points, n, rounds, slop):
+def solve_points(points, n, bodies, rounds, slop):
     """Compute ``points.velocity`` after the impulses of ``n`` points, and ``points.move``; return the smallest gap then, m.
 
     Args:
+        bodies: number of bodies that can move.
         rounds: most iterations over velocities.
         slop: see :func:`move_apart`.
     """
+    impact = False
+    for k in range(n):
+        impact = impact or points.value[k, RESTITUTION] > 0.0
+    before = energy(points, bodies) if impact else 0.0
     iterate(points, n, rounds)
-    again = rebound(points, n)
+    if impact:
+        rebound(points, n, bodies, before)
     for k in range(n):
         value = points.value[k]
         share = 1.0 + value[RESTITUTION]
         value[MOVED], value[SLID] = share * value[NORMAL], share * value[TANGENTIAL]
         value[NORMAL] = value[TANGENTIAL] = 0.0
-    if again:  # parts that rebound may approach others
+    if impact:  # parts that rebound may approach others
         iterate(points, n, rounds)
         for k in range(n):
             value = points.value[k]
