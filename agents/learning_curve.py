@@ -25,6 +25,7 @@ from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Outcomes, run
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.residual import ResidualPolicy
+from vibgym.simulation.models import with_certified_contacts
 
 FILE = "curve.csv"
 COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "mean_time", "speed", "return_", "rate")
@@ -100,7 +101,7 @@ class LearningCurve:
 
     Columns: success rate, median time to the goal (s), its mean over all episodes (failures count with their limit), mean of
     its inverse (1/s, 0 for failures), median return, and for tasks in which parts come and go the mean number of good parts per
-    minute.
+    minute. Contacts are certified, also if those of the training are fast.
 
     Args:
         settings: of the run; its ``judging`` has the number of episodes and the interval.
@@ -123,10 +124,10 @@ class LearningCurve:
         spec = gym.registry.get(environment_id(self.task))
         if spec is None or (spec.max_episode_steps is None and spec.kwargs.get("max_episode_periods") is None):
             raise checks.conflict(f"judging requires a task with a step limit, got {settings.task!r}")
-        common, scenes = evaluation_settings(settings.environment), settings.all_scenes
+        scenes = evaluation_environments(settings)
         shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
         self._scenes = [
-            ({**common, **scene, "num_envs": len(share), "autoreset_mode": "Disabled"}, int(share[0]))
+            ({**scene, "num_envs": len(share), "autoreset_mode": "Disabled"}, int(share[0]))
             for scene, share in zip(scenes, shares, strict=True)
             if len(share)
         ]
@@ -207,12 +208,20 @@ def rank(row: Mapping[str, Any], best: str = "success") -> tuple[float, float, f
     return -float(row.get("rate") or 0.0), -float(row[best]), float(row["time_to_goal"] or "inf")
 
 
-def evaluation_settings(environment: dict[str, Any]) -> dict[str, Any]:
-    """Return the environment without the longer hold that a policy may be trained with."""
-    own = {name: value for name, value in environment.get("task_settings", {}).items() if name != "hold"}
-    return (
-        {**environment, "task_settings": own} if own else {k: v for k, v in environment.items() if k != "task_settings"}
-    )
+def without_hold(settings: TrainSettings) -> list[dict[str, Any]]:
+    """Return the arguments of a run's environments, one for each scene, without the longer hold that training may have."""
+    common = dict(settings.environment)
+    own = {name: value for name, value in common.pop("task_settings", {}).items() if name != "hold"}
+    return [{**common, **({"task_settings": own} if own else {}), **scene} for scene in settings.all_scenes]
+
+
+def evaluation_environments(settings: TrainSettings) -> list[dict[str, Any]]:
+    """Return :func:`without_hold` with certified contacts, in which a run is evaluated."""
+    changed = without_hold(settings)
+    for each in changed:
+        if "model" in each:
+            each["model"] = with_certified_contacts(each["model"])
+    return changed
 
 
 def play(policy: Policy, env: Any, first_seed: int) -> Outcomes:

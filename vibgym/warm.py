@@ -50,9 +50,9 @@ def simulator(**settings: object) -> None:
     made.advance(0.0, 0.0)
 
 
-def contacts() -> None:
+def contacts(**settings: Any) -> None:
     """Run a period with contacts of parts and a wall."""
-    made = Simulator(Surface(), BLOCKS, walls=["left"])
+    made = Simulator(Surface(), BLOCKS, walls=["left"], **settings)
     made.reset([[[0.025, 0.1, 0.0], [0.07, 0.1, 0.0]]], [[[-0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]]])
     made.advance(0.0, 0.0)
 
@@ -115,6 +115,7 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     yield "planar model", lambda: simulator(parts=BLOCKS[0])
     yield "averaged model", lambda: simulator(parts=BLOCKS[0], model="averaged")
     yield "contacts", contacts
+    yield "fast contacts", partial(contacts, contacts="fast")
     yield from PLUGINS.items()
     yield "allocation", allocation
     yield "bounds", bounds

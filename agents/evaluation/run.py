@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+from gymnasium.vector import VectorEnv
 from tqdm import tqdm
 
 from agents import parallel
@@ -28,6 +29,7 @@ from vibgym.policies.registry import CONTROLLERS, make_policy
 from vibgym.policies.rollout import Ends, Outcomes, rollout, worlds_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
+from vibgym.simulation.models import has_fast_contacts
 
 
 @dataclass(frozen=True)
@@ -182,6 +184,21 @@ def writable(settings: RunSettings, names: Iterable[str]) -> None:
     output_files((directory / name for name in names), where)
 
 
+def certified_world(task: str, environment: Mapping[str, Any]) -> VectorEnv:
+    """Return one world of an environment whose results may be published.
+
+    Raises:
+        ValueError: an invalid environment, or one with fast contacts.
+    """
+    env = worlds_of(task, 1, **environment)
+    if has_fast_contacts(env.unwrapped.core.options.model):  # type: ignore[attr-defined]
+        env.close()
+        raise checks.conflict(
+            f"{task}: contacts='fast' is for training: results require contacts='certified', the default"
+        )
+    return env
+
+
 class Infos:
     """Public information on environments, each of which is made once."""
 
@@ -194,7 +211,7 @@ class Infos:
             if (name, arguments) == (task, environment):
                 return info
         with checks.within(where):
-            env = worlds_of(task, 1, **environment)
+            env = certified_world(task, environment)
         info = TaskInfo.of(env)
         env.close()
         self._known.append((task, environment, info))
@@ -216,7 +233,7 @@ def main_runs(
     runs: list[Run] = []
     for task in settings.tasks:
         with checks.within(f"{where}.environment"):
-            env = worlds_of(task, 1, **settings.environment)
+            env = certified_world(task, settings.environment)
         tasks[task], scenery[task] = TaskInfo.of(env), scenery_of(env.unwrapped)  # type: ignore[arg-type]
         env.close()
         serving = [each for each in entries if each.tasks is not None or serves(each.content, tasks[task])]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -24,8 +24,21 @@ from vibgym.scene.outlines import convex_hull
 from vibgym.scene.parts import Part, bodies_of, kinds_of
 from vibgym.simulation.choice import DEFAULT_TOLERANCE, choose, choose_for
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
-from vibgym.simulation.schemes import averaged_scheme, check_sliding, planar_scheme, planar_schemes
+from vibgym.simulation.schemes import averaged_scheme, check_sliding, fast_schemes, planar_scheme, planar_schemes
 from vibgym.simulation.threads import Pool
+
+CERTIFIED, FAST = CONTACTS = "certified", "fast"
+"""Contacts of the planar model: with bounded overlap, and for training."""
+
+
+def has_fast_contacts(model: str | Mapping[str, Any]) -> bool:
+    """Return whether the ``model`` argument of an environment selects fast contacts."""
+    return not isinstance(model, str) and model.get("contacts") == FAST
+
+
+def with_certified_contacts(model: str | Mapping[str, Any]) -> str | Mapping[str, Any]:
+    """Return the ``model`` argument of an environment without ``contacts``, whose default is certified."""
+    return model if isinstance(model, str) else {name: value for name, value in model.items() if name != "contacts"}
 
 
 class Planar(Model):
@@ -84,6 +97,7 @@ def planar(
     steps: int | str = "auto",
     substeps: int | str = "auto",
     pieces: int | str = "auto",
+    contacts: str = CERTIFIED,
     contact_steps: int | str = "auto",
     contact_overlap: float | str = "auto",
 ) -> Model:
@@ -92,17 +106,25 @@ def planar(
     Raises:
         ValueError: an invalid setting, or a scene that the model does not cover.
     """
+    checks.choice("contacts", contacts, CONTACTS)
     resolution = {"steps": steps, "substeps": substeps, "pieces": pieces}
-    contacts = {"contact_steps": contact_steps, "contact_overlap": contact_overlap}
+    coupling = {"contact_steps": contact_steps, "contact_overlap": contact_overlap}
     if not setup.multibody:
-        for name, value in contacts.items():
+        for name, value in {"contacts": "auto" if contacts == CERTIFIED else contacts, **coupling}.items():
             if value != "auto":
                 raise checks.conflict(f"{name} requires several parts or walls")
         return Planar(setup, planar_scheme(setup.surface, setup.parts[0], **resolution))
+    kinds, _ = kinds_of(setup.parts)
+    if contacts == FAST:
+        if contact_overlap != "auto":
+            raise checks.conflict("contact_overlap requires contacts='certified'")
+        from vibgym.simulation.fast import FastMultibody  # imports pymunk
+
+        schemes = fast_schemes(setup.surface, kinds, setup.walls, **resolution, contact_steps=contact_steps)
+        return FastMultibody(setup, schemes)
     from vibgym.simulation.multibody import Multibody  # imports pymunk
 
-    kinds, _ = kinds_of(setup.parts)
-    return Multibody(setup, planar_schemes(setup.surface, kinds, setup.walls, **resolution, **contacts))
+    return Multibody(setup, planar_schemes(setup.surface, kinds, setup.walls, **resolution, **coupling))
 
 
 def averaged(setup: Setup, *, order: int = 2, stride: int = 1, steps: int | str = "auto") -> Model:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -36,14 +37,17 @@ STATISTICS = {"free": FREE, "near": NEAR, "contact": CONTACT, "contact_steps": C
 class Multibody(Model):
     """Advances worlds with several parts or walls.
 
+    Args:
+        buffers: pool of working arrays; None: of :class:`ContactBuffers`.
+
     Attributes:
         counts: (worlds, 4) periods and solver calls since the reset, see :data:`STATISTICS`.
     """
 
-    def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
+    def __init__(self, setup: Setup, schemes: PlanarSchemes, buffers: Pool[Any] | None = None) -> None:
         super().__init__(setup)
         self._bend = min(schemes.bend)
-        self._buffers = Pool(partial(ContactBuffers, setup, schemes))
+        self._buffers = buffers or Pool(partial(ContactBuffers, setup, schemes))
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
         self._smallest_gap = np.zeros(setup.worlds)  # of a block, at the index of its first world
 

@@ -36,6 +36,14 @@ CONTACT_STEPS = 10
 """Default for the fewest steps of the coupling between friction and contacts in a period."""
 
 
+FAST_FRICTION_OVERLAP = 4e-4
+"""``FRICTION_OVERLAP`` of fast contacts, m."""
+
+FAST_CLOSING = 2.0
+"""Largest closing speed of two parts that fast contacts resolve, over the table's largest speed: in a step they overlap by at
+most half the narrowest width, beyond which the outlines would separate on the wrong side."""
+
+
 class PlanarSchemes(NamedTuple):
     """Schemes of the planar model by kind of parts, and settings for contacts."""
 
@@ -102,6 +110,30 @@ def planar_schemes(
         overlap=tuple(overlaps),
         walls=sum(1 << WALLS.index(name) for name in walls),
     )
+
+
+def fast_schemes(
+    surface: Surface,
+    kinds: Sequence[Part],
+    walls: Sequence[str],
+    *,
+    steps: int | str = "auto",
+    substeps: int | str = "auto",
+    pieces: int | str = "auto",
+    contact_steps: int | str = "auto",
+) -> PlanarSchemes:
+    """Return the schemes of the planar model with fast contacts; settings are those of :class:`vibgym.Simulator`."""
+    alone = [planar_scheme(surface, part, steps=steps, substeps=substeps, pieces=pieces) for part in kinds]
+    coupled, none = chosen("contact_steps", contact_steps, most=MOST_STEPS), (math.inf,) * len(kinds)
+    if coupled is None:
+        friction = max(part.friction for part in kinds)
+        check_contact_steps("parts", surface, friction, 0.0, FAST_FRICTION_OVERLAP)
+        half_width = 0.5 * min(narrowest_width(kind.outline) for kind in kinds)
+        by_friction = surface.period * math.sqrt(friction * surface.gravity / FAST_FRICTION_OVERLAP)
+        by_speed = FAST_CLOSING * surface.table_speed * surface.period / half_width
+        coupled = max(math.ceil(max(by_friction, by_speed)), 1)
+    walled = sum(1 << WALLS.index(name) for name in walls)
+    return PlanarSchemes(alone=tuple(alone), fewest=coupled, bend=none, overlap=none, walls=walled)
 
 
 def check_contact_steps(argument: str, surface: Surface, friction: float, incline: float, bend: float) -> None:

@@ -3,6 +3,8 @@
 import pytest
 
 from agents import evaluation
+from agents.evaluation import compare, score
+from agents.evaluation.settings import ComparisonSettings
 from tests.agents.evaluation.conftest import Pusher, Shepherd
 
 
@@ -86,3 +88,35 @@ def test_a_model_may_be_told_what_it_speaks():
     mapping = {"policy": Pusher(), "action": "field", "name": "told"}
     (entry,) = settings(policies=[mapping]).entries()
     assert entry.name == "told" and set(entry.content) == {"policy", "action"}
+
+
+FAST = {"model": {"kind": "planar", "contacts": "fast"}}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"environment": FAST},
+        {"hardware": {"one": {}, "other": FAST}},
+        {"effects": {"task": "Sort", "policies": ["local_field"], "cases": {"one": FAST}}},
+    ],
+    ids=["environment", "hardware", "effects"],
+)
+def test_fast_contacts_are_not_published(changes):
+    found = settings(tasks=["Sort"], policies=["local_field"], **changes)
+    with pytest.raises(ValueError, match="contacts='fast' is for training"):
+        evaluation.prepare(found)
+
+
+def test_scores_and_comparisons_reject_fast_contacts(tmp_path):
+    suite = {
+        "tasks": ["Sort"],
+        "policies": ["local_field"],
+        "episodes": 1,
+        "output": str(tmp_path),
+        "environment": FAST,
+    }
+    with pytest.raises(ValueError, match="contacts='fast' is for training"):
+        score.prepare(score.SuiteSettings.checked({**suite, "training_steps": 1}))
+    with pytest.raises(ValueError, match="contacts='fast' is for training"):
+        compare.prepare(ComparisonSettings.checked(suite))

@@ -5,9 +5,10 @@ import csv
 import numpy as np
 import pytest
 
-from agents.learning_curve import COLUMNS, RATE, LearningCurve, play, rank
+from agents.learning_curve import COLUMNS, RATE, LearningCurve, evaluation_environments, play, rank, without_hold
 from agents.training_file import settings_from
 from tests.envs.helpers import batch
+from vibgym.simulation.multibody import Multibody
 
 SETTINGS = {
     "task": "Transport",
@@ -139,3 +140,32 @@ def test_rows_without_rates_rank_by_successes_and_then_by_time():
         {"success": "0.0", "time_to_goal": ""},
     ]
     assert sorted([rows[k] for k in (2, 0, 3, 1)], key=rank) == rows
+
+
+def test_training_with_fast_contacts_is_evaluated_with_certified_ones(tmp_path):
+    """In the environment and in scenes; other settings of the model stay."""
+    fast = {"kind": "planar", "contacts": "fast", "steps": 6}
+    settings = settings_from(
+        {
+            "task": "Pack",
+            "environment": {"action": "field", "model": fast, "max_episode_steps": 3},
+            "steps": 100,
+            "scenes": [{}, {"slots": 12, "model": {"kind": "planar", "contacts": "fast"}}],
+            "judging": {"episodes": 2, "every": 10},
+        }
+    )
+    models = [each["model"] for each in evaluation_environments(settings)]
+    assert models == [{"kind": "planar", "steps": 6}, {"kind": "planar"}]
+    assert [each["model"]["contacts"] for each in without_hold(settings)] == ["fast", "fast"]
+    judge = LearningCurve(settings, tmp_path)
+    judge.begin(0)
+    judge.measure(StillParts(), 10, 1.0, "ppo")
+    assert [type(env.unwrapped.core.simulator._model) for env, _ in judge._envs] == [Multibody, Multibody]
+
+
+class StillParts(Still):
+    """Does nothing with several parts."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        worlds, parts = observation["mask"].shape
+        return np.zeros((worlds, 6 * parts), dtype=np.float32), state

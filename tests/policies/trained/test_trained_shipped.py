@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from agents.learning_curve import evaluation_settings
+from agents.learning_curve import evaluation_environments
 from agents.tabulate import shipped_name
 from agents.training_file import agents_in, load_settings
 from agents.training_settings import TrainSettings
@@ -45,7 +45,7 @@ def table() -> dict[str, dict[str, str]]:
 
 def scenes(settings: TrainSettings) -> list[dict]:
     """Environments that the table's episodes are played in, the first few of many."""
-    found = [{**evaluation_settings(settings.environment), **scene} for scene in settings.all_scenes[:SCENES]]
+    found = evaluation_environments(settings)[:SCENES]
     return [{name: value for name, value in each.items() if name not in ("action", "observation")} for each in found]
 
 

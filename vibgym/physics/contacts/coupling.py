@@ -257,19 +257,24 @@ def load_island(island):
 
 
 @borrowing
-def store_island(island):
-    """Store the parts' state after a period; with non-finite values the world has diverged and keeps its last state."""
-    scene, world, pushed = island.scene, island.world, island.contacts.pushed
+def store_parts(scene, world, first, stop, pushed):
+    """Store the state of a world's parts in slots ``first`` to ``stop`` after a period.
+
+    With non-finite values the world has diverged and keeps its last state.
+
+    Args:
+        pushed: (slots, 2) m/s, change of velocity by contacts.
+    """
     state, pose, velocity = scene.state, scene.workspace.pose, scene.workspace.velocity
     total = 0.0
-    for slot in range(island.parts):
+    for slot in range(first, stop):
         g, lane = slot // LANES, slot % LANES
         for k in range(lane, 3 * LANES, LANES):
             total += abs(pose[g, k]) + abs(velocity[g, k])
     if state.diverged[world] or not total < math.inf:
         state.diverged[world] = True
         return
-    for slot in range(island.parts):
+    for slot in range(first, stop):
         g, lane, part = slot // LANES, slot % LANES, scene.workspace.part[slot]
         fallen = state.fallen[world, part]
         for k in range(3):
@@ -403,5 +408,5 @@ def advance_island(island, n, paths):
         record_paths(island, paths, turn + 1, longest)
     if calls > 0:
         remove_island(island)
-    store_island(island)
+    store_parts(scene, island.world, 0, island.parts, contacts.pushed)
     return calls
