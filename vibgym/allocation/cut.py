@@ -170,15 +170,15 @@ def effects(outlines, pose, present, push, gain, pieces, effect):
         outlines: of :func:`vibgym.allocation.cut.outlines_of`.
         pose: (worlds, parts, 3).  present: (worlds, parts) bool.
         push: (worlds, elements, 2) over full amplitude.
-        gain: (worlds, elements) gains from commanded to actual phasors.
+        gain: (worlds or 1, elements) gains from commanded to actual phasors.
         pieces: scratch.
         effect: (worlds, parts, 3), overwritten.
     """
     for w in range(pose.shape[0]):
-        effect[w] = 0.0
+        effect[w], strength = 0.0, gain[min(w, gain.shape[0] - 1)]
         for i in range(cut_parts(outlines, pose[w], present[w], pieces)):
             p, e = pieces.part[i], pieces.element[i]
-            x, y = gain[w, e] * push[w, e, 0], gain[w, e] * push[w, e, 1]
+            x, y = strength[e] * push[w, e, 0], strength[e] * push[w, e, 1]
             effect[w, p, 0] += pieces.share[i] * x
             effect[w, p, 1] += pieces.share[i] * y
             effect[w, p, 2] += pieces.lever[i, 0] * y - pieces.lever[i, 1] * x
