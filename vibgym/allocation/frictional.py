@@ -43,9 +43,8 @@ NEWTON = 8
 CLOSE = 1e-6
 """Error over ``g`` below which the next step of Newton's method is the last one; it squares the error."""
 
-ROUNDS, STILL = 8, 3e-4
-"""Most iterations of the predicted velocity, and its change over the table's speed at convergence. An iteration reduces the error
-to a sixth or less, so that of friction is then below 0.01 %."""
+ROUNDS, STILL = 8, 1e-4
+"""Most iterations of the predicted velocity, and its change over the table's speed at convergence."""
 
 GUESS = 2.0
 """Largest first-order push, over the limit, from which Newton's method starts without a limit; it converges there."""
