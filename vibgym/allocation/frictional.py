@@ -263,13 +263,19 @@ def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration, share
 
 
 @borrowing
-def look_ahead(numbers, velocity, acceleration, later):
-    """Write the velocity (3,) at which friction acts to ``later`` (3,); returns its change over the table's speed."""
+def look_ahead(numbers, k, velocity, acceleration, share, later):
+    """Correct the velocity (3,) at which friction acts, ``later``; returns its error over the table's speed.
+
+    Args:
+        share: see :func:`invert_part`. Beyond the limit acceleration decreases with ``later``, by the drag near rest at first order.
+    """
     moved = 0.0
+    drag = 0.5 * numbers.friction[k] * numbers.gravity / numbers.speed if share < 1.0 else 0.0
+    factor = 1.0 / (1.0 + numbers.ahead * drag)
     for j in range(3):
         now = velocity[j] + numbers.ahead * acceleration[j]
         moved += abs(now - later[j]) if j < 2 else 0.1 * abs(now - later[j])  # spin: of a lever of a decimetre
-        later[j] = now
+        later[j] += factor * (now - later[j])
     return moved / numbers.speed
 
 
@@ -292,7 +298,7 @@ def forward(numbers, velocity, push, scratch, later, acceleration, holds):
             later[0], later[1], later[2] = at[0], at[1], at[2]
             holds[i, k] = forward_part(numbers, k, at, push[i, k], scratch, given)
             for _ in range(ROUNDS):
-                if look_ahead(numbers, at, given, later) < STILL:
+                if look_ahead(numbers, k, at, given, 0.0, later) < STILL:
                     break
                 holds[i, k] = forward_part(numbers, k, later, push[i, k], scratch, given)
 
@@ -313,7 +319,7 @@ def invert(start, stop, numbers, velocity, wanted, scratch, later, push, acceler
                 holds[i, k], share = invert_part(
                     numbers, k, later, wanted[i, k], scratch, push[i, k], given, share
                 )
-                if look_ahead(numbers, at, given, later) < STILL:
+                if look_ahead(numbers, k, at, given, share, later) < STILL:
                     break
 
 
