@@ -28,6 +28,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.kernels.jit import borrowing, exact
+from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES, load, store
 from vibgym.physics.averaged.averages import cubic_weights, direction, new_scratch, place
 from vibgym.scene.parts import Part
@@ -267,7 +268,7 @@ def look_ahead(numbers, k, velocity, acceleration, share, later):
     """Correct the velocity (3,) at which friction acts, ``later``; returns its error over the table's speed.
 
     Args:
-        share: see :func:`invert_part`. Beyond the limit acceleration decreases with ``later``, by the drag near rest at first order.
+        share: see :func:`invert_part`. Beyond the limit acceleration decreases with ``later``, roughly by the drag near rest.
     """
     moved = 0.0
     drag = 0.5 * numbers.friction[k] * numbers.gravity / numbers.speed if share < 1.0 else 0.0
@@ -281,7 +282,7 @@ def look_ahead(numbers, k, velocity, acceleration, share, later):
 
 @borrowing
 def guess_ahead(numbers, k, velocity, wanted, later):
-    """Write a first guess for :func:`look_ahead` to ``later`` (3,): the acceleration is the wanted one, or that of a push at rest."""
+    """Write a first guess of ``later`` (3,): under the wanted acceleration, or that of the limit at rest if it is less."""
     most = 0.5 * numbers.friction[k] * numbers.limit[k]
     push = numbers.ahead * most / max(math.sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]), most)
     turn = numbers.ahead * most / max(abs(wanted[2]) * numbers.gyration[k], most)
@@ -292,6 +293,7 @@ def guess_ahead(numbers, k, velocity, wanted, later):
 @borrowing
 def forward(numbers, velocity, push, scratch, later, acceleration, holds):
     """Compute ``acceleration`` (batch, parts, 3) under pushes (batch, parts, 3) over full amplitude."""
+    numbers, scratch = reference(numbers), reference(scratch)
     for i in range(velocity.shape[0]):
         for k in range(velocity.shape[1]):
             at, given = velocity[i, k], acceleration[i, k]
@@ -310,6 +312,7 @@ def invert(start, stop, numbers, velocity, wanted, scratch, later, push, acceler
     Args:
         start, stop: first row of the batch, and the one after the last.
     """
+    numbers, scratch = reference(numbers), reference(scratch)
     for i in range(start, stop):
         for k in range(velocity.shape[1]):
             at, given, share = velocity[i, k], acceleration[i, k], 0.0

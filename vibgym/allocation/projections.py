@@ -20,7 +20,8 @@ import numpy as np
 
 from vibgym.allocation.cut import Outlines, cut_parts
 from vibgym.kernels.jit import borrowing, exact, inlined
-from vibgym.kernels.vector import LANES, bits, broadcast, load, maximum, sqrt, store
+from vibgym.kernels.reference import reference
+from vibgym.kernels.vector import LANES, bits, broadcast, lane_sum, load, maximum, sqrt, store
 
 DAMPING = 0.003
 """Damping of conflicting targets, as a share of the mean square."""
@@ -96,7 +97,6 @@ class Scratch(NamedTuple):
     expected: np.ndarray  # (STARTS,) squared error
     strength: np.ndarray  # (2, 3 parts) of the fields of project(): those of a round, and the best ones
     push: np.ndarray  # (2, room): best feasible phasors of the elements, x and y
-    sums: np.ndarray  # (4 LANES,)
 
 
 def new_scratch(parts: int, elements: int, room: int) -> Scratch:
@@ -123,7 +123,6 @@ def new_scratch(parts: int, elements: int, room: int) -> Scratch:
         expected=np.zeros(STARTS),
         strength=np.zeros((2, 3 * parts)),
         push=np.zeros((2, room)),
-        sums=np.zeros(4 * LANES),
     )
 
 
@@ -177,7 +176,7 @@ def invert(matrix, n):
 
 @borrowing
 def add_pair(gram, weight, lever, p, i, q, j):
-    """Add the product of the fields of parts ``p`` and ``q``, three times their index, on pieces ``i`` and ``j`` of an element."""
+    """Add the product of fields ``p`` and ``q`` (first row of a part) on pieces ``i`` and ``j`` of an element."""
     a, ax, ay = weight * lever[0, i], weight * lever[1, i], weight * lever[2, i]
     b, bx, by = lever[0, j], lever[1, j], lever[2, j]
     gram[p, q] += a * b
@@ -258,21 +257,9 @@ def clip_alone(most, work, n):
         store(push_y, i, y)
         x_sum, y_sum, torque = x_sum + a * x, y_sum + a * y, torque + (ax * y - ay * x)
         error = error + load(work.variance, i) * (x * x + y * y)
-    sums = work.sums
-    store(sums, 0, x_sum)
-    store(sums, LANES, y_sum)
-    store(sums, 2 * LANES, torque)
-    store(sums, 3 * LANES, error)
-    expected = 0.0
-    for k in range(3):
-        missing = work.wanted[k]
-        for lane in range(k * LANES, (k + 1) * LANES):
-            missing -= sums[lane]
-        work.missing[k, 0] = missing
-        expected += missing * missing
-    for lane in range(3 * LANES, 4 * LANES):
-        expected += sums[lane]
-    return expected, clipped != 0
+    x, y, z = work.wanted[0] - lane_sum(x_sum), work.wanted[1] - lane_sum(y_sum), work.wanted[2] - lane_sum(torque)
+    work.missing[0, 0], work.missing[1, 0], work.missing[2, 0] = x, y, z
+    return lane_sum(error) + (x * x + y * y + z * z), clipped != 0
 
 
 @borrowing
@@ -510,10 +497,11 @@ def allocate(start, stop, problem, pieces, work, push, as_phasors):
         pieces, work: scratch.
         push: (worlds, elements, 2), overwritten with pushes (x, y), or with phasors ``-(y, x)`` if ``as_phasors``.
     """
+    outlines, problem, pieces, work = reference(problem.outlines), reference(problem), reference(pieces), reference(work)
     pose, present, wanted, group = problem.pose, problem.present, problem.wanted, work.group
     for w in range(start, stop):
         push[w] = 0.0
-        count = cut_parts(problem.outlines, pose[w], present[w], pieces)
+        count = cut_parts(outlines, pose[w], present[w], pieces)
         group_parts(pieces, count, pose.shape[1], group, work.slot, work.first)
         for own in range(pose.shape[1]):
             if group[own] != own or not present[w, own]:
