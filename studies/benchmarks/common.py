@@ -6,8 +6,10 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
 from studies.kept import argument
@@ -32,18 +34,47 @@ def policy(text: str) -> Any:
     return json.loads(text) if text.lstrip().startswith(("{", '"')) else text
 
 
-def interleaved(calls: Mapping[str, Callable[[], object]], rounds: int, warm: int) -> dict[str, np.ndarray]:
+def interleaved(
+    calls: Mapping[str, Callable[[], object]], rounds: int, warm: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[str, np.ndarray]:
     """Return times (rounds,) s of calls by name, measured in turn (A B C A B C ...), so that drift cancels in ratios.
 
     Args:
         calls: by name.
         rounds: number of measurements of each call.
         warm: rounds before them.
+        clock: returns s; ``time.thread_time`` excludes other processes, and other threads of this one.
     """
     took: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(warm + rounds):
         for name, call in calls.items():
-            began = time.perf_counter()
+            began = clock()
             call()
-            took[name].append(time.perf_counter() - began)
+            took[name].append(clock() - began)
     return {name: np.array(each[warm:]) for name, each in took.items()}
+
+
+def step_costs(
+    envs: Mapping[str, Any], steps: int, rounds: int, warm: int, clock: Callable[[], float] = time.perf_counter
+) -> dict[str, str]:
+    """Return the time of a step under random actions by name: as a multiple of the first one, and us per world.
+
+    Args:
+        envs: vector environments by name; they are reset.
+        steps: of a measurement; actions repeat after 16.
+        rounds, warm, clock: of :func:`interleaved`.
+    """
+
+    def run(env: gym.vector.VectorEnv, actions: list[Any]) -> None:
+        for k in range(steps):
+            env.step(actions[k % len(actions)])
+
+    calls = {}
+    for name, env in envs.items():
+        env.reset(seed=0)
+        env.action_space.seed(0)
+        calls[name] = partial(run, env, [env.action_space.sample() for _ in range(16)])
+    took = interleaved(calls, rounds, warm, clock)
+    first = next(iter(took.values()))
+    us = {name: 1e6 * float(np.median(times)) / steps / envs[name].num_envs for name, times in took.items()}
+    return {name: f"{np.median(times / first):.2f} x ({us[name]:.2f} us)" for name, times in took.items()}

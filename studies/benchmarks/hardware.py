@@ -7,10 +7,7 @@ one more simulation, at most one more step.
 
 from __future__ import annotations
 
-from functools import partial
-
 import gymnasium as gym
-import numpy as np
 
 import vibgym  # noqa: F401 - registers the environments
 from studies.benchmarks import common
@@ -40,22 +37,7 @@ def measure(task: str, action: str, worlds: int, rounds: int) -> dict[str, str]:
         name: gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action=action, **settings)
         for name, settings in MACHINES.items()
     }
-    for env in envs.values():
-        env.reset(seed=0)
-    space = envs["ideal"].action_space
-    space.seed(0)
-    actions = [space.sample() for _ in range(4)]
-
-    def steps(env: gym.vector.VectorEnv) -> None:
-        for k in range(STEPS):
-            env.step(actions[k % 4])
-
-    took = common.interleaved({name: partial(steps, env) for name, env in envs.items()}, rounds, WARM)
-    found = {}
-    for name, times in took.items():
-        one = 1e6 * float(np.median(times)) / STEPS / worlds
-        found[name] = f"{np.median(times / took['ideal']):.2f} x ({one:.2f} us)"
-    return found
+    return common.step_costs(envs, STEPS, rounds, WARM)
 
 
 def main() -> None:

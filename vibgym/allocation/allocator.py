@@ -82,10 +82,8 @@ class Allocator:
             self._made_up = sheet.dead_zone / largest, INVERSES[sheet.dead_zone_form]
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self._scratch = workers.Pool(partial(_scratch, surface, self.parts))
-        # Without a hard dead zone all starts would give the same result.
-        starts = {} if self.least > 0.0 else {"starts": 1, "few_starts": 1}
-        self._limits = Limits(self.least, self.most, start_table(self.least), **starts)
-        self._usual = np.tile([[1.0], [SPREAD]], surface.rows * surface.columns)[:, None]
+        self._limits = Limits(self.least, self.most, start_table(self.least))
+        self._usual = np.tile([[[1.0]], [[SPREAD]]], surface.rows * surface.columns)  # gain and spread, (2, 1, elements)
 
     def pushes(
         self,
@@ -108,22 +106,35 @@ class Allocator:
             spread: (worlds, rows * columns) expected error of an element's push over its size; None:
                 :data:`vibgym.allocation.projections.SPREAD`.
         """
-        surface, worlds = self.surface, len(pose)
-        push = np.empty((worlds, surface.rows, surface.columns, 2))
-        usual = self._defaults(worlds)
+        surface = self.surface
+        push = np.empty((len(pose), surface.rows, surface.columns, 2))
+        self._allocate(push, pose, present, wanted, gain, spread)
+        return push
+
+    def _allocate(
+        self,
+        push: np.ndarray,
+        pose: np.ndarray,
+        present: np.ndarray,
+        wanted: np.ndarray,
+        gain: np.ndarray | None,
+        spread: np.ndarray | None = None,
+        as_phasors: bool = False,
+    ) -> None:
+        """Overwrite ``push`` (worlds, ...) with :meth:`pushes`, or with their phasors."""
+        usual = self._usual
         gain, spread = usual[0] if gain is None else gain, usual[1] if spread is None else spread
         given = (np.ascontiguousarray(each) for each in (pose, present, wanted, gain, spread))
         problem = Problem(self.outlines, self._limits, *given)
-
         scene = self.outlines, self._grown, self.least, self.most, problem.pose, problem.present
+        by_element = push.reshape(len(push), -1, 2)
 
         def work(start: int, stop: int) -> None:
-            self._scratch.lend(lambda scratch: allocate(start, stop, problem, *scratch, push))
+            self._scratch.lend(lambda scratch: allocate(start, stop, problem, *scratch, by_element, as_phasors))
             if self._apron > 0.0:
                 self._around.lend(lambda scratch: spread_fields(start, stop, *scene, *scratch, push))
 
-        workers.share(work, worlds, self._threads)
-        return push
+        workers.share(work, len(push), self._threads)
 
     def effect(
         self, pose: np.ndarray, present: np.ndarray, push: np.ndarray, gain: np.ndarray | None = None
@@ -137,7 +148,7 @@ class Allocator:
         worlds = len(push)
         effect = np.empty((worlds, len(self.parts), 3))
         given = (np.ascontiguousarray(each) for each in (pose, present, push.reshape(worlds, -1, 2)))
-        gain = np.ascontiguousarray(self._defaults(worlds)[0] if gain is None else gain)
+        gain = np.ascontiguousarray(self._usual[0] if gain is None else gain)
         effects(self.outlines, *given, gain, new_pieces(self.surface, self.parts), effect)
         return effect
 
@@ -151,18 +162,26 @@ class Allocator:
         reaches(self.outlines, np.ascontiguousarray(pose), present, new_pieces(self.surface, self.parts), reach)
         return self.most * reach
 
-    def _defaults(self, worlds: int) -> np.ndarray:
-        """Return default gain and spread, (2, worlds, elements)."""
-        usual = self._usual  # a local variable: several threads may use an allocator
-        if usual.shape[1] < worlds:
-            usual = self._usual = np.repeat(usual[:, :1], worlds, axis=1)
-        return usual
-
     def actions(
-        self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, gain: np.ndarray | None = None
+        self,
+        pose: np.ndarray,
+        present: np.ndarray,
+        wanted: np.ndarray,
+        gain: np.ndarray | None = None,
+        out: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return ``"phasor"`` actions (worlds, n) float32 of the pushes that :meth:`pushes` returns."""
-        return self.commands(self.pushes(pose, present, wanted, gain))
+        """Return ``"phasor"`` actions (worlds, n) float32 of the pushes that :meth:`pushes` returns.
+
+        Args:
+            out: (worlds, n) float32 memory for the result; None: new memory.
+        """
+        if out is None:
+            out = np.empty((len(pose), 2 * self.surface.rows * self.surface.columns), dtype=np.float32)
+        if self._made_up is None and self._apron == 0.0:
+            self._allocate(out, pose, present, wanted, gain, as_phasors=True)
+        else:
+            out[...] = self.commands(self.pushes(pose, present, wanted, gain))
+        return out
 
     def commands(self, push: np.ndarray) -> np.ndarray:
         """Return ``"phasor"`` actions (worlds, n) float32 of pushes (worlds, rows, columns, 2)."""

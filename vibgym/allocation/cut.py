@@ -14,6 +14,7 @@ import numpy as np
 
 from vibgym import Part, Surface
 from vibgym.kernels.jit import borrowing
+from vibgym.physics.planar.contact_area import MOMENTS, cut_outline
 
 
 class Outlines(NamedTuple):
@@ -23,6 +24,7 @@ class Outlines(NamedTuple):
     first: np.ndarray  # (parts + 1,) int64
     area: np.ndarray  # (parts,) m^2, of the polygon
     gyration: np.ndarray  # (parts,) radius of gyration, m
+    radius: np.ndarray  # (parts,) of the outlines, m
     rows: int
     columns: int
     element_size: float  # m
@@ -35,9 +37,10 @@ class Pieces(NamedTuple):
     element: np.ndarray  # (room,) int64, row times columns plus column
     share: np.ndarray  # (room,) of the part's area; a part's shares add up to 1 if it is wholly on the surface
     lever: np.ndarray  # (room, 2) share times centroid about the part's centre, in radii of gyration
-    strip: np.ndarray  # (vertices, 2) scratch: outline clipped to a column, and its further cuts
-    cell: np.ndarray
-    spare: np.ndarray
+    x: np.ndarray  # (vertices,) scratch: a part's outline, in elements
+    y: np.ndarray
+    cells: np.ndarray  # (cells, MOMENTS) and (4,) scratch, see vibgym.physics.planar.contact_area.cut_outline
+    box: np.ndarray
 
 
 def outlines_of(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -> Outlines:
@@ -50,85 +53,50 @@ def outlines_of(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -
         x, y = part.outline.T
         area[p] = 0.5 * (x * np.roll(y, -1) - np.roll(x, -1) * y).sum()
     gyration = np.sqrt([part.gyration for part in parts])
-    return Outlines(vertex, first, area, gyration, surface.rows, surface.columns, surface.element_size)
+    radius = np.array([part.radius for part in parts]) + apron
+    return Outlines(vertex, first, area, gyration, radius, surface.rows, surface.columns, surface.element_size)
 
 
 def new_pieces(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -> Pieces:
     """Allocate the pieces of one world, for outlines with such an apron."""
-    room = sum((math.floor(2.0 * (part.radius + apron) / surface.element_size) + 2) ** 2 for part in parts)
-    # Each of four cuts keeps at most every vertex and adds at most one per edge.
-    most = 16 * max(len(part.outline) for part in parts)
-    whole = np.zeros((2, room), dtype=np.int64)
-    scratch = np.empty((3, most, 2))
-    return Pieces(whole[0], whole[1], np.zeros(room), np.zeros((room, 2)), scratch[0], scratch[1], scratch[2])
-
-
-@borrowing
-def cut_along(source, count, axis, place, side, result):
-    """Clip a polygon (count, 2) below (``side`` 1) or above (-1) ``place`` along an axis; returns the number of vertices."""
-    kept = 0
-    for k in range(count):
-        j = k + 1 if k + 1 < count else 0
-        here, there = side * (place - source[k, axis]), side * (place - source[j, axis])
-        if here >= 0.0:
-            result[kept, 0], result[kept, 1] = source[k, 0], source[k, 1]
-            kept += 1
-        if (here > 0.0 and there < 0.0) or (here < 0.0 and there > 0.0):
-            part = here / (here - there)
-            other = 1 - axis
-            result[kept, axis] = place
-            result[kept, other] = source[k, other] + part * (source[j, other] - source[k, other])
-            kept += 1
-    return kept
+    across = [math.floor(2.0 * (part.radius + apron) / surface.element_size) + 2 for part in parts]
+    room, corners = sum(each**2 for each in across), max(len(part.outline) for part in parts)
+    # Rounding may place the outline in one more row and column.
+    cells, box = np.zeros(((max(across) + 1) ** 2, MOMENTS)), np.zeros(4, dtype=np.int64)
+    part, element = np.zeros((2, room), dtype=np.int64)
+    return Pieces(part, element, np.zeros(room), np.zeros((room, 2)), *np.zeros((2, corners)), cells, box)
 
 
 @borrowing
 def cut_parts(outlines, pose, present, pieces):
-    """Cut the parts of one world at ``pose`` (parts, 3) into ``pieces``; returns their number."""
+    """Cut the parts of one world at ``pose`` (parts, 3) into ``pieces``, in the order of the parts; returns their number."""
     vertex, first, size = outlines.vertex, outlines.first, outlines.element_size
-    strip, cell, spare = pieces.strip, pieces.cell, pieces.spare
-    count = 0
+    cells, box, count = pieces.cells, pieces.box, 0
     for p in range(pose.shape[0]):
-        if not present[p]:
+        x, y, heading, reach = pose[p, 0] / size, pose[p, 1] / size, pose[p, 2], outlines.radius[p] / size
+        near = x > -reach and y > -reach and x < outlines.columns + reach and y < outlines.rows + reach
+        if not (present[p] and near and abs(heading) < math.inf):
             continue
-        cosine, sine, n = math.cos(pose[p, 2]), math.sin(pose[p, 2]), first[p + 1] - first[p]
-        low, high = math.inf, -math.inf
+        cosine, sine, n = math.cos(heading) / size, math.sin(heading) / size, first[p + 1] - first[p]
         for k in range(n):
-            x = pose[p, 0] + cosine * vertex[first[p] + k, 0] - sine * vertex[first[p] + k, 1]
-            low, high = min(low, x), max(high, x)
-        left, right = max(int(math.floor(low / size)), 0), min(int(math.floor(high / size)), outlines.columns - 1)
-        for column in range(left, right + 1):
-            low, high = math.inf, -math.inf
-            for k in range(n):
-                dx, dy = vertex[first[p] + k, 0], vertex[first[p] + k, 1]
-                spare[k, 0] = pose[p, 0] + cosine * dx - sine * dy
-                spare[k, 1] = pose[p, 1] + sine * dx + cosine * dy
-            m = cut_along(spare, n, 0, column * size, -1.0, cell)
-            m = cut_along(cell, m, 0, (column + 1) * size, 1.0, strip)
-            for k in range(m):
-                low, high = min(low, strip[k, 1]), max(high, strip[k, 1])
-            if m == 0:
-                continue
-            bottom, top = max(int(math.floor(low / size)), 0), min(int(math.floor(high / size)), outlines.rows - 1)
-            for row in range(bottom, top + 1):
-                m_row = cut_along(strip, m, 1, row * size, -1.0, spare)
-                m_row = cut_along(spare, m_row, 1, (row + 1) * size, 1.0, cell)
-                area, ax, ay = 0.0, 0.0, 0.0
-                for k in range(m_row):
-                    j = k + 1 if k + 1 < m_row else 0
-                    x0, y0 = cell[k, 0] - pose[p, 0], cell[k, 1] - pose[p, 1]
-                    x1, y1 = cell[j, 0] - pose[p, 0], cell[j, 1] - pose[p, 1]
-                    cross = x0 * y1 - x1 * y0
-                    area += 0.5 * cross
-                    ax += cross * (x0 + x1) / 6.0
-                    ay += cross * (y0 + y1) / 6.0
-                if area <= 1e-9 * outlines.area[p]:
-                    continue
-                pieces.part[count], pieces.element[count] = p, row * outlines.columns + column
-                pieces.share[count] = area / outlines.area[p]
-                pieces.lever[count, 0] = ax / (outlines.area[p] * outlines.gyration[p])
-                pieces.lever[count, 1] = ay / (outlines.area[p] * outlines.gyration[p])
-                count += 1
+            dx, dy = vertex[first[p] + k, 0], vertex[first[p] + k, 1]
+            pieces.x[k], pieces.y[k] = x + cosine * dx - sine * dy, y + sine * dx + cosine * dy
+        cut_outline(pieces.x[:n], pieces.y[:n], cells, box)
+        whole = outlines.area[p] / (size * size)
+        per_area, per_lever = 1.0 / whole, size / (whole * outlines.gyration[p])
+        for i in range(box[3]):
+            row, height, height_y = box[1] + i, 0.0, 0.0
+            for j in range(box[2] - 1, -1, -1):
+                cell, column = cells[i * box[2] + j], box[0] + j
+                area = cell[0] + height
+                if area > 1e-9 * whole and row >= 0 and row < outlines.rows and column >= 0 and column < outlines.columns:
+                    pieces.part[count], pieces.element[count] = p, row * outlines.columns + column
+                    pieces.share[count] = per_area * area
+                    pieces.lever[count, 0] = per_lever * (cell[1] + 0.5 * height + (column - x) * area)
+                    pieces.lever[count, 1] = per_lever * (cell[2] + height_y + (row - y) * area)
+                    count += 1
+                height += cell[6]
+                height_y += cell[7]
     return count
 
 
@@ -202,15 +170,15 @@ def effects(outlines, pose, present, push, gain, pieces, effect):
         outlines: of :func:`vibgym.allocation.cut.outlines_of`.
         pose: (worlds, parts, 3).  present: (worlds, parts) bool.
         push: (worlds, elements, 2) over full amplitude.
-        gain: (worlds, elements) gains from commanded to actual phasors.
+        gain: (worlds or 1, elements) gains from commanded to actual phasors.
         pieces: scratch.
         effect: (worlds, parts, 3), overwritten.
     """
     for w in range(pose.shape[0]):
-        effect[w] = 0.0
+        effect[w], strength = 0.0, gain[min(w, gain.shape[0] - 1)]
         for i in range(cut_parts(outlines, pose[w], present[w], pieces)):
             p, e = pieces.part[i], pieces.element[i]
-            x, y = gain[w, e] * push[w, e, 0], gain[w, e] * push[w, e, 1]
+            x, y = strength[e] * push[w, e, 0], strength[e] * push[w, e, 1]
             effect[w, p, 0] += pieces.share[i] * x
             effect[w, p, 1] += pieces.share[i] * y
             effect[w, p, 2] += pieces.lever[i, 0] * y - pieces.lever[i, 1] * x

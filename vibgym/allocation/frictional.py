@@ -27,8 +27,10 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.kernels.jit import borrowing
-from vibgym.physics.averaged.averages import direction, interpolate, new_scratch
+from vibgym.kernels.jit import borrowing, exact
+from vibgym.kernels.reference import reference
+from vibgym.kernels.vector import LANES, load, store
+from vibgym.physics.averaged.averages import cubic_weights, direction, new_scratch, place
 from vibgym.scene.parts import Part
 from vibgym.scene.sliding import reached
 from vibgym.scene.surface import Surface
@@ -39,14 +41,21 @@ from vibgym.simulation.schemes import check_sliding
 NEWTON = 8
 """Most iterations; three or four suffice where the averaged model holds."""
 
-CLOSE = 1e-10
-"""Tolerance of a solution, over ``g``."""
+CLOSE = 1e-6
+"""Error over ``g`` below which the next step of Newton's method is the last one; it squares the error."""
 
 ROUNDS, STILL = 8, 1e-4
 """Most iterations of the predicted velocity, and its change over the table's speed at convergence."""
 
 GUESS = 2.0
 """Largest first-order push, over the limit, from which Newton's method starts without a limit; it converges there."""
+
+
+COLUMNS = 16
+"""Columns of the table in kernels: those of :func:`coefficients` and zeros, whole vectors."""
+
+SPIN_COLUMNS = 8
+"""First columns, with those that :func:`spun` needs."""
 
 
 class Pushes(NamedTuple):
@@ -60,7 +69,8 @@ class Pushes(NamedTuple):
 class Numbers(NamedTuple):
     """Parameters of surface and parts for the kernels."""
 
-    table: np.ndarray  # (2, nodes, 11), see coefficients()
+    table: np.ndarray  # flat (2, nodes, COLUMNS), see coefficients()
+    nodes: int
     friction: np.ndarray  # (parts,)
     gyration: np.ndarray  # (parts,) radii, m
     rim: np.ndarray  # (parts,) m, see rim_of()
@@ -107,25 +117,32 @@ def force(c, gravity, second, p, q):
     return along, across
 
 
-@borrowing
-def newton(c, gravity, second, limit, along, across, idle, idle_across, p, q):
-    """Return the push (p, q) whose force is (along, across), from a first guess.
+@exact
+def look_up(numbers, speed, columns, scratch):
+    """Interpolate the first columns of the table at a speed (m/s) into ``scratch.values``."""
+    side, at = place(speed / numbers.speed)
+    table, weights = numbers.table, scratch.weights[0]
+    row = (side * numbers.nodes + cubic_weights(at * (1.0 / COUPLING_STEP), numbers.nodes, weights)) * COLUMNS
+    w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
+    for k in range(0, columns, LANES):
+        one, two = w0 * load(table, row + k), w1 * load(table, row + COLUMNS + k)
+        three, four = w2 * load(table, row + 2 * COLUMNS + k), w3 * load(table, row + 3 * COLUMNS + k)
+        store(scratch.values, k, (one + two) + (three + four))
 
-    With a ``limit`` > 0, return the push of that length whose force is on the line from (idle, idle_across) to (along, across);
-    the position on the line is a third unknown.
+
+@borrowing
+def newton(c, gravity, second, limit, along, across, idle, idle_across, p, q, share):
+    """Return the push (p, q) whose force is (along, across), from a first guess, and 1.
+
+    With a ``limit`` > 0, return the push of that length whose force is on the line from (idle, idle_across) to (along, across),
+    and the position on that line, of which ``share`` is a first guess.
     """
     change, change_across = along - idle, across - idle_across
-    share = 1.0
-    if limit > 0.0:
-        length = math.sqrt(p * p + q * q)
-        share = limit / length
-        p, q = share * p, share * q
     for _ in range(NEWTON):
         now, now_across = force(c, gravity, second, p, q)
         left, left_across = idle + share * change - now, idle_across + share * change_across - now_across
         over = 0.5 * (limit * limit - p * p - q * q) if limit > 0.0 else 0.0
-        if abs(left) + abs(left_across) < CLOSE * gravity and abs(over) < CLOSE * limit * gravity + 1e-300:
-            break
+        close = abs(left) + abs(left_across) < CLOSE * gravity and abs(over) < CLOSE * limit * gravity + 1e-300
         xx, xy = c[2] + second * q * c[4], second * (c[3] * gravity + c[4] * p)
         yx, yy = second * (c[6] * gravity + 2.0 * c[7] * p), c[1] + 2.0 * second * c[8] * q
         determinant = xx * yy - xy * yx
@@ -141,7 +158,9 @@ def newton(c, gravity, second, limit, along, across, idle, idle_across, p, q):
             more = (over - p * step_p - q * step_q) / slope
             share, step_p, step_q = share + more, step_p + more * per_p, step_q + more * per_q
         p, q = p + step_p, q + step_q
-    return p, q
+        if close:
+            break
+    return p, q, share
 
 
 def rim_of(part: Part) -> float:
@@ -160,8 +179,9 @@ def rim_of(part: Part) -> float:
 @borrowing
 def spun(numbers, k, spin, scratch):
     """Return the factors by which spin changes friction and turning pushes of part ``k``: 1 and 1 near rest."""
-    slip = abs(spin) * numbers.rim[k] / numbers.speed
-    interpolate(numbers.table, 1.0 / COUPLING_STEP, slip, scratch)
+    rim = abs(spin) * numbers.rim[k]
+    look_up(numbers, rim, SPIN_COLUMNS, scratch)
+    slip = rim / numbers.speed
     return 2.0 * scratch.values[0] / slip if slip > 1e-6 else 1.0, 2.0 * scratch.values[2]
 
 
@@ -189,7 +209,7 @@ def forward_part(numbers, k, velocity, push, scratch, acceleration):
     c, full = scratch.values, numbers.full[k]
     friction, turning = spun(numbers, k, velocity[2], scratch)
     length, cosine, sine = direction(velocity[0], velocity[1])
-    interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
+    look_up(numbers, length, COLUMNS, scratch)
     x, y, turn = full * push[0], full * push[1], full * push[2]
     p, q = cosine * x + sine * y, cosine * y - sine * x
     along, across, angular = respond(numbers, k, c, velocity[2], friction, p, q)
@@ -200,22 +220,39 @@ def forward_part(numbers, k, velocity, push, scratch, acceleration):
 
 
 @borrowing
-def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration):
-    """Compute ``push`` (3,) over full amplitude of part ``k`` for a wanted mean acceleration, and its acceleration."""
+def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration, share):
+    """Compute ``push`` (3,) over full amplitude of part ``k`` for a wanted mean acceleration, and its acceleration.
+
+    Args:
+        share: 0, or the result at a velocity nearby, whose ``push`` is then the first guess.
+
+    Returns:
+        Whether the model holds, and the share of the wanted change of acceleration that is within the limit.
+    """
     c, limit, gravity, full = scratch.values, numbers.limit[k], numbers.gravity, numbers.full[k]
     mu, second = numbers.friction[k], numbers.second[k]
     friction, turning = spun(numbers, k, velocity[2], scratch)
     length, cosine, sine = direction(velocity[0], velocity[1])
-    interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
+    look_up(numbers, length, COLUMNS, scratch)
     x, y = wanted[0] / mu, wanted[1] / mu
     along, across = cosine * x + sine * y, cosine * y - sine * x
     idle, idle_across = force(c, gravity, second, 0.0, 0.0)
-    p, q = (along - idle) / c[2], (across - idle_across) / c[1]
-    if p * p + q * q < GUESS * GUESS * limit * limit:
-        p, q = newton(c, gravity, second, 0.0, along, across, idle, idle_across, p, q)
-    if p * p + q * q > limit * limit:
-        p, q = newton(c, gravity, second, limit, along, across, idle, idle_across, p, q)
-        shorter = min(limit / math.sqrt(p * p + q * q), 1.0)  # Newton's method may end above the limit
+    p, q = full * (cosine * push[0] + sine * push[1]), full * (cosine * push[1] - sine * push[0])
+    if 0.0 < share < 1.0:
+        p, q, share = newton(c, gravity, second, limit, along, across, idle, idle_across, p, q, share)
+    if not 0.0 < share < 1.0:
+        if share == 0.0:
+            p, q = (along - idle) / c[2], (across - idle_across) / c[1]
+        share = 1.0
+        if p * p + q * q < GUESS * GUESS * limit * limit:
+            p, q, share = newton(c, gravity, second, 0.0, along, across, idle, idle_across, p, q, share)
+        if p * p + q * q > limit * limit:
+            share = limit / math.sqrt(p * p + q * q)
+            p, q, share = newton(
+                c, gravity, second, limit, along, across, idle, idle_across, share * p, share * q, share
+            )
+    if p * p + q * q > limit * limit:  # Newton's method may end above the limit
+        shorter = limit / math.sqrt(p * p + q * q)
         p, q = p * shorter, q * shorter
     turning *= 0.5 * mu * (c[1] + c[2]) / numbers.gyration[k]
     along, across, angular = respond(numbers, k, c, velocity[2], friction, p, q)
@@ -223,30 +260,47 @@ def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration):
     push[0], push[1], push[2] = (cosine * p - sine * q) / full, (sine * p + cosine * q) / full, turn / full
     acceleration[0], acceleration[1] = cosine * along - sine * across, sine * along + cosine * across
     acceleration[2] = angular + turning * turn
-    return clear_of_sticking(numbers, k, length, p, q)
+    return clear_of_sticking(numbers, k, length, p, q), share
 
 
 @borrowing
-def look_ahead(numbers, velocity, acceleration, later):
-    """Write the velocity (3,) at which friction acts to ``later`` (3,); returns its change over the table's speed."""
+def look_ahead(numbers, k, velocity, acceleration, share, later):
+    """Correct the velocity (3,) at which friction acts, ``later``; returns its error over the table's speed.
+
+    Args:
+        share: see :func:`invert_part`. Beyond the limit acceleration decreases with ``later``, roughly by the drag near rest.
+    """
     moved = 0.0
+    drag = 0.5 * numbers.friction[k] * numbers.gravity / numbers.speed if share < 1.0 else 0.0
+    factor = 1.0 / (1.0 + numbers.ahead * drag)
     for j in range(3):
         now = velocity[j] + numbers.ahead * acceleration[j]
         moved += abs(now - later[j]) if j < 2 else 0.1 * abs(now - later[j])  # spin: of a lever of a decimetre
-        later[j] = now
+        later[j] += factor * (now - later[j])
     return moved / numbers.speed
+
+
+@borrowing
+def guess_ahead(numbers, k, velocity, wanted, later):
+    """Write a first guess of ``later`` (3,): under the wanted acceleration, or that of the limit at rest if it is less."""
+    most = 0.5 * numbers.friction[k] * numbers.limit[k]
+    push = numbers.ahead * most / max(math.sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]), most)
+    turn = numbers.ahead * most / max(abs(wanted[2]) * numbers.gyration[k], most)
+    later[0], later[1] = velocity[0] + push * wanted[0], velocity[1] + push * wanted[1]
+    later[2] = velocity[2] + turn * wanted[2]
 
 
 @borrowing
 def forward(numbers, velocity, push, scratch, later, acceleration, holds):
     """Compute ``acceleration`` (batch, parts, 3) under pushes (batch, parts, 3) over full amplitude."""
+    numbers, scratch = reference(numbers), reference(scratch)
     for i in range(velocity.shape[0]):
         for k in range(velocity.shape[1]):
             at, given = velocity[i, k], acceleration[i, k]
             later[0], later[1], later[2] = at[0], at[1], at[2]
             holds[i, k] = forward_part(numbers, k, at, push[i, k], scratch, given)
             for _ in range(ROUNDS):
-                if look_ahead(numbers, at, given, later) < STILL:
+                if look_ahead(numbers, k, at, given, 0.0, later) < STILL:
                     break
                 holds[i, k] = forward_part(numbers, k, later, push[i, k], scratch, given)
 
@@ -258,15 +312,18 @@ def invert(start, stop, numbers, velocity, wanted, scratch, later, push, acceler
     Args:
         start, stop: first row of the batch, and the one after the last.
     """
+    numbers, scratch = reference(numbers), reference(scratch)
     for i in range(start, stop):
         for k in range(velocity.shape[1]):
-            at, given = velocity[i, k], acceleration[i, k]
-            later[0], later[1], later[2] = at[0], at[1], at[2]
-            holds[i, k] = invert_part(numbers, k, at, wanted[i, k], scratch, push[i, k], given)
+            at, given, share = velocity[i, k], acceleration[i, k], 0.0
+            push[i, k] = 0.0
+            guess_ahead(numbers, k, at, wanted[i, k], later)
             for _ in range(ROUNDS):
-                if look_ahead(numbers, at, given, later) < STILL:
+                holds[i, k], share = invert_part(
+                    numbers, k, later, wanted[i, k], scratch, push[i, k], given, share
+                )
+                if look_ahead(numbers, k, at, given, share, later) < STILL:
                     break
-                holds[i, k] = invert_part(numbers, k, later, wanted[i, k], scratch, push[i, k], given)
 
 
 class FrictionalInverse:
@@ -317,8 +374,10 @@ class FrictionalInverse:
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         friction = np.array([part.friction for part in self.parts])
         share = reached(self.parts)
+        table = coefficients()
         self._numbers = Numbers(
-            coefficients(),
+            np.pad(table, ((0, 0), (0, 0), (0, COLUMNS - table.shape[2]))).ravel(),
+            table.shape[1],
             friction,
             np.sqrt([part.gyration for part in self.parts]),
             np.array([rim_of(part) for part in self.parts]),

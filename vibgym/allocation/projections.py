@@ -4,6 +4,9 @@ The target phasors are projected onto the feasible ones, the missing effect is a
 and so on, from several starts spread over the disc of infeasible pushes. Of all iterates, the one with the least expected error
 is taken: the missing effect, and the effect of the spread of the elements' gains and phases.
 
+Without a smallest amplitude the feasible phasors are a convex set, so one start suffices. Its target remains the field of least
+norm of some strength, which :func:`project` therefore iterates instead of the phasors.
+
 Parts that share elements are allocated together, as a group. The starts are a fixed table, so that a world's phasors are the
 same bits alone and in a batch.
 """
@@ -16,7 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.allocation.cut import Outlines, cut_parts
-from vibgym.kernels.jit import borrowing, inlined
+from vibgym.kernels.jit import borrowing, exact, inlined
+from vibgym.kernels.reference import reference
+from vibgym.kernels.vector import LANES, bits, broadcast, lane_sum, load, maximum, sqrt, store
 
 DAMPING = 0.003
 """Damping of conflicting targets, as a share of the mean square."""
@@ -27,6 +32,10 @@ gives. Starts are the innermost index, so that loops over them become vector ins
 
 FEW_STARTS, FEW_ROUNDS = 8, 8
 """The same for larger wanted effects."""
+
+CLIPS, RELAXATION = 5, 2.0
+"""Most projections of :func:`project`, and the factor on the missing effect that each adds. For random wrenches (four in five
+beyond the limit) the missing effect is then 1.02 times the least one, as after nine projections with a factor of 1."""
 
 HALVING = 4
 """Projections after which the worse half of many starts is dropped."""
@@ -61,8 +70,8 @@ class Problem(NamedTuple):
     pose: np.ndarray  # (worlds, parts, 3)
     present: np.ndarray  # (worlds, parts) bool
     wanted: np.ndarray  # (worlds, parts, 3)
-    gain: np.ndarray  # (worlds, elements) from commanded to actual phasors
-    spread: np.ndarray  # (worlds, elements) expected error of an element's push over its size
+    gain: np.ndarray  # (worlds or 1, elements) from commanded to actual phasors
+    spread: np.ndarray  # (worlds or 1, elements) expected error of an element's push over its size
 
 
 class Scratch(NamedTuple):
@@ -70,12 +79,15 @@ class Scratch(NamedTuple):
 
     group: np.ndarray  # (parts,) int64: the first part with which each shares elements, directly or not
     slot: np.ndarray  # (elements,) int64: index of an element in its group; -1: not under a part
+    first: np.ndarray  # (parts + 1,) int64: first piece of each part, and the one after the last
+    earlier: np.ndarray  # (room,) int64: of each piece of the group, the one before it on the same element, or -1
+    latest: np.ndarray  # (room,) int64: the last piece on each element
     element: np.ndarray  # (room,) int64: elements of the group
     covered: np.ndarray  # (room,) shares of parts on each of them, summed
-    at: np.ndarray  # (parts,) int64: index of a part in its group
     part_index: np.ndarray  # (room,) int64: of each piece of the group, three times the index of its part
     element_index: np.ndarray  # (room,) int64: of each piece, index of its element
-    lever: np.ndarray  # (room, 3): of each piece, share and lever in radii of gyration, times the gain of its element
+    lever: np.ndarray  # (3, room): of each piece, share and lever in radii of gyration, times the gain of its element
+    weight: np.ndarray  # (room,): of each piece, one over the shares on its element
     variance: np.ndarray  # (room,) of each piece, squared error of its push over the element's squared push
     inverse: np.ndarray  # (3 parts, 3 parts): of the Gram matrix
     wanted: np.ndarray  # (3 parts,) wanted effect on the group's parts
@@ -83,20 +95,25 @@ class Scratch(NamedTuple):
     command: np.ndarray  # (3 parts, STARTS) strengths of the fields with the missing effect
     target: np.ndarray  # (room, 2, STARTS) accumulated phasors
     expected: np.ndarray  # (STARTS,) squared error
-    best: np.ndarray  # (room, 2) best feasible phasors
+    strength: np.ndarray  # (2, 3 parts) of the fields of project(): those of a round, and the best ones
+    push: np.ndarray  # (2, room): best feasible phasors of the elements, x and y
 
 
 def new_scratch(parts: int, elements: int, room: int) -> Scratch:
     """Return scratch memory for worlds with ``parts``, ``elements`` and ``room`` pieces."""
+    room = -(-room // LANES) * LANES  # whole vectors
     return Scratch(
         group=np.zeros(parts, dtype=np.int64),
         slot=np.full(elements, -1, dtype=np.int64),
+        first=np.zeros(parts + 1, dtype=np.int64),
+        earlier=np.zeros(room, dtype=np.int64),
+        latest=np.zeros(room, dtype=np.int64),
         element=np.zeros(room, dtype=np.int64),
         covered=np.zeros(room),
-        at=np.zeros(parts, dtype=np.int64),
         part_index=np.zeros(room, dtype=np.int64),
         element_index=np.zeros(room, dtype=np.int64),
-        lever=np.zeros((room, 3)),
+        lever=np.zeros((3, room)),
+        weight=np.zeros(room),
         variance=np.zeros(room),
         inverse=np.zeros((3 * parts, 3 * parts)),
         wanted=np.zeros(3 * parts),
@@ -104,7 +121,8 @@ def new_scratch(parts: int, elements: int, room: int) -> Scratch:
         command=np.zeros((3 * parts, STARTS)),
         target=np.zeros((room, 2, STARTS)),
         expected=np.zeros(STARTS),
-        best=np.zeros((room, 2)),
+        strength=np.zeros((2, 3 * parts)),
+        push=np.zeros((2, room)),
     )
 
 
@@ -119,10 +137,14 @@ def start_table(size: float) -> np.ndarray:
 
 
 @borrowing
-def group_parts(pieces, count, parts, group, slot):
-    """Number the parts by the groups that share elements; leaves -1 in ``slot``."""
+def group_parts(pieces, count, parts, group, slot, first):
+    """Find the first piece of each part, and number the parts by the groups that share elements; leaves -1 in ``slot``."""
+    at = 0
     for p in range(parts):
-        group[p] = p
+        group[p], first[p] = p, at
+        while at < count and pieces.part[at] == p:
+            at += 1
+    first[parts] = at
     for i in range(count):
         e, p = pieces.element[i], pieces.part[i]
         if slot[e] < 0:
@@ -153,57 +175,150 @@ def invert(matrix, n):
 
 
 @borrowing
-def gather(problem, world, pieces, count, own, work):
+def add_pair(gram, weight, lever, p, i, q, j):
+    """Add the product of fields ``p`` and ``q`` (first row of a part) on pieces ``i`` and ``j`` of an element."""
+    a, ax, ay = weight * lever[0, i], weight * lever[1, i], weight * lever[2, i]
+    b, bx, by = lever[0, j], lever[1, j], lever[2, j]
+    gram[p, q] += a * b
+    gram[p + 1, q + 1] += a * b
+    gram[p, q + 2] -= a * by
+    gram[p + 1, q + 2] += a * bx
+    gram[p + 2, q] -= ay * b
+    gram[p + 2, q + 1] += ax * b
+    gram[p + 2, q + 2] += ax * bx + ay * by
+
+
+@borrowing
+def gather(problem, world, pieces, own, work):
     """List a group's parts, elements and pieces, and invert the Gram matrix of its fields; returns the numbers of all three.
 
     A part's field is a uniform push and a rotation. The pushes have the least mean square over the covered area among all
     pushes with the wanted effect; under a single part they are therefore uniform.
     """
-    group, slot, inverse = work.group, work.slot, work.inverse
-    wanted, gain, spread = problem.wanted[world], problem.gain[world], problem.spread[world]
+    group, slot, inverse, lever = work.group, work.slot, work.inverse, work.lever
+    wanted = problem.wanted[world]
+    gain, spread = problem.gain[min(world, problem.gain.shape[0] - 1)], problem.spread[min(world, problem.spread.shape[0] - 1)]
     parts, elements, n = 0, 0, 0
     for p in range(group.shape[0]):
-        if group[p] == own:
-            work.at[p] = parts
-            for k in range(3):
-                work.wanted[3 * parts + k] = wanted[p, k]
-            parts += 1
-    for i in range(count):
-        p, e = pieces.part[i], pieces.element[i]
         if group[p] != own:
             continue
-        if slot[e] < 0:
-            slot[e] = elements
-            work.element[elements], work.covered[elements] = e, 0.0
-            elements += 1
-        work.covered[slot[e]] += pieces.share[i]
-        work.part_index[n], work.element_index[n] = 3 * work.at[p], slot[e]
-        work.lever[n, 0], work.lever[n, 1], work.lever[n, 2] = (
-            gain[e] * pieces.share[i], gain[e] * pieces.lever[i, 0], gain[e] * pieces.lever[i, 1]
-        )  # fmt: skip
-        work.variance[n] = (
-            spread[e] * spread[e] * (pieces.share[i] ** 2 + pieces.lever[i, 0] ** 2 + pieces.lever[i, 1] ** 2)
-        )
-        n += 1
+        for k in range(3):
+            work.wanted[3 * parts + k] = wanted[p, k]
+        for i in range(work.first[p], work.first[p + 1]):
+            e, share, ax, ay = pieces.element[i], pieces.share[i], pieces.lever[i, 0], pieces.lever[i, 1]
+            if slot[e] < 0:
+                slot[e] = elements
+                work.element[elements], work.covered[elements], work.latest[elements] = e, 0.0, -1
+                elements += 1
+            at = slot[e]
+            work.covered[at] += share
+            work.earlier[n], work.latest[at] = work.latest[at], n
+            work.part_index[n], work.element_index[n] = 3 * parts, at
+            lever[0, n], lever[1, n], lever[2, n] = gain[e] * share, gain[e] * ax, gain[e] * ay
+            work.variance[n] = spread[e] * spread[e] * (share * share + ax * ax + ay * ay)
+            n += 1
+        parts += 1
     for i in range(3 * parts):
         for j in range(3 * parts):
             inverse[i, j] = DAMPING if i == j else 0.0
     for i in range(n):
-        p, a, ax, ay = work.part_index[i], work.lever[i, 0], work.lever[i, 1], work.lever[i, 2]
-        weight = 1.0 / work.covered[work.element_index[i]]
-        for j in range(n):
-            if work.element_index[j] != work.element_index[i]:
-                continue
-            q, b, bx, by = work.part_index[j], work.lever[j, 0], work.lever[j, 1], work.lever[j, 2]
-            inverse[p, q] += weight * a * b
-            inverse[p + 1, q + 1] += weight * a * b
-            inverse[p, q + 2] -= weight * a * by
-            inverse[p + 1, q + 2] += weight * a * bx
-            inverse[p + 2, q] -= weight * ay * b
-            inverse[p + 2, q + 1] += weight * ax * b
-            inverse[p + 2, q + 2] += weight * (ax * bx + ay * by)
+        work.weight[i] = 1.0 / work.covered[work.element_index[i]]
+        add_pair(inverse, work.weight[i], lever, work.part_index[i], i, work.part_index[i], i)
+        j = work.earlier[i]
+        while j >= 0:
+            add_pair(inverse, work.weight[i], lever, work.part_index[i], i, work.part_index[j], j)
+            add_pair(inverse, work.weight[i], lever, work.part_index[j], j, work.part_index[i], i)
+            j = work.earlier[j]
     invert(inverse, 3 * parts)
     return parts, elements, n
+
+
+@exact
+def clip_alone(most, work, n):
+    """Compute the effect that the fields of :func:`project` lack, for one part, and the pushes under its pieces.
+
+    Returns:
+        The expected error squared, and whether any push was shortened to ``most``.
+    """
+    a_, ax_, ay_, push_x, push_y = work.lever[0], work.lever[1], work.lever[2], work.push[0], work.push[1]
+    for i in range(n, -(-n // LANES) * LANES):
+        a_[i], ax_[i], ay_[i], work.weight[i], work.variance[i] = 0.0, 0.0, 0.0, 0.0, 0.0
+    along_x, along_y, turn = work.strength[0, 0], work.strength[0, 1], work.strength[0, 2]
+    zero = broadcast(0.0)
+    x_sum, y_sum, torque, error, clipped = zero, zero, zero, zero, 0
+    for i in range(0, n, LANES):
+        a, ax, ay, weight = load(a_, i), load(ax_, i), load(ay_, i), load(work.weight, i)
+        x, y = weight * (along_x * a - turn * ay), weight * (along_y * a + turn * ax)
+        length = sqrt(x * x + y * y)
+        clipped |= bits(length > most)
+        scale = most / maximum(length, most)
+        x, y = scale * x, scale * y
+        store(push_x, i, x)
+        store(push_y, i, y)
+        x_sum, y_sum, torque = x_sum + a * x, y_sum + a * y, torque + (ax * y - ay * x)
+        error = error + load(work.variance, i) * (x * x + y * y)
+    x, y, z = work.wanted[0] - lane_sum(x_sum), work.wanted[1] - lane_sum(y_sum), work.wanted[2] - lane_sum(torque)
+    work.missing[0, 0], work.missing[1, 0], work.missing[2, 0] = x, y, z
+    return lane_sum(error) + (x * x + y * y + z * z), clipped != 0
+
+
+@borrowing
+def clip_group(most, work, parts, elements, n):
+    """Compute what :func:`clip_alone` computes, for parts that share elements; the pushes are those of the elements."""
+    lever, push, strength, missing = work.lever, work.push, work.strength, work.missing
+    for j in range(elements):
+        push[0, j], push[1, j] = 0.0, 0.0
+    for i in range(n):
+        p, j, weight = work.part_index[i], work.element_index[i], work.weight[i]
+        push[0, j] += weight * (strength[0, p] * lever[0, i] - strength[0, p + 2] * lever[2, i])
+        push[1, j] += weight * (strength[0, p + 1] * lever[0, i] + strength[0, p + 2] * lever[1, i])
+    clipped = 0
+    for j in range(elements):
+        square = push[0, j] * push[0, j] + push[1, j] * push[1, j]
+        clipped |= square > most * most
+        scale = most / math.sqrt(max(square, most * most))
+        push[0, j], push[1, j] = scale * push[0, j], scale * push[1, j]
+    expected = 0.0
+    for k in range(3 * parts):
+        missing[k, 0] = work.wanted[k]
+    for i in range(n):
+        x, y = push[0, work.element_index[i]], push[1, work.element_index[i]]
+        give(missing, work.part_index[i], 0, lever[0, i], lever[1, i], lever[2, i], x, y)
+        expected += work.variance[i] * (x * x + y * y)
+    for k in range(3 * parts):
+        expected += missing[k, 0] * missing[k, 0]
+    return expected, clipped != 0
+
+
+@borrowing
+def clip(most, work, parts, elements, n):
+    """Call :func:`clip_alone` or :func:`clip_group`."""
+    return clip_alone(most, work, n) if elements == n else clip_group(most, work, parts, elements, n)
+
+
+@borrowing
+def project(limits, work, parts, elements, n):
+    """Compute phasors of a group without a smallest amplitude, ``work.push``."""
+    strength, missing = work.strength, work.missing
+    for k in range(3 * parts):
+        strength[0, k], missing[k, 0] = 0.0, work.wanted[k]
+    least, best = math.inf, 0
+    for turn in range(CLIPS):
+        factor = 1.0 if turn == 0 else RELAXATION
+        for k in range(3 * parts):
+            for j in range(3 * parts):
+                strength[0, k] += factor * work.inverse[k, j] * missing[j, 0]
+        expected, clipped = clip(limits.most, work, parts, elements, n)
+        if turn == 0 or expected < least:
+            least, best = expected, turn
+            for k in range(3 * parts):
+                strength[1, k] = strength[0, k]
+        if not clipped:
+            break
+    if best != turn:
+        for k in range(3 * parts):
+            strength[0, k] = strength[1, k]
+        clip(limits.most, work, parts, elements, n)
 
 
 @inlined
@@ -230,7 +345,7 @@ def miss(work, parts, n, lanes):
     want(missing, work.wanted, 3 * parts, lanes)
     for i in range(n):
         p, j = work.part_index[i], work.element_index[i]
-        a, ax, ay = work.lever[i, 0], work.lever[i, 1], work.lever[i, 2]
+        a, ax, ay = work.lever[0, i], work.lever[1, i], work.lever[2, i]
         for lane in range(lanes):
             give(missing, p, lane, a, ax, ay, target[j, 0, lane], target[j, 1, lane])
 
@@ -245,7 +360,7 @@ def try_out(limits, work, parts, n, lanes):
     want(missing, work.wanted, 3 * parts, lanes)
     for i in range(n):
         p, j, variance = work.part_index[i], work.element_index[i], work.variance[i]
-        a, ax, ay = work.lever[i, 0], work.lever[i, 1], work.lever[i, 2]
+        a, ax, ay = work.lever[0, i], work.lever[1, i], work.lever[2, i]
         for lane in range(lanes):
             x, y = target[j, 0, lane], target[j, 1, lane]
             length = math.sqrt(x * x + y * y)
@@ -279,8 +394,8 @@ def add_missing(work, parts, n, lanes):
                 command[k, lane] += share * missing[j, lane]
     for i in range(n):
         p, j = work.part_index[i], work.element_index[i]
-        weight = 1.0 / work.covered[j]
-        a, ax, ay = weight * work.lever[i, 0], weight * work.lever[i, 1], weight * work.lever[i, 2]
+        weight = work.weight[i]
+        a, ax, ay = weight * work.lever[0, i], weight * work.lever[1, i], weight * work.lever[2, i]
         for lane in range(lanes):
             turn = command[p + 2, lane]
             target[j, 0, lane] += a * command[p, lane] - ay * turn
@@ -301,7 +416,7 @@ def untouched(limits, work, elements):
 
 @borrowing
 def keep_best(limits, work, elements, lanes, least):
-    """Keep the feasible phasors with the least expected error in ``work.best``, if that is less than ``least``.
+    """Keep the feasible phasors with the least expected error in ``work.push``, if that is less than ``least``.
 
     Returns:
         The least expected error so far, squared.
@@ -315,7 +430,7 @@ def keep_best(limits, work, elements, lanes, least):
             x, y = work.target[j, 0, best], work.target[j, 1, best]
             length = math.sqrt(x * x + y * y)
             scale = nearest(length, limits.least, 0.5 * limits.least, limits.most) / (length + TINY)
-            work.best[j, 0], work.best[j, 1] = scale * x, scale * y
+            work.push[0, j], work.push[1, j] = scale * x, scale * y
     return least
 
 
@@ -345,10 +460,13 @@ def begin(limits, work, parts, elements, n, lanes):
 
 
 @borrowing
-def allocate_group(problem, world, pieces, count, own, work):
-    """Compute phasors for a group of parts, ``work.best``; returns the number of elements."""
+def allocate_group(problem, world, pieces, own, work):
+    """Compute phasors for a group of parts, ``work.push``; returns the number of elements."""
     limits = problem.limits
-    parts, elements, n = gather(problem, world, pieces, count, own, work)
+    parts, elements, n = gather(problem, world, pieces, own, work)
+    if limits.least == 0.0:
+        project(limits, work, parts, elements, n)
+        return elements
     size = 0.0
     for k in range(3 * parts):
         size += work.wanted[k] * work.wanted[k]
@@ -356,7 +474,7 @@ def allocate_group(problem, world, pieces, count, own, work):
     begin(limits, work, parts, elements, n, 1)
     if untouched(limits, work, elements):
         for j in range(elements):
-            work.best[j, 0], work.best[j, 1] = work.target[j, 0, 0], work.target[j, 1, 0]
+            work.push[0, j], work.push[1, j] = work.target[j, 0, 0], work.target[j, 1, 0]
         return elements
     lanes, rounds = (limits.starts, limits.rounds) if small else (limits.few_starts, limits.few_rounds)
     if lanes > 1:
@@ -372,29 +490,29 @@ def allocate_group(problem, world, pieces, count, own, work):
 
 
 @borrowing
-def allocate(start, stop, problem, pieces, work, push):
+def allocate(start, stop, problem, pieces, work, push, as_phasors):
     """Compute the pushes of all elements of worlds ``start`` to ``stop``, see :meth:`vibgym.allocation.Allocator.pushes`.
 
     Args:
         pieces, work: scratch.
-        push: (worlds, rows, columns, 2), overwritten.
+        push: (worlds, elements, 2), overwritten with pushes (x, y), or with phasors ``-(y, x)`` if ``as_phasors``.
     """
-    outlines, pose, present, wanted = problem.outlines, problem.pose, problem.present, problem.wanted
+    outlines, problem, pieces, work = reference(problem.outlines), reference(problem), reference(pieces), reference(work)
+    pose, present, wanted, group = problem.pose, problem.present, problem.wanted, work.group
     for w in range(start, stop):
         push[w] = 0.0
         count = cut_parts(outlines, pose[w], present[w], pieces)
-        group_parts(pieces, count, pose.shape[1], work.group, work.slot)
+        group_parts(pieces, count, pose.shape[1], group, work.slot, work.first)
         for own in range(pose.shape[1]):
-            if work.group[own] != own or not present[w, own]:
+            if group[own] != own or not present[w, own]:
                 continue
             moves = False
-            for p in range(pose.shape[1]):
-                if work.group[p] == own and present[w, p]:
+            for p in range(own, pose.shape[1]):
+                if group[p] == own and present[w, p]:
                     moves = moves or wanted[w, p, 0] != 0.0 or wanted[w, p, 1] != 0.0 or wanted[w, p, 2] != 0.0
             if not moves:
                 continue
-            elements = allocate_group(problem, w, pieces, count, own, work)
-            for j in range(elements):
-                row, column = work.element[j] // outlines.columns, work.element[j] % outlines.columns
-                push[w, row, column, 0], push[w, row, column, 1] = work.best[j, 0], work.best[j, 1]
-                work.slot[work.element[j]] = -1
+            for j in range(allocate_group(problem, w, pieces, own, work)):
+                e, x, y = work.element[j], work.push[0, j], work.push[1, j]
+                work.slot[e] = -1
+                push[w, e, 0], push[w, e, 1] = (-y, -x) if as_phasors else (x, y)

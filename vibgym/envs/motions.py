@@ -16,6 +16,7 @@ from vibgym.allocation import Allocator
 from vibgym.allocation.allocator import strongest
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.envs.actions import ACTIONS, Action
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.drive import Drive, phasor_drive
 from vibgym.scene.parts import Part
 from vibgym.scene.sliding import reached, sliding_of
@@ -65,6 +66,8 @@ class Wrench(Action):
         self._process = FrictionalInverse(self.surface, self.parts, limit=sheet.limit, ahead=0.5 * self.surface.period)
         self._unserved = np.zeros((worlds, len(self.parts)), dtype=np.int64)
         self._given = np.zeros((worlds, *self.shape))
+        values = np.zeros((worlds, 2 * self.surface.rows * self.surface.columns), dtype=np.float32)
+        self._drive = phasor_drive(values, self.surface.columns, self.full_scale)
         return {"unserved": self._unserved}
 
     def left_out(self, measurement: Measurement) -> np.ndarray:
@@ -100,8 +103,8 @@ class Wrench(Action):
         self._unserved[...] = np.select(reasons, [GONE, BESIDE, STICKS, LEFT_OUT], SERVED)
         served = self._unserved == SERVED
         self._given[...] = np.where(served[..., None], given, 0.0)
-        actions = self.allocator.actions(pose, served, np.where(served[..., None], push, 0.0))
-        return phasor_drive(actions, self.surface.columns, self.full_scale)
+        self.allocator.actions(pose, served, np.where(served[..., None], push, 0.0), out=self._drive.values)
+        return self._drive
 
 
 TOP_SHARE = 5.0 / 6.0
@@ -188,12 +191,23 @@ class Target(Velocity):
 
     def _speed(self, way: np.ndarray, now: np.ndarray) -> np.ndarray:
         """Return speeds (worlds, parts, 3) towards the targets at the end of the step: ``v = curve(way - T (now + v) / 2)``."""
-        step, speed = self.step_time, now
-        for iteration in range(ITERATIONS):
-            left = np.maximum(way - 0.5 * step * (now + speed), 0.0)
-            allowed = np.minimum(np.sqrt(2.0 * self._braking * left), APPROACH / step * left)
-            speed = allowed if iteration == 0 else 0.5 * (speed + allowed)
-        return np.minimum(speed, self.top)
+        speed = np.empty_like(way)
+        brake(way, now, self._braking, self.top, self.step_time, speed)
+        return speed
+
+
+@borrowing
+def brake(way, now, braking, top, step, speed):
+    """Compute ``speed``, see :meth:`Target._speed`."""
+    for w in range(way.shape[0]):
+        for p in range(way.shape[1]):
+            for k in range(3):
+                v = now[w, p, k]
+                for iteration in range(ITERATIONS):
+                    left = max(way[w, p, k] - 0.5 * step * (now[w, p, k] + v), 0.0)
+                    allowed = min(math.sqrt(2.0 * braking[p, k] * left), APPROACH / step * left)
+                    v = allowed if iteration == 0 else 0.5 * (v + allowed)
+                speed[w, p, k] = min(v, top[p, k])
 
 
 def _polar(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -203,7 +203,7 @@ def _identity(value):
     return value
 
 
-lane_minimum = lane_maximum = _identity
+lane_minimum = lane_maximum = lane_sum = _identity
 load_register = load_mask = load
 store_mask = store
 broadcast_register = broadcast

@@ -13,6 +13,7 @@ from __future__ import annotations
 import operator
 import os
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from llvmlite import binding, ir
@@ -288,26 +289,33 @@ sqrt = _intrinsic("llvm.sqrt", 1)  # IEEE rounding; the bits of estimates such a
 def _extremum(how: str) -> tuple[Any, Any]:
     """Return the function that selects lanes by a comparison, the second if either is NaN, and the reduction over lanes."""
 
-    @_function(_ANY_VEC, _ANY_VEC, _ANY_VEC)
-    def lane_by_lane(builder: Any, one: Any, other: Any) -> Any:
+    def choose(builder: Any, one: Any, other: Any) -> Any:
         return builder.select(builder.fcmp_ordered(how, one, other), one, other)
+
+    lane_by_lane = _function(_ANY_VEC, _ANY_VEC, _ANY_VEC)(choose)
 
     @_function(types.float64, _ANY_VEC)
     def over_lanes(builder: Any, value: Any) -> Any:
-        return _reduce(builder, value, how)
+        return _reduce(builder, value, partial(choose, builder))
 
     return lane_by_lane, over_lanes
 
 
-def _reduce(builder: Any, value: Any, how: str) -> Any:
+def _reduce(builder: Any, value: Any, combine: Callable[[Any, Any], Any]) -> Any:
     lanes = width = value.type.count
     undefined = ir.Constant(value.type, ir.Undefined)
     while width > 1:
         width //= 2
         where = [k + width if k < width else k for k in range(lanes)]
         other = builder.shuffle_vector(value, undefined, ir.Constant(ir.VectorType(_INDEX, lanes), where))
-        value = builder.select(builder.fcmp_ordered(how, value, other), value, other)
+        value = combine(value, other)
     return builder.extract_element(value, ir.Constant(_INDEX, 0))
+
+
+@_function(types.float64, _ANY_VEC)
+def lane_sum(builder: Any, value: Any) -> Any:
+    """Sum the lanes, in pairs."""
+    return _reduce(builder, value, builder.fadd)
 
 
 minimum, lane_minimum = _extremum("<")
