@@ -81,7 +81,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     - ``drawn``: values drawn by ``randomize``.
     - ``measured``: ``age`` (periods) and ``sigma`` (m, m, rad) of the measurement, unless the sensor is ideal.
     - ``commanded``: with actions that command motions, ``unserved`` (parts,), an index of
-      :data:`vibgym.envs.motions.REASONS`.
+      :data:`vibgym.envs.motions.REASONS`; with ``"target"`` also ``moved`` (parts, 2), m, see :class:`vibgym.envs.Target`.
 
     Args:
         task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, ``"Pack"``,
