@@ -43,7 +43,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     | ``"velocity"`` | (parts, 3) | velocity of each part at the end of the step, see :class:`vibgym.envs.Velocity` |
     | ``"target"`` | (parts, 3) | pose of each part to go to, relative to the measured one, see :class:`vibgym.envs.Target` |
 
-    For learning, start with ``"field"``: 6 numbers per part. ``"element"`` has 512 numbers on the prototype.
+    For learning, start with ``"velocity"``, or ``"target"`` for one part; ``docs/learning.md`` compares the actions.
+    ``"element"`` has 512 numbers on the prototype.
 
     ## Observation space
     | ``observation=`` | space | content |
