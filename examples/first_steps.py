@@ -8,8 +8,8 @@ import pygame
 
 import vibgym
 
-# Align: move a part to a goal pose. One step is one period of the table, 40 ms; "field" has six values per part.
-env = gym.make("vibgym/Align-v0", action="field", render_mode="rgb_array")
+# Align: move a part to a goal pose. One step is one period of the table, 40 ms; "velocity" has three values per part.
+env = gym.make("vibgym/Align-v0", action="velocity", render_mode="rgb_array")
 observation, info = env.reset(seed=0)
 for _ in range(10):
     observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
@@ -18,7 +18,7 @@ print(
 )
 
 # A thousand worlds are one compiled batch. Finished episodes are reset automatically.
-envs = gym.make_vec("vibgym/Align-v0", num_envs=1000, action="field")
+envs = gym.make_vec("vibgym/Align-v0", num_envs=1000, action="velocity")
 envs.reset(seed=0)
 _, rewards, *_ = envs.step(envs.action_space.sample())
 print(f"a thousand worlds, mean reward of a step {rewards.mean():.3f}")

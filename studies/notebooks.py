@@ -31,7 +31,7 @@ LOCAL_PATHS = (str(ROOT), str(Path.home()), sys.prefix, tempfile.gettempdir() + 
 
 def names() -> list[str]:
     """Return the names of all notebooks, in reading order."""
-    order = ("first_steps", "train_in_three_minutes", "speed_against_error")
+    order = ("first_steps", "train_in_seconds", "speed_against_error")
     found = {path.stem for path in FOLDER.glob("*.ipynb")}
     return [*(name for name in order if name in found), *sorted(found - {*order})]
 

@@ -1,6 +1,7 @@
 """The examples run at small size."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +17,7 @@ EXAMPLES = {
     "own_sensor": ("10", "off by up to 0.0 mm: success 100 %, ends 0.00 mm"),
     "own_task": ("10", "pose         100.0 %"),
     "speed_against_error": ("16", "averaged  {'order': 2}"),
+    "train_ppo": ("100000", "trained"),
 }
 """Examples by name: argument, and part of the output."""
 
@@ -39,3 +41,6 @@ def test_an_example_runs(name, tmp_path):
     assert done.returncode == 0, done.stderr[-2000:]
     assert expected in done.stdout
     assert (name == "first_steps") == picture.exists()
+    if name == "train_ppo":
+        shares = [float(each) for each in re.findall(r"success ([\d.]+) %", done.stdout)]
+        assert len(shares) == 2 and shares[0] < 20.0 and shares[1] >= 90.0

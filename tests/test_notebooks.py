@@ -10,14 +10,14 @@ from studies import notebooks
 
 SMALL = {
     "first_steps": {"EPISODES": 4, "WORLDS": 8, "FRAMES": 2},
-    "train_in_three_minutes": {"STEPS": 64, "PARTS": 2, "WORLDS": 2, "EPISODES": 2, "FRAMES": 2},
+    "train_in_seconds": {"STEPS": 64, "PARTS": 2, "WORLDS": 2, "EPISODES": 2, "FRAMES": 2},
     "speed_against_error": {"WORLDS": 8, "REPEATS": 2},
 }
 """Notebook -> parameters."""
 
 PRINTED = {
     "first_steps": "learned      100.0 %, median",
-    "train_in_three_minutes": "the law pose  success 100.0 %, median",
+    "train_in_seconds": "the law pose  success 100.0 %, median",
     "speed_against_error": "averaged  {'order': 2}",
 }
 
@@ -65,7 +65,7 @@ def test_stored_notebooks_are_small_valid_and_free_of_local_paths():
 
 def test_the_stored_training_learns():
     before, after = (
-        line for line in shown(read("train_in_three_minutes"))[0].splitlines() if line[:6] in ("before", "after ")
+        line for line in shown(read("train_in_seconds"))[0].splitlines() if line[:6] in ("before", "after ")
     )
     success = [float(line.split("success")[1].split("%")[0]) for line in (before, after)]
     assert success[0] < 20.0 and success[1] >= 95.0
@@ -73,7 +73,7 @@ def test_the_stored_training_learns():
 
 @pytest.mark.parametrize("name, package, extra", [
     ("first_steps", "matplotlib", "notebooks"),
-    ("train_in_three_minutes", "stable_baselines3", "learn"),
+    ("train_in_seconds", "stable_baselines3", "learn"),
     ("speed_against_error", "matplotlib", "notebooks"),
 ])  # fmt: skip
 def test_notebooks_report_a_missing_extra_in_one_line(name, package, extra, tmp_path):

@@ -24,7 +24,7 @@ BLOCKS = [Part.rectangle(0.05, 0.04, friction=0.6), Part.disc(0.02, friction=0.6
 
 
 def environment(name: str = "vibgym/Align-v0", **settings: Any) -> None:
-    """Run a step of an environment. All actions use the same kernels, see :class:`vibgym.physics.core.drive.Drive`."""
+    """Run a step of an environment. The simulator has the same kernels for all actions (:mod:`vibgym.physics.core.drive`)."""
     made = gymnasium.make(name, **settings)
     made.reset(seed=0)
     made.step(made.action_space.sample())
@@ -119,7 +119,8 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     yield from PLUGINS.items()
     yield "allocation", allocation
     yield "bounds", bounds
-    yield "wrench action", lambda: environment(action="wrench")
+    for action in ("patch", "wrench"):
+        yield f"{action} action", partial(environment, action=action)
     yield "viewers", phasors
     yield "many worlds", many_worlds
     yield "policies", policies

@@ -20,6 +20,7 @@ EXAMPLES = {
     "own_task": ("10", "play"),
     "speed_against_error": ("16", "play"),
     "own_reward_sac": ("320", "learn"),
+    "train_ppo": ("4096", "learn"),
 }
 """Example -> argument for a small run, and required extra."""
 

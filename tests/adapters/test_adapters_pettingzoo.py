@@ -17,7 +17,7 @@ FEW = {"max_episode_steps": 40}
 
 
 @pytest.mark.parametrize("settings", [
-    *({"action": action} for action in ("wrench", "patch", "field")), {"randomize": {"parts": [2, 4]}},
+    *({"action": action} for action in ("wrench", "velocity", "target", "patch", "field")), {"randomize": {"parts": [2, 4]}},
 ])  # fmt: skip
 def test_pettingzoo_api(settings):
     settings = {**settings, **FEW}
@@ -53,7 +53,7 @@ def test_ids_of_registered_environments_are_names(monkeypatch):
         vibgym.parallel_env("Juggle")
 
 
-@pytest.mark.parametrize("action", ["wrench", "patch"])
+@pytest.mark.parametrize("action", ["wrench", "velocity", "target", "patch"])
 def test_agents_get_their_rows_of_all_arrays(action):
     settings = {"randomize": {"parts": [3, 3]}, "slots": 8, "action": action, "max_episode_steps": 6}
     many = vibgym.parallel_env("Sort", **settings)

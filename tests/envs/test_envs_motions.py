@@ -22,6 +22,18 @@ def commanded(env, action):
     return np.sign(action) * action**2 * env.unwrapped.core.action.top
 
 
+def action_to(env, pose, target):
+    """Return the action that commands target poses (worlds, parts, 3)."""
+    offset = np.clip((target - pose) / env.core.action.reach, -1.0, 1.0)
+    return (np.sign(offset) * np.sqrt(np.abs(offset))).astype(np.float32)
+
+
+def go_to(env, target, steps):
+    """Step a single environment towards target poses (parts, 3)."""
+    for _ in range(steps):
+        env.step(action_to(env, env.truth.pose[0], np.asarray(target)))
+
+
 @pytest.mark.parametrize("periods, error", [(1, 0.004), (2, 0.012)])
 def test_parts_reach_the_commanded_velocity(periods, error):
     """The mean velocity over the last period of a step, from rest, within two steps."""
@@ -70,10 +82,9 @@ def test_velocities_are_reached_on_the_prototype():
 def test_a_part_goes_to_a_fixed_target_without_overshoot(start, target, periods):
     env = single("Transport", action="target", periods_per_step=periods).unwrapped
     env.reset(seed=4, options={"pose": start, "goal": [0.7, 0.05, 0.0]})
-    reach, way = env.core.action.reach, []
+    way = []
     for _ in range(100 // periods):
-        offset = np.clip((np.array(target) - env.truth.pose[0, 0]) / reach, -1.0, 1.0)
-        env.step((np.sign(offset) * np.sqrt(np.abs(offset))).astype(np.float32))
+        go_to(env, [target], 1)
         way.append(env.truth.pose[0, 0])
     off = np.abs(way[-1] - target)
     assert off[:2].max() < 1e-4 and off[2] < math.radians(0.2)
@@ -85,11 +96,17 @@ def test_a_part_goes_to_a_fixed_target_without_overshoot(start, target, periods)
 def test_targets_beyond_a_border_are_inside():
     env = single("Transport", action="target").unwrapped
     env.reset(seed=5, options={"pose": [0.4, 0.15, 0.0], "goal": [0.7, 0.05, 0.0]})
+    border, moved, wanted = env.surface.depth - env.core.action.margin, [], []
     for _ in range(40):
-        env.step(np.array([0.0, 1.0, 0.0], dtype=np.float32))
-    assert not env.truth.fallen.any() and env.truth.pose[0, 0, 1] == pytest.approx(
-        env.surface.depth - env.core.action.margin, abs=5e-4
+        wanted.append(env.truth.pose[0, 0, 1] + 0.12)
+        *_, info = env.step(np.array([0.0, 1.0, 0.0], dtype=np.float32))
+        moved.append(info["commanded"]["moved"][0])
+    assert not env.truth.fallen.any() and env.truth.pose[0, 0, 1] == pytest.approx(border, abs=5e-4)
+    np.testing.assert_allclose(
+        moved, np.stack([np.zeros(40), np.minimum(border - np.array(wanted), 0.0)], axis=1), atol=1e-9
     )
+    *_, info = env.step(np.array([0.3, -0.3, 1.0], dtype=np.float32))
+    assert not info["commanded"]["moved"].any()
 
 
 SHARES = st.lists(st.floats(-0.9, 0.9), min_size=3, max_size=3)
@@ -121,7 +138,56 @@ def test_a_controller_acts_the_same_in_motions_as_in_phasors(name):
     assert np.abs(times[1] - times[0]).max() <= 0.12 and np.isfinite(times).all()
 
 
+@pytest.mark.parametrize("model", ["averaged", "tilting"])
+@pytest.mark.parametrize("name", ["velocity", "target"])
+def test_motions_in_other_models(name, model):
+    """Of a rigid part, too, whose pressure is not the one that the inverse of friction assumes."""
+    env = single("Transport", action=name, model=model).unwrapped
+    env.reset(seed=1, options={"pose": [0.3, 0.1, 0.3], "goal": [0.7, 0.1, 0.0]})
+    if name == "target":
+        go_to(env, [[0.36, 0.13, 0.9]], 60)
+        np.testing.assert_allclose(env.truth.pose[0], [[0.36, 0.13, 0.9]], atol=1e-4)
+        return
+    action, seen = np.array([0.6, 0.2, 0.3]), []
+    for _ in range(12):
+        env.step(action.astype(np.float32))
+        seen.append(env.truth.mean_velocity[0, 0])
+    off = (np.mean(seen[4:], axis=0) - commanded(env, action)) / env.core.action.top
+    assert np.abs(off).max() < 0.02
+
+
+@pytest.mark.parametrize("name", ["velocity", "target"])
+def test_parts_that_share_elements(name):
+    """Two parts 7 mm apart, under both of which lie the same elements, move apart and turn against each other."""
+    env = single("Singulate", action=name, parts=["aluminium_block"] * 2).unwrapped
+    start = np.array([[0.38, 0.100, 0.0], [0.437, 0.104, 0.2]])
+    env.reset(seed=1, options={"pose": start})
+    if name == "target":
+        go_to(env, start + [[-0.03, 0.0, -0.2], [0.03, 0.01, 0.2]], 60)
+        np.testing.assert_allclose(env.truth.pose[0], start + [[-0.03, 0.0, -0.2], [0.03, 0.01, 0.2]], atol=1e-4)
+        return
+    action = np.array([[-0.4, 0.2, 0.2], [0.4, 0.1, -0.2]])
+    for _ in range(3):
+        env.step(action.astype(np.float32))
+    off = (env.truth.mean_velocity[0] - commanded(env, action)) / env.core.action.top
+    assert np.abs(off).max() < 0.01
+
+
+def test_measured_targets_are_reached_on_the_prototype():
+    """With latency, dead zone, gain and phase errors, and an estimator: to the precision of the measurement."""
+    env = batch("Align", 32, action="target", **MACHINE).unwrapped
+    env.reset(seed=3)
+    side = np.where(np.arange(32) % 2, 1.0, -1.0)[:, None, None]
+    target = env.truth.pose + side * [0.05, 0.0, 0.3]
+    target[..., :2] = np.clip(target[..., :2], 0.03, [0.80, 0.17])
+    for _ in range(80):
+        env.step(action_to(env, env.core.sensing.measurement.pose, target))
+    off = np.abs(env.truth.pose - target)
+    assert not env.truth.fallen.any() and off[..., :2].max() < 1e-3 and off[..., 2].max() < math.radians(1.5)
+
+
 @pytest.mark.parametrize("name", ["velocity", "target"])
 def test_a_part_that_can_stick_is_rejected(name):
-    with pytest.raises(ValueError, match="stick|slid"):
+    """The error names the part and advises other actions: no model would help."""
+    with pytest.raises(ValueError, match="parts='aluminium_block' requires a part that always slides.*such as 'field'"):
         single("Align", action=name, surface={"frequency": 5.0})

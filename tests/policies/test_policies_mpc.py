@@ -14,7 +14,9 @@ from vibgym.policies.task_info import TaskInfo
 SMALL = {"kind": "mpc", "samples": 6, "horizon": 4, "iterations": 1}
 
 
-@pytest.mark.parametrize("task, action", [("Align", "wrench"), ("Sort", "field"), ("Rotate", "patch")])
+@pytest.mark.parametrize("task, action", [
+    ("Align", "wrench"), ("Align", "velocity"), ("Sort", "target"), ("Sort", "field"), ("Rotate", "patch"),
+])  # fmt: skip
 def test_the_model_agrees_with_the_world(task, action):
     env = batch(task, 3, action=action)
     seen, _ = env.reset(seed=FRESH)
@@ -71,6 +73,8 @@ def test_plans_reach_goals_and_improve_a_base_policy():
     assert alone.success.all()
     same = rollout({"kind": "mpc", "samples": 24, "action": "field", "base": "zero"}, "Align", seeds=seeds)
     np.testing.assert_array_equal(same.returns, alone.returns)  # variations of zero actions
+    for action in ("velocity", "target"):
+        assert rollout({"kind": "mpc", "samples": 24, "action": action}, "Align", seeds=seeds).success.all()
     base = rollout("pose", "Align", seeds=seeds)
     led = rollout({"kind": "mpc", "base": "pose"}, "Align", seeds=seeds)
     assert led.success.all() and led.returns.mean() > base.returns.mean() - 0.1

@@ -50,6 +50,8 @@ ROUNDS, STILL = 8, 1e-4
 GUESS = 2.0
 """Largest first-order push, over the limit, from which Newton's method starts without a limit; it converges there."""
 
+REMEDY = "use an action or a policy that does not invert friction, such as 'field' or 'local_field'"
+
 
 COLUMNS = 16
 """Columns of the table in kernels: those of :func:`coefficients` and zeros, whole vectors."""
@@ -364,7 +366,7 @@ class FrictionalInverse:
         assert largest is not None
         for part in self.parts:
             checks.instance("parts", part, Part)
-            check_sliding(surface, part.static_friction, argument="parts", value=part.name)
+            check_sliding(surface, part.static_friction, argument="parts", value=part.name, remedy=REMEDY)
             checks.number(f"friction of part {part.name!r}", part.friction, above=0.0)
         if limit is not None:
             limit = checks.number("limit", limit, above=0.0)

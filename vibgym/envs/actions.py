@@ -12,7 +12,7 @@ from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.actuators import DataSheet
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import borrowing, exact
 from vibgym.physics.core.drive import (
     CARTESIAN,
     ELEMENT,
@@ -62,6 +62,25 @@ def copy_finite(values, kept):
         for k in range(values.shape[1]):
             kept[w, k] = values[w, k]
     return True
+
+
+@exact
+def follow_patches(pose, gone, element_size, shift, origin, centre):
+    """Write first row and column of the parts' patches, and their centres in elements, which are nowhere for parts gone.
+
+    Args:
+        pose: (worlds, parts, 3) m, m, rad.
+        gone: (worlds, parts) bool.
+        element_size: m.
+        shift: from a centre to the first element, elements; rounded down.
+        origin, centre: (worlds, parts, 2), overwritten.
+    """
+    for w in range(pose.shape[0]):
+        for part in range(pose.shape[1]):
+            for k in range(2):
+                at = pose[w, part, 1 - k] / element_size
+                origin[w, part, k] = math.floor(at + shift)
+                centre[w, part, k] = NOWHERE if gone[w, part] else at
 
 
 WORTH_SHARING = 2**20
@@ -260,10 +279,8 @@ class Patch(Action):
             shape = measurement.pose.shape[:2]
             origin, centre = np.zeros((*shape, 2), dtype=np.int64), np.zeros((*shape, 2))
             self._drive = patch_drive(values, origin, centre, self.side, self.full_scale)
-        drive = self._drive
-        np.divide(measurement.pose[:, :, 1::-1], self.surface.element_size, out=drive.centre)
-        drive.origin[...] = np.floor(drive.centre + (0.5 - 0.5 * self.side))
-        drive.centre[measurement.gone] = NOWHERE
+        drive, shift = self._drive, 0.5 - 0.5 * self.side
+        follow_patches(measurement.pose, measurement.gone, self.surface.element_size, shift, drive.origin, drive.centre)
         if drive.values is not values:
             self._drive = drive._replace(values=values)
         return self._drive

@@ -32,8 +32,8 @@ COUNTS = {"parts_done": PARTS_DONE, "touching": IN_TOUCH}
 FLAGS = {"ended": ENDED, "fallen": DOWN, "is_success": SUCCEEDED}
 """Fields of ``info`` and their columns in ``number``, ``count`` and ``flag`` of :class:`vibgym.tasks.episode.Episode`."""
 
-COLUMNS = (NUMBERS, COUNTS, {**FLAGS, "diverged": -1})
-ROWS = {name: (group, row) for group, names in enumerate(COLUMNS) for row, name in enumerate(names)}
+GROUPS = (NUMBERS, COUNTS, (*FLAGS, "diverged"))
+ROWS = {name: (group, row) for group, names in enumerate(GROUPS) for row, name in enumerate(names)}
 """Location of each field in a :class:`Report`: index of the array, and row."""
 
 NUMBER, COUNT, FLAG = (tuple(each.values()) for each in (NUMBERS, COUNTS, FLAGS))

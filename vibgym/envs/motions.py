@@ -156,7 +156,10 @@ class Target(Velocity):
 
     A value ``a`` commands ``sign(a) a^2`` times 0.12 m, or 90 degrees. A part gets the acceleration that puts it on the curve
     from which it can just stop at the target, at most at the speed of :class:`Velocity`; 0 stops it.
-    Targets beyond a border of the surface are moved inside, to :attr:`margin` from it.
+
+    A target beyond a border of the surface is moved inside, to :attr:`margin` from it. This is no error, since policies that
+    explore command such targets near a border; ``info["commanded"]["moved"]`` (parts, 2) has the displacement, m, zeros for
+    targets inside.
 
     Attributes:
         reach: (3,) displacements and turn of an action of 1, m, m, rad.
@@ -170,13 +173,20 @@ class Target(Velocity):
         self.margin = 2.0 * self.surface.horizontal_amplitude
         plant = sliding_of(self.surface, self.parts, strongest(self.surface, sheet))
         self._braking = np.stack([BRAKING * plant.push, BRAKING * plant.push, TURN_BRAKING * plant.turn_push], axis=-1)
-        return super().resolve_limits(sheet, worlds)
+        self._moved = np.zeros((worlds, len(self.parts), 2))
+        return {**super().resolve_limits(sheet, worlds), "moved": self._moved}
+
+    def live(self) -> dict[str, np.ndarray]:
+        return {**super().live(), "moved": self._moved}
+
+    def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
+        _, moved = self._inside(values.reshape(-1, *self.shape), measurement.pose)
+        self._moved[...] = np.where(measurement.gone[..., None], 0.0, moved)
+        return super().command(values, measurement)
 
     def acceleration(self, values: np.ndarray, velocity: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """See :meth:`Wrench.acceleration`."""
-        offset = values * np.abs(values) * self.reach
-        most = np.array([self.surface.width, self.surface.depth]) - self.margin
-        offset[..., :2] = np.clip(pose[..., :2] + offset[..., :2], self.margin, most) - pose[..., :2]
+        offset, _ = self._inside(values, pose)
         way, direction = _polar(offset)
         return (self._speed(way, _towards(velocity, direction)) * direction - velocity) / self.step_time
 
@@ -188,6 +198,14 @@ class Target(Velocity):
         way = np.maximum(left + 0.5 * self.step_time * (now + speed), 0.0)
         offset = way * direction / self.reach
         return np.sign(offset) * np.sqrt(np.abs(offset))
+
+    def _inside(self, values: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return displacements and turns (worlds, parts, 3) to the targets, and how far (..., 2) m they are moved inside."""
+        offset = values * np.abs(values) * self.reach
+        wanted = pose[..., :2] + offset[..., :2]
+        inside = np.clip(wanted, self.margin, np.array([self.surface.width, self.surface.depth]) - self.margin)
+        offset[..., :2] = inside - pose[..., :2]
+        return offset, inside - wanted
 
     def _speed(self, way: np.ndarray, now: np.ndarray) -> np.ndarray:
         """Return speeds (worlds, parts, 3) towards the targets at the end of the step: ``v = curve(way - T (now + v) / 2)``."""

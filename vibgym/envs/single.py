@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
-from operator import itemgetter
-from typing import Any, Unpack
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -13,11 +12,10 @@ from gymnasium.utils import seeding
 
 from vibgym import checks
 from vibgym.envs.core import Core
-from vibgym.envs.info import COLUMNS, InfoData
+from vibgym.envs.info import COUNTS, FLAGS, NUMBERS, InfoData
 from vibgym.envs.options import Keywords, Options
 from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.snapshots import check_keys, generator_from, generator_state
-from vibgym.tasks.episode import REWARD
 
 RENDER_MODES = ("rgb_array", "human")
 _FIRST = np.zeros(1, dtype=np.int64)
@@ -45,7 +43,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     | ``"velocity"`` | (parts, 3) | velocity of each part at the end of the step, see :class:`vibgym.envs.Velocity` |
     | ``"target"`` | (parts, 3) | pose of each part to go to, relative to the measured one, see :class:`vibgym.envs.Target` |
 
-    For learning, start with ``"field"``: 6 numbers per part. ``"element"`` has 512 numbers on the prototype.
+    For learning, start with ``"velocity"``, or ``"target"`` for one part; ``docs/learning.md`` compares the actions.
+    ``"element"`` has 512 numbers on the prototype.
 
     ## Observation space
     | ``observation=`` | space | content |
@@ -81,7 +80,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     - ``drawn``: values drawn by ``randomize``.
     - ``measured``: ``age`` (periods) and ``sigma`` (m, m, rad) of the measurement, unless the sensor is ideal.
     - ``commanded``: with actions that command motions, ``unserved`` (parts,), an index of
-      :data:`vibgym.envs.motions.REASONS`.
+      :data:`vibgym.envs.motions.REASONS`; with ``"target"`` also ``moved`` (parts, 2), m, see :class:`vibgym.envs.Target`.
 
     Args:
         task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, ``"Pack"``,
@@ -229,44 +228,53 @@ class WorldInfo:
     """Writer of the ``info`` of a single environment: Python numbers, and copies of arrays."""
 
     def __init__(self, data: InfoData) -> None:
-        self._data, episode = data, data.episode
-        starts = np.cumsum([0, episode.number.shape[1], episode.count.shape[1], episode.flag.shape[1]])
-        columns = {name: int(start) + column for start, names in zip(starts, COLUMNS) for name, column in names.items()}
-        columns["diverged"] = int(starts[-1])
-        self._pick = itemgetter(*(columns[name] for name in data.fields), columns["ended"])  # two or more: a tuple
+        episode, names = data.episode, data.names
+        columns = zip((episode.number, episode.count, episode.flag), (NUMBERS, COUNTS, FLAGS))
+        live = {name: array[:, column] for array, each in columns for name, column in each.items()}
+        live["diverged"] = data.diverged
+        parts = {
+            "done": episode.done, "fallen": episode.part_fallen, "present": episode.present,
+            "reward": episode.part_reward, **data.part_extra,
+            "reward_terms": {name: data.part_terms[..., k] for k, name in enumerate(names)},
+        }  # fmt: skip
+        info = {
+            **{name: live[name] for name in data.fields}, **data.extra,
+            "reward_terms": {name: data.terms[:, k] for k, name in enumerate(names)},
+            **data.groups, "parts": parts,
+        }  # fmt: skip
+        self._reward, self._ended = (live[name][:1].item for name in ("reward", "ended"))
+        self._groups: list[Group] = []
+        _flatten(self._groups, "info", info, 0)
 
     def read(self) -> tuple[float, bool, dict[str, Any]]:
         """Return reward, whether the episode has ended, and ``info``."""
-        data = self._data
-        episode, names = data.episode, data.names
-        number = episode.number[0].tolist()
-        values = number + episode.count[0].tolist() + episode.flag[0].tolist() + data.diverged.tolist()
-        *known, ended = self._pick(values)
-        info: dict[str, Any] = dict(zip(data.fields, known))
-        for name, live in data.extra.items():
-            info[name] = live[0].item()
-        info["reward_terms"] = dict(zip(names, data.terms[0].tolist()))
-        if data.groups:
-            info |= _first_world(data.groups)
-        parts: dict[str, Any] = {
-            "done": episode.done[0].copy(),
-            "fallen": episode.part_fallen[0].copy(),
-            "present": episode.present[0].copy(),
-            "reward": episode.part_reward[0].copy(),
-        }
-        if data.part_extra:
-            parts |= _first_world(data.part_extra)
-        parts["reward_terms"] = dict(zip(names, data.part_terms[0].T.copy()))
-        info["parts"] = parts
-        return number[REWARD], ended, info
+        made: list[dict[str, Any]] = [{}]
+        for name, parent, readers in self._groups:
+            values: dict[str, Any] = {}
+            for key, read in readers:
+                values[key] = read()
+            made[parent][name] = values
+            made.append(values)
+        return self._reward(), self._ended(), made[0]["info"]
 
 
-def _first_world(group: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the first world's entries of live arrays (worlds, ...): numbers, and copies of arrays."""
-    first: dict[str, Any] = {}
-    for name, values in group.items():
+class Group(NamedTuple):
+    """Numbers and arrays of ``info`` or of a dictionary in it."""
+
+    name: str
+    parent: int  # number of the dictionary that contains it; 0: the one that contains ``info``
+    readers: list[tuple[str, Callable[[], Any]]]  # by name
+
+
+def _flatten(groups: list[Group], name: str, live: Mapping[str, Any], parent: int) -> None:
+    """Append the groups of nested live arrays (worlds, ...), which read the first world's numbers and copies of its arrays.
+
+    Views are made here, since indexing takes as long as reading.
+    """
+    arrays = [(key, values) for key, values in live.items() if not isinstance(values, dict)]
+    readers = [(key, values[:1].item if values.ndim == 1 else values[0].copy) for key, values in arrays]
+    groups.append(Group(name, parent, readers))
+    number = len(groups)
+    for key, values in live.items():
         if isinstance(values, dict):
-            first[name] = _first_world(values)
-        else:
-            first[name] = values[0].item() if values.ndim == 1 else values[0].copy()
-    return first
+            _flatten(groups, key, values, number)

@@ -162,13 +162,23 @@ def averaged_scheme(
 
 
 def check_sliding(
-    surface: Surface, static_friction: float, incline: float = 0.0, argument: str = "model", value: Any = "averaged"
+    surface: Surface,
+    static_friction: float,
+    incline: float = 0.0,
+    argument: str = "model",
+    value: Any = "averaged",
+    remedy: str = "use model='planar'",
 ) -> None:
-    """Raise ValueError, naming the argument, for scenes that the averaged model does not cover; ``incline``: m/s^2."""
+    """Raise ValueError, naming the argument, for scenes that averages over a period do not cover.
+
+    Args:
+        incline: m/s^2.
+        remedy: advice of the error.
+    """
     needed = static_friction * (surface.gravity + surface.full_scale) + incline
     horizontal = surface.horizontal_amplitude * surface.angular_frequency**2
     if not horizontal > needed:
         raise checks.conflict(
             f"{argument}={value!r} requires a part that always slides, a_h w^2 > static_friction (g + a_v w^2) + incline; here "
-            f"{horizontal:.4g} <= {needed:.4g} m/s^2: use model='planar', or lower max_amplitude"
+            f"{horizontal:.4g} <= {needed:.4g} m/s^2: {remedy}, or lower max_amplitude"
         )

@@ -9,6 +9,7 @@ from vibgym.plugins.play.choices import Settings, policies_of
 from vibgym.plugins.play.picture import frame_of, scene_of
 from vibgym.plugins.play.world import World
 from vibgym.policies import TaskInfo
+from vibgym.policies.registry import CONTROLLERS
 
 
 def poses(world):
@@ -31,6 +32,33 @@ def test_a_world_without_interventions_equals_the_environment(task, policy):
         action, state = named.predict(seen, state)
         seen, *_ = env.step(action)
     np.testing.assert_allclose(poses(world), env.truth.pose[0], atol=2e-5)
+
+
+@pytest.mark.parametrize("hardware", ["ideal", "prototype"])
+@pytest.mark.parametrize("action", ["velocity", "target"])
+def test_policies_that_command_motions_act_as_in_the_environment(action, hardware, monkeypatch):
+    """The world computes their phasors by itself, with a memory of its own; undo restores it."""
+
+    def mine(info):
+        return vibgym.make_policy({"kind": "planner", "action": action}, info)
+
+    monkeypatch.setitem(CONTROLLERS._items, "mine", mine)
+    world = World(Settings("Sort", policy="mine", hardware=hardware), seed=3)
+    env = gym.make("vibgym/Sort-v0", **{**world.settings.arguments(), "action": action}).unwrapped
+    policy, state = mine(TaskInfo.of(env)), None
+    seen, _ = env.reset(seed=3)
+    for step in range(30):
+        if step == 15:
+            kept = world.get_state()
+        world.step()
+        done, state = policy.predict(seen, state)
+        seen, *_ = env.step(done)
+    np.testing.assert_allclose(poses(world), env.truth.pose[0], atol=1e-6)
+    there = poses(world)
+    world.set_state(kept)
+    for _ in range(15):
+        world.step()
+    assert np.array_equal(poses(world), there)
 
 
 @pytest.mark.parametrize("task", ["Align", "Sort", "Follow", "Feed", "Pack", "Push"])

@@ -117,15 +117,15 @@ def remembering(task="Align", action="wrench", **settings):
     return coding_for(info, action, remembers=True), coding_for(info, action)
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_rows_contain_the_previous_action(turned):
+@pytest.mark.parametrize("turned, action", [(False, "wrench"), (True, "wrench"), (True, "velocity"), (True, "target")])
+def test_rows_contain_the_previous_action(turned, action):
     """Between the part's own columns and its neighbours', turned like the present row."""
     info = info_of("Sort", parts=["steel_block", "aluminium_block"])
-    coding, plain = (coding_for(info, "wrench", turned=turned, remembers=each) for each in (True, False))
+    coding, plain = (coding_for(info, action, turned=turned, remembers=each) for each in (True, False))
     own, size = plain.shape.own, coding.shape.action
     assert (coding.shape.columns, coding.shape.own) == (plain.shape.columns + size, own + size) and size == 3
     assert coding.columns == plain.columns  # the previous action is no column of the scene
-    env = batch("Sort", WORLDS, action="wrench", observation="parts", parts=["steel_block", "aluminium_block"])
+    env = batch("Sort", WORLDS, action=action, observation="parts", parts=["steel_block", "aluminium_block"])
     random, before, observation = np.random.default_rng(0), None, env.reset(seed=4)[0]
     previous = np.zeros((WORLDS, 2, size), dtype=np.float32)
     for _ in range(4):

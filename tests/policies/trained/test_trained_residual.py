@@ -32,17 +32,19 @@ class Constant:
         return action, (0 if state is None else state) + 1
 
 
-def worlds(task, number=6, observation="parts_and_state", **settings):
+def worlds(task, number=6, observation="parts_and_state", action="wrench", **settings):
     return batch(
-        task, number, action="wrench", observation=observation, autoreset_mode=AutoresetMode.SAME_STEP, **settings
+        task, number, action=action, observation=observation, autoreset_mode=AutoresetMode.SAME_STEP, **settings
     )
 
 
-@pytest.mark.parametrize(
-    "task, kind, hardware", [("Align", POSE, HARDWARE), ("Align", POSE, {}), ("Sort", PLANNER, {})]
-)
+@pytest.mark.parametrize("task, kind, hardware", [
+    ("Align", POSE, HARDWARE), ("Align", POSE, {}), ("Sort", PLANNER, {}),
+    ("Align", {**POSE, "action": "velocity"}, HARDWARE), ("Sort", {**PLANNER, "action": "target"}, {}),
+])  # fmt: skip
 def test_no_correction_leaves_the_base_as_it_is(task, kind, hardware):
     """Bit for bit, as a policy and in training, over episodes that end."""
+    hardware = {**hardware, "action": kind["action"]}
     alone, both, trained = worlds(task, observation="state", **hardware), worlds(task, **hardware), None
     info = TaskInfo.of(alone)
     base, policy = make_policy(kind, info), ResidualPolicy(info, make_policy(kind, info), Constant(info, 0.0))
@@ -64,11 +66,12 @@ def test_no_correction_leaves_the_base_as_it_is(task, kind, hardware):
     assert ended > 0 or task == "Sort"
 
 
-def test_the_base_receives_applied_actions():
+@pytest.mark.parametrize("action", ["wrench", "velocity", "target"])
+def test_the_base_receives_applied_actions(action):
     """With the applied action its state is the environment's; the state of parts without a correction is unchanged."""
-    env = worlds("Sort")
+    env = worlds("Sort", action=action)
     info = TaskInfo.of(env)
-    policy = make_policy(PLANNER, info)
+    policy = make_policy({**PLANNER, "action": action}, info)
     seen, _ = env.reset(seed=1)
     memory = None
     for _ in range(5):

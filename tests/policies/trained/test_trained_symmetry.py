@@ -122,7 +122,7 @@ def test_turned_actions_do_the_same(action):
     assert np.ptp(seen["parts"][:, 0, spin.start]) < 0.04 and np.abs(seen["parts"][:, 0, spin.start]).min() > 0.02
 
 
-@pytest.mark.parametrize("action", ["field", "wrench", "patch", "phasor"])
+@pytest.mark.parametrize("action", ["field", "wrench", "velocity", "target", "patch", "phasor"])
 def test_four_turns_of_an_action_are_none(action):
     shape = coding_of(scenes("Align", action)).shape
     matrix = turned_actions(action, shape)
@@ -147,7 +147,7 @@ def test_ways_lead_ahead_after_so_many_turns():
     assert (back == rows).all()
 
 
-@pytest.mark.parametrize("action", ["field", "wrench", "patch"])
+@pytest.mark.parametrize("action", ["field", "wrench", "velocity", "target", "patch"])
 def test_policies_by_construction_do_the_same_in_a_turned_scene(action):
     env = scenes("Align", action)
     coding = coding_of(env, turned=True)
