@@ -52,6 +52,7 @@ class TaskInfo:
     asked: tuple[bool, ...] = ()  # of each part: whether success depends on it
     flows: bool = False  # parts arrive and leave during an episode
     goal_moves: bool = False  # during an episode, see vibgym.policies.classical.measured
+    flat: bool = True  # parts stay flat on the surface, as in all models but "tilting"
     lead: int = 0  # periods by which measurements are ahead of the present: the estimator's prediction
     scene: Mapping[str, Any] = field(
         default_factory=dict
@@ -107,6 +108,7 @@ class TaskInfo:
             asked=tuple(task.asked.tolist()),
             flows=task.flows,
             goal_moves=task.goal_moves,
+            flat=base.core.simulator.flat,
             lead=base.measurement_lead,
             observation=base.core.options.observation,
             observation_space=getattr(env, "single_observation_space", None) or getattr(env, "observation_space", None),

@@ -36,6 +36,9 @@ BEYOND = 1.03  # set speed over the top speed, so that parts reach the top speed
 # early keeps parts at a distance for longer. With 28 on the prototype one part in twenty overshoots by 1.1 to 1.6 % of its
 # displacement, with 21 by about 0.5 %, and takes 0.02 s longer.
 APPROACH, SPREAD_APPROACH, CROWD_APPROACH = 28.0, 21.0, 12.0
+TURN_APPROACH = 36.0
+# The same, of positions and headings, where parts tilt: violent pushes make rigid parts rock, and the law would push the more.
+TILT_APPROACH = 12.0
 
 
 class PoseLaw(Law):
@@ -44,7 +47,7 @@ class PoseLaw(Law):
     Args:
         info: task, scene and step time.
         braking, turn_braking: share of the largest push used for braking.
-        approach, turn_approach: 1/s, maximum speed over the error; None: depends on task and hardware.
+        approach, turn_approach: 1/s, maximum speed over the error; None: depends on task, model and hardware.
         band, turn_band: m and rad, errors at rest that are not corrected, on elements with a hard dead zone.
         over: share of the heading tolerance by which a part may overshoot when it arrives.
 
@@ -59,7 +62,7 @@ class PoseLaw(Law):
         braking: float = 0.9,
         turn_braking: float = 0.95,
         approach: float | None = None,
-        turn_approach: float = 36.0,
+        turn_approach: float | None = None,
         band: float = BAND,
         turn_band: float = TURN_BAND,
         over: float = OVER,
@@ -69,7 +72,9 @@ class PoseLaw(Law):
         turn_braking = checks.number("turn_braking", turn_braking, above=0.0, most=1.0)
         usual = APPROACH if sheet.dead_zone == 0.0 and sheet.latency == 0 else SPREAD_APPROACH
         usual = usual if info.has_goal else CROWD_APPROACH
+        usual, usual_turn = (usual, TURN_APPROACH) if info.flat else (TILT_APPROACH, TILT_APPROACH)
         approach = checks.number("approach", usual if approach is None else approach, above=0.0)
+        turn_approach = usual_turn if turn_approach is None else turn_approach
         turn_approach = checks.number("turn_approach", turn_approach, above=0.0)
         over = checks.number("over", over, least=0.0, most=1.0)
         band, turn_band = checks.number("band", band, above=0.0), checks.number("turn_band", turn_band, above=0.0)

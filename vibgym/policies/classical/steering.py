@@ -22,6 +22,7 @@ from vibgym.policies.classical.gains import GainLearner, turn_pushes
 from vibgym.policies.classical.law import Law, LocalLaw
 from vibgym.policies.classical.lqr import LqrLaw
 from vibgym.policies.classical.measured import Measured, Preview, from_goals, recall, wrap
+from vibgym.policies.classical.observer import OBSERVERS, Disturbance
 from vibgym.policies.classical.pid import PidLaw
 from vibgym.policies.classical.pose_law import PoseLaw
 from vibgym.policies.task_info import TaskInfo
@@ -164,10 +165,12 @@ SPIN_LIMIT = (1.0 - 1e-6) * SPIN  # rad/s, range of observations; faster spins a
 class Memory(NamedTuple):
     """Memory of :class:`Steering`."""
 
-    acceleration: np.ndarray  # (batch, parts, 3) m/s^2 and rad/s^2, that the parts got in the last step
+    # (batch, parts, 3) m/s^2 and rad/s^2, that the parts got in the last step, without the disturbance
+    acceleration: np.ndarray
     law: Any  # the law's own
     spin: np.ndarray  # (batch, parts) rad/s, predicted for the end of that step
     output: Any  # the output's own
+    observer: Disturbance | tuple[()]  # the observer's own
     own: Any = ()  # the policy's own
 
 
@@ -182,6 +185,9 @@ class Steering:
         action: the environment's ``action=``, among :data:`OUTPUTS`.
         apron: m around parts within which elements move as those under them, for rigid parts
             (:mod:`vibgym.allocation.cut`); with ``action="phasor"`` only.
+        observer: among :data:`.observer.OBSERVERS`: ``"disturbance"`` estimates the acceleration of each part that elements and
+            nominal friction do not explain, and rejects it. None: that, if parts can tilt and elements have no hard dead zone,
+            where it is measured to help; else ``"none"``.
         **settings: the law's own.
 
     Attributes:
@@ -202,6 +208,7 @@ class Steering:
         learn: bool = True,
         action: str = "phasor",
         apron: float = 0.0,
+        observer: str | None = None,
         **settings: Any,
     ) -> None:
         self.info = info
@@ -218,13 +225,17 @@ class Steering:
         self.action = checks.choice("action", action, tuple(OUTPUTS))
         self.output = OUTPUTS[action](info, self.process, learn, apron)
         self.learner = self.output.learner
+        usual = "none" if info.flat or info.hard_dead_zone else "disturbance"
+        kind = checks.choice("observer", usual if observer is None else observer, tuple(OBSERVERS))
+        self.observer = OBSERVERS[kind](info, self.gaining, self.gained)
         self.symmetry = np.array([part.symmetry for part in info.parts])
         self.preview = Preview(info) if info.goal_moves else None
 
     def initial(self, batch: int) -> Memory:
         """Return the memory at the start of an episode."""
         shape = batch, len(self.info.parts)
-        return Memory(np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape), self.output.begin(batch))
+        output, observer = self.output.begin(batch), self.observer.begin(batch)
+        return Memory(np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape), output, observer)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
@@ -247,7 +258,8 @@ class Steering:
     def expected(self, measured: Measured, memory: Memory) -> Measured:
         """Predict positions for the middle of the step's excess over a period, and velocities for the start of the step.
 
-        A mean velocity over a period is half a period old: a part that brakes is slower by now. Its acceleration is known.
+        A mean velocity over a period is half a period old: a part that brakes is slower by now. Its acceleration is known, or
+        estimated: the observer's estimate in ``memory`` is updated in place.
 
         Args:
             measured: a decoded observation.
@@ -255,9 +267,10 @@ class Steering:
         """
         if self.preview is not None:
             measured = self.preview(measured)
-        gained = self.gaining[:, None] * memory.acceleration
-        spin = measured.spin + gained[..., 2]
-        spin = np.where(np.abs(measured.spin) < SPIN_LIMIT, spin, memory.spin)
+        known = np.abs(measured.spin) < SPIN_LIMIT
+        unknown = self.observer.update(measured, known, memory.acceleration, memory.observer)
+        gained = self.gaining[:, None] * (memory.acceleration + unknown)
+        spin = np.where(known, measured.spin + gained[..., 2], memory.spin)
         measured = replace(measured, velocity=measured.velocity + gained[..., :2], spin=spin)
         if self.ahead == 0.0 and self.learner is None:
             return measured
@@ -288,18 +301,20 @@ class Steering:
             room = np.where(free, 1.0, room)
         seen = measured if self.preview is None else from_goals(measured)
         wanted, law = self.law.wanted(seen, way, room * self._turn(measured), memory.law)
-        wanted = wanted + measured.goal_acceleration
+        unknown = self.observer.estimate(memory.observer)
+        wanted = wanted + measured.goal_acceleration - unknown
         moves, velocity = ~np.isnan(wanted[..., :1]), measured.rate
         push, allowed, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
         moves &= holds[..., None]  # where averages do not hold, the effect of a push is unknown
         push = np.where(moves, push, 0.0)
-        seen_then = velocity - self.gaining[:, None] * memory.acceleration
+        seen_then = velocity - self.gaining[:, None] * (memory.acceleration + unknown)
         action, given, output = self.output.give(measured, seen_then, push, memory.output)
         acceleration, _ = self.process.acceleration(velocity, given)
-        spin = measured.spin + self.gained * acceleration[..., 2]
+        spin = measured.spin + self.gained * (acceleration + unknown)[..., 2]
         # Pass the acceleration within limits, without the allocation's residual, which laws would take for saturation.
-        limited = np.where(moves, allowed, acceleration) - measured.goal_acceleration
-        memory = Memory(acceleration, self.law.applied(seen, limited, law), spin, output, memory.own)
+        limited = np.where(moves, allowed, acceleration) + unknown - measured.goal_acceleration
+        observer = self.observer.started(velocity, holds, memory.observer)
+        memory = Memory(acceleration, self.law.applied(seen, limited, law), spin, output, observer, memory.own)
         return (action[0] if measured.single else action), memory
 
     def acted(self, memory: Memory, proposed: np.ndarray, done: np.ndarray) -> Memory:
