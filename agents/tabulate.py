@@ -38,6 +38,9 @@ LEVEL, RESAMPLES = 0.95, 2000
 
 TABLE = "agents.csv"
 
+NOT_JUDGED = {"success": 0.0, "speed": 0.0, "time_to_goal": ""}
+"""Row of a run without a learning curve."""
+
 
 def tabulate(
     config: Path,
@@ -69,11 +72,10 @@ def tabulate(
     best: dict[str, Path] = {}
     for name in names:
         own = [_row(name, load_settings(config, name, seed), episodes) for seed in seeds]
-        first = min(
-            own, key=lambda row: (-row["judged_rate"], -row["judged_success"], row["judged_time_s"], row["seed"])
-        )
+        first = min(own, key=lambda row: (row["judged"], row["seed"]))
         for row in own:
             row["shipped"] = ship is not None and row is first
+            del row["judged"]
         best[name] = Path(first["path"])
         rows += own
     # Rows of older tables lack the last columns.
@@ -179,7 +181,8 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     good, faulty = (
         np.concatenate([sum(each.fact(name) for name in names) for each in played]) for names in ((RATE,), FAULTY)
     )
-    judged = sorted(map(rank, _read(directory / CURVE)))
+    best = settings.judging.best if settings.judging is not None else "success"
+    judged = min(_read(directory / CURVE), key=lambda each: rank(each, best), default=NOT_JUDGED)
     return {
         "agent": name,
         "seed": settings.seed,
@@ -191,8 +194,9 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "threads": training["threads"],
         "processor": training["processor"],
         "versions": " ".join(f"{key} {value}" for key, value in sorted(training["versions"].items()) if value),
-        "judged_success": -judged[0][1] if judged else 0.0,
-        "judged_time_s": judged[0][2] if judged else float("inf"),
+        "judged": rank(judged, best),
+        "judged_success": float(judged["success"]),
+        "judged_time_s": float(judged["time_to_goal"] or "inf"),
         "episodes": episodes,
         "first_seed": FIRST_SEED,
         "success": float(reached.mean()),
@@ -205,7 +209,7 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "time_over_bound_median": quartiles(over).median,
         "collisions_mean": float(np.mean(collisions)),
         "fallen": int(fallen.sum()),
-        "judged_rate": -judged[0][0] if judged else 0.0,
+        "judged_rate": float(judged.get("rate") or 0.0),
         "good_per_minute_mean": float(good.mean()),
         "faulty_share": float(faulty.sum() / (good + faulty).sum()),
         "success_fast_contacts": np.mean(np.concatenate([each.success for each in fast])) if fast else None,
