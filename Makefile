@@ -169,6 +169,7 @@ benchmark: $(DEV) $(PEERS)
 	$(PY) -m studies.benchmarks.control
 	$(PY) -m studies.benchmarks.training
 	$(PY) -m studies.benchmarks.costs
+	$(PY) -m studies.benchmarks.actions
 
 # Takes hours: three seeds of every agent, then their table and the best of each. AGENTS="Align/ideal" trains some of them.
 train: $(LEARN)

@@ -286,6 +286,54 @@ def test_torques_beyond_the_limit_take_all_of_all_elements():
     assert -torque > 0.97 * most
 
 
+def least_error(parts, pose, wanted):
+    """Return the least expected error of pushes up to 1, by many steps of the projected gradient; the problem is convex."""
+    part, element, share, lever = cut(parts, pose)
+    lever = lever / np.sqrt([parts[k].gyration for k in part])[:, None]
+    _, at = np.unique(element, return_inverse=True)
+    effect, variance = np.zeros((3 * len(parts), at.max() + 1, 2)), np.zeros(at.max() + 1)
+    for k, j, a, (x, y) in zip(3 * part, at, share, lever, strict=True):
+        effect[k : k + 3, j] += [[a, 0.0], [0.0, a], [-y, x]]
+        variance[j] += SPREAD**2 * (a * a + x * x + y * y)
+    push, step = (
+        np.zeros(effect.shape[1:]),
+        1.0 / (np.linalg.norm(effect.reshape(len(effect), -1), 2) ** 2 + variance.max()),
+    )
+    for _ in range(5000):
+        missing = wanted.ravel() - np.tensordot(effect, push, 2)
+        push = push + step * (np.tensordot(missing, effect, 1) - variance[:, None] * push)
+        push /= np.maximum(np.hypot(*push.T), 1.0)[:, None]
+    missing = wanted.ravel() - np.tensordot(effect, push, 2)
+    return (missing**2).sum() + (variance * (push**2).sum(axis=1)).sum()
+
+
+@pytest.mark.parametrize("pose", [[[0.3, 0.11, 0.4]], [[0.3, 0.117, 0.0], [0.352, 0.117, 0.0]]])
+def test_effects_beyond_the_limit_are_missed_little_more_than_necessary(pose):
+    """Random effects, most of them infeasible, on a part alone and on two that share elements."""
+    parts, generator, pose = (STEEL,) * len(pose), np.random.default_rng(3), np.array(pose)
+    there, plain = np.ones((1, len(pose)), dtype=bool), allocator(*(STEEL,) * len(pose), least=0.0)
+    ratios, limited = [], 0
+    for wanted in generator.uniform(-1.0, 1.0, (30, len(pose), 3)):
+        push = plain.pushes(pose[None], there, wanted[None])[0]
+        length = np.hypot(push[..., 0], push[..., 1]).max()
+        assert length <= 1.0 + 1e-12
+        limited += length > 1.0 - 1e-9
+        ratios.append(math.sqrt(error(parts, pose, push, wanted)[1] / least_error(parts, pose, wanted)))
+    assert limited > 20 and min(ratios) > 1.0 - 1e-6
+    assert np.median(ratios) < 1.06 and max(ratios) < 1.2
+
+
+def test_actions_overwrite_the_memory_given():
+    generator = np.random.default_rng(4)
+    pose = np.stack([generator.uniform([0.1, 0.05, -3.0], [0.7, 0.15, 3.0]) for _ in range(9)])[:, None]
+    wanted, there = generator.uniform(-1.0, 1.0, (9, 1, 3)), np.ones((9, 1), dtype=bool)
+    for least in (0.0, LEAST):
+        one = allocator(ALUMINIUM, least=least)
+        memory = np.full((9, 2 * SURFACE.rows * SURFACE.columns), np.nan, dtype=np.float32)
+        assert one.actions(pose, there, wanted, out=memory) is memory
+        assert (memory == one.commands(one.pushes(pose, there, wanted))).all()
+
+
 def test_weak_elements_are_compensated():
     pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.2, -0.1, 0.05]]])
     gain = np.ones((1, SURFACE.rows * SURFACE.columns))

@@ -83,7 +83,8 @@ class Allocator:
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self._scratch = workers.Pool(partial(_scratch, surface, self.parts))
         self._limits = Limits(self.least, self.most, start_table(self.least))
-        self._usual = np.tile([[[1.0]], [[SPREAD]]], surface.rows * surface.columns)  # gain and spread, (2, 1, elements)
+        # Gain and spread, (2, 1, elements)
+        self._usual = np.tile([[[1.0]], [[SPREAD]]], surface.rows * surface.columns)
 
     def pushes(
         self,

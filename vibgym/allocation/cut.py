@@ -89,7 +89,8 @@ def cut_parts(outlines, pose, present, pieces):
             for j in range(box[2] - 1, -1, -1):
                 cell, column = cells[i * box[2] + j], box[0] + j
                 area = cell[0] + height
-                if area > 1e-9 * whole and row >= 0 and row < outlines.rows and column >= 0 and column < outlines.columns:
+                on_table = 0 <= row < outlines.rows and 0 <= column < outlines.columns
+                if on_table and area > 1e-9 * whole:
                     pieces.part[count], pieces.element[count] = p, row * outlines.columns + column
                     pieces.share[count] = per_area * area
                     pieces.lever[count, 0] = per_lever * (cell[1] + 0.5 * height + (column - x) * area)

@@ -321,9 +321,7 @@ def invert(start, stop, numbers, velocity, wanted, scratch, later, push, acceler
             push[i, k] = 0.0
             guess_ahead(numbers, k, at, wanted[i, k], later)
             for _ in range(ROUNDS):
-                holds[i, k], share = invert_part(
-                    numbers, k, later, wanted[i, k], scratch, push[i, k], given, share
-                )
+                holds[i, k], share = invert_part(numbers, k, later, wanted[i, k], scratch, push[i, k], given, share)
                 if look_ahead(numbers, k, at, given, share, later) < STILL:
                     break
 

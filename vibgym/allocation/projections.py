@@ -4,8 +4,7 @@ The target phasors are projected onto the feasible ones, the missing effect is a
 and so on, from several starts spread over the disc of infeasible pushes. Of all iterates, the one with the least expected error
 is taken: the missing effect, and the effect of the spread of the elements' gains and phases.
 
-Without a smallest amplitude the feasible phasors are a convex set, so one start suffices. Its target remains the field of least
-norm of some strength, which :func:`project` therefore iterates instead of the phasors.
+Elements without a smallest amplitude need no starts, see :mod:`vibgym.allocation.convex`.
 
 Parts that share elements are allocated together, as a group. The starts are a fixed table, so that a world's phasors are the
 same bits alone and in a batch.
@@ -18,10 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibgym.allocation.convex import project
 from vibgym.allocation.cut import Outlines, cut_parts
-from vibgym.kernels.jit import borrowing, exact, inlined
+from vibgym.kernels.jit import borrowing, inlined
 from vibgym.kernels.reference import reference
-from vibgym.kernels.vector import LANES, bits, broadcast, lane_sum, load, maximum, sqrt, store
+from vibgym.kernels.vector import LANES
 
 DAMPING = 0.003
 """Damping of conflicting targets, as a share of the mean square."""
@@ -32,10 +32,6 @@ gives. Starts are the innermost index, so that loops over them become vector ins
 
 FEW_STARTS, FEW_ROUNDS = 8, 8
 """The same for larger wanted effects."""
-
-CLIPS, RELAXATION = 5, 2.0
-"""Most projections of :func:`project`, and the factor on the missing effect that each adds. For random wrenches (four in five
-beyond the limit) the missing effect is then 1.02 times the least one, as after nine projections with a factor of 1."""
 
 HALVING = 4
 """Projections after which the worse half of many starts is dropped."""
@@ -95,7 +91,7 @@ class Scratch(NamedTuple):
     command: np.ndarray  # (3 parts, STARTS) strengths of the fields with the missing effect
     target: np.ndarray  # (room, 2, STARTS) accumulated phasors
     expected: np.ndarray  # (STARTS,) squared error
-    strength: np.ndarray  # (2, 3 parts) of the fields of project(): those of a round, and the best ones
+    strength: np.ndarray  # (2, 3 parts) of vibgym.allocation.convex: of a projection, and the best ones
     push: np.ndarray  # (2, room): best feasible phasors of the elements, x and y
 
 
@@ -197,7 +193,8 @@ def gather(problem, world, pieces, own, work):
     """
     group, slot, inverse, lever = work.group, work.slot, work.inverse, work.lever
     wanted = problem.wanted[world]
-    gain, spread = problem.gain[min(world, problem.gain.shape[0] - 1)], problem.spread[min(world, problem.spread.shape[0] - 1)]
+    gain = problem.gain[min(world, problem.gain.shape[0] - 1)]
+    spread = problem.spread[min(world, problem.spread.shape[0] - 1)]
     parts, elements, n = 0, 0, 0
     for p in range(group.shape[0]):
         if group[p] != own:
@@ -231,94 +228,6 @@ def gather(problem, world, pieces, own, work):
             j = work.earlier[j]
     invert(inverse, 3 * parts)
     return parts, elements, n
-
-
-@exact
-def clip_alone(most, work, n):
-    """Compute the effect that the fields of :func:`project` lack, for one part, and the pushes under its pieces.
-
-    Returns:
-        The expected error squared, and whether any push was shortened to ``most``.
-    """
-    a_, ax_, ay_, push_x, push_y = work.lever[0], work.lever[1], work.lever[2], work.push[0], work.push[1]
-    for i in range(n, -(-n // LANES) * LANES):
-        a_[i], ax_[i], ay_[i], work.weight[i], work.variance[i] = 0.0, 0.0, 0.0, 0.0, 0.0
-    along_x, along_y, turn = work.strength[0, 0], work.strength[0, 1], work.strength[0, 2]
-    zero = broadcast(0.0)
-    x_sum, y_sum, torque, error, clipped = zero, zero, zero, zero, 0
-    for i in range(0, n, LANES):
-        a, ax, ay, weight = load(a_, i), load(ax_, i), load(ay_, i), load(work.weight, i)
-        x, y = weight * (along_x * a - turn * ay), weight * (along_y * a + turn * ax)
-        length = sqrt(x * x + y * y)
-        clipped |= bits(length > most)
-        scale = most / maximum(length, most)
-        x, y = scale * x, scale * y
-        store(push_x, i, x)
-        store(push_y, i, y)
-        x_sum, y_sum, torque = x_sum + a * x, y_sum + a * y, torque + (ax * y - ay * x)
-        error = error + load(work.variance, i) * (x * x + y * y)
-    x, y, z = work.wanted[0] - lane_sum(x_sum), work.wanted[1] - lane_sum(y_sum), work.wanted[2] - lane_sum(torque)
-    work.missing[0, 0], work.missing[1, 0], work.missing[2, 0] = x, y, z
-    return lane_sum(error) + (x * x + y * y + z * z), clipped != 0
-
-
-@borrowing
-def clip_group(most, work, parts, elements, n):
-    """Compute what :func:`clip_alone` computes, for parts that share elements; the pushes are those of the elements."""
-    lever, push, strength, missing = work.lever, work.push, work.strength, work.missing
-    for j in range(elements):
-        push[0, j], push[1, j] = 0.0, 0.0
-    for i in range(n):
-        p, j, weight = work.part_index[i], work.element_index[i], work.weight[i]
-        push[0, j] += weight * (strength[0, p] * lever[0, i] - strength[0, p + 2] * lever[2, i])
-        push[1, j] += weight * (strength[0, p + 1] * lever[0, i] + strength[0, p + 2] * lever[1, i])
-    clipped = 0
-    for j in range(elements):
-        square = push[0, j] * push[0, j] + push[1, j] * push[1, j]
-        clipped |= square > most * most
-        scale = most / math.sqrt(max(square, most * most))
-        push[0, j], push[1, j] = scale * push[0, j], scale * push[1, j]
-    expected = 0.0
-    for k in range(3 * parts):
-        missing[k, 0] = work.wanted[k]
-    for i in range(n):
-        x, y = push[0, work.element_index[i]], push[1, work.element_index[i]]
-        give(missing, work.part_index[i], 0, lever[0, i], lever[1, i], lever[2, i], x, y)
-        expected += work.variance[i] * (x * x + y * y)
-    for k in range(3 * parts):
-        expected += missing[k, 0] * missing[k, 0]
-    return expected, clipped != 0
-
-
-@borrowing
-def clip(most, work, parts, elements, n):
-    """Call :func:`clip_alone` or :func:`clip_group`."""
-    return clip_alone(most, work, n) if elements == n else clip_group(most, work, parts, elements, n)
-
-
-@borrowing
-def project(limits, work, parts, elements, n):
-    """Compute phasors of a group without a smallest amplitude, ``work.push``."""
-    strength, missing = work.strength, work.missing
-    for k in range(3 * parts):
-        strength[0, k], missing[k, 0] = 0.0, work.wanted[k]
-    least, best = math.inf, 0
-    for turn in range(CLIPS):
-        factor = 1.0 if turn == 0 else RELAXATION
-        for k in range(3 * parts):
-            for j in range(3 * parts):
-                strength[0, k] += factor * work.inverse[k, j] * missing[j, 0]
-        expected, clipped = clip(limits.most, work, parts, elements, n)
-        if turn == 0 or expected < least:
-            least, best = expected, turn
-            for k in range(3 * parts):
-                strength[1, k] = strength[0, k]
-        if not clipped:
-            break
-    if best != turn:
-        for k in range(3 * parts):
-            strength[0, k] = strength[1, k]
-        clip(limits.most, work, parts, elements, n)
 
 
 @inlined
@@ -497,7 +406,12 @@ def allocate(start, stop, problem, pieces, work, push, as_phasors):
         pieces, work: scratch.
         push: (worlds, elements, 2), overwritten with pushes (x, y), or with phasors ``-(y, x)`` if ``as_phasors``.
     """
-    outlines, problem, pieces, work = reference(problem.outlines), reference(problem), reference(pieces), reference(work)
+    outlines, problem, pieces, work = (
+        reference(problem.outlines),
+        reference(problem),
+        reference(pieces),
+        reference(work),
+    )
     pose, present, wanted, group = problem.pose, problem.present, problem.wanted, work.group
     for w in range(start, stop):
         push[w] = 0.0
