@@ -1,18 +1,19 @@
 """Disturbance observer: the constant acceleration of each part that elements and nominal friction do not explain.
 
-Causes are a table that is not level, and rigid parts on plates of different friction: pressure circulates with the drive, so
-friction has a mean (thesis section 5.3 has an observer of position and velocity). The model of an axis is
+Causes are a table that is not level, and rigid parts on elements of different friction. The model of an axis is
 
-    v_{k+1} = v_k + (T' - T'') (a_k + d)        d_{k+1} = d_k
+    v_{k+1} = v_k + T' (a_k + d)        d_{k+1} = d_k
 
 where ``v_k`` is the velocity at the start of step k, ``a_k`` the mean acceleration by the elements' limited pushes and by
-friction, ``T' a`` the velocity gained in a step and ``T'' a`` what the measured mean velocity over its last period lacks of it.
-A measurement differs from its prediction by ``T' (d - d_k)``, so with ``gain`` g the estimate has the pole 1 - g:
+friction, and ``T' a`` the velocity gained in a step. The mean velocity over the last period, which is measured, lacks
+``T'' (a_k + d)`` of ``v_{k+1}``. A measurement differs from its prediction by ``T' (d - d_k)``, so with the gain g the estimate
+has the pole 1 - g:
 
     d_{k+1} = d_k + g (measured - predicted) / T'        d - d_k = (1 - g)^k (d - d_0)
 
-Velocities are taken from the measurement (pole 0), as without an observer. Pushes enter within the limits of the elements, so
-the estimate does not wind up.
+Like ``a``, ``d`` is a mean over the step, friction included: a constant acceleration f of a part at rest is estimated as
+``f / (1 + c T / 2)``, with the rate c of friction and the period T. Velocities are taken from the measurement (pole 0), as
+without an observer. Pushes enter within the limits of the elements, so the estimate does not wind up.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ import numpy as np
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 
-GAIN = 0.2  # 1 - pole; the rms error of the estimate's noise is sqrt(g / (2 - g)) of that of one measurement
+# 1 - pole. `lqr` on rigid parts on patches, 100 episodes: 1.81, 1.73, 1.63 s with 0.1, 0.2, 0.4; `pose` gets worse with it.
+GAIN = 0.2
 MOST = 0.5  # limit of the estimate over the largest push near rest: the other half moves the part
 
 
@@ -53,7 +55,9 @@ class NoObserver:
         """Return the memory at the start of an episode: a NamedTuple of arrays (batch, parts, ...), or ``()``."""
         return ()
 
-    def update(self, measured: Measured, valid: np.ndarray, acceleration: np.ndarray, memory: Any) -> np.ndarray | float:
+    def update(
+        self, measured: Measured, valid: np.ndarray, acceleration: np.ndarray, memory: Any
+    ) -> np.ndarray | float:
         """Update the estimate, in place, by a measurement; return it, (batch, parts, 3) m/s^2 and rad/s^2.
 
         Args:
@@ -84,7 +88,9 @@ class DisturbanceObserver(NoObserver):
         shape = batch, self.parts
         return Disturbance(np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape, dtype=bool))
 
-    def update(self, measured: Measured, valid: np.ndarray, acceleration: np.ndarray, memory: Disturbance) -> np.ndarray:
+    def update(
+        self, measured: Measured, valid: np.ndarray, acceleration: np.ndarray, memory: Disturbance
+    ) -> np.ndarray:
         now = memory.acceleration
         off = measured.rate - memory.start - self.seen * (acceleration + now)
         changed = np.clip(now + GAIN / self.gained * off, -self.most, self.most)

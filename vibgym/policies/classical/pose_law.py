@@ -37,7 +37,7 @@ BEYOND = 1.03  # set speed over the top speed, so that parts reach the top speed
 # displacement, with 21 by about 0.5 %, and takes 0.02 s longer.
 APPROACH, SPREAD_APPROACH, CROWD_APPROACH = 28.0, 21.0, 12.0
 TURN_APPROACH = 36.0
-# The same, of positions and headings, where parts tilt: violent pushes make rigid parts rock, and the law would push the more.
+# The same, of positions and headings, for one part that tilts: strong pushes make rigid parts rock, which takes further pushes.
 TILT_APPROACH = 12.0
 
 
@@ -70,16 +70,17 @@ class PoseLaw(Law):
         plant, step, sheet = info.plant, info.step_time, info.hardware
         braking = checks.number("braking", braking, above=0.0, most=1.0)
         turn_braking = checks.number("turn_braking", turn_braking, above=0.0, most=1.0)
+        parts = len(info.parts)
         usual = APPROACH if sheet.dead_zone == 0.0 and sheet.latency == 0 else SPREAD_APPROACH
         usual = usual if info.has_goal else CROWD_APPROACH
-        usual, usual_turn = (usual, TURN_APPROACH) if info.flat else (TILT_APPROACH, TILT_APPROACH)
+        usual, usual_turn = (usual, TURN_APPROACH) if info.flat or parts > 1 else (TILT_APPROACH, TILT_APPROACH)
         approach = checks.number("approach", usual if approach is None else approach, above=0.0)
         turn_approach = usual_turn if turn_approach is None else turn_approach
         turn_approach = checks.number("turn_approach", turn_approach, above=0.0)
         over = checks.number("over", over, least=0.0, most=1.0)
         band, turn_band = checks.number("band", band, above=0.0), checks.number("turn_band", turn_band, above=0.0)
         process = FrictionalInverse(info.surface, info.parts, limit=sheet.limit)
-        parts, turning = len(info.parts), turning_push(info)
+        turning = turning_push(info)
         top = np.full(parts, BEYOND * plant.top_speed)
         self.curve = StoppingCurve(process, np.full(parts, braking * plant.strength), top, False)
         self.turn_curve = StoppingCurve(process, turn_braking * turning, fastest_spin(process, turning), True)

@@ -186,8 +186,8 @@ class Steering:
         apron: m around parts within which elements move as those under them, for rigid parts
             (:mod:`vibgym.allocation.cut`); with ``action="phasor"`` only.
         observer: among :data:`.observer.OBSERVERS`: ``"disturbance"`` estimates the acceleration of each part that elements and
-            nominal friction do not explain, and rejects it. None: that, if parts can tilt and elements have no hard dead zone,
-            where it is measured to help; else ``"none"``.
+            nominal friction do not explain, and rejects it. None: that for one part that can tilt, on elements without a hard
+            dead zone; else ``"none"``, since elsewhere it was measured not to help.
         **settings: the law's own.
 
     Attributes:
@@ -225,7 +225,7 @@ class Steering:
         self.action = checks.choice("action", action, tuple(OUTPUTS))
         self.output = OUTPUTS[action](info, self.process, learn, apron)
         self.learner = self.output.learner
-        usual = "none" if info.flat or info.hard_dead_zone else "disturbance"
+        usual = "none" if info.flat or info.hard_dead_zone or len(info.parts) > 1 else "disturbance"
         kind = checks.choice("observer", usual if observer is None else observer, tuple(OBSERVERS))
         self.observer = OBSERVERS[kind](info, self.gaining, self.gained)
         self.symmetry = np.array([part.symmetry for part in info.parts])

@@ -1,0 +1,135 @@
+"""Disturbance observer: its pole, the steady state, success on rigid parts, and parity of batches."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from tests.envs.helpers import batch
+from tests.policies.helpers import FRESH, HARDWARE, episodes, info_of
+from vibgym.policies.classical.observer import GAIN, MOST, DisturbanceObserver, NoObserver
+from vibgym.policies.classical.steering import OUTPUTS, Steering
+from vibgym.policies.registry import make_policy
+
+INCLINE = 0.02  # rad
+TILTING = {
+    "model": "tilting",
+    "randomize": {"patches": [0.75, 1.25], "disturbance": {"rate": 0.25, "tilt_deg": 3.0}},
+}
+OBSERVED = {"observer": "disturbance"}
+WORLDS = 3
+
+
+def run(policy, steps, worlds=WORLDS, seed=FRESH, restart=None, **settings):
+    """Run Align; return memories and actions by step, position errors (steps, worlds) m, and the environment.
+
+    Args:
+        restart: step before which the memory is stored and loaded; None: none.
+    """
+    env = batch("Align", worlds, action=policy.get("action", "phasor"), **settings)
+    made, state = make_policy(policy, env), None
+    observation, _ = env.reset(seed=seed)
+    states, actions, errors = [], [], []
+    for k in range(steps):
+        state = pickle.loads(pickle.dumps(state)) if k == restart else state
+        action, state = made.predict(observation, state)
+        observation, _, _, _, info = env.step(action)
+        states.append(state)
+        actions.append(action)
+        errors.append(info["position_error"])
+    return states, np.array(actions), np.array(errors), env
+
+
+@pytest.mark.parametrize("periods", [1, 4])
+def test_constant_disturbances_are_estimated_with_the_pole_of_the_observer(periods):
+    policy = Steering(info_of("Sort", periods_per_step=periods), **OBSERVED)
+    observer, parts = policy.observer, len(policy.info.parts)
+    true = np.array([0.3, -0.2, 8.0]) * np.ones((2, parts, 1))
+    generator = np.random.default_rng(1)
+    memory, velocity = observer.begin(2), generator.normal(0.0, 0.1, (2, parts, 3))
+    everywhere, given = np.ones((2, parts), dtype=bool), np.zeros((2, parts, 3))
+
+    class Seen:
+        present = everywhere
+        rate = velocity
+
+    for k in range(30):
+        # What a part does by the model: mean velocity over the last period, and velocity at the start of the next step.
+        Seen.rate = velocity - policy.gaining[:, None] * (given + true)
+        estimate = observer.update(Seen, everywhere, given, memory)
+        assert estimate == pytest.approx(true * (1.0 - (1.0 - GAIN) ** k), rel=1e-9, abs=1e-12)
+        believed = Seen.rate + policy.gaining[:, None] * (given + estimate)
+        memory = observer.started(believed, everywhere, memory)
+        given = generator.normal(0.0, 1.0, (2, parts, 3))
+        velocity = velocity + policy.gained[:, None] * (given + true)
+    assert np.abs(estimate / true - 1.0).max() < 0.005
+
+
+@pytest.mark.parametrize("action", OUTPUTS)
+def test_steady_state_errors_vanish_and_estimates_are_the_inclines(action):
+    settings = {"randomize": {"incline": [INCLINE, INCLINE]}, "task_settings": {"hold": 200}}
+    lqr = {"kind": "lqr", "action": action}
+    _, _, without, _ = run({**lqr, "observer": "none"}, 120, **settings)
+    states, _, within, env = run(lqr | OBSERVED, 120, **settings)
+    down = env.unwrapped.core.simulator.state.incline  # (worlds, 2) m/s^2
+    assert np.hypot(*down.T) == pytest.approx(env.unwrapped.surface.gravity * np.sin(INCLINE))
+    # The mean over a period of what remains of it at rest: friction brakes the motion that it causes in half a period.
+    policy = Steering(info_of())
+    expected = down / (1.0 + 0.5 * policy.info.plant.drag * policy.info.surface.period)
+    estimate = states[-1].observer.acceleration[:, 0]
+    assert estimate[:, :2] == pytest.approx(expected, abs=0.01 * np.hypot(*down.T).max())
+    assert without[-1].min() > 1e-3 and within[-1].max() < 0.05e-3
+
+
+def test_estimates_are_limited_and_wait_for_parts_that_are_measured():
+    policy = Steering(info_of("Sort"), **OBSERVED)
+    observer, shape = policy.observer, (1, len(policy.info.parts))
+    yes = np.ones(shape, dtype=bool)
+    memory = observer.started(np.zeros((*shape, 3)), yes, observer.begin(1))
+
+    class Seen:
+        present = np.arange(shape[1])[None] > 0
+        rate = np.full((*shape, 3), 1e3)
+
+    for _ in range(3):
+        estimate = observer.update(Seen, yes, np.zeros((*shape, 3)), memory)
+    assert (estimate[:, 0] == 0.0).all()
+    assert estimate[0, 1:, 0] == pytest.approx(MOST * policy.info.plant.push[1:])
+    before = estimate.copy()
+    observer.update(Seen, ~yes, np.zeros((*shape, 3)), memory)
+    assert (memory.acceleration == before).all()
+
+
+@pytest.mark.parametrize("kind, least", [("lqr", 30), ("local_field", 30), ("pose", 29)])
+def test_rigid_parts_on_patches_reach_their_goals(kind, least):
+    assert episodes(kind, "Align", 30, **TILTING).success >= least
+
+
+def test_without_an_observer_fewer_rigid_parts_reach_their_goals():
+    assert episodes({"kind": "lqr", "observer": "none"}, "Align", 30, **TILTING).success <= 26
+
+
+def test_batches_are_single_worlds_and_stored_memories_continue_exactly():
+    _, actions, errors, _ = run({"kind": "lqr"}, 60, **TILTING)
+    _, again, repeated, _ = run({"kind": "lqr"}, 60, restart=25, **TILTING)
+    assert (again == actions).all() and (repeated == errors).all()
+    for world in range(WORLDS):
+        _, alone, error, _ = run({"kind": "lqr"}, 60, 1, FRESH + world, **TILTING)
+        assert (alone[:, 0] == actions[:, world]).all() and (error[:, 0] == errors[:, world]).all()
+
+
+@pytest.mark.parametrize("task, settings, kind", [
+    ("Align", {"model": "tilting"}, DisturbanceObserver), ("Align", {}, NoObserver),
+    ("Align", {"model": "tilting", **HARDWARE}, NoObserver), ("Sort", {"model": "tilting"}, NoObserver),
+])  # fmt: skip
+def test_the_default_observes_single_rigid_parts_without_a_hard_dead_zone(task, settings, kind):
+    assert type(make_policy("lqr", info_of(task, **settings)).observer) is kind
+
+
+def test_unknown_observers_are_one_error_that_names_the_option():
+    with pytest.raises(ValueError, match="observer"):
+        make_policy({"kind": "lqr", "observer": "kalman"}, info_of())
+
+
+def test_several_parts_under_the_planner_observe_and_succeed():
+    assert episodes({"kind": "planner"} | OBSERVED, "Sort", 12).success == 12
