@@ -59,9 +59,9 @@ class Simulator:
                 - pieces: cells per element and direction into which the contact area is cut. ``"auto"``: friction as a
                   series over the whole contact area where slip varies little under the part, elsewhere as many cells as the
                   spin requires.
-                - contacts: with several parts or walls. ``"certified"``: impacts one by one at their times, overlaps below 0.3 mm.
-                  ``"fast"``, for training: a few steps per period, impacts at the same time; parts may overlap by more within
-                  a step (:mod:`vibgym.physics.contacts.fast`).
+                - contacts: with several parts or walls. ``"certified"``: impacts one by one at their times, overlaps below
+                  0.3 mm. ``"fast"``, for training: a few steps per period, impacts at the same time; parts may overlap by more
+                  within a step (:mod:`vibgym.physics.contacts.fast`).
                 - contact_steps: with several parts or walls, fewest alternating steps of friction and contacts in a period;
                   ``"auto"``: 10, or as many as keep what friction adds to an overlap small (long periods, narrow parts).
                   Steps are shorter where parts come together or spin fast. With fast contacts all steps are equal, and
