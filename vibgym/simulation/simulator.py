@@ -59,7 +59,7 @@ class Simulator:
                 - pieces: cells per element and direction into which the contact area is cut. ``"auto"``: friction as a
                   series over the whole contact area where slip varies little under the part, elsewhere as many cells as the
                   spin requires.
-                - contacts: with several parts or walls. ``"certified"``: impacts one by one at their times, overlaps below 0.3 mm.
+                - contacts: with several parts or walls. ``"certified"``: impacts one by one at their times, overlaps < 0.3 mm.
                   ``"fast"``, for training: a few steps per period, impacts at the same time; parts may overlap by more within
                   a step (:mod:`vibgym.physics.contacts.fast`).
                 - contact_steps: with several parts or walls, fewest alternating steps of friction and contacts in a period;
