@@ -63,8 +63,8 @@ def new_pieces(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) ->
     room, corners = sum(each**2 for each in across), max(len(part.outline) for part in parts)
     # Rounding may place the outline in one more row and column.
     cells, box = np.zeros(((max(across) + 1) ** 2, MOMENTS)), np.zeros(4, dtype=np.int64)
-    part, element = np.zeros((2, room), dtype=np.int64)
-    return Pieces(part, element, np.zeros(room), np.zeros((room, 2)), *np.zeros((2, corners)), cells, box)
+    (part, element), (x, y) = np.zeros((2, room), dtype=np.int64), np.zeros((2, corners))
+    return Pieces(part, element, np.zeros(room), np.zeros((room, 2)), x, y, cells, box)
 
 
 @borrowing

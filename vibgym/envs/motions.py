@@ -67,7 +67,7 @@ class Wrench(Action):
         self._unserved = np.zeros((worlds, len(self.parts)), dtype=np.int64)
         self._given = np.zeros((worlds, *self.shape))
         values = np.zeros((worlds, 2 * self.surface.rows * self.surface.columns), dtype=np.float32)
-        self._drive = phasor_drive(values, self.surface.columns, self.full_scale)
+        self._phasors = phasor_drive(values, self.surface.columns, self.full_scale)
         return {"unserved": self._unserved}
 
     def left_out(self, measurement: Measurement) -> np.ndarray:
@@ -103,8 +103,8 @@ class Wrench(Action):
         self._unserved[...] = np.select(reasons, [GONE, BESIDE, STICKS, LEFT_OUT], SERVED)
         served = self._unserved == SERVED
         self._given[...] = np.where(served[..., None], given, 0.0)
-        self.allocator.actions(pose, served, np.where(served[..., None], push, 0.0), out=self._drive.values)
-        return self._drive
+        self.allocator.actions(pose, served, np.where(served[..., None], push, 0.0), out=self._phasors.values)
+        return self._phasors
 
 
 TOP_SHARE = 5.0 / 6.0
