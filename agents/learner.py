@@ -11,8 +11,8 @@ import torch
 
 from agents import checkpoint
 from agents.networks import NETWORKS, ActorCritic, trained_tensors
-from agents.training_settings import NetworkSettings, TrainSettings
-from vibgym import checks
+from agents.training_settings import NetworkSettings, ServesSettings, TrainSettings
+from vibgym import Surface, checks
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import CODINGS, Coding
@@ -123,7 +123,7 @@ class PartsLearner:
         serves = settings.serves
         record: dict[str, Any] = {
             "tasks": list(dict.fromkeys([info.name, *(serves.tasks or ())])),
-            "surface": ANY if serves.surface == ANY else described(info.surface),
+            "surface": served(info.surface, serves),
             "parts": ANY if serves.parts == ANY else len(info.parts),
             "columns": coding.columns,
             "turned": coding.turned,
@@ -178,6 +178,13 @@ class PartsLearner:
     def close(self) -> None:
         """Close the environment."""
         self.env.close()
+
+
+def served(surface: Surface, serves: ServesSettings) -> dict[str, Any]:
+    """Return the surfaces that a policy serves, as its file has them."""
+    whole = dict.fromkeys(("rows", "columns"), ANY) if serves.surface == ANY else {}
+    ranges = {"frequency": serves.frequency, "element_size": serves.element_size}
+    return described(surface) | whole | {name: list(each) for name, each in ranges.items() if each is not None}
 
 
 def _form(policy: TrainedPolicy) -> dict[str, Any]:

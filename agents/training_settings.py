@@ -132,7 +132,9 @@ class ServesSettings(Settings):
     """Scenes that the policy file accepts besides the one of training."""
 
     tasks: list[str] | None = None  # names; None: the task of training
-    surface: Literal["same", "any"] = "same"
+    surface: Literal["same", "any"] = "same"  # "any": number of rows and columns
+    frequency: tuple[float, float] | None = None  # Hz, measured range; None: that of training
+    element_size: tuple[float, float] | None = None  # m, the same
     parts: Literal["same", "any"] = "same"  # their number
 
 

@@ -115,3 +115,19 @@ def test_numbers_of_the_table_belong_together():
         assert 0.0 <= low <= rate <= high <= 1.0 and low < high
         assert rate * int(row["episodes"]) == pytest.approx(np.rint(rate * int(row["episodes"])), abs=1e-6)
         assert int(row["steps"]) > 0 and float(row["minutes"]) > 0.0 and row["processor"] and row["versions"]
+
+
+RANGED = [name for name in ALL if isinstance(record(name)["surface"]["frequency"], list)]
+
+
+@pytest.mark.parametrize("end", [0, 1])
+@pytest.mark.parametrize("name", RANGED)
+def test_a_policy_succeeds_at_the_ends_of_the_ranges_that_it_states(name, end):
+    stated, task = record(name)["surface"], record(name)["tasks"][0]
+    policy = {"kind": "trained", "path": str(SHIPPED / f"{name}.json")}
+    for what in ("frequency", "element_size"):
+        surface = {what: stated[what][end]}
+        assert rollout(policy, task, seeds=range(FRESH, FRESH + 20), surface=surface).success.mean() >= 0.95
+        beyond = {what: stated[what][end] * (0.9, 1.1)[end]}
+        with pytest.raises(ValueError, match="surface"):
+            rollout(policy, task, seeds=[FRESH], surface=beyond)

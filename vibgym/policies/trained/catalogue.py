@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from vibgym import Surface, checks
 from vibgym.actuators import DataSheet, actuators_from
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.trained import ANY, RESIDUAL, described
+from vibgym.policies.trained.trained import ANY, RESIDUAL, serves_surface
 
 SHIPPED = Path(__file__).parent / "shipped"
 
@@ -26,19 +26,24 @@ class Agent(NamedTuple):
     hardware: str  # among HARDWARE, of training
     action: str
     variant: str  # such as "cloned"; "" for the usual agent of the task and hardware
-    surface: Any  # see trained.described(), or ANY
+    surface: Any  # see trained.serves_surface()
     parts: Any  # number of them, or ANY
     kind: str  # of the policy: "trained" or "residual"
 
     def __str__(self) -> str:
         parts = "any number of parts" if self.parts == ANY else f"{self.parts} part{'s' * (self.parts != 1)}"
-        surface = "any surface" if self.surface == ANY else "{rows} x {columns} elements".format(**self.surface)
+        surface = "any surface"
+        if self.surface != ANY:
+            size = "{rows} x {columns}".format(**self.surface)
+            frequency = self.surface["frequency"]
+            low, high = frequency if isinstance(frequency, list) else (frequency, frequency)
+            surface = f"{size} elements, {low:g} Hz" if low == high else f"{size} elements, {low:g} to {high:g} Hz"
         variant = f", variant {self.variant!r}" if self.variant else ""
         return f"{', '.join(self.tasks)} ({self.hardware}, action {self.action!r}, {parts}, {surface}{variant})"
 
     def fits(self, info: TaskInfo) -> bool:
         """Return whether it supports surface and number of parts."""
-        return self.surface in (ANY, described(info.surface)) and self.parts in (ANY, len(info.parts))
+        return serves_surface(self.surface, info.surface) and self.parts in (ANY, len(info.parts))
 
 
 def hardware_of(sheet: DataSheet, surface: Surface) -> str:
@@ -88,7 +93,7 @@ def shipped_agent(
     ]  # fmt: skip
     if not fitting:
         named = "".join(f", {name} {value!r}" for name, value in (("action", action), ("variant", variant)) if value)
-        surface = f"{info.surface.rows} x {info.surface.columns} elements"
+        surface = f"{info.surface.rows} x {info.surface.columns} elements, {info.surface.frequency:g} Hz"
         scene = f"{info.name} ({hardware}, parts: {len(info.parts)}, {surface}{named})"
         have = "; ".join(map(str, mine or shipped_agents()))
         raise checks.conflict(f"policy 'learned' has no agent for {scene}; shipped: {have}")

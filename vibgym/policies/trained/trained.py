@@ -21,7 +21,7 @@ VERSION = 2
 """Of policy files; in version 1 networks read the flat state."""
 
 ANY = "any"
-"""Value of ``surface`` or ``parts`` in a policy file that serves all of them."""
+"""Value of ``surface``, of its rows and columns, or of ``parts`` in a policy file that serves all of them."""
 
 RESIDUAL = "residual"
 """Key of a policy file that names the base policy and the scale of a correction."""
@@ -131,6 +131,22 @@ def described(surface: Surface) -> dict[str, Any]:
     return {name: getattr(surface, name) for name in ("rows", "columns", "element_size", "frequency")}
 
 
+def serves_surface(record: Any, surface: Surface) -> bool:
+    """Return whether the ``surface`` of a policy file includes this one.
+
+    Args:
+        record: :data:`ANY`, or a mapping as of :func:`described`, of numbers, ranges ``[low, high]``, or :data:`ANY`.
+        surface: of the scene.
+    """
+    mine = described(surface)
+    if not isinstance(record, dict) or record.keys() != mine.keys():
+        return bool(record == ANY)
+    return all(
+        each[0] <= mine[name] <= each[1] if isinstance(each, list) and len(each) == 2 else each in (ANY, mine[name])
+        for name, each in record.items()
+    )
+
+
 def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | StatePolicy:
     """Load a policy file and check that it fits.
 
@@ -160,10 +176,11 @@ def network_of(
     tasks = record.get("tasks")
     if not isinstance(tasks, list) or info.name not in tasks:
         raise checks.refuse(f"{name}: tasks", tasks, f"a list with {info.name!r}")
-    for what, mine in (("surface", described(info.surface)), ("parts", len(info.parts))):
-        theirs = record.get(what)
-        if theirs not in (ANY, mine) or isinstance(theirs, bool):  # True would be 1 part
-            raise checks.refuse(f"{name}: {what}", theirs, f"{mine!r}, as this scene has it")
+    surface, parts = record.get("surface"), record.get("parts")
+    if not serves_surface(surface, info.surface):
+        raise checks.refuse(f"{name}: surface", surface, f"{described(info.surface)!r}, as this scene has it")
+    if parts not in (ANY, len(info.parts)) or isinstance(parts, bool):  # True would be 1 part
+        raise checks.refuse(f"{name}: parts", parts, f"{len(info.parts)!r}, as this scene has it")
     network = checks.choice(f"{name}: network", record.get("network"), (STATE, *ACTING))
     actions = ACTIONS if network == STATE else (*actions_by_part(), *CODES)
     action = checks.choice(f"{name}: action", record.get("action"), tuple(actions))
