@@ -17,6 +17,9 @@ MOST_BYTES = 4e9
 """Of a rollout, and of the demonstrations of imitation."""
 
 Rate = Annotated[float, Field(gt=0, le=1)]
+Range = Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=2, max_length=2)]
+"""Low and high end."""
+
 Width = Annotated[int, Field(ge=1, le=4096)]
 Widths = Annotated[list[Width], Field(min_length=1, max_length=8)]
 
@@ -133,9 +136,16 @@ class ServesSettings(Settings):
 
     tasks: list[str] | None = None  # names; None: the task of training
     surface: Literal["same", "any"] = "same"  # "any": number of rows and columns
-    frequency: tuple[float, float] | None = None  # Hz, measured range; None: that of training
-    element_size: tuple[float, float] | None = None  # m, the same
+    frequency: Range | None = None  # Hz, measured range; None: that of training
+    element_size: Range | None = None  # m, the same
     parts: Literal["same", "any"] = "same"  # their number
+
+    @field_validator("frequency", "element_size")
+    @classmethod
+    def _ordered(cls, ends: list[float] | None) -> list[float] | None:
+        if ends is not None and ends[0] > ends[1]:
+            raise PydanticCustomError("range", "[low, high]")
+        return ends
 
 
 class TrainSettings(Settings):

@@ -150,6 +150,7 @@ def test_a_user_registered_algorithm_is_trained_and_continues(tmp_path, monkeypa
 @pytest.mark.parametrize("changes, named", [
     ({"algorithm": "sb3.Nothing"}, "algorithm"), ({"ppo": {"network": "nothing"}}, "network"), ({"steps": 0}, "steps"),
     ({"algorithm": "sb3.SAC", "imitation": IMITATION}, "imitation"), ({"ppo": {"n_steps": 10**6}, "worlds": 1000}, "n_steps"),
+    ({"serves": {"frequency": [30.0, 20.0]}}, "frequency"),
 ])  # fmt: skip
 def test_invalid_settings_are_refused_by_name(tmp_path, changes, named):
     with pytest.raises(ValueError, match=named):
