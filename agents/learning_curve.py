@@ -204,8 +204,8 @@ class LearningCurve:
 
 def rank(row: Mapping[str, Any], best: str = "success") -> tuple[float, float, float]:
     """Return the sort key of a row, the best first: by good parts per minute where tasks have no success, else by ``best``,
-    ``"success"`` or ``"speed"``, then by time. Old curves have no rates."""
-    return -float(row.get("rate") or 0.0), -float(row[best]), float(row["time_to_goal"] or "inf")
+    ``"success"`` or ``"speed"``, then by time. Old curves have neither rates nor speeds."""
+    return -float(row.get("rate") or 0.0), -float(row.get(best) or 0.0), float(row["time_to_goal"] or "inf")
 
 
 def without_hold(settings: TrainSettings) -> list[dict[str, Any]]:

@@ -5,7 +5,7 @@ estimation (GAE; Schulman et al. 2016, https://arxiv.org/abs/1506.02438). All pa
 its own reward, value and advantage, and the critic reads all parts of a world. A stopped run continues bit for bit.
 
 With ``overlap`` the next rollout is collected while the networks learn from the last one, by the networks before that update;
-the probabilities in the ratios are those of the networks that acted.
+the probabilities in the ratios are those of the networks that acted. The last rollout of a run is not learned from.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class PPO(PartsLearner):
             raise checks.refuse("ppo.n_steps", own.n_steps, "2 or more with one world")
         row = np.dtype(coding.dtype).itemsize * coding.shape.columns
         step = settings.worlds * len(coding.parts) * (row + 4 * (coding.shape.action + 6))
-        check_bytes("ppo.n_steps", own.n_steps, step)
+        check_bytes("ppo.n_steps", own.n_steps, step * (2 if own.overlap else 1))
         if own.noise_floor is not None and own.network != "parts":
             raise checks.conflict(f"ppo.noise_floor requires network 'parts', got {own.network!r}")
         imitation = settings.imitation
