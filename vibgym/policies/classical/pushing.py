@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import Part
+from vibgym.kernels.jit import exact
 from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.classical.steering import Memory, Settings, Steering
@@ -173,56 +174,34 @@ class PushingPolicy(Steering):
         Returns:
             (batch, 2) indices of points, strengths of the pushes, and angles (rad) by which the pushers go round the part.
         """
-        effect, place, gram = self.outline.effect, self.outline.place, self._gram
+        effect, place = self.outline.effect, self.outline.place
         along = direction @ effect.T  # (batch, n)
-        one, other = along[:, :, None], along[:, None, :]
-        own = np.diag(gram)
-        determinant = own[:, None] * own - gram**2
-        safe = np.where(determinant > 1e-9, determinant, 1.0)
-        first = (own[None, None, :] * one - gram * other) / safe
-        second = (own[None, :, None] * other - gram * one) / safe
-        both = (first > 0.0) & (second > 0.0) & (determinant > 1e-9)
-        alone = np.maximum(along, 0.0) / np.sqrt(own)
-        worth = np.where(both, np.sqrt(np.maximum(first * one + second * other, 0.0)), 0.0)
-        single = np.maximum(alone[:, :, None], alone[:, None, :])
-        worth = np.maximum(worth, np.where(both, 0.0, single))
+        here = np.arctan2(at[..., 1], at[..., 0])
+        short = wrap(self.outline.direction - here[..., None])
+        sweeps = np.stack([short, short - np.copysign(2.0 * math.pi, short)], axis=2)
+        cost = self.travel(at, here, sweeps, centre, to_world)
+        ahead = np.mod(here[:, 1] - here[:, 0], 2.0 * math.pi)
         inside = self.on_table(place, centre, to_world)
-        price, sweeps, pair = self.travel(at, centre, to_world)
-        fits = self._fits & inside[:, :, None] & inside[:, None, :]
-        worth = np.where(fits, worth - self.manner.travel * price, -np.inf)
-        best = worth.reshape(len(worth), -1).argmax(axis=1)
-        i, j = best // len(place), best % len(place)
-        rows = np.arange(len(worth))
-        strong = np.stack([first[rows, i, j], second[rows, i, j]], axis=-1)
-        lone = np.stack([along[rows, i] >= along[rows, j], along[rows, j] > along[rows, i]], axis=-1).astype(float)
-        first_way, second_way = np.divmod(pair[rows, i, j], 2)
-        sweep = np.stack([sweeps[rows, 0, first_way, i], sweeps[rows, 1, second_way, j]], axis=-1)
-        return np.stack([i, j], axis=-1), np.where(both[rows, i, j][:, None], strong, lone), sweep
+        chosen, sweep = np.zeros((len(at), 2), dtype=np.int64), np.zeros((len(at), 2))
+        push = np.zeros((len(at), 2))
+        alone, price = np.maximum(along, 0.0) / np.sqrt(np.diag(self._gram)), self.manner.travel
+        choose_pairs(along, alone, self._gram, self._fits, inside, cost, sweeps, ahead, price, chosen, push, sweep)
+        return chosen, push, sweep
 
-    def travel(self, at: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Compute the lengths of the pushers' paths to all pairs of places, not past one another and not over the border.
+    def travel(
+        self, at: np.ndarray, here: np.ndarray, sweeps: np.ndarray, centre: np.ndarray, to_world: np.ndarray
+    ) -> np.ndarray:
+        """Return the lengths of each pusher's paths to all places, (batch, 2, 2, n) m, more where a border obstructs them.
 
         Args:
             at, centre, to_world: see :meth:`choose`.
-
-        Returns:
-            (batch, n, n) m, of both together; (batch, 2, 2, n) rad, by which each pusher goes round on the shorter and on the
-            longer path; (batch, n, n) index of the best pair of paths: twice the first pusher's plus the second one's.
+            here: (batch, 2) rad, directions of the pushers from the part.
+            sweeps: (batch, 2, 2, n) rad, by which each pusher goes round on the shorter and on the longer path.
         """
         outline = self.outline
-        here = np.arctan2(at[..., 1], at[..., 0])
-        short = wrap(outline.direction - here[..., None])
-        sweeps = np.stack([short, short - np.copysign(2.0 * math.pi, short)], axis=2)
         off = np.hypot(at[..., 0], at[..., 1])[..., None, None] - np.hypot(outline.place[:, 0], outline.place[:, 1])
         cost = np.abs(off) + np.abs(sweeps) * float(outline.round.mean())
-        cost = cost + BARRED * self.barred(here, sweeps, centre, to_world)
-        ahead = np.mod(here[:, 1] - here[:, 0], 2.0 * math.pi)[:, None, None, None, None]
-        # (batch, path of the first, path of the second, n, n)
-        then = ahead + sweeps[:, 1][:, None, :, None, :] - sweeps[:, 0][:, :, None, :, None]
-        passing = (then <= 0.0) | (then >= 2.0 * math.pi)
-        both = cost[:, 0][:, :, None, :, None] + cost[:, 1][:, None, :, None, :] + BARRED * passing
-        both = both.reshape(len(at), 4, *both.shape[3:])
-        return both.min(axis=1), sweeps, both.argmin(axis=1)
+        return cost + BARRED * self.barred(here, sweeps, centre, to_world)
 
     def barred(self, here: np.ndarray, sweeps: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
         """Return whether the border obstructs paths round the part, (batch, 2, 2, n) bool.
@@ -243,9 +222,12 @@ class PushingPolicy(Steering):
 
     def on_table(self, place: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
         """Return whether a pusher at places (n, 2) of the part's frame is on the table, (batch, n) bool."""
-        there = centre[:, None] + np.einsum("bij,nj->bni", to_world, place)
-        size = np.array([self.info.surface.width, self.info.surface.depth])
-        return ((there > self.reach) & (there < size - self.reach)).all(axis=-1)
+        inside = np.ones((len(centre), len(place)), dtype=bool)
+        for axis, size in enumerate((self.info.surface.width, self.info.surface.depth)):
+            x, y = to_world[:, axis, 0, None], to_world[:, axis, 1, None]
+            there = centre[:, axis, None] + (x * place[:, 0] + y * place[:, 1])
+            inside &= (there > self.reach) & (there < size - self.reach)
+        return inside
 
     def go_round(self, at: np.ndarray, sweep: np.ndarray) -> np.ndarray:
         """Return velocities (batch, 2, 2), m/s, along the outline from places (batch, 2, 2) by angles (batch, 2)."""
@@ -281,3 +263,57 @@ def rotation(heading: np.ndarray) -> np.ndarray:
     """Return matrices (batch, 2, 2) that rotate vectors of a part's frame into the world's; ``heading`` (batch,) rad."""
     cosine, sine = np.cos(heading), np.sin(heading)
     return np.stack([np.stack([cosine, -sine], axis=-1), np.stack([sine, cosine], axis=-1)], axis=-2)
+
+
+@exact
+def choose_pairs(along, alone, gram, fits, inside, cost, sweeps, ahead, price, chosen, push, sweep):
+    """Choose the best pair of points for each world, see :meth:`PushingPolicy.choose`.
+
+    The value of a pair is the length of the projection of the wanted motion onto the cone of both pushes, or onto the better
+    of the two, less the price of the paths.
+
+    Args:
+        along: (worlds, n) component of the wanted motion along the effect of each point.
+        alone: (worlds, n) value of a push at one point: 0, or ``along`` over the length of the effect.
+        gram: (n, n) scalar products of the effects.  fits: (n, n) bool, whether two pushers have room at both points.
+        inside: (worlds, n) bool, whether a pusher is on the table there.
+        cost, sweeps: (worlds, 2, 2, n) m and rad, length and angle of both paths of each pusher.
+        ahead: (worlds,) rad in [0, 2 pi), by which the second pusher is ahead of the first.
+        price: 1/m, cost of a metre of the paths.
+        chosen, push, sweep: (worlds, 2) points, strengths and angles, overwritten.
+    """
+    for w in range(along.shape[0]):
+        best, first_path, second_path = -math.inf, 0, 0
+        for i in range(along.shape[1]):
+            if not inside[w, i]:
+                continue
+            for j in range(along.shape[1]):
+                if not (inside[w, j] and fits[i, j]):
+                    continue
+                one, other, shared = along[w, i], along[w, j], gram[i, j]
+                determinant = gram[i, i] * gram[j, j] - shared * shared
+                first, second = gram[j, j] * one - shared * other, gram[i, i] * other - shared * one
+                if determinant > 1e-9 and first > 0.0 and second > 0.0:
+                    first, second = first / determinant, second / determinant
+                    worth = math.sqrt(max(first * one + second * other, 0.0))
+                else:
+                    worth = max(alone[w, i], alone[w, j])
+                    first, second = (1.0, 0.0) if one >= other else (0.0, 1.0)
+                if worth <= best:  # paths only cost
+                    continue
+                shortest, a_best, b_best = math.inf, 0, 0
+                for a in range(2):
+                    for b in range(2):
+                        then = ahead[w] + sweeps[w, 1, b, j] - sweeps[w, 0, a, i]
+                        length = cost[w, 0, a, i] + cost[w, 1, b, j]
+                        if then <= 0.0 or then >= 2.0 * math.pi:  # one would pass the other
+                            length += BARRED
+                        if length < shortest:
+                            shortest, a_best, b_best = length, a, b
+                if worth - price * shortest > best:
+                    best = worth - price * shortest
+                    chosen[w, 0], chosen[w, 1] = i, j
+                    push[w, 0], push[w, 1] = first, second
+                    first_path, second_path = a_best, b_best
+        i, j = chosen[w, 0], chosen[w, 1]
+        sweep[w, 0], sweep[w, 1] = sweeps[w, 0, first_path, i], sweeps[w, 1, second_path, j]
