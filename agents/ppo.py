@@ -22,6 +22,7 @@ import numpy as np
 import torch
 
 from agents.checkpoint import Modules, Optimizers
+from agents.curriculum import Curriculum
 from agents.imitation import Imitation, check_memory, experts
 from agents.learner import PartsLearner, Report
 from agents.networks import ActorCritic, log_probability
@@ -64,9 +65,14 @@ class PPO(PartsLearner):
         super().__init__(settings)
         assert isinstance(settings.own, PPOSettings)
         self.own = settings.own
+        # A base policy reads the flat state.
+        self._seen = ResidualPolicy.observation if settings.residual else self.observation
+        self.curriculum = Curriculum(settings, WINDOW)
         with checks.within("environment"):
-            # A base policy reads the flat state.
-            self.env = make_worlds(settings, ResidualPolicy.observation if settings.residual else self.observation)
+            self.env = make_worlds(settings, self._seen)
+        if settings.curriculum:
+            self._check_curriculum()
+            self._enter_stage()
         try:
             self._build()
         except ValueError:
@@ -126,6 +132,7 @@ class PPO(PartsLearner):
         with ThreadPoolExecutor(1) as collector, self._threads():
             while self.steps < until:
                 report(metrics)
+                self._follow_curriculum()
                 if self.own.overlap:
                     self.behaviour.load_state_dict(self.policy.state_dict())
                 collecting = collector.submit(self.collect)
@@ -134,9 +141,38 @@ class PPO(PartsLearner):
                 metrics = self.update(1.0 - self.steps / until) if self._waits else {}
                 if self.own.overlap:
                     self.steps += collecting.result()
-                metrics |= self._episode_metrics()
+                metrics |= self._episode_metrics() | {"stage": self.curriculum.stage}
                 self.rollout, self._ahead, self._waits = self._ahead, self.rollout, True
         report(metrics)
+
+    def _check_curriculum(self) -> None:
+        """Raise :class:`ValueError` if the worlds of a stage cannot be made or have other spaces than those of the run."""
+        spaces = self.env.observation_space, self.env.action_space
+        self.env.close()
+        for stage in range(len(self.settings.curriculum)):
+            where = f"curriculum.{stage}.environment"
+            self.curriculum.stage = stage
+            with checks.within(where):
+                env = make_worlds(self.curriculum.settings, self._seen)
+            env.close()
+            if (env.observation_space, env.action_space) != spaces:
+                raise checks.conflict(f"{where} has other observations or actions than the run's environment")
+        self.curriculum.stage = 0
+
+    def _follow_curriculum(self) -> None:
+        """Begin the next stage of the curriculum if this one has ended."""
+        limit = self.env.env.unwrapped.max_episode_steps or 0
+        if self.curriculum.advance(self.steps, self.episodes, limit * self.env.num_envs):
+            self._enter_stage()
+            self.env.seed(self.settings.seed + self.steps)
+            self._observation, self._inputs = self.env.reset(), None
+            self._start = np.ones(self.env.num_envs, dtype=bool)
+            self.episodes.clear()
+
+    def _enter_stage(self) -> None:
+        """Replace the worlds, which may be closed, by those of the current stage."""
+        self.env.close()
+        self.env = make_worlds(self.curriculum.settings, self._seen)
 
     @contextmanager
     def _threads(self) -> Iterator[None]:
@@ -277,12 +313,16 @@ class PPO(PartsLearner):
             "observation": self._observation,
             "start": self._start,
             "seen": None if self._inputs is None else list(self._inputs),
+            "curriculum": self.curriculum.get_state(),
             "worlds": self.env.get_state(),
             "episodes": [list(each) for each in self.episodes],
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from what :meth:`get_state` returned."""
+        self.curriculum.set_state(state["curriculum"])
+        if self.curriculum.stage:
+            self._enter_stage()
         self.env.set_state(state["worlds"])
         self.steps, self.pace = state["steps"], state["pace"]
         self._observation, self._start = state["observation"], np.asarray(state["start"])

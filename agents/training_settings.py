@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, SerializeAsAny, field_validator, model_serializer
+from pydantic import Field, SerializeAsAny, field_validator, model_serializer, model_validator
 from pydantic_core import PydanticCustomError
 
 from agents.outlines import OutlineSettings, scenes
@@ -148,6 +148,26 @@ class ServesSettings(Settings):
         return ends
 
 
+class UntilSettings(Settings):
+    """Condition that ends a stage of a curriculum: the first of those given that holds."""
+
+    success: float | None = Field(None, gt=0, le=1)  # of the last 100 training episodes, with exploration
+    steps: int | None = Field(None, ge=1, le=MOST_STEPS)  # of the stage
+
+    @model_validator(mode="after")
+    def _ends(self) -> UntilSettings:
+        if self.success is None and self.steps is None:
+            raise PydanticCustomError("until", "'success', 'steps' or both")  # type: ignore[arg-type]
+        return self
+
+
+class StageSettings(Settings):
+    """Stage of a curriculum, see :class:`agents.curriculum.Curriculum`."""
+
+    environment: dict[str, Any]  # arguments that differ from those of the run's environment; mappings are merged
+    until: UntilSettings
+
+
 class TrainSettings(Settings):
     """One training run, see :func:`agents.training_file.settings_from`."""
 
@@ -163,19 +183,20 @@ class TrainSettings(Settings):
     start: str | None = None  # policy file to start from; {seed} is replaced by the run's
     imitation: ImitationSettings | None = None
     residual: ResidualSettings | None = None
+    curriculum: list[StageSettings] = Field([], max_length=100)  # easier environments before the run's own
     judging: JudgingSettings | None = None
     serves: ServesSettings = ServesSettings()
     algorithm: str = "ppo"  # among agents.algorithms.ALGORITHMS, or sb3.NAME
     own: SerializeAsAny[Settings]  # the algorithm's; in files they stand under its name
 
     def check_alone(self) -> None:
-        """Reject ``residual``, ``imitation`` and ``start``, which PPO alone supports.
+        """Reject ``residual``, ``imitation``, ``start`` and ``curriculum``, which PPO alone supports.
 
         Raises:
             ValueError: one is set.
         """
-        for name in ("residual", "imitation", "start"):
-            if getattr(self, name) is not None:
+        for name in ("residual", "imitation", "start", "curriculum"):
+            if getattr(self, name):
                 raise checks.conflict(f"{name} requires algorithm 'ppo', got {self.algorithm!r}")
 
     def check_residual(self) -> None:

@@ -66,6 +66,26 @@ def test_the_tee_moves_when_pushed_and_stops_by_friction():
     assert np.hypot(*still.mean_velocity[0, 2, :2]) < 1e-3
 
 
+def test_pushers_are_rewarded_for_their_way_to_the_part():
+    env = batch("Push", 8, action="velocity", task_settings={"weights": {"reach": 0.7}})
+    env.reset(seed=5)
+    core, rng = env.unwrapped, np.random.default_rng(5)
+
+    def reach():
+        centre = core.truth.pose[..., :2]
+        return np.hypot(*np.moveaxis(centre[:, :2] - centre[:, 2:], -1, 0))
+
+    before, of_parts, of_worlds = reach(), np.zeros((8, 3)), np.zeros(8)
+    for _ in range(30):
+        info = env.step(rng.uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32))[4]
+        of_parts += info["parts"]["reward_terms"]["reach"]
+        of_worlds += info["reward_terms"]["reach"]
+    expected = 0.7 * (before - reach()) / 0.1  # a sum of changes is the change
+    np.testing.assert_allclose(of_parts[:, :2], expected, atol=1e-12)
+    np.testing.assert_allclose(of_worlds, expected.mean(axis=1), atol=1e-12)
+    assert not of_parts[:, 2].any() and np.abs(expected).max() > 0.1
+
+
 def test_coverage_is_the_area_of_the_intersection():
     block = Part.rectangle(0.04, 0.02, friction=0.5)
     pose, goal, coverage = np.zeros((4, 1, 3)), np.zeros((4, 1, 3)), np.zeros(4)

@@ -25,7 +25,8 @@ TOUCHING = 1e-4
 """m, distance below which a pair of parts counts as touching."""
 
 QUANTITIES = (
-    "distance", "approach", "turn", "alignment", "inside", "within", "clearance", "time", "success", "fallen", "good", "faulty"
+    "distance", "approach", "turn", "alignment", "inside", "within", "clearance", "time", "success", "fallen", "good", "faulty",
+    "reach",
 )  # fmt: skip
 """Quantities of reward terms, each at most 1 in magnitude. Changes are those since the last step, means are over the parts.
 
@@ -36,12 +37,13 @@ QUANTITIES = (
 - clearance: change of the mean of min(distance to the nearest part / required distance, 1)
 - time: -1, success: 1, fallen: -1 if a part has fallen
 - good, faulty: 1 if a part has left as it should, -1 if it has left otherwise, where parts arrive and leave (:mod:`.flow`)
+- reach: decrease of the mean distance between each part without a goal and the nearest centre of a part with one, per 100 mm
 
 The terms of one part count the same quantities of that part alone; fallen is -1 for the part that has fallen, and time and
 success are those of the world. The mean of the parts' terms is therefore the world's term where this is linear in the parts:
 not for approach, alignment, within and fallen, nor at the bound of a term.
 """
-(DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN, GOOD, FAULTY) = range(
+(DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN, GOOD, FAULTY, REACH) = range(
     len(QUANTITIES)
 )
 
@@ -97,6 +99,8 @@ class Relations(NamedTuple):
     error: np.ndarray
     gap: np.ndarray  # (worlds, parts) m, to the nearest other part; negative: overlap
     neighbour: np.ndarray  # (worlds, parts) int64, index of the nearest other part; -1: none
+    # (worlds, parts) m, from the centre of a part without a goal to the nearest centre of a part with one; 0 of others
+    reach: np.ndarray
 
 
 class Episode(NamedTuple):
@@ -157,8 +161,8 @@ context_at = CONTEXT.at
 # Columns of Episode.number. The next step is compared with the first four: mean distance (m), mean heading error (rad), share
 # of the parts at the goal, mean share of the required clearance.
 MEAN_DISTANCE, MEAN_TURN, SHARE_INSIDE, SHARE_CLEAR, POSITION_ERROR, HEADING_ERROR, SMALLEST_GAP, REWARD = range(8)
-# Columns of Episode.part_number, with which a part's next step is compared: distance (m), tanh of it over its scale, heading
-# error (rad), tanh likewise, 1 at the goal, share of the required clearance.
+# Columns of Episode.part_number, with which a part's next step is compared: distance (m; of a part without a goal its reach), tanh
+# of it over its scale, heading error (rad), tanh likewise, 1 at the goal, share of the required clearance.
 PART_AWAY, PART_NEAR, PART_TURN, PART_ALIGNED, PART_INSIDE, PART_CLEAR = range(6)
 PARTS_DONE, IN_TOUCH, HELD = range(3)  # of Episode.count; HELD: consecutive periods with all parts done
 # Columns of Episode.flag. BARRED: success is not possible yet, or no longer, see vibgym.tasks.follow.
@@ -171,6 +175,7 @@ def new_relations(worlds: int, parts: int) -> Relations:
         error=np.zeros((worlds, parts, 3)),
         gap=np.zeros((worlds, parts)),
         neighbour=np.full((worlds, parts), -1, dtype=np.int64),
+        reach=np.zeros((worlds, parts)),
     )
 
 
@@ -270,7 +275,20 @@ def relate_world(context, pose, gone, world):
             if rules.tolerance[i, TURNED] < math.inf:
                 turn = wrapped(goal[world, i, 2] - pose[world, i, 2], rules.heading_period[i])
         error[world, i, 0], error[world, i, 1], error[world, i, 2] = ex, ey, turn
+        if not rules.asked[i]:
+            context.relations.reach[world, i] = reach_of(context, pose, world, i)
     return clearance, touching
+
+
+@borrowing
+def reach_of(context, pose, world, part):
+    """Return the distance, m, from a part's centre to the nearest centre of a part with a goal; 0 if either is absent."""
+    present, nearest = context.episode.present[world], math.inf
+    for other in range(pose.shape[1]):
+        if context.rules.asked[other] and present[other]:
+            x, y = pose[world, other, 0] - pose[world, part, 0], pose[world, other, 1] - pose[world, part, 1]
+            nearest = min(nearest, math.sqrt(x * x + y * y))
+    return nearest if present[part] and nearest < math.inf else 0.0
 
 
 @borrowing
@@ -342,6 +360,7 @@ def reward_world(context, within, world):
     quantity[SUCCESS] = 1.0 if flag[SUCCEEDED] else 0.0
     quantity[FALLEN] = -1.0 if flag[DOWN] else 0.0
     quantity[GOOD] = quantity[FAULTY] = 0.0
+    quantity[REACH] = closer_on_average(context, world)
     terms = episode.terms[world]
     for k in range(terms.shape[0]):
         terms[k] = rules.weight[k] * quantity[rules.term[k]]
@@ -352,16 +371,30 @@ def reward_world(context, within, world):
 
 
 @borrowing
+def closer_on_average(context, world):
+    """Return the quantity "reach" of a world: the mean over its parts without a goal, before their numbers are updated."""
+    rules, episode, closer, count = context.rules, context.episode, 0.0, 0
+    for i in range(rules.asked.shape[0]):
+        if not rules.asked[i] and episode.present[world, i]:
+            change = episode.part_number[world, i, PART_AWAY] - context.relations.reach[world, i]
+            closer, count = closer + _limited(change / DISTANCE_SCALE), count + 1
+    return closer / count if count > 0 else 0.0
+
+
+@borrowing
 def reward_part(context, world, part):
     """Compute the reward terms of one part and their sum from the change of ``part_number``, which is updated."""
     rules, episode, relations, quantity = context.rules, context.episode, context.relations, context.quantity
     before, apart = episode.part_number[world, part], rules.apart
     ex, ey, turned = relations.error[world, part, 0], relations.error[world, part, 1], relations.error[world, part, 2]
-    away, turned = math.sqrt(ex * ex + ey * ey), abs(turned)
+    away, turned = math.sqrt(ex * ex + ey * ey), abs(turned)  # both 0 of a part without a goal
     near, aligned = math.tanh(away / APPROACH_SCALE), math.tanh(turned / ALIGNMENT_SCALE)
+    if not rules.asked[part]:
+        away = relations.reach[world, part]
+    closer = _limited((before[PART_AWAY] - away) / DISTANCE_SCALE)
     inside = 1.0 if ex == 0.0 and ey == 0.0 else 0.0
     clear = min(max(relations.gap[world, part], 0.0), apart) / apart if apart > 0.0 else 0.0
-    quantity[DISTANCE] = _limited((before[PART_AWAY] - away) / DISTANCE_SCALE)
+    quantity[DISTANCE], quantity[REACH] = (closer, 0.0) if rules.asked[part] else (0.0, closer)
     quantity[APPROACH] = before[PART_NEAR] - near
     quantity[TURN] = _limited((before[PART_TURN] - turned) / TURN_SCALE)
     quantity[ALIGNMENT] = before[PART_ALIGNED] - aligned

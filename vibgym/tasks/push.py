@@ -53,7 +53,11 @@ class Push(Task):
         ValueError: if there are no pushers, or not exactly one part to push, or a part does not fit on the surface.
     """
 
-    TERMS = {**PoseTask.TERMS, "time": ("time", 0.005)}  # a whole episode of it costs less than a fall
+    TERMS = {
+        **PoseTask.TERMS,
+        "time": ("time", 0.005),  # a whole episode of it costs less than a fall
+        "reach": ("reach", 0.5),  # without it, pushers that never touch the part get no reward at all
+    }
     FEATURES = ("present", "kind", *PoseTask.FEATURES, "gap", "neighbour")
     DEFAULT_PARTS = ()
     has_goal = True

@@ -11,8 +11,10 @@ from gymnasium import spaces
 from agents import networks, ppo, train
 from agents.algorithms import ALGORITHMS
 from agents.checkpoint import KIND, VERSION
+from agents.curriculum import Curriculum
 from agents.networks import PartsActor, PartsCritic
 from agents.training_envs import make_worlds
+from agents.training_file import load_settings
 from vibgym.config import Settings
 from vibgym.envs.actions import ACTIONS, Field
 from vibgym.policies.registry import make_policy
@@ -30,6 +32,10 @@ RUNS = {
         "environment": {"action": "wrench"}, "imitation": IMITATION, "ppo": {**PPO, "remembers": True, "turned": True},
     },
     "overlap": {"environment": {"action": "field"}, "ppo": {**PPO, "overlap": True, "bfloat16": True}},
+    "curriculum": {
+        "environment": {"action": "field"}, "ppo": PPO,
+        "curriculum": [{"environment": {"max_episode_steps": 20}, "until": {"steps": 384}}],
+    },
     "residual": {"environment": {"action": "wrench"}, "residual": {"base": {"kind": "pose"}}, "ppo": PPO},
 }  # fmt: skip
 
@@ -63,6 +69,30 @@ def test_interrupted_runs_end_with_the_same_weights(tmp_path, monkeypatch, name)
     assert not stops
     one, two = (load_set(tmp_path / each / "checkpoint.json", KIND, VERSION)[0] for each in ("whole", "broken"))
     assert one.keys() == two.keys() and all(np.array_equal(one[each], two[each]) for each in one)
+
+
+def test_a_stage_ends_with_its_success_or_its_steps_and_changes_the_environment(tmp_path):
+    stages = [
+        {"environment": {"task_settings": {"hold": 3}}, "until": {"success": 0.9}},
+        {"environment": {"max_episode_steps": 7}, "until": {"success": 1.0, "steps": 100}},
+    ]
+    config = tmp_path / "config.yaml"
+    own = {"action": "field", "task_settings": {"weights": {"fallen": 9.0}}}
+    config.write_text(yaml.safe_dump({**BASE, "environment": own, "curriculum": stages}))
+    position = Curriculum(load_settings(config), window=2)
+    assert position.settings.environment["task_settings"] == {"weights": {"fallen": 9.0}, "hold": 3}
+    won, lost = (1.0, 5, True), (0.0, 5, False)
+    assert not position.advance(500, [won, lost], 400)  # too few succeed
+    assert not position.advance(500, [won], 400)  # too few episodes
+    assert not position.advance(399, [won, won], 400)  # the slow ones have not finished
+    assert position.advance(500, [won, won], 400)
+    assert position.settings.environment == {**own, "max_episode_steps": 7}
+    assert not position.advance(599, [won, lost], 0)
+    other = Curriculum(load_settings(config), window=2)
+    other.set_state(position.get_state())
+    for each in (position, other):
+        assert each.advance(600, [], 0) and each.settings.environment == own
+        assert not each.advance(10**6, [won, won], 0)
 
 
 @pytest.mark.parametrize("algorithm", ["SAC", "PPO", "TD3"])
@@ -151,6 +181,11 @@ def test_a_user_registered_algorithm_is_trained_and_continues(tmp_path, monkeypa
     ({"algorithm": "sb3.Nothing"}, "algorithm"), ({"ppo": {"network": "nothing"}}, "network"), ({"steps": 0}, "steps"),
     ({"algorithm": "sb3.SAC", "imitation": IMITATION}, "imitation"), ({"ppo": {"n_steps": 10**6}, "worlds": 1000}, "n_steps"),
     ({"serves": {"frequency": [30.0, 20.0]}}, "frequency"),
+    ({"curriculum": [{"environment": {}}]}, "curriculum.0.until"),
+    ({"curriculum": [{"environment": {}, "until": {}}]}, "curriculum.0.until"),
+    ({"curriculum": [{"environment": {"near": 1.0}, "until": {"steps": 9}}]}, "curriculum.0.environment"),
+    ({"curriculum": [{"environment": {"action": "phasor"}, "until": {"steps": 9}}]}, "curriculum.0.environment"),
+    ({"curriculum": [{"environment": {}, "until": {"steps": 9}}], "algorithm": "sb3.SAC"}, "curriculum"),
 ])  # fmt: skip
 def test_invalid_settings_are_refused_by_name(tmp_path, changes, named):
     with pytest.raises(ValueError, match=named):
