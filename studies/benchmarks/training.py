@@ -7,9 +7,16 @@ minibatches and epochs, as a baseline on the same host.
 
 from __future__ import annotations
 
+import contextlib
+import os
+import runpy
+import sys
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import gymnasium as gym
 import numpy as np
@@ -29,6 +36,7 @@ TARGETS = {
     "Align, element": 25_000,
     "Sort, field": 12_000,
     "Sort, wrench": 12_000,
+    "Pack, velocity, overlap, fast contacts": 4000,
 }
 """Target in steps of worlds per second on two free cores."""
 
@@ -36,10 +44,13 @@ ITERATIONS = 4
 """Rollouts and updates per measurement."""
 
 
-def ours(task: str, action: str, worlds: int, network: str = "parts", **ppo: Any) -> Callable[[], float]:
+def ours(
+    task: str, action: str, worlds: int, network: str = "parts", model: Any = "planar", **ppo: Any
+) -> Callable[[], float]:
     """Start a training with vibgym's PPO; return a function that measures steps per second."""
+    environment = {"action": action, "model": model}
     settings = TrainSettings(
-        task=task, environment={"action": action}, worlds=worlds, steps=1, own=PPOSettings(network=network, **ppo)
+        task=task, environment=environment, worlds=worlds, steps=1, own=PPOSettings(network=network, **ppo)
     )
     learner = OurPPO(settings)
     steps = learner.own.n_steps * worlds
@@ -48,20 +59,21 @@ def ours(task: str, action: str, worlds: int, network: str = "parts", **ppo: Any
 
     def measure() -> float:
         began = time.perf_counter()
-        for _ in range(ITERATIONS):
-            learner.collect()
-            learner.update(1.0)
+        learner.learn(learner.steps + ITERATIONS * steps, lambda metrics: None)
         return ITERATIONS * steps / (time.perf_counter() - began)
 
     return measure
 
 
-def plain(task: str, action: str, worlds: int) -> Callable[[], float]:
+LOOP = {"n_steps": 32, "batch_size": 4096, "n_epochs": 3}
+"""Settings of all libraries in their comparison, and two layers of 64."""
+
+
+def sb3(task: str, action: str, worlds: int) -> Callable[[], float]:
     """Start a training with the PPO of Stable-Baselines3 on the flat state; return the same."""
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action=action, autoreset_mode="SameStep")
-    net = {"net_arch": [128, 128]}
     adapter = VecEnv(env.unwrapped)  # type: ignore[arg-type]
-    model = PPO("MlpPolicy", adapter, n_steps=32, batch_size=4096, n_epochs=3, policy_kwargs=net, device="cpu")
+    model = PPO("MlpPolicy", adapter, **LOOP, policy_kwargs={"net_arch": [64, 64]}, device="cpu")
     model.set_logger(configure(None, []))
     steps = model.n_steps * model.n_envs
     model.learn(steps, reset_num_timesteps=False)  # kernels, allocations
@@ -74,15 +86,71 @@ def plain(task: str, action: str, worlds: int) -> Callable[[], float]:
     return measure
 
 
+CLEANRL = Path(f"{sys.prefix}-cleanrl/cleanrl/ppo_continuous_action.py")
+
+
+def cleanrl(task: str, action: str, worlds: int) -> Callable[[], float]:
+    """Return a function that runs CleanRL's file and measures steps per second after the first rollout and update."""
+    if not CLEANRL.exists():
+        raise SystemExit(f"{CLEANRL} is missing: make learners")
+    env = gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action=action, autoreset_mode="SameStep")
+    rollout, rollouts = LOOP["n_steps"], ITERATIONS + 2
+    arguments = {
+        "num-envs": worlds, "num-steps": rollout, "total-timesteps": rollouts * rollout * worlds, "cuda": False,
+        "num-minibatches": rollout * worlds // LOOP["batch_size"], "update-epochs": LOOP["n_epochs"],
+    }  # fmt: skip
+
+    class Worlds(gym.vector.VectorWrapper):
+        """The batch, which notes when it is called, without records of episodes in a format before gymnasium 1."""
+
+        def __init__(self) -> None:
+            super().__init__(env)
+            self.called: list[float] = []
+
+        def step(self, actions: Any) -> Any:
+            self.called.append(time.perf_counter())
+            return *self.env.step(actions)[:4], {}
+
+        def close(self, **_: Any) -> None:
+            """Keep the batch for the next run."""
+
+    def measure() -> float:
+        batch = Worlds()
+        line = [str(CLEANRL), *(f"--{name}={value}" for name, value in arguments.items())]
+        with (
+            tempfile.TemporaryDirectory() as logs,
+            contextlib.chdir(logs),
+            open(os.devnull, "w") as nowhere,
+            contextlib.redirect_stdout(nowhere),
+            mock.patch.object(sys, "argv", line),
+            mock.patch.object(gym.vector, "SyncVectorEnv", lambda makers: batch),
+        ):
+            runpy.run_path(line[0], run_name="__main__")
+        seconds = batch.called[(rollouts - 1) * rollout] - batch.called[rollout]
+        return (rollouts - 2) * rollout * worlds / seconds
+
+    return measure
+
+
 CASES: dict[str, Callable[[], Callable[[], float]]] = {
-    "plain SB3, Align, patch": lambda: plain("Align", "patch", 512),
-    "Align, patch": lambda: ours("Align", "patch", 512, batch_size=8192, net=[64, 64]),
-    "Align, patch, as large as plain": lambda: ours("Align", "patch", 512, batch_size=4096, critic_net=[128, 128]),
+    "Align, velocity, SB3": lambda: sb3("Align", "velocity", 512),
+    "Align, velocity, CleanRL": lambda: cleanrl("Align", "velocity", 512),
+    "Align, velocity": lambda: ours("Align", "velocity", 512, net=[64, 64], **LOOP),
+    "Align, patch, SB3": lambda: sb3("Align", "patch", 512),
+    "Align, patch, CleanRL": lambda: cleanrl("Align", "patch", 512),
+    "Align, patch": lambda: ours("Align", "patch", 512, net=[64, 64], **LOOP),
     "Align, element": lambda: ours("Align", "element", 512, network="elements", batch_size=8192, net=[64, 64]),
-    "Align, wrench": lambda: ours("Align", "wrench", 512, batch_size=8192),
     "Sort, field": lambda: ours("Sort", "field", 256, batch_size=16384, n_epochs=2, activation="relu", net=[64, 64]),
     "Sort, wrench": lambda: ours("Sort", "wrench", 256, batch_size=16384, n_epochs=2, activation="relu", net=[64, 64]),
+    "Pack, velocity": lambda: crowd(128),
+    "Pack, velocity, overlap, fast contacts": lambda: crowd(128, {"kind": "planar", "contacts": "fast"}, overlap=True),
 }
+
+
+def crowd(worlds: int, model: Any = "planar", **ppo: Any) -> Callable[[], float]:
+    """Return the measurement of Pack from scratch with velocities."""
+    settings = {"batch_size": 8192, "n_epochs": 2, "activation": "relu", "net": [128, 128], **ppo}
+    return ours("Pack", "velocity", worlds, model=model, **settings)
 
 
 def main() -> None:
