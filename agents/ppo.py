@@ -46,6 +46,10 @@ VALUE_WEIGHT, MAX_GRADIENT = 0.5, 0.5
 PACE, LEAST_PACE, STOP_KL = 1.5, 0.01, 4.0
 """Factor by which ``target_kl`` changes the learning rate, its smallest share, and multiple at which an update ends."""
 
+FIRST_PACE = 0.03
+"""Share of the learning rate with which an actor starts after the critic: the first steps of Adam change every weight by the
+learning rate, which has destroyed actors from imitation in a single update."""
+
 
 class PPO(PartsLearner):
     """PPO with parts as samples; see the module and :class:`agents.training_settings.PPOSettings`.
@@ -53,7 +57,7 @@ class PPO(PartsLearner):
     Attributes:
         rollout: ``n_steps`` steps of all worlds, from which the next update learns, or the last has learned.
         behaviour: actor and critic of rollouts: :attr:`policy`, or with ``overlap`` a copy from before the update.
-        pace: share of the learning rate, controlled by ``target_kl``.
+        pace: share of the learning rate while the actor learns, controlled by ``target_kl``.
     """
 
     hyperparameters: ClassVar[type[Settings]] = PPOSettings
@@ -102,7 +106,7 @@ class PPO(PartsLearner):
             self._ahead = Rollout(own, env.num_envs, coding, driven)  # being collected
         self._waits = not own.overlap  # whether there is a rollout to learn from once collect() has returned
         self._noise = torch.Generator().manual_seed(settings.seed)
-        self.pace = 1.0
+        self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
         self.episodes: deque[tuple[float, int, bool]] = deque(maxlen=WINDOW)  # return, length, success
         self._observation: Any = None
         self._start = np.ones(env.num_envs, dtype=bool)
@@ -216,9 +220,8 @@ class PPO(PartsLearner):
             Diverged: a weight is not finite.
         """
         own, samples = self.own, self.rollout.samples()
-        rate = own.rate(remaining)
-        self._set_rate(rate)
-        actor_learns = self.steps > self.critic_steps
+        rate, actor_learns = own.rate(remaining), self.steps > self.critic_steps
+        self._set_rate(self.pace * rate if actor_learns else rate)
         present = samples["advantage"][samples["mask"] > 0.5]
         samples["advantage"] = (samples["advantage"] - present.mean()) / (present.std() + 1e-8)
         losses: list[dict[str, float]] = []
@@ -229,7 +232,7 @@ class PPO(PartsLearner):
             losses.append(metrics)
             if own.target_kl is not None and actor_learns and len(losses) > 1:  # the first divergence is 0
                 self._adapt_pace(metrics["kl"], own.target_kl)
-                self._set_rate(rate)
+                self._set_rate(self.pace * rate)
                 if metrics["kl"] > STOP_KL * own.target_kl:
                     break
             self.optimizer.zero_grad()
@@ -282,7 +285,7 @@ class PPO(PartsLearner):
 
     def _set_rate(self, rate: float) -> None:
         for group in self.optimizer.param_groups:
-            group["lr"] = self.pace * rate
+            group["lr"] = rate
 
     def _episode_metrics(self) -> dict[str, float]:
         if not self.episodes:
