@@ -78,8 +78,6 @@ def tabulate(
             del row["judged"]
         best[name] = Path(first["path"])
         rows += own
-    # Rows of older tables lack the last columns.
-    kept = [{**dict.fromkeys(rows[0], ""), **row} for row in _read(output / TABLE) if row["agent"] not in names]
     files: dict[Path, str | bytes] = {}
     for row in rows:
         run = f"{row['agent'].lower().replace('/', '-')}-seed-{row['seed']}"
@@ -87,6 +85,8 @@ def tabulate(
         if (path.parent / CURVE).exists():
             files[output / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
         _ship(path, output / "policies" / f"{run}.json")
+    # Rows of older tables lack the last columns.
+    kept = [{**dict.fromkeys(rows[0], ""), **row} for row in _read(output / TABLE) if row["agent"] not in names]
     every = sorted([*kept, *rows], key=lambda row: (row["agent"], int(row["seed"])))
     files[output / TABLE] = csv_text(every)
     if page is not None:

@@ -13,6 +13,7 @@ from agents.tabulate import tabulate
 from agents.train import train
 from agents.training_file import load_settings
 from tests.policies.helpers import info_of
+from vibgym.files import csv_text
 from vibgym.policies.registry import make_policy
 from vibgym.policies.trained.residual import ResidualPolicy, load_correction
 from vibgym.policies.trained.storage import load_set
@@ -85,10 +86,26 @@ def test_the_file_has_the_base_and_loads_with_no_other(run):
 
 
 def test_the_table_plays_the_hybrid(run, tmp_path):
+    older = {
+        "agent": "Align/before",
+        "seed": "0",
+        "processor": "one",
+        "threads": "1",
+        "versions": "",
+        "steps": "5",
+        "success": "1",
+    }
+    (tmp_path / "agents.csv").write_text(csv_text([{**older, "episodes": "2", "fallen": "0", "shipped": "True"}]))
     rows = tabulate(run[0], ["Align/hybrid"], [0], 2, tmp_path, ship=tmp_path / "shipped")
     assert rows[0]["success"] == 1.0  # as the base; the network alone would fail
     shipped = tmp_path / "shipped" / "align-hybrid.json"
     assert json.loads(shipped.read_text())["residual"]["scale"] == 0.3
+    table = (tmp_path / "agents.csv").read_text().splitlines()
+    assert [line.split(",")[0] for line in table] == [
+        "agent",
+        "Align/before",
+        "Align/hybrid",
+    ]  # the other agent's row is kept
     make_policy({"kind": "residual", "path": str(shipped)}, info_of("Align", action="wrench"))
 
 
