@@ -161,8 +161,8 @@ context_at = CONTEXT.at
 # Columns of Episode.number. The next step is compared with the first four: mean distance (m), mean heading error (rad), share
 # of the parts at the goal, mean share of the required clearance.
 MEAN_DISTANCE, MEAN_TURN, SHARE_INSIDE, SHARE_CLEAR, POSITION_ERROR, HEADING_ERROR, SMALLEST_GAP, REWARD = range(8)
-# Columns of Episode.part_number, with which a part's next step is compared: distance (m; of a part without a goal its reach), tanh
-# of it over its scale, heading error (rad), tanh likewise, 1 at the goal, share of the required clearance.
+# Columns of Episode.part_number, with which a part's next step is compared: distance (m; of a part without a goal its
+# reach), tanh of it over its scale, heading error (rad), tanh likewise, 1 at the goal, share of the required clearance.
 PART_AWAY, PART_NEAR, PART_TURN, PART_ALIGNED, PART_INSIDE, PART_CLEAR = range(6)
 PARTS_DONE, IN_TOUCH, HELD = range(3)  # of Episode.count; HELD: consecutive periods with all parts done
 # Columns of Episode.flag. BARRED: success is not possible yet, or no longer, see vibgym.tasks.follow.
