@@ -52,6 +52,7 @@ TERM_MEANINGS = {
     "fallen": "-1 if a part has fallen off the surface",
     "good": "1 for each part that leaves correctly",
     "faulty": "-1 for each part that leaves incorrectly",
+    "reach": "decrease of the mean distance from parts without a goal to the part with one, per 100 mm",
 }
 """Meaning of each of :data:`vibgym.tasks.episode.QUANTITIES`."""
 
