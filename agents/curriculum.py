@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from agents.training_envs import make_worlds
 from agents.training_settings import TrainSettings
+from vibgym import checks
+from vibgym.adapters.sb3 import VecEnv
 
 Episode = tuple[float, int, bool]
 """Return, length and success of a finished episode."""
@@ -18,6 +21,7 @@ class Curriculum:
 
     Args:
         settings: of the run.
+        observation: the environments' ``observation=``.
         window: finished episodes over which success is averaged.
 
     Attributes:
@@ -25,8 +29,39 @@ class Curriculum:
         began: steps of the run at which the stage began.
     """
 
-    def __init__(self, settings: TrainSettings, window: int) -> None:
-        self._run, self._window, self.stage, self.began = settings, window, 0, 0
+    def __init__(self, settings: TrainSettings, observation: str, window: int) -> None:
+        self._run, self._observation, self._window = settings, observation, window
+        self.stage, self.began = 0, 0
+
+    def worlds(self) -> VecEnv:
+        """Return all worlds of the current stage.
+
+        Raises:
+            ValueError: its environment is invalid.
+        """
+        last = self.stage == len(self._run.curriculum)
+        with checks.within("environment" if last else f"curriculum.{self.stage}.environment"):
+            return make_worlds(self.settings, self._observation)
+
+    def first_worlds(self) -> VecEnv:
+        """Return the worlds of the first stage, once those of every stage have been made.
+
+        Raises:
+            ValueError: an environment is invalid, or a stage has other spaces than the run's own environment.
+        """
+        spaces = None
+        for stage in reversed(range(len(self._run.curriculum) + 1)):
+            self.stage = stage
+            env = self.worlds()
+            found = env.observation_space, env.action_space
+            spaces = found if spaces is None else spaces
+            if found != spaces:
+                env.close()
+                where = f"curriculum.{stage}.environment"
+                raise checks.conflict(f"{where} has other observations or actions than the run's environment")
+            if stage:
+                env.close()
+        return env
 
     @property
     def settings(self) -> TrainSettings:

@@ -26,16 +26,13 @@ from agents.curriculum import Curriculum
 from agents.imitation import Imitation, check_memory, experts
 from agents.learner import PartsLearner, Report
 from agents.networks import ActorCritic, log_probability
-from agents.training_envs import make_worlds
+from agents.rollout import Rollout
 from agents.training_settings import ImitationSettings, PPOSettings, TrainSettings, check_bytes
 from vibgym import checks
 from vibgym.config import Settings
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.coding import Coding, Inputs
+from vibgym.policies.trained.coding import Inputs
 from vibgym.policies.trained.residual import ResidualPolicy
-
-CRITIC_BATCH = 300_000
-"""Values of observations that the critic evaluates in one call, so that its intermediate results stay in the caches."""
 
 WINDOW = 100
 """Finished episodes over which the log averages."""
@@ -71,12 +68,8 @@ class PPO(PartsLearner):
         self.own = settings.own
         # A base policy reads the flat state.
         self._seen = ResidualPolicy.observation if settings.residual else self.observation
-        self.curriculum = Curriculum(settings, WINDOW)
-        with checks.within("environment"):
-            self.env = make_worlds(settings, self._seen)
-        if settings.curriculum:
-            self._check_curriculum()
-            self._enter_stage()
+        self.curriculum = Curriculum(settings, self._seen, WINDOW)
+        self.env = self.curriculum.first_worlds()
         try:
             self._build()
         except ValueError:
@@ -98,12 +91,12 @@ class PPO(PartsLearner):
         torch.manual_seed(settings.seed)
         self.policy = ActorCritic(coding, own, own.log_std_init, own.noise_floor)
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=own.learning_rate, eps=1e-5, fused=True)
-        driven = np.array(TaskInfo.of(env.env).driven)
-        self.rollout = Rollout(own, env.num_envs, coding, driven)
+        info = TaskInfo.of(env.env)
+        self.rollout = Rollout(own, env.num_envs, coding, info)
         self.behaviour, self._ahead = self.policy, self.rollout
         if own.overlap:
             self.behaviour = copy.deepcopy(self.policy)
-            self._ahead = Rollout(own, env.num_envs, coding, driven)  # being collected
+            self._ahead = Rollout(own, env.num_envs, coding, info)  # being collected
         self._waits = not own.overlap  # whether there is a rollout to learn from once collect() has returned
         self._noise = torch.Generator().manual_seed(settings.seed)
         self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
@@ -145,38 +138,20 @@ class PPO(PartsLearner):
                 metrics = self.update(1.0 - self.steps / until) if self._waits else {}
                 if self.own.overlap:
                     self.steps += collecting.result()
-                metrics |= self._episode_metrics() | {"stage": self.curriculum.stage}
+                metrics |= self._episode_metrics()
                 self.rollout, self._ahead, self._waits = self._ahead, self.rollout, True
         report(metrics)
-
-    def _check_curriculum(self) -> None:
-        """Raise :class:`ValueError` if the worlds of a stage cannot be made or have other spaces than those of the run."""
-        spaces = self.env.observation_space, self.env.action_space
-        self.env.close()
-        for stage in range(len(self.settings.curriculum)):
-            where = f"curriculum.{stage}.environment"
-            self.curriculum.stage = stage
-            with checks.within(where):
-                env = make_worlds(self.curriculum.settings, self._seen)
-            env.close()
-            if (env.observation_space, env.action_space) != spaces:
-                raise checks.conflict(f"{where} has other observations or actions than the run's environment")
-        self.curriculum.stage = 0
 
     def _follow_curriculum(self) -> None:
         """Begin the next stage of the curriculum if this one has ended."""
         limit = self.env.env.unwrapped.max_episode_steps or 0
         if self.curriculum.advance(self.steps, self.episodes, limit * self.env.num_envs):
-            self._enter_stage()
+            self.env.close()
+            self.env = self.curriculum.worlds()
             self.env.seed(self.settings.seed + self.steps)
             self._observation, self._inputs = self.env.reset(), None
             self._start = np.ones(self.env.num_envs, dtype=bool)
             self.episodes.clear()
-
-    def _enter_stage(self) -> None:
-        """Replace the worlds, which may be closed, by those of the current stage."""
-        self.env.close()
-        self.env = make_worlds(self.curriculum.settings, self._seen)
 
     @contextmanager
     def _threads(self) -> Iterator[None]:
@@ -291,7 +266,8 @@ class PPO(PartsLearner):
         if not self.episodes:
             return {}
         returns, lengths, success = map(np.mean, zip(*self.episodes, strict=True))
-        return {"return": float(returns), "length": float(lengths), "success": float(success)}
+        found = {"return": float(returns), "length": float(lengths), "success": float(success)}
+        return found | ({"stage": self.curriculum.stage} if self.settings.curriculum else {})
 
     def imitate(self, settings: ImitationSettings) -> Iterator[float]:
         """Train the actor on the experts' actions; yield the error after each round. The steps count."""
@@ -325,7 +301,8 @@ class PPO(PartsLearner):
         """Continue from what :meth:`get_state` returned."""
         self.curriculum.set_state(state["curriculum"])
         if self.curriculum.stage:
-            self._enter_stage()
+            self.env.close()
+            self.env = self.curriculum.worlds()
         self.env.set_state(state["worlds"])
         self.steps, self.pace = state["steps"], state["pace"]
         self._observation, self._start = state["observation"], np.asarray(state["start"])
@@ -336,106 +313,3 @@ class PPO(PartsLearner):
         if state["rollout"] is not None:
             self.rollout.set_state(state["rollout"])
             self._waits = True
-
-
-class Rollout:
-    """Steps of all worlds and their advantages; every part of a world is a sample.
-
-    A part's return ends with the episode of its world, or when the part leaves while the world continues: it is present at one
-    step and absent at the next. It keeps the reward of the step in which it left.
-
-    Args:
-        settings: ``n_steps``, ``gamma`` and ``gae_lambda``.
-        worlds: number of worlds.
-        coding: of the network.
-        driven: (parts,) bool, whether the action drives a part. Other parts are no samples, and their rewards go to every
-            driven part.
-    """
-
-    def __init__(self, settings: PPOSettings, worlds: int, coding: Coding, driven: np.ndarray) -> None:
-        self.gamma, self.gae_lambda, steps = settings.gamma, settings.gae_lambda, settings.n_steps
-        parts, shape = len(coding.parts), coding.shape
-        lead = (steps, worlds, parts)
-        self.rows = np.zeros((steps + 1, worlds, parts, shape.columns), dtype=coding.dtype)
-        self.mask = np.zeros((steps + 1, worlds, parts), dtype=np.float32)
-        self.actions = np.zeros((*lead, shape.action), dtype=np.float32)
-        self.log_prob, self.reward = np.zeros(lead, dtype=np.float32), np.zeros(lead, dtype=np.float32)
-        self.done = np.zeros((steps, worlds), dtype=np.float32)
-        self.value, self.advantage = np.zeros(lead, dtype=np.float32), np.zeros(lead, dtype=np.float32)
-        self.driven = driven
-        self.credit = np.eye(parts) + np.outer(~driven, driven)  # rewards of parts -> of the parts credited
-        self.reset()
-
-    def reset(self) -> None:
-        """Start at the first step."""
-        self.position = 0
-        self.truncated: list[tuple[int, int, np.ndarray, np.ndarray]] = []  # step, world, rows, mask
-
-    def add(
-        self, inputs: Inputs, action: np.ndarray, log_prob: np.ndarray, reward: np.ndarray, done: np.ndarray
-    ) -> None:
-        """Add a step of all worlds: inputs, action and its outcome, (worlds, parts, ...)."""
-        step = self.position
-        self.rows[step], self.mask[step] = inputs.rows, inputs.mask * self.driven
-        reward = reward if self.driven.all() else reward @ self.credit
-        self.actions[step], self.log_prob[step], self.reward[step], self.done[step] = action, log_prob, reward, done
-        self.position += 1
-
-    def truncate(self, world: int, inputs: Inputs) -> None:
-        """Mark the last step of ``world`` as cut off by the limit, with the final observation to bootstrap from."""
-        self.truncated.append((self.position - 1, world, inputs.rows[0], inputs.mask[0] * self.driven))
-
-    def finish(self, inputs: Inputs, critic: Any) -> None:
-        """Compute values of all observations, and advantages by GAE.
-
-        Args:
-            inputs: after the last step.
-            critic: (rows, mask) -> values (..., parts).
-        """
-        self.rows[-1], self.mask[-1] = inputs.rows, inputs.mask * self.driven
-        steps, worlds, parts = self.reward.shape
-        with torch.no_grad():
-            flat = torch.from_numpy(self.rows.reshape(-1, *self.rows.shape[2:]))
-            mask = torch.from_numpy(self.mask.reshape(-1, parts))
-            size = max(CRITIC_BATCH // flat[0].numel(), 1)
-            value = torch.cat([critic(*each) for each in zip(flat.split(size), mask.split(size), strict=True)])
-            value = value.numpy().reshape(steps + 1, worlds, parts)
-            if self.truncated:
-                where, world, rows, there = zip(*self.truncated, strict=True)
-                last = critic(torch.from_numpy(np.stack(rows)), torch.from_numpy(np.stack(there))).numpy()
-                self.reward[list(where), list(world)] += self.gamma * last * np.stack(there)
-        self.value[:] = value[:-1]
-        advantage = np.zeros((worlds, parts), dtype=np.float32)
-        for step in reversed(range(steps)):
-            continues = (1.0 - self.done[step])[:, None] * self.mask[step + 1]
-            error = self.reward[step] + self.gamma * continues * value[step + 1] - value[step]
-            advantage = error + self.gamma * self.gae_lambda * continues * advantage
-            self.advantage[step] = advantage
-
-    LEARNED = ("rows", "mask", "actions", "log_prob", "value", "advantage")
-    """Arrays that an update reads."""
-
-    def get_state(self) -> dict[str, np.ndarray]:
-        """Return what an update reads."""
-        return {name: getattr(self, name).copy() for name in self.LEARNED}
-
-    def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Restore what :meth:`get_state` returned.
-
-        Raises:
-            ValueError: arrays of another form.
-        """
-        for name in self.LEARNED:
-            getattr(self, name)[...] = state[name]
-
-    def samples(self) -> dict[str, torch.Tensor]:
-        """Return all steps of all worlds, (steps * worlds, parts, ...)."""
-        named = {
-            "rows": self.rows[:-1],
-            "mask": self.mask[:-1],
-            "actions": self.actions,
-            "log_prob": self.log_prob,
-            "advantage": self.advantage,
-            "target": self.advantage + self.value,
-        }
-        return {name: torch.from_numpy(each.reshape(-1, *each.shape[2:])) for name, each in named.items()}

@@ -72,6 +72,7 @@ class PPOSettings(NetworkSettings, RateSettings):
     # Size of actions above which exploration grows with them; None: the same for all.
     noise_floor: float | None = Field(None, gt=0, le=1)
     touch_cost: float = Field(0.0, ge=0, le=1000)  # reward per step and part in contact with another; training only
+    shared: float = Field(0.0, ge=0, le=1)  # share of every other part's reward that a part gets; training only
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # first steps, in which the critic alone learns
     overlap: bool = False  # collect the next rollout during the update
     bfloat16: bool = False  # products of matrices in updates, for processors with such instructions

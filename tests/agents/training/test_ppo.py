@@ -1,11 +1,14 @@
 """PPO: advantages and losses against independent computations."""
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
 import torch
 
-from agents.ppo import PPO, Rollout
+from agents.ppo import PPO
+from agents.rollout import Rollout
 from agents.training_file import settings_from
 from agents.training_settings import PPOSettings
 from tests.policies.helpers import info_of
@@ -23,11 +26,12 @@ def first_column(rows, mask):
     return rows[..., 0]
 
 
-def filled(reward, done, truncated=(), driven=(True, True)):
-    coding = coding_for(info_of("Sort", parts=TWO))
+def filled(reward, done, truncated=(), driven=(True, True), **settings):
+    info = info_of("Sort", parts=TWO)
+    coding, info = coding_for(info), replace(info, driven=driven, flows=settings.pop("flows", False))
     generator = np.random.default_rng(0)
-    own = PPOSettings(n_steps=STEPS, gamma=GAMMA, gae_lambda=LAMBDA)
-    rollout, finals = Rollout(own, WORLDS, coding, np.array(driven)), {}
+    own = PPOSettings(n_steps=STEPS, gamma=GAMMA, gae_lambda=LAMBDA, **settings)
+    rollout, finals = Rollout(own, WORLDS, coding, info), {}
     mask = np.ones((WORLDS, PARTS), dtype=np.float32)
     for step in range(STEPS):
         rows = generator.normal(size=(WORLDS, PARTS, coding.shape.columns)).astype(np.float32)
@@ -81,6 +85,15 @@ def test_driven_parts_receive_the_rewards_of_others():
     together, _ = filled(np.repeat(reward.sum(axis=2, keepdims=True), PARTS, axis=2), done)
     assert found.advantage[..., 0] == pytest.approx(together.advantage[..., 0], abs=1e-5)
     assert (found.samples()["mask"][:, 1] == 0).all()
+
+
+@pytest.mark.parametrize("flows", [False, True])
+def test_parts_share_the_rewards_of_others(flows):
+    reward, done = case()
+    found, _ = filled(reward, done, shared=0.3, flows=flows)
+    others = reward[..., ::-1]
+    expected, _ = filled(reward + 0.3 * (others - (others.mean() if flows else 0.0)), done)
+    assert found.advantage == pytest.approx(expected.advantage, abs=1e-5)
 
 
 def test_the_gradient_is_that_of_the_policy_gradient_at_ratio_one():

@@ -79,7 +79,7 @@ def test_a_stage_ends_with_its_success_or_its_steps_and_changes_the_environment(
     config = tmp_path / "config.yaml"
     own = {"action": "field", "task_settings": {"weights": {"fallen": 9.0}}}
     config.write_text(yaml.safe_dump({**BASE, "environment": own, "curriculum": stages}))
-    position = Curriculum(load_settings(config), window=2)
+    position = Curriculum(load_settings(config), "parts", window=2)
     assert position.settings.environment["task_settings"] == {"weights": {"fallen": 9.0}, "hold": 3}
     won, lost = (1.0, 5, True), (0.0, 5, False)
     assert not position.advance(500, [won, lost], 400)  # too few succeed
@@ -88,7 +88,7 @@ def test_a_stage_ends_with_its_success_or_its_steps_and_changes_the_environment(
     assert position.advance(500, [won, won], 400)
     assert position.settings.environment == {**own, "max_episode_steps": 7}
     assert not position.advance(599, [won, lost], 0)
-    other = Curriculum(load_settings(config), window=2)
+    other = Curriculum(load_settings(config), "parts", window=2)
     other.set_state(position.get_state())
     for each in (position, other):
         assert each.advance(600, [], 0) and each.settings.environment == own
