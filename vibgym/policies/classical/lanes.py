@@ -1,7 +1,8 @@
 """Lanes along the table: through gates (:class:`FeedingPolicy`), and both ways past one another (:class:`CrossingPolicy`).
 
-Through gates: parts have velocities instead of targets. Parts farther along have right of way, and those behind keep a
-distance that grows on the way to the gate. Across the table parts change to the lane of their kind where there is room.
+Through gates: parts have velocities instead of targets. Parts farther along have right of way. Those behind press on them near
+the inlet, and then keep a distance that grows on the way to the gate. Across the table parts change to the lane of their kind
+where there is room.
 
 Both ways: parts that meet others keep to the right, turn straight, and choose velocities in order of right of way
 (:func:`choose_velocities`). A part on the wrong side changes to its own as soon as there is room; oncoming parts wait or move
@@ -44,11 +45,11 @@ def extents(half: np.ndarray, heading: np.ndarray) -> np.ndarray:
 
 # -- through gates -----------------------------------------------------------------------------------------------------
 
-NEAR, SPARE, BESIDE = (
-    0.003,
-    0.004,
-    0.006,
-)  # m: distance at the inlet; added to that at the gate; distance to parts beside
+PRESS, SPARE, BESIDE = 0.030, 0.004, 0.006
+"""m: by which parts press on those ahead near the inlet, so that it empties at full speed; added to the distance that the gate
+requires; distance to parts beside."""
+SPREAD = 0.22, 0.75
+"""Shares of the way from inlet to gate between which the distance to the parts ahead grows."""
 ALONG, ACROSS = 0.12, 0.20  # s, time constants: distances along the table; displacements to the middle of lanes
 SLIP = 0.3  # maximum velocity across the table over the top speed
 
@@ -91,15 +92,16 @@ class FeedingPolicy(Steering):
         # The part that is farther along has priority.
         first = (between[..., 0] == 0.0) & np.triu(np.ones(gap.shape[1:3], bool), 1)
         ahead = there & ((between[..., 0] > 0.0) | first)
-        way = np.clip((centre[..., 0] - self.inlet) / (0.5 * (self.gate - self.inlet)), 0.0, 1.0)
-        wanted = NEAR + way * (self.spacing + SPARE - NEAR)
+        way = (centre[..., 0] - self.inlet) / (self.gate - self.inlet)
+        spread = np.clip((way - SPREAD[0]) / (SPREAD[1] - SPREAD[0]), 0.0, 1.0)
+        wanted = spread * (self.spacing + SPARE + PRESS) - PRESS
         along, across = gap[..., 0], gap[..., 1]
         in_way = ahead & (across < BESIDE)
         follow = measured.velocity[:, None, :, 0] + (along - wanted[:, :, None]) / ALONG
         vx = np.minimum(top, np.where(in_way, follow, np.inf).min(axis=2))
         vy = np.clip((self.lane - centre[..., 1]) / ACROSS, -SLIP * top, SLIP * top)
         # No part approaches one beside it: the one behind gives way.
-        beside = ahead & (along < NEAR)
+        beside = ahead & (along < -PRESS)
         room = np.maximum(across - BESIDE, 0.0) / ALONG
         up, down = beside & (between[..., 1] > 0.0), beside & (between[..., 1] <= 0.0)
         vy = np.minimum(vy, np.where(up, room, np.inf).min(axis=2))
