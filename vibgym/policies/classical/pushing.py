@@ -38,8 +38,10 @@ class Manner(Settings):
 
     speed: float = 0.14  # m/s, top speed of the pushed part, its spin times the radius of gyration included
     gain: float = 0.8  # rate at which its remaining displacement shrinks, over the rate at which friction brakes it
-    travel: float = 1.2  # 1/m, cost of a metre of the pushers' paths, over the value of the best direction
-    ready: float = 0.006  # m, distance of a pusher from its place, within which it pushes
+    travel: float = 0.8  # 1/m, cost of a metre of the longer path of both pushers, over the value of the best direction
+    shorter: float = 0.2  # share of this cost for a metre of the shorter path
+    ready: float = 0.009  # m, distance of a pusher from its place, within which it pushes
+    useful: float = 0.8  # cosine of the angle to the wanted motion, above which one pushes before the other is ready
     press: float = 0.004  # m into the part, target of a pusher
     clear: float = 0.006  # m, distance to the part on the way round it
     along: float = 0.12  # s, time constant of pushers on their way to a place nearby
@@ -139,10 +141,15 @@ class PushingPolicy(Steering):
         )
         off = place - at
         ready = np.hypot(off[..., 0], off[..., 1]) < manner.ready
-        all_ready = (ready | (push <= 0.0)).all(axis=1) & ~done
-        inward = outline.effect[chosen][..., :2]
-        # Velocity and spin of the part by both pushes, no faster than it can stop.
-        twist = np.einsum("bk,bkj->bj", push, outline.effect[chosen])
+        effect = outline.effect[chosen]
+        inward = effect[..., :2]
+        all_ready = (ready | (push <= 0.0)).all(axis=1)
+        # Who is ready does not wait for the other one if this push alone is nearly in the right direction.
+        now = np.einsum("bk,bkj->bj", np.where(ready, push, 0.0), effect)
+        useful = (now * left).sum(axis=-1) > manner.useful * np.sqrt((now**2).sum(axis=-1)) * length
+        goes = (all_ready | useful) & ~done
+        # Velocity and spin of the part by these pushes, no faster than it can stop.
+        twist = np.where(all_ready[:, None], np.einsum("bk,bkj->bj", push, effect), now)
         speed = np.minimum(manner.gain * self.drag * length, manner.speed)
         twist *= (speed / np.maximum(np.sqrt((twist**2).sum(axis=-1)), 1e-9))[:, None]
         spin = twist[:, 2] / gyration
@@ -150,7 +157,7 @@ class PushingPolicy(Steering):
         pressing = np.where(push > 0.0, manner.press, -manner.clear)[..., None] * inward
         pushing = carried + (off + pressing) / manner.along
         waiting = (off - 0.5 * manner.clear * inward) / manner.along
-        own = np.where((ready & all_ready[:, None])[..., None], pushing, waiting)
+        own = np.where((ready & goes[:, None])[..., None], pushing, waiting)
         angle = np.abs(wrap(np.arctan2(at[..., 1], at[..., 0]) - np.arctan2(place[..., 1], place[..., 0])))
         near = (angle < SECTOR) | (np.hypot(off[..., 0], off[..., 1]) < 2.0 * manner.ready)
         own = np.where(near[..., None], own, self.go_round(at, sweep))
@@ -184,8 +191,9 @@ class PushingPolicy(Steering):
         inside = self.on_table(place, centre, to_world)
         chosen, sweep = np.zeros((len(at), 2), dtype=np.int64), np.zeros((len(at), 2))
         push = np.zeros((len(at), 2))
-        alone, price = np.maximum(along, 0.0) / np.sqrt(np.diag(self._gram)), self.manner.travel
-        choose_pairs(along, alone, self._gram, self._fits, inside, cost, sweeps, ahead, price, chosen, push, sweep)
+        alone = np.maximum(along, 0.0) / np.sqrt(np.diag(self._gram))
+        prices = self.manner.travel, self.manner.shorter
+        choose_pairs(along, alone, self._gram, self._fits, inside, cost, sweeps, ahead, *prices, chosen, push, sweep)
         return chosen, push, sweep
 
     def travel(
@@ -266,7 +274,7 @@ def rotation(heading: np.ndarray) -> np.ndarray:
 
 
 @exact
-def choose_pairs(along, alone, gram, fits, inside, cost, sweeps, ahead, price, chosen, push, sweep):
+def choose_pairs(along, alone, gram, fits, inside, cost, sweeps, ahead, price, shorter, chosen, push, sweep):
     """Choose the best pair of points for each world, see :meth:`PushingPolicy.choose`.
 
     The value of a pair is the length of the projection of the wanted motion onto the cone of both pushes, or onto the better
@@ -279,7 +287,7 @@ def choose_pairs(along, alone, gram, fits, inside, cost, sweeps, ahead, price, c
         inside: (worlds, n) bool, whether a pusher is on the table there.
         cost, sweeps: (worlds, 2, 2, n) m and rad, length and angle of both paths of each pusher.
         ahead: (worlds,) rad in [0, 2 pi), by which the second pusher is ahead of the first.
-        price: 1/m, cost of a metre of the paths.
+        price: 1/m, cost of a metre of the longer path.  shorter: share of it for a metre of the shorter one.
         chosen, push, sweep: (worlds, 2) points, strengths and angles, overwritten.
     """
     for w in range(along.shape[0]):
@@ -305,7 +313,8 @@ def choose_pairs(along, alone, gram, fits, inside, cost, sweeps, ahead, price, c
                 for a in range(2):
                     for b in range(2):
                         then = ahead[w] + sweeps[w, 1, b, j] - sweeps[w, 0, a, i]
-                        length = cost[w, 0, a, i] + cost[w, 1, b, j]
+                        one_path, other_path = cost[w, 0, a, i], cost[w, 1, b, j]
+                        length = max(one_path, other_path) + shorter * min(one_path, other_path)
                         if then <= 0.0 or then >= 2.0 * math.pi:  # one would pass the other
                             length += BARRED
                         if length < shortest:
