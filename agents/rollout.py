@@ -22,7 +22,7 @@ class Rollout:
     step and absent at the next. It keeps the reward of the step in which it left.
 
     Args:
-        settings: ``n_steps``, ``gamma`` and ``gae_lambda``.
+        settings: ``n_steps``, ``gamma``, ``gae_lambda`` and ``shared``.
         worlds: number of worlds.
         coding: of the network.
         info: which parts the action drives. Other parts are no samples, and their rewards go to every driven part. Where parts
@@ -41,7 +41,6 @@ class Rollout:
         self.done = np.zeros((steps, worlds), dtype=np.float32)
         self.value, self.advantage = np.zeros(lead, dtype=np.float32), np.zeros(lead, dtype=np.float32)
         self.driven = driven
-        self.credit = np.eye(parts) + np.outer(~driven, driven)  # rewards of parts -> of the parts credited
         self.reset()
 
     def reset(self) -> None:
@@ -55,7 +54,6 @@ class Rollout:
         """Add a step of all worlds: inputs, action and its outcome, (worlds, parts, ...)."""
         step = self.position
         self.rows[step], self.mask[step] = inputs.rows, inputs.mask * self.driven
-        reward = reward if self.driven.all() else reward @ self.credit
         self.actions[step], self.log_prob[step], self.reward[step], self.done[step] = action, log_prob, reward, done
         self.position += 1
 
@@ -72,10 +70,7 @@ class Rollout:
         """
         self.rows[-1], self.mask[-1] = inputs.rows, inputs.mask * self.driven
         steps, worlds, parts = self.reward.shape
-        if self.shared:
-            mask = self.mask[:-1]
-            others = (self.reward * mask).sum(axis=-1, keepdims=True) - self.reward
-            self.reward += self.shared * (others - (others[mask > 0.5].mean() if self.flows else 0.0))
+        self._credit_others()
         with torch.no_grad():
             flat = torch.from_numpy(self.rows.reshape(-1, *self.rows.shape[2:]))
             mask = torch.from_numpy(self.mask.reshape(-1, parts))
@@ -93,6 +88,14 @@ class Rollout:
             error = self.reward[step] + self.gamma * continues * value[step + 1] - value[step]
             advantage = error + self.gamma * self.gae_lambda * continues * advantage
             self.advantage[step] = advantage
+
+    def _credit_others(self) -> None:
+        """Add the rewards of the other parts to those of each part."""
+        mask = self.mask[:-1]
+        others = self.shared * ((self.reward * mask).sum(axis=-1, keepdims=True) - self.reward)
+        if self.shared and self.flows:
+            others -= (others * mask).sum() / max(mask.sum(), 1.0)
+        self.reward += others + self.reward[..., ~self.driven].sum(axis=-1, keepdims=True)
 
     LEARNED = ("rows", "mask", "actions", "log_prob", "value", "advantage")
     """Arrays that an update reads."""

@@ -85,6 +85,9 @@ def test_driven_parts_receive_the_rewards_of_others():
     together, _ = filled(np.repeat(reward.sum(axis=2, keepdims=True), PARTS, axis=2), done)
     assert found.advantage[..., 0] == pytest.approx(together.advantage[..., 0], abs=1e-5)
     assert (found.samples()["mask"][:, 1] == 0).all()
+    # They receive them once: only driven parts share.
+    shared, _ = filled(reward, done, driven=(True, False), shared=0.3)
+    assert (shared.advantage[..., 0] == found.advantage[..., 0]).all()
 
 
 @pytest.mark.parametrize("flows", [False, True])
