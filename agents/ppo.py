@@ -99,6 +99,7 @@ class PPO(PartsLearner):
             self._ahead = Rollout(own, env.num_envs, coding, info)  # being collected
         self._waits = not own.overlap  # whether there is a rollout to learn from once collect() has returned
         self._noise = torch.Generator().manual_seed(settings.seed)
+        self._drawn: torch.Tensor | None = None  # the last noise, if it is continued
         self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
         self.episodes: deque[tuple[float, int, bool]] = deque(maxlen=WINDOW)  # return, length, success
         self._observation: Any = None
@@ -172,7 +173,7 @@ class PPO(PartsLearner):
         for _ in range(self.own.n_steps):
             inputs = coding.encode(self._observation, self._inputs, self._start)
             with torch.no_grad():
-                action, log_prob = policy.sample(torch.from_numpy(inputs.rows), self._noise)
+                action, log_prob = policy.sample(torch.from_numpy(inputs.rows), self._draw)
             observation, _, done, infos = env.step(coding.decode(inputs, action.clamp(-1.0, 1.0).numpy()))
             reward = env.part_reward - self.own.touch_cost * coding.touching(inputs)
             rollout.add(inputs, action.numpy(), log_prob.numpy(), reward, done)
@@ -184,6 +185,15 @@ class PPO(PartsLearner):
             self._observation, self._start, self._inputs = observation, done, inputs
         rollout.finish(coding.encode(self._observation, self._inputs, self._start), policy.critic)
         return self.own.n_steps * env.num_envs
+
+    def _draw(self, shape: torch.Size) -> torch.Tensor:
+        """Return noise (worlds, ...) of a step, which continues that of the step before by ``noise_memory``."""
+        noise, memory = torch.randn(shape, generator=self._noise), self.own.noise_memory
+        if memory and self._drawn is not None:
+            kept = memory * torch.from_numpy(~self._start).to(noise).reshape(-1, *[1] * (len(shape) - 1))
+            noise = kept * self._drawn + (1.0 - kept**2).sqrt() * noise
+        self._drawn = noise if memory else None
+        return noise
 
     def update(self, remaining: float) -> dict[str, float]:
         """Update actor and critic from the rollout; return mean losses.
@@ -288,6 +298,7 @@ class PPO(PartsLearner):
             "pace": self.pace,
             "torch": torch.get_rng_state().numpy(),
             "noise": self._noise.get_state().numpy(),
+            "drawn": None if self._drawn is None else self._drawn.numpy(),
             "rollout": self.rollout.get_state() if self.own.overlap and self._waits else None,
             "observation": self._observation,
             "start": self._start,
@@ -310,6 +321,7 @@ class PPO(PartsLearner):
         self.episodes = deque((tuple(each) for each in state["episodes"]), maxlen=WINDOW)
         torch.set_rng_state(torch.from_numpy(np.array(state["torch"])))
         self._noise.set_state(torch.from_numpy(np.array(state["noise"])))
+        self._drawn = None if state["drawn"] is None else torch.from_numpy(np.array(state["drawn"]))
         if state["rollout"] is not None:
             self.rollout.set_state(state["rollout"])
             self._waits = True

@@ -165,3 +165,24 @@ def test_the_critic_learns_first():
     learner.learn(settings["steps"], report)
     assert changed == [set(), {"critic"}, {"critic", "actor"}]
     learner.close()
+
+
+def test_noise_that_remembers_is_standard_normal_and_correlated_within_episodes():
+    own = {"n_steps": 4, "net": [8], "critic_net": [8], "noise_memory": 0.9}
+    learner = PPO(
+        settings_from({"task": "Align", "environment": {"action": "velocity"}, "worlds": 400, "steps": 1, "ppo": own})
+    )
+    shape, steps, begins = torch.Size((400, 1, 3)), 30, 20
+    noise = []
+    for step in range(steps):
+        learner._start = np.full(400, step == begins)
+        noise.append(learner._draw(shape).numpy().reshape(-1))
+    noise = np.array(noise)
+    assert noise.mean(axis=1) == pytest.approx(0.0, abs=5.0 / 1200**0.5)
+    assert noise.var(axis=1) == pytest.approx(1.0, abs=5.0 * (2.0 / 1200) ** 0.5)
+    correlation = np.array([np.corrcoef(one, other)[0, 1] for one, other in zip(noise[:-1], noise[1:], strict=True)])
+    within = np.arange(1, steps) != begins
+    assert correlation[within] == pytest.approx(0.9, abs=0.05)
+    assert abs(correlation[~within]) < 0.15
+    assert np.corrcoef(noise[0], noise[10])[0, 1] == pytest.approx(0.9**10, abs=0.15)
+    learner.env.close()
