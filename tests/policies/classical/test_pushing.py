@@ -8,7 +8,8 @@ import pytest
 from tests.envs.helpers import single
 from vibgym.config import part_from
 from vibgym.policies import TaskInfo
-from vibgym.policies.classical.pushing import Outline, PushingPolicy
+from vibgym.policies.classical.measured import Measured
+from vibgym.policies.classical.pushing import BARRED, Outline, PushingPolicy, choose_pairs
 from vibgym.registration import TEE
 from vibgym.scene.parts import Part
 
@@ -79,6 +80,97 @@ def test_paths_avoid_borders():
     barred = policy.barred(np.arctan2(at[..., 1], at[..., 0]), sweeps, part_near_border, np.eye(2)[None])
     assert barred.shape == (1, 2, 2, 2)
     assert barred[0, 0, 0].tolist() == [True, False]  # clockwise from the right: below the part, without room
+
+
+def test_paths_are_the_shortest_round_a_disc():
+    """Straight lines, or a tangent and an arc; the reference is the shortest path over points around an obstacle."""
+    policy = rule()
+    radius = float(policy.outline.round.mean())
+    at = np.tile([[0.2, 0.0], [0.09, 0.03]], (1, 1, 1))
+    here, there = np.arctan2(at[..., 1], at[..., 0]), np.hypot(*policy.outline.place.T)
+    short = np.angle(np.exp(1j * (policy.outline.direction - here[..., None])))
+    sweeps = np.stack([short, short - np.copysign(2.0 * math.pi, short)], axis=2)
+    middle = np.array([[0.416, 0.104]])
+    found = policy.travel(at, here, sweeps, middle, np.eye(2)[None])
+    found -= BARRED * policy.barred(here, sweeps, middle, np.eye(2)[None])
+    direct = np.hypot(*(at[0, :, None] - policy.outline.place).transpose(2, 0, 1))
+    assert (found >= direct[:, None] - 1e-9).all()
+    for k in range(2):
+        away = float(np.hypot(*at[0, k]))
+        in_sight = np.abs(short[0, k]) < math.acos(radius / away)
+        assert in_sight.any() and not in_sight.all()
+        assert found[0, k, 0, in_sight] == pytest.approx(direct[k, in_sight])
+        behind = ~in_sight
+        tangent = math.sqrt(away**2 - radius**2)
+        arc = radius * (np.abs(short[0, k, behind]) - math.acos(radius / away))
+        assert found[0, k, 0, behind] == pytest.approx(tangent + arc + np.abs(there - radius)[behind])
+    assert (found[:, :, 1] >= found[:, :, 0] - 1e-9).all()  # the other way round is longer
+
+
+def test_a_pusher_at_its_place_has_no_way_to_go():
+    policy = rule()
+    outline = policy.outline
+    for k in range(0, len(outline.place), 7):
+        at = np.array([[outline.place[k], outline.place[k]]])
+        here = np.arctan2(at[..., 1], at[..., 0])
+        short = np.angle(np.exp(1j * (outline.direction - here[..., None])))
+        sweeps = np.stack([short, short], axis=2)
+        cost = policy.travel(at, here, sweeps, np.array([[0.416, 0.104]]), np.eye(2)[None])
+        assert cost[0, :, 0, k] == pytest.approx(0.0, abs=2e-3)
+
+
+@pytest.mark.parametrize(("early", "first"), [(0.01, 1), (0.9, 0)])
+def test_the_longer_path_counts_less_if_the_first_to_arrive_can_push_alone(early, first):
+    """Both pairs give exactly the wanted motion. Point 0 does so alone, but is farther away than point 1."""
+    effect = np.array([[1.0, 0.0, 0.0], [0.96, 0.28, 0.0], [0.96, -0.28, 0.0]])
+    along = effect[:, :1].T.copy()
+    cost = np.full((1, 2, 2, 3), 9.0)
+    cost[0, 0, :, :2], cost[0, 1, :, 2] = [0.10, 0.05], 0.30
+    chosen, push, sweep = np.zeros((1, 2), dtype=np.int64), np.zeros((1, 2)), np.zeros((1, 2))
+    choose_pairs(
+        along, along, effect @ effect.T, ~np.eye(3, dtype=bool), np.ones((1, 3), dtype=bool), cost, np.zeros((1, 2, 2, 3)),
+        np.array([math.pi]), 1.0, 0.2, early, 0.97, chosen, push, sweep,
+    )  # fmt: skip
+    assert chosen[0].tolist() == [first, 2]
+
+
+def test_one_disc_pushes_before_the_other_is_there_if_that_helps():
+    """The first disc stands at its place, the other one is on its way; 200 wanted motions."""
+    policy, rng, worlds = rule(travel=1e-6), np.random.default_rng(1), 200
+    outline, middle = policy.outline, np.array([0.416, 0.104])
+    motion = rng.normal(size=(worlds, 3)) * [0.05, 0.05, 1.0]
+    left = motion * [1.0, 1.0, outline.gyration]
+    direction = left / np.linalg.norm(left, axis=1, keepdims=True)
+    straight = np.tile(np.eye(2), (worlds, 1, 1))
+    at = np.tile([[0.2, 0.0], [-0.2, 0.0]], (worlds, 1, 1))
+    chosen, push, _ = policy.choose(direction, at, np.tile(middle, (worlds, 1)), straight)
+    at[:, 0] = outline.place[chosen[:, 0]]
+    again = policy.choose(direction, at, np.tile(middle, (worlds, 1)), straight)[0]
+    same = (again == chosen).all(axis=1) & (push[:, 0] > 0.0)
+    assert same.sum() > 50
+
+    centre, way, turn = np.tile(middle, (worlds, 3, 1)), np.zeros((worlds, 3, 2)), np.zeros((worlds, 3))
+    centre[:, policy.pushers] += at
+    way[:, policy.pushed], turn[:, policy.pushed] = motion[:, :2], motion[:, 2]
+    still = np.zeros((worlds, 3))
+    measured = Measured(
+        np.ones((worlds, 3), dtype=bool),
+        centre,
+        still,
+        way,
+        turn,
+        np.zeros((worlds, 3, 2)),
+        still,
+        still + 1.0,
+        single=False,
+    )
+    inward = outline.effect[chosen[:, 0], :2]
+    pushes = (policy.velocities(measured)[:, 0] * inward).sum(axis=1) > 0.0
+    effect = outline.effect[chosen[:, 0]]
+    helps = (effect * direction).sum(axis=1) / np.linalg.norm(effect, axis=1) > policy.manner.useful
+    alone = push[:, 1] == 0.0
+    assert pushes[same].tolist() == (helps | alone)[same].tolist()
+    assert 10 < pushes[same].sum() < same.sum() - 10
 
 
 def test_bad_settings_are_refused():

@@ -40,6 +40,7 @@ class Manner(Settings):
     gain: float = 0.8  # rate at which its remaining displacement shrinks, over the rate at which friction brakes it
     travel: float = 0.8  # 1/m, cost of a metre of the longer path of both pushers, over the value of the best direction
     shorter: float = 0.2  # share of this cost for a metre of the shorter path
+    early: float = 0.6  # share of their difference that is deducted if the first to arrive can push alone, see useful
     ready: float = 0.009  # m, distance of a pusher from its place, within which it pushes
     useful: float = 0.8  # cosine of the angle to the wanted motion, above which one pushes before the other is ready
     press: float = 0.004  # m into the part, target of a pusher
@@ -192,7 +193,8 @@ class PushingPolicy(Steering):
         chosen, sweep = np.zeros((len(at), 2), dtype=np.int64), np.zeros((len(at), 2))
         push = np.zeros((len(at), 2))
         alone = np.maximum(along, 0.0) / np.sqrt(np.diag(self._gram))
-        prices = self.manner.travel, self.manner.shorter
+        manner = self.manner
+        prices = manner.travel, manner.shorter, manner.early, manner.useful
         choose_pairs(along, alone, self._gram, self._fits, inside, cost, sweeps, ahead, *prices, chosen, push, sweep)
         return chosen, push, sweep
 
@@ -206,9 +208,14 @@ class PushingPolicy(Steering):
             here: (batch, 2) rad, directions of the pushers from the part.
             sweeps: (batch, 2, 2, n) rad, by which each pusher goes round on the shorter and on the longer path.
         """
-        outline = self.outline
-        off = np.hypot(at[..., 0], at[..., 1])[..., None, None] - np.hypot(outline.place[:, 0], outline.place[:, 1])
-        cost = np.abs(off) + np.abs(sweeps) * float(outline.round.mean())
+        outline, turn = self.outline, np.abs(sweeps)
+        away, radius = np.hypot(at[..., 0], at[..., 1])[..., None, None], float(outline.round.mean())
+        there = np.hypot(outline.place[:, 0], outline.place[:, 1])
+        # Straight to the place if the part is not between; else along a tangent and round the part.
+        seen = np.arccos(np.minimum(radius / np.maximum(away, 1e-9), 1.0))
+        straight = np.sqrt(np.maximum(away**2 + there**2 - 2.0 * away * there * np.cos(turn), 0.0))
+        bent = np.sqrt(np.maximum(away**2 - radius**2, 0.0)) + radius * (turn - seen)
+        cost = np.where(turn < seen, straight, bent + np.abs(there - np.minimum(away, radius)))
         return cost + BARRED * self.barred(here, sweeps, centre, to_world)
 
     def barred(self, here: np.ndarray, sweeps: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
@@ -239,12 +246,15 @@ class PushingPolicy(Steering):
 
     def go_round(self, at: np.ndarray, sweep: np.ndarray) -> np.ndarray:
         """Return velocities (batch, 2, 2), m/s, along the outline from places (batch, 2, 2) by angles (batch, 2)."""
-        here = np.arctan2(at[..., 1], at[..., 0])
-        ahead = here + np.clip(sweep, -AHEAD, AHEAD)
+        here, away = np.arctan2(at[..., 1], at[..., 0]), np.hypot(at[..., 0], at[..., 1])
+        # From far away to where the way touches the circle about the part and a disc.
+        circle = float(self.outline.round.max()) + self.manner.clear
+        most = np.maximum(np.arccos(np.minimum(circle / np.maximum(away, 1e-9), 1.0)), AHEAD)
+        ahead = here + np.clip(sweep, -most, most)
         radius = np.maximum(self.round_at(here), self.round_at(ahead)) + self.manner.clear
         target = radius[..., None] * np.stack([np.cos(ahead), np.sin(ahead)], axis=-1)
         # Outwards, where a pusher is too near to go round.
-        away, way = np.hypot(at[..., 0], at[..., 1]), target - at
+        way = target - at
         lack = np.maximum(self.round_at(here) + 0.5 * self.manner.clear - away, 0.0)
         outward = at / np.maximum(away, 1e-9)[..., None]
         along = self.top * way / np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-9)[..., None]
@@ -274,7 +284,9 @@ def rotation(heading: np.ndarray) -> np.ndarray:
 
 
 @exact
-def choose_pairs(along, alone, gram, fits, inside, cost, sweeps, ahead, price, shorter, chosen, push, sweep):
+def choose_pairs(
+    along, alone, gram, fits, inside, cost, sweeps, ahead, price, shorter, early, useful, chosen, push, sweep
+):
     """Choose the best pair of points for each world, see :meth:`PushingPolicy.choose`.
 
     The value of a pair is the length of the projection of the wanted motion onto the cone of both pushes, or onto the better
@@ -288,6 +300,7 @@ def choose_pairs(along, alone, gram, fits, inside, cost, sweeps, ahead, price, s
         cost, sweeps: (worlds, 2, 2, n) m and rad, length and angle of both paths of each pusher.
         ahead: (worlds,) rad in [0, 2 pi), by which the second pusher is ahead of the first.
         price: 1/m, cost of a metre of the longer path.  shorter: share of it for a metre of the shorter one.
+        early: share of their difference that is deducted if the first to arrive alone is worth more than ``useful``.
         chosen, push, sweep: (worlds, 2) points, strengths and angles, overwritten.
     """
     for w in range(along.shape[0]):
@@ -315,6 +328,8 @@ def choose_pairs(along, alone, gram, fits, inside, cost, sweeps, ahead, price, s
                         then = ahead[w] + sweeps[w, 1, b, j] - sweeps[w, 0, a, i]
                         one_path, other_path = cost[w, 0, a, i], cost[w, 1, b, j]
                         length = max(one_path, other_path) + shorter * min(one_path, other_path)
+                        if alone[w, i if one_path < other_path else j] > useful:
+                            length -= early * abs(one_path - other_path)
                         if then <= 0.0 or then >= 2.0 * math.pi:  # one would pass the other
                             length += BARRED
                         if length < shortest:
