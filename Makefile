@@ -24,6 +24,12 @@ CONFIG ?= configs/agents/ppo.yaml
 FAST := $(addprefix tests/,actuators adapters allocation bounds contracts envs fuzz physics plugins/camera plugins/tilting policies rendering scene sensing simulation tasks \
 	test_config.py test_examples.py test_fields.py test_files.py test_interrupts.py test_package.py test_renamed.py test_training.py)
 AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task)/ideal $(task)/prototype) Align/phasor
+# Those of the open tasks, each after the one it starts from; none if AGENTS is given.
+OPEN ?= $(if $(filter file,$(origin AGENTS)),Swap/taught Swap/first Swap/ideal Swap/prototype SwapCrowded/taught SwapCrowded/ideal \
+	SwapCrowded/prototype PackFull/taught PackFull/first PackFull/second PackFull/ideal PackFull/prototype FeedHeaps/ideal FeedHeaps/prototype \
+	Feed/ideal Feed/prototype Pack/taught Pack/ideal Pack/prototype Push/hybrid)
+SEEDS ?= 0 1 2
+OPEN_SEEDS ?= 1
 
 # Install the package, then its EXTRAS. Meanwhile the idle core compiles kernels; those not compiled by the end of the
 # installation are compiled on first use.
@@ -172,9 +178,14 @@ benchmark: $(DEV) $(PEERS)
 	$(PY) -m studies.benchmarks.actions
 
 # Takes hours: three seeds of every agent, then their table and the best of each. AGENTS="Align/ideal" trains some of them.
+define train
+@for agent in $(2); do for seed in $(3); do $(PY) -m agents train $(1) --agent $$agent --seed $$seed || exit; done; done; \
+	$(PY) -m agents tabulate $(1) $(patsubst %,--agent %,$(filter-out %/taught %/first %/second,$(2))) --seeds $(3) \
+	--ship vibgym/policies/trained/shipped --page docs/agents.md
+endef
 train: $(LEARN)
-	@for agent in $(AGENTS); do for seed in 0 1 2; do $(PY) -m agents train $(CONFIG) --agent $$agent --seed $$seed || exit; done; done
-	$(PY) -m agents tabulate $(CONFIG) $(AGENTS:%=--agent %) --ship vibgym/policies/trained/shipped --page docs/agents.md
+	$(call train,$(CONFIG),$(AGENTS),$(SEEDS))
+	$(if $(OPEN),$(call train,configs/agents/open.yaml,$(OPEN),$(OPEN_SEEDS)))
 
 compare: $(REPORT)
 	$(PY) -m agents compare configs/comparisons/agents.yaml
