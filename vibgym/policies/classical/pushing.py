@@ -38,7 +38,7 @@ class Manner(Settings):
 
     speed: float = 0.14  # m/s, top speed of the pushed part, its spin times the radius of gyration included
     gain: float = 0.8  # rate at which its remaining displacement shrinks, over the rate at which friction brakes it
-    travel: float = 0.65  # 1/m, cost of a metre of the longer path of both pushers, over the value of the best direction
+    travel: float = 0.65  # 1/m, cost of a metre of the longer path of both pushers, over the best direction's value
     shorter: float = 0.2  # share of this cost for a metre of the shorter path
     early: float = 0.6  # share of their difference that is deducted if the first to arrive can push alone, see useful
     ready: float = 0.009  # m, distance of a pusher from its place, within which it pushes
