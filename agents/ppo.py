@@ -150,7 +150,7 @@ class PPO(PartsLearner):
             self.env.close()
             self.env = self.curriculum.worlds()
             self.env.seed(self.settings.seed + self.steps)
-            self._observation, self._inputs = self.env.reset(), None
+            self._observation, self._inputs, self._drawn = self.env.reset(), None, None
             self._start = np.ones(self.env.num_envs, dtype=bool)
             self.episodes.clear()
 
