@@ -15,7 +15,7 @@ from vibgym import checks
 from vibgym.policies.trained.storage import as_float32, load_set, save_set
 
 KIND = "vibgym-checkpoint"
-VERSION = 4
+VERSION = 5
 FILE = "checkpoint.json"
 ADAM = ("step", "exp_avg", "exp_avg_sq")
 STATE = "state.json"

@@ -339,17 +339,9 @@ class ActorCritic(nn.Module):
         self.actor = make_actor(coding.shape, list(settings.net), *rest, log_std, **floor)
         self.critic = make_critic(coding.shape, list(settings.critic_net), *rest)
 
-    def sample(
-        self, rows: torch.Tensor, draw: Callable[[torch.Size], torch.Tensor]
-    ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return random actions (..., action) for rows (..., columns), and their log-probabilities (...).
-
-        Args:
-            rows: inputs.
-            draw: returns standard normal numbers of a shape.
-        """
+    def sample(self, rows: torch.Tensor, noise: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return actions (..., action) for rows (..., columns) and standard normal noise, and log-probabilities (...)."""
         mean, log_std = self.actor(rows)
-        noise = draw(mean.shape)
         return mean + log_std.exp() * noise, -(0.5 * noise * noise + log_std + HALF_LOG_TAU).sum(dim=-1)
 
 

@@ -99,7 +99,7 @@ class PPO(PartsLearner):
             self._ahead = Rollout(own, env.num_envs, coding, info)  # being collected
         self._waits = not own.overlap  # whether there is a rollout to learn from once collect() has returned
         self._noise = torch.Generator().manual_seed(settings.seed)
-        self._drawn: torch.Tensor | None = None  # the last noise, if it is continued
+        self._correlated = torch.zeros(1, 1, 1)  # noise of the last step, if that of the next is correlated with it
         self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
         self.episodes: deque[tuple[float, int, bool]] = deque(maxlen=WINDOW)  # return, length, success
         self._observation: Any = None
@@ -150,7 +150,7 @@ class PPO(PartsLearner):
             self.env.close()
             self.env = self.curriculum.worlds()
             self.env.seed(self.settings.seed + self.steps)
-            self._observation, self._inputs, self._drawn = self.env.reset(), None, None
+            self._observation, self._inputs = self.env.reset(), None
             self._start = np.ones(self.env.num_envs, dtype=bool)
             self.episodes.clear()
 
@@ -173,7 +173,8 @@ class PPO(PartsLearner):
         for _ in range(self.own.n_steps):
             inputs = coding.encode(self._observation, self._inputs, self._start)
             with torch.no_grad():
-                action, log_prob = policy.sample(torch.from_numpy(inputs.rows), self._draw)
+                noise = self._draw((*inputs.rows.shape[:-1], coding.shape.action))
+                action, log_prob = policy.sample(torch.from_numpy(inputs.rows), noise)
             observation, _, done, infos = env.step(coding.decode(inputs, action.clamp(-1.0, 1.0).numpy()))
             reward = env.part_reward - self.own.touch_cost * coding.touching(inputs)
             rollout.add(inputs, action.numpy(), log_prob.numpy(), reward, done)
@@ -186,13 +187,12 @@ class PPO(PartsLearner):
         rollout.finish(coding.encode(self._observation, self._inputs, self._start), policy.critic)
         return self.own.n_steps * env.num_envs
 
-    def _draw(self, shape: torch.Size) -> torch.Tensor:
-        """Return noise (worlds, ...) of a step, which continues that of the step before by ``noise_memory``."""
-        noise, memory = torch.randn(shape, generator=self._noise), self.own.noise_memory
-        if memory and self._drawn is not None:
-            kept = memory * torch.from_numpy(~self._start).to(noise).reshape(-1, *[1] * (len(shape) - 1))
-            noise = kept * self._drawn + (1.0 - kept**2).sqrt() * noise
-        self._drawn = noise if memory else None
+    def _draw(self, shape: tuple[int, ...]) -> torch.Tensor:
+        """Return the noise (worlds, parts, action) of a step, which continues that of the step before within an episode."""
+        noise = torch.randn(shape, generator=self._noise)
+        if self.own.noise_correlation:
+            share = self.own.noise_correlation * torch.from_numpy(~self._start).to(noise)[:, None, None]
+            noise = self._correlated = share * self._correlated + (1.0 - share**2).sqrt() * noise
         return noise
 
     def update(self, remaining: float) -> dict[str, float]:
@@ -298,7 +298,7 @@ class PPO(PartsLearner):
             "pace": self.pace,
             "torch": torch.get_rng_state().numpy(),
             "noise": self._noise.get_state().numpy(),
-            "drawn": None if self._drawn is None else self._drawn.numpy(),
+            "correlated": self._correlated.numpy(),
             "rollout": self.rollout.get_state() if self.own.overlap and self._waits else None,
             "observation": self._observation,
             "start": self._start,
@@ -321,7 +321,7 @@ class PPO(PartsLearner):
         self.episodes = deque((tuple(each) for each in state["episodes"]), maxlen=WINDOW)
         torch.set_rng_state(torch.from_numpy(np.array(state["torch"])))
         self._noise.set_state(torch.from_numpy(np.array(state["noise"])))
-        self._drawn = None if state["drawn"] is None else torch.from_numpy(np.array(state["drawn"]))
+        self._correlated = torch.from_numpy(np.array(state["correlated"]))
         if state["rollout"] is not None:
             self.rollout.set_state(state["rollout"])
             self._waits = True

@@ -71,8 +71,8 @@ class PPOSettings(NetworkSettings, RateSettings):
     log_std_init: float = Field(-0.5, ge=-5, le=0.5)
     # Size of actions above which exploration grows with them; None: the same for all.
     noise_floor: float | None = Field(None, gt=0, le=1)
-    # Correlation of exploration with that of the step before (coloured noise: Hollenstein et al. 2024, arXiv 2312.11091).
-    noise_memory: float = Field(0.0, ge=0, lt=1)
+    # Of exploration between successive steps (coloured noise: Hollenstein et al. 2024, arXiv 2312.11091).
+    noise_correlation: float = Field(0.0, ge=0, lt=1)
     touch_cost: float = Field(0.0, ge=0, le=1000)  # reward per step and part in contact with another; training only
     shared: float = Field(0.0, ge=0, le=1)  # share of every other part's reward that a part gets; training only
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # first steps, in which the critic alone learns

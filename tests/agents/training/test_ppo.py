@@ -167,15 +167,15 @@ def test_the_critic_learns_first():
     learner.close()
 
 
-def test_noise_that_remembers_is_standard_normal_and_correlated_within_episodes():
-    own = {"n_steps": 4, "net": [8], "critic_net": [8], "noise_memory": 0.9}
+def test_correlated_noise_is_standard_normal_and_begins_anew_with_episodes():
+    own = {"n_steps": 4, "net": [8], "critic_net": [8], "noise_correlation": 0.9}
     learner = PPO(
         settings_from({"task": "Align", "environment": {"action": "velocity"}, "worlds": 400, "steps": 1, "ppo": own})
     )
-    shape, steps, begins = torch.Size((400, 1, 3)), 30, 20
+    shape, steps, begins = (400, 1, 3), 30, 20
     noise = []
     for step in range(steps):
-        learner._start = np.full(400, step == begins)
+        learner._start = np.full(400, step in (0, begins))
         noise.append(learner._draw(shape).numpy().reshape(-1))
     noise = np.array(noise)
     assert noise.mean(axis=1) == pytest.approx(0.0, abs=5.0 / 1200**0.5)

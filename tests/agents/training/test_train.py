@@ -31,8 +31,10 @@ RUNS = {
     "imitation": {
         "environment": {"action": "wrench"}, "imitation": IMITATION, "ppo": {**PPO, "remembers": True, "turned": True},
     },
-    "noise": {"environment": {"action": "field"}, "ppo": {**PPO, "noise_memory": 0.9}},
-    "overlap": {"environment": {"action": "field"}, "ppo": {**PPO, "overlap": True, "bfloat16": True, "noise_memory": 0.5}},
+    "noise": {"environment": {"action": "field"}, "ppo": {**PPO, "noise_correlation": 0.9}},
+    "overlap": {
+        "environment": {"action": "field"}, "ppo": {**PPO, "overlap": True, "bfloat16": True, "noise_correlation": 0.5},
+    },
     "curriculum": {
         "environment": {"action": "field"}, "ppo": PPO,
         "curriculum": [{"environment": {"max_episode_steps": 20}, "until": {"steps": 384}}],
