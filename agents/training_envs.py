@@ -17,9 +17,9 @@ from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.vector import batch_of
-from vibgym.policies.mpc import rows_of
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
+from vibgym.policies.simulated import rows_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.residual import SCALE, Base
 

@@ -25,7 +25,7 @@ from vibgym.files import output_directory, output_files
 from vibgym.imports import taking_part
 from vibgym.policies.measures import Measures
 from vibgym.policies.protocol import Policy
-from vibgym.policies.registry import CONTROLLERS, make_policy
+from vibgym.policies.registry import CONTROLLERS, NEED_MORE, make_policy
 from vibgym.policies.rollout import Ends, Outcomes, rollout, worlds_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
@@ -349,7 +349,7 @@ def serves(content: Any, info: TaskInfo) -> bool:
     """Return whether a policy without ``tasks`` runs on this one: a controller if it can be made with its defaults, any other
     always (making it raises the error)."""
     kind = content.get("kind") if isinstance(content, Mapping) else content
-    if not isinstance(kind, str) or kind not in CONTROLLERS or kind in ("trained", "residual", "schedule", "by_task"):
+    if not isinstance(kind, str) or kind not in CONTROLLERS or kind in NEED_MORE:
         return True
     try:
         make_policy(kind, info)

@@ -6,9 +6,9 @@ import pytest
 from tests.envs.helpers import batch
 from tests.policies.helpers import FRESH, info_of
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.mpc import Model
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
+from vibgym.policies.simulated import Model
 from vibgym.policies.task_info import TaskInfo
 
 SMALL = {"kind": "mpc", "samples": 6, "horizon": 4, "iterations": 1}

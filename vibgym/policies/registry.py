@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from vibgym.policies.classical.steering import LAWS, OUTPUTS, LocalFieldPolicy
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.foreign import InElements, ModelPolicy
 from vibgym.policies.mpc import MPCPolicy
+from vibgym.policies.parallel_rollout import ParallelRolloutPolicy
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.registry import Registry
@@ -28,6 +29,7 @@ Maker = Callable[..., Policy]
 EXTRA = ("safetensors", "scipy")  # modules of the extra ``policies``
 STEERED = ("local_field", "planner", "lanes", "two_phases", "push")  # with a law, and any action of steering.OUTPUTS
 FILES = ("trained", "residual", "learned")  # loaded from files, with the action that they were trained with only
+NEED_MORE = ("trained", "residual", "schedule", "by_task", "parallel_rollout")  # with arguments only, such as a file
 DEFAULT = "element"  # the environment's default action, which requires no action of the policy
 
 
@@ -133,6 +135,29 @@ def mpc(info: TaskInfo, *, base: Any = None, action: str | None = None, seed: in
     return MPCPolicy(info, base=base, action=action, seed=seed, **settings)
 
 
+def parallel_rollout(
+    info: TaskInfo, *, policies: Any, action: str | None = None, every: int = 15, horizon: int = 100
+) -> Policy:
+    """Return a choice among policies by simulation (:class:`vibgym.policies.parallel_rollout.ParallelRolloutPolicy`).
+
+    Args:
+        info: task and scene.
+        policies: a list, each as :func:`make_policy` takes it.
+        action: of policies that support several. None: that of the first policy.
+        every, horizon: of :class:`vibgym.policies.parallel_rollout.ParallelRolloutPolicy`.
+    """
+    if isinstance(policies, str | Mapping) or not isinstance(policies, Sequence):
+        raise checks.refuse("policies", policies, "a list of policies")
+    made: list[Policy] = []
+    for policy in policies:
+        if isinstance(policy, str | Mapping) and action is not None:
+            named = dict(policy) if isinstance(policy, Mapping) else {"kind": policy}
+            policy = ({"action": action} if _takes_action(named.get("kind"), action) else {}) | named
+        made.append(make_policy(policy, info))
+        action = action or made[0].action
+    return ParallelRolloutPolicy(info, made, every=every, horizon=horizon)
+
+
 def steers(kind: Any) -> bool:
     """Return whether a controller steers parts by a law."""
     return kind in STEERED or kind in LAWS
@@ -163,6 +188,7 @@ CONTROLLERS = Controllers(
         "two_phases": TwoPhasesPolicy,
         "push": PushingPolicy,
         "mpc": mpc,
+        "parallel_rollout": parallel_rollout,
         "by_task": by_task,
         "learned": learned,
         "trained": trained,
@@ -174,7 +200,8 @@ CONTROLLERS = Controllers(
 
 ``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose. ``"local_field"`` and
 ``"planner"`` serve tasks with goals, zones or a distance to keep; the first takes every part straight there, the second past
-the others. ``"mpc"`` serves all tasks whose goals stay, ``"by_task"`` those that it names. ``"learned"`` is the shipped agent.
+the others. ``"mpc"`` and ``"parallel_rollout"`` serve all tasks whose goals stay, ``"by_task"`` those that it names.
+``"learned"`` is the shipped agent.
 A law's name is that of the first with one part, of the second with several:
 ``vibgym.policies.classical.steering.LAWS.register(name, cls)`` adds a custom law.
 """
@@ -237,11 +264,11 @@ def action_of(env: Any) -> str | None:
     return next((name for name, each in ACTIONS.items() if each is acting), None)
 
 
-def _takes_action(kind: str, action: str) -> bool:
+def _takes_action(kind: Any, action: str) -> bool:
     """Return whether a controller supports this action among several."""
     if steers(kind):
         return action in OUTPUTS
-    return ACTIONS[action].by_part if kind == "mpc" else kind == "learned"
+    return ACTIONS[action].by_part if kind == "mpc" else kind in ("learned", "parallel_rollout")
 
 
 def _made(kind: str, arguments: dict[str, Any], info: TaskInfo, seed: int) -> Policy:

@@ -15,7 +15,7 @@ from vibgym import checks
 from vibgym.envs.vector import environment_id
 from vibgym.policies import TaskInfo, make_policy
 from vibgym.policies.protocol import Policy
-from vibgym.policies.registry import CONTROLLERS
+from vibgym.policies.registry import CONTROLLERS, NEED_MORE
 from vibgym.policies.trained.catalogue import shipped_agents
 
 HARDWARE: dict[str, dict[str, Any]] = {
@@ -26,9 +26,6 @@ HARDWARE: dict[str, dict[str, Any]] = {
 """Keyword arguments of environments, by hardware."""
 
 MODELS = ("planar", "averaged", "tilting")
-
-NEED_MORE = ("trained", "residual", "schedule", "by_task")
-"""Policies that require further settings, such as a file."""
 
 MOST_RATE, MOST_TILT = 5.0, math.radians(10.0)
 """Largest rate (1/s) and tilt (rad) of disturbances."""

@@ -1,0 +1,136 @@
+"""Choice by simulation: one policy alone is unchanged, the better one acts, and every world is on its own."""
+
+import numpy as np
+import pytest
+
+from tests.envs.helpers import batch
+from tests.policies.helpers import FRESH, HARDWARE, info_of
+from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
+from vibgym.policies.simulated import rows_of
+from vibgym.policies.task_info import TaskInfo
+
+SEEDS = range(FRESH, FRESH + 6)
+
+
+class Still:
+    """Policy that brakes all parts; it counts its steps since it began to act."""
+
+    action, observation = "velocity", "state"
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        """Return zeros and the count."""
+        age = np.zeros(len(observation), dtype=np.int64) if state is None else state
+        age = np.where(False if episode_start is None else episode_start, 0, age)
+        return np.zeros((len(observation), 3), dtype=np.float32), age + 1
+
+
+def choice_of(*policies, **settings):
+    return {"kind": "parallel_rollout", "policies": list(policies), **settings}
+
+
+@pytest.mark.parametrize("task, policy", [
+    ("Align", {"kind": "pose", "action": "velocity"}), ("Sort", "planner"), ("Align", "learned"), ("Swap", "learned"),
+])  # fmt: skip
+def test_one_policy_alone_is_unchanged(task, policy):
+    seeds = SEEDS if task == "Align" else SEEDS[:2]
+    alone, chosen = (rollout(each, task, seeds=seeds) for each in (policy, choice_of(policy, every=7, horizon=3)))
+    assert chosen.success.all()
+    np.testing.assert_array_equal(chosen.returns, alone.returns)
+    np.testing.assert_array_equal(chosen.steps, alone.steps)
+
+
+def test_policies_take_the_action_of_the_environment_or_of_the_first():
+    env = batch("Align", 1, action="velocity")
+    assert make_policy(choice_of("pose", "lqr"), env).action == "velocity"
+    info = TaskInfo.of(env)
+    assert make_policy(choice_of({"kind": "pose", "action": "target"}, "lqr"), info).action == "target"
+    assert make_policy(choice_of("pose", "lqr", action="wrench"), info).action == "wrench"
+
+
+def test_the_better_policy_acts_and_begins_anew():
+    env = batch("Align", 3, action="velocity")
+    seen, _ = env.reset(seed=FRESH)
+    good = {"kind": "pose", "action": "velocity"}
+    policy = make_policy(choice_of(Still(), good, every=4, horizon=60), env)
+    state, direct, memory = None, make_policy(good, env), None
+    for step in range(9):
+        action, state = policy.predict(seen, state)
+        expected, memory = direct.predict(seen, memory)
+        np.testing.assert_array_equal(action, expected)
+        assert (state[0].acting == 1).all() and (state[0].age == step + 1).all()
+        seen, *_ = env.step(action)
+    # Where both do equally well, the one that acts stays: here the first.
+    policy = make_policy(choice_of(good, dict(good), every=1, horizon=5), env)
+    _, state = policy.predict(seen)
+    assert (state[0].acting == 0).all()
+    # One that is not asked again begins without a memory.
+    policy = make_policy(choice_of(Still(), Still(), every=100, horizon=1), env)
+    _, state = policy.predict(seen)
+    for _ in range(3):
+        _, state = policy.predict(seen, state, np.array([False, True, False]))
+    np.testing.assert_array_equal(state[1][0], [4, 1, 4])
+
+
+def test_a_policy_takes_over_when_the_other_fails_later():
+    class Slack(Still):
+        """Brakes from the fifth step on, and follows the law before."""
+
+        def __init__(self, law):
+            self.law = law
+
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            zeros, age = super().predict(observation, None if state is None else state[0], episode_start)
+            action, memory = self.law.predict(observation, None if state is None else state[1], episode_start)
+            return np.where((age > 5)[:, None], zeros, action), (age, memory)
+
+    info = info_of("Align", action="velocity")
+    law = make_policy({"kind": "pose", "action": "velocity"}, info)
+    assert not rollout(Slack(law), "Align", seeds=SEEDS).success.any()
+    found = rollout(choice_of(Slack(law), law, every=3, horizon=100), "Align", seeds=SEEDS)
+    assert found.success.all() and (found.steps <= rollout(law, "Align", seeds=SEEDS).steps).all()
+
+
+@pytest.mark.parametrize("task, policies", [
+    ("Push", [{"kind": "push", "action": "wrench"}, {"kind": "push", "action": "wrench", "travel": 0.3}]),
+    ("PackFull", ["learned", {"kind": "two_phases", "action": "velocity"}]),
+])  # fmt: skip
+def test_it_is_faster_than_its_policies(task, policies):
+    seeds = SEEDS if task == "Push" else SEEDS[:4]
+    alone = [rollout(each, task, seeds=seeds) for each in policies]
+    chosen = rollout(choice_of(*policies, every=10), task, seeds=seeds)
+    assert chosen.success.all()
+    assert chosen.steps.mean() < min(each.steps.mean() for each in alone)
+
+
+def test_worlds_are_on_their_own():
+    env = batch("Swap", 3, action="velocity", observation="parts_and_state", **HARDWARE)
+    seen, _ = env.reset(seed=FRESH)
+    policy = make_policy(choice_of("learned", "lanes", every=2, horizon=6), TaskInfo.of(env))
+    assert (policy.action, policy.observation) == ("velocity", "parts_and_state")
+    state = None
+    for start in (None, np.array([False, True, False]), None):
+        action, after = policy.predict(seen, state, start)
+        for world in range(3):
+            rows = np.array([world])
+            here, own = ({name: each[of] for name, each in seen.items()} for of in (rows, world)), rows_of(state, rows)
+            begins = None if start is None else start[rows]
+            for part in here:  # a batch of one world, and a single environment
+                np.testing.assert_array_equal(np.ravel(policy.predict(part, own, begins)[0]), action[world])
+        seen, *_ = env.step(action)
+        state = after
+
+
+@pytest.mark.parametrize("settings, named", [
+    ({"policies": []}, "at least one policy"), ({"policies": "pose"}, "list of policies"), ({"every": 0}, "every"),
+    ({"horizon": 0}, "horizon"), ({"policies": ["magic"]}, "policy.kind"), ({}, "missing"),
+    ({"policies": ["open_loop", Still()]}, r"policies\[1\].action"),
+])  # fmt: skip
+def test_bad_settings(settings, named):
+    with pytest.raises(ValueError, match=named):
+        make_policy({"kind": "parallel_rollout", **settings}, info_of("Align", action="velocity"))
+
+
+def test_moving_goals_are_refused():
+    with pytest.raises(ValueError, match="policy 'parallel_rollout'"):
+        make_policy(choice_of("pose"), info_of("Follow"))

@@ -1,0 +1,150 @@
+"""Parallel rollout: several policies are simulated from the measured state, and the one that does best acts for a while.
+
+See Bertsekas, Tsitsiklis and Wu, "Rollout algorithms for combinatorial optimization", Journal of Heuristics 1997, and, for
+several policies, Chang, Givan and Chong, "Parallel rollout for online solution of partially observable Markov decision
+processes", Discrete Event Dynamic Systems 2004. In an exact model, changing over to the policy that ends first is never slower
+than keeping to one of them, and chance helps: a policy that jams or falls in one of fifty episodes seldom does so where another
+one does. Learned agents, controllers, and one controller with several settings can be combined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.policies.classical.measured import Measured, recall
+from vibgym.policies.protocol import Policy
+from vibgym.policies.simulated import MODEL_WORLDS, Model, measured_rows, rows_of
+from vibgym.policies.task_info import TaskInfo
+
+READ = {"state": ("state",), "parts": ("parts", "mask"), "parts_and_state": ("parts", "mask", "state")}
+"""Observations that the policies may have, and their entries in that of all."""
+
+Seen = Mapping[str, np.ndarray]
+"""Entries of :data:`READ`, each (worlds, ...)."""
+
+
+class Memory(NamedTuple):
+    """Memory of :class:`ParallelRolloutPolicy`, besides those of its policies."""
+
+    acting: np.ndarray  # (batch,) int64, index of the policy that acts
+    age: np.ndarray  # (batch,) int64, steps of the episode
+    drift: np.ndarray  # (batch, 2, parts, 3), see Model.drift
+
+
+class ParallelRolloutPolicy:
+    """Simulates every policy from the measured state at regular intervals; the one that does best acts until the next time.
+
+    Best is the one that succeeds first, or, if none does within the horizon, the one with the highest return. The policy that
+    acts stays if none is better. One that takes over begins without a memory, as in its simulation. The simulation is of ideal
+    hardware. Worlds are independent of each other.
+
+    Args:
+        info: task and scene.
+        policies: with the same action; the first acts if all do equally well.
+        every: steps between choices.
+        horizon: simulated steps.
+
+    Raises:
+        ValueError: no policy, another action or observation, a bad number, or a task with moving goals.
+    """
+
+    def __init__(self, info: TaskInfo, policies: Sequence[Policy], *, every: int = 15, horizon: int = 100) -> None:
+        if info.goal_moves:
+            raise info.unsupported("parallel_rollout", "a task with fixed goals")
+        if not policies:
+            raise checks.refuse("policies", policies, "at least one policy")
+        self.policies, self.action = tuple(policies), policies[0].action
+        for index, policy in enumerate(self.policies):
+            checks.choice(f"policies[{index}].action", policy.action, (self.action,))
+            checks.choice(f"policies[{index}].observation", policy.observation, READ)
+        flat = all(policy.observation == "state" for policy in self.policies)
+        self.observation = "state" if flat else "parts_and_state"
+        self.every = checks.count("every", every, most=10_000)
+        self.horizon = checks.count("horizon", horizon, most=10_000)
+        self.info = info
+        self._models: dict[int, Model] = {}
+        self._rest = self._model(1).rest
+
+    def _model(self, worlds: int) -> Model:
+        """Return the simulation of this number of worlds."""
+        if worlds not in self._models:
+            self._models[worlds] = Model(self.info, worlds, self.action, self.observation)
+        return self._models[worlds]
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Return actions; the state is a :class:`Memory` and the memories of all policies."""
+        entries = observation if isinstance(observation, Mapping) else {"state": observation}
+        measured = Measured.of(entries["state"], self.info)
+        seen = {name: np.asarray(each)[None] if measured.single else np.asarray(each) for name, each in entries.items()}
+        batch, (own, memories) = len(measured.centre), (None, (None,) * len(self.policies)) if state is None else state
+        zeros = np.zeros(1, dtype=np.int64)
+        own, begun = recall(own, episode_start, Memory(zeros, zeros, self._rest[None]), batch)
+        begun = begun.copy()  # also of a policy that takes over
+        together, due = max(1, MODEL_WORLDS // len(self.policies)), np.flatnonzero(own.age % self.every == 0)
+        for some in np.split(due, range(together, len(due), together)):
+            best = self._best(seen, measured, own, memories, begun, some)
+            begun[some] |= best != own.acting[some]
+            own.acting[some] = best
+        actions, after = self._asked([seen] * len(self.policies), memories, [begun] * len(self.policies), deterministic)
+        action = np.stack(actions)[own.acting, np.arange(batch)]
+        model = self._model(batch)
+        model.begin(measured, own.drift)
+        model.step(action)
+        return (action[0] if measured.single else action), (Memory(own.acting, own.age + 1, model.drift()), after)
+
+    def _best(
+        self,
+        seen: Seen,
+        measured: Measured,
+        own: Memory,
+        memories: tuple[Any, ...],
+        begun: np.ndarray,
+        some: np.ndarray,
+    ) -> np.ndarray:
+        """Return the index of the best policy in each of some worlds (index array)."""
+        if not len(some):
+            return some
+        # The number of worlds varies from step to step: repeated up to a power of two, so that few models are made.
+        worlds, count = np.resize(some, 1 << (len(some) - 1).bit_length()), len(self.policies)
+        rows, acting = np.tile(worlds, count), own.acting[worlds] == np.arange(count)[:, None]
+        model = self._model(len(rows))
+        model.begin(measured_rows(measured, rows), own.drift[rows])
+        parts = [{name: each[worlds] for name, each in seen.items()}] * count
+        memories, fresh = tuple(rows_of(each, worlds) for each in memories), begun[worlds] | ~acting
+        earned, end = np.zeros(len(rows)), np.full(len(rows), np.inf)
+        for step in range(self.horizon):
+            actions, memories = self._asked(parts, memories, fresh, True)
+            running = ~model.over
+            earned += model.step(np.concatenate(actions)).sum(axis=1)
+            end[running & model.core.episode.success] = step
+            if model.over.all():
+                break
+            parts, fresh = self._split(model.core.observations, len(worlds)), np.zeros_like(fresh)
+        earned = np.where(np.isfinite(earned), earned, -np.inf)
+        order = np.lexsort((~acting, -earned.reshape(count, -1), end.reshape(count, -1)), axis=0)
+        return order[0, : len(some)]
+
+    def _split(self, observations: Any, worlds: int) -> list[Seen]:
+        """Return the observations of each policy's worlds."""
+        entries = observations if isinstance(observations, Mapping) else {"state": observations}
+        starts = range(0, worlds * len(self.policies), worlds)
+        return [{name: each[start : start + worlds] for name, each in entries.items()} for start in starts]
+
+    def _asked(
+        self, seen: Sequence[Seen], memories: tuple[Any, ...], begun: Any, deterministic: bool
+    ) -> tuple[list[np.ndarray], tuple[Any, ...]]:
+        """Return the action (worlds, size) and the memory of every policy."""
+        actions, after = [], []
+        for policy, entries, memory, new in zip(self.policies, seen, memories, begun, strict=True):
+            names = READ[policy.observation]
+            read: Any = entries["state"] if names == ("state",) else {name: entries[name] for name in names}
+            action, memory = policy.predict(read, memory, new, deterministic)
+            actions.append(action)
+            after.append(memory)
+        return actions, tuple(after)
