@@ -123,7 +123,8 @@ class ParallelRolloutPolicy:
             running = ~model.over
             earned += model.step(np.concatenate(actions)).sum(axis=1)
             end[running & model.core.episode.success] = step
-            if model.over.all():
+            won, over = np.isfinite(end).reshape(count, -1), model.over.reshape(count, -1)
+            if (won.any(axis=0) | over.all(axis=0)).all():  # any other success would be later
                 break
             parts, fresh = self._split(model.core.observations, len(worlds)), np.zeros_like(fresh)
         earned = np.where(np.isfinite(earned), earned, -np.inf)
