@@ -1,4 +1,4 @@
-"""Imitation of a classical policy by DAgger (Ross, Gordon & Bagnell 2011).
+"""Imitation of another policy by DAgger (Ross, Gordon & Bagnell 2011).
 
 The expert labels every step. It acts in the first round. In later rounds the network acts in most worlds, and learns to correct
 its own errors. Noise on the actions shows how the expert recovers.
@@ -45,15 +45,15 @@ def experts(settings: ImitationSettings, action: str, seed: int, env: VecEnv) ->
         env: of the run.
 
     Raises:
-        ValueError: an expert that does not support the task or the action, or does not read the state.
+        ValueError: an expert that does not support the task or the action.
     """
     found = []
     for wrapped in env.envs:
         scene = wrapped.unwrapped  # rewards are not used
         expert = make_policy(settings.expert, TaskInfo.of(scene), seed)
-        if expert.action != action or expert.observation != "state":
-            got = f"one with action {expert.action!r} and observation {expert.observation!r}"
-            raise checks.refuse("imitation.expert", got, f"a policy with action {action!r} and observation 'state'")
+        if expert.action != action:
+            got = f"one with action {expert.action!r}"
+            raise checks.refuse("imitation.expert", got, f"a policy with action {action!r}")
         found.append((expert, scene))
     return found
 
@@ -66,7 +66,7 @@ class Demonstrator:
     times the error, and 74 % success in Align.
 
     Args:
-        expert: policy with the environment's action that reads the flat state.
+        expert: policy with the environment's action.
         env: in same-step autoreset mode, with the network's observation.
         coding: of the network.
         generator: of the noise.
@@ -95,7 +95,7 @@ class Demonstrator:
         deviation = (noise * self.generator.random((worlds, 1, 1))).astype(np.float32)
         for step in range(steps):
             self._inputs = inputs = self.coding.encode(self._observation, self._inputs, self._new)
-            action, self._memory = self.expert.predict(self.env.observed("state"), self._memory, self._new)
+            action, self._memory = self.expert.predict(self.env.observed(self.expert.observation), self._memory, self._new)
             rows[step], mask[step] = inputs.rows, inputs.mask * self._driven
             labels[step] = self.coding.to_rows(inputs, action.reshape(worlds, parts, -1))
             acted = labels[step].copy()
