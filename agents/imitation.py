@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from agents.networks import ActorCritic
-from agents.training_settings import ImitationSettings, check_bytes
+from agents.training_settings import ImitationSettings, check_bytes, for_seed
 from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
@@ -41,7 +41,7 @@ def experts(settings: ImitationSettings, action: str, seed: int, env: VecEnv) ->
     Args:
         settings: name the expert.
         action: of the run.
-        seed: of random experts.
+        seed: of the run.
         env: of the run.
 
     Raises:
@@ -50,7 +50,7 @@ def experts(settings: ImitationSettings, action: str, seed: int, env: VecEnv) ->
     found = []
     for wrapped in env.envs:
         scene = wrapped.unwrapped  # rewards are not used
-        expert = make_policy(settings.expert, TaskInfo.of(scene), seed)
+        expert = make_policy(for_seed(settings.expert, seed), TaskInfo.of(scene), seed)
         if expert.action != action:
             got = f"one with action {expert.action!r}"
             raise checks.refuse("imitation.expert", got, f"a policy with action {action!r}")
@@ -95,7 +95,9 @@ class Demonstrator:
         deviation = (noise * self.generator.random((worlds, 1, 1))).astype(np.float32)
         for step in range(steps):
             self._inputs = inputs = self.coding.encode(self._observation, self._inputs, self._new)
-            action, self._memory = self.expert.predict(self.env.observed(self.expert.observation), self._memory, self._new)
+            action, self._memory = self.expert.predict(
+                self.env.observed(self.expert.observation), self._memory, self._new
+            )
             rows[step], mask[step] = inputs.rows, inputs.mask * self._driven
             labels[step] = self.coding.to_rows(inputs, action.reshape(worlds, parts, -1))
             acted = labels[step].copy()

@@ -27,7 +27,7 @@ from agents.imitation import Imitation, check_memory, experts
 from agents.learner import PartsLearner, Report
 from agents.networks import ActorCritic, log_probability
 from agents.rollout import Rollout
-from agents.training_settings import ImitationSettings, PPOSettings, TrainSettings, check_bytes
+from agents.training_settings import ImitationSettings, PPOSettings, TrainSettings, check_bytes, for_seed
 from vibgym import checks
 from vibgym.config import Settings
 from vibgym.policies.task_info import TaskInfo
@@ -111,7 +111,7 @@ class PPO(PartsLearner):
             self.critic_steps += imitation.rounds * imitation.steps * settings.worlds
             self.experts = experts(imitation, settings.action, settings.seed, env)
         if settings.start is not None:
-            self.start_from(Path(settings.start.replace("{seed}", str(settings.seed))))
+            self.start_from(Path(for_seed(settings.start, settings.seed)))
 
     def learn(self, until: int, report: Report) -> None:
         """Alternate rollouts and updates until ``until`` steps of all worlds together.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializeAsAny, field_validator, model_serializer, model_validator
@@ -32,6 +33,15 @@ def check_bytes(name: str, value: int, bytes_each: float) -> None:
     """
     if value * bytes_each > MOST_BYTES:
         raise checks.refuse(name, value, f"at most {MOST_BYTES:.1e} bytes in all; each has {bytes_each:.1e}")
+
+
+def for_seed(value: Any, seed: int) -> Any:
+    """Return a setting with ``{seed}`` replaced in all its texts."""
+    if isinstance(value, str):
+        return value.replace("{seed}", str(seed))
+    if isinstance(value, Mapping):
+        return {key: for_seed(each, seed) for key, each in value.items()}
+    return [for_seed(each, seed) for each in value] if isinstance(value, list | tuple) else value
 
 
 class RateSettings(Settings):
@@ -98,7 +108,7 @@ class OfflineSettings(NetworkSettings, RateSettings):
 class ImitationSettings(Settings):
     """Imitation of an expert before training, see :class:`agents.imitation.Imitation`."""
 
-    expert: Any  # a policy with the environment's action
+    expert: Any  # a policy with the environment's action; {seed} in its texts is replaced by the run's
     rounds: int = Field(4, ge=1, le=1000)
     steps: int = Field(100, ge=1, le=1_000_000)  # of each world, per round
     epochs: int = Field(4, ge=1, le=10_000)  # after each round, over all demonstrations

@@ -26,6 +26,7 @@ from agents.evaluation.study_settings import (
     some_of,
 )
 from agents.provenance import portable
+from agents.training_settings import for_seed
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
 from vibgym.envs.vector import environment_id
@@ -73,7 +74,7 @@ class PolicyEntry(Settings):
 
     def run(self, seed: int | None) -> Any:
         """Return the content for the policy of one training run."""
-        return self.content if seed is None else _filled(self.content, seed)
+        return self.content if seed is None else for_seed(self.content, seed)
 
     def curve_path(self, task: str, seed: int | None) -> Path:
         """Return the path of the learning curve of one training run."""
@@ -344,7 +345,7 @@ class ComparisonSettings(RunSettings):
             raise checks.conflict(f"{field}.training_seeds cannot be set where group is classical")
         all_differ(f"{field}.training_seeds", entry.training_seeds)
         for what, value in (("policy", entry.content), ("curve", entry.curve)):
-            if value is not None and (_filled(value, 0) != value) != bool(entry.training_seeds):
+            if value is not None and (for_seed(value, 0) != value) != bool(entry.training_seeds):
                 raise checks.conflict(f"{field} ({what}): training_seeds requires {SEED} in all paths, and vice versa")
         return entry
 
@@ -386,15 +387,6 @@ def with_sensor(environment: Mapping[str, Any], settings: Mapping[str, Any]) -> 
         return dict(environment)
     sensor = environment.get("sensor", "ideal")
     return {**environment, "sensor": {**(sensor if isinstance(sensor, Mapping) else {"kind": sensor}), **settings}}
-
-
-def _filled(content: Any, seed: int) -> Any:
-    """Return ``content`` with the training seed in all its texts."""
-    if isinstance(content, str):
-        return content.replace(SEED, str(seed))
-    if isinstance(content, Mapping):
-        return {key: _filled(value, seed) for key, value in content.items()}
-    return [_filled(value, seed) for value in content] if isinstance(content, list | tuple) else content
 
 
 settings_from = EvaluationSettings.checked

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import Part, Surface
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import borrowing, exact, jit
 from vibgym.physics.contacts.hulls import part_gap, place_hulls
 from vibgym.policies.classical import planner
 from vibgym.policies.classical.measured import Measured
@@ -85,16 +85,42 @@ def _best(
     stretch: np.ndarray, between: np.ndarray, both: np.ndarray, span: np.ndarray, room: np.ndarray, apart: float
 ) -> tuple[np.ndarray, float]:
     """Return the best of stretches (3, n), along, across and slant (shift along over position across), and its distance."""
-    along = np.abs(np.outer(stretch[0], between[:, 0]) + np.outer(stretch[2], between[:, 1])) - both[:, 0]
-    across = np.outer(stretch[1], np.abs(between[:, 1])) - both[:, 1]
-    distance = np.maximum(along, across).min(axis=1)
-    away = np.hypot((stretch[0] - 1.0) * span[0] + stretch[2] * span[1], (stretch[1] - 1.0) * span[1])
-    fits = stretch[0] * span[0] + stretch[2] * span[1] <= room[0] + 1e-9
-    fits[0] = True  # unchanged
-    distance = np.where(fits, distance, -math.inf)
-    good = distance >= min(apart, float(distance.max())) - 1e-9
-    k = int(np.where(good, away, math.inf).argmin())
+    distance = np.full(stretch.shape[1], -math.inf)
+    k = choose_stretch(stretch, between, both, span, room, apart, distance)
     return stretch[:, k], float(distance[k])
+
+
+@exact
+def choose_stretch(stretch, between, both, span, room, apart, distance):
+    """Return the index of the best stretch; the arguments are those of :func:`_best`.
+
+    Args:
+        distance: (n,) m, of the stretches; overwritten, but not of those that are too wide or certainly not the best.
+    """
+    most = -math.inf
+    for k in range(stretch.shape[1]):
+        along, across, slant = stretch[0, k], stretch[1, k], stretch[2, k]
+        if k > 0 and along * span[0] + slant * span[1] > room[0] + 1e-9:  # the first leaves the pattern unchanged
+            continue
+        least = math.inf
+        for pair in range(len(between)):
+            x, y = between[pair, 0], between[pair, 1]
+            beside = abs(along * x + slant * y) - both[pair, 0]
+            least = min(least, max(beside, across * abs(y) - both[pair, 1]))
+            if least < min(apart, most) - 1e-9:
+                break
+        else:
+            distance[k] = least
+            most = max(most, least)
+    best, nearest = 0, math.inf
+    for k in range(stretch.shape[1]):
+        if distance[k] >= min(apart, most) - 1e-9:
+            away = math.hypot(
+                (stretch[0, k] - 1.0) * span[0] + stretch[2, k] * span[1], (stretch[1, k] - 1.0) * span[1]
+            )
+            if away < nearest:
+                best, nearest = k, away
+    return best
 
 
 def _half(part: Part, heading: float) -> np.ndarray:
