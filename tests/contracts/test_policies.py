@@ -58,6 +58,8 @@ def policy_of(case, name, folder):
         arguments = {**arguments, "path": str(FILES[kind]).format(folder=folder, task="{task}")}
     if kind == "by_task":
         arguments = {gym.spec(each).name: "zero" for each in IDS}
+    if kind == "parallel_rollout":
+        arguments = {"policies": ["planner", {"kind": "planner", "soft": 1.0}], "every": 2, "horizon": 3}
     try:
         return make_policy({"kind": kind, **arguments}, policy_info(name))
     except ValueError as error:
