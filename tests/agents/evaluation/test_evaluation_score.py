@@ -40,9 +40,11 @@ def found(success, time, bound):
 def test_the_shipped_protocol_is_sound():
     settings = SuiteSettings.load(Path("configs/suite/open.yaml"))
     assert settings.seed_list("Swap")[0] == 300_000 and set(settings.named_hardware()) == {"ideal", "prototype"}
-    assert [entry.name for entry in settings.entries()] == ["zero", "random", "classical", "planner", "mpc", "learned"]
-    classical = next(each.content for each in settings.entries() if each.name == "classical")
-    assert len(settings.tasks) == 8 and set(classical) - {"kind"} <= set(settings.tasks)
+    entries = {entry.name: entry.content for entry in settings.entries()}
+    assert list(entries) == ["zero", "random", "classical", "planner", "mpc", "learned", "parallel_rollout"]
+    assert len(settings.tasks) == 8
+    for name in ("classical", "parallel_rollout"):
+        assert set(entries[name]) - {"kind"} == set(settings.tasks)
 
 
 def test_nothing_is_0_and_the_bound_is_1():
