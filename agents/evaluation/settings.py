@@ -80,7 +80,7 @@ class PolicyEntry(Settings):
         """Return the path of the learning curve of one training run."""
         assert self.curve is not None
         path = self.curve.replace(TASK, task.lower())
-        return Path(path if seed is None else path.replace(SEED, str(seed)))
+        return Path(path if seed is None else for_seed(path, seed))
 
 
 class HardwareEntry(Settings):

@@ -9,6 +9,7 @@ from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
 from vibgym.policies.simulated import rows_of
 from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.catalogue import SHIPPED
 
 SEEDS = range(FRESH, FRESH + 6)
 
@@ -46,6 +47,10 @@ def test_policies_take_the_action_of_the_environment_or_of_the_first():
     info = TaskInfo.of(env)
     assert make_policy(choice_of({"kind": "pose", "action": "target"}, "lqr"), info).action == "target"
     assert make_policy(choice_of("pose", "lqr", action="wrench"), info).action == "wrench"
+    agent = str(SHIPPED / "align.json")  # of wrenches; a path among others is that of a file
+    assert make_policy(choice_of(agent, "pose"), info).action == "wrench"
+    with pytest.raises(ValueError, match="requires action 'wrench', got 'target'"):
+        make_policy(choice_of("pose", agent, action="target"), info)
 
 
 def test_the_better_policy_acts_and_begins_anew():

@@ -16,7 +16,7 @@ from vibgym import checks
 from vibgym.envs.actions import actions_by_part
 from vibgym.policies.classical.measured import Measured, recall
 from vibgym.policies.protocol import Policy
-from vibgym.policies.simulated import MODEL_WORLDS, Model, measured_rows, rows_of
+from vibgym.policies.simulated import MODEL_WORLDS, Models, measured_rows, rows_of
 from vibgym.policies.task_info import TaskInfo
 
 WIDTHS = (1.0, 0.3, 0.1)  # factors of the noise of successive samples: wide far from the goal, narrow at the goal
@@ -67,8 +67,6 @@ class MPCPolicy:
         base: Policy | None = None,
         seed: int = 0,
     ) -> None:
-        if info.goal_moves:
-            raise info.unsupported("mpc", "a task with fixed goals")
         self.samples = checks.count("samples", samples, least=4, most=100_000)
         self.horizon = checks.count("horizon", horizon, most=10_000)
         self.iterations = checks.count("iterations", iterations, most=1000)
@@ -78,16 +76,10 @@ class MPCPolicy:
         self.seed = checks.count("seed", seed, least=0)
         self.info, self.base = info, base
         self.together = max(1, MODEL_WORLDS // self.samples)  # worlds planned at a time
-        self._models: dict[int, Model] = {}
-        self.rest, self.size, self.parts = self._model(1).rest, self._model(1).core.action.size, len(info.parts)
+        self._models = Models(info, "mpc", self.action)
+        self.rest, self.size, self.parts = self._models[1].rest, self._models[1].core.action.size, len(info.parts)
         if base is not None:
             checks.choice("base.action", base.action, (self.action,))
-
-    def _model(self, worlds: int) -> Model:
-        """Return the simulation of this number of worlds."""
-        if worlds not in self._models:
-            self._models[worlds] = Model(self.info, worlds, self.action)
-        return self._models[worlds]
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
@@ -117,7 +109,7 @@ class MPCPolicy:
         result = np.zeros((worlds, self.horizon, self.size))
         if self.base is None:
             return result
-        model, going_on = self._model(worlds), np.zeros(worlds, dtype=bool)
+        model, going_on = self._models[worlds], np.zeros(worlds, dtype=bool)
         model.begin(seen, drift)
         for step in range(self.horizon):
             result[:, step] = action
@@ -155,7 +147,7 @@ class MPCPolicy:
 
     def _tried(self, seen: Measured, drift: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the rewards (worlds, parts) of plans (worlds, horizon, size), and the drift after the first step."""
-        model = self._model(len(actions))
+        model = self._models[len(actions)]
         model.begin(seen, drift)
         earned = model.step(actions[:, 0])
         after = model.drift()

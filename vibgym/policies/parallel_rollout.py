@@ -17,7 +17,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.policies.classical.measured import Measured, recall
 from vibgym.policies.protocol import Policy
-from vibgym.policies.simulated import MODEL_WORLDS, Model, measured_rows, rows_of
+from vibgym.policies.simulated import MODEL_WORLDS, Models, measured_rows, rows_of
 from vibgym.policies.task_info import TaskInfo
 
 READ = {"state": ("state",), "parts": ("parts", "mask"), "parts_and_state": ("parts", "mask", "state")}
@@ -53,8 +53,6 @@ class ParallelRolloutPolicy:
     """
 
     def __init__(self, info: TaskInfo, policies: Sequence[Policy], *, every: int = 15, horizon: int = 100) -> None:
-        if info.goal_moves:
-            raise info.unsupported("parallel_rollout", "a task with fixed goals")
         if not policies:
             raise checks.refuse("policies", policies, "at least one policy")
         self.policies, self.action = tuple(policies), policies[0].action
@@ -66,14 +64,8 @@ class ParallelRolloutPolicy:
         self.every = checks.count("every", every, most=10_000)
         self.horizon = checks.count("horizon", horizon, most=10_000)
         self.info = info
-        self._models: dict[int, Model] = {}
-        self._rest = self._model(1).rest
-
-    def _model(self, worlds: int) -> Model:
-        """Return the simulation of this number of worlds."""
-        if worlds not in self._models:
-            self._models[worlds] = Model(self.info, worlds, self.action, self.observation)
-        return self._models[worlds]
+        self._models = Models(info, "parallel_rollout", self.action, self.observation)
+        self._rest = self._models[1].rest
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
@@ -91,12 +83,17 @@ class ParallelRolloutPolicy:
             best = self._best(seen, measured, own, memories, begun, some)
             begun[some] |= best != own.acting[some]
             own.acting[some] = best
-        actions, after = self._asked([seen] * len(self.policies), memories, [begun] * len(self.policies), deterministic)
-        action = np.stack(actions)[own.acting, np.arange(batch)]
-        model = self._model(batch)
+        model, after = self._models[batch], list(memories)
+        action = np.empty((batch, model.core.action.size), dtype=np.float32)
+        for index in np.unique(own.acting).tolist():
+            asked, after[index] = self._ask(index, seen, memories[index], begun, deterministic)
+            action[own.acting == index] = asked[own.acting == index]
         model.begin(measured, own.drift)
         model.step(action)
-        return (action[0] if measured.single else action), (Memory(own.acting, own.age + 1, model.drift()), after)
+        return (action[0] if measured.single else action), (
+            Memory(own.acting, own.age + 1, model.drift()),
+            tuple(after),
+        )
 
     def _best(
         self,
@@ -113,20 +110,20 @@ class ParallelRolloutPolicy:
         # The number of worlds varies from step to step: repeated up to a power of two, so that few models are made.
         worlds, count = np.resize(some, 1 << (len(some) - 1).bit_length()), len(self.policies)
         rows, acting = np.tile(worlds, count), own.acting[worlds] == np.arange(count)[:, None]
-        model = self._model(len(rows))
+        model = self._models[len(rows)]
         model.begin(measured_rows(measured, rows), own.drift[rows])
-        parts = [{name: each[worlds] for name, each in seen.items()}] * count
-        memories, fresh = tuple(rows_of(each, worlds) for each in memories), begun[worlds] | ~acting
+        shares = [{name: each[worlds] for name, each in seen.items()}] * count
+        states, fresh = [rows_of(each, worlds) for each in memories], begun[worlds] | ~acting
         earned, end = np.zeros(len(rows)), np.full(len(rows), np.inf)
         for step in range(self.horizon):
-            actions, memories = self._asked(parts, memories, fresh, True)
-            running = ~model.over
-            earned += model.step(np.concatenate(actions)).sum(axis=1)
+            asked = [self._ask(k, shares[k], states[k], fresh[k], True) for k in range(count)]
+            states, running = [state for _, state in asked], ~model.over
+            earned += model.step(np.concatenate([action for action, _ in asked])).sum(axis=1)
             end[running & model.core.episode.success] = step
             won, over = np.isfinite(end).reshape(count, -1), model.over.reshape(count, -1)
             if (won.any(axis=0) | over.all(axis=0)).all():  # any other success would be later
                 break
-            parts, fresh = self._split(model.core.observations, len(worlds)), np.zeros_like(fresh)
+            shares, fresh = self._split(model.core.observations, len(worlds)), np.zeros_like(fresh)
         earned = np.where(np.isfinite(earned), earned, -np.inf)
         order = np.lexsort((~acting, -earned.reshape(count, -1), end.reshape(count, -1)), axis=0)
         return order[0, : len(some)]
@@ -137,15 +134,11 @@ class ParallelRolloutPolicy:
         starts = range(0, worlds * len(self.policies), worlds)
         return [{name: each[start : start + worlds] for name, each in entries.items()} for start in starts]
 
-    def _asked(
-        self, seen: Sequence[Seen], memories: tuple[Any, ...], begun: Any, deterministic: bool
-    ) -> tuple[list[np.ndarray], tuple[Any, ...]]:
-        """Return the action (worlds, size) and the memory of every policy."""
-        actions, after = [], []
-        for policy, entries, memory, new in zip(self.policies, seen, memories, begun, strict=True):
-            names = READ[policy.observation]
-            read: Any = entries["state"] if names == ("state",) else {name: entries[name] for name in names}
-            action, memory = policy.predict(read, memory, new, deterministic)
-            actions.append(action)
-            after.append(memory)
-        return actions, tuple(after)
+    def _ask(
+        self, index: int, seen: Seen, memory: Any, begun: np.ndarray, deterministic: bool
+    ) -> tuple[np.ndarray, Any]:
+        """Return the actions (worlds, size) and the memory of a policy."""
+        policy = self.policies[index]
+        names = READ[policy.observation]
+        read: Any = seen["state"] if names == ("state",) else {name: seen[name] for name in names}
+        return policy.predict(read, memory, begun, deterministic)

@@ -129,9 +129,7 @@ def mpc(info: TaskInfo, *, base: Any = None, action: str | None = None, seed: in
         action, seed, **settings: of :class:`vibgym.policies.mpc.MPCPolicy`.
     """
     if base is not None:
-        named = dict(base) if isinstance(base, Mapping) else {"kind": base}
-        spoken = {"action": action or "wrench"} if steers(named.get("kind")) else {}
-        base = make_policy(spoken | named, info, seed)
+        base = _policy(base, info, seed, action or "wrench")
     return MPCPolicy(info, base=base, action=action, seed=seed, **settings)
 
 
@@ -150,10 +148,7 @@ def parallel_rollout(
         raise checks.refuse("policies", policies, "a list of policies")
     made: list[Policy] = []
     for policy in policies:
-        if isinstance(policy, str | Mapping) and action is not None:
-            named = dict(policy) if isinstance(policy, Mapping) else {"kind": policy}
-            policy = ({"action": action} if _takes_action(named.get("kind"), action) else {}) | named
-        made.append(make_policy(policy, info))
+        made.append(_policy(policy, info, 0, action))
         action = action or made[0].action
     return ParallelRolloutPolicy(info, made, every=every, horizon=horizon)
 
@@ -230,8 +225,13 @@ def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
         ValueError: unknown name or arguments, a policy that does not serve this task, or a file without one for it.
         ModuleNotFoundError: the policy requires the extra ``policies``.
     """
-    info = env if isinstance(env, TaskInfo) else TaskInfo.of(env)
-    spoken = None if env is info else action_of(env)
+    if isinstance(env, TaskInfo):
+        return _policy(policy, env, seed, None)
+    return _policy(policy, TaskInfo.of(env), seed, action_of(env))
+
+
+def _policy(policy: Any, info: TaskInfo, seed: int, spoken: str | None) -> Policy:
+    """Return the policy of :func:`make_policy` with this action, if it supports several."""
     if hasattr(policy, "predict"):
         complete = hasattr(policy, "action") and hasattr(policy, "observation")
         return policy if complete else ModelPolicy(policy, info, usual=spoken)
@@ -254,7 +254,7 @@ def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
         arguments["action"] = spoken
     chosen = _made(kind, arguments, info, seed)
     if kind in FILES and spoken not in (None, DEFAULT, chosen.action):
-        raise checks.conflict(f"policy {kind!r} requires action {chosen.action!r}, got an environment with {spoken!r}")
+        raise checks.conflict(f"policy {kind!r} requires action {chosen.action!r}, got {spoken!r}")
     return InElements(chosen) if (spoken, chosen.action) == ("element", "phasor") else chosen
 
 
@@ -264,7 +264,7 @@ def action_of(env: Any) -> str | None:
     return next((name for name, each in ACTIONS.items() if each is acting), None)
 
 
-def _takes_action(kind: Any, action: str) -> bool:
+def _takes_action(kind: str, action: str) -> bool:
     """Return whether a controller supports this action among several."""
     if steers(kind):
         return action in OUTPUTS

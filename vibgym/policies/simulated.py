@@ -85,6 +85,30 @@ class Model:
         return earned
 
 
+class Models(dict[int, Model]):
+    """Simulations by their number of worlds, each made when it is first asked for.
+
+    Args:
+        info: task and scene.
+        kind: of the policy that simulates, for errors.
+        action, observation: as of environments.
+
+    Raises:
+        ValueError: a task with moving goals.
+    """
+
+    def __init__(self, info: TaskInfo, kind: str, action: str, observation: str = "state") -> None:
+        if info.goal_moves:
+            raise info.unsupported(kind, "a task with fixed goals")
+        super().__init__()
+        self._made_with = info, action, observation
+
+    def __missing__(self, worlds: int) -> Model:
+        info, action, observation = self._made_with
+        self[worlds] = model = Model(info, worlds, action, observation)
+        return model
+
+
 def rows_of(memory: Any, chosen: np.ndarray) -> Any:
     """Return the rows of some worlds (index array) of a policy's memory: arrays (batch or 0, ...), and tuples of them."""
     if isinstance(memory, np.ndarray):
