@@ -113,6 +113,7 @@ INTRODUCTION = """\
 Written by `python -m agents tabulate`: every training seed on fresh episodes, with a 95 % interval; times are
 medians, with the hold of 0.4 s, the bound is the lower bound of [bound.md](bound.md). Shipped is the seed that did
 best on the episodes of its own learning curve, not on these. What was trained on what: `results/agents.csv`.
+Steps and minutes are those of the last run; one with `start` in its settings continues from another agent.
 Where parts come and go there is no success; *faulty* is the share of parts that leave otherwise than they should.
 Contacts are certified; in parentheses the same with the fast contacts of agents that were trained with them.
 
