@@ -12,8 +12,8 @@ from agents.training_settings import TrainSettings
 from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv
 
-Episode = tuple[float, int, bool]
-"""Return, length and success of a finished episode."""
+Episode = tuple[float, int, bool, float]
+"""Return, length, success and cost of a finished episode."""
 
 
 class Curriculum:

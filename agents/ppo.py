@@ -6,6 +6,8 @@ its own reward, value and advantage, and the critic reads all parts of a world. 
 
 With ``overlap`` the next rollout is collected while the networks learn from the last one, by the networks before that update;
 the probabilities in the ratios are those of the networks that acted. The last rollout of a run is not learned from.
+
+With ``cost_limit`` costs are subtracted from rewards with a multiplier (PPO-Lagrangian with one critic).
 """
 
 from __future__ import annotations
@@ -25,11 +27,13 @@ from agents.checkpoint import Modules, Optimizers
 from agents.curriculum import Curriculum
 from agents.imitation import Imitation, check_memory, experts
 from agents.learner import PartsLearner, Report
+from agents.learning_curve import without_hold
 from agents.networks import ActorCritic, log_probability
 from agents.rollout import Rollout
 from agents.training_settings import ImitationSettings, PPOSettings, TrainSettings, check_bytes, for_seed
 from vibgym import checks
 from vibgym.config import Settings
+from vibgym.envs.vector import batch_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Inputs
 from vibgym.policies.trained.residual import ResidualPolicy
@@ -46,6 +50,10 @@ PACE, LEAST_PACE, STOP_KL = 1.5, 0.01, 4.0
 FIRST_PACE = 0.03
 """Share of the learning rate with which an actor starts after the critic: the first steps of Adam change every weight by the
 learning rate. An imitated actor's first update at the full rate had a divergence of 0.045."""
+
+
+IDLE = 16
+"""Episodes in which nothing is commanded, see :func:`check_cost_limit`."""
 
 
 class PPO(PartsLearner):
@@ -100,8 +108,12 @@ class PPO(PartsLearner):
         self._waits = not own.overlap  # whether there is a rollout to learn from once collect() has returned
         self._noise = torch.Generator().manual_seed(settings.seed)
         self._correlated = torch.zeros(1, 1, 1)  # noise of the last step, if that of the next is correlated with it
+        self.multiplier = 0.0  # of costs
+        if own.cost_limit is not None:
+            check_cost_limit(settings)
         self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
-        self.episodes: deque[tuple[float, int, bool]] = deque(maxlen=WINDOW)  # return, length, success
+        # Return, length, success and cost.
+        self.episodes: deque[tuple[float, int, bool, float]] = deque(maxlen=WINDOW)
         self._observation: Any = None
         self._start = np.ones(env.num_envs, dtype=bool)
         self._inputs: Inputs | None = None
@@ -137,6 +149,7 @@ class PPO(PartsLearner):
                 if not self.own.overlap:
                     self.steps += collecting.result()
                 metrics = self.update(1.0 - self.steps / until) if self._waits else {}
+                self._adapt_multiplier()
                 if self.own.overlap:
                     self.steps += collecting.result()
                 metrics |= self._episode_metrics()
@@ -177,12 +190,15 @@ class PPO(PartsLearner):
                 action, log_prob = policy.sample(torch.from_numpy(inputs.rows), noise)
             observation, _, done, infos = env.step(coding.decode(inputs, action.clamp(-1.0, 1.0).numpy()))
             reward = env.part_reward - self.own.touch_cost * coding.touching(inputs)
+            if self.multiplier:
+                reward = reward - self.multiplier * env.part_cost
             rollout.add(inputs, action.numpy(), log_prob.numpy(), reward, done)
             for world in np.flatnonzero(done).tolist():
                 info = infos[world]
                 if info["TimeLimit.truncated"]:
                     rollout.truncate(world, coding.encode(info["terminal_observation"], inputs.of(world)))
-                self.episodes.append((info["episode"]["r"], info["episode"]["l"], info["is_success"]))
+                episode = info["episode"]
+                self.episodes.append((episode["r"], episode["l"], info["is_success"], episode.get("c", 0.0)))
             self._observation, self._start, self._inputs = observation, done, inputs
         rollout.finish(coding.encode(self._observation, self._inputs, self._start), policy.critic)
         return self.own.n_steps * env.num_envs
@@ -268,6 +284,17 @@ class PPO(PartsLearner):
         elif kl < 0.5 * target:
             self.pace = min(self.pace * PACE, 1.0)
 
+    def _adapt_multiplier(self) -> None:
+        """Raise the multiplier of costs while the mean cost of the last episodes exceeds the limit, lower it below.
+
+        The change is ``multiplier_rate`` times the relative excess, at most 1 in magnitude.
+        """
+        limit = self.own.cost_limit
+        if limit is not None and self.episodes and self.steps > self.critic_steps:
+            mean = float(np.mean([each[3] for each in self.episodes]))
+            excess = min(max((mean - limit) / max(limit, 1e-9), -1.0), 1.0)
+            self.multiplier = max(self.multiplier + self.own.multiplier_rate * excess, 0.0)
+
     def _set_rate(self, rate: float) -> None:
         for group in self.optimizer.param_groups:
             group["lr"] = rate
@@ -275,8 +302,10 @@ class PPO(PartsLearner):
     def _episode_metrics(self) -> dict[str, float]:
         if not self.episodes:
             return {}
-        returns, lengths, success = map(np.mean, zip(*self.episodes, strict=True))
+        returns, lengths, success, cost = map(np.mean, zip(*self.episodes, strict=True))
         found = {"return": float(returns), "length": float(lengths), "success": float(success)}
+        if self.own.cost_limit is not None:
+            found |= {"cost": float(cost), "multiplier": self.multiplier}
         return found | ({"stage": self.curriculum.stage} if self.settings.curriculum else {})
 
     def imitate(self, settings: ImitationSettings) -> Iterator[float]:
@@ -296,6 +325,7 @@ class PPO(PartsLearner):
         return {
             "steps": self.steps,
             "pace": self.pace,
+            "multiplier": self.multiplier,
             "torch": torch.get_rng_state().numpy(),
             "noise": self._noise.get_state().numpy(),
             "correlated": self._correlated.numpy(),
@@ -315,7 +345,7 @@ class PPO(PartsLearner):
             self.env.close()
             self.env = self.curriculum.worlds()
         self.env.set_state(state["worlds"])
-        self.steps, self.pace = state["steps"], state["pace"]
+        self.steps, self.pace, self.multiplier = state["steps"], state["pace"], state["multiplier"]
         self._observation, self._start = state["observation"], np.asarray(state["start"])
         self._inputs = None if state["seen"] is None else Inputs(*state["seen"])
         self.episodes = deque((tuple(each) for each in state["episodes"]), maxlen=WINDOW)
@@ -325,3 +355,29 @@ class PPO(PartsLearner):
         if state["rollout"] is not None:
             self.rollout.set_state(state["rollout"])
             self._waits = True
+
+
+def check_cost_limit(settings: TrainSettings) -> None:
+    """Raise ValueError for a run with a cost limit below the mean cost of episodes in which nothing is commanded.
+
+    Raises:
+        ValueError: also for environments without costs.
+    """
+    assert isinstance(settings.own, PPOSettings) and settings.own.cost_limit is not None
+    env: Any = batch_of(settings.task, **{**without_hold(settings)[0], "num_envs": IDLE, "autoreset_mode": "Disabled"})
+    if env.unwrapped.core.costs is None:
+        raise checks.conflict("ppo.cost_limit requires environment.costs")
+    env.reset(seed=settings.seed)
+    cost, playing = np.zeros(IDLE), np.ones(IDLE, dtype=bool)
+    still = np.zeros(env.action_space.shape, dtype=np.float32)
+    while playing.any():
+        _, _, terminated, truncated, info = env.step(still)
+        cost += np.where(playing, info["cost"], 0.0)
+        ended = terminated | truncated
+        playing &= ~ended
+        if ended.any():
+            env.reset(options={"reset_mask": ended})
+    env.close()
+    if settings.own.cost_limit < cost.mean():
+        allowed = f"at least {cost.mean():.4g}, the mean cost of an episode in which nothing is commanded"
+        raise checks.refuse("ppo.cost_limit", settings.own.cost_limit, allowed)

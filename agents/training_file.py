@@ -14,7 +14,6 @@ from agents.algorithms import ALGORITHMS
 from agents.training_settings import (
     ImitationSettings,
     JudgingSettings,
-    OutlineSettings,
     ResidualSettings,
     ServesSettings,
     TrainSettings,
@@ -27,7 +26,6 @@ SECTIONS: dict[str, type[Settings]] = {
     "imitation": ImitationSettings,
     "residual": ResidualSettings,
     "judging": JudgingSettings,
-    "outlines": OutlineSettings,
     "serves": ServesSettings,
 }
 """Sections of a file besides those of the algorithms; ``defaults`` may contain a part of a section."""

@@ -8,9 +8,10 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, SerializeAsAny, field_validator, model_serializer, model_validator
 from pydantic_core import PydanticCustomError
 
-from agents.outlines import OutlineSettings, scenes
 from vibgym import checks
 from vibgym.config import Settings
+from vibgym.envs.drawn import drawn_shapes, fixed_scenes
+from vibgym.envs.vector import environment_id
 from vibgym.policies.trained.residual import CORRECTED, base_named
 
 MOST_STEPS = 10**12
@@ -85,6 +86,12 @@ class PPOSettings(NetworkSettings, RateSettings):
     noise_correlation: float = Field(0.0, ge=0, lt=1)
     touch_cost: float = Field(0.0, ge=0, le=1000)  # reward per step and part in contact with another; training only
     shared: float = Field(0.0, ge=0, le=1)  # share of every other part's reward that a part gets; training only
+    # Largest mean cost of an episode, for environments with ``costs``: costs are then subtracted from rewards with a multiplier
+    # that follows the excess (Ray, Achiam & Amodei 2019, "Benchmarking safe exploration in deep reinforcement learning").
+    cost_limit: float | None = Field(None, ge=0)
+    multiplier_rate: float = Field(
+        0.05, gt=0, le=100
+    )  # change of the multiplier in an update, for an excess of the limit
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # first steps, in which the critic alone learns
     overlap: bool = False  # collect the next rollout during the update
     bfloat16: bool = False  # products of matrices in updates, for processors with such instructions
@@ -192,7 +199,6 @@ class TrainSettings(Settings):
     checkpoint_steps: int = Field(500_000, ge=1, le=MOST_STEPS)
     output: str | None = None  # directory; default: runs/<name of the file>
     scenes: list[dict[str, Any]] = Field([], max_length=10_000)  # added to environment; worlds are divided among them
-    outlines: OutlineSettings | None = None  # random scenes instead
     start: str | None = None  # policy file to start from; {seed} is replaced by the run's
     imitation: ImitationSettings | None = None
     residual: ResidualSettings | None = None
@@ -242,16 +248,11 @@ class TrainSettings(Settings):
 
     @property
     def all_scenes(self) -> list[dict[str, Any]]:
-        """Scenes of the run, given or random; one without arguments where there are neither.
-
-        Raises:
-            ValueError: invalid outlines, or both.
-        """
-        if self.outlines is None:
-            return self.scenes or [{}]
+        """Scenes of the run: those given, or one for each shape of a split, or one without arguments."""
         if self.scenes:
-            raise checks.conflict("outlines and scenes exclude each other")
-        return scenes(**self.outlines.model_dump())
+            return self.scenes
+        drawn = drawn_shapes(environment_id(self.task), self.environment)
+        return [{}] if drawn is None else fixed_scenes(drawn)
 
     @model_serializer(mode="wrap")
     def _as_in_files(self, plain: Any) -> dict[str, Any]:

@@ -20,7 +20,14 @@ TEE = {
 }  # fmt: skip
 """72 mm wide and long, with bar and stem of 24 mm; on a soft foot that absorbs the elements' motion."""
 
+PUSHED = {"shape": "drawn", "size": 0.084, "friction": 0.58, "coupling": 0.0}
+NEAR = {"task_settings": {"near_mm": 150.0, "near_deg": 60.0}}
 PUSHING = {"task": "Push", "parts": [PUSHER, PUSHER, TEE], "walls": ["left", "right", "bottom", "top"]}
+
+SHAPE = {"shape": "drawn"}
+TWO_SHAPES = [{"shape": "drawn", "which": which, "size": 0.045} for which in (0, 1)]
+SHAPES = {"split": "train"}
+"""Parts whose shapes are drawn for each episode, and the split that they are drawn from (:mod:`vibgym.envs.drawn`)."""
 
 ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
     "Transport": (250, {"task": "Transport"}),
@@ -36,10 +43,14 @@ ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
     "PackFull": (1000, {"task": "Pack", "parts": ["aluminium_block"] * 20}),
     "Swap": (750, {"task": "Swap"}),
     "SwapCrowded": (1000, {"task": "Swap", "parts": BLOCKS * 12}),
-    "Push": (1000, {**PUSHING, "task_settings": {"near_mm": 150.0, "near_deg": 60.0}}),
+    "Push": (1000, {**PUSHING, **NEAR}),
     "PushAny": (1000, PUSHING),
     "Feed": (1500, {"task": "Feed"}),
     "FeedHeaps": (1500, {"task": "Feed", "parts": BLOCKS * 9, "task_settings": {"heap": 6}}),
+    "AlignShapes": (250, {"task": "Align", "parts": [SHAPE], **SHAPES}),
+    "SortShapes": (750, {"task": "Sort", "parts": TWO_SHAPES * 3, **SHAPES}),
+    "PackShapes": (750, {"task": "Pack", "parts": [SHAPE] * 6, **SHAPES}),
+    "PushShapes": (1000, {**PUSHING, "parts": [PUSHER, PUSHER, PUSHED], **NEAR, **SHAPES}),
 }
 """Limit in oscillation periods (steps, with one period per step), and keyword arguments of each environment."""
 
@@ -52,7 +63,7 @@ def register_environments() -> None:
             gym.register(
                 id=name,
                 entry_point="vibgym.envs:VibgymEnv",
-                vector_entry_point="vibgym.envs:VibgymVectorEnv",
+                vector_entry_point="vibgym.envs:make_vector" if "split" in settings else "vibgym.envs:VibgymVectorEnv",
                 max_episode_steps=limit,
                 kwargs={**settings, "max_episode_periods": limit},
                 # The environments check the order of calls themselves, and are tested with Gymnasium's checker.

@@ -184,18 +184,23 @@ def _description(env: VibgymEnv) -> tuple[str, list[str]]:
 def _link(env: VibgymEnv) -> list[str]:
     task = env.task.name
     path = DOCS / f"{task.lower()}.md"
+    if env.drawn is not None:
+        return ["Parts have shapes that are drawn for each episode: [shapes](../shapes.md)."]
     return [f"Details, controllers and results: [{task}](../{task.lower()}.md)."] if path.exists() else []
 
 
 def _scene(name: str, env: VibgymEnv) -> str:
     limit, settings = ENVIRONMENTS[name]
     task, parts = env.task, env.parts
-    kinds = [part.name for part in parts]
+    names = [part.name for part in parts]
+    drawn = {} if env.drawn is None else {name: f"of drawn shape {k}" for k, name in enumerate(env.drawn.names(), 1)}
+    kinds = [drawn.get(name, name) for name in names]
     success = f"all parts done for {task.hold} consecutive periods"
     if task.flows:
         success = "none: parts arrive and leave continuously"
     lines = [
         ["parts", ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))],
+        *([["split of the shapes", f"{settings['split']} (`split=`)"]] if "split" in settings else []),
         ["walls", ", ".join(settings.get("walls", ())) or "none"],
         ["time limit", f"{limit} periods ({limit * env.surface.period:g} s)"],
         ["success", success],
@@ -215,6 +220,9 @@ def _scene(name: str, env: VibgymEnv) -> str:
 def _actions(env: VibgymEnv) -> str:
     lines = []
     for name, action in ACTIONS.items():
+        if name == "patch" and env.drawn is not None:
+            lines.append([f"`{name}`", "–", "–", "not available: the size depends on the shape"])
+            continue
         made = action(env.surface, env.parts)
         lines.append([f"`{name}`", str(tuple(made.shape)), str(made.size), ACTION_MEANINGS[name]])
     return markdown(("`action=`", "shape", "size", "meaning"), lines)

@@ -36,7 +36,8 @@ SEED = 3
 POLICIES = {
     "Feed": "lanes", "FeedHeaps": "lanes", "Swap": "lanes", "SwapCrowded": "lanes", "Pack": "two_phases",
     "PackFull": "two_phases", "Push": "push", "PushAny": "push", "Sort": "pose", "SortTwelve": "pose",
-    "SortThreeKinds": "pose", "SortCrowded": "pose", "Singulate": "learned",
+    "SortThreeKinds": "pose", "SortShapes": "pose", "PackShapes": "two_phases", "PushShapes": "push",
+    "SortCrowded": "pose", "Singulate": "learned",
 }  # fmt: skip
 """Policy by environment; by default *pose*."""
 
@@ -81,6 +82,7 @@ def webp(pictures: Sequence[np.ndarray], interval: float, quality: int) -> bytes
 def shot(name: str) -> tuple[list[np.ndarray], float]:
     """Return the frames (height, width, 3) uint8 of an episode and the time between them, s."""
     plain = gym.make(f"vibgym/{name}-v0")
+    plain.reset(seed=SEED)  # draws the shapes, where they are drawn
     policy = vibgym.make_policy(POLICIES.get(name, "pose"), plain)
     settings: dict[str, Any] = {"action": policy.action, "observation": policy.observation, "render_mode": "rgb_array"}
     env: Any = gym.make(f"vibgym/{name}-v0", **settings).unwrapped

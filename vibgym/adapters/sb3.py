@@ -12,6 +12,7 @@ from stable_baselines3.common import vec_env
 
 from vibgym import checks
 from vibgym.adapters.credit import credits_parts, keeps_rewards
+from vibgym.envs.drawn import drawn_shapes, fixed_scenes
 
 
 class VecEnv(vec_env.VecEnv):
@@ -19,10 +20,12 @@ class VecEnv(vec_env.VecEnv):
 
         VecEnv("vibgym/Align-v0", num_envs=256, action="field")
 
-    Several environments may differ in their scene, such as the part or its friction, but not in their spaces.
+    Several environments may differ in their scene, such as the part or its friction, but not in their spaces. Worlds of an id
+    with drawn shapes are divided among the shapes of its split.
 
     The info of a finished world holds ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, ``fallen`` if the task
-    reports it, and ``episode`` (return and length), like SB3's Monitor. Infos of running worlds are empty.
+    reports it, and ``episode`` (return, length, and with ``costs`` their sum ``"c"``), like SB3's Monitor. Infos of running
+    worlds are empty.
 
     Rewards are those of the outermost wrapper. Wrappers with a state are part of :meth:`get_state` only if they define
     ``get_state`` and ``set_state``, which include the state of the environment.
@@ -38,6 +41,7 @@ class VecEnv(vec_env.VecEnv):
         envs: the environments, wrapped.  env: the first one, without outer wrappers that hide ``parts_layout``.
         keeps_rewards, credits_parts: see :mod:`vibgym.adapters.credit`.
         part_reward: (worlds, parts) rewards of the parts in the last step, or of their world unless :attr:`credits_parts`.
+        part_cost: (worlds, parts) costs of the parts in the last step; zeros in environments without ``costs``.
 
     Raises:
         ValueError: another mode or observation, spaces that differ, or settings without an id.
@@ -52,7 +56,7 @@ class VecEnv(vec_env.VecEnv):
     ) -> None:
         if len(envs) == 1 and isinstance(envs[0], str):
             worlds = checks.count("num_envs", 1 if num_envs is None else num_envs)
-            envs = (gym.make_vec(envs[0], num_envs=worlds, **{"autoreset_mode": "SameStep", **settings}),)
+            envs = _batches(envs[0], worlds, {"autoreset_mode": "SameStep", **settings})
         elif num_envs is not None or settings or not envs:
             got = sorted([*settings, *(["num_envs"] if num_envs is not None else [])])
             raise checks.conflict(f"settings {got} require the name of an environment, not environments")
@@ -82,14 +86,17 @@ class VecEnv(vec_env.VecEnv):
         self._length = np.zeros(self.num_envs, dtype=np.int64)
         self.keeps_rewards, self.credits_parts = all(map(keeps_rewards, envs)), all(map(credits_parts, envs))
         self.part_reward = np.zeros((self.num_envs, len(self.env.parts)))
+        self.part_cost = np.zeros_like(self.part_reward)
+        self._costs = all(getattr(getattr(each.unwrapped, "core", None), "costs", None) is not None for each in envs)
+        self._cost = np.zeros(self.num_envs)
 
     def reset(self) -> Any:
         observations = []
         for env, own in zip(self.envs, self._slices, strict=True):
             observations.append(env.reset(seed=None if self._seed is None else self._seed + own.start)[0])
         self._seed = None
-        self._return[:] = 0.0
-        self._length[:] = 0
+        for values in (self._return, self._length, self._cost):
+            values[:] = 0
         return _joined(observations)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
@@ -110,6 +117,10 @@ class VecEnv(vec_env.VecEnv):
         self.part_reward = np.repeat(reward[:, None], len(self.env.parts), axis=1)
         if self.credits_parts:
             self.part_reward = _joined([each[4]["parts"]["reward"] for each in steps])
+        if self._costs:
+            self.part_cost = _joined([each[4]["parts"]["cost"] for each in steps])
+            for own, each in zip(self._slices, steps, strict=True):
+                self._cost[own] += np.where(done[own], 0.0, each[4]["cost"])
         for own, (_, _, _, _, info) in zip(self._slices, steps, strict=True):
             for k in np.flatnonzero(done[own]).tolist():
                 world, final = own.start + k, info["final_info"]
@@ -121,15 +132,19 @@ class VecEnv(vec_env.VecEnv):
                     "is_success": bool(final["is_success"][k]),
                     "episode": {"r": float(self._return[world]), "l": int(self._length[world]), "t": 0.0},
                 }
+                if self._costs:
+                    self.part_cost[world] = final["parts"]["cost"][k]
+                    infos[world]["episode"]["c"] = float(self._cost[world] + final["cost"][k])
                 if "fallen" in final:
                     infos[world]["fallen"] = bool(final["fallen"][k])
-        self._return[done] = 0.0
-        self._length[done] = 0
+        for values in (self._return, self._length, self._cost):
+            values[done] = 0
         return _joined([each[0] for each in steps]), reward.astype(np.float32), done, infos
 
     def get_state(self) -> dict[str, Any]:
         """Return a snapshot that continues bit for bit."""
         own = {"return": self._return.copy(), "length": self._length.copy(), "seed": self._seed}
+        own |= {"cost": self._cost.copy()} if self._costs else {}
         return {"scenes": [_outermost(env, "get_state").get_state() for env in self.envs], **own}
 
     def set_state(self, state: dict[str, Any]) -> None:
@@ -143,6 +158,8 @@ class VecEnv(vec_env.VecEnv):
         for env, own in zip(self.envs, state["scenes"], strict=True):
             _outermost(env, "set_state").set_state(own)
         self._return[:], self._length[:], self._seed = state["return"], state["length"], state["seed"]
+        if self._costs:
+            self._cost[:] = state["cost"]
 
     def close(self) -> None:
         for env in self.envs:
@@ -198,3 +215,15 @@ def _joined(batches: list[Any]) -> Any:
     if isinstance(batches[0], dict):
         return {name: np.concatenate([each[name] for each in batches]) for name in batches[0]}
     return np.concatenate(batches)
+
+
+def _batches(name: str, worlds: int, settings: dict[str, Any]) -> tuple[VectorEnv, ...]:
+    """Return one native batch, or one for each shape where shapes are drawn."""
+    drawn = drawn_shapes(name, settings)
+    scenes: list[dict[str, Any]] = [{}] if drawn is None else fixed_scenes(drawn)
+    if worlds < len(scenes):
+        raise checks.refuse("num_envs", worlds, f"at least {len(scenes)}, one for each shape")
+    shares = [len(each) for each in np.array_split(np.arange(worlds), len(scenes))]
+    return tuple(
+        gym.make_vec(name, num_envs=share, **settings, **scene) for scene, share in zip(scenes, shares, strict=True)
+    )

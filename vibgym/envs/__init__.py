@@ -6,7 +6,7 @@ from vibgym.envs.observations import OBSERVATIONS, Observation
 from vibgym.envs.options import Options
 from vibgym.envs.shared import Truth
 from vibgym.envs.single import VibgymEnv
-from vibgym.envs.vector import VibgymVectorEnv
+from vibgym.envs.vector import VibgymVectorEnv, make_vector
 
 __all__ = [
     "ACTIONS",
@@ -20,4 +20,5 @@ __all__ = [
     "VibgymEnv",
     "VibgymVectorEnv",
     "Wrench",
+    "make_vector",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -12,6 +13,8 @@ from vibgym import checks
 from vibgym.actuators import actuators_from, nominal
 from vibgym.config import surface_from
 from vibgym.envs.actions import check_command, new_action
+from vibgym.envs.costs import Costs
+from vibgym.envs.drawn import DrawnShapes
 from vibgym.envs.info import BatchInfo, InfoData
 from vibgym.envs.observations import OBSERVATIONS, GoalReward, Observation, check_batch
 from vibgym.envs.options import (
@@ -56,6 +59,7 @@ class Core(Pipeline):
         identity: settings that a snapshot depends on, see :meth:`vibgym.envs.Options.identity`.
         idle: (parts, 3) velocities of parts that slide in place on elements at rest.
         step_limit: steps after which episodes are truncated, or None.  longest: s, longest path of an episode.
+        shape_draws: uniform numbers of an episode for its shapes, see :mod:`vibgym.envs.drawn`.
         began: whether an episode has begun.
 
     Raises:
@@ -67,8 +71,8 @@ class Core(Pipeline):
 
     def __init__(self, options: Options, worlds: int, make_info: Callable[[InfoData], Any] = BatchInfo) -> None:
         cls = TASKS.choose("task", options.task)
-        self.options = options
         self.surface = surface_from(options.surface)
+        self.options = options = self._with_shapes(options)
         self.parts = parts_from(options.parts, cls)
         numbers = BYTES_OF_ELEMENT * self.surface.rows * self.surface.columns
         self.worlds = checks.fitting("num_envs", worlds, BYTES_OF_WORLD + BYTES_OF_PART * len(self.parts) + numbers)
@@ -108,6 +112,10 @@ class Core(Pipeline):
         else:
             self._measured = new_relations(worlds, len(self.parts))
         self.drive: Any = None
+        self.costs: Costs | None = None
+        if options.costs is not None:
+            world = self.simulator, self.episode, self.relations, self.periods
+            self.costs = Costs(options.costs, *world, self._all_phasors)
         self._reward = self._reward_from(weights)
         self.term_names: tuple[str, ...] = tuple(self.task.made_of) if self._reward is None else self._reward.names
         rewarded = self.episode if self._reward is None else self._reward
@@ -122,6 +130,22 @@ class Core(Pipeline):
         self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
         self.began = False
         self._checked = False  # the first batch of observations, against their space
+
+    def _with_shapes(self, options: Options) -> Options:
+        """Return the options with the parts of their shapes, if these are drawn for episodes; sets ``shape_draws``."""
+        self.shape_draws = 0
+        if options.split is None:
+            if options.shapes is not None:
+                raise checks.conflict("shapes require split, the library that they are from")
+            return options
+        drawn = DrawnShapes(options, self.surface)
+        if drawn.shapes is None:
+            raise checks.conflict(
+                "a batch of worlds with one scene requires shapes=[...], indices of the split's parts; "
+                "gym.make_vec without shapes makes a batch whose worlds draw them"
+            )
+        self.shape_draws = drawn.draws
+        return drawn.fixed(options, drawn.shapes)
 
     def _new_simulator(self) -> Simulator:
         """Create the simulator, and check that it supports the conditions that episodes may draw."""
@@ -180,13 +204,14 @@ class Core(Pipeline):
         Raises:
             ValueError: an invalid start; only the generators have changed.
         """
-        actuators = self.task.draws
+        task = self.shape_draws
+        actuators = task + self.task.draws
         sensing = actuators + self.actuators.draws
         randomization = sensing + self.sensing.draws
         disturbances = randomization + self.randomization.draws
         total = disturbances + (0 if self.disturbances is None else self.disturbances.draws)
         uniform = np.array([generator.random(total) for generator in generators])
-        start = self.start_of(worlds, uniform[:, :actuators], override)
+        start = self.start_of(worlds, uniform[:, task:actuators], override)
         drawn = self.randomization.values(uniform[:, randomization:disturbances])
         idle = self.idle
         if "friction" in drawn:
@@ -211,6 +236,8 @@ class Core(Pipeline):
         self.scoring.begin(worlds, start)
         if self.terms is not self.episode.terms:  # else they have just been set
             self.terms[worlds], self.part_terms[worlds] = 0.0, 0.0
+        if self.costs is not None:
+            self.costs.begin(worlds)
         for memory in self.action.live().values():
             memory[worlds] = 0
         self.began = True
@@ -225,6 +252,14 @@ class Core(Pipeline):
         if override is None:
             return self.task.start(uniform)
         return override.start(self.task, self.simulator, worlds, uniform)
+
+    def check_start(
+        self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride
+    ) -> None:
+        """Raise ValueError if :meth:`reset` would; nothing changes, generators included."""
+        task = self.shape_draws
+        uniform = [copy.deepcopy(generator).random(task + self.task.draws)[task:] for generator in generators]
+        self.start_of(worlds, np.array(uniform), override)
 
     def refresh_all(self) -> None:
         """Observe and report all worlds, in a new batch."""
@@ -324,6 +359,7 @@ class Core(Pipeline):
             **self.relations._asdict(),
             **self.scoring.own_state(),
             **({} if self.disturbances is None else self.disturbances.live()),
+            **({} if self.costs is None else self.costs.live()),
             "shown_terms": self.terms,
             "shown_part_terms": self.part_terms,
         }

@@ -46,6 +46,9 @@ class Keywords(TypedDict, total=False):
     zones: Mapping[str, Sequence[float]] | None
     slots: int | None
     paths: Any
+    split: str | None
+    shapes: Sequence[int] | None
+    costs: Mapping[str, Any] | None
     task_settings: Mapping[str, Any] | None
     periods_per_step: int
     max_episode_periods: int | None
@@ -69,6 +72,9 @@ class Options:
     zones: Mapping[str, Sequence[float]] | None = None
     slots: int | None = None
     paths: Any = None
+    split: str | None = None
+    shapes: Sequence[int] | None = None
+    costs: Mapping[str, Any] | None = None
     task_settings: Mapping[str, Any] | None = None
     periods_per_step: int = 1
     max_episode_periods: int | None = None

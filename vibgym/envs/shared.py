@@ -153,9 +153,9 @@ class SharedInterface:
         if not self.core.began:
             raise gym.error.ResetNeeded("call reset() before step()")
 
-    def _override(self, options: Any, more: tuple[str, ...] = ()) -> StartOverride | None:
-        """Parse the options of a reset; ``more`` are further names."""
-        return parse_reset_options(options, self.core.task, self.core.worlds, self.core.longest, more)
+    def _override(self, core: Core, options: Any, more: tuple[str, ...] = ()) -> StartOverride | None:
+        """Parse the options of a reset of a core; ``more`` are further names."""
+        return parse_reset_options(options, core.task, core.worlds, core.longest, more)
 
     def _own(self, seen: Any) -> Any:
         """Return a batch of observations in the form of this environment."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple, Unpack
 
 import gymnasium as gym
@@ -11,7 +12,9 @@ import numpy as np
 from gymnasium.utils import seeding
 
 from vibgym import checks
+from vibgym.config import surface_from
 from vibgym.envs.core import Core
+from vibgym.envs.drawn import DrawnShapes
 from vibgym.envs.info import COUNTS, FLAGS, NUMBERS, InfoData
 from vibgym.envs.options import Keywords, Options
 from vibgym.envs.shared import SharedInterface, frames_per_second
@@ -81,6 +84,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     - ``measured``: ``age`` (periods) and ``sigma`` (m, m, rad) of the measurement, unless the sensor is ideal.
     - ``commanded``: with actions that command motions, ``unserved`` (parts,), an index of
       :data:`vibgym.envs.motions.REASONS`; with ``"target"`` also ``moved`` (parts, 2), m, see :class:`vibgym.envs.Target`.
+    - ``costs`` (by name) and ``cost`` (their weighted sum), with ``costs=``; ``parts`` then has the part's share.
 
     Args:
         task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, ``"Pack"``,
@@ -108,6 +112,11 @@ class VibgymEnv(SharedInterface, gym.Env):
         paths: of Follow, see :class:`vibgym.tasks.Follow`.
         task_settings: further keyword arguments of the task, such as ``hold`` (periods) and ``weights``.
         periods_per_step: oscillation periods per step. Hold, time cost and limit count periods.
+        split: parts ``{"shape": "drawn"}`` get a shape of this split for each episode: ``"train"``, ``"validation"``,
+            ``"test"``, ``"held_out"`` (:func:`vibgym.scene.shapes`, :mod:`vibgym.envs.drawn`).
+        shapes: indices of the split's parts instead of drawn ones, one for each different shape.
+        costs: costs beside the reward, see :mod:`vibgym.envs.costs`: a mapping from ``"impulse"``, ``"fallen"``,
+            ``"clearance"``, ``"effort"`` or a registered name to a weight, or to a mapping with ``weight`` and settings.
         max_episode_periods: periods after which an episode is truncated, if ``periods_per_step`` > 1. With one period per
             step, Gymnasium's ``max_episode_steps`` applies.
         render_mode: None, ``"rgb_array"`` or ``"human"``.
@@ -118,11 +127,20 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 25}
 
+    drawn: DrawnShapes | None = None
+    """What draws the shapes of episodes; None where they are fixed."""
+
     def __init__(self, task: str, *, render_mode: str | None = None, **options: Unpack[Keywords]) -> None:
         known = Options.from_mapping("keyword arguments", {"task": task, **options}, ("render_mode",))
         if render_mode is not None:
             checks.choice("render_mode", render_mode, RENDER_MODES)
-        self.core = Core(known, 1, WorldInfo)
+        self._options = known
+        self._cores: dict[tuple[int, ...], Core] = {}  # by shapes
+        if known.split is not None and known.shapes is None:
+            self.drawn = DrawnShapes(known, surface_from(known.surface))
+            self.core = self._core_of(tuple(range(self.drawn.draws)))
+        else:
+            self.core = Core(known, 1, WorldInfo)
         self.render_mode = render_mode
         self.action_space = self.core.action.space
         self.observation_space = self.core.observation.space
@@ -149,13 +167,16 @@ class VibgymEnv(SharedInterface, gym.Env):
         """
         if seed is not None:
             seed = checks.count("seed", seed, least=0)
-        override = self._override(options)
-        if override is not None:  # dry run: an invalid start must not change anything
-            generator = seeding.np_random(seed)[0] if seed is not None else copy.deepcopy(self.np_random)
-            uniform = generator.random((1, self.core.task.draws))
-            self.core.start_of(_FIRST, uniform, override)
+        generator = self.np_random if seed is None else seeding.np_random(seed)[0]
+        core = self.core
+        if self.drawn is not None:
+            core = self._core_of(self.drawn.draw(copy.deepcopy(generator).random(self.drawn.draws)))
+        override = self._override(core, options)
+        if override is not None:  # an invalid start must not change anything
+            core.check_start(_FIRST, [generator], override)
         super().reset(seed=seed)
-        self.core.reset(_FIRST, [self.np_random], override)
+        self._use(core)
+        core.reset(_FIRST, [self.np_random], override)
         self._steps, self._closed = 0, False
         if self._viewer is not None:
             self._viewer.begin(0)
@@ -181,7 +202,8 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     def get_state(self) -> dict[str, Any]:
         """Return a snapshot that continues bit for bit, generator included; trails of images are not part of it."""
-        return {**self.core.get_state(), "generator": generator_state(self.np_random), "steps": self._steps}
+        state = {**self.core.get_state(), "generator": generator_state(self.np_random), "steps": self._steps}
+        return state if self.drawn is None else {**state, "shapes": self.core.options.shapes}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore a snapshot of an environment with the same settings.
@@ -190,10 +212,16 @@ class VibgymEnv(SharedInterface, gym.Env):
             ValueError: a snapshot of another environment or with invalid values; nothing has changed.
         """
         names = (*Core.STATE, "generator", "steps")
-        check_keys("state", state, names)
+        check_keys("state", state, names if self.drawn is None else (*names, "shapes"))
+        core = self.core
+        if self.drawn is not None:
+            with checks.within("state"):
+                chosen = DrawnShapes(replace(self._options, shapes=state["shapes"]), self.surface).shapes
+            core = self._core_of(chosen)  # type: ignore[arg-type]
         steps = checks.count("state['steps']", state["steps"], least=0)
         generator = generator_from("state['generator']", state["generator"])
-        self.core.set_state({name: state[name] for name in Core.STATE})
+        core.set_state({name: state[name] for name in Core.STATE})
+        self._use(core)
         self.np_random, self._steps, self._closed = generator, steps, False
         if self._viewer is not None:
             self._viewer.begin(0)
@@ -213,6 +241,19 @@ class VibgymEnv(SharedInterface, gym.Env):
         self._closed = True
         if self._viewer is not None:
             self._viewer.close()
+
+    def _core_of(self, chosen: tuple[int, ...]) -> Core:
+        """Return the core of a scene with these shapes; new ones are kept."""
+        if chosen not in self._cores:
+            self._cores[chosen] = Core(replace(self._options, shapes=chosen), 1, WorldInfo)
+        return self._cores[chosen]
+
+    def _use(self, core: Core) -> None:
+        """Continue with a core."""
+        if core is not self.core:
+            self.core = core
+            if self._viewer is not None:
+                self._viewer.renew()
 
     def _draw(self) -> None:
         if self.render_mode == "human":

@@ -18,6 +18,7 @@ import numpy as np
 
 from vibgym.actuators import ActuatorStage
 from vibgym.envs.actions import Action, all_finite_in_blocks, copy_finite
+from vibgym.envs.costs import Costs
 from vibgym.envs.info import InfoData
 from vibgym.envs.observations import GoalReward, Observation, RowObservation, Writer
 from vibgym.envs.randomization import Disturbances, Randomization
@@ -65,6 +66,7 @@ class Pipeline:
     simulator: Simulator
     randomization: Randomization
     disturbances: Disturbances | None
+    costs: Costs | None
     sensing: Sensing
     observation: Observation
     scoring: Scoring
@@ -107,6 +109,7 @@ class Pipeline:
             Stage("advance", self._actuate_and_advance),
             Stage("score", self._score, by_block=True),
             Stage("score", self._replace_reward, needed=self._reward is not None),
+            Stage("score", self._score_costs, needed=self.costs is not None),
             Stage("sense", self._sense, needed=estimated),
             Stage("observe", self._relate, by_block=True, needed=estimated),
             Stage("observe", self._write_observations, by_block=True, needed=by_kernel),
@@ -174,7 +177,7 @@ class Pipeline:
 
     def _actuate_and_advance(self) -> None:
         """Advance all worlds under the drives that the actuators execute; the sensor samples the state at its instant."""
-        advance, sensing, elapsed = self.simulator.go_on, self.sensing, 0
+        advance, sensing, elapsed = self._advance, self.sensing, 0
         instant = None if sensing.exact else sensing.instant
         for drive, periods in self.actuators.apply(self._command):
             self.drive = drive
@@ -197,6 +200,10 @@ class Pipeline:
     def _replace_reward(self) -> None:
         """Replace the reward by that of the task's method, or of the goal observation."""
         self._reward.score()  # type: ignore[union-attr]
+
+    def _score_costs(self) -> None:
+        """Compute the costs of the step."""
+        self.costs.score()  # type: ignore[union-attr]
 
     def _sense(self) -> None:
         """Predict the measurement under the command, and correct it by the reading that is due."""
@@ -234,7 +241,8 @@ class Pipeline:
             self.simulator.renew(changed)
 
     BOUND = (
-        "info", "report", "observations", "_arrays", "_blocks", "_now", "_after_advance", "_pipeline", "_measurement",
+        "info", "report", "observations", "_advance", "_arrays", "_blocks", "_now", "_after_advance", "_pipeline",
+        "_measurement",
     )  # fmt: skip
     """Attributes with addresses or views of the core's arrays; copies recreate them."""
 
@@ -253,8 +261,14 @@ class Pipeline:
         part_extra = {**scoring.part_facts(), **self.simulator.part_info()}
         if self.disturbances is not None:
             part_extra["struck"] = self.disturbances.struck
+        facts, costs = scoring.facts(), self.costs
+        self._advance = self.simulator.go_on
+        if costs is not None:
+            facts, nested["costs"], part_extra["cost"] = {**facts, "cost": costs.total}, costs.named, costs.part
+            if costs.needs_impulse:
+                self._advance = costs.advance
         data = InfoData(
-            self.task.FACTS, scoring.facts(), self.episode, state.diverged, self.term_names, self.terms, self.part_terms,
+            self.task.FACTS, facts, self.episode, state.diverged, self.term_names, self.terms, self.part_terms,
             {name: each for name, each in nested.items() if each}, part_extra,
         )  # fmt: skip
         self.info = self._make_info(data)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from typing import Any, Unpack
 
@@ -10,13 +9,14 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from vibgym import checks
 from vibgym.envs.core import Core
 from vibgym.envs.options import MOST_EPISODE, Keywords, Options, StartOverride
 from vibgym.envs.shared import SharedInterface, frames_per_second
+from vibgym.envs.single import VibgymEnv
 from vibgym.snapshots import check_keys, copied, generator_from, generator_state, put_back, restored
 from vibgym.tasks import TASKS
 
@@ -97,16 +97,15 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         Raises:
             ValueError: an invalid seed, option or start; nothing has changed.
         """
-        override = self._override(options, ("reset_mask",))
+        override = self._override(self.core, options, ("reset_mask",))
         mask = self._reset_mask(options)
         fresh = list(self._generators)
         for world, each in enumerate(self._seeds(seed)):
             if mask[world] and (each is not None or fresh[world] is None):
                 fresh[world] = seeding.np_random(each)[0]
-        if override is not None:  # dry run: an invalid start must not change anything
+        if override is not None:  # an invalid start must not change anything
             worlds = np.flatnonzero(mask)
-            drawn = [copy.deepcopy(fresh[world]).random(self.core.task.draws) for world in worlds]  # type: ignore[union-attr]
-            self.core.start_of(worlds, np.array(drawn), override)
+            self.core.check_start(worlds, [fresh[world] for world in worlds], override)  # type: ignore[misc]
         self._generators = fresh
         if isinstance(seed, int | np.integer):
             self._np_random, self._np_random_seed = seeding.np_random(int(seed))
@@ -282,6 +281,22 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             else:
                 result[world] = observations[world].copy()
         return result
+
+
+def make_vector(
+    task: str, num_envs: int = 1, *, max_episode_steps: int | None = None, autoreset_mode: Any = None, **options: Any
+) -> VectorEnv:
+    """Return a batch of an environment with drawn shapes: Gymnasium's of single ones, or the native one if shapes are fixed."""
+    mode = AutoresetMode.NEXT_STEP if autoreset_mode is None else AutoresetMode(autoreset_mode)
+    if options.get("split") is None or options.get("shapes") is not None:
+        more = {"max_episode_steps": max_episode_steps, "autoreset_mode": mode}
+        return VibgymVectorEnv(task, num_envs, **more, **options)  # type: ignore[arg-type]
+
+    def single() -> gym.Env:
+        env: gym.Env = VibgymEnv(task, **options)
+        return env if max_episode_steps is None else gym.wrappers.TimeLimit(env, max_episode_steps)
+
+    return SyncVectorEnv([single] * checks.count("num_envs", num_envs), autoreset_mode=mode)
 
 
 def registered_id(name: Any, field: str) -> str:

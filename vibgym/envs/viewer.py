@@ -60,10 +60,14 @@ class Viewer:
 
     def __init__(self, env: SharedInterface, title: str, worlds: int = 1) -> None:
         self.env = env
-        self.scenery = replace(scenery_of(env), side=has_side(env))
-        self.painter = self.scenery.painter()
+        self.renew()
         self.window = Window(self.painter, 1.0 / env.step_time, title)
         self.trails: list[list[np.ndarray]] = [[] for _ in range(worlds)]  # (parts, 2) at each step
+
+    def renew(self) -> None:
+        """Draw the present scene of the environment from now on."""
+        self.scenery = replace(scenery_of(self.env), side=has_side(self.env))
+        self.painter = self.scenery.painter()
 
     def begin(self, world: int) -> None:
         """Clear the trails of a world whose episode starts."""

@@ -37,6 +37,10 @@ class Measured(Outcomes):
         return self.fact("good_per_minute") / self.rate_bound
 
 
+STILL = 2e-5
+"""Change of a distance to a goal that does not count as a movement, m."""
+
+
 class Measures(Ends):
     """Collector of outcomes, bounds and collisions; one world per episode.
 
@@ -84,6 +88,82 @@ class Measures(Ends):
         found = (touching & ~self._touching).sum(axis=1)
         self._touching = touching
         return found
+
+
+@dataclass(frozen=True)
+class Conducted(Measured):
+    """Outcomes with costs, and how smoothly and directly parts were moved."""
+
+    cost: np.ndarray  # sum of info["cost"]; nan without ``costs``
+    action_change: np.ndarray  # mean absolute change of a number of the action from step to step
+    overshoots: np.ndarray  # times that a part has left the position tolerance of its goal; nan without goal poses
+    corrections: (
+        np.ndarray
+    )  # times that a part's distance to its goal has decreased again after an increase; nan likewise
+
+
+class Conduct(Measures):
+    """Collector of outcomes, bounds, collisions, costs, smoothness of commands and corrective movements.
+
+    Corrective movements are those of MagBotSim (Bergmann et al. 2025): *overshoots* and *distance corrections*. Changes of the
+    distance below :data:`STILL` do not count. With several parts they are summed.
+
+    Args:
+        env, info, seeds: as of :class:`vibgym.policies.rollout.Ends`.
+
+    Attributes:
+        fields: arrays (episodes, ...), named as in :class:`Conducted`.
+    """
+
+    def __init__(self, env: VibgymVectorEnv, info: dict[str, Any], seeds: Sequence[int]) -> None:
+        super().__init__(env, info, seeds)
+        self._goals = env.task.has_goal and not env.task.flows
+        count, blank = len(seeds), 0.0 if self._goals else np.nan
+        costs = 0.0 if env.core.costs is not None else np.nan
+        self.fields |= {"cost": np.full(count, costs), "action_change": np.zeros(count)}
+        self.fields |= {name: np.full(count, blank) for name in ("overshoots", "corrections")}
+        self._action: np.ndarray | None = None
+        if self._goals:
+            self._reached, self._away = env.task.tolerances()[:, 0], self._distance()
+            self._inside, self._grew = self._away < self._reached, np.zeros(self._away.shape, dtype=bool)
+
+    def add(self, step: Step) -> None:
+        """Add a step."""
+        super().add(step)
+        which = step.episode[step.playing]
+        if "cost" in step.info:
+            self.fields["cost"][which] += step.info["cost"][step.playing]
+        action = np.asarray(step.action, dtype=np.float64).reshape(len(step.age), -1)
+        if self._action is not None:
+            change = np.abs(action - self._action).mean(axis=1)[step.playing]
+            self.fields["action_change"][which] += change
+        self._action = action
+        if step.ended.any():
+            ended = step.episode[step.ended]
+            self.fields["action_change"][ended] /= np.maximum(step.age[step.ended] - 1, 1)
+        if self._goals:
+            self._correct(which, step.playing)
+
+    def _correct(self, which: np.ndarray, playing: np.ndarray) -> None:
+        """Count the corrective movements of a step."""
+        away, before = self._distance(), self._away
+        inside = away < self._reached
+        left = self._inside & ~inside & (np.abs(away - self._reached) > STILL)
+        nearer = away < before - STILL
+        corrected = self._grew & nearer
+        self._grew = (self._grew & ~nearer) | (away > before + STILL)
+        self._away, self._inside = away, inside
+        for name, found in (("overshoots", left), ("corrections", corrected)):
+            self.fields[name][which] += found.sum(axis=1)[playing]
+
+    def _distance(self) -> np.ndarray:
+        """Return the distances (worlds, parts) of parts to their goals, m; 0 without."""
+        truth = self.env.truth
+        return np.where(truth.present & self.env.task.asked, np.hypot(truth.error[..., 0], truth.error[..., 1]), 0.0)
+
+    def result(self, task: str, timing: Timing) -> Conducted:
+        """Return the result, when all episodes have ended."""
+        return Conducted(task, self.seeds, self.env.step_time, **self.fields)
 
 
 def least_times(env: SharedInterface) -> np.ndarray:

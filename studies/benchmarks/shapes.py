@@ -1,0 +1,86 @@
+"""Success on shapes that are new to a policy: ``python -m studies.benchmarks.shapes [--episodes 500]``.
+
+Controllers and agents run on the training split, on the test split (other parts of the same families), and on the held-out
+family: ideal hardware, seeds from 300000. Intervals of success are bootstraps over shapes, since episodes with the same shape
+are correlated; where all rates are equal, exact intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from agents.evaluation.statistics import Interval, bootstrap, exact, quartiles
+from agents.evaluation.table import quantity
+from studies.benchmarks import common
+from studies.kept import show
+from vibgym.envs.drawn import drawn_shapes, seeds_by_shapes
+from vibgym.policies import rollout
+from vibgym.policies.measures import Measured, Measures
+from vibgym.scene.library import shapes
+
+FIRST_SEED = 300_000
+SPLITS = ("train", "test", "held_out")
+LEVEL, RESAMPLES = 0.95, 9999
+
+POLICIES: dict[str, dict[str, Any]] = {
+    "AlignShapes": {
+        "`pose`": {"kind": "pose", "action": "velocity"},
+        "`lqr`": "lqr",
+        "generalist (learned)": "learned",
+    },
+    "SortShapes": {"`planner`, `pose`": {"kind": "planner", "law": "pose"}},
+    "PackShapes": {"`two_phases`": "two_phases"},
+    "PushShapes": {"`push`": "push"},
+}
+
+
+def first_shapes(task: str, split: str, seeds: Sequence[int]) -> np.ndarray:
+    """Return the index of the first shape of each seed's episode, (seeds,)."""
+    drawn = drawn_shapes(f"vibgym/{task}-v0", {"split": split})
+    assert drawn is not None
+    found = np.zeros(len(seeds), dtype=np.int64)
+    for chosen, which in seeds_by_shapes(drawn, seeds).items():
+        found[which] = chosen[0]
+    return found
+
+
+def interval(success: np.ndarray, shape: np.ndarray) -> Interval:
+    """Return the interval of a success rate for other shapes, from episodes (n,) and their shapes."""
+    rates = np.array([success[shape == k].mean() for k in np.unique(shape)])
+    if np.ptp(rates) == 0.0:
+        return exact(int(success.sum()), success.size, LEVEL)
+    return bootstrap(rates, LEVEL, RESAMPLES)
+
+
+def row(task: str, name: str, episodes: int) -> list[str]:
+    """Run a policy on all splits and format its row."""
+    seeds, cells, rates = range(FIRST_SEED, FIRST_SEED + episodes), [], {}
+    for split in SPLITS:
+        found: Measured = rollout(POLICIES[task][name], task, seeds=seeds, keep=Measures, split=split)
+        shape = first_shapes(task, split, seeds)
+        spread, rates[split] = interval(found.success, shape), 100.0 * found.success.mean()
+        time = quantity(quartiles(found.time_to_goal).median, 1.0, 2, "s")
+        score = np.where(found.success, 1.0 / found.time_over_bound, 0.0).mean()
+        cells.append(f"{rates[split]:.1f} % ({100 * spread.low:.1f} to {100 * spread.high:.1f}), {time}")
+        cells[-1] += "" if np.isnan(score) else f", {score:.3f}"
+        failed = np.unique(shape[~found.success], return_counts=True)
+        print(task, name, split, cells[-1], *(f"{shapes(split)[k].name} x {n}" for k, n in zip(*failed, strict=True)))
+    return [task, name, *cells, f"{rates['held_out'] - rates['test']:+.1f}"]
+
+
+def main() -> None:
+    """Evaluate and print; with ``--keep`` write the table of the documentation."""
+    parser = common.parser(__doc__)
+    parser.add_argument("--episodes", type=int, default=500)
+    parser.add_argument("--only", nargs="+", default=list(POLICIES), choices=list(POLICIES))
+    asked = parser.parse_args()
+    lines = [row(task, name, asked.episodes) for task in asked.only for name in POLICIES[task]]
+    heads = ("task", "policy", *(split.replace("_", " ") for split in SPLITS), "held out less test, points")
+    show("shapes", heads, lines, asked.keep)
+
+
+if __name__ == "__main__":
+    main()

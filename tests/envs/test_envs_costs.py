@@ -1,0 +1,165 @@
+"""Costs beside the reward: closed forms, weights, parity, snapshots, custom costs."""
+
+import copy
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from vibgym.adapters.safety import SafetyEnv
+from vibgym.envs.costs import COSTS, Cost
+
+ALL = {"impulse": 2.0, "fallen": 10.0, "clearance": {"weight": 0.1, "below_mm": 8}, "effort": 0.5}
+DISC = {"shape": "disc", "radius_mm": 20, "friction": 0.58, "mass": 0.1, "name": "disc", "restitution": 0.5}
+
+
+def two_discs(gap=0.05, **settings):
+    env = gym.make("vibgym/Sort-v0", **{"parts": [DISC, DISC], "costs": ALL, "action": "element", **settings})
+    pose = [[0.3, 0.1, 0.0], [0.34 + gap, 0.1, 0.0]]
+    _, info = env.reset(seed=0, options={"pose": pose})
+    return env, info
+
+
+def test_nothing_is_reported_unless_asked_for():
+    env = gym.make("vibgym/Sort-v0")
+    env.reset(seed=0)
+    info = env.step(env.action_space.sample())[-1]
+    assert "cost" not in info and "costs" not in info and "cost" not in info["parts"]
+
+
+def test_effort_is_the_mean_square_amplitude():
+    env, info = two_discs()
+    assert info["cost"] == 0.0 and set(info["costs"].values()) == {0.0}
+    action = np.zeros(env.unwrapped.action_shape)  # half of the amplitude, at any phase
+    assert env.step(action)[-1]["costs"]["effort"] == pytest.approx(0.25, rel=1e-6)
+    action[..., 0] = -1.0  # at rest
+    action[0, 0, 0] = 1.0  # but one element
+    assert env.step(action)[-1]["costs"]["effort"] == pytest.approx(1 / 256, rel=1e-6)
+
+
+@pytest.mark.parametrize(("gap", "parts"), [(0.0079, 2), (0.0081, 0)])
+def test_clearance_counts_parts_below_the_limit(gap, parts):
+    env, _ = two_discs(gap, action="velocity")
+    info = env.step(np.zeros(6))[-1]
+    assert info["costs"]["clearance"] == parts
+    assert info["parts"]["cost"].tolist() == pytest.approx([info["cost"] / 2] * 2)
+
+
+def test_impulses_are_those_of_the_momentum_exchanged():
+    """A disc at rest is hit: each gets the same impulse, which changes the relative velocity by (1 + e) of its approach."""
+    still = {"horizontal_amplitude": 0.0}
+    env, _ = two_discs(0.001, surface=still, parts=[{**DISC, "friction": 0.0}] * 2)
+    state = env.unwrapped.get_state()
+    state["simulator"]["velocity"][0, 0] = [0.1, 0.0, 0.0]
+    env.unwrapped.set_state(state)
+    info = env.step(-np.ones(env.unwrapped.action_shape))[-1]
+    one = 0.5 * 0.1 * (1 + 0.5) * 0.1  # reduced mass, restitution, speed
+    assert info["costs"]["impulse"] == pytest.approx(2 * one, rel=1e-6)
+    assert info["parts"]["cost"].tolist() == pytest.approx([2.0 * one + 0.1] * 2)  # and clearance
+    assert env.step(-np.ones(env.unwrapped.action_shape))[-1]["costs"]["impulse"] == 0.0
+
+
+def test_fallen_parts_cost_at_the_step_of_the_fall():
+    env, _ = two_discs(action="velocity")
+    env.reset(options={"pose": [[0.001, 0.1, 0.0], [0.4, 0.1, 0.0]]})
+    action, ended = np.tile([-1.0, 0.0, 0.0], 2), False
+    while not ended:
+        _, _, ended, _, info = env.step(action)
+    assert info["fallen"] and info["costs"]["fallen"] == 1.0
+    total = sum(
+        (each["weight"] if isinstance(each, dict) else each) * info["costs"][name] for name, each in ALL.items()
+    )
+    assert info["cost"] == pytest.approx(total, rel=1e-12)
+    assert info["parts"]["cost"].sum() == pytest.approx(total, rel=1e-12)
+
+
+def random_steps(env, steps, seed=0):
+    draw = np.random.default_rng(seed)
+    return [env.step(draw.uniform(-1, 1, env.action_space.shape).astype(np.float32)) for _ in range(steps)]
+
+
+def test_longer_steps_add_up_and_do_not_change_the_motion():
+    settings = {"action": "velocity", "start": "crowded"}
+    plain = gym.make("vibgym/Sort-v0", periods_per_step=3, **settings)
+    env = gym.make("vibgym/Sort-v0", periods_per_step=3, costs=ALL, **settings)
+    np.testing.assert_array_equal(plain.reset(seed=3)[0], env.reset(seed=3)[0])
+    for one, other in zip(random_steps(plain, 6), random_steps(env, 6), strict=True):
+        np.testing.assert_array_equal(one[0], other[0])
+    short = gym.make("vibgym/Sort-v0", costs=ALL, start="crowded", action="element")
+    long = gym.make("vibgym/Sort-v0", costs=ALL, start="crowded", action="element", periods_per_step=3)
+    short.reset(seed=3)
+    long.reset(seed=3)
+    for seed in range(4):
+        action = np.random.default_rng(seed).uniform(-1, 1, short.action_space.shape).astype(np.float32)
+        three, once = [short.step(action)[-1]["costs"] for _ in range(3)], long.step(action)[-1]["costs"]
+        for name in ("impulse", "effort"):
+            assert once[name] == pytest.approx(sum(each[name] for each in three), rel=1e-12)
+        assert once["impulse"] > 0.0 and once["clearance"] == 3 * three[-1]["clearance"]
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_a_batch_has_the_costs_of_single_environments(mode):
+    settings = {"action": "velocity", "start": "crowded", "costs": ALL, "max_episode_steps": 3}
+    batch = SafetyEnv(gym.make_vec("vibgym/Sort-v0", num_envs=3, autoreset_mode=mode, **settings))
+    singles = [SafetyEnv("vibgym/Sort-v0", **settings) for _ in range(3)]
+    batch.reset(seed=4)
+    for k, single in enumerate(singles):
+        single.reset(seed=4 + k)
+    draw = np.random.default_rng(0)
+    for _ in range(3):
+        action = draw.uniform(-1, 1, batch.action_space.shape).astype(np.float32)
+        _, reward, cost, _, _, _ = batch.step(action)
+        found = [single.step(each) for single, each in zip(singles, action, strict=True)]
+        assert reward.tolist() == [each[1] for each in found]
+        assert cost.tolist() == [each[2] for each in found] and (cost > 0.0).all()
+
+
+def test_snapshots_and_copies_have_the_costs():
+    env, _ = two_discs(0.001, action="velocity")
+    random_steps(env, 2)
+    state, twin = env.unwrapped.get_state(), copy.deepcopy(env.unwrapped)
+    other, _ = two_discs(action="velocity")
+    other.unwrapped.set_state(state)
+    expected = [each[-1]["costs"] for each in random_steps(env, 3, 1)]
+    assert [each[-1]["costs"] for each in random_steps(other, 3, 1)] == expected
+    assert [each[-1]["costs"] for each in random_steps(twin, 3, 1)] == expected
+
+
+def test_a_custom_cost(monkeypatch):
+    class Crowd(Cost):
+        by_part = False
+
+        def __init__(self, *, least=3):
+            self.least = least
+
+        def measure(self, now):
+            return (now.present.sum(axis=1) >= self.least).astype(float)
+
+    monkeypatch.setitem(COSTS._items, "crowd", Crowd)
+    env = gym.make("vibgym/Sort-v0", costs={"crowd": {"weight": 2.0, "least": 4}}, action="velocity")
+    env.reset(seed=0)
+    info = env.step(np.zeros(18))[-1]
+    assert info["costs"] == {"crowd": 1.0} and info["cost"] == 2.0
+    assert info["parts"]["cost"].tolist() == pytest.approx([1 / 3] * 6)
+
+
+@pytest.mark.parametrize(("costs", "named"), [
+    ({}, "costs"),
+    (3, "costs"),
+    ({"impulses": 1.0}, "did you mean 'impulse'"),
+    ({"impulse": -1.0}, "weight"),
+    ({"impulse": {"below": 1.0}}, "below"),
+    ({"clearance": {"below_mm": 0}}, "below_mm"),
+    ({"clearance": {"below_mm": 5, "below": 0.005}}, "exclude"),
+])  # fmt: skip
+def test_bad_settings_are_one_error(costs, named):
+    with pytest.raises(ValueError, match=named) as error:
+        gym.make("vibgym/Sort-v0", costs=costs)
+    assert "\n" not in str(error.value)
+
+
+def test_the_safety_interface_requires_costs():
+    with pytest.raises(ValueError, match="costs"):
+        SafetyEnv("vibgym/Sort-v0")
+    with pytest.raises(ValueError, match="require the id"):
+        SafetyEnv(gym.make("vibgym/Sort-v0", costs=ALL), action="velocity")

@@ -1,0 +1,154 @@
+"""Environments whose parts have shapes drawn from a split of the library for each episode (:mod:`vibgym.scene.library`).
+
+Parts ``{"shape": "drawn"}`` get the shape that a reset draws. A single environment keeps a core for every shape that it has
+met. A native batch has fixed shapes (``shapes=``), since all of its worlds share one scene.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import seeding
+from pydantic import Field
+
+from vibgym import checks
+from vibgym.config import Settings, parse, part_from, surface_from
+from vibgym.envs.actions import new_action
+from vibgym.envs.options import Options
+from vibgym.scene.library import largest_dimension, scaled, shapes
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+
+DRAWN = "drawn"
+
+MOST_DRAWN = 8
+"""Most different shapes of an episode."""
+
+
+class DrawnPart(Settings):
+    """A part whose shape is drawn; lengths in m. Properties that are given replace those of the drawn part."""
+
+    shape: Literal["drawn"]
+    which: int = Field(0, ge=0, lt=MOST_DRAWN)  # parts with equal numbers have the same shape, others different ones
+    size: float | None = Field(None, gt=0.0)  # largest dimension
+    friction: float | None = None
+    static_friction: float | None = None
+    height: float | None = None
+    mass: float | None = None
+    name: str | None = None
+    restitution: float | None = None
+    contact_friction: float | None = None
+    coupling: float | None = None
+    centre_height: float | None = None
+
+    def part(self, drawn: Part) -> Part:
+        """Return the part with a drawn shape."""
+        given = {"friction": drawn.friction, "name": drawn.name}
+        given |= self.model_dump(exclude_none=True, exclude={"shape", "which", "size"})
+        factor = 1.0 if self.size is None else self.size / largest_dimension(drawn.outline)
+        if drawn.symmetry == 0:
+            return Part.disc(factor * math.sqrt(drawn.area / math.pi), **given)
+        outline = drawn.outline if self.size is None else scaled(drawn.outline, self.size)
+        return Part.polygon(outline, **given)
+
+
+class DrawnShapes:
+    """Draws the shapes of an episode from a split.
+
+    Args:
+        options: of the environment, with a split.
+        surface: the table.
+
+    Attributes:
+        library: parts of the split.
+        draws: uniform numbers of an episode, one for each different shape.
+
+    Raises:
+        ValueError: an unknown split, no drawn part, invalid shapes, or an action whose size depends on the part.
+    """
+
+    def __init__(self, options: Options, surface: Surface) -> None:
+        assert options.split is not None
+        self.library = shapes(options.split)
+        self._parts = [_drawn_part(part, f"parts[{k}]") for k, part in enumerate(options.parts or [])]
+        which = {part.which for part in self._parts if isinstance(part, DrawnPart)}
+        if not which:
+            raise checks.conflict('split requires a part with a drawn shape: parts=[{"shape": "drawn"}]')
+        if which != set(range(len(which))):
+            raise checks.refuse("which", sorted(which), "numbers of the drawn shapes from 0 on, without gaps")
+        self.draws, most = len(which), len(self.library) - 1
+        self.shapes: tuple[int, ...] | None = None
+        if options.shapes is not None:
+            given, allowed = options.shapes, f"a list of {self.draws} different whole numbers from 0 to {most}"
+            if not checks.listed(given) or len(given) != self.draws or len(set(given)) != self.draws:
+                raise checks.refuse("shapes", given, allowed)
+            self.shapes = tuple(checks.count(f"shapes[{k}]", n, least=0, most=most) for k, n in enumerate(given))
+        elif (
+            len({new_action(options.action, surface, self.parts([k] * self.draws)).shape for k in range(most + 1)}) > 1
+        ):
+            raise checks.conflict(
+                f"the size of action {options.action!r} depends on the part: with drawn shapes use 'velocity' or another one"
+            )
+
+    def parts(self, chosen: Sequence[int]) -> list[Part]:
+        """Return the parts of an episode with these shapes, indices of the library."""
+        return [
+            part.part(self.library[chosen[part.which]]) if isinstance(part, DrawnPart) else part for part in self._parts
+        ]
+
+    def names(self) -> list[str]:
+        """Return the names of the parts with the first shapes of the library, in the order of ``which``."""
+        first = {
+            part.which: part.part(self.library[part.which]).name for part in self._parts if isinstance(part, DrawnPart)
+        }
+        return [first[k] for k in range(self.draws)]
+
+    def draw(self, uniform: np.ndarray) -> tuple[int, ...]:
+        """Return different indices of the library from ``uniform`` (draws,) in [0, 1)."""
+        left = list(range(len(self.library)))
+        return tuple(left.pop(int(u * len(left))) for u in uniform.tolist())
+
+    def fixed(self, options: Options, chosen: Sequence[int]) -> Options:
+        """Return the options of an environment with these shapes."""
+        return replace(options, parts=self.parts(chosen), shapes=tuple(chosen))
+
+
+def _drawn_part(part: Any, where: str) -> DrawnPart | Part:
+    if isinstance(part, Mapping) and part.get("shape") == DRAWN:
+        return parse(DrawnPart, part, where)
+    return part_from(part, where)
+
+
+def drawn_shapes(task: str, arguments: Mapping[str, Any]) -> DrawnShapes | None:
+    """Return what draws the shapes of an environment's episodes; None if its scene is the same in all episodes.
+
+    Args:
+        task: id of a registered environment, or the name of a task.
+        arguments: of the environment, as for ``gym.make``; those that are no options are ignored.
+    """
+    spec = gym.registry.get(task)
+    given = {"task": task, **({} if spec is None else spec.kwargs), **arguments}
+    if given.get("split") is None or given.get("shapes") is not None:
+        return None
+    options = Options(**{name: given[name] for name in ("task", *Options.names()) if name in given})
+    return DrawnShapes(options, surface_from(options.surface))
+
+
+def seeds_by_shapes(drawn: DrawnShapes, seeds: Sequence[int]) -> dict[tuple[int, ...], list[int]]:
+    """Return the indices of the seeds whose resets draw the same shapes, by shapes."""
+    found: dict[tuple[int, ...], list[int]] = {}
+    for k, seed in enumerate(seeds):
+        chosen = drawn.draw(seeding.np_random(seed)[0].random(drawn.draws))
+        found.setdefault(chosen, []).append(k)
+    return dict(sorted(found.items()))
+
+
+def fixed_scenes(drawn: DrawnShapes) -> list[dict[str, Any]]:
+    """Return arguments of environments with fixed shapes that together have each shape of the split once as the first."""
+    count = len(drawn.library)
+    return [{"shapes": [(k + n * (count // drawn.draws)) % count for n in range(drawn.draws)]} for k in range(count)]
