@@ -28,7 +28,10 @@ from vibgym.policies.trained.residual import ResidualPolicy
 from vibgym.simulation.models import with_certified_contacts
 
 FILE = "curve.csv"
-COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "mean_time", "speed", "return_", "rate")
+COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "mean_time", "speed", "return_", "rate", "cost")
+
+COST_SHARE = 0.95
+"""Share of the episodes whose costs are at most the one of a row."""
 
 RATE = "good_per_minute"
 """Field of ``info`` at the end of episodes of tasks that end only at their limit."""
@@ -48,6 +51,7 @@ class CurveRow(Settings):
     mean_time: float = math.nan
     speed: float = math.nan  # 1/s
     rate: float = math.nan
+    cost: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -100,8 +104,9 @@ class LearningCurve:
     """Evaluation of a policy during training, written to ``curve.csv``.
 
     Columns: success rate, median time to the goal (s), its mean over all episodes (failures count with their limit), mean of
-    its inverse (1/s, 0 for failures), median return, and for tasks in which parts come and go the mean number of good parts per
-    minute. Contacts are certified, also if those of the training are fast.
+    its inverse (1/s, 0 for failures), median return, for tasks in which parts come and go the mean number of good parts per
+    minute, and with ``costs`` the cost that 95 % of the episodes do not exceed. Contacts are certified, also if those of the
+    training are fast.
 
     Args:
         settings: of the run; its ``judging`` has the number of episodes and the interval.
@@ -111,7 +116,7 @@ class LearningCurve:
         rows: of the curve so far.
 
     Raises:
-        ValueError: an environment that is not registered, or has no step limit.
+        ValueError: an environment that is not registered, or has no step limit; a cost limit without costs.
     """
 
     def __init__(self, settings: TrainSettings, directory: Path) -> None:
@@ -124,6 +129,8 @@ class LearningCurve:
         spec = gym.registry.get(environment_id(self.task))
         if spec is None or (spec.max_episode_steps is None and spec.kwargs.get("max_episode_periods") is None):
             raise checks.conflict(f"judging requires a task with a step limit, got {settings.task!r}")
+        if self.judging.cost_limit is not None and "costs" not in {**spec.kwargs, **settings.environment}:
+            raise checks.conflict("judging.cost_limit requires environment.costs")
         scenes = evaluation_environments(settings)
         shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
         self._scenes = [
@@ -160,9 +167,11 @@ class LearningCurve:
                 env = batch_of(self.task, **{**arguments, "observation": observation})
                 self._envs.append((env, self.judging.first_seed + first))
         found = [play(self._whole(policy, env), env, seed) for env, seed in self._envs]
-        success, steps_taken, returns, rate = (
+        success, steps_taken, returns, rate, cost = (
             np.concatenate(each)
-            for each in zip(*((one.success, one.steps, one.returns, one.fact(RATE)) for one in found), strict=True)
+            for each in zip(
+                *((one.success, one.steps, one.returns, one.fact(RATE), one.cost) for one in found), strict=True
+            )
         )
         env = self._envs[0][0].unwrapped
         reached = env.step_time * steps_taken[success]
@@ -178,6 +187,7 @@ class LearningCurve:
             "speed": round(float((success / np.maximum(env.step_time * steps_taken, env.step_time)).mean()), 5),
             "return_": round(float(np.median(returns)), 4),
             "rate": round(float(rate.mean()), 4) if np.isfinite(rate).all() else "",
+            "cost": round(float(np.quantile(cost, COST_SHARE)), 5) if np.isfinite(cost).all() else "",
         }
         self.rows.append(row)
         self._write()
@@ -185,7 +195,8 @@ class LearningCurve:
 
     def is_best(self, row: dict[str, Any]) -> bool:
         """Return whether no row of the curve so far is better, see :func:`rank`."""
-        return all(rank(each, self.judging.best) >= rank(row, self.judging.best) for each in self.rows)
+        asked = self.judging.best, self.judging.cost_limit
+        return all(rank(each, *asked) >= rank(row, *asked) for each in self.rows)
 
     def _whole(self, policy: Policy, env: Any) -> Policy:
         """Return the policy, or the residual policy with its base."""
@@ -202,10 +213,11 @@ class LearningCurve:
         write_atomically(self.path, text.getvalue())
 
 
-def rank(row: Mapping[str, Any], best: str = "success") -> tuple[float, float, float]:
-    """Return the sort key of a row, the best first: by good parts per minute where tasks have no success, else by ``best``,
-    ``"success"`` or ``"speed"``, then by time. Old curves have neither rates nor speeds."""
-    return -float(row.get("rate") or 0.0), -float(row.get(best) or 0.0), float(row["time_to_goal"] or "inf")
+def rank(row: Mapping[str, Any], best: str = "success", cost_limit: float | None = None) -> tuple[float, ...]:
+    """Return the sort key of a row, the best first: by the excess of the cost limit, good parts per minute where tasks have no
+    success, else by ``best``, ``"success"`` or ``"speed"``, then by time. Old curves have neither rates nor speeds."""
+    excess = 0.0 if cost_limit is None else max(float(row["cost"]) - cost_limit, 0.0)
+    return excess, -float(row.get("rate") or 0.0), -float(row.get(best) or 0.0), float(row["time_to_goal"] or "inf")
 
 
 def without_hold(settings: TrainSettings) -> list[dict[str, Any]]:

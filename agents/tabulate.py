@@ -38,7 +38,7 @@ LEVEL, RESAMPLES = 0.95, 2000
 
 TABLE = "agents.csv"
 
-NOT_JUDGED = {"success": 0.0, "speed": 0.0, "time_to_goal": ""}
+NOT_JUDGED = {"success": 0.0, "speed": 0.0, "time_to_goal": "", "cost": "inf"}
 """Row of a run without a learning curve."""
 
 
@@ -182,8 +182,9 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     good, faulty = (
         np.concatenate([sum(each.fact(name) for name in names) for each in played]) for names in ((RATE,), FAULTY)
     )
-    best = settings.judging.best if settings.judging is not None else "success"
-    judged = min(_read(directory / CURVE), key=lambda each: rank(each, best), default=NOT_JUDGED)
+    judging = settings.judging
+    asked: dict[str, Any] = {} if judging is None else {"best": judging.best, "cost_limit": judging.cost_limit}
+    judged = min(_read(directory / CURVE), key=lambda each: rank(each, **asked), default=NOT_JUDGED)
     return {
         "agent": name,
         "seed": settings.seed,
@@ -195,7 +196,7 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "threads": training["threads"],
         "processor": training["processor"],
         "versions": " ".join(f"{key} {value}" for key, value in sorted(training["versions"].items()) if value),
-        "judged": rank(judged, best),
+        "judged": rank(judged, **asked),
         "judged_success": float(judged["success"]),
         "judged_time_s": float(judged["time_to_goal"] or "inf"),
         "episodes": episodes,

@@ -149,6 +149,7 @@ class JudgingSettings(Settings):
     every: int = Field(1_000_000, ge=1, le=MOST_STEPS)  # steps
     # Which actor is kept: that with the highest success rate, or with the highest mean of 1 / time to goal, as scores rank.
     best: Literal["success", "speed"] = "success"
+    cost_limit: float | None = Field(None, ge=0)  # that 95 % of the episodes shall not exceed; comes before ``best``
 
 
 class ServesSettings(Settings):

@@ -92,9 +92,8 @@ class Measures(Ends):
 
 @dataclass(frozen=True)
 class Conducted(Measured):
-    """Outcomes with costs, and how smoothly and directly parts were moved."""
+    """Outcomes with measures of how smoothly and directly parts were moved."""
 
-    cost: np.ndarray  # sum of info["cost"]; nan without ``costs``
     action_change: np.ndarray  # mean absolute change of a number of the action from step to step
     overshoots: np.ndarray  # times that a part has left the position tolerance of its goal; nan without goal poses
     corrections: (
@@ -103,7 +102,7 @@ class Conducted(Measured):
 
 
 class Conduct(Measures):
-    """Collector of outcomes, bounds, collisions, costs, smoothness of commands and corrective movements.
+    """Collector of outcomes, bounds, collisions, smoothness of commands and corrective movements.
 
     Corrective movements are those of MagBotSim (Bergmann et al. 2025): *overshoots* and *distance corrections*. Changes of the
     distance below :data:`STILL` do not count. With several parts they are summed.
@@ -119,8 +118,7 @@ class Conduct(Measures):
         super().__init__(env, info, seeds)
         self._goals = env.task.has_goal and not env.task.flows
         count, blank = len(seeds), 0.0 if self._goals else np.nan
-        costs = 0.0 if env.core.costs is not None else np.nan
-        self.fields |= {"cost": np.full(count, costs), "action_change": np.zeros(count)}
+        self.fields |= {"action_change": np.zeros(count)}
         self.fields |= {name: np.full(count, blank) for name in ("overshoots", "corrections")}
         self._action: np.ndarray | None = None
         if self._goals:
@@ -131,8 +129,6 @@ class Conduct(Measures):
         """Add a step."""
         super().add(step)
         which = step.episode[step.playing]
-        if "cost" in step.info:
-            self.fields["cost"][which] += step.info["cost"][step.playing]
         action = np.asarray(step.action, dtype=np.float64).reshape(len(step.age), -1)
         if self._action is not None:
             change = np.abs(action - self._action).mean(axis=1)[step.playing]

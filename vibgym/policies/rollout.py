@@ -147,6 +147,7 @@ class Outcomes:
     returns: np.ndarray  # sum of rewards
     position_error: np.ndarray  # m, at the end; nan where a task does not report it
     heading_error: np.ndarray  # rad, at the end, magnitude; nan where the heading does not count
+    cost: np.ndarray  # sum of info["cost"]; nan without ``costs``
     path_error: np.ndarray  # m, rms distance of the worst part from a goal that moves; nan where goals stay
     facts: np.ndarray  # (episodes, OWN_FACTS) values of ``info`` at the end; nan where a task does not report them
 
@@ -178,6 +179,7 @@ class Ends:
             "steps": np.zeros(count, dtype=np.int64),
             **{key: np.zeros(count, dtype=bool) for key in ("success", "fallen", "diverged")},
             "returns": np.zeros(count),
+            "cost": np.full(count, 0.0 if "cost" in info else np.nan),
             **{key: np.full(count, np.nan) for key in ("position_error", "heading_error", "path_error")},
             "facts": np.full((count, len(OWN_FACTS)), np.nan),
         }
@@ -186,6 +188,8 @@ class Ends:
         """Add a step."""
         fields, info = self.fields, step.info
         fields["returns"][step.episode[step.playing]] += step.reward[step.playing]
+        if "cost" in info:
+            fields["cost"][step.episode[step.playing]] += info["cost"][step.playing]
         if step.ended.any():
             which = step.episode[step.ended]
             fields["steps"][which] = step.age[step.ended]
