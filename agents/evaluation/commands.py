@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,7 @@ def _settings(kind: Any, arguments: argparse.Namespace) -> Any:
     return kind.load(arguments.config, arguments.episodes, output)
 
 
-def _run(view: Any, settings: Any, arguments: argparse.Namespace, *more: Any, source: Path | None = None) -> None:
+def _run(view: Any, settings: Any, arguments: argparse.Namespace, *more: Any, source: Path | None = None) -> Any:
     """Run what ``view`` (a module) prepares, write its files and print its summary; errors of input name ``source``."""
     from agents import locks
     from agents.evaluation import run
@@ -75,6 +76,7 @@ def _run(view: Any, settings: Any, arguments: argparse.Namespace, *more: Any, so
         results = run.evaluate(prepared, arguments.quiet, arguments.ray)
         page = view.write(results, arguments.quiet)
     print(f"{view.summary_table(results)}\n\npage: {page}")
+    return results
 
 
 def _score_arguments(parser: argparse.ArgumentParser) -> None:
@@ -84,6 +86,15 @@ def _score_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--policy", type=Path, metavar="FILE", help="score this policy alone: YAML or JSON, as an entry of 'policies'"
     )
+    parser.add_argument(
+        "--enter", metavar="AUTHORS", help="with --policy: write an entry of these authors into entries/"
+    )
+    parser.add_argument(
+        "--entries",
+        type=Path,
+        metavar="DIR",
+        help="check, play and rank the entries of a directory (--episodes: of each task)",
+    )
     _episodes(parser)
     command_line.side_by_side(parser, processes=False)
 
@@ -92,10 +103,42 @@ def score(arguments: argparse.Namespace) -> None:
     """Play a suite, or the rest of it, write the scores and print them."""
     from agents.evaluation import score as suite
 
+    if arguments.enter is not None and arguments.policy is None:
+        raise checks.conflict("--enter requires --policy")
+    if arguments.entries is not None:
+        _verify_entries(arguments)
+        return
     settings = _settings(suite.SuiteSettings, arguments)
     if arguments.policy is not None:
         settings = settings.entered_by(arguments.policy)
-    _run(suite, settings, arguments, source=arguments.policy)
+    results = _run(suite, settings, arguments, source=arguments.policy)
+    if arguments.enter is not None:
+        from agents.evaluation.entries import enter
+
+        folder = enter(results, settings.entries()[0].name, arguments.policy, arguments.enter)
+        print(f"entry: {folder}")
+
+
+def _verify_entries(arguments: argparse.Namespace) -> None:
+    """Check, play and rank entries; exit with 1 if one is not verified."""
+    from agents.evaluation import entries, run
+    from agents.evaluation import score as suite
+
+    if arguments.policy is not None:
+        raise checks.conflict("--entries excludes --policy")
+    episodes, arguments.episodes = arguments.episodes, None  # the suite's seeds do not change
+    settings = _settings(suite.SuiteSettings, arguments)
+    found = entries.load_entries(arguments.entries, settings)
+    prepared = suite.prepare(entries.entered(settings, found, episodes))
+    results = run.evaluate(prepared, arguments.quiet, arguments.ray)
+    verdicts = {each.name: entries.verify(each, results) for each in found}
+    rows = entries.ranking(found, settings, verdicts)
+    page = entries.write(rows, Path(settings.output))
+    print(f"{entries.table(rows)}\n\ntable: {page}")
+    wrong = [name for name, verdict in verdicts.items() if not verdict.verified]
+    if wrong:
+        print(f"not verified: {', '.join(wrong)}", file=sys.stderr)
+        raise SystemExit(1)
 
 
 def _datasheet_arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,6 +8,7 @@ are correlated; where all rates are equal, exact intervals.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,14 @@ from studies.kept import show
 from vibgym.envs.drawn import drawn_shapes, seeds_by_shapes
 from vibgym.policies import rollout
 from vibgym.policies.measures import Measured, Measures
-from vibgym.scene.library import shapes
+from vibgym.scene.library import FAMILIES, shapes
+from vibgym.scene.library import SPLITS as LIBRARY
 
 FIRST_SEED = 300_000
 SPLITS = ("train", "test", "held_out")
 LEVEL, RESAMPLES = 0.95, 9999
+PITCH, ACROSS = 92.0, 16
+"""mm between the parts of the picture, and parts in a row."""
 
 POLICIES: dict[str, dict[str, Any]] = {
     "AlignShapes": {
@@ -71,12 +75,33 @@ def row(task: str, name: str, episodes: int) -> list[str]:
     return [task, name, *cells, f"{rates['held_out'] - rates['test']:+.1f}"]
 
 
+def picture(path: Path) -> None:
+    """Draw all parts of the library to scale, a row or more for each split."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 6.4), layout="constrained")
+    axes, row = figure.subplots(), 0
+    for split in LIBRARY:
+        for k, part in enumerate(shapes(split)):
+            x, y = 1e3 * part.outline.T + np.array([[PITCH * (k % ACROSS)], [-PITCH * (row + k // ACROSS)]])
+            axes.fill(x, y, color=f"C{list(FAMILIES).index(part.name.split('-')[0])}")
+        axes.text(-0.6 * PITCH, -PITCH * row, split.replace("_", " "), rotation=90, ha="center", va="center")
+        row += -(-len(shapes(split)) // ACROSS)
+    axes.set(aspect="equal", xlim=(-0.8 * PITCH, (ACROSS - 0.4) * PITCH), ylim=(-(row - 0.4) * PITCH, 0.6 * PITCH))
+    axes.set_axis_off()
+    figure.savefig(path, dpi=90)
+
+
 def main() -> None:
     """Evaluate and print; with ``--keep`` write the table of the documentation."""
     parser = common.parser(__doc__)
     parser.add_argument("--episodes", type=int, default=500)
     parser.add_argument("--only", nargs="+", default=list(POLICIES), choices=list(POLICIES))
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the library instead, as in docs/shapes.png")
     asked = parser.parse_args()
+    if asked.picture is not None:
+        picture(asked.picture)
+        return
     lines = [row(task, name, asked.episodes) for task in asked.only for name in POLICIES[task]]
     heads = ("task", "policy", *(split.replace("_", " ") for split in SPLITS), "held out less test, points")
     show("shapes", heads, lines, asked.keep)
