@@ -124,7 +124,10 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     yield "viewers", phasors
     yield "many worlds", many_worlds
     yield "policies", policies
-    for name in sorted(each for each in gymnasium.registry if each.startswith("vibgym/")):
+    ids = (each for each in gymnasium.registry if each.startswith("vibgym/"))
+    for name in sorted(
+        each for each in ids if "split" not in gymnasium.registry[each].kwargs
+    ):  # kernels are the task's
         for kind in ("state", "parts", "goal", "image"):
             yield f"{name}, {kind}", partial(observation, name, kind)
     for name, settings in HARDWARE.items():

@@ -9,6 +9,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 
+from tests.envs.helpers import assert_same
 from vibgym.envs.drawn import drawn_shapes, fixed_scenes, seeds_by_shapes
 from vibgym.policies import make_policy, rollout
 from vibgym.policies.measures import Measures
@@ -195,6 +196,25 @@ def test_bad_settings_are_one_error(settings, named):
     with pytest.raises(ValueError, match=named) as error:
         made(**settings)
     assert "\n" not in str(error.value)
+
+
+def test_a_batch_refuses_bad_calls_before_anything_changes():
+    env = gym.make_vec("vibgym/AlignShapes-v0", num_envs=3, action="velocity", split="test")
+    env.reset(seed=3)
+    env.step(np.zeros((3, 3)))
+    before = env.unwrapped.get_state()
+    corner = [0.025, 0.025, 0.0]
+    wrong = dict(before, envs=before["envs"][:2]), dict(before, envs=[*before["envs"][:2], {}]), {}
+    calls = [
+        lambda: env.step(np.full((3, 3), np.nan)),
+        lambda: env.step(np.zeros((2, 3))),
+        lambda: env.reset(seed=9, options={"pose": [*corner[:2], np.nan]}),
+        *(lambda state=state: env.unwrapped.set_state(state) for state in wrong),
+    ]
+    for call in calls:
+        with pytest.raises(ValueError):
+            call()
+        assert_same(env.unwrapped.get_state(), before)
 
 
 def test_a_native_batch_without_shapes_is_one_error():

@@ -125,7 +125,8 @@ class BatchEnv(EnvBase):
         return found.update({name: worlds.clone() for name in ("done", "terminated", "truncated", "success")})
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        given = tensordict[GROUP, "action"].detach().cpu().numpy()
+        chosen: Any = tensordict[GROUP, "action"]
+        given = chosen.detach().cpu().numpy()
         action = np.zeros((len(given), self._parts, self._numbers), dtype=np.float32)
         action[:, self._driven] = given
         seen, reward, terminated, truncated, info = self.env.step(action.reshape(len(given), -1))

@@ -1,17 +1,19 @@
 """Gymnasium environments, single and vectorised, on the same batched core."""
 
 from vibgym.envs.actions import ACTIONS, Action
+from vibgym.envs.drawn_vector import DrawnVectorEnv, make_vector
 from vibgym.envs.motions import Target, Velocity, Wrench
 from vibgym.envs.observations import OBSERVATIONS, Observation
 from vibgym.envs.options import Options
 from vibgym.envs.shared import Truth
 from vibgym.envs.single import VibgymEnv
-from vibgym.envs.vector import VibgymVectorEnv, make_vector
+from vibgym.envs.vector import VibgymVectorEnv
 
 __all__ = [
     "ACTIONS",
     "OBSERVATIONS",
     "Action",
+    "DrawnVectorEnv",
     "Observation",
     "Options",
     "Target",

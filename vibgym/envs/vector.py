@@ -9,14 +9,13 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from vibgym import checks
 from vibgym.envs.core import Core
 from vibgym.envs.options import MOST_EPISODE, Keywords, Options, StartOverride
 from vibgym.envs.shared import SharedInterface, frames_per_second
-from vibgym.envs.single import VibgymEnv
 from vibgym.snapshots import check_keys, copied, generator_from, generator_state, put_back, restored
 from vibgym.tasks import TASKS
 
@@ -281,22 +280,6 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             else:
                 result[world] = observations[world].copy()
         return result
-
-
-def make_vector(
-    task: str, num_envs: int = 1, *, max_episode_steps: int | None = None, autoreset_mode: Any = None, **options: Any
-) -> VectorEnv:
-    """Return a batch of an environment with drawn shapes: Gymnasium's of single ones, or the native one if shapes are fixed."""
-    mode = AutoresetMode.NEXT_STEP if autoreset_mode is None else AutoresetMode(autoreset_mode)
-    if options.get("split") is None or options.get("shapes") is not None:
-        more = {"max_episode_steps": max_episode_steps, "autoreset_mode": mode}
-        return VibgymVectorEnv(task, num_envs, **more, **options)  # type: ignore[arg-type]
-
-    def single() -> gym.Env:
-        env: gym.Env = VibgymEnv(task, **options)
-        return env if max_episode_steps is None else gym.wrappers.TimeLimit(env, max_episode_steps)
-
-    return SyncVectorEnv([single] * checks.count("num_envs", num_envs), autoreset_mode=mode)
 
 
 def registered_id(name: Any, field: str) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 import gymnasium as gym
 
 from vibgym import checks
+from vibgym.envs.drawn import drawn_shapes, fixed_scenes
 from vibgym.envs.vector import environment_id
 from vibgym.policies import TaskInfo, make_policy
 from vibgym.policies.protocol import Policy
@@ -77,12 +78,15 @@ class Settings:
         return found
 
     def environment(self) -> Any:
-        """Return the environment, without a time limit.
+        """Return the environment, without a time limit; where shapes are drawn, with the first ones of the split.
 
         Raises:
             ValueError: a model or hardware that does not support the task.
         """
-        return gym.make(self.id, disable_env_checker=True, **self.arguments()).unwrapped
+        arguments = self.arguments()
+        drawn = drawn_shapes(self.id, arguments)
+        fixed = {} if drawn is None else fixed_scenes(drawn)[0]
+        return gym.make(self.id, disable_env_checker=True, **arguments, **fixed).unwrapped
 
 
 def _named(info: TaskInfo) -> dict[str, Any]:

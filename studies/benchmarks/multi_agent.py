@@ -1,0 +1,167 @@
+"""IPPO and MAPPO of TorchRL on Swap with six parts, from scratch: ``python -m studies.benchmarks.multi_agent``.
+
+Parts are agents with shared weights on :class:`vibgym.adapters.torchrl.BatchEnv`, action ``velocity``. IPPO has a critic for
+each part (de Witt et al. 2020, https://arxiv.org/abs/2011.09533), MAPPO one that reads all parts (Yu et al. 2022,
+https://arxiv.org/abs/2103.01955). The networks are those of TorchRL, without vibgym's attention. Output: learning curve, then
+success, makespan and sum of costs on fresh episodes, beside the classical controllers. The sum of costs adds the times at which
+the parts have last reached their goals (Stern et al., "Multi-agent pathfinding: definitions, variants, and benchmarks", 2019).
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import torch
+from tensordict.nn import TensorDictModule
+from tensordict.nn.distributions import NormalParamExtractor
+from torch import nn
+from torchrl.collectors import Collector
+from torchrl.modules import MultiAgentMLP, ProbabilisticActor, TanhNormal
+from torchrl.objectives import ClipPPOLoss, ValueEstimators
+
+from studies.benchmarks import common
+from vibgym.adapters.torchrl import GROUP, BatchEnv
+from vibgym.policies import rollout
+from vibgym.policies.rollout import Ends
+
+SCENE: dict[str, Any] = {"parts": ["steel_block", "aluminium_block"] * 3}
+TASK, LENGTH, CELLS = "vibgym/Swap-v0", 32, 128
+GAMMA, LAMBDA, CLIP, EPOCHS, BATCH = 0.99, 0.95, 0.2, 4, 1024
+FIRST_SEED, JUDGED = 300_000, 100_000
+
+
+class Learned:
+    """Deterministic policy of an actor, for rollouts."""
+
+    action, observation = "velocity", "parts"
+
+    def __init__(self, net: nn.Module) -> None:
+        self.net = net
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> Any:
+        """Return the actions of all worlds."""
+        with torch.no_grad():
+            mean, _ = self.net(torch.as_tensor(observation["parts"]))
+        return torch.tanh(mean).reshape(len(mean), -1).numpy(), state
+
+
+class Arrivals(Ends):
+    """Collector of outcomes with the times at which parts have last reached their goals, s (episodes, parts)."""
+
+    def __init__(self, env: Any, info: dict[str, Any], seeds: Any) -> None:
+        super().__init__(env, info, seeds)
+        self.arrived = np.zeros((len(seeds), len(env.parts)))
+
+    def add(self, step: Any) -> None:
+        """Add a step."""
+        super().add(step)
+        which, late = step.episode[step.playing], ~step.info["parts"]["done"][step.playing]
+        now = self.env.step_time * step.age[step.playing, None]
+        self.arrived[which] = np.where(late, now, self.arrived[which])
+
+    def result(self, task: str, timing: Any) -> Any:
+        """Return outcomes and arrivals."""
+        return super().result(task, timing), self.arrived
+
+
+def nets(env: BatchEnv, central: bool) -> tuple[nn.Module, nn.Module]:
+    """Return actor and critic networks of all parts."""
+    columns = env.observation_spec[GROUP, "observation"].shape[-1]
+    numbers = env.full_action_spec[env.action_key].shape[-1]
+    more: dict[str, Any] = {"depth": 2, "num_cells": CELLS, "activation_class": nn.Tanh, "share_params": True}
+    agents = len(env.group_map[GROUP])
+    actor = MultiAgentMLP(columns, 2 * numbers, agents, centralized=False, **more)
+    extract = NormalParamExtractor(scale_mapping="biased_softplus_0.3")
+    return nn.Sequential(actor, extract), MultiAgentMLP(columns, 1, agents, centralized=central, **more)
+
+
+def train(central: bool, steps: int, worlds: int, seed: int) -> Learned:
+    """Train IPPO (``central`` false) or MAPPO, print the learning curve, and return the policy."""
+    torch.manual_seed(seed)
+    env = BatchEnv(TASK, num_envs=worlds, **SCENE)
+    env.set_seed(seed)
+    net, value = nets(env, central)
+    actor = ProbabilisticActor(
+        TensorDictModule(net, in_keys=[(GROUP, "observation")], out_keys=[(GROUP, "loc"), (GROUP, "scale")]),
+        in_keys=[(GROUP, "loc"), (GROUP, "scale")],
+        out_keys=[env.action_key],
+        distribution_class=TanhNormal,
+        return_log_prob=True,
+        log_prob_key=(GROUP, "log_prob"),
+    )
+    critic = TensorDictModule(value, in_keys=[(GROUP, "observation")], out_keys=[(GROUP, "state_value")])
+    loss = ClipPPOLoss(actor, critic, clip_epsilon=CLIP, entropy_coeff=0.0, normalize_advantage=True)
+    loss.set_keys(
+        reward=env.reward_key, action=env.action_key, sample_log_prob=(GROUP, "log_prob"), value=(GROUP, "state_value"),
+        done=(GROUP, "done"), terminated=(GROUP, "terminated"),
+    )  # fmt: skip
+    loss.make_value_estimator(ValueEstimators.GAE, gamma=GAMMA, lmbda=LAMBDA)
+    optimizer = torch.optim.Adam(loss.parameters(), lr=1e-3)
+    learned, began, last = Learned(net), time.perf_counter(), 0
+    batches = Collector(env, actor, frames_per_batch=worlds * LENGTH, total_frames=steps)
+    for number, batch in enumerate(batches):
+        share = 1.0 - number * worlds * LENGTH / steps
+        for group in optimizer.param_groups:
+            group["lr"] = 1e-3 * max(share, 0.1)
+        reward = batch["next", GROUP, "reward"]
+        for name in ("done", "terminated"):
+            batch["next", GROUP, name] = batch["next", name].unsqueeze(-1).expand(reward.shape)
+        with torch.no_grad():
+            loss.value_estimator(
+                batch, params=loss.critic_network_params, target_params=loss.target_critic_network_params
+            )
+        samples = batch.reshape(-1)
+        for _ in range(EPOCHS):
+            for rows in torch.randperm(len(samples)).split(BATCH):
+                terms = loss(samples[rows])
+                optimizer.zero_grad()
+                (terms["loss_objective"] + terms["loss_critic"]).backward()
+                nn.utils.clip_grad_norm_(loss.parameters(), 0.5)
+                optimizer.step()
+        done = (number + 1) * worlds * LENGTH
+        if done - last >= steps // 12:
+            last = done
+            found = rollout(learned, TASK, seeds=range(JUDGED, JUDGED + 50), **SCENE)
+            seconds = time.perf_counter() - began
+            print(
+                f"{done} steps, {seconds:.0f} s: success {found.success.mean():.0%}, fallen {found.fallen.mean():.0%}, "
+                f"time {np.nanmedian(found.time_to_goal) if found.success.any() else float('nan'):.2f} s, "
+                f"training episodes with success {batch['next', 'success'].float().sum() / batch['next', 'done'].sum():.0%}",
+                flush=True,
+            )
+    batches.shutdown()
+    return learned
+
+
+def show(name: str, policy: Any, episodes: int) -> None:
+    """Play fresh episodes and print success, makespan and sum of costs."""
+    found, arrived = rollout(policy, TASK, seeds=range(FIRST_SEED, FIRST_SEED + episodes), keep=Arrivals, **SCENE)
+    won = found.success
+    makespan = f"{np.median(found.time_to_goal[won]):.2f} s" if won.any() else "-"
+    costs = f"{np.median(arrived[won].sum(axis=1)):.2f} s" if won.any() else "-"
+    print(
+        f"{name:20s} success {won.mean():6.1%}  makespan {makespan}  sum of costs {costs}  fallen {found.fallen.mean():.1%}"
+    )
+
+
+def main() -> None:
+    """Train, evaluate and print."""
+    parser = common.parser(__doc__, keep=False)
+    parser.add_argument("--algorithm", choices=("ippo", "mappo"), default="mappo")
+    parser.add_argument("--steps", type=int, default=2_000_000)
+    parser.add_argument("--worlds", type=int, default=128)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--episodes", type=int, default=200)
+    asked = parser.parse_args()
+    learned = train(asked.algorithm == "mappo", asked.steps, asked.worlds, asked.seed)
+    show(asked.algorithm, learned, asked.episodes)
+    show("planner, pose", {"kind": "planner", "law": "pose"}, asked.episodes)
+    show("lanes", {"kind": "lanes", "action": "velocity"}, asked.episodes)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,147 @@
+"""Batches of environments whose shapes are drawn: Gymnasium's batch of single ones, with the interface of the native batch."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.vector.utils import concatenate, create_empty_array
+
+from vibgym import checks
+from vibgym.envs.features import Numbers
+from vibgym.envs.single import VibgymEnv
+from vibgym.envs.vector import VibgymVectorEnv
+from vibgym.scene.parts import Part
+from vibgym.snapshots import check_keys
+
+
+class DrawnVectorEnv(SyncVectorEnv):
+    """Batch of single environments, each of which draws its shapes; bit-identical to them.
+
+    Args:
+        task, options: of :class:`vibgym.envs.VibgymEnv`.
+        num_envs: number of environments.
+        max_episode_steps: step limit, which truncates; None for no limit.
+        autoreset_mode: as for :class:`vibgym.envs.VibgymVectorEnv`.
+
+    Raises:
+        ValueError: an invalid setting.
+    """
+
+    STATE = ("envs", "elapsed", "terminated", "truncated", "autoreset")
+    """Keys of a snapshot."""
+
+    def __init__(
+        self,
+        task: str,
+        num_envs: int = 1,
+        *,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ) -> None:
+        count = checks.count("num_envs", num_envs)
+        if not isinstance(autoreset_mode, AutoresetMode):
+            checks.choice("autoreset_mode", autoreset_mode, tuple(mode.value for mode in AutoresetMode))
+        single = partial(_single, task, max_episode_steps, options)
+        super().__init__([single] * count, autoreset_mode=AutoresetMode(autoreset_mode))
+        self.max_episode_steps = max_episode_steps
+
+    @property
+    def singles(self) -> list[VibgymEnv]:
+        """The environments without their time limits."""
+        return [env.unwrapped for env in self.envs]  # type: ignore[misc]
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The parts of the first environment; others have other shapes."""
+        return self.singles[0].parts
+
+    @property
+    def observation_layout(self) -> tuple[Numbers, ...]:
+        """See :attr:`vibgym.envs.VibgymEnv.observation_layout`."""
+        return self.singles[0].observation_layout
+
+    @property
+    def parts_layout(self) -> tuple[Numbers, ...]:
+        """See :attr:`vibgym.envs.VibgymEnv.parts_layout`."""
+        return self.singles[0].parts_layout
+
+    @property
+    def action_shape(self) -> tuple[int, ...]:
+        """Shape of an action of one environment."""
+        return self.singles[0].action_shape
+
+    def observed(self, kind: str) -> Any:
+        """Return a batch of another observation of the same instant, see :meth:`vibgym.envs.VibgymEnv.observed`."""
+        space = self.singles[0].core.observed_space(kind)
+        seen = [env.observed(kind) for env in self.singles]
+        return concatenate(space, seen, create_empty_array(space, self.num_envs))
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin episodes, see :meth:`vibgym.envs.VibgymVectorEnv.reset`; ``options`` apply to every environment.
+
+        Raises:
+            ValueError: an invalid seed, option or start; nothing has changed.
+        """
+        before = self.get_state() if options else None
+        try:
+            return super().reset(seed=seed, options=None if options is None else dict(options))
+        except ValueError:
+            if before is not None:
+                self.set_state(before)
+            raise
+
+    def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Advance all environments by one step.
+
+        Raises:
+            ValueError: an invalid action; nothing has changed.
+        """
+        return super().step(self.singles[0].core.action.check(actions, self.num_envs))
+
+    def get_state(self) -> dict[str, Any]:
+        """Return a snapshot that continues bit for bit."""
+        flags = self._terminations, self._truncations, self._autoreset_envs
+        elapsed = [getattr(env, "_elapsed_steps", None) for env in self.envs]
+        return dict(
+            zip(self.STATE, ([env.get_state() for env in self.singles], elapsed, *map(np.copy, flags)), strict=True)
+        )
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Restore a snapshot of an environment with the same settings and number of worlds.
+
+        Raises:
+            ValueError: a snapshot of another environment; nothing has changed.
+        """
+        check_keys("state", state, self.STATE)
+        if not checks.listed(state["envs"]) or len(state["envs"]) != self.num_envs:
+            raise checks.refuse("state['envs']", state["envs"], f"a list of {self.num_envs} snapshots")
+        before = [env.get_state() for env in self.singles]
+        try:
+            for env, own in zip(self.singles, state["envs"], strict=True):
+                env.set_state(own)
+        except ValueError:
+            for env, own in zip(self.singles, before, strict=True):
+                env.set_state(own)
+            raise
+        for env, steps in zip(self.envs, state["elapsed"], strict=True):
+            if isinstance(env, gym.wrappers.TimeLimit):
+                env._elapsed_steps = steps
+        self._terminations, self._truncations, self._autoreset_envs = (np.array(state[name]) for name in self.STATE[2:])
+
+
+def _single(task: str, max_episode_steps: int | None, options: dict[str, Any]) -> gym.Env:
+    env: gym.Env = VibgymEnv(task, **copy.deepcopy(options))
+    return env if max_episode_steps is None else gym.wrappers.TimeLimit(env, max_episode_steps)
+
+
+def make_vector(task: str, num_envs: int = 1, **options: Any) -> VectorEnv:
+    """Return a batch of an environment with drawn shapes, or the native one if shapes are fixed."""
+    drawn = options.get("split") is not None and options.get("shapes") is None
+    return (DrawnVectorEnv if drawn else VibgymVectorEnv)(task, num_envs, **options)
