@@ -74,7 +74,7 @@ def test_agents_have_one_line_each():
         seeds = Counter(row["agent"] for row in csv.DictReader(file) if row["agent"].startswith("Swap/"))
     expected = {name + (" (one seed)" if count == 1 else "") for name, count in seeds.items()}
     assert {cells[0] for cells in published.agent_lines("Swap")} == expected
-    assert seeds.keys() == {"Swap/ideal", "Swap/prototype"}
+    assert seeds.keys() == {"Swap/gentle", "Swap/ideal", "Swap/prototype"}
 
 
 def test_every_environment_has_a_page(pages):
