@@ -18,6 +18,7 @@ COMMANDS = {
     "tabulate": Entry("agents.tabulate", "evaluate the seeds of trained agents, write their table, ship the best"),
     "tune": Entry("agents.tune", "tune hyperparameters, or continue a study"),
     "record": Entry("agents.recording.record", "record episodes of a policy as a Minari data set"),
+    "replay": Entry("agents.recording.replay", "replay the episodes of a data set, bit for bit"),
 }
 
 

@@ -9,13 +9,14 @@ import os
 import tempfile
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import minari
+import numpy as np
 from minari.storage.datasets_root_dir import get_dataset_path
 from tqdm import tqdm
 
@@ -23,16 +24,20 @@ import vibgym
 from agents import command_line, locks
 from agents.command_line import Command
 from agents.recording import storage
-from agents.recording.play import Recorder
+from agents.recording.play import Episode, Recorder
 from agents.recording.record_settings import RecordSettings, load_settings
+from agents.recording.replay import Replayer
 from vibgym import checks
-from vibgym.envs.vector import environment_id
+from vibgym.envs.vector import batch_of, environment_id
 from vibgym.files import WriteError, reason
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.trained import described
 
 ROOT = "MINARI_DATASETS_PATH"
 """Environment variable with the directory of Minari's data sets."""
+
+REFERENCE = 20
+"""Episodes of the lower reference score."""
 
 SCENE = "vibgym_scene"
 """Key of the scene in the metadata of a data set."""
@@ -42,13 +47,15 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
     """Record episodes as a data set that Minari loads: all of it, or nothing.
 
     It has, per step, observations, executed actions, rewards and ends; per episode, as metadata
-    (``MinariDataset.storage.get_episode_metadata``), seed, success and randomized values.
+    (``MinariDataset.storage.get_episode_metadata``), seed, success and randomized values. Every episode is replayed bit for bit
+    before it is stored (:mod:`agents.recording.replay`). Reference scores, for Minari's normalized scores, are the mean returns
+    of random actions and of the recorded episodes.
 
     Returns:
         The data set's directory, its steps, and the seconds that it took.
 
     Raises:
-        ValueError: invalid settings, or a data set of this name exists; it is unchanged.
+        ValueError: invalid settings, or a data set of this name exists; it is unchanged. An episode that does not replay.
         WriteError: no space is left, for instance; nothing is left behind.
     """
     began = time.perf_counter()
@@ -97,13 +104,39 @@ def _write(recorder: Recorder, quiet: bool) -> int:
             requirements=[f"vibgym=={vibgym.__version__}"],
             jpeg_encoding=False,
         )
-    episodes = tqdm(recorder.episodes(), total=settings.episodes, unit="episode", disable=quiet)
-    count, steps = storage.write(made.storage.data_path, episodes)
+    replayer, returns = Replayer(settings.task, recorder.kwargs), list[float]()
+    episodes = tqdm(replayer.checked(recorder.episodes()), total=settings.episodes, unit="episode", disable=quiet)
+    count, steps = storage.write(made.storage.data_path, _noted(episodes, returns))
+    replayer.close()
     how = {"action": recorder.policy.action, "observation": settings.observation, "vibgym": vibgym.__version__}
-    facts = {"total_episodes": count, "total_steps": steps, "dataset_size": made.storage.get_size()}
+    reference = {"ref_min_score": random_return(settings, recorder.kwargs), "ref_max_score": float(np.mean(returns))}
+    facts = reference | {"total_episodes": count, "total_steps": steps, "dataset_size": made.storage.get_size()}
     scene = json.dumps({**scene_of(env.unwrapped), **how})
     made.storage.update_metadata({**facts, "settings": settings.model_dump_json(), SCENE: scene})
     return steps
+
+
+def _noted(episodes: Iterable[Episode], returns: list[float]) -> Iterator[Episode]:
+    """Yield episodes, and append their returns."""
+    for episode in episodes:
+        returns.append(float(episode.rewards.sum()))
+        yield episode
+
+
+def random_return(settings: RecordSettings, arguments: Mapping[str, Any]) -> float:
+    """Return the mean return of uniformly random actions in :data:`REFERENCE` episodes, the lower reference score."""
+    env: Any = batch_of(settings.task, num_envs=REFERENCE, autoreset_mode="Disabled", **arguments)
+    env.reset(seed=settings.first_seed)
+    draw, total, playing = np.random.default_rng(settings.first_seed), np.zeros(REFERENCE), np.ones(REFERENCE, bool)
+    while playing.any():
+        action = draw.uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32)
+        _, reward, terminated, truncated, _ = env.step(action)
+        total += np.where(playing, reward, 0.0)
+        playing &= ~(terminated | truncated)
+        if (terminated | truncated).any():
+            env.reset(options={"reset_mask": terminated | truncated})
+    env.close()
+    return float(total.mean())
 
 
 def scene_of(env: Any) -> dict[str, Any]:

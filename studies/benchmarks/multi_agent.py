@@ -27,8 +27,11 @@ from vibgym.policies import rollout
 from vibgym.policies.rollout import Ends
 
 SCENE: dict[str, Any] = {"parts": ["steel_block", "aluminium_block"] * 3}
+REWARDS: dict[str, Any] = {"task_settings": {"weights": {"success": 20.0, "fallen": 20.0}}}
+"""Of the training: falls cost all parts."""
+
 TASK, LENGTH, CELLS = "vibgym/Swap-v0", 32, 128
-GAMMA, LAMBDA, CLIP, EPOCHS, BATCH = 0.99, 0.95, 0.2, 4, 1024
+GAMMA, LAMBDA, CLIP, EPOCHS, BATCH, RATE = 0.99, 0.95, 0.2, 4, 1024, 5e-4
 FIRST_SEED, JUDGED = 300_000, 100_000
 
 
@@ -82,7 +85,7 @@ def nets(env: BatchEnv, central: bool) -> tuple[nn.Module, nn.Module]:
 def train(central: bool, steps: int, worlds: int, seed: int) -> Learned:
     """Train IPPO (``central`` false) or MAPPO, print the learning curve, and return the policy."""
     torch.manual_seed(seed)
-    env = BatchEnv(TASK, num_envs=worlds, **SCENE)
+    env = BatchEnv(TASK, num_envs=worlds, **SCENE, **REWARDS)
     env.set_seed(seed)
     net, value = nets(env, central)
     actor = ProbabilisticActor(
@@ -100,13 +103,13 @@ def train(central: bool, steps: int, worlds: int, seed: int) -> Learned:
         done=(GROUP, "done"), terminated=(GROUP, "terminated"),
     )  # fmt: skip
     loss.make_value_estimator(ValueEstimators.GAE, gamma=GAMMA, lmbda=LAMBDA)
-    optimizer = torch.optim.Adam(loss.parameters(), lr=1e-3)
+    optimizer = torch.optim.Adam(loss.parameters(), lr=RATE)
     learned, began, last = Learned(net), time.perf_counter(), 0
     batches = Collector(env, actor, frames_per_batch=worlds * LENGTH, total_frames=steps)
     for number, batch in enumerate(batches):
         share = 1.0 - number * worlds * LENGTH / steps
         for group in optimizer.param_groups:
-            group["lr"] = 1e-3 * max(share, 0.1)
+            group["lr"] = RATE * max(share, 0.1)
         reward = batch["next", GROUP, "reward"]
         for name in ("done", "terminated"):
             batch["next", GROUP, name] = batch["next", name].unsqueeze(-1).expand(reward.shape)

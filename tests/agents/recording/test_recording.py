@@ -1,14 +1,17 @@
 """Recorded episodes are those that were played, and go to disk whole or not at all."""
 
 import errno
+import json
 import os
 
 import gymnasium as gym
+import h5py
 import minari
 import numpy as np
 import pytest
 
 from agents import locks
+from agents.__main__ import main
 from agents.recording import record as recording
 from agents.recording.play import Recorder
 from agents.recording.record import kept_in, record
@@ -127,3 +130,58 @@ def test_files_are_refused_by_name(tmp_path):
     path.write_text("dataset: a-v0\ntask: Align\npolicy: pose\nwish: 1\n")
     with pytest.raises(ValueError, match="bad.yaml.*wish"):
         load_settings(path)
+
+
+def test_episodes_are_replayed_and_have_reference_scores(tmp_path, capsys):
+    settings = settings_of(tmp_path, episodes=4, noise=0.1)
+    record(settings, quiet=True)
+    about = loaded(settings).storage.metadata
+    returns = [episode.rewards.sum() for episode in loaded(settings).iterate_episodes()]
+    assert about["ref_max_score"] == pytest.approx(np.mean(returns)) and about["ref_min_score"] < np.mean(returns)
+    assert main(["replay", settings.dataset, "--output", str(tmp_path), "--quiet"]) == 0
+    assert "4 episodes replay" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("what", ["actions", "rewards", "observations/parts", "seed", "success"])
+def test_a_data_set_that_does_not_replay_is_refused(tmp_path, what, capsys):
+    settings = settings_of(tmp_path, episodes=2)
+    place, _, _ = record(settings, quiet=True)
+    with h5py.File(place / "data" / "main_data.hdf5", "r+") as file:
+        episode = file["episode_1"]
+        if what in ("seed", "success"):
+            episode.attrs[what] = 7 if what == "seed" else not episode.attrs[what]
+        else:
+            values = episode[what][()]
+            values[3] += np.float32(1e-3)
+            del episode[what]
+            episode[what] = values
+    assert main(["replay", settings.dataset, "--output", str(tmp_path), "--quiet"]) == 2
+    error = capsys.readouterr().err
+    assert "does not replay" in error and error.count("\n") == 1
+
+
+def test_data_sets_of_another_version_or_origin_are_refused(tmp_path, capsys):
+    settings = settings_of(tmp_path, episodes=2)
+    record(settings, quiet=True)
+    found = loaded(settings)
+    scene = json.loads(found.storage.metadata["vibgym_scene"])
+    found.storage.update_metadata({"vibgym_scene": json.dumps({**scene, "vibgym": "0.0.1"})})
+    assert main(["replay", settings.dataset, "--output", str(tmp_path), "--quiet"]) == 2
+    assert "version" in capsys.readouterr().err
+    assert main(["replay", "no/such-v0", "--output", str(tmp_path), "--quiet"]) == 2
+    assert "no/such-v0" in capsys.readouterr().err
+
+
+def test_nothing_is_stored_if_an_episode_does_not_replay(tmp_path, monkeypatch):
+    from agents.recording import play
+
+    cut = play.Tracks.cut
+
+    def wrong(self, world, steps):
+        seen, action, reward = cut(self, world, steps)
+        return seen, action, reward + 1e-9
+
+    monkeypatch.setattr(play.Tracks, "cut", wrong)
+    with pytest.raises(ValueError, match="does not replay"):
+        record(settings_of(tmp_path, episodes=2), quiet=True)
+    assert not list(tmp_path.rglob("main_data.hdf5"))
