@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,53 +20,74 @@ from agents.recording.play import Episode
 from vibgym import checks
 from vibgym.envs.vector import batch_of
 
+WORLDS = 64
+"""Episodes that are replayed at the same time."""
+
 
 class Replayer:
-    """Replays episodes in one world.
+    """Replays episodes, several at a time.
 
     Args:
         task, arguments: of the environment, see :func:`vibgym.envs.vector.batch_of`.
     """
 
     def __init__(self, task: str, arguments: Mapping[str, Any]) -> None:
-        self.env: Any = batch_of(task, num_envs=1, autoreset_mode="Disabled", **arguments)
+        self.env: Any = batch_of(task, num_envs=WORLDS, autoreset_mode="Disabled", **arguments)
 
-    def check(self, episode: Episode) -> None:
-        """Replay an episode.
+    def check(self, episodes: Sequence[Episode]) -> None:
+        """Replay at most :data:`WORLDS` episodes.
 
         Raises:
-            ValueError: names the first step and quantity that differ.
+            ValueError: names the seed, and the first step and quantity that differ.
         """
-        seen, _ = self.env.reset(seed=[episode.seed])
-        self._same(episode, 0, "observation", seen, episode.observations)
-        last = len(episode.rewards) - 1
-        for step, action in enumerate(episode.actions):
-            seen, reward, terminated, truncated, info = self.env.step(action[None])
-            self._same(episode, step + 1, "observation", seen, episode.observations)
-            ends = (bool(terminated[0]), bool(truncated[0]))
-            expected = (episode.terminated, episode.truncated) if step == last else (False, False)
-            success = bool(info["is_success"][0]) if step == last else episode.success
-            if reward[0] != episode.rewards[step] or ends != expected or success != episode.success:
-                raise self._differs(episode, step + 1, "reward or end")
-
-    def _same(self, episode: Episode, step: int, name: str, seen: Any, recorded: Any) -> None:
-        pairs = [(seen[key], recorded[key]) for key in recorded] if isinstance(recorded, dict) else [(seen, recorded)]
-        if not all(np.array_equal(now[0], then[step]) for now, then in pairs):
-            raise self._differs(episode, step, name)
+        count = len(episodes)
+        seeds = [episodes[min(k, count - 1)].seed for k in range(WORLDS)]
+        seen, _ = self.env.reset(seed=seeds)
+        for k, episode in enumerate(episodes):
+            self._observed(episode, 0, seen, k)
+        action, playing = np.zeros(self.env.action_space.shape, dtype=np.float32), np.arange(WORLDS) < count
+        for step in range(max(len(episode.rewards) for episode in episodes)):
+            for k in np.flatnonzero(playing).tolist():
+                action[k] = episodes[k].actions[step]
+            seen, reward, terminated, truncated, info = self.env.step(action)
+            for k in np.flatnonzero(playing).tolist():
+                episode, last = episodes[k], step + 1 == len(episodes[k].rewards)
+                self._observed(episode, step + 1, seen, k)
+                ends = episode.terminated and last, episode.truncated and last
+                same = reward[k] == episode.rewards[step] and (bool(terminated[k]), bool(truncated[k])) == ends
+                if not same or (last and bool(info["is_success"][k]) != episode.success):
+                    raise _differs(episode, step + 1, "reward or end")
+                playing[k] = not last
+            if (terminated | truncated).any():
+                self.env.reset(options={"reset_mask": terminated | truncated})
 
     @staticmethod
-    def _differs(episode: Episode, step: int, name: str) -> checks.Refused:
-        return checks.conflict(f"the episode of seed {episode.seed} does not replay: {name} of step {step} differs")
+    def _observed(episode: Episode, step: int, seen: Any, k: int) -> None:
+        recorded = episode.observations
+        pairs = [(seen[key], recorded[key]) for key in recorded] if isinstance(recorded, dict) else [(seen, recorded)]
+        if not all(np.array_equal(now[k], then[step]) for now, then in pairs):
+            raise _differs(episode, step, "observation")
 
     def checked(self, episodes: Iterable[Episode]) -> Iterator[Episode]:
         """Yield episodes, each after it has been replayed."""
+        waiting: list[Episode] = []
         for episode in episodes:
-            self.check(episode)
-            yield episode
+            waiting.append(episode)
+            if len(waiting) == WORLDS:
+                self.check(waiting)
+                yield from waiting
+                waiting = []
+        if waiting:
+            self.check(waiting)
+            yield from waiting
 
     def close(self) -> None:
         """Close the environment."""
         self.env.close()
+
+
+def _differs(episode: Episode, step: int, name: str) -> checks.Refused:
+    return checks.conflict(f"the episode of seed {episode.seed} does not replay: {name} of step {step} differs")
 
 
 def replay(name: str, directory: Path | None = None, quiet: bool = False) -> int:
@@ -97,16 +118,19 @@ def replay(name: str, directory: Path | None = None, quiet: bool = False) -> int
             raise checks.refuse(f"{name}: version", scene["vibgym"], f"this version of vibgym, {vibgym.__version__}")
         arguments = {**settings["environment"], "action": scene["action"], "observation": scene["observation"]}
         replayer = Replayer(settings["task"], arguments)
-        for episode in tqdm(found.iterate_episodes(), total=found.total_episodes, unit="episode", disable=quiet):
-            own = next(iter(found.storage.get_episode_metadata([episode.id])))
-            replayer.check(
-                Episode(
-                    int(own["seed"]), episode.observations, np.asarray(episode.actions), np.asarray(episode.rewards),
-                    bool(episode.terminations[-1]), bool(episode.truncations[-1]), bool(own["success"]), {},
-                )
-            )  # fmt: skip
+        episodes = (_stored(found, each) for each in found.iterate_episodes())
+        for _ in tqdm(replayer.checked(episodes), total=found.total_episodes, unit="episode", disable=quiet):
+            pass
         replayer.close()
     return int(found.total_episodes)
+
+
+def _stored(dataset: Any, episode: Any) -> Episode:
+    """Return an episode of Minari as it was recorded."""
+    own = next(iter(dataset.storage.get_episode_metadata([episode.id])))
+    ends = bool(episode.terminations[-1]), bool(episode.truncations[-1]), bool(own["success"])
+    actions, rewards = np.asarray(episode.actions), np.asarray(episode.rewards)
+    return Episode(int(own["seed"]), episode.observations, actions, rewards, *ends, {})
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
