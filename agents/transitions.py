@@ -13,8 +13,8 @@ import torch
 from minari.storage.datasets_root_dir import get_dataset_path
 
 import vibgym
-from agents.recording.record import SCENE, kept_in, scene_of
-from agents.recording.storage import FILE
+from agents.recording.record import scene_of
+from agents.recording.storage import FILE, SCENE, kept_in
 from agents.training_settings import OfflineSettings
 from vibgym import checks
 from vibgym.envs.actions import actions_by_part

@@ -10,7 +10,6 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -27,20 +26,15 @@ from agents.recording import storage
 from agents.recording.play import Episode, Recorder
 from agents.recording.record_settings import RecordSettings, load_settings
 from agents.recording.replay import Replayer
+from agents.recording.storage import SCENE, kept_in
 from vibgym import checks
 from vibgym.envs.vector import batch_of, environment_id
 from vibgym.files import WriteError, reason
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.trained import described
 
-ROOT = "MINARI_DATASETS_PATH"
-"""Environment variable with the directory of Minari's data sets."""
-
 REFERENCE = 20
 """Episodes of the lower reference score."""
-
-SCENE = "vibgym_scene"
-"""Key of the scene in the metadata of a data set."""
 
 
 def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, float]:
@@ -147,21 +141,6 @@ def scene_of(env: Any) -> dict[str, Any]:
         "parts": len(env.parts),
         "columns": [[row.name, row.width] for row in env.parts_layout],
     }
-
-
-@contextmanager
-def kept_in(directory: str | None) -> Iterator[None]:
-    """Set the directory of Minari's data sets within a block; None: unchanged."""
-    before = os.environ.get(ROOT)
-    if directory is not None:
-        os.environ[ROOT] = str(directory)
-    try:
-        yield
-    finally:
-        if before is None:
-            os.environ.pop(ROOT, None)
-        else:
-            os.environ[ROOT] = before
 
 
 def _named(policy: Any) -> str:

@@ -17,6 +17,7 @@ from tqdm import tqdm
 import vibgym
 from agents.command_line import Command
 from agents.recording.play import Episode
+from agents.recording.storage import SCENE, kept_in
 from vibgym import checks
 from vibgym.envs.vector import batch_of
 
@@ -102,8 +103,6 @@ def replay(name: str, directory: Path | None = None, quiet: bool = False) -> int
             differs.
     """
     import minari
-
-    from agents.recording.record import SCENE, kept_in
 
     with kept_in(None if directory is None else str(directory)):
         try:

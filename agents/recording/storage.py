@@ -6,7 +6,9 @@ every array is one compact object, in a quarter of that time; Minari reads both.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,12 @@ import numpy as np
 from h5py import h5a, h5d, h5g, h5p, h5s, h5t  # type: ignore[attr-defined]
 
 from agents.recording.play import Episode
+
+ROOT = "MINARI_DATASETS_PATH"
+"""Environment variable with the directory of Minari's data sets."""
+
+SCENE = "vibgym_scene"
+"""Key of the scene in the metadata of a data set."""
 
 FILE = "main_data.hdf5"
 MOST_COMPACT = 60_000
@@ -87,3 +95,18 @@ class _Writer:
         if dtype not in self.types:
             self.types[dtype] = h5t.py_create(dtype, logical=True)
         return self.types[dtype]
+
+
+@contextmanager
+def kept_in(directory: str | None) -> Iterator[None]:
+    """Set the directory of Minari's data sets within a block; None: unchanged."""
+    before = os.environ.get(ROOT)
+    if directory is not None:
+        os.environ[ROOT] = str(directory)
+    try:
+        yield
+    finally:
+        if before is None:
+            os.environ.pop(ROOT, None)
+        else:
+            os.environ[ROOT] = before

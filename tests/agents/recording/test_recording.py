@@ -14,8 +14,9 @@ from agents import locks
 from agents.__main__ import main
 from agents.recording import record as recording
 from agents.recording.play import Recorder
-from agents.recording.record import kept_in, record
+from agents.recording.record import record
 from agents.recording.record_settings import RecordSettings, load_settings
+from agents.recording.storage import kept_in
 from vibgym.files import WriteError
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo

@@ -11,8 +11,9 @@ import yaml
 
 from agents.checkpoint import KIND, VERSION
 from agents.offline import Offline
-from agents.recording.record import SCENE, record
+from agents.recording.record import record
 from agents.recording.record_settings import RecordSettings
+from agents.recording.storage import SCENE
 from agents.train import Training, train
 from agents.training_file import settings_from
 from agents.transitions import Transitions
