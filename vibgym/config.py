@@ -46,15 +46,9 @@ SurfaceSettings = create_model("SurfaceSettings", __base__=Settings, **_FIELDS)
 """Fields of :class:`vibgym.Surface`."""
 
 
-class PartSettings(Settings):
-    """A part by shape; lengths in m. ``rectangle`` needs length and width, ``disc`` radius, ``polygon`` vertices."""
+class PartProperties(Settings):
+    """Optional properties of a part besides its outline; lengths in m."""
 
-    shape: Literal["rectangle", "disc", "polygon"]
-    friction: float
-    length: float | None = None
-    width: float | None = None
-    radius: float | None = None
-    vertices: list[tuple[float, float]] | None = None
     static_friction: float | None = None
     height: float | None = None
     mass: float | None = None
@@ -63,6 +57,17 @@ class PartSettings(Settings):
     contact_friction: float | None = None
     coupling: float | None = None
     centre_height: float | None = None
+
+
+class PartSettings(PartProperties):
+    """A part by shape; lengths in m. ``rectangle`` needs length and width, ``disc`` radius, ``polygon`` vertices."""
+
+    shape: Literal["rectangle", "disc", "polygon"]
+    friction: float
+    length: float | None = None
+    width: float | None = None
+    radius: float | None = None
+    vertices: list[tuple[float, float]] | None = None
 
 
 SHAPE_FIELDS = {"rectangle": ("length", "width"), "disc": ("radius",), "polygon": ("vertices",)}

@@ -124,10 +124,9 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     yield "viewers", phasors
     yield "many worlds", many_worlds
     yield "policies", policies
-    ids = (each for each in gymnasium.registry if each.startswith("vibgym/"))
-    for name in sorted(
-        each for each in ids if "split" not in gymnasium.registry[each].kwargs
-    ):  # kernels are the task's
+    specs = (each for each in gymnasium.registry.values() if each.namespace == "vibgym")
+    # Ids with drawn shapes have the kernels of their task.
+    for name in sorted(each.id for each in specs if "split" not in each.kwargs):
         for kind in ("state", "parts", "goal", "image"):
             yield f"{name}, {kind}", partial(observation, name, kind)
     for name, settings in HARDWARE.items():

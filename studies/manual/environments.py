@@ -193,8 +193,9 @@ def _scene(name: str, env: VibgymEnv) -> str:
     limit, settings = ENVIRONMENTS[name]
     task, parts = env.task, env.parts
     names = [part.name for part in parts]
-    drawn = {} if env.drawn is None else {name: f"of drawn shape {k}" for k, name in enumerate(env.drawn.names(), 1)}
-    kinds = [drawn.get(name, name) for name in names]
+    library = set() if env.drawn is None else {part.name for part in env.drawn.library}
+    drawn = [name for name in dict.fromkeys(names) if name in library]
+    kinds = [f"of drawn shape {drawn.index(name) + 1}" if name in drawn else name for name in names]
     success = f"all parts done for {task.hold} consecutive periods"
     if task.flows:
         success = "none: parts arrive and leave continuously"

@@ -130,6 +130,15 @@ def test_a_reset_that_is_refused_changes_nothing():
     assert after["generator"] == before[1]["generator"] and after["shapes"] == before[1]["shapes"]
 
 
+def test_few_scenes_are_kept(monkeypatch):
+    monkeypatch.setattr("vibgym.envs.single.MOST_CORES", 3)
+    env, other = made("SortShapes").unwrapped, made("SortShapes").unwrapped
+    for seed in [*range(6), 0]:
+        seen = env.reset(seed=seed)[0]
+        assert len(env._cores) <= 3 and env.core in env._cores.values()
+    np.testing.assert_array_equal(seen, other.reset(seed=0)[0])
+
+
 def test_pictures_show_the_drawn_part():
     env = made(render_mode="rgb_array")
     frames = []

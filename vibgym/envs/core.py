@@ -279,21 +279,13 @@ class Core(Pipeline):
         Raises:
             ValueError: an unknown observation, or one that task or sensor do not support.
         """
-        return self._beside(kind).observe(self.sensing.measurement, self._measured, self.episode)
-
-    def observed_space(self, kind: str) -> spaces.Space:
-        """Return the space of :meth:`observed`, of one world."""
-        return self._beside(kind).space
-
-    def _beside(self, kind: str) -> Observation:
-        """Return an observation besides the environment's, made on first use."""
         name = checks.choice("kind", kind, OBSERVATIONS)
         if name not in self._observations:
             if not OBSERVATIONS[name].beside:
                 have = [each for each in OBSERVATIONS if OBSERVATIONS[each].beside]
                 raise checks.refuse("kind", kind, f"{', '.join(have)}, or the kind that the environment was made with")
             self._observations[name] = self._observation("kind", name)
-        return self._observations[name]
+        return self._observations[name].observe(self.sensing.measurement, self._measured, self.episode)
 
     def _observation(self, argument: str, kind: Any) -> Observation:
         """Create an observation by its name; ``argument`` is named in errors."""

@@ -131,7 +131,6 @@ class Costs:
 
     Args:
         value: the setting, see :func:`costs_from`.
-        parts: of a world.
         simulator: of all worlds.
         episode, relations: of all worlds, live.
         periods: oscillation periods of a step.
@@ -186,13 +185,15 @@ class Costs:
         """Compute the costs of the step that has just been scored.
 
         Raises:
-            ValueError: a cost of a wrong shape or type.
+            ValueError: a cost of a wrong shape or type, or with values that are not finite.
         """
         step, parts = self._step, self._shape[1]
         self.total[:], self.part[:] = 0.0, 0.0
         for name, (cost, weight) in self._costs.items():
             shape = self._shape if cost.by_part else self._shape[:1]
             values = checks.shaped(f"cost {name!r}", cost.measure(step), (shape,), "an array of numbers", kinds="bfiu")
+            if not np.isfinite(values).all():
+                raise checks.refuse(f"cost {name!r}", values[~np.isfinite(values)][0], "finite numbers")
             if cost.by_part:
                 values = np.where(step.present, values, 0.0)
                 self.part += weight * values

@@ -7,7 +7,7 @@ met. A native batch has fixed shapes (``shapes=``), since all of its worlds shar
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -17,7 +17,7 @@ from gymnasium.utils import seeding
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.config import Settings, parse, part_from, surface_from
+from vibgym.config import PartProperties, parse, part_from, surface_from
 from vibgym.envs.actions import new_action
 from vibgym.envs.options import Options
 from vibgym.scene.library import largest_dimension, scaled, shapes
@@ -30,21 +30,13 @@ MOST_DRAWN = 8
 """Most different shapes of an episode."""
 
 
-class DrawnPart(Settings):
+class DrawnPart(PartProperties):
     """A part whose shape is drawn; lengths in m. Properties that are given replace those of the drawn part."""
 
     shape: Literal["drawn"]
     which: int = Field(0, ge=0, lt=MOST_DRAWN)  # parts with equal numbers have the same shape, others different ones
     size: float | None = Field(None, gt=0.0)  # largest dimension
     friction: float | None = None
-    static_friction: float | None = None
-    height: float | None = None
-    mass: float | None = None
-    name: str | None = None
-    restitution: float | None = None
-    contact_friction: float | None = None
-    coupling: float | None = None
-    centre_height: float | None = None
 
     def part(self, drawn: Part) -> Part:
         """Return the part with a drawn shape."""
@@ -88,25 +80,21 @@ class DrawnShapes:
             if not checks.listed(given) or len(given) != self.draws or len(set(given)) != self.draws:
                 raise checks.refuse("shapes", given, allowed)
             self.shapes = tuple(checks.count(f"shapes[{k}]", n, least=0, most=most) for k, n in enumerate(given))
-        elif (
-            len({new_action(options.action, surface, self.parts([k] * self.draws)).shape for k in range(most + 1)}) > 1
-        ):
+        elif len(set(self._action_shapes(options.action, surface))) > 1:
             raise checks.conflict(
                 f"the size of action {options.action!r} depends on the part: with drawn shapes use 'velocity' or another one"
             )
+
+    def _action_shapes(self, action: Any, surface: Surface) -> Iterator[tuple[int, ...]]:
+        """Yield the shape of an action for every shape of the library."""
+        for k in range(len(self.library)):
+            yield new_action(action, surface, self.parts([k] * self.draws)).shape
 
     def parts(self, chosen: Sequence[int]) -> list[Part]:
         """Return the parts of an episode with these shapes, indices of the library."""
         return [
             part.part(self.library[chosen[part.which]]) if isinstance(part, DrawnPart) else part for part in self._parts
         ]
-
-    def names(self) -> list[str]:
-        """Return the names of the parts with the first shapes of the library, in the order of ``which``."""
-        first = {
-            part.which: part.part(self.library[part.which]).name for part in self._parts if isinstance(part, DrawnPart)
-        }
-        return [first[k] for k in range(self.draws)]
 
     def draw(self, uniform: np.ndarray) -> tuple[int, ...]:
         """Return different indices of the library from ``uniform`` (draws,) in [0, 1)."""

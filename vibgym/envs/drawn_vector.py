@@ -10,14 +10,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
-from gymnasium.vector.utils import concatenate, create_empty_array
 
 from vibgym import checks
 from vibgym.envs.features import Numbers
 from vibgym.envs.single import VibgymEnv
-from vibgym.envs.vector import VibgymVectorEnv
+from vibgym.envs.vector import VibgymVectorEnv, autoreset_mode_from, seeds_from
 from vibgym.scene.parts import Part
-from vibgym.snapshots import check_keys
+from vibgym.snapshots import check_keys, copied, put_back, restored
 
 
 class DrawnVectorEnv(SyncVectorEnv):
@@ -33,9 +32,6 @@ class DrawnVectorEnv(SyncVectorEnv):
         ValueError: an invalid setting.
     """
 
-    STATE = ("envs", "elapsed", "terminated", "truncated", "autoreset")
-    """Keys of a snapshot."""
-
     def __init__(
         self,
         task: str,
@@ -46,10 +42,8 @@ class DrawnVectorEnv(SyncVectorEnv):
         **options: Any,
     ) -> None:
         count = checks.count("num_envs", num_envs)
-        if not isinstance(autoreset_mode, AutoresetMode):
-            checks.choice("autoreset_mode", autoreset_mode, tuple(mode.value for mode in AutoresetMode))
-        single = partial(_single, task, max_episode_steps, options)
-        super().__init__([single] * count, autoreset_mode=AutoresetMode(autoreset_mode))
+        mode, single = autoreset_mode_from(autoreset_mode), partial(_single, task, max_episode_steps, options)
+        super().__init__([single] * count, autoreset_mode=mode)
         self.max_episode_steps = max_episode_steps
 
     @property
@@ -79,9 +73,10 @@ class DrawnVectorEnv(SyncVectorEnv):
 
     def observed(self, kind: str) -> Any:
         """Return a batch of another observation of the same instant, see :meth:`vibgym.envs.VibgymEnv.observed`."""
-        space = self.singles[0].core.observed_space(kind)
         seen = [env.observed(kind) for env in self.singles]
-        return concatenate(space, seen, create_empty_array(space, self.num_envs))
+        if isinstance(seen[0], dict):
+            return {name: np.stack([each[name] for each in seen]) for name in seen[0]}
+        return np.stack(seen)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin episodes, see :meth:`vibgym.envs.VibgymVectorEnv.reset`; ``options`` apply to every environment.
@@ -89,9 +84,9 @@ class DrawnVectorEnv(SyncVectorEnv):
         Raises:
             ValueError: an invalid seed, option or start; nothing has changed.
         """
-        before = self.get_state() if options else None
+        seeds, before = seeds_from(seed, self.num_envs), self.get_state() if options else None
         try:
-            return super().reset(seed=seed, options=None if options is None else dict(options))
+            return super().reset(seed=seeds, options=None if options is None else dict(options))
         except ValueError:
             if before is not None:
                 self.set_state(before)
@@ -107,11 +102,7 @@ class DrawnVectorEnv(SyncVectorEnv):
 
     def get_state(self) -> dict[str, Any]:
         """Return a snapshot that continues bit for bit."""
-        flags = self._terminations, self._truncations, self._autoreset_envs
-        elapsed = [getattr(env, "_elapsed_steps", None) for env in self.envs]
-        return dict(
-            zip(self.STATE, ([env.get_state() for env in self.singles], elapsed, *map(np.copy, flags)), strict=True)
-        )
+        return {"envs": [env.get_state() for env in self.singles], **copied(self._flags())}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore a snapshot of an environment with the same settings and number of worlds.
@@ -119,21 +110,28 @@ class DrawnVectorEnv(SyncVectorEnv):
         Raises:
             ValueError: a snapshot of another environment; nothing has changed.
         """
-        check_keys("state", state, self.STATE)
+        check_keys("state", state, ("envs", *self._flags()))
+        flags = restored("state", self._flags(), {name: state[name] for name in self._flags()})
         if not checks.listed(state["envs"]) or len(state["envs"]) != self.num_envs:
             raise checks.refuse("state['envs']", state["envs"], f"a list of {self.num_envs} snapshots")
         before = [env.get_state() for env in self.singles]
         try:
-            for env, own in zip(self.singles, state["envs"], strict=True):
-                env.set_state(own)
+            self._set_states(state["envs"])
         except ValueError:
-            for env, own in zip(self.singles, before, strict=True):
-                env.set_state(own)
+            self._set_states(before)
             raise
-        for env, steps in zip(self.envs, state["elapsed"], strict=True):
+        put_back(self._flags(), flags)
+
+    def _flags(self) -> dict[str, np.ndarray]:
+        return {
+            "terminated": self._terminations, "truncated": self._truncations, "finished": self._autoreset_envs,
+        }  # fmt: skip
+
+    def _set_states(self, states: Any) -> None:
+        for env, single, own in zip(self.envs, self.singles, states, strict=True):
+            single.set_state(own)
             if isinstance(env, gym.wrappers.TimeLimit):
-                env._elapsed_steps = steps
-        self._terminations, self._truncations, self._autoreset_envs = (np.array(state[name]) for name in self.STATE[2:])
+                env._elapsed_steps = single.steps
 
 
 def _single(task: str, max_episode_steps: int | None, options: dict[str, Any]) -> gym.Env:

@@ -23,6 +23,9 @@ from vibgym.snapshots import check_keys, generator_from, generator_state
 RENDER_MODES = ("rgb_array", "human")
 _FIRST = np.zeros(1, dtype=np.int64)
 
+MOST_CORES = 64
+"""Scenes with drawn shapes that an environment keeps; a core has some 0.3 MB and takes some 20 ms to make."""
+
 
 class VibgymEnv(SharedInterface, gym.Env):
     """Parts on a segmented vibrating surface, and a task. One step is one oscillation period (40 ms).
@@ -110,13 +113,13 @@ class VibgymEnv(SharedInterface, gym.Env):
         slots: of tasks with several parts: blocks of the state observation, at least the number of parts.
         walls: of tasks with several parts except Follow: among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``.
         paths: of Follow, see :class:`vibgym.tasks.Follow`.
-        task_settings: further keyword arguments of the task, such as ``hold`` (periods) and ``weights``.
-        periods_per_step: oscillation periods per step. Hold, time cost and limit count periods.
         split: parts ``{"shape": "drawn"}`` get a shape of this split for each episode: ``"train"``, ``"validation"``,
             ``"test"``, ``"held_out"`` (:func:`vibgym.scene.shapes`, :mod:`vibgym.envs.drawn`).
         shapes: indices of the split's parts instead of drawn ones, one for each different shape.
         costs: costs beside the reward, see :mod:`vibgym.envs.costs`: a mapping from ``"impulse"``, ``"fallen"``,
             ``"clearance"``, ``"effort"`` or a registered name to a weight, or to a mapping with ``weight`` and settings.
+        task_settings: further keyword arguments of the task, such as ``hold`` (periods) and ``weights``.
+        periods_per_step: oscillation periods per step. Hold, time cost and limit count periods.
         max_episode_periods: periods after which an episode is truncated, if ``periods_per_step`` > 1. With one period per
             step, Gymnasium's ``max_episode_steps`` applies.
         render_mode: None, ``"rgb_array"`` or ``"human"``.
@@ -200,6 +203,11 @@ class VibgymEnv(SharedInterface, gym.Env):
         reward, ended, info = core.info.read()
         return observation, reward, ended, truncated, info
 
+    @property
+    def steps(self) -> int:
+        """Steps of the present episode."""
+        return self._steps
+
     def get_state(self) -> dict[str, Any]:
         """Return a snapshot that continues bit for bit, generator included; trails of images are not part of it."""
         state = {**self.core.get_state(), "generator": generator_state(self.np_random), "steps": self._steps}
@@ -243,10 +251,16 @@ class VibgymEnv(SharedInterface, gym.Env):
             self._viewer.close()
 
     def _core_of(self, chosen: tuple[int, ...]) -> Core:
-        """Return the core of a scene with these shapes; new ones are kept."""
-        if chosen not in self._cores:
-            self._cores[chosen] = Core(replace(self._options, shapes=chosen), 1, WorldInfo)
-        return self._cores[chosen]
+        """Return the core of a scene with these shapes; the last :data:`MOST_CORES` are kept."""
+        core = self._cores.pop(chosen, None) or Core(replace(self._options, shapes=chosen), 1, WorldInfo)
+        self._cores[chosen] = core  # as the last
+        if len(self._cores) > MOST_CORES:
+            del self._cores[next(iter(self._cores))]
+        return core
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the cores of other shapes."""
+        return {**vars(self), "_cores": {}}
 
     def _use(self, core: Core) -> None:
         """Continue with a core."""

@@ -58,9 +58,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             checks.count("max_episode_steps", max_episode_steps, most=MOST_EPISODE)
         if render_mode is not None:
             checks.choice("render_mode", render_mode, ("rgb_array",))
-        if not isinstance(autoreset_mode, AutoresetMode):
-            checks.choice("autoreset_mode", autoreset_mode, tuple(mode.value for mode in AutoresetMode))
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = autoreset_mode_from(autoreset_mode)
         self.core = Core(known, self.num_envs)
         limits = (max_episode_steps, self.core.step_limit)
         self.max_episode_steps = min((each for each in limits if each is not None), default=None)
@@ -99,7 +97,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         override = self._override(self.core, options, ("reset_mask",))
         mask = self._reset_mask(options)
         fresh = list(self._generators)
-        for world, each in enumerate(self._seeds(seed)):
+        for world, each in enumerate(seeds_from(seed, self.num_envs)):
             if mask[world] and (each is not None or fresh[world] is None):
                 fresh[world] = seeding.np_random(each)[0]
         if override is not None:  # an invalid start must not change anything
@@ -247,16 +245,6 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         """Begin episodes in the worlds of ``mask``; update observations and info."""
         self.core.refresh(self._begin(mask))
 
-    def _seeds(self, seed: Any) -> Sequence[int | None]:
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, int | np.integer) and not isinstance(seed, bool):
-            first = checks.count("seed", seed, least=0)
-            return [first + k for k in range(self.num_envs)]
-        if isinstance(seed, Sequence) and not isinstance(seed, str) and len(seed) == self.num_envs:
-            return [None if each is None else checks.count(f"seed[{k}]", each, least=0) for k, each in enumerate(seed)]
-        raise checks.refuse("seed", seed, f"None, a whole number >= 0, or a sequence of {self.num_envs}")
-
     def _reset_mask(self, options: dict[str, Any] | None) -> np.ndarray:
         if not options or "reset_mask" not in options:
             return np.ones(self.num_envs, dtype=bool)
@@ -280,6 +268,25 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             else:
                 result[world] = observations[world].copy()
         return result
+
+
+def autoreset_mode_from(value: Any) -> AutoresetMode:
+    """Return an autoreset mode, given as such or by its value."""
+    if not isinstance(value, AutoresetMode):
+        checks.choice("autoreset_mode", value, tuple(mode.value for mode in AutoresetMode))
+    return AutoresetMode(value)
+
+
+def seeds_from(seed: Any, worlds: int) -> list[int | None]:
+    """Return the seed of each world: ``seed + k`` of world k, or the entries of a sequence; None continues a generator."""
+    if seed is None:
+        return [None] * worlds
+    if isinstance(seed, int | np.integer) and not isinstance(seed, bool):
+        first = checks.count("seed", seed, least=0)
+        return [first + k for k in range(worlds)]
+    if isinstance(seed, Sequence) and not isinstance(seed, str) and len(seed) == worlds:
+        return [None if each is None else checks.count(f"seed[{k}]", each, least=0) for k, each in enumerate(seed)]
+    raise checks.refuse("seed", seed, f"None, a whole number >= 0, or a sequence of {worlds}")
 
 
 def registered_id(name: Any, field: str) -> str:
