@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -64,16 +65,22 @@ def _settings(kind: Any, arguments: argparse.Namespace) -> Any:
     return kind.load(arguments.config, arguments.episodes, output)
 
 
-def _run(view: Any, settings: Any, arguments: argparse.Namespace, *more: Any, source: Path | None = None) -> Any:
-    """Run what ``view`` (a module) prepares, write its files and print its summary; errors of input name ``source``."""
+@contextlib.contextmanager
+def _played(view: Any, settings: Any, arguments: argparse.Namespace, source: Path, *more: Any) -> Iterator[Any]:
+    """Prepare and run an evaluation, and hold the lock of its directory; errors of input name ``source``."""
     from agents import locks
     from agents.evaluation import run
 
-    with checks.within(source or arguments.config):
+    with checks.within(source):
         prepared = view.prepare(settings, *more)
         lock = command_line.entered(locks.one_run(Path(settings.output), f"{settings.where}.output"))
     with lock:
-        results = run.evaluate(prepared, arguments.quiet, arguments.ray)
+        yield run.evaluate(prepared, arguments.quiet, arguments.ray)
+
+
+def _run(view: Any, settings: Any, arguments: argparse.Namespace, *more: Any, source: Path | None = None) -> Any:
+    """Run what ``view`` (a module) prepares, write its files, print its summary, and return the results."""
+    with _played(view, settings, arguments, source or arguments.config, *more) as results:
         page = view.write(results, arguments.quiet)
     print(f"{view.summary_table(results)}\n\npage: {page}")
     return results
@@ -103,25 +110,28 @@ def score(arguments: argparse.Namespace) -> None:
     """Play a suite, or the rest of it, write the scores and print them."""
     from agents.evaluation import score as suite
 
-    if arguments.enter is not None and arguments.policy is None:
-        raise checks.conflict("--enter requires --policy")
+    if arguments.enter is not None and (arguments.policy is None or arguments.episodes is not None):
+        raise checks.conflict("--enter requires --policy, and all episodes")
     if arguments.entries is not None:
         _verify_entries(arguments)
         return
     settings = _settings(suite.SuiteSettings, arguments)
     if arguments.policy is not None:
         settings = settings.entered_by(arguments.policy)
-    results = _run(suite, settings, arguments, source=arguments.policy)
-    if arguments.enter is not None:
-        from agents.evaluation.entries import enter
+    if arguments.enter is None:
+        _run(suite, settings, arguments, source=arguments.policy)
+        return
+    from agents.evaluation import entries
 
-        folder = enter(results, settings.entries()[0].name, arguments.policy, arguments.enter)
-        print(f"entry: {folder}")
+    name = settings.entries()[0].name
+    entries.new_folder(name)  # refused before anything is played
+    results = _run(suite, settings, arguments, source=arguments.policy)
+    print(f"entry: {entries.enter(results, name, arguments.policy, arguments.enter)}")
 
 
 def _verify_entries(arguments: argparse.Namespace) -> None:
     """Check, play and rank entries; exit with 1 if one is not verified."""
-    from agents.evaluation import entries, run
+    from agents.evaluation import entries
     from agents.evaluation import score as suite
 
     if arguments.policy is not None:
@@ -129,11 +139,10 @@ def _verify_entries(arguments: argparse.Namespace) -> None:
     episodes, arguments.episodes = arguments.episodes, None  # the suite's seeds do not change
     settings = _settings(suite.SuiteSettings, arguments)
     found = entries.load_entries(arguments.entries, settings)
-    prepared = suite.prepare(entries.entered(settings, found, episodes))
-    results = run.evaluate(prepared, arguments.quiet, arguments.ray)
-    verdicts = {each.name: entries.verify(each, results) for each in found}
-    rows = entries.ranking(found, settings, verdicts)
-    page = entries.write(rows, Path(settings.output))
+    with _played(suite, entries.entered(settings, found, episodes), arguments, arguments.entries) as results:
+        verdicts = {each.name: entries.verify(each, results) for each in found}
+        rows = entries.ranking(found, settings, verdicts)
+        page = entries.write(rows, Path(settings.output))
     print(f"{entries.table(rows)}\n\ntable: {page}")
     wrong = [name for name, verdict in verdicts.items() if not verdict.verified]
     if wrong:

@@ -11,6 +11,7 @@ import io
 import json
 import math
 import shutil
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -146,7 +147,9 @@ def _claims(path: Path, settings: SuiteSettings, most: int | None) -> dict[tuple
     for task, hardware, seed, score in rows:
         if not 0.0 <= score <= 1.0:
             raise checks.refuse(f"score of {task}, {hardware}, seed {seed}", score, "a number in [0, 1]")
-        found.setdefault((task, hardware), {})[seed] = score
+        if seed in found.setdefault((task, hardware), {}):
+            raise checks.conflict(f"{task}, {hardware}: seed {seed} occurs twice")
+        found[task, hardware][seed] = score
     limits = {machine.name: machine.episodes for machine in settings.hardware_entries()}
     for (task, hardware), scores in found.items():
         checks.choice("task", task, settings.tasks)
@@ -269,34 +272,44 @@ def enter(results: Results, name: str, source: Path | None, authors: str, direct
         directory: of all entries.
 
     Raises:
-        ValueError: the folder exists, or no such policy was played.
+        ValueError: the folder exists.
     """
-    settings = results.settings
-    entry = next((each for each in settings.entries() if each.name == name), None)
-    if entry is None:
-        raise checks.unknown("policy of --enter", name, [each.name for each in settings.entries()])
-    folder = directory / checks.label("--enter", name)
-    if folder.exists():
-        raise checks.refuse("--enter", name, f"the name of a folder that does not exist yet in {directory}")
+    entry = next(each for each in results.settings.entries() if each.name == name)
     rows: list[dict[str, Any]] = [
         dict(zip(COLUMNS, (place.task, place.hardware, seed, round(score, 10)), strict=True))
         for (place, _), found in results.rollouts.items()
         if place.policy == name
         for seed, score in zip(found.seeds, episode_scores(found).tolist(), strict=True)
     ]
-    content = entry.content
-    folder.mkdir(parents=True)
-    if source is not None and source.suffix == ".json":
-        tensors = source.with_name(json.loads(source.read_text(encoding="utf-8"))["tensors"])
-        for path in (source, tensors):
-            shutil.copy(path, folder / path.name)
-        content = {"kind": "trained", "path": f"{HERE}/{source.name}"}
-    found = digests(folder, _placed(content, folder), settings.tasks)
-    plain = {
-        "policy": content, "training_steps": entry.training_steps or 0, "authors": authors,
-        **({} if entry.episodes is None else {"episodes": entry.episodes}), "sha256": found,
-    }  # fmt: skip
-    text = io.StringIO()
-    YAML().dump(json.loads(json.dumps(plain)), text)
-    write_together({folder / ENTRY: text.getvalue(), folder / CLAIMS: csv_text(rows)})
+    content, folder = entry.content, new_folder(name, directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".entry-", dir=directory) as place:
+        made = Path(place) / name
+        made.mkdir()
+        if source is not None and source.suffix == ".json":
+            tensors = source.with_name(json.loads(source.read_text(encoding="utf-8"))["tensors"])
+            for path in (source, tensors):
+                shutil.copy(path, made / path.name)
+            content = {"kind": "trained", "path": f"{HERE}/{source.name}"}
+        plain = {
+            "policy": content, "training_steps": entry.training_steps or 0, "authors": authors,
+            **({} if entry.episodes is None else {"episodes": entry.episodes}),
+            "sha256": digests(made, _placed(content, made), results.settings.tasks),
+        }  # fmt: skip
+        text = io.StringIO()
+        YAML().dump(json.loads(json.dumps(plain)), text)
+        write_together({made / ENTRY: text.getvalue(), made / CLAIMS: csv_text(rows)})
+        made.rename(folder)
+    return folder
+
+
+def new_folder(name: str, directory: Path = ENTRIES) -> Path:
+    """Return the folder of a new entry.
+
+    Raises:
+        ValueError: it exists, or a bad name.
+    """
+    folder = directory / checks.label("--enter", name)
+    if folder.exists():
+        raise checks.refuse("--enter", name, f"the name of a folder that does not exist yet in {directory}")
     return folder

@@ -87,7 +87,7 @@ def test_claims_that_are_not_reached_are_not_verified(place, capsys):
 def test_entries_are_ranked_by_score_and_custom_files_belong_to_them(place):
     other = Path("entries/still")
     other.mkdir()
-    (other / "entry.yaml").write_text("{policy: zero, training_steps: 0, authors: nobody else}")
+    (other / "entry.yaml").write_text("{policy: zero, training_steps: 0, authors: another}")
     rows = Path("entries/mine/episodes.csv").read_text().splitlines()
     zeros = [",".join([*row.split(",")[:3], "0.0"]) for row in rows[1:]]
     (other / "episodes.csv").write_text("\n".join([rows[0], *zeros]) + "\n")
@@ -132,7 +132,9 @@ def test_an_empty_directory_and_conflicting_options_are_refused(place, capsys):
     Path("none").mkdir()
     for arguments in (["--entries", "none"], ["--entries", "entries", "--policy", "mine.yaml"], ["--enter", "me"]):
         assert main(["score", "suite.yaml", *arguments, "--output", "found"]) == 2
-    assert main(["score", "suite.yaml", "--policy", "mine.yaml", "--enter", "me", "--output", "o", "--quiet"]) == 2
+    again = ["score", "suite.yaml", "--policy", "mine.yaml", "--enter", "me", "--output", "o", "--quiet"]
+    assert main(again) == 2 and not Path("o").exists()  # the entry exists: nothing is played
+    assert main([*again, "--episodes", "1"]) == 2
 
 
 def test_shipped_entries_are_valid():
