@@ -129,7 +129,7 @@ class LearningCurve:
         spec = gym.registry.get(environment_id(self.task))
         if spec is None or (spec.max_episode_steps is None and spec.kwargs.get("max_episode_periods") is None):
             raise checks.conflict(f"judging requires a task with a step limit, got {settings.task!r}")
-        if self.judging.cost_limit is not None and "costs" not in {**spec.kwargs, **settings.environment}:
+        if self.judging.cost_limit is not None and {**spec.kwargs, **settings.environment}.get("costs") is None:
             raise checks.conflict("judging.cost_limit requires environment.costs")
         scenes = evaluation_environments(settings)
         shares = np.array_split(np.arange(self.judging.episodes), len(scenes))

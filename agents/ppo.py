@@ -24,7 +24,7 @@ import numpy as np
 import torch
 
 from agents.checkpoint import Modules, Optimizers
-from agents.curriculum import Curriculum
+from agents.curriculum import Curriculum, Episode
 from agents.imitation import Imitation, check_memory, experts
 from agents.learner import PartsLearner, Report
 from agents.learning_curve import without_hold
@@ -33,7 +33,7 @@ from agents.rollout import Rollout
 from agents.training_settings import ImitationSettings, PPOSettings, TrainSettings, check_bytes, for_seed
 from vibgym import checks
 from vibgym.config import Settings
-from vibgym.envs.vector import batch_of
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Inputs
 from vibgym.policies.trained.residual import ResidualPolicy
@@ -53,7 +53,7 @@ learning rate. An imitated actor's first update at the full rate had a divergenc
 
 
 IDLE = 16
-"""Episodes in which nothing is commanded, see :func:`check_cost_limit`."""
+"""Episodes in which all elements rest, see :func:`check_cost_limit`."""
 
 
 class PPO(PartsLearner):
@@ -112,8 +112,7 @@ class PPO(PartsLearner):
         if own.cost_limit is not None:
             check_cost_limit(settings)
         self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
-        # Return, length, success and cost.
-        self.episodes: deque[tuple[float, int, bool, float]] = deque(maxlen=WINDOW)
+        self.episodes: deque[Episode] = deque(maxlen=WINDOW)
         self._observation: Any = None
         self._start = np.ones(env.num_envs, dtype=bool)
         self._inputs: Inputs | None = None
@@ -358,26 +357,16 @@ class PPO(PartsLearner):
 
 
 def check_cost_limit(settings: TrainSettings) -> None:
-    """Raise ValueError for a run with a cost limit below the mean cost of episodes in which nothing is commanded.
+    """Raise ValueError for a run with a cost limit below the mean cost of episodes in which all elements rest.
 
     Raises:
         ValueError: also for environments without costs.
     """
     assert isinstance(settings.own, PPOSettings) and settings.own.cost_limit is not None
-    env: Any = batch_of(settings.task, **{**without_hold(settings)[0], "num_envs": IDLE, "autoreset_mode": "Disabled"})
-    if env.unwrapped.core.costs is None:
+    environment = {name: value for name, value in without_hold(settings)[0].items() if name != "action"}
+    found = rollout("zero", settings.task, seeds=range(settings.seed, settings.seed + IDLE), **environment)
+    if np.isnan(found.cost).any():
         raise checks.conflict("ppo.cost_limit requires environment.costs")
-    env.reset(seed=settings.seed)
-    cost, playing = np.zeros(IDLE), np.ones(IDLE, dtype=bool)
-    still = np.zeros(env.action_space.shape, dtype=np.float32)
-    while playing.any():
-        _, _, terminated, truncated, info = env.step(still)
-        cost += np.where(playing, info["cost"], 0.0)
-        ended = terminated | truncated
-        playing &= ~ended
-        if ended.any():
-            env.reset(options={"reset_mask": ended})
-    env.close()
-    if settings.own.cost_limit < cost.mean():
-        allowed = f"at least {cost.mean():.4g}, the mean cost of an episode in which nothing is commanded"
+    if settings.own.cost_limit < found.cost.mean():
+        allowed = f"at least {found.cost.mean():.4g}, the mean cost of an episode in which all elements rest"
         raise checks.refuse("ppo.cost_limit", settings.own.cost_limit, allowed)

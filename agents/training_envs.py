@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from agents.checkpoint import restore_tuples
 from agents.training_settings import TrainSettings
 from vibgym import checks
-from vibgym.adapters.sb3 import VecEnv
+from vibgym.adapters.sb3 import VecEnv, divided
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.vector import batch_of
 from vibgym.policies.protocol import Policy
@@ -34,12 +34,8 @@ def make_worlds(settings: TrainSettings, observation: str) -> VecEnv:
     Raises:
         ValueError: invalid settings of the environment, or fewer worlds than scenes.
     """
-    scenes = settings.all_scenes
-    if settings.worlds < len(scenes):
-        raise checks.refuse("worlds", settings.worlds, f"at least {len(scenes)}, one for each scene")
-    shares = [len(each) for each in np.array_split(np.arange(settings.worlds), len(scenes))]
     envs = []
-    for scene, share in zip(scenes, shares, strict=True):
+    for scene, share in divided("worlds", settings.worlds, settings.all_scenes):
         own = {"autoreset_mode": "SameStep", **settings.environment, **scene}
         own |= {"num_envs": share, "observation": observation}
         env = batch_of(settings.task, **own)

@@ -89,9 +89,7 @@ class PPOSettings(NetworkSettings, RateSettings):
     # Largest mean cost of an episode, for environments with ``costs``: costs are then subtracted from rewards with a multiplier
     # that follows the excess (Ray, Achiam & Amodei 2019, "Benchmarking safe exploration in deep reinforcement learning").
     cost_limit: float | None = Field(None, ge=0)
-    multiplier_rate: float = Field(
-        0.05, gt=0, le=100
-    )  # change of the multiplier in an update, for an excess of the limit
+    multiplier_rate: float = Field(0.05, gt=0, le=100)  # change of the multiplier in an update, times the excess
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # first steps, in which the critic alone learns
     overlap: bool = False  # collect the next rollout during the update
     bfloat16: bool = False  # products of matrices in updates, for processors with such instructions

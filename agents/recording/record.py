@@ -9,7 +9,7 @@ import os
 import tempfile
 import time
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,9 @@ from agents.recording.record_settings import RecordSettings, load_settings
 from agents.recording.replay import Replayer
 from agents.recording.storage import SCENE, kept_in
 from vibgym import checks
-from vibgym.envs.vector import batch_of, environment_id
+from vibgym.envs.vector import environment_id
 from vibgym.files import WriteError, reason
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.trained import described
 
@@ -103,7 +104,7 @@ def _write(recorder: Recorder, quiet: bool) -> int:
     count, steps = storage.write(made.storage.data_path, _noted(episodes, returns))
     replayer.close()
     how = {"action": recorder.policy.action, "observation": settings.observation, "vibgym": vibgym.__version__}
-    reference = {"ref_min_score": random_return(settings, recorder.kwargs), "ref_max_score": float(np.mean(returns))}
+    reference = {"ref_min_score": random_return(recorder), "ref_max_score": float(np.mean(returns))}
     facts = reference | {"total_episodes": count, "total_steps": steps, "dataset_size": made.storage.get_size()}
     scene = json.dumps({**scene_of(env.unwrapped), **how})
     made.storage.update_metadata({**facts, "settings": settings.model_dump_json(), SCENE: scene})
@@ -117,20 +118,28 @@ def _noted(episodes: Iterable[Episode], returns: list[float]) -> Iterator[Episod
         yield episode
 
 
-def random_return(settings: RecordSettings, arguments: Mapping[str, Any]) -> float:
-    """Return the mean return of uniformly random actions in :data:`REFERENCE` episodes, the lower reference score."""
-    env: Any = batch_of(settings.task, num_envs=REFERENCE, autoreset_mode="Disabled", **arguments)
-    env.reset(seed=settings.first_seed)
-    draw, total, playing = np.random.default_rng(settings.first_seed), np.zeros(REFERENCE), np.ones(REFERENCE, bool)
-    while playing.any():
-        action = draw.uniform(-1.0, 1.0, env.action_space.shape).astype(np.float32)
-        _, reward, terminated, truncated, _ = env.step(action)
-        total += np.where(playing, reward, 0.0)
-        playing &= ~(terminated | truncated)
-        if (terminated | truncated).any():
-            env.reset(options={"reset_mask": terminated | truncated})
-    env.close()
-    return float(total.mean())
+class RandomActions:
+    """Policy with uniformly random values of any action, the lower reference of a data set."""
+
+    observation = "state"
+
+    def __init__(self, action: str, size: int, seed: int) -> None:
+        self.action, self.size, self.generator = action, size, np.random.default_rng(seed)
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Return an action for every observation."""
+        return self.generator.uniform(-1.0, 1.0, (len(observation), self.size)).astype(np.float32), state
+
+
+def random_return(recorder: Recorder) -> float:
+    """Return the mean return of random actions in :data:`REFERENCE` episodes."""
+    settings, core = recorder.settings, recorder.env.unwrapped.core
+    random = RandomActions(recorder.policy.action, core.action.size, settings.first_seed)
+    arguments = {name: value for name, value in recorder.kwargs.items() if name != "observation"}
+    seeds = range(settings.first_seed, settings.first_seed + REFERENCE)
+    return float(rollout(random, settings.task, seeds=seeds, **arguments).returns.mean())
 
 
 def scene_of(env: Any) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from agents.evaluation.table import quantity
 from studies.benchmarks import common
 from studies.kept import show
 from vibgym.policies import rollout
-from vibgym.policies.measures import Conduct, Conducted
+from vibgym.policies.measures import MotionMeasured, MotionMeasures
 
 FIRST_SEED = 300_000
 TASK, LIMIT = "Swap", 0.2  # N s
@@ -34,7 +34,7 @@ POLICIES: dict[str, Any] = {
 def row(name: str, episodes: int) -> list[str]:
     """Run a policy and format its row."""
     seeds = range(FIRST_SEED, FIRST_SEED + episodes)
-    found: Conducted = rollout(POLICIES[name], TASK, seeds=seeds, keep=Conduct, **ENVIRONMENT)
+    found: MotionMeasured = rollout(POLICIES[name], TASK, seeds=seeds, keep=MotionMeasures, **ENVIRONMENT)
     within = found.cost <= LIMIT
     share = exact(int(within.sum()), episodes, 0.95)
     score = np.where(found.success, 1.0 / found.time_over_bound, 0.0)

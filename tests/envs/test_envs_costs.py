@@ -163,3 +163,25 @@ def test_the_safety_interface_requires_costs():
         SafetyEnv("vibgym/Sort-v0")
     with pytest.raises(ValueError, match="require the id"):
         SafetyEnv(gym.make("vibgym/Sort-v0", costs=ALL), action="velocity")
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_batches_with_drawn_shapes_have_costs(mode):
+    settings = {"action": "velocity", "costs": {"effort": 1.0}, "max_episode_steps": 2, "autoreset_mode": mode}
+    env = SafetyEnv(gym.make_vec("vibgym/AlignShapes-v0", num_envs=2, **settings))
+    env.reset(seed=0)
+    for _ in range(2):
+        cost = env.step(np.ones((2, 3), np.float32))[2]
+        assert cost.shape == (2,) and (cost > 0.0).all()
+
+
+def test_costs_that_are_not_finite_are_refused(monkeypatch):
+    class Endless(Cost):
+        def measure(self, now):
+            return np.where(now.present, np.inf, 0.0)
+
+    monkeypatch.setitem(COSTS._items, "endless", Endless)
+    env = gym.make("vibgym/Sort-v0", costs={"endless": 1.0}, action="velocity")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="cost 'endless'"):
+        env.step(np.zeros(18))

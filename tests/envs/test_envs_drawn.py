@@ -231,3 +231,10 @@ def test_a_native_batch_without_shapes_is_one_error():
 
     with pytest.raises(ValueError, match="shapes="):
         VibgymVectorEnv("Align", 2, parts=DRAWN, split="train")
+
+
+def test_batches_with_drawn_shapes_are_one_error_where_worlds_need_one_scene():
+    from vibgym.policies.rollout import worlds_of
+
+    with pytest.raises(ValueError, match="one scene"):
+        worlds_of("vibgym/AlignShapes-v0", 2)

@@ -220,10 +220,17 @@ def _joined(batches: list[Any]) -> Any:
 def _batches(name: str, worlds: int, settings: dict[str, Any]) -> tuple[VectorEnv, ...]:
     """Return one native batch, or one for each shape where shapes are drawn."""
     drawn = drawn_shapes(name, settings)
-    scenes: list[dict[str, Any]] = [{}] if drawn is None else fixed_scenes(drawn)
+    shares = divided("num_envs", worlds, [{}] if drawn is None else fixed_scenes(drawn))
+    return tuple(gym.make_vec(name, num_envs=share, **settings, **scene) for scene, share in shares)
+
+
+def divided(argument: str, worlds: int, scenes: Sequence[dict[str, Any]]) -> list[tuple[dict[str, Any], int]]:
+    """Return scenes and their numbers of worlds, which differ by one at most.
+
+    Raises:
+        ValueError: fewer worlds than scenes; names the argument.
+    """
     if worlds < len(scenes):
-        raise checks.refuse("num_envs", worlds, f"at least {len(scenes)}, one for each shape")
-    shares = [len(each) for each in np.array_split(np.arange(worlds), len(scenes))]
-    return tuple(
-        gym.make_vec(name, num_envs=share, **settings, **scene) for scene, share in zip(scenes, shares, strict=True)
-    )
+        raise checks.refuse(argument, worlds, f"at least {len(scenes)}, one for each scene")
+    shares = np.array_split(np.arange(worlds), len(scenes))
+    return [(scene, len(share)) for scene, share in zip(scenes, shares, strict=True)]

@@ -1,6 +1,6 @@
 """TorchRL environment over the native batch: worlds x parts, the parts as agents of the group ``"parts"``.
 
-TorchRL is the extra ``learners``. BenchMARL reads :attr:`BatchEnv.group_map`.
+TorchRL is the extra ``learners``. :attr:`BatchEnv.group_map` is that of TorchRL's multi-agent environments.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from torchrl.envs import EnvBase
 
 from vibgym import checks
 from vibgym.adapters.credit import credits_parts
-from vibgym.envs.vector import batch_of
+from vibgym.envs.vector import VibgymVectorEnv, batch_of
 
 GROUP = "parts"
 
@@ -61,6 +61,8 @@ class BatchEnv(EnvBase):
         elif num_envs is not None or settings:
             raise checks.conflict(f"settings {sorted(settings)} require the id of an environment, not an environment")
         inner = env.unwrapped
+        if not isinstance(inner, VibgymVectorEnv):
+            raise checks.refuse("env", inner, "a VibgymVectorEnv; where shapes are drawn, set shapes=[...]")
         mode = env.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.DISABLED:
             raise checks.refuse("env.autoreset_mode", mode, "AutoresetMode.DISABLED")

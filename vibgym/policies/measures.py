@@ -91,17 +91,15 @@ class Measures(Ends):
 
 
 @dataclass(frozen=True)
-class Conducted(Measured):
+class MotionMeasured(Measured):
     """Outcomes with measures of how smoothly and directly parts were moved."""
 
     action_change: np.ndarray  # mean absolute change of a number of the action from step to step
     overshoots: np.ndarray  # times that a part has left the position tolerance of its goal; nan without goal poses
-    corrections: (
-        np.ndarray
-    )  # times that a part's distance to its goal has decreased again after an increase; nan likewise
+    corrections: np.ndarray  # times that a part has come nearer to its goal again after it had moved away; nan likewise
 
 
-class Conduct(Measures):
+class MotionMeasures(Measures):
     """Collector of outcomes, bounds, collisions, smoothness of commands and corrective movements.
 
     Corrective movements are those of MagBotSim (Bergmann et al. 2025): *overshoots* and *distance corrections*. Changes of the
@@ -111,7 +109,7 @@ class Conduct(Measures):
         env, info, seeds: as of :class:`vibgym.policies.rollout.Ends`.
 
     Attributes:
-        fields: arrays (episodes, ...), named as in :class:`Conducted`.
+        fields: arrays (episodes, ...), named as in :class:`MotionMeasured`.
     """
 
     def __init__(self, env: VibgymVectorEnv, info: dict[str, Any], seeds: Sequence[int]) -> None:
@@ -157,9 +155,9 @@ class Conduct(Measures):
         truth = self.env.truth
         return np.where(truth.present & self.env.task.asked, np.hypot(truth.error[..., 0], truth.error[..., 1]), 0.0)
 
-    def result(self, task: str, timing: Timing) -> Conducted:
+    def result(self, task: str, timing: Timing) -> MotionMeasured:
         """Return the result, when all episodes have ended."""
-        return Conducted(task, self.seeds, self.env.step_time, **self.fields)
+        return MotionMeasured(task, self.seeds, self.env.step_time, **self.fields)
 
 
 def least_times(env: SharedInterface) -> np.ndarray:

@@ -336,6 +336,10 @@ def worlds_of(task: str, count: int, **arguments: Any) -> VectorEnv:
         ValueError: a bad setting, or an environment without a step limit.
     """
     env = batch_of(task, num_envs=count, autoreset_mode=AutoresetMode.DISABLED, **arguments)
+    if not isinstance(env.unwrapped, VibgymVectorEnv):
+        env.close()
+        allowed = "environments whose worlds have one scene: set shapes=[...], or call vibgym.policies.rollout"
+        raise checks.refuse("task", task, allowed)
     if env.unwrapped.max_episode_steps is None:
         raise checks.refuse("task", task, "environments with a step limit: episodes must end")
     return env

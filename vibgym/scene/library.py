@@ -46,16 +46,10 @@ def tee(draw: np.random.Generator) -> np.ndarray:
     left, right = 0.5 - stem, 0.5 + stem
     return np.array(
         [
-            [left, 0.0],
-            [right, 0.0],
-            [right, under],
-            [1.0, under],
-            [1.0, height],
-            [0.0, height],
-            [0.0, under],
-            [left, under],
+            [left, 0.0], [right, 0.0], [right, under], [1.0, under],
+            [1.0, height], [0.0, height], [0.0, under], [left, under],
         ]
-    )
+    )  # fmt: skip
 
 
 def bracket(draw: np.random.Generator) -> np.ndarray:

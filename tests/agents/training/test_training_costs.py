@@ -48,7 +48,7 @@ def test_costs_are_subtracted_from_the_rewards_with_the_multiplier():
 
 @pytest.mark.parametrize(("changes", "named"), [
     ({"environment": {**RUN["environment"], "costs": None}}, "requires environment.costs"),
-    ({"environment": {**RUN["environment"], "costs": {"clearance": {"weight": 1.0, "below": 5.0}}}}, "nothing is commanded"),
+    ({"environment": {**RUN["environment"], "costs": {"clearance": {"weight": 1.0, "below": 5.0}}}}, "all elements rest"),
 ])  # fmt: skip
 def test_limits_that_cannot_be_kept_are_refused(changes, named):
     with pytest.raises(ValueError, match=named):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vibgym.policies import rollout
-from vibgym.policies.measures import Conduct
+from vibgym.policies.measures import MotionMeasures
 from vibgym.policies.rollout import Episodes
 
 COSTS = {"impulse": 1.0, "clearance": 0.1}
@@ -27,18 +27,20 @@ class Scripted:
 
 
 def test_costs_and_changes_are_those_of_the_steps():
-    found = rollout({"kind": "planner", "law": "pose"}, "SortCrowded", seeds=[3, 4], keep=Conduct, costs=COSTS)
+    found = rollout({"kind": "planner", "law": "pose"}, "SortCrowded", seeds=[3, 4], keep=MotionMeasures, costs=COSTS)
     for k, seed in enumerate((3, 4)):
         env = gym.make("vibgym/SortCrowded-v0", costs=COSTS, action="phasor")
-        again = rollout({"kind": "planner", "law": "pose"}, "SortCrowded", seeds=[seed], keep=Conduct, costs=COSTS)
+        again = rollout(
+            {"kind": "planner", "law": "pose"}, "SortCrowded", seeds=[seed], keep=MotionMeasures, costs=COSTS
+        )
         assert again.cost[0] == found.cost[k] > 0.0 and again.action_change[0] == found.action_change[k] > 0.0
         assert env.unwrapped.core.costs is not None
     assert np.isnan(found.overshoots).all() and np.isnan(found.corrections).all()
-    assert np.isnan(rollout("pose", "Align", seeds=[1], keep=Conduct).cost).all()
+    assert np.isnan(rollout("pose", "Align", seeds=[1], keep=MotionMeasures).cost).all()
 
 
 def test_a_law_without_detours_has_no_corrections():
-    found = rollout({"kind": "pose", "action": "velocity"}, "Transport", seeds=range(20), keep=Conduct)
+    found = rollout({"kind": "pose", "action": "velocity"}, "Transport", seeds=range(20), keep=MotionMeasures)
     assert found.success.all() and (found.overshoots == 0).all() and np.median(found.corrections) == 0
     assert (found.collisions == 0).all() or np.isnan(found.collisions).all()
 
@@ -55,7 +57,11 @@ def test_corrective_movements_are_counted(values, overshoots, corrections):
     start = {"pose": [[0.3, 0.104, 0.0]], "goal": [[0.34, 0.104, 0.0]]}
     kept = []
     episodes = Episodes(
-        Scripted(values), env, [0], lambda _, __, info: kept.append(Conduct(env.unwrapped, info, [0])), options=start
+        Scripted(values),
+        env,
+        [0],
+        lambda _, __, info: kept.append(MotionMeasures(env.unwrapped, info, [0])),
+        options=start,
     )
     for step in episodes:
         kept[0].add(step)
