@@ -186,6 +186,8 @@ endef
 train: $(LEARN)
 	$(call train,$(CONFIG),$(AGENTS),$(SEEDS))
 	$(if $(OPEN),$(call train,configs/agents/open.yaml,$(OPEN),$(OPEN_SEEDS)))
+	$(if $(OPEN),$(call train,configs/agents/generalist.yaml,AlignShapes/generalist,$(SEEDS)))
+	$(if $(OPEN),$(call train,configs/agents/constrained.yaml,Swap/gentle,$(OPEN_SEEDS)))
 
 compare: $(REPORT)
 	$(PY) -m agents compare configs/comparisons/agents.yaml

@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import torch
 from tensordict.nn import TensorDictModule
@@ -151,6 +152,19 @@ def show(name: str, policy: Any, episodes: int) -> None:
     )
 
 
+def throughput(worlds: int) -> None:
+    """Print the steps of the TorchRL environment relative to the native batch's, measured alternately."""
+    native = gym.make_vec(TASK, num_envs=worlds, action="velocity", observation="parts", **SCENE)
+    env = BatchEnv(TASK, num_envs=worlds, **SCENE)
+    native.reset(seed=0)
+    now = env.reset()
+    now[env.action_key] = torch.zeros(env.full_action_spec[env.action_key].shape)
+    still = np.zeros(native.action_space.shape, dtype=np.float32)
+    took = common.interleaved({"native": lambda: native.step(still), "TorchRL": lambda: env.step(now)}, 200, 20)
+    share = np.median(took["native"] / took["TorchRL"])
+    print(f"{worlds} worlds: {share:.0%} of the native batch's steps per second")
+
+
 def main() -> None:
     """Train, evaluate and print."""
     parser = common.parser(__doc__, keep=False)
@@ -159,7 +173,11 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=128)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--throughput", action="store_true", help="compare the speed of the environments instead")
     asked = parser.parse_args()
+    if asked.throughput:
+        throughput(asked.worlds)
+        return
     learned = train(asked.algorithm == "mappo", asked.steps, asked.worlds, asked.seed)
     show(asked.algorithm, learned, asked.episodes)
     show("planner, pose", {"kind": "planner", "law": "pose"}, asked.episodes)
