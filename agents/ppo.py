@@ -33,7 +33,7 @@ from agents.rollout import Rollout
 from agents.training_settings import ImitationSettings, PPOSettings, TrainSettings, check_bytes, for_seed
 from vibgym import checks
 from vibgym.config import Settings
-from vibgym.policies.rollout import rollout
+from vibgym.policies.measures import check_cost_limit
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Inputs
 from vibgym.policies.trained.residual import ResidualPolicy
@@ -50,10 +50,6 @@ PACE, LEAST_PACE, STOP_KL = 1.5, 0.01, 4.0
 FIRST_PACE = 0.03
 """Share of the learning rate with which an actor starts after the critic: the first steps of Adam change every weight by the
 learning rate. An imitated actor's first update at the full rate had a divergence of 0.045."""
-
-
-IDLE = 16
-"""Episodes in which all elements rest, see :func:`check_cost_limit`."""
 
 
 class PPO(PartsLearner):
@@ -110,7 +106,8 @@ class PPO(PartsLearner):
         self._correlated = torch.zeros(1, 1, 1)  # noise of the last step, if that of the next is correlated with it
         self.multiplier = 0.0  # of costs
         if own.cost_limit is not None:
-            check_cost_limit(settings)
+            environment = {key: value for key, value in without_hold(settings)[0].items() if key != "action"}
+            check_cost_limit("ppo.cost_limit", own.cost_limit, settings.task, environment, settings.seed)
         self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
         self.episodes: deque[Episode] = deque(maxlen=WINDOW)
         self._observation: Any = None
@@ -354,19 +351,3 @@ class PPO(PartsLearner):
         if state["rollout"] is not None:
             self.rollout.set_state(state["rollout"])
             self._waits = True
-
-
-def check_cost_limit(settings: TrainSettings) -> None:
-    """Raise ValueError for a run with a cost limit below the mean cost of episodes in which all elements rest.
-
-    Raises:
-        ValueError: also for environments without costs.
-    """
-    assert isinstance(settings.own, PPOSettings) and settings.own.cost_limit is not None
-    environment = {name: value for name, value in without_hold(settings)[0].items() if name != "action"}
-    found = rollout("zero", settings.task, seeds=range(settings.seed, settings.seed + IDLE), **environment)
-    if np.isnan(found.cost).any():
-        raise checks.conflict("ppo.cost_limit requires environment.costs")
-    if settings.own.cost_limit < found.cost.mean():
-        allowed = f"at least {found.cost.mean():.4g}, the mean cost of an episode in which all elements rest"
-        raise checks.refuse("ppo.cost_limit", settings.own.cost_limit, allowed)

@@ -23,7 +23,7 @@ from ruamel.yaml import YAML
 
 from agents.evaluation.run import Results
 from agents.evaluation.score import LEARNED, SuiteSettings
-from agents.evaluation.statistics import episode_scores, suite_interval, suite_score
+from agents.evaluation.statistics import suite_interval, suite_score
 from agents.evaluation.table import markdown
 from agents.provenance import digest, policy_files
 from vibgym import checks
@@ -202,7 +202,7 @@ def verify(entry: Entry, results: Results) -> Verdict:
     for (place, _), found in results.rollouts.items():
         if place.policy == entry.name:
             claimed = entry.claims.get((place.task, place.hardware), {})
-            for seed, score in zip(found.seeds, episode_scores(found).tolist(), strict=True):
+            for seed, score in zip(found.seeds, results.settings.scores(found).tolist(), strict=True):
                 if seed in claimed:
                     differences.append(score - claimed[seed])
                 else:
@@ -279,7 +279,7 @@ def enter(results: Results, name: str, source: Path | None, authors: str, direct
         dict(zip(COLUMNS, (place.task, place.hardware, seed, round(score, 10)), strict=True))
         for (place, _), found in results.rollouts.items()
         if place.policy == name
-        for seed, score in zip(found.seeds, episode_scores(found).tolist(), strict=True)
+        for seed, score in zip(found.seeds, results.settings.scores(found).tolist(), strict=True)
     ]
     content, folder = entry.content, new_folder(name, directory)
     directory.mkdir(parents=True, exist_ok=True)

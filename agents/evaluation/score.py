@@ -27,7 +27,7 @@ from agents.provenance import code, digest, policy_files
 from vibgym import checks
 from vibgym.config import load_yaml
 from vibgym.files import csv_text, write_atomically, write_together
-from vibgym.policies.measures import Measured, Measures, least_times, most_rates
+from vibgym.policies.measures import Measured, Measures, check_cost_limit, least_times, most_rates
 from vibgym.policies.rollout import OWN_FACTS, Timing, worlds_of
 from vibgym.policies.trained.catalogue import SHIPPED
 
@@ -44,12 +44,14 @@ KEPT = "episodes"
 FAULTS = ("tilted", "close", "wrong", "lost")
 
 HEADS = (
-    "success", "time to goal", "bound", "collisions", "good a minute", "faulty", "pattern error", "coverage", "policy, a step",
+    "success", "time to goal", "bound", "collisions", "cost", "within the limit", "good a minute", "faulty", "pattern error",
+    "coverage", "policy, a step",
 )  # fmt: skip
 """Heads of :func:`_measured`."""
 
 VALUES = (
-    "bound_median_s", "collisions_mean", "fallen", "rate_bound_per_minute", *OWN_FACTS, "seconds_per_step",
+    "bound_median_s", "collisions_mean", "cost_median", "cost_high", "within_limit", "fallen", "rate_bound_per_minute",
+    *OWN_FACTS, "seconds_per_step",
 )  # fmt: skip
 """Columns of scores.csv that are empty for a task that a policy does not serve."""
 
@@ -63,12 +65,14 @@ class SuiteSettings(RunSettings):
 
     Attributes:
         training_steps: environment steps, all tasks together, that a policy may have been trained on.
+        cost_limit: largest cost of an episode, for environments with ``costs``; others score 0 (reward at limited cost).
     """
 
     where: ClassVar[str] = "suite"
     policy_keys: ClassVar[tuple[str, ...]] = ("training_steps", "episodes")
 
     training_steps: int = Field(ge=1)
+    cost_limit: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
     output: str = Field(default="runs/suite", min_length=1)
 
     def entry(self, policy: Any, field: str) -> PolicyEntry:
@@ -77,6 +81,10 @@ class SuiteSettings(RunSettings):
         if entry.training_steps is not None:
             checks.count(f"{field}.training_steps", entry.training_steps, least=0, most=self.training_steps)
         return entry
+
+    def scores(self, found: Measured) -> np.ndarray:
+        """Return the scores of episodes (episodes,)."""
+        return episode_scores(found, self.cost_limit)
 
     def entered_by(self, path: Path) -> SuiteSettings:
         """Return the same protocol for the policy of a file alone.
@@ -141,6 +149,8 @@ def prepare(settings: SuiteSettings) -> Prepared:
             environment = laid_over(settings.environment, machine.arguments)
             info = tasks[task] = infos.of(task, environment, f"suite.hardware.{machine.name}")
             _check_bound(task, environment)
+            if settings.cost_limit is not None:
+                check_cost_limit("suite.cost_limit", settings.cost_limit, task, environment)
             for entry in entries:
                 place = Place(REPORT, task, machine.name, entry.name)
                 if not machine.runs(entry, task):
@@ -194,7 +204,7 @@ def rows(results: Results) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
             for task in settings.tasks:
                 place = Place(REPORT, task, hardware, entry.name)
                 played = results.rollouts.get((place, None))
-                scores.append(np.zeros(1) if played is None else episode_scores(played))
+                scores.append(np.zeros(1) if played is None else settings.scores(played))
                 found.append(_row(place, played, scores[-1], results))
             total = {"hardware": hardware, "policy": entry.name, "score": suite_score(scores)}
             totals.append({**total, **ends("score", suite_interval(scores, *results.asked))})
@@ -209,6 +219,7 @@ def _row(place: Place, found: Timed | None, scores: np.ndarray, results: Results
         values = {
             "bound_median_s": quartiles(found.bound).median,
             "collisions_mean": float(found.collisions.mean()),
+            **_costs(found, results.settings.cost_limit),
             "fallen": float(found.fallen.sum()),
             "rate_bound_per_minute": quartiles(found.rate_bound).median,
             **{name: float(found.fact(name).mean()) for name in OWN_FACTS},
@@ -225,6 +236,13 @@ def _row(place: Place, found: Timed | None, scores: np.ndarray, results: Results
         **spread("time_to_goal", times, "_s"),
         **values,
     }
+
+
+def _costs(found: Timed, limit: float | None) -> dict[str, float]:
+    """Return median and 95 % quantile of the costs, and the share of episodes within the limit; nan without costs."""
+    median, high = np.quantile(found.cost, [0.5, 0.95])
+    within = math.nan if limit is None else float((found.cost <= limit).mean())
+    return {"cost_median": float(median), "cost_high": float(high), "within_limit": within}
 
 
 def summary_table(results: Results) -> str:
@@ -248,6 +266,8 @@ def _measured(row: Row) -> list[str]:
         quantity(row["time_to_goal_median_s"], 1.0, 2, "s"),
         quantity(bound, 1.0, 0, "a minute") if flows else quantity(bound, 1.0, 2, "s"),
         quantity(row["collisions_mean"], 1.0, 1, ""),
+        quantity(row["cost_median"], 1.0, 3, ""),
+        quantity(row["within_limit"], 100.0, 1, "%"),
         quantity(row["good_per_minute"], 1.0, 1, ""),
         quantity(faulty, 1.0, 1, ""),
         quantity(row["pattern_error"], 1e3, 2, "mm"),
@@ -280,9 +300,12 @@ def write(results: Results, quiet: bool = False) -> Path:
     """
     directory = Path(results.settings.output)
     found, totals = rows(results)
-    details = [(row, [_score(row), *_measured(row)]) for row in found if row["served"]]
+    served = [(row, _measured(row)) for row in found if row["served"]]
+    used = [k for k in range(len(HEADS)) if any(cells[k] != "–" for _, cells in served)]
+    details = [(row, [_score(row), *(cells[k] for k in used)]) for row, cells in served]
+    heads = [HEADS[k] for k in used]
     text = markdown(
-        ("task", "hardware", "policy", "score", *HEADS),
+        ("task", "hardware", "policy", "score", *heads),
         ([row["task"], row["hardware"], row["policy"], *cells] for row, cells in details),
     )
     page = pages.render(
@@ -294,7 +317,7 @@ def write(results: Results, quiet: bool = False) -> Path:
         ],
         lines=[(each, _scores(found, each)) for each in totals],
         details=details,
-        heads=HEADS,
+        heads=heads,
     )
     contents = (
         csv_text(found),

@@ -236,15 +236,21 @@ def paired(first: Outcomes, second: Outcomes, level: float, resamples: int) -> d
     }
 
 
-def episode_scores(found: Measured) -> np.ndarray:
+def episode_scores(found: Measured, cost_limit: float | None = None) -> np.ndarray:
     """Return scores in [0, 1] (episodes,); nan where no bound is known.
+
+    With a ``cost_limit``, episodes whose cost exceeds it score 0.
 
     Least possible time over time to goal, 0 without success (success weighted by path length, Anderson et al., "On evaluation
     of embodied navigation agents", 2018, with times for lengths). Where parts come and go: good parts over their bound.
     """
     if np.isfinite(found.rate_bound).all():
-        return found.rate_over_bound
-    return np.where(found.success, found.bound / np.where(found.success, found.time_to_goal, 1.0), 0.0 * found.bound)
+        scores = found.rate_over_bound
+    else:
+        scores = np.where(
+            found.success, found.bound / np.where(found.success, found.time_to_goal, 1.0), 0.0 * found.bound
+        )
+    return scores if cost_limit is None else np.where(found.cost <= cost_limit, scores, 0.0)
 
 
 def suite_score(tasks: Sequence[np.ndarray]) -> float:

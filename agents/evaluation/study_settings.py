@@ -20,8 +20,8 @@ CASE_KEYS = (*HARDWARE_KEYS, "model")
 """Arguments that a hardware entry or a case of the study of effects may set."""
 
 ENVIRONMENT_KEYS = (
-    "surface", "parts", "model", "actuators", "sensor", "randomize", "start", "zones", "paths", "walls", "periods_per_step",
-    "task_settings",
+    "surface", "parts", "model", "actuators", "sensor", "randomize", "start", "zones", "paths", "walls", "costs",
+    "periods_per_step", "task_settings",
 )  # fmt: skip
 """Arguments that all environments share. Action and observation belong to the policies."""
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.bounds import FlowBound, PushBound, SeveralBound, TimeBound
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.shared import SharedInterface, Truth
-from vibgym.policies.rollout import Ends, Outcomes, Step, Timing
+from vibgym.policies.rollout import Ends, Outcomes, Step, Timing, rollout
 from vibgym.scene import Part
 from vibgym.scene.hulls import gaps_between
 from vibgym.tasks import Feed
@@ -259,3 +260,27 @@ def _steps_pushed(env: SharedInterface, truth: Truth, pushed: np.ndarray) -> np.
     bound = PushBound(env.surface, env.parts[part], [env.parts[each] for each in driven], **_asks(env, part))
     gap = gaps_between(env.parts, truth.pose)[:, part, driven]
     return bound.steps(truth.pose[:, part], truth.goal[:, part], np.maximum(gap, 0.0))
+
+
+IDLE = 16
+"""Episodes in which all elements rest, see :func:`check_cost_limit`."""
+
+
+def check_cost_limit(name: str, limit: float, task: str, environment: Mapping[str, Any], first_seed: int = 0) -> None:
+    """Raise for a limit below the mean cost of episodes in which all elements rest.
+
+    Args:
+        name: of the setting, for errors.
+        limit: largest cost of an episode.
+        task, environment: as of :func:`vibgym.policies.rollout`.
+        first_seed: of :data:`IDLE` episodes.
+
+    Raises:
+        ValueError: such a limit, or an environment without costs.
+    """
+    cost = rollout("zero", task, seeds=range(first_seed, first_seed + IDLE), **environment).cost
+    if np.isnan(cost).any():
+        raise checks.conflict(f"{name} requires environment.costs")
+    if limit < cost.mean():
+        allowed = f"at least {cost.mean():.4g}, the mean cost of an episode of {task} in which all elements rest"
+        raise checks.refuse(name, limit, allowed)

@@ -55,6 +55,21 @@ def test_nothing_is_0_and_the_bound_is_1():
     assert np.isnan(episode_scores(found([True], [2.0], [np.nan]))).all()
 
 
+def test_episodes_above_the_limit_of_the_cost_score_0(tmp_path, capsys):
+    free = {"tasks": ["SwapCrowded"], "policies": ["zero", "lanes"], "task_episodes": {}, "episodes": 4}
+    scores = {}
+    for limit in (None, 0.005, 1e9):
+        costs = {} if limit is None else {"environment": {"costs": {"impulse": 1.0}}, "cost_limit": limit}
+        output = tmp_path / f"{limit}"
+        assert command.main(["score", str(written(tmp_path, **free, **costs, output=str(output))), "--quiet"]) == 0
+        scores[limit] = json.loads((output / "results.json").read_text())["results"][1]
+        assert ("within the limit" in (output / "scores.md").read_text()) == (limit is not None)
+    capsys.readouterr()
+    assert scores[1e9]["score"] == scores[None]["score"] > 0.0 and scores[1e9]["within_limit"] == 1.0
+    assert scores[0.005]["cost_median"] == scores[1e9]["cost_median"] > 0.005 and scores[None]["cost_median"] is None
+    assert scores[0.005]["score"] < scores[None]["score"] and scores[0.005]["within_limit"] <= 0.5
+
+
 def test_the_score_of_all_is_the_interquartile_mean_of_the_tasks():
     tasks = [np.full(5, share) for share in (0.0, 0.1, 0.4, 0.5, 0.7, 0.8, 0.9, 1.0)]
     assert suite_score(tasks) == pytest.approx((0.4 + 0.5 + 0.7 + 0.8) / 4)
@@ -108,6 +123,8 @@ def test_the_command_scores_goes_on_and_lets_others_enter(tmp_path, capsys, monk
     ({"policies": [{"kind": "pose", "training_steps": 2000}]}, "suite.policies.0.training_steps"),
     ({"policies": ["open_loop"], "tasks": ["Feed"]}, "open_loop"),
     ({"policies": [{"kind": "zero", "episodes": 0}]}, "suite.policies.0.episodes"),
+    ({"cost_limit": 1.0}, "suite.cost_limit"),
+    ({"cost_limit": -1.0, "environment": {"costs": {"effort": 1.0}}}, "suite.cost_limit"),
 ])  # fmt: skip
 def test_bad_suites(tmp_path, capsys, changes, said):
     assert command.main(["score", str(written(tmp_path, **changes)), "--quiet"]) == 2
