@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from agents.flow import Flow
 from agents.offline import Offline
 from agents.ppo import PPO
 from agents.sb3 import SB3
@@ -75,7 +76,7 @@ class Algorithm(Protocol):
         ...
 
 
-BUILT_IN: dict[str, type[Algorithm]] = {"ppo": PPO, "offline": Offline, "sb3": SB3}
+BUILT_IN: dict[str, type[Algorithm]] = {"ppo": PPO, "offline": Offline, "flow": Flow, "sb3": SB3}
 
 ALGORITHMS = Registry("algorithm", BUILT_IN)
 """Algorithms by name."""

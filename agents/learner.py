@@ -15,11 +15,20 @@ from agents.training_settings import NetworkSettings, ServesSettings, TrainSetti
 from vibgym import Surface, checks
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.coding import CODINGS, Coding
+from vibgym.policies.trained.coding import Coding
 from vibgym.policies.trained.networks import FLOOR
 from vibgym.policies.trained.residual import load_correction
 from vibgym.policies.trained.storage import save_set
-from vibgym.policies.trained.trained import ANY, KIND, RESIDUAL, VERSION, TrainedPolicy, described, load_trained
+from vibgym.policies.trained.trained import (
+    ANY,
+    CODINGS,
+    KIND,
+    RESIDUAL,
+    VERSION,
+    TrainedPolicy,
+    described,
+    load_trained,
+)
 
 Report = Callable[[dict[str, float]], None]
 
@@ -135,7 +144,11 @@ class PartsLearner:
         }
         if settings.residual is not None:
             record[RESIDUAL] = settings.residual.model_dump(mode="json")
-        save_set(path, KIND, tensors, record, VERSION)
+        save_set(path, KIND, tensors, record | self.described(), VERSION)
+
+    def described(self) -> dict[str, Any]:
+        """Return further entries of policy files."""
+        return {}
 
     # -- checkpoints -------------------------------------------------------------------------------------------------
 

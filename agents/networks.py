@@ -24,7 +24,7 @@ from torch import nn
 from agents.network_kernels import Tanh, attend, tanh
 from agents.training_settings import NetworkSettings
 from vibgym import checks
-from vibgym.policies.trained.coding import CODINGS, Coding
+from vibgym.policies.trained.coding import Coding
 from vibgym.policies.trained.networks import (
     ACTING,
     CELL,
@@ -36,6 +36,7 @@ from vibgym.policies.trained.networks import (
     Shape,
     occupied,
 )
+from vibgym.policies.trained.trained import CODINGS
 
 ACTIVATIONS = {"tanh": Tanh, "relu": nn.ReLU}
 
@@ -282,6 +283,7 @@ class PixelsCritic(PartsCritic):
 
 NETWORKS: dict[str, tuple[Any, Any]] = {
     "parts": (PartsActor, PartsCritic),
+    "joint": (PartsActor, PartsCritic),
     "elements": (ElementsActor, PartsCritic),
     "pixels": (PixelsActor, PixelsCritic),
 }

@@ -21,7 +21,7 @@ from agents.imitation import relative_error
 from agents.learner import PartsLearner, Report
 from agents.networks import ActorCritic, PartsCritic
 from agents.training_envs import make_worlds
-from agents.training_settings import OfflineSettings, TrainSettings
+from agents.training_settings import DataSettings, OfflineSettings, TrainSettings
 from vibgym import checks
 from vibgym.config import Settings
 from vibgym.policies.trained.coding import Coding
@@ -53,48 +53,55 @@ class ActionValues(nn.Module):
         return torch.stack([each(rows, mask) for each in self.both])
 
 
-class Offline(PartsLearner):
-    """Learning from a data set, without episodes of its own. The policy has the form of PPO's.
+class DataLearner(PartsLearner):
+    """Learning from a data set, without episodes of its own.
 
     Args:
         settings: of the run.
+
+    Attributes:
+        own: settings of the algorithm.
+        data: all steps.
+        optimizer: of all weights that learn.
 
     Raises:
         ValueError: no such data set, or one of another environment, scene or version.
     """
 
-    hyperparameters: ClassVar[type[Settings]] = OfflineSettings
-    title, phase = "learning from a data set", "offline"
-    advice = "offline.learning_rate"
+    own: Any
+    optimizer: torch.optim.Optimizer
 
     def __init__(self, settings: TrainSettings) -> None:
         from agents.transitions import read  # Minari is an extra
 
         super().__init__(settings)
-        assert isinstance(settings.own, OfflineSettings)
+        assert isinstance(settings.own, DataSettings)
         self.own = own = settings.own
         settings.check_alone()
         if own.network == "pixels":
-            raise checks.conflict("offline.network must be 'parts' or 'elements': data sets have no images")
+            raise checks.conflict(f"{settings.algorithm}.network must not be 'pixels': data sets have no images")
         with checks.within("environment"):  # one world per scene
             self.env = make_worlds(settings.model_copy(update={"worlds": len(settings.all_scenes)}), "parts")
         try:
             torch.manual_seed(settings.seed)
             coding = self.coding()
-            self.data = read(own, self.env.env, self.action, coding)
+            self.data = read(own, self.env.env, self.action, coding, settings.algorithm)
         except ValueError:
             self.env.close()
             raise
-        self.policy = ActorCritic(coding, own, log_std=-3.0)  # not trained
-        self.values: ActionValues | None = None
-        learn = dict(self.policy.named_parameters())
-        if own.method == "iql":
-            self.values = ActionValues(coding, own)
-            self.target = copy.deepcopy(self.values).requires_grad_(False)
-            learn |= {f"values.{name}": each for name, each in self.values.named_parameters()}
-        else:
-            learn = {name: each for name, each in learn.items() if name.startswith("actor.")}
-        self.optimizer = torch.optim.Adam(learn.values(), lr=own.learning_rate, fused=True)
+        self.orders = [tuple(map(torch.from_numpy, each)) for each in coding.orders]
+        self.make_networks(coding)
+
+    def make_networks(self, coding: Coding) -> None:
+        """Make the networks and the optimizer."""
+        raise NotImplementedError
+
+    def loss(self, chosen: torch.Tensor) -> tuple[torch.Tensor, dict[str, float]]:
+        """Return the loss of a minibatch, and metrics; ``chosen`` (samples,) are indices of steps."""
+        raise NotImplementedError
+
+    def updated(self, updates: int) -> None:
+        """Called after every update, with their number so far."""
 
     def learn(self, until: int, report: Report) -> None:
         """Make updates until there are ``until``; ``report`` is called every :data:`BLOCK` updates.
@@ -114,26 +121,89 @@ class Offline(PartsLearner):
         report(metrics)
 
     def _update(self, step: int) -> dict[str, float]:
-        data, settings = self.data, self.own
         for group in self.optimizer.param_groups:
-            group["lr"] = settings.rate(1.0 - step / self.settings.steps)
-        chosen = torch.randint(len(data.at), (max(settings.batch_size // data.mask.shape[1], 1),))
-        at, action = data.at[chosen], data.action[chosen]
-        rows, mask = data.rows[at], data.mask[at]
-        metrics, loss, weight = {}, torch.zeros(()), mask
+            group["lr"] = self.own.rate(1.0 - step / self.settings.steps)
+        samples = max(self.own.batch_size // self.data.mask.shape[1], 1)
+        loss, metrics = self.loss(torch.randint(len(self.data.at), (samples,)))
+        self.optimizer.zero_grad()
+        loss.backward()
+        self.optimizer.step()
+        self.updated(step + 1)
+        return metrics
+
+    def exchanged(self, rows: torch.Tensor, action: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return samples in which equal parts are exchanged at random, where one row has all parts.
+
+        Args:
+            rows: (samples, 1, columns).
+            action: (samples, 1, ..., values).
+        """
+        if len(self.orders) < 2:
+            return rows, action
+        rows, action = rows.clone(), action.clone()
+        drawn = torch.randint(len(self.orders), (len(rows),))
+        for number, (of_rows, of_actions) in enumerate(self.orders):
+            some = drawn == number
+            rows[some], action[some] = rows[some][..., of_rows], action[some][..., of_actions]
+        return rows, action
+
+    def get_state(self) -> dict[str, Any]:
+        """Return the rest of a checkpoint."""
+        return {"steps": self.steps, "torch": torch.get_rng_state().numpy(), "data": self.data.facts["sha256"]}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Continue from what :meth:`get_state` returned."""
+        if state["data"] != self.data.facts["sha256"]:
+            raise ValueError(f"{self.data.facts['dataset']} has changed")
+        self.steps = state["steps"]
+        torch.set_rng_state(torch.from_numpy(np.array(state["torch"])))
+
+    def save_policy(self, path: Path, training: dict[str, Any]) -> None:
+        """Write the policy with a description of the data set."""
+        super().save_policy(path, {**training, "data": self.data.facts})
+
+
+class Offline(DataLearner):
+    """Behaviour cloning and implicit Q-learning. The policy has the form of PPO's."""
+
+    hyperparameters: ClassVar[type[Settings]] = OfflineSettings
+    title, phase = "learning from a data set", "offline"
+    advice = "offline.learning_rate"
+
+    def make_networks(self, coding: Coding) -> None:
+        """See :meth:`DataLearner.make_networks`."""
+        own = self.own
+        self.policy = ActorCritic(coding, own, log_std=-3.0)  # not trained
+        self.values: ActionValues | None = None
+        learn = dict(self.policy.named_parameters())
+        if own.method == "iql":
+            self.values = ActionValues(coding, own)
+            self.target = copy.deepcopy(self.values).requires_grad_(False)
+            learn |= {f"values.{name}": each for name, each in self.values.named_parameters()}
+        else:
+            learn = {name: each for name, each in learn.items() if name.startswith("actor.")}
+        self.optimizer = torch.optim.Adam(learn.values(), lr=own.learning_rate, fused=True)
+
+    def loss(self, chosen: torch.Tensor) -> tuple[torch.Tensor, dict[str, float]]:
+        """See :meth:`DataLearner.loss`."""
+        data, settings = self.data, self.own
+        at = data.at[chosen]
+        rows, action = self.exchanged(data.rows[at], data.action[chosen])
+        mask = data.mask[at]
+        metrics, loss, weight = dict[str, float](), torch.zeros(()), mask
         if self.values is not None:
             advantage, loss, metrics = self._values(rows, mask, action, chosen)
             here = mask > 0.5
             scale = advantage[here].std().clamp(min=1e-6) * settings.temperature
             weight = mask * (advantage / scale).exp().clamp(max=MOST_WEIGHT)
         error = relative_error(self.policy.actor(rows)[0], action, weight, settings.floor)
-        self.optimizer.zero_grad()
-        (error + loss).backward()
-        self.optimizer.step()
+        return error + loss, {"error": float(error.detach()), **metrics}
+
+    def updated(self, updates: int) -> None:
+        """Move the target networks."""
         if self.values is not None:
             with torch.no_grad():
-                polyak_update(self.values.parameters(), self.target.parameters(), settings.tau)
-        return {"error": float(error.detach()), **metrics}
+                polyak_update(self.values.parameters(), self.target.parameters(), self.own.tau)
 
     def _values(
         self, rows: torch.Tensor, mask: torch.Tensor, action: torch.Tensor, chosen: torch.Tensor
@@ -165,18 +235,3 @@ class Offline(PartsLearner):
         if self.values is not None:
             modules |= {"values": self.values, "target": self.target}
         return modules, {"optimizer": self.optimizer}
-
-    def get_state(self) -> dict[str, Any]:
-        """Return the rest of a checkpoint."""
-        return {"steps": self.steps, "torch": torch.get_rng_state().numpy(), "data": self.data.facts["sha256"]}
-
-    def set_state(self, state: dict[str, Any]) -> None:
-        """Continue from what :meth:`get_state` returned."""
-        if state["data"] != self.data.facts["sha256"]:
-            raise ValueError(f"{self.data.facts['dataset']} has changed")
-        self.steps = state["steps"]
-        torch.set_rng_state(torch.from_numpy(np.array(state["torch"])))
-
-    def save_policy(self, path: Path, training: dict[str, Any]) -> None:
-        """Write the policy with a description of the data set."""
-        super().save_policy(path, {**training, "data": self.data.facts})

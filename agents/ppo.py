@@ -87,6 +87,8 @@ class PPO(PartsLearner):
         row = np.dtype(coding.dtype).itemsize * coding.shape.columns
         step = settings.worlds * len(coding.parts) * (row + 4 * (coding.shape.action + 6))
         check_bytes("ppo.n_steps", own.n_steps, step * (2 if own.overlap else 1))
+        if own.network == "joint":
+            raise checks.conflict("ppo.network 'joint' has one row for all parts: it learns from data sets only")
         if own.noise_floor is not None and own.network != "parts":
             raise checks.conflict(f"ppo.noise_floor requires network 'parts', got {own.network!r}")
         imitation = settings.imitation

@@ -12,6 +12,7 @@ from vibgym import checks
 from vibgym.config import Settings
 from vibgym.envs.drawn import drawn_shapes, fixed_scenes
 from vibgym.envs.vector import environment_id
+from vibgym.policies.trained.flow import MOST_HORIZON
 from vibgym.policies.trained.residual import CORRECTED, base_named
 
 MOST_STEPS = 10**12
@@ -95,13 +96,38 @@ class PPOSettings(NetworkSettings, RateSettings):
     bfloat16: bool = False  # products of matrices in updates, for processors with such instructions
 
 
-class OfflineSettings(NetworkSettings, RateSettings):
-    """Learning from a data set, see :mod:`agents.offline`; a step is an update from one minibatch."""
+class DataSettings(NetworkSettings, RateSettings):
+    """Learning from a data set; a step is an update from one minibatch."""
 
     dataset: str = Field(min_length=1)  # Minari's name, as ``python -m agents record`` writes it
     directory: str | None = None  # of the data sets; None: Minari's default
-    method: Literal["cloning", "iql"] = "cloning"
+    episodes: int | None = Field(None, ge=1)  # of the data set, at most; None: all
     batch_size: int = Field(1024, ge=2, le=10_000_000)  # parts
+
+
+class FlowSettings(DataSettings):
+    """Flow matching, see :mod:`agents.flow`."""
+
+    network: str = "joint"
+    net: Widths = [256, 256, 256]  # residual blocks, of equal width
+    batch_size: int = Field(256, ge=2, le=10_000_000)  # parts
+    horizon: int = Field(8, ge=1, le=MOST_HORIZON)  # actions of a plan
+    executed: int = Field(2, ge=1, le=MOST_HORIZON)  # of these, before the next plan
+    euler_steps: int = Field(10, ge=1, le=1000)  # from noise to actions
+
+    @model_validator(mode="after")
+    def _fits(self) -> FlowSettings:
+        if len(set(self.net)) > 1:
+            raise PydanticCustomError("net", "equal widths of all residual blocks in 'net'")  # type: ignore[arg-type]
+        if self.executed > self.horizon:
+            raise PydanticCustomError("executed", "'executed' of at most 'horizon'")  # type: ignore[arg-type]
+        return self
+
+
+class OfflineSettings(DataSettings):
+    """Cloning and implicit Q-learning, see :mod:`agents.offline`."""
+
+    method: Literal["cloning", "iql"] = "cloning"
     floor: float = Field(1.0, gt=0, le=10)  # size of actions below which errors are absolute
     # Of "iql" (Kostrikov, Nair & Levine 2021):
     gamma: float = Field(0.98, gt=0, lt=1)

@@ -15,7 +15,7 @@ from minari.storage.datasets_root_dir import get_dataset_path
 import vibgym
 from agents.recording.record import scene_of
 from agents.recording.storage import FILE, SCENE, kept_in
-from agents.training_settings import OfflineSettings
+from agents.training_settings import DataSettings
 from vibgym import checks
 from vibgym.envs.actions import actions_by_part
 from vibgym.policies.trained.coding import Coding
@@ -36,7 +36,7 @@ class Transitions(NamedTuple):
     facts: dict[str, Any]  # name, episodes, steps and digest of the data set
 
 
-def read(settings: OfflineSettings, env: Any, action: str, coding: Coding) -> Transitions:
+def read(settings: DataSettings, env: Any, action: str, coding: Coding, where: str) -> Transitions:
     """Return all steps of a data set.
 
     Args:
@@ -44,6 +44,7 @@ def read(settings: OfflineSettings, env: Any, action: str, coding: Coding) -> Tr
         env: batch of the policy's environment.
         action: of the policy.
         coding: of the network.
+        where: name of the settings, for errors.
 
     Raises:
         ValueError: no such data set, one of another environment, scene or version, or a damaged one.
@@ -53,33 +54,35 @@ def read(settings: OfflineSettings, env: Any, action: str, coding: Coding) -> Tr
         place = Path(get_dataset_path(settings.dataset))
         if not place.is_dir():
             allowed = f"a data set in {get_dataset_path()}, written by 'python -m agents record'"
-            raise checks.refuse("offline.dataset", settings.dataset, allowed)
+            raise checks.refuse(f"{where}.dataset", settings.dataset, allowed)
         try:
             data = minari.load_dataset(settings.dataset)
-            check(settings.dataset, data, env, action)
+            check(settings.dataset, data, env, action, where)
             digest = hashlib.sha256((data.storage.data_path / FILE).read_bytes()).hexdigest()
-            groups = (
-                range(data.total_episodes)[first : first + AT_ONCE] for first in range(0, data.total_episodes, AT_ONCE)
-            )
+            if settings.episodes is not None and settings.episodes > data.total_episodes:
+                allowed = f"at most {data.total_episodes}, which {settings.dataset} has"
+                raise checks.refuse(f"{where}.episodes", settings.episodes, allowed)
+            count = settings.episodes or int(data.total_episodes)
+            groups = (range(count)[first : first + AT_ONCE] for first in range(0, count, AT_ONCE))
             found = [_group(data, numbers, coding) for numbers in groups]
         except checks.Refused:
             raise
         except (OSError, ValueError, KeyError, AssertionError, TypeError, AttributeError) as error:
-            raise checks.refuse("offline.dataset", str(place), f"a complete data set ({error})") from None
+            raise checks.refuse(f"{where}.dataset", str(place), f"a complete data set ({error})") from None
     observations = np.cumsum([0, *(len(each["rows"]) for each in found)])
     for each, first in zip(found, observations[:-1], strict=True):
         each["at"] += first
     whole = {name: torch.from_numpy(np.concatenate([each[name] for each in found])) for name in found[0]}
     facts = {
         "dataset": settings.dataset,
-        "episodes": int(data.total_episodes),
-        "steps": int(data.total_steps),
+        "episodes": count,
+        "steps": len(whole["reward"]),
         "sha256": digest,
     }
     return Transitions(**whole, facts=facts)
 
 
-def check(name: str, data: Any, env: Any, action: str) -> None:
+def check(name: str, data: Any, env: Any, action: str, where: str) -> None:
     """Raise if a data set has another origin, environment, scene, action, observation or version.
 
     Raises:
@@ -87,11 +90,11 @@ def check(name: str, data: Any, env: Any, action: str) -> None:
     """
     kept = json.loads(data.storage.metadata.get(SCENE, "{}"))
     if not kept:
-        raise checks.refuse("offline.dataset", name, "a data set written by 'python -m agents record'")
+        raise checks.refuse(f"{where}.dataset", name, "a data set written by 'python -m agents record'")
     wanted = {**scene_of(env), "action": action, "observation": "parts", "vibgym": vibgym.__version__}
     for key, value in wanted.items():
         if kept.get(key) != value:
-            raise checks.refuse("offline.dataset", f"{name} (its {key}: {kept.get(key)})", f"a data set with {value}")
+            raise checks.refuse(f"{where}.dataset", f"{name} (its {key}: {kept.get(key)})", f"a data set with {value}")
 
 
 def _group(data: Any, numbers: range, coding: Coding) -> dict[str, np.ndarray]:

@@ -19,9 +19,9 @@ from vibgym.config import Settings
 from vibgym.envs.actions import ACTIONS, Field
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.coding import CODINGS
 from vibgym.policies.trained.networks import ACTING
 from vibgym.policies.trained.storage import load_set
+from vibgym.policies.trained.trained import CODINGS
 
 PPO = {"n_steps": 16, "batch_size": 64, "n_epochs": 2, "net": [8], "critic_net": [8], "target_kl": 0.02}
 BASE = {"task": "Align", "worlds": 8, "steps": 768, "checkpoint_steps": 256, "judging": {"episodes": 3, "every": 200}}

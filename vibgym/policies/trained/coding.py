@@ -31,6 +31,7 @@ class Inputs(NamedTuple):
     quarters: np.ndarray = NOTHING  # (worlds, parts) quarter turns of the rows; empty without 'turned'
     where: np.ndarray = NOTHING  # (worlds, parts, 4) columns position and element; empty unless actions need them
     command: np.ndarray = NOTHING  # (worlds, parts, values) actions, in table coordinates; empty without 'remembers'
+    frame: np.ndarray = NOTHING  # (worlds, 2) cosine and sine of the anchor's heading; of network 'joint' only
 
     def of(self, worlds: Any) -> Inputs:
         """Return the inputs of some worlds, or of one as a batch of one."""
@@ -58,6 +59,8 @@ class Coding:
     Attributes:
         shape: of rows and actions.
         columns: names and widths of the columns that the network reads.
+        orders: pairs of index arrays, of rows and of network outputs, that exchange equal parts in a row; see
+            :class:`.joint.JointCoding`.
 
     Raises:
         ValueError: an action that is neither by part nor by element, or columns that this scene does not have.
@@ -66,6 +69,7 @@ class Coding:
     observation: str = "parts"
     dtype: Any = np.float32  # of rows
     shape: Any
+    orders: Sequence[tuple[np.ndarray, np.ndarray]] = ()
     _code: Callable[[np.ndarray], np.ndarray] | None = None
     _turns: Turns | None = None
     _nearest: list[int] | None = None
@@ -294,10 +298,6 @@ class ImageCoding(Coding):
     def single(self, observation: Any) -> bool:
         """Return whether it is one image, not a batch."""
         return np.ndim(observation) == 3
-
-
-CODINGS: dict[str, type[Coding]] = {"parts": Coding, "elements": Coding, "pixels": ImageCoding}
-"""Conversion by the name of a network."""
 
 
 def picked(layout: Sequence[Any], columns: Sequence[Sequence[Any]] | None) -> tuple[np.ndarray | None, list[Any]]:

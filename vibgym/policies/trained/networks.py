@@ -190,8 +190,8 @@ def elements(tensors: Tensors, shape: Shape, activation: str, rows: np.ndarray) 
     return mean, np.broadcast_to(log_std, mean.shape)
 
 
-def pixels(tensors: Tensors, shape: ImageShape, activation: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return mean and log std of :class:`agents.networks.PixelsActor`."""
+def encode_pixels(tensors: Tensors, shape: ImageShape, rows: np.ndarray) -> np.ndarray:
+    """Apply :class:`agents.networks.PixelEncoder`."""
     squares = occupied(rows, shape)
     mass = _relu(squares.pixels @ tensors["eyes.conv.weight"].T)
     moments = np.stack([mass, mass * squares.x[:, None], mass * squares.y[:, None]], axis=-1)
@@ -205,12 +205,25 @@ def pixels(tensors: Tensors, shape: ImageShape, activation: str, rows: np.ndarra
     mix = tensors["eyes.mix"]
     displacement = (mix - mix.mean(axis=1, keepdims=True)) @ place
     codes = np.concatenate([np.tanh(displacement * np.float32(1.0 / scale)) for scale in SCALES], axis=-1)
-    code = hidden(tensors, "hidden", activation, codes.reshape(*rows.shape[:-1], -1))
+    return codes.reshape(*rows.shape[:-1], -1)
+
+
+def pixels(tensors: Tensors, shape: ImageShape, activation: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return mean and log std of :class:`agents.networks.PixelsActor`."""
+    code = hidden(tensors, "hidden", activation, encode_pixels(tensors, shape, rows))
     return linear(tensors, "mean", code), np.clip(linear(tensors, "log_std", code), *LOG_STD_RANGE)
 
 
+ENCODERS: dict[str, Callable[[Tensors, Any, np.ndarray], np.ndarray]] = {
+    "parts": encode,
+    "joint": encode,
+    "pixels": encode_pixels,
+}
+"""Inputs of the hidden layers by the name of a network, from tensors, shape and rows."""
+
 ACTING: dict[str, Callable[[Tensors, Any, str, np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
     "parts": parts,
+    "joint": parts,
     "elements": elements,
     "pixels": pixels,
 }

@@ -12,7 +12,9 @@ from vibgym import Surface, checks
 from vibgym.envs.actions import ACTIONS, actions_by_part
 from vibgym.policies.classical.measured import check_state
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.coding import CODES, CODINGS, Coding
+from vibgym.policies.trained.coding import CODES, Coding, ImageCoding
+from vibgym.policies.trained.flow import FlowPolicy
+from vibgym.policies.trained.joint import JointCoding
 from vibgym.policies.trained.networks import ACTING, ACTIVATIONS
 from vibgym.policies.trained.storage import as_float32, load_set
 
@@ -28,6 +30,17 @@ RESIDUAL = "residual"
 
 STATE = "state"
 """Value of ``network`` in the file of a :class:`StatePolicy`."""
+
+FLOW = "flow"
+"""Key of a policy file with the settings of a :class:`.flow.FlowPolicy`."""
+
+CODINGS: dict[str, type[Coding]] = {
+    "parts": Coding,
+    "joint": JointCoding,
+    "elements": Coding,
+    "pixels": ImageCoding,
+}
+"""Conversion by the name of a network."""
 
 LOG_STD_LIMITS = (-20.0, 2.0)
 """Of Stable-Baselines3's SAC actor."""
@@ -51,12 +64,16 @@ class TrainedPolicy:
         self.action, self.observation = coding.action, coding.observation
         self.generator = np.random.default_rng(seed)
 
+    def outputs(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean and log std (worlds, parts, values) for rows (worlds, parts, columns)."""
+        return self.network(self.tensors, self.coding.shape, self.activation, rows)
+
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Return actions in [-1, 1] for one observation or a batch; the state is the network's inputs."""
         inputs = self.coding.encode(observation, state, episode_start)
-        of_parts, log_std = self.network(self.tensors, self.coding.shape, self.activation, inputs.rows)
+        of_parts, log_std = self.outputs(inputs.rows)
         if not deterministic:
             noise = self.generator.standard_normal(of_parts.shape, dtype=np.float32)
             of_parts = of_parts + np.exp(log_std) * noise
@@ -147,7 +164,7 @@ def serves_surface(record: Any, surface: Surface) -> bool:
     )
 
 
-def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | StatePolicy:
+def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | FlowPolicy | StatePolicy:
     """Load a policy file and check that it fits.
 
     Raises:
@@ -162,7 +179,7 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | StatePolicy:
 
 def network_of(
     name: str, tensors: dict[str, np.ndarray], record: dict[str, Any], info: TaskInfo
-) -> TrainedPolicy | StatePolicy:
+) -> TrainedPolicy | FlowPolicy | StatePolicy:
     """Return the network of a policy file.
 
     Args:
@@ -198,12 +215,17 @@ def network_of(
         coding = CODINGS[network](info.surface, info.parts, info.parts_layout, action, columns, *flags)
     if network == "elements" and not coding.shape.has_elements:
         raise checks.refuse(f"{name}: network", network, "'parts', or an action of elements and the column 'element'")
-    policy = TrainedPolicy(tensors, network, activation, coding)
+    flow = record.get(FLOW)
+    if flow is None:
+        policy: TrainedPolicy | FlowPolicy = TrainedPolicy(tensors, network, activation, coding)
+    else:
+        with checks.within(name):
+            policy = FlowPolicy(tensors, network, coding, flow)
     _try(name, policy)
     return policy
 
 
-def _try(name: str, policy: TrainedPolicy) -> None:
+def _try(name: str, policy: TrainedPolicy | FlowPolicy) -> None:
     """Evaluate the network once.
 
     Raises:
@@ -213,9 +235,9 @@ def _try(name: str, policy: TrainedPolicy) -> None:
     rows = np.zeros((1, parts, shape.columns), dtype=policy.coding.dtype)
     try:
         with np.errstate(all="ignore"):
-            mean, log_std = policy.network(policy.tensors, shape, policy.activation, rows)
-        if mean.shape != (1, parts, shape.action) or log_std.shape != mean.shape:
-            raise ValueError(f"actions of shape {mean.shape[2:]}")
+            found = policy.outputs(rows)
+        if any(each.shape != (1, parts, shape.action) for each in found):
+            raise ValueError(f"actions of shape {found[0].shape[2:]}")
     except (KeyError, ValueError, IndexError, TypeError) as error:
         allowed = f"those of a network for rows of {shape.columns} numbers and actions of {shape.action} ({error})"
         raise checks.refuse(f"{name}: tensors", sorted(policy.tensors), allowed) from None

@@ -1,0 +1,145 @@
+"""Flow matching: a policy that samples sequences of actions as a data set has them.
+
+The network gives the rate of change from noise to actions, see :mod:`vibgym.policies.trained.flow`. It learns the difference of
+recorded actions and noise, at random points of the straight lines between both (Lipman et al., "Flow matching for generative
+modeling", ICLR 2023).
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from torch import nn
+
+from agents.checkpoint import Modules, Optimizers
+from agents.networks import NETWORKS, trained_tensors
+from agents.offline import DataLearner
+from agents.training_settings import FlowSettings
+from vibgym.config import Settings
+from vibgym.policies.trained.coding import Coding
+from vibgym.policies.trained.flow import TIMES, FlowPolicy
+from vibgym.policies.trained.trained import FLOW
+
+WARM, DECAY = 10.0, 0.999
+"""The acting network is a running mean of the learned one. Its weight of the past grows from 0 to this, over about so many
+updates."""
+
+
+class FlowActor(nn.Module):
+    """Rate of change of a sample, from a row of the coding, the sample, and the time of the flow.
+
+    Args:
+        coding: of the environment.
+        settings: of the network, with the horizon.
+    """
+
+    phases: torch.Tensor
+
+    def __init__(self, coding: Coding, settings: FlowSettings) -> None:
+        super().__init__()
+        self.eyes = NETWORKS[settings.network][0].encoder(coding.shape, settings.attention)
+        width, values = settings.net[0], settings.horizon * coding.shape.action
+        self.first = nn.Linear(self.eyes.size + values + 1 + 2 * TIMES, width)
+        self.blocks = nn.ModuleList(
+            nn.Sequential(nn.LayerNorm(width), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, width))
+            for _ in settings.net
+        )
+        self.last = nn.Linear(width, values)
+        nn.init.zeros_(self.last.weight)
+        nn.init.zeros_(self.last.bias)
+        self.register_buffer("phases", math.pi * torch.arange(1, TIMES + 1), persistent=False)
+
+    def forward(self, rows: torch.Tensor, sample: torch.Tensor, t: torch.Tensor) -> torch.Tensor:
+        """Return (..., horizon * values) for rows (..., columns), samples of that shape and times (..., 1)."""
+        phase = self.phases * t
+        x = self.first(torch.cat([self.eyes(rows), sample, t, phase.sin(), phase.cos()], dim=-1))
+        for block in self.blocks:
+            x = x + block(x)
+        return self.last(nn.functional.silu(x))
+
+
+class FlowNetworks:
+    """The learned network and the acting one.
+
+    Attributes:
+        coding: of the environment.
+        learning: network with the present weights.
+        actor: running mean of these.
+    """
+
+    def __init__(self, coding: Coding, settings: FlowSettings) -> None:
+        self.coding, self.learning = coding, FlowActor(coding, settings)
+        self.actor = copy.deepcopy(self.learning).requires_grad_(False)
+
+    @torch.no_grad()
+    def follow(self, updates: int) -> None:
+        """Move the acting network towards the learned one, after so many updates."""
+        keep = min(DECAY, (1.0 + updates) / (WARM + updates))
+        for mean, new in zip(self.actor.parameters(), self.learning.parameters(), strict=True):
+            mean.lerp_(new, 1.0 - keep)
+
+
+class Flow(DataLearner):
+    """Training by flow matching; see the module."""
+
+    hyperparameters: ClassVar[type[Settings]] = FlowSettings
+    title, phase = "flow matching", "flow"
+    advice = "flow.learning_rate"
+
+    def make_networks(self, coding: Coding) -> None:
+        """See :meth:`agents.offline.DataLearner.make_networks`."""
+        self.policy: Any = FlowNetworks(coding, self.own)
+        self.optimizer = torch.optim.AdamW(
+            self.policy.learning.parameters(), lr=self.own.learning_rate, weight_decay=1e-4, fused=True
+        )
+        at = self.data.at
+        ends = torch.nonzero(torch.diff(at, append=at[-1:] + 2) > 1).squeeze(-1)  # last steps of episodes
+        self._end = ends[torch.searchsorted(ends, torch.arange(len(at)))]
+        self._ahead = torch.arange(self.own.horizon)
+        driven = self.data.action[self.data.mask[at] > 0.5]
+        self._scale = float(driven.std().clamp(min=1e-3))
+
+    def loss(self, chosen: torch.Tensor) -> tuple[torch.Tensor, dict[str, float]]:
+        """See :meth:`agents.offline.DataLearner.loss`. After an episode's end its last action is repeated."""
+        data = self.data
+        at, steps = data.at[chosen], torch.minimum(chosen[:, None] + self._ahead, self._end[chosen, None])
+        rows, actions = self.exchanged(data.rows[at], data.action[steps].transpose(1, 2))
+        actions = actions.flatten(-2) / self._scale  # (samples, rows, horizon * values)
+        noise, t = torch.randn_like(actions), torch.rand(*actions.shape[:2], 1)
+        rate = self.policy.learning(rows, torch.lerp(noise, actions, t), t)
+        mask = data.mask[at]
+        error = (((rate - (actions - noise)) ** 2).mean(dim=-1) * mask).sum() / mask.sum().clamp(min=1.0)
+        return error, {"error": float(error.detach())}
+
+    def updated(self, updates: int) -> None:
+        """Move the acting network."""
+        self.policy.follow(updates)
+
+    def acting(self) -> Any:
+        """Return the present policy in NumPy."""
+        return FlowPolicy(self.actor(), self.network.network, self.policy.coding, self._form())
+
+    def _form(self) -> dict[str, Any]:
+        own = self.own
+        return {"horizon": own.horizon, "executed": own.executed, "steps": own.euler_steps, "scale": self._scale}
+
+    def actor(self) -> dict[str, np.ndarray]:
+        """Return the acting network's tensors."""
+        return trained_tensors(self.policy.actor)
+
+    def set_actor(self, tensors: Mapping[str, np.ndarray]) -> None:
+        """Replace the acting network's tensors."""
+        self.policy.actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in tensors.items()})
+
+    def described(self) -> dict[str, Any]:
+        """See :meth:`agents.learner.PartsLearner.described`."""
+        return {FLOW: self._form()}
+
+    def learned(self) -> tuple[Modules, Optimizers]:
+        """Return the modules and optimizers of a checkpoint by name."""
+        return {"learning": self.policy.learning, "actor": self.policy.actor}, {"optimizer": self.optimizer}

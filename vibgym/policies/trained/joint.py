@@ -1,0 +1,166 @@
+"""One network for all parts of a scene, in the frame of the part that is pushed.
+
+Where parts push another one, actions depend on how all of them lie together, and that does not depend on where they are.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from vibgym import Part, Surface, checks
+from vibgym.envs.motions import Velocity
+from vibgym.policies.trained.coding import Coding, Inputs
+from vibgym.policies.trained.symmetry import VECTORS
+
+REACH = 0.1
+"""Unit of displacements from the first part, m."""
+
+WAVES = math.pi / 0.24 * np.array([1.0, 2.0, 4.0, 8.0])
+"""Wave numbers of the sines and cosines of these displacements, 1/m, by which a network can resolve an outline (Tancik et al.,
+"Fourier features let networks learn high frequency functions in low dimensional domains", NeurIPS 2020)."""
+
+MOST_ORDERS = 24
+"""Largest number of orders of equal parts: of four."""
+
+
+class JointCoding(Coding):
+    """Conversion for networks that read one row for all parts and act for all driven parts, with velocities.
+
+    The row begins with the part that is not driven (``Part.coupling`` 0), or else the first, its *anchor*. It has every part's
+    own columns, without neighbours. If the anchor's heading is unique, vectors and the velocities of actions are in the
+    anchor's frame, else in the table's. The position of other parts is replaced by their displacement from the anchor.
+
+    Args: see :class:`.coding.Coding`; ``turned`` and ``remembers`` must be False.
+
+    Attributes:
+        orders: pairs of index arrays that exchange equal driven parts in rows and in actions; the first pair changes nothing.
+
+    Raises:
+        ValueError: another action than ``"velocity"``, or missing columns.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        layout: Sequence[Any],
+        action: str,
+        columns: Sequence[Sequence[Any]] | None = None,
+        turned: bool = False,
+        remembers: bool = False,
+    ) -> None:
+        for name, value in (("turned", turned), ("remembers", remembers)):
+            if value:
+                raise checks.conflict(f"{name} is not supported by network 'joint'")
+        checks.choice("action", action, ("velocity",))
+        super().__init__(surface, parts, layout, action, columns)
+        names, starts = [name for name, _ in self.columns], np.cumsum([0, *(width for _, width in self.columns)])
+        for name in ("position", "heading"):
+            if name not in names:
+                raise checks.refuse("columns", names, f"the column {name!r} among them")
+        self._position, self._heading = (int(starts[names.index(name)]) for name in ("position", "heading"))
+        own = [(name, width, int(start)) for (name, width), start in zip(self.columns, starts, strict=False)]
+        own = [each for each in own if not each[0].startswith("neighbour_")]
+        self._own_columns = sum(width for _, width, _ in own)
+        vectors = [
+            range(start, start + width, 2) for name, width, start in own if name in VECTORS and name != "position"
+        ]
+        self._vectors = np.array([start for each in vectors for start in each], dtype=np.int64)
+        anchor = next((k for k, part in enumerate(self.parts) if part.coupling == 0.0), 0)
+        self._others = [k for k in range(len(self.parts)) if k != anchor]
+        self._driven = [k for k, part in enumerate(self.parts) if part.coupling > 0.0]
+        self.anchor, self._rotates = anchor, self.parts[anchor].symmetry == 1
+        self._half = 0.5 * np.array([surface.width, surface.depth])
+        block = self._own_columns + 4 * len(WAVES)
+        values, numbers = Velocity(surface, self.parts).shape[1], len(self._driven)
+        self.shape = self.shape._replace(
+            columns=self._own_columns + block * len(self._others),
+            neighbours=0,
+            width=0,
+            action=values * numbers,
+            place=-1,
+        )
+        self.orders = self._exchanges(block, values)
+
+    def _exchanges(self, block: int, values: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return the orders of equal driven parts, see the class; only the given order if there are too many."""
+        equal = [[k for k in self._driven if self.parts[k].same_as(self.parts[first])] for first in self._driven]
+        groups = [list(each) for each in dict.fromkeys(tuple(each) for each in equal)]
+        orders = [dict(zip(self._driven, self._driven, strict=True))]
+        if math.prod(math.factorial(len(each)) for each in groups) <= MOST_ORDERS:
+            every = itertools.product(*(itertools.permutations(each) for each in groups))
+            orders = [
+                {k: new for old, order in zip(groups, chosen, strict=True) for k, new in zip(old, order, strict=True)}
+                for chosen in every
+            ]
+        found = []
+        for order in orders:
+            if order.get(self.anchor, self.anchor) != self.anchor:
+                continue
+            blocks = [self._others.index(order.get(k, k)) for k in self._others]
+            rows = [np.arange(self._own_columns)]
+            rows += [self._own_columns + block * k + np.arange(block) for k in blocks]
+            acts = [values * self._driven.index(order[k]) + np.arange(values) for k in self._driven]
+            found.append((np.concatenate(rows), np.concatenate(acts)))
+        return found
+
+    def encode(self, observation: Any, before: Any = None, start: np.ndarray | None = None) -> Inputs:
+        """Return the inputs (worlds, 1, columns) for an observation or a batch; see :meth:`.coding.Coding.encode`."""
+        inputs = super().encode(observation)
+        rows = inputs.rows.copy()
+        worlds, first = len(rows), self.anchor
+        frame = np.broadcast_to(np.array([1.0, 0.0], dtype=np.float32), (worlds, 2))
+        if self._rotates:
+            heading = rows[:, first, self._heading : self._heading + 2]
+            size = np.hypot(heading[:, :1], heading[:, 1:])
+            frame = np.where(size > 0.0, heading / np.where(size > 0.0, size, 1.0), frame).astype(np.float32)
+        cos, sin = frame[:, None, :1], frame[:, None, 1:]
+        place = slice(self._position, self._position + 2)
+        away = ((rows[..., place] - rows[:, first : first + 1, place]) * self._half).astype(np.float32)
+        away = np.stack(rotated(away[..., 0], away[..., 1], frame[:, :1], -frame[:, 1:]), axis=-1)
+        x, y = rows[..., self._vectors], rows[..., self._vectors + 1]
+        rows[..., self._vectors], rows[..., self._vectors + 1] = rotated(x, y, cos, -sin)
+        rows[:, self._others, place] = away[:, self._others] / np.float32(REACH)
+        phase = (away[..., None] * WAVES).reshape(worlds, len(self.parts), -1).astype(np.float32)
+        wide = np.concatenate([rows[..., : self._own_columns], np.sin(phase), np.cos(phase)], axis=-1)
+        wide *= inputs.mask[..., None]
+        joint = [rows[:, first, : self._own_columns], wide[:, self._others].reshape(worlds, -1)]
+        ones = np.ones((worlds, 1), dtype=np.float32)
+        return Inputs(np.concatenate(joint, axis=-1)[:, None], ones, frame=frame)
+
+    def to_rows(self, inputs: Inputs, of_parts: np.ndarray) -> np.ndarray:
+        """Return actions (worlds, parts, 3) of parts on the table as network outputs (worlds, 1, values)."""
+        x, y = rotated(*_velocity(of_parts[:, self._driven]), inputs.frame[:, :1], -inputs.frame[:, 1:])
+        size = np.sqrt(np.maximum(np.hypot(x, y), np.float32(1e-12)))
+        spin = of_parts[:, self._driven, 2]
+        return np.stack([x / size, y / size, spin], axis=-1).reshape(len(of_parts), 1, -1).astype(np.float32)
+
+    def decode(self, inputs: Inputs, of_parts: np.ndarray) -> np.ndarray:
+        """Return the environment's actions (worlds, n) float32 for network outputs (worlds, 1, values)."""
+        given = of_parts.reshape(len(of_parts), len(self._driven), 3)
+        size = np.hypot(given[..., 0], given[..., 1])
+        x, y = rotated(given[..., 0] * size, given[..., 1] * size, inputs.frame[:, :1], inputs.frame[:, 1:])
+        actions = np.zeros((len(given), len(self.parts), 3), dtype=np.float32)
+        actions[:, self._driven] = np.stack([_root(x), _root(y), given[..., 2]], axis=-1)
+        return np.clip(actions, -1.0, 1.0).reshape(len(given), -1)
+
+
+def rotated(x: np.ndarray, y: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return x and y of vectors turned to the left by an angle."""
+    return cos * x - sin * y, sin * x + cos * y
+
+
+def _velocity(action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return x and y of the velocities of actions (..., 3), as shares of the top speed."""
+    share = action[..., :2] * np.abs(action[..., :2])
+    return share[..., 0], share[..., 1]
+
+
+def _root(share: np.ndarray) -> np.ndarray:
+    """Return the number of an action for a share of the top speed, the inverse of :func:`_velocity`."""
+    return np.sign(share) * np.sqrt(np.abs(share))
