@@ -1,0 +1,109 @@
+"""One row for all parts: it does not depend on where they are or how they lie together, and actions turn with it."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import vibgym
+from vibgym.policies.trained.joint import REACH, WAVES, JointCoding
+from vibgym.policies.trained.symmetry import VECTORS
+
+
+@pytest.fixture(scope="module")
+def scene():
+    env = gym.make("vibgym/Push-v0", action="velocity", observation="parts").unwrapped
+    return env, JointCoding(env.surface, env.parts, env.parts_layout, "velocity"), env.reset(seed=1)[0]
+
+
+def moved(env, seen, angle, shift):
+    """Return the observation after all parts and the goal were turned by an angle and shifted; borders are not changed."""
+    rows = seen["parts"].astype(np.float64)
+    cos, sin = np.cos(angle), np.sin(angle)
+    turn = np.array([[cos, sin], [-sin, cos]])  # of rows of vectors
+    half = 0.5 * np.array([env.surface.width, env.surface.depth])
+    for row in env.parts_layout:
+        columns = slice(row.start, row.start + 2)
+        if row.name == "position":
+            rows[:, columns] = (rows[:, columns] * half) @ turn / half + shift
+        elif row.name in VECTORS or row.name == "heading":
+            rows[:, columns] = rows[:, columns] @ turn
+    return {"parts": rows.astype(np.float32), "mask": seen["mask"]}
+
+
+@given(st.floats(-3.1, 3.1), st.floats(-0.3, 0.3), st.integers(0, 1000))
+def test_rows_and_actions_move_with_the_scene(scene, angle, shift, seed):
+    env, coding, seen = scene
+    one, other = coding.encode(seen), coding.encode(moved(env, seen, angle, shift))
+    kept = [k for k, name in enumerate(names_of(env, coding)) if name not in ("position", "element", "heading", "borders")]
+    np.testing.assert_allclose(other.rows[0, 0, kept], one.rows[0, 0, kept], atol=2e-5)
+    outputs = np.random.default_rng(seed).uniform(-0.7, 0.7, (1, 1, coding.shape.action)).astype(np.float32)
+    first, second = (coding.decode(each, outputs).reshape(3, 3) for each in (one, other))
+    velocity = [each[:, :2] * np.abs(each[:, :2]) for each in (first, second)]
+    cos, sin = np.cos(angle), np.sin(angle)
+    np.testing.assert_allclose(velocity[1], velocity[0] @ np.array([[cos, sin], [-sin, cos]]), atol=1e-5)
+    np.testing.assert_allclose(second[:, 2], first[:, 2], atol=1e-6)
+    assert not second[2].any()  # the pushed part is not driven
+
+
+def names_of(env, coding):
+    """Return the names of the columns of a joint row; the displacements of other parts are called "away"."""
+    own = [name for name, width in coding.columns if not name.startswith("neighbour_") for _ in range(width)]
+    others = ["away" if name == "position" else name for name in own]
+    return own + 2 * (others + 4 * len(WAVES) * ["wave"])
+
+
+@given(st.integers(0, 10_000))
+def test_outputs_are_the_inverse_of_actions(scene, seed):
+    _, coding, seen = scene
+    inputs = coding.encode(seen)
+    action = np.random.default_rng(seed).uniform(-0.7, 0.7, (1, 3, 3)).astype(np.float32)
+    action[:, 2] = 0.0
+    np.testing.assert_allclose(coding.decode(inputs, coding.to_rows(inputs, action)), action.reshape(1, -1), atol=1e-5)
+
+
+def test_displacements_are_those_of_the_discs_from_the_part(scene):
+    env, coding, seen = scene
+    pose = env.truth.pose[0]
+    heading = pose[2, 2]
+    frame = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+    names = np.array(names_of(env, coding))
+    found = coding.encode(seen).rows[0, 0, names == "away"].reshape(2, 2)
+    np.testing.assert_allclose(found * REACH, (pose[:2, :2] - pose[2, :2]) @ frame, atol=1e-6)
+
+
+def test_equal_parts_are_exchanged(scene):
+    _, coding, seen = scene
+    swapped = {"parts": seen["parts"][[1, 0, 2]], "mask": seen["mask"]}
+    (rows, actions), (other_rows, other_actions) = coding.orders
+    one, other = coding.encode(seen), coding.encode(swapped)
+    assert (rows == np.arange(len(rows))).all() and (actions == np.arange(6)).all()
+    np.testing.assert_array_equal(other.rows[0, 0], one.rows[0, 0, other_rows])
+    action = np.random.default_rng(0).uniform(-0.7, 0.7, (1, 3, 3)).astype(np.float32)
+    np.testing.assert_array_equal(
+        coding.to_rows(other, action[:, [1, 0, 2]])[0, 0], coding.to_rows(one, action)[0, 0, other_actions]
+    )
+
+
+def test_different_parts_are_not_exchanged_and_one_part_has_no_others():
+    disc, other = (vibgym.Part.disc(20e-3, friction=0.6, height=5e-3) for _ in range(2))
+    rod = vibgym.Part.rectangle(40e-3, 20e-3, friction=0.6)
+    env = gym.make("vibgym/Pack-v0", parts=[disc, other, rod], action="velocity", observation="parts").unwrapped
+    coding = JointCoding(env.surface, env.parts, env.parts_layout, "velocity")
+    # The anchor, the first disc, keeps its place: nothing is left to exchange with the second.
+    assert len(coding.orders) == 1 and coding.shape.action == 9
+    env = gym.make("vibgym/Align-v0", action="velocity", observation="parts").unwrapped
+    coding = JointCoding(env.surface, env.parts, env.parts_layout, "velocity")
+    assert coding.encode(env.reset(seed=0)[0]).rows.shape == (1, 1, coding.shape.columns) and coding.shape.action == 3
+
+
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"action": "wrench"}, "velocity"), ({"turned": True}, "turned"), ({"remembers": True}, "remembers"),
+    ({"columns": [["position", 2]]}, "heading"),
+])  # fmt: skip
+def test_what_is_not_supported(scene, changes, said):
+    env, _, _ = scene
+    arguments = {"action": "velocity", **changes}
+    with pytest.raises(ValueError, match=said):
+        JointCoding(env.surface, env.parts, env.parts_layout, **arguments)
