@@ -108,7 +108,7 @@ class Flow(DataLearner):
         """See :meth:`agents.offline.DataLearner.loss`. After an episode's end its last action is repeated."""
         data = self.data
         at, steps = data.at[chosen], torch.minimum(chosen[:, None] + self._ahead, self._end[chosen, None])
-        rows, actions = self.exchanged(data.rows[at], data.action[steps].transpose(1, 2))
+        rows, actions = self.varied(data.rows[at], data.action[steps].transpose(1, 2))
         actions = actions.flatten(-2) / self._scale  # (samples, rows, horizon * values)
         noise, t = torch.randn_like(actions), torch.rand(*actions.shape[:2], 1)
         rate = self.policy.learning(rows, torch.lerp(noise, actions, t), t)

@@ -89,7 +89,7 @@ class DataLearner(PartsLearner):
         except ValueError:
             self.env.close()
             raise
-        self.orders = [tuple(map(torch.from_numpy, each)) for each in coding.orders]
+        self.equivalents = [tuple(map(torch.from_numpy, each)) for each in coding.equivalents]
         self.make_networks(coding)
 
     def make_networks(self, coding: Coding) -> None:
@@ -131,20 +131,20 @@ class DataLearner(PartsLearner):
         self.updated(step + 1)
         return metrics
 
-    def exchanged(self, rows: torch.Tensor, action: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return samples in which equal parts are exchanged at random, where one row has all parts.
+    def varied(self, rows: torch.Tensor, action: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return samples of equivalent scenes, drawn at random: see :attr:`vibgym.policies.trained.coding.Coding.equivalents`.
 
         Args:
             rows: (samples, 1, columns).
             action: (samples, 1, ..., values).
         """
-        if len(self.orders) < 2:
+        if len(self.equivalents) < 2:
             return rows, action
         rows, action = rows.clone(), action.clone()
-        drawn = torch.randint(len(self.orders), (len(rows),))
-        for number, (of_rows, of_actions) in enumerate(self.orders):
+        drawn = torch.randint(len(self.equivalents), (len(rows),))
+        for number, (order, sign, to, times) in enumerate(self.equivalents):
             some = drawn == number
-            rows[some], action[some] = rows[some][..., of_rows], action[some][..., of_actions]
+            rows[some], action[some] = rows[some][..., order] * sign, action[some][..., to] * times
         return rows, action
 
     def get_state(self) -> dict[str, Any]:
@@ -188,7 +188,7 @@ class Offline(DataLearner):
         """See :meth:`DataLearner.loss`."""
         data, settings = self.data, self.own
         at = data.at[chosen]
-        rows, action = self.exchanged(data.rows[at], data.action[chosen])
+        rows, action = self.varied(data.rows[at], data.action[chosen])
         mask = data.mask[at]
         metrics, loss, weight = dict[str, float](), torch.zeros(()), mask
         if self.values is not None:

@@ -149,7 +149,8 @@ def damaged_files_are_refused(path, tmp_path):
     env = gym.make("vibgym/Align-v0", action="wrench", observation="parts")
     keep = {name: each for name, each in record.items() if name not in ("format", "version", "tensors", "sha256")}
     for change, said in (
-        ({"executed": 4}, "flow.executed"), ({"horizon": 2}, "tensors"), ({"scale": 0.0}, "flow.scale"), ({"steps": "a"}, "flow.steps"),
+        ({"executed": 4}, "flow.executed"), ({"horizon": 2}, "tensors"), ({"scale": 0.0}, "flow.scale"),
+        ({"steps": "a"}, "flow.steps"),
     ):  # fmt: skip
         other = tmp_path / "other.json"
         save_set(other, "vibgym-policy", tensors, {**keep, "flow": {**record["flow"], **change}}, 2)
@@ -161,7 +162,8 @@ def damaged_files_are_refused(path, tmp_path):
 
 
 @pytest.mark.parametrize(("changes", "said"), [
-    ({"net": [8, 16]}, "net"), ({"executed": 9}, "executed"), ({"horizon": 0}, "horizon"), ({"dataset": "vibgym/none-v0"}, "flow.dataset"),
+    ({"net": [8, 16]}, "net"), ({"executed": 9}, "executed"), ({"horizon": 0}, "horizon"),
+    ({"dataset": "vibgym/none-v0"}, "flow.dataset"),
     ({"network": "joint"}, "velocity"), ({"network": "pixels"}, "flow.network"), ({"episodes": 10**6}, "flow.episodes"),
 ])  # fmt: skip
 def test_bad_settings(recorded, changes, said):

@@ -36,7 +36,9 @@ def moved(env, seen, angle, shift):
 def test_rows_and_actions_move_with_the_scene(scene, angle, shift, seed):
     env, coding, seen = scene
     one, other = coding.encode(seen), coding.encode(moved(env, seen, angle, shift))
-    kept = [k for k, name in enumerate(names_of(env, coding)) if name not in ("position", "element", "heading", "borders")]
+    kept = [
+        k for k, name in enumerate(names_of(env, coding)) if name not in ("position", "element", "heading", "borders")
+    ]
     np.testing.assert_allclose(other.rows[0, 0, kept], one.rows[0, 0, kept], atol=2e-5)
     outputs = np.random.default_rng(seed).uniform(-0.7, 0.7, (1, 1, coding.shape.action)).astype(np.float32)
     first, second = (coding.decode(each, outputs).reshape(3, 3) for each in (one, other))
@@ -73,17 +75,46 @@ def test_displacements_are_those_of_the_discs_from_the_part(scene):
     np.testing.assert_allclose(found * REACH, (pose[:2, :2] - pose[2, :2]) @ frame, atol=1e-6)
 
 
-def test_equal_parts_are_exchanged(scene):
-    _, coding, seen = scene
-    swapped = {"parts": seen["parts"][[1, 0, 2]], "mask": seen["mask"]}
-    (rows, actions), (other_rows, other_actions) = coding.orders
-    one, other = coding.encode(seen), coding.encode(swapped)
-    assert (rows == np.arange(len(rows))).all() and (actions == np.arange(6)).all()
-    np.testing.assert_array_equal(other.rows[0, 0], one.rows[0, 0, other_rows])
+def transformed(equivalent, rows, outputs):
+    return rows[..., equivalent.order] * equivalent.sign, outputs[..., equivalent.to] * equivalent.times
+
+
+def mirrored(env, seen):
+    """Return the observation of the scene that is reflected from left to right. The T is symmetric about its stem."""
+    rows = seen["parts"].copy()
+    for row in env.parts_layout:
+        at = row.start
+        if row.name in VECTORS:
+            rows[:, at : at + row.width : 2] *= -1.0
+        elif row.name == "heading":
+            rows[:, at + 1] *= -1.0
+        elif row.name == "borders":
+            rows[:, [at, at + 1]] = rows[:, [at + 1, at]]
+        elif row.name.startswith(("turn", "spin")):
+            rows[:, at : at + row.width] *= -1.0
+    return {"parts": rows, "mask": seen["mask"]}
+
+
+def test_equivalent_scenes_have_equivalent_actions(scene):
+    """Exchanged discs and reflection: rows and outputs of the transformed scene are transformed rows and outputs."""
+    env, coding, _ = scene
+    env.reset(seed=1)
+    for _ in range(40):  # with velocities
+        seen = env.step(np.array([0.5, 0.3, 0.2, -0.6, 0.4, 0.1, 0.0, 0.0, 0.0], dtype=np.float32))[0]
     action = np.random.default_rng(0).uniform(-0.7, 0.7, (1, 3, 3)).astype(np.float32)
-    np.testing.assert_array_equal(
-        coding.to_rows(other, action[:, [1, 0, 2]])[0, 0], coding.to_rows(one, action)[0, 0, other_actions]
-    )
+    swapped = {"parts": seen["parts"][[1, 0, 2]], "mask": seen["mask"]}
+    reflection = np.array([-1.0, 1.0, -1.0], dtype=np.float32)
+    cases = [
+        (seen, action), (swapped, action[:, [1, 0, 2]]), (mirrored(env, seen), action * reflection),
+        (mirrored(env, swapped), action[:, [1, 0, 2]] * reflection),
+    ]  # fmt: skip
+    own = coding.encode(seen)
+    assert len(coding.equivalents) == 4
+    for equivalent, (other, acted) in zip(coding.equivalents, cases, strict=True):
+        inputs = coding.encode(other)
+        rows, outputs = transformed(equivalent, own.rows, coding.to_rows(own, action))
+        np.testing.assert_allclose(rows, inputs.rows, atol=1e-6)
+        np.testing.assert_allclose(outputs, coding.to_rows(inputs, acted), atol=1e-6)
 
 
 def test_different_parts_are_not_exchanged_and_one_part_has_no_others():
@@ -92,7 +123,7 @@ def test_different_parts_are_not_exchanged_and_one_part_has_no_others():
     env = gym.make("vibgym/Pack-v0", parts=[disc, other, rod], action="velocity", observation="parts").unwrapped
     coding = JointCoding(env.surface, env.parts, env.parts_layout, "velocity")
     # The anchor, the first disc, keeps its place: nothing is left to exchange with the second.
-    assert len(coding.orders) == 1 and coding.shape.action == 9
+    assert len(coding.equivalents) == 1 and coding.shape.action == 9
     env = gym.make("vibgym/Align-v0", action="velocity", observation="parts").unwrapped
     coding = JointCoding(env.surface, env.parts, env.parts_layout, "velocity")
     assert coding.encode(env.reset(seed=0)[0]).rows.shape == (1, 1, coding.shape.columns) and coding.shape.action == 3

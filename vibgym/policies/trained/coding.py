@@ -59,8 +59,7 @@ class Coding:
     Attributes:
         shape: of rows and actions.
         columns: names and widths of the columns that the network reads.
-        orders: pairs of index arrays, of rows and of network outputs, that exchange equal parts in a row; see
-            :class:`.joint.JointCoding`.
+        equivalents: transformations of rows and outputs, see :class:`.joint.JointCoding`; empty in this class.
 
     Raises:
         ValueError: an action that is neither by part nor by element, or columns that this scene does not have.
@@ -69,7 +68,7 @@ class Coding:
     observation: str = "parts"
     dtype: Any = np.float32  # of rows
     shape: Any
-    orders: Sequence[tuple[np.ndarray, np.ndarray]] = ()
+    equivalents: Sequence[Any] = ()
     _code: Callable[[np.ndarray], np.ndarray] | None = None
     _turns: Turns | None = None
     _nearest: list[int] | None = None

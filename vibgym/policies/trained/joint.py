@@ -8,14 +8,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vibgym import Part, Surface, checks
 from vibgym.envs.motions import Velocity
 from vibgym.policies.trained.coding import Coding, Inputs
-from vibgym.policies.trained.symmetry import VECTORS
+from vibgym.policies.trained.symmetry import SIDES, VECTORS
 
 REACH = 0.1
 """Unit of displacements from the first part, m."""
@@ -24,8 +24,34 @@ WAVES = math.pi / 0.24 * np.array([1.0, 2.0, 4.0, 8.0])
 """Wave numbers of the sines and cosines of these displacements, 1/m, by which a network can resolve an outline (Tancik et al.,
 "Fourier features let networks learn high frequency functions in low dimensional domains", NeurIPS 2020)."""
 
+SAME = 1e-6
+"""Largest distance of equal corners, m."""
+
 MOST_ORDERS = 24
 """Largest number of orders of equal parts: of four."""
+
+
+class Equivalent(NamedTuple):
+    """Transformation to an equivalent scene: ``rows[..., order] * sign`` has the outputs ``outputs[..., to] * times``."""
+
+    order: np.ndarray  # (columns,) int64
+    sign: np.ndarray  # (columns,) float32
+    to: np.ndarray  # (values,) int64
+    times: np.ndarray  # (values,) float32
+
+    @classmethod
+    def exchange(cls, order: np.ndarray, to: np.ndarray) -> Equivalent:
+        """Return a permutation."""
+        return cls(order, np.ones(len(order), np.float32), to, np.ones(len(to), np.float32))
+
+    def after(self, first: Equivalent) -> Equivalent:
+        """Return the transformation that does ``first``, then this."""
+        return Equivalent(
+            first.order[self.order],
+            first.sign[self.order] * self.sign,
+            first.to[self.to],
+            first.times[self.to] * self.times,
+        )
 
 
 class JointCoding(Coding):
@@ -38,7 +64,8 @@ class JointCoding(Coding):
     Args: see :class:`.coding.Coding`; ``turned`` and ``remembers`` must be False.
 
     Attributes:
-        orders: pairs of index arrays that exchange equal driven parts in rows and in actions; the first pair changes nothing.
+        equivalents: transformations of rows and outputs to equivalent scenes; the first changes nothing. Equal driven parts are
+            exchanged, and the scene is mirrored if its anchor is symmetric about an axis of its frame.
 
     Raises:
         ValueError: another action than ``"velocity"``, or missing columns.
@@ -85,9 +112,12 @@ class JointCoding(Coding):
             action=values * numbers,
             place=-1,
         )
-        self.orders = self._exchanges(block, values)
+        exchanged, mirrored = self._exchanges(block, values), self._mirrored(own, values)
+        self.equivalents = exchanged
+        if mirrored is not None:
+            self.equivalents = exchanged + [mirrored.after(each) for each in exchanged]
 
-    def _exchanges(self, block: int, values: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    def _exchanges(self, block: int, values: int) -> list[Equivalent]:
         """Return the orders of equal driven parts, see the class; only the given order if there are too many."""
         equal = [[k for k in self._driven if self.parts[k].same_as(self.parts[first])] for first in self._driven]
         groups = [list(each) for each in dict.fromkeys(tuple(each) for each in equal)]
@@ -106,8 +136,48 @@ class JointCoding(Coding):
             rows = [np.arange(self._own_columns)]
             rows += [self._own_columns + block * k + np.arange(block) for k in blocks]
             acts = [values * self._driven.index(order[k]) + np.arange(values) for k in self._driven]
-            found.append((np.concatenate(rows), np.concatenate(acts)))
+            found.append(Equivalent.exchange(np.concatenate(rows), np.concatenate(acts)))
         return found
+
+    def _mirrored(self, own: Sequence[tuple[str, int, int]], values: int) -> Equivalent | None:
+        """Return the reflection of the scene in the plane of symmetry of its anchor; None: it has none along its axes.
+
+        Args:
+            own: names, widths and starts of a part's own columns.
+            values: of a part's action.
+        """
+        part, axis = self.parts[self.anchor], -1
+        mirrors = np.array([[-1.0, 1.0], [1.0, -1.0]])
+        for k, mirror in enumerate(mirrors):
+            away = np.hypot(*(part.outline[:, None] * mirror - part.outline).transpose(2, 0, 1)).min(axis=1)
+            if self._rotates and away.max() < SAME and axis < 0:
+                axis = k  # of the coordinate that changes its sign
+        if axis < 0:
+            return None
+        order, sign = np.arange(self._own_columns), np.ones(self._own_columns, dtype=np.float32)
+        for name, width, start in own:
+            if name in VECTORS:
+                sign[start : start + width] = np.tile(mirrors[axis], width // 2)
+            elif name in SIDES:  # left and right, bottom and top
+                order[start + 2 * axis : start + 2 * axis + 2] = order[start + 2 * axis : start + 2 * axis + 2][
+                    ::-1
+                ].copy()
+            elif name == "heading":
+                sign[start + 1] = -1.0
+            elif name.startswith(("turn", "spin")) or name.endswith("spin"):
+                sign[start : start + width] = -1.0
+        waves = np.ones((2, 2, len(WAVES)), dtype=np.float32)  # sines and cosines, x and y
+        waves[0, axis] = -1.0
+        others, block = len(self._others), self._own_columns + waves.size
+        orders = [order] + [
+            self._own_columns + block * k + np.concatenate([order, np.arange(len(order), block)]) for k in range(others)
+        ]
+        signs = [sign] + others * [np.concatenate([sign, waves.reshape(-1)])]
+        action = np.concatenate([mirrors[axis], -np.ones(values - 2)]).astype(np.float32)
+        number = values * len(self._driven)
+        return Equivalent(
+            np.concatenate(orders), np.concatenate(signs), np.arange(number), np.tile(action, len(self._driven))
+        )
 
     def encode(self, observation: Any, before: Any = None, start: np.ndarray | None = None) -> Inputs:
         """Return the inputs (worlds, 1, columns) for an observation or a batch; see :meth:`.coding.Coding.encode`."""
