@@ -113,7 +113,7 @@ class FlowSettings(DataSettings):
     batch_size: int = Field(256, ge=2, le=10_000_000)  # parts
     horizon: int = Field(8, ge=1, le=MOST_HORIZON)  # actions of a plan
     executed: int = Field(2, ge=1, le=MOST_HORIZON)  # of these, before the next plan
-    euler_steps: int = Field(10, ge=1, le=1000)  # from noise to actions
+    euler_steps: int = Field(5, ge=1, le=1000)  # from noise to actions
 
     @model_validator(mode="after")
     def _fits(self) -> FlowSettings:

@@ -1,0 +1,100 @@
+"""Success against the number of demonstrations: ``python -m studies.benchmarks.demonstrations [--processes 2]``.
+
+Policies learn Push from episodes of the rule with noise on its actions (``configs/recordings/push.yaml``, recorded first if
+they are missing), by the methods of ``configs/agents/demonstrations.yaml``, with several seeds each, and play seeds from 300000.
+A run takes minutes to a quarter of an hour; finished runs in the output directory are not repeated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from agents import parallel
+from agents.evaluation.statistics import quartiles, success_interval
+from agents.evaluation.table import quantity
+from agents.recording import record, record_settings
+from agents.train import Training
+from agents.training_file import load_settings
+from agents.training_settings import DataSettings
+from studies.benchmarks import common
+from studies.kept import show
+from vibgym.policies import rollout
+from vibgym.policies.rollout import Outcomes
+
+RECORDING, CONFIG = Path("configs/recordings/push.yaml"), Path("configs/agents/demonstrations.yaml")
+TASK, FIRST_SEED = "Push", 300_000
+LEVEL, RESAMPLES = 0.95, 9999
+METHODS = {
+    "apart": "cloning, a row for each part",
+    "cloned": "cloning, one row for all",
+    "iql": "IQL, one row for all",
+    "flow": "flow matching",
+}
+"""Agents of the training file."""
+
+
+def recorded(directory: Path) -> None:
+    """Record the demonstrations, unless they are there."""
+    settings = record_settings.load_settings(RECORDING)
+    if not (directory / settings.dataset).is_dir():
+        record.record(settings.model_copy(update={"directory": str(directory)}))
+
+
+def learn(method: str, count: int, seed: int, steps: int | None, episodes: int, output: Path) -> Outcomes:
+    """Train on the first ``count`` demonstrations, and play; a finished run is not repeated."""
+    settings = load_settings(CONFIG, f"{TASK}/{method}", seed)
+    assert isinstance(settings.own, DataSettings)
+    own = settings.own.model_copy(update={"episodes": count, "directory": str(output / "data")})
+    settings = settings.model_copy(update={"own": own, "steps": steps or settings.steps, "judging": None})
+    with Training(settings, output / f"{method}-{count}" / f"seed-{seed}", quiet=True) as training:
+        path = training.run()
+    found = rollout({"kind": "trained", "path": str(path)}, TASK, seeds=range(FIRST_SEED, FIRST_SEED + episodes))
+    print(f"{method}, {count} demonstrations, seed {seed}: {cell([found])}", flush=True)
+    return found
+
+
+def cell(found: Sequence[Outcomes]) -> str:
+    """Return success with its interval, that of each training, and the median time of successes."""
+    success = np.stack([each.success for each in found]).astype(np.float64)
+    spread = success_interval(success, LEVEL, RESAMPLES)
+    times = quartiles(np.concatenate([each.time_to_goal for each in found])).median
+    each = ", ".join(f"{100 * rate:.0f}" for rate in success.mean(axis=1))
+    return (
+        f"{100 * success.mean():.1f} % ({100 * spread.low:.1f} to {100 * spread.high:.1f}; {each}), "
+        f"{quantity(times, 1.0, 2, 's')}"
+    )
+
+
+def main() -> None:
+    """Record, train, evaluate and print; with ``--keep`` write the table of the documentation."""
+    parser = common.parser(__doc__)
+    parser.add_argument("--methods", nargs="+", choices=list(METHODS), default=list(METHODS))
+    parser.add_argument("--counts", nargs="+", type=int, default=[1000, 300, 100], help="numbers of demonstrations")
+    parser.add_argument("--seeds", type=int, default=3, help="trainings of each")
+    parser.add_argument("--steps", type=int, help="updates of a training, instead of those of the file")
+    parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--output", type=Path, default=Path("runs/demonstrations"))
+    asked = parser.parse_args()
+    recorded(asked.output / "data")
+    cases = [(method, count) for method in asked.methods for count in asked.counts]
+    calls = [
+        (method, count, seed, asked.steps, asked.episodes, asked.output)
+        for method, count in cases
+        for seed in range(asked.seeds)
+    ]
+    found = iter(parallel.run(learn, calls, workers=asked.processes))
+    cells = {case: cell([next(found) for _ in range(asked.seeds)]) for case in cases}
+    rule = rollout(
+        record_settings.load_settings(RECORDING).policy, TASK, seeds=range(FIRST_SEED, FIRST_SEED + asked.episodes)
+    )
+    lines = [[METHODS[method], *(cells[method, count] for count in asked.counts)] for method in asked.methods]
+    lines.append(["the rule, which gave the demonstrations", cell([rule]), *["" for _ in asked.counts[1:]]])
+    show("demonstrations", ("policy", *(f"{count} demonstrations" for count in asked.counts)), lines, asked.keep)
+
+
+if __name__ == "__main__":
+    main()
