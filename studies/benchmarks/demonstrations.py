@@ -1,8 +1,8 @@
 """Success against the number of demonstrations: ``python -m studies.benchmarks.demonstrations [--processes 2]``.
 
 Policies learn Push from episodes of the rule with noise on its actions (``configs/recordings/push.yaml``, recorded first if
-they are missing), by the methods of ``configs/agents/demonstrations.yaml``, with several seeds each, and play seeds from 300000.
-A run takes minutes to a quarter of an hour; finished runs in the output directory are not repeated.
+they are missing), by the methods of ``configs/agents/demonstrations.yaml``, with several seeds each. They play seeds from
+300000. A run takes minutes to a quarter of an hour; finished runs in the output directory are not repeated.
 """
 
 from __future__ import annotations
