@@ -78,10 +78,8 @@ class DataLearner(PartsLearner):
         assert isinstance(settings.own, DataSettings)
         self.own = own = settings.own
         settings.check_alone()
-        if own.network == "pixels":
-            raise checks.conflict(f"{settings.algorithm}.network must not be 'pixels': data sets have no images")
         with checks.within("environment"):  # one world per scene
-            self.env = make_worlds(settings.model_copy(update={"worlds": len(settings.all_scenes)}), "parts")
+            self.env = make_worlds(settings.model_copy(update={"worlds": len(settings.all_scenes)}), self.observation)
         try:
             torch.manual_seed(settings.seed)
             coding = self.coding()
@@ -173,6 +171,9 @@ class Offline(DataLearner):
     def make_networks(self, coding: Coding) -> None:
         """See :meth:`DataLearner.make_networks`."""
         own = self.own
+        if own.method == "iql" and own.network == "pixels":
+            self.env.close()
+            raise checks.conflict("offline.method 'iql' does not support network 'pixels'")
         self.policy = ActorCritic(coding, own, log_std=-3.0)  # not trained
         self.values: ActionValues | None = None
         learn = dict(self.policy.named_parameters())

@@ -27,7 +27,7 @@ AT_ONCE = 1000
 class Transitions(NamedTuple):
     """Steps of all episodes in order. The observation after step k has the index ``at[k] + 1``."""
 
-    rows: torch.Tensor  # (observations, parts, columns) float32
+    rows: torch.Tensor  # (observations, parts, columns) float32; of images uint8
     mask: torch.Tensor  # (observations, parts) float32
     at: torch.Tensor  # (steps,) int64, index of the observation before the step
     action: torch.Tensor  # (steps, parts, values) float32, as network outputs
@@ -57,7 +57,7 @@ def read(settings: DataSettings, env: Any, action: str, coding: Coding, where: s
             raise checks.refuse(f"{where}.dataset", settings.dataset, allowed)
         try:
             data = minari.load_dataset(settings.dataset)
-            check(settings.dataset, data, env, action, where)
+            check(settings.dataset, data, env, action, coding.observation, where)
             digest = hashlib.sha256((data.storage.data_path / FILE).read_bytes()).hexdigest()
             if settings.episodes is not None and settings.episodes > data.total_episodes:
                 allowed = f"at most {data.total_episodes}, which {settings.dataset} has"
@@ -82,7 +82,7 @@ def read(settings: DataSettings, env: Any, action: str, coding: Coding, where: s
     return Transitions(**whole, facts=facts)
 
 
-def check(name: str, data: Any, env: Any, action: str, where: str) -> None:
+def check(name: str, data: Any, env: Any, action: str, observation: str, where: str) -> None:
     """Raise if a data set has another origin, environment, scene, action, observation or version.
 
     Raises:
@@ -91,7 +91,7 @@ def check(name: str, data: Any, env: Any, action: str, where: str) -> None:
     kept = json.loads(data.storage.metadata.get(SCENE, "{}"))
     if not kept:
         raise checks.refuse(f"{where}.dataset", name, "a data set written by 'python -m agents record'")
-    wanted = {**scene_of(env), "action": action, "observation": "parts", "vibgym": vibgym.__version__}
+    wanted = {**scene_of(env), "action": action, "observation": observation, "vibgym": vibgym.__version__}
     for key, value in wanted.items():
         if kept.get(key) != value:
             raise checks.refuse(f"{where}.dataset", f"{name} (its {key}: {kept.get(key)})", f"a data set with {value}")
@@ -104,21 +104,22 @@ def _group(data: Any, numbers: range, coding: Coding) -> dict[str, np.ndarray]:
     steps = int(lengths.max())
 
     def padded(rows: list[np.ndarray]) -> np.ndarray:
-        whole = np.zeros((steps + 1, len(rows), *rows[0].shape[1:]), dtype=np.float32)
+        whole = np.zeros((steps + 1, len(rows), *rows[0].shape[1:]), dtype=rows[0].dtype)
         for k, each in enumerate(rows):
             whole[: len(each), k] = each
         return whole
 
     parts = len(coding.parts)
     executed = padded([each.actions for each in episodes]).reshape(steps + 1, len(episodes), parts, -1)
-    observed_parts, observed_mask = (
-        padded([each.observations[name] for each in episodes]) for name in ("parts", "mask")
-    )
+    observed = [each.observations for each in episodes]
+    named = isinstance(observed[0], dict)
+    seen: Any = {name: padded([each[name] for each in observed]) for name in observed[0]} if named else padded(observed)
     rows, mask, actions = [], [], []
     inputs: Any = None
     start = np.zeros(len(episodes), dtype=bool)
     for step in range(steps + 1):
-        inputs = coding.encode({"parts": observed_parts[step], "mask": observed_mask[step]}, inputs, start)
+        now = {name: each[step] for name, each in seen.items()} if named else seen[step]
+        inputs = coding.encode(now, inputs, start)
         rows.append(inputs.rows)
         mask.append(inputs.mask)
         actions.append(coding.to_rows(inputs, executed[step]))

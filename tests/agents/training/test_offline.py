@@ -133,6 +133,41 @@ def test_transitions_are_those_of_an_acting_network(recorded):
             place += 1
 
 
+def test_images_are_learned_from(tmp_path):
+    """Rows are the planes that an acting network sees; cloning, and flow matching, reduce the error of the actions."""
+    made = {"dataset": "vibgym/transport/image-v0", "task": "Transport", "observation": "image", "episodes": 4,
+            "first_seed": 300, "policy": {"kind": "pose", "action": "velocity"}, "directory": str(tmp_path)}  # fmt: skip
+    record(RecordSettings.model_validate(made), quiet=True)
+    own = {"dataset": made["dataset"], "network": "pixels", "turned": False, "remembers": False, "blind": []}
+    given = settings_of(tmp_path, task="Transport", environment={"action": "velocity"}, steps=40, offline=own)
+    data, coding = transitions(given)
+    assert data.rows.dtype == torch.uint8 and len(data.rows) == len(data.at) + 4
+    env = gym.make("vibgym/Transport-v0", action="velocity", observation="image")
+    observation, _ = env.reset(seed=300)
+    seen, ended, step = None, False, 0
+    while not ended:
+        seen = coding.encode(observation, seen)
+        assert np.array_equal(data.rows[step], seen.rows[0])
+        observation, _, ended, _, _ = env.step(coding.decode(seen, data.action[step].numpy()[None])[0])
+        step += 1
+    for algorithm, more in (("offline", {}), ("flow", {"net": [32, 32]})):
+        plain = {"dataset": made["dataset"], "directory": str(tmp_path), "network": "pixels", "batch_size": 64, **more}
+        settings = settings_from(
+            {
+                "task": "Transport",
+                "environment": {"action": "velocity"},
+                "algorithm": algorithm,
+                "steps": 40,
+                algorithm: plain,
+            }
+        )
+        with Training(settings, tmp_path / algorithm, quiet=True) as training:
+            errors = [training.learner._update(step)["error"] for step in range(40)]
+            assert np.mean(errors[-10:]) < 0.9 * np.mean(errors[:5])
+            action, _ = training.learner.acting().predict(observation)
+            assert action.shape == (3,) and np.isfinite(action).all()
+
+
 def test_transitions_do_not_depend_on_the_group_size(recorded, monkeypatch):
     whole, _ = transitions(settings_of(recorded))
     assert whole.facts["episodes"] == 200 and len(whole.at) == whole.facts["steps"] == len(whole.reward)
@@ -165,7 +200,8 @@ def test_a_data_set_of_several_parts_is_learned_from(tmp_path):
     ({"environment": {"action": "wrench", "surface": {"rows": 8, "columns": 8}}}, "surface"),
     ({"environment": {"action": "element"}}, "environment.action"),
     ({"environment": {"action": "wrench", "observation": "state"}}, "observation"),
-    ({"offline": {"dataset": "vibgym/none-v0"}}, "offline.dataset"), ({"offline": {"network": "pixels"}}, "offline.network"),
+    ({"offline": {"dataset": "vibgym/none-v0"}}, "offline.dataset"), ({"offline": {"method": "magic"}}, "offline.method"),
+    ({"offline": {"network": "pixels", "turned": False, "remembers": False, "blind": []}}, "observation: parts"),
     ({"offline": {"network": "elements"}}, "elements"), ({"start": "policy.json"}, "start"),
     ({"imitation": {"expert": {"kind": "pose", "action": "wrench"}}}, "imitation"),
 ])  # fmt: skip
