@@ -116,8 +116,7 @@ class PushT:
         self.scene = Scene(self.hulls, table, points, np.zeros(self.hulls.corner.shape))
         self.pusher, self.block = np.zeros((self.worlds, 4)), np.zeros((self.worlds, 3))
         self.drift = np.zeros((self.worlds, 3))
-        self._goal = np.tile(centre_of(GOAL), (self.worlds, 1, 1))
-        self._indices = np.arange(self.worlds)
+        self.goal = centre_of(GOAL)
 
     def reset(self, seeds: Sequence[int]) -> np.ndarray:
         """Set the starts of seeds (worlds,) and take a step without control, as gym-pusht does; return observations."""
@@ -149,10 +148,11 @@ class PushT:
         block[:, 2] %= 2.0 * np.pi
         return np.concatenate([self.pusher[:, :2], block], axis=1)
 
-    def coverage(self) -> np.ndarray:
-        """Return the shares (worlds,) of the goal that the T covers."""
-        found = np.empty(self.worlds)
-        goal_coverage(self.hulls, T, self.block[:, None], self._goal, found, self._indices)
+    def coverage(self, block: np.ndarray | None = None) -> np.ndarray:
+        """Return the shares (n,) of the goal that a T covers at poses (n, 3) of its centre of mass, by default all worlds'."""
+        block = self.block if block is None else block
+        found = np.empty(len(block))
+        goal_coverage(self.hulls, T, block[:, None], np.tile(self.goal, (len(block), 1, 1)), found, np.arange(len(block)))
         return found
 
     def gaps(self) -> np.ndarray:
