@@ -95,16 +95,22 @@ class Planner:
         contacts: law of contact of the model.
         fresh, refined: candidates of a plan, and perturbed ones.
         every: periods between plans.
-        hurry: price of a period, relative to that of an e-fold error.
+        overhead: periods added to the duration of a plan in its rate.
         seed: of the candidates.
     """
 
     def __init__(
-        self, contacts: str = "delayed", fresh: int = 320, refined: int = 192, every: int = 5, hurry: float = 0.03, seed: int = 0
+        self,
+        contacts: str = "delayed",
+        fresh: int = 320,
+        refined: int = 192,
+        every: int = 5,
+        overhead: float = 10.0,
+        seed: int = 0,
     ) -> None:
         self._model, self._twin = PushT(fresh, contacts), PushT(1, contacts)
         self._finer = PushT(refined, contacts)
-        self._every, self._hurry, self._seed, self._ways = every, hurry, seed, ways()
+        self._every, self._overhead, self._seed, self._ways = every, overhead, seed, ways()
         self.reset()
 
     def reset(self) -> None:
@@ -137,7 +143,12 @@ class Planner:
             chosen = np.resize(best, self._finer.worlds)
             finer, periods = fresh[chosen].copy(), lengths[chosen]
             share = np.minimum(np.arange(1, HORIZON + 1)[None, :, None] / np.maximum(periods, 1)[:, None, None], 1.0)
-            shift = self._random.normal(size=(2, len(chosen), 1, 2)) * scale * 8.0 * self._random.random((2, len(chosen), 1, 1)) ** 2
+            shift = (
+                self._random.normal(size=(2, len(chosen), 1, 2))
+                * scale
+                * 8.0
+                * self._random.random((2, len(chosen), 1, 1)) ** 2
+            )
             shift[:, : len(best)] = 0.0
             finer = np.clip(finer + shift[0] + share * shift[1], 0.0, SIZE)
             costs, lengths = self._costs(self._finer, finer, periods)
@@ -150,22 +161,32 @@ class Planner:
         twin, rows = self._twin, np.arange(len(actions))
         model.set_state(twin.pusher, twin.block, twin.drift)
         block = model.rollout(actions)[..., 2:]
-        away = np.sqrt(((block[..., :2] - model.goal[:2]) ** 2).sum(axis=-1) + 2.0 * GYRATION * (1.0 - np.cos(block[..., 2] - model.goal[2])))
+        away = self._away(block)
         found = np.zeros(away.shape)
         close = (away < 8.0) & (np.arange(HORIZON) < lengths[:, None])
         found[close] = model.coverage(np.ascontiguousarray(block[close]))
         done = found > SUCCESS
         solved, first = done.any(axis=1), done.argmax(axis=1)
-        costs = np.log(1.0 + away[rows, lengths - 1]) + self._hurry * lengths
-        return np.where(solved, self._hurry * first - 1.0, costs), np.where(solved, first + 1, lengths)
+        lengths, left = np.where(solved, first + 1, lengths), np.log(1.0 + away[rows, lengths - 1])
+        now = np.log(1.0 + self._away(twin.block))
+        return (np.where(solved, -1.0, left) - now) / (lengths + self._overhead), lengths
+
+    def _away(self, block: np.ndarray) -> np.ndarray:
+        """Return root mean square distances (...) of the T's mass from the goal at poses (..., 3), px."""
+        shift, turn = block[..., :2] - self._twin.goal[:2], block[..., 2] - self._twin.goal[2]
+        return np.sqrt((shift**2).sum(axis=-1) + 2.0 * GYRATION * (1.0 - np.cos(turn)))
 
     def _candidates(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Return plans (count, HORIZON, 2) and their lengths (count,)."""
         random, ways, pose = self._random, self._ways, self._twin.block[0]
-        turn = np.array([[np.cos(pose[2]), np.sin(pose[2])], [-np.sin(pose[2]), np.cos(pose[2])]])  # row vectors to the world
+        turn = np.array(
+            [[np.cos(pose[2]), np.sin(pose[2])], [-np.sin(pose[2]), np.cos(pose[2])]]
+        )  # row vectors to the world
         here = (self._twin.pusher[0, :2] - pose[:2]) @ turn.T
         entry = np.hypot(*(ways.point - here).T)
-        entry = np.where(clear(here + np.zeros_like(ways.point), ways.point, RADIUS + CLEARANCE - 2.0), entry, entry + 500.0)
+        entry = np.where(
+            clear(here + np.zeros_like(ways.point), ways.point, RADIUS + CLEARANCE - 2.0), entry, entry + 500.0
+        )
         through = entry[:, None] + ways.length
         world = ways.point @ turn + pose[:2]
         usable = np.flatnonzero(((world >= 0.0) & (world <= SIZE)).all(axis=1))
@@ -186,7 +207,11 @@ class Planner:
             pace = random.uniform(*PUSH_SPEEDS)
             length = CLEARANCE + np.exp(random.uniform(*np.log(LENGTHS)))
             pushes = max(int(np.ceil(length / pace)), 1)
-            angle = np.arctan2(inward[1], inward[0]) + random.uniform(-SPREAD, SPREAD) + random.uniform(-BEND, BEND) * np.arange(pushes)
+            angle = (
+                np.arctan2(inward[1], inward[0])
+                + random.uniform(-SPREAD, SPREAD)
+                + random.uniform(-BEND, BEND) * np.arange(pushes)
+            )
             push = world[stop] + np.cumsum(length / pushes * np.column_stack([np.cos(angle), np.sin(angle)]), axis=0)
             plan = np.clip(np.concatenate([way, push]), 0.0, SIZE)[: HORIZON - SETTLING]
             lengths[k] = len(plan) + SETTLING

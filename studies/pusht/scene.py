@@ -152,7 +152,9 @@ class PushT:
         """Return the shares (n,) of the goal that a T covers at poses (n, 3) of its centre of mass, by default all worlds'."""
         block = self.block if block is None else block
         found = np.empty(len(block))
-        goal_coverage(self.hulls, T, block[:, None], np.tile(self.goal, (len(block), 1, 1)), found, np.arange(len(block)))
+        goal_coverage(
+            self.hulls, T, block[:, None], np.tile(self.goal, (len(block), 1, 1)), found, np.arange(len(block))
+        )
         return found
 
     def gaps(self) -> np.ndarray:
@@ -198,7 +200,9 @@ class PushTEnv(gym.Env):
         self.observation_space = spaces.Box(np.zeros(5), high, dtype=np.float64)
         self._steps = 0
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
         """Start an episode; without a seed, one is drawn."""
         super().reset(seed=seed)
         self._steps = 0
