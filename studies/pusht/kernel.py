@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.kernels.jit import borrowing, jit
-from vibgym.kernels.reference import reference
+from vibgym.kernels.reference import Layout
 from vibgym.physics.contacts.fast import add_manifold
 from vibgym.physics.contacts.hulls import Hulls, place_hulls, wall_gap
 from vibgym.physics.contacts.impulses import GAP, MOVED, Points, iterate, move_apart
@@ -61,6 +61,10 @@ class Scene(NamedTuple):
     table: Table  # whose borders are the walls
     points: Points
     placed: np.ndarray  # (corners, 4)
+
+
+SCENE: Layout[Scene] = Layout("SCENE", __name__)
+scene_at = SCENE.at
 
 
 @borrowing
@@ -143,6 +147,7 @@ def advance(scene, law, controlled, pusher, block, drift, actions, trace):
     """Advance all worlds by control periods, or by one step with the pusher at rest.
 
     Args:
+        scene: address of a pinned record.
         law: ``PROJECTED`` or ``DELAYED``.
         controlled: whether the pusher follows its controller.
         pusher: (worlds, 4) position px and velocity px/s, changed in place.
@@ -151,7 +156,7 @@ def advance(scene, law, controlled, pusher, block, drift, actions, trace):
         actions: (worlds, periods, 2) target positions of the pusher, px.
         trace: (worlds, periods, 5) overwritten: position of the pusher and ``block`` at the end of each period.
     """
-    scene = reference(scene)
+    scene = scene_at(scene)
     for world in range(pusher.shape[0]):
         pose, mover = block[world], pusher[world]
         pose[0] -= NEAR_WALL

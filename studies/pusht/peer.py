@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from studies.benchmarks.peers import PYTHON
-from vibgym import checks
 
 WORKER = Path(__file__).with_name("peer_worker.py")
 
@@ -20,14 +19,9 @@ class Peer:
 
     Args:
         python: interpreter with gym-pusht.
-
-    Raises:
-        ValueError: there is no such interpreter.
     """
 
     def __init__(self, python: Path = PYTHON) -> None:
-        if not python.exists():
-            raise checks.conflict(f"{python} is missing: gym-pusht requires make peers")
         pipe: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
         self._process = subprocess.Popen([python, WORKER], **pipe)
 

@@ -14,8 +14,9 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import seeding
 
-from studies.pusht.kernel import DELAYED, NEAR_WALL, PROJECTED, PUSHER, Scene, T, advance
+from studies.pusht.kernel import DELAYED, NEAR_WALL, PROJECTED, PUSHER, SCENE, Scene, T, advance
 from vibgym import checks
+from vibgym.kernels.reference import Pinned
 from vibgym.physics.contacts.hulls import Hulls, all_gaps
 from vibgym.physics.contacts.impulses import new_points
 from vibgym.scene.hulls import hulls_of
@@ -113,7 +114,7 @@ class PushT:
         # The last body, the walls, has no inverse mass, nor has the pusher, whose motion is given.
         points.inverse[T] = 1.0, 1.0 / GYRATION
         table = Surface(rows=1, columns=1, element_size=SIZE - 1.0 - 2.0 * NEAR_WALL).table()
-        self.scene = Scene(self.hulls, table, points, np.zeros(self.hulls.corner.shape))
+        self._scene = Pinned(SCENE, Scene(self.hulls, table, points, np.zeros(self.hulls.corner.shape)))
         self.pusher, self.block = np.zeros((self.worlds, 4)), np.zeros((self.worlds, 3))
         self.drift = np.zeros((self.worlds, 3))
         self.goal = centre_of(GOAL)
@@ -184,7 +185,7 @@ class PushT:
 
     def _advance(self, actions: np.ndarray, controlled: bool) -> np.ndarray:
         trace = np.empty((self.worlds, actions.shape[1], 5))
-        advance(self.scene, self.law, controlled, self.pusher, self.block, self.drift, actions, trace)
+        advance(self._scene.address, self.law, controlled, self.pusher, self.block, self.drift, actions, trace)
         return trace
 
 
@@ -211,7 +212,7 @@ class PushTEnv(gym.Env):
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by a control period."""
-        found = self.batch.step(checks.array("action", action, (2,), least=0.0, most=SIZE)[None])
+        found = self.batch.step(action)
         self._steps += 1
         done = bool(found.success[0])
         info = {"is_success": done, "coverage": float(found.coverage[0])}

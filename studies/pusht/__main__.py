@@ -1,0 +1,276 @@
+"""PushT in vibgym's contact kernels against gym-pusht: ``python -m studies.pusht [STUDY ...]``.
+
+- ``throughput``: control steps per second, measured in alternation with gym-pusht, each in one process.
+- ``difference``: motion of the T in both simulators after the same pushes from the same states.
+- ``play``: the model-predictive policy in both simulators, from the same seeds.
+- ``picture``: both simulators after the same actions, ``docs/pusht.png``.
+
+gym-pusht needs a separate environment (``make peers``).
+"""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.evaluation.statistics import bootstrap, exact
+from studies.benchmarks import common, peers
+from studies.kept import show
+from studies.pusht.peer import Peer
+from studies.pusht.policy import Planner
+from studies.pusht.scene import CONTACTS, PERIODS, SIZE, SUCCESS, PushT, PushTEnv, origin_of, start_of
+from studies.pusht.ways import CLEARANCE, rotation, ways
+from vibgym import checks
+
+FIRST_SEED = 100_000
+LEVEL, RESAMPLES = 0.95, 9999
+ROUNDS, BATCH, PUSHES, EPISODES = 9, 1024, 1000, 100
+
+PAIRS = (("projected", "projected"), ("projected", "delayed"), ("gym-pusht", "delayed"), ("gym-pusht", "projected"))
+"""Simulators in which the policy plays, and contacts of its model."""
+
+SHOWN = (0, 14, 28, 42)
+"""Periods of the picture."""
+
+
+class Played(NamedTuple):
+    """An episode."""
+
+    actions: np.ndarray  # (periods, 2)
+    coverage: np.ndarray  # (periods,)
+    block: np.ndarray  # (3,) pose of the T's centre of mass at the end
+    planning: float  # s, of the policy in a period
+
+
+def rate(contacts: str, worlds: int) -> Callable[[], float]:
+    """Return a function that measures control steps per second under random actions, resets included."""
+    env, random = PushTEnv(contacts), np.random.default_rng(0)
+    batch, actions = env.batch if worlds == 1 else PushT(worlds, contacts), random.uniform(0.0, SIZE, (64, worlds, 2))
+    taken = 0
+
+    def measure() -> float:
+        nonlocal taken
+        before, began = taken, time.perf_counter()
+        while time.perf_counter() - began < peers.SECONDS:
+            if taken % PERIODS == 0:
+                env.reset(seed=taken) if worlds == 1 else batch.reset(range(taken, taken + worlds))
+            env.step(actions[taken % 64, 0]) if worlds == 1 else batch.step(actions[taken % 64])
+            taken += 1
+        return (taken - before) * worlds / (time.perf_counter() - began)
+
+    measure()
+    return measure
+
+
+def throughput(python: Path, keep: bool, rounds: int = ROUNDS) -> None:
+    """Measure control steps per second."""
+    other = peers.Peer(python, "pusht")
+    cases = [(contacts, worlds) for contacts in CONTACTS for worlds in (1, BATCH)]
+    measures = [rate(*case) for case in cases]
+    found = np.array([[[each(), other()] for each in measures] for _ in range(rounds)])
+    other.close()
+    lines = []
+    for (contacts, worlds), pairs in zip(cases, np.moveaxis(found, 1, 0), strict=True):
+        ratios, (ours, theirs) = pairs[:, 0] / pairs[:, 1], np.median(pairs, axis=0)
+        spread = f"{statistics.median(ratios):.1f} [{ratios.min():.1f}, {ratios.max():.1f}]"
+        lines.append([contacts, str(worlds), f"{ours:.0f}", f"{theirs:.0f}", spread])
+    show("pusht-throughput", ("contacts", "worlds", "steps/s", "gym-pusht, steps/s", "ratio"), lines, keep)
+
+
+def pushes(count: int, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return states in which a pusher is 1 px from the T, at random places.
+
+    Args:
+        count: number of states.
+        speed: px/s, of the pusher.
+
+    Returns:
+        Pusher (count, 4), pose of the T's centre of mass (count, 3), and direction of the push (count, 2), within 45
+        degrees of the inward normal.
+    """
+    around, pusher, block, along = ways(), np.zeros((count, 4)), np.zeros((count, 3)), np.zeros((count, 2))
+    for k in range(count):
+        random = np.random.default_rng([FIRST_SEED, k])
+        block[k] = start_of(k)[1]
+        turn, at = rotation(block[k, 2]), random.integers(len(around.point))
+        inward = around.inward[at] @ turn
+        along[k] = inward @ rotation(random.uniform(-0.25, 0.25) * np.pi)
+        pusher[k, :2] = block[k, :2] + around.point[at] @ turn + (CLEARANCE - 1.0) * inward
+        pusher[k, 2:] = speed * along[k]
+    return pusher, block, along
+
+
+def compare(peer: Peer, pusher: np.ndarray, block: np.ndarray, actions: np.ndarray) -> dict[str, np.ndarray]:
+    """Return motions of the T (count, 3) by simulator, under actions (count, periods, 2) from the same states at rest."""
+    found = {contacts: PushT(len(block), contacts) for contacts in CONTACTS}
+    for batch in found.values():
+        batch.set_state(pusher, block)
+        batch.rollout(actions)
+    moved = {contacts: batch.block - block for contacts, batch in found.items()}
+    theirs = np.empty_like(block)
+    for k, each in enumerate(actions):
+        peer.ask("set", [*pusher[k], *block[k]])
+        theirs[k] = peer.steps(each)[-1, 4:7] - block[k]
+    return {**moved, "gym-pusht": theirs}
+
+
+def difference(python: Path, keep: bool, count: int = PUSHES) -> None:
+    """Measure the difference of the T's motion after the same pushes."""
+    lines = []
+    with Peer(python) as peer:
+        for name, number, speed, pace, periods in (
+            ("period, 100 px/s", count, 100.0, 0.0, 1),
+            ("period, 400 px/s", count, 400.0, 0.0, 1),
+            ("episode, push of 200 px at 100 px/s", max(count // 10, 1), 0.0, 10.0, PERIODS),
+        ):
+            pusher, block, along = pushes(number, speed)
+            # A target 0.2 s ahead (damping over stiffness) keeps the velocity.
+            ahead = 0.2 * speed + pace * np.minimum(np.arange(1, periods + 1), 20)
+            actions = np.clip(pusher[:, None, :2] + ahead[:, None] * along[:, None], 0.0, SIZE)
+            moved = compare(peer, pusher, block, actions)
+            way = np.hypot(*moved["gym-pusht"][:, :2].T)
+            for contacts in CONTACTS:
+                gap = np.abs(moved[contacts] - moved["gym-pusht"])
+                far, turn = np.hypot(*gap[:, :2].T), np.degrees(gap[:, 2])
+                cells = [f"{np.median(each):.3f}, {np.quantile(each, 0.9):.3f}" for each in (way, far, turn)]
+                lines.append([name, str(number), contacts, *cells])
+    heads = ("push", "pushes", "contacts", "motion in gym-pusht, px", "difference, px", "difference, deg")
+    show("pusht-difference", heads, lines, keep)
+
+
+def play(seed: int, policy: Planner, contacts: str, peer: Peer | None = None, periods: int = PERIODS) -> Played:
+    """Play an episode in gym-pusht, if a peer is given, else with ``contacts``."""
+    batch, actions, coverage, planning = PushT(1, contacts), [], [], 0.0
+    observation = batch.reset([seed])[0]
+    state = None if peer is None else np.array(peer.ask("reset", seed))
+    policy.reset()
+    while len(actions) < periods and not (coverage and coverage[-1] > SUCCESS):
+        if state is not None:
+            observation = np.concatenate([state[:2], origin_of(state[4:7])])
+        began = time.perf_counter()
+        actions.append(policy.predict(observation))
+        planning += time.perf_counter() - began
+        if peer is None:
+            step = batch.step(actions[-1][None])
+            observation, share = step.observation[0], float(step.coverage[0])
+        else:
+            state = peer.steps(actions[-1][None])[0]
+            share = float(state[7])
+        coverage.append(share)
+    block = batch.block[0] if state is None else state[4:7]
+    return Played(np.array(actions), np.array(coverage), block, planning / len(actions))
+
+
+def episodes(python: Path, keep: bool, count: int = EPISODES) -> None:
+    """Play the policy in both simulators."""
+    lines = []
+    with Peer(python) as peer:
+        for simulator, model in PAIRS:
+            policy, foreign = Planner(model), simulator == "gym-pusht"
+            contacts = model if foreign else simulator
+            played = [
+                play(seed, policy, contacts, peer if foreign else None)
+                for seed in range(FIRST_SEED, FIRST_SEED + count)
+            ]
+            best = np.array([each.coverage.max() for each in played])
+            success, reward = best > SUCCESS, np.minimum(best / SUCCESS, 1.0).mean()
+            rate, spread = exact(int(success.sum()), count, LEVEL), bootstrap(best, LEVEL, RESAMPLES)
+            periods = np.array([len(each.actions) for each in played])[success]
+            plan = 1e3 * statistics.median(each.planning for each in played)
+            lines.append([
+                simulator, model, f"{100 * success.mean():.1f} % ({100 * rate.low:.1f} to {100 * rate.high:.1f})",
+                f"{best.mean():.3f} ({spread.low:.3f} to {spread.high:.3f})", f"{reward:.3f}",
+                f"{0.1 * np.median(periods):.1f} s", f"{plan:.0f} ms",
+            ])  # fmt: skip
+            print(*lines[-1], flush=True)
+    heads = (
+        "simulator",
+        "model",
+        "success",
+        "mean best coverage",
+        "mean best reward",
+        "median time",
+        "planning a step",
+    )
+    show("pusht-play", heads, lines, keep)
+
+
+def picture(python: Path, path: Path) -> None:
+    """Draw both simulators after the same actions."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.6, 5.0), layout="constrained")
+    axes = figure.subplots(2, len(SHOWN))
+    with Peer(python) as peer:
+        actions = play(FIRST_SEED, Planner("delayed"), "delayed", peer).actions
+        batch, _ = PushT(1), peer.ask("reset", FIRST_SEED)
+        batch.reset([FIRST_SEED])
+        for period in range(max(SHOWN) + 1):
+            if period in SHOWN:
+                above, below = axes[:, SHOWN.index(period)]
+                above.imshow(np.array(peer.ask("picture"), dtype=np.uint8), extent=(0.0, SIZE, SIZE, 0.0))
+                above.set_title(f"{0.1 * period:.1f} s", fontsize=9)
+                draw(below, batch)
+            action = actions[min(period, len(actions) - 1)][None]
+            peer.steps(action)
+            batch.step(action)
+    for row, name in zip(axes, ("gym-pusht", "vibgym's contacts, projected"), strict=True):
+        row[0].set_ylabel(name, fontsize=9)
+        for each in row:
+            each.set(xlim=(0.0, SIZE), ylim=(SIZE, 0.0), aspect="equal", xticks=(), yticks=())
+    figure.savefig(path, dpi=90)
+    print(f"picture: {path}")
+
+
+def draw(axes, batch: PushT) -> None:
+    """Draw the first world of a batch with the colours of gym-pusht."""
+    hulls = batch.hulls
+    for pose, colour in ((batch.goal, "lightgreen"), (batch.block[0], "lightslategray")):
+        for piece in range(2):
+            corners = hulls.corner[hulls.first[piece] : hulls.first[piece + 1], :2]
+            axes.fill(*(pose[:2] + corners @ rotation(pose[2])).T, color=colour, linewidth=0.0)
+    from matplotlib.patches import Circle, Rectangle
+
+    axes.add_patch(Circle(batch.pusher[0, :2], hulls.radius[1], color="royalblue"))
+    axes.add_patch(Rectangle((7.0, 7.0), SIZE - 15.0, SIZE - 15.0, fill=False, edgecolor="lightgray"))
+
+
+STUDIES = ("throughput", "difference", "play", "picture")
+
+
+def main() -> None:
+    """Run the studies and print their tables; with ``--keep`` write those of the documentation."""
+    parser = common.parser(__doc__)
+    parser.add_argument("studies", nargs="*", metavar="STUDY", help=f"of {', '.join(STUDIES)}; default: all")
+    parser.add_argument("--episodes", type=int, default=EPISODES, help="of each line of play")
+    parser.add_argument(
+        "--python", type=Path, default=peers.PYTHON, help=f"interpreter with gym-pusht; default: {peers.PYTHON}"
+    )
+    parser.add_argument("--picture", type=Path, default=Path("docs/pusht.png"), metavar="PNG")
+    asked = parser.parse_args()
+    try:
+        for name in asked.studies:
+            checks.choice("STUDY", name, STUDIES)
+        checks.count("--episodes", asked.episodes)
+        if not asked.python.exists():
+            raise checks.conflict(f"--python {asked.python} is missing: gym-pusht requires make peers")
+    except ValueError as error:
+        parser.error(str(error))
+    run = {
+        "throughput": partial(throughput, asked.python, asked.keep),
+        "difference": partial(difference, asked.python, asked.keep),
+        "play": partial(episodes, asked.python, asked.keep, asked.episodes),
+        "picture": partial(picture, asked.python, asked.picture),
+    }
+    for name in asked.studies or STUDIES:
+        run[name]()
+
+
+if __name__ == "__main__":
+    main()
