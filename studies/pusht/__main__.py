@@ -106,18 +106,13 @@ def pushes(count: int, speed: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return pusher, block, along
 
 
-def compare(peer: Peer, pusher: np.ndarray, block: np.ndarray, actions: np.ndarray) -> dict[str, np.ndarray]:
-    """Return motions of the T (count, 3) by simulator, under actions (count, periods, 2) from the same states at rest."""
-    found = {contacts: PushT(len(block), contacts) for contacts in CONTACTS}
-    for batch in found.values():
-        batch.set_state(pusher, block)
-        batch.rollout(actions)
-    moved = {contacts: batch.block - block for contacts, batch in found.items()}
-    theirs = np.empty_like(block)
+def in_gym_pusht(peer: Peer, pusher: np.ndarray, block: np.ndarray, actions: np.ndarray) -> np.ndarray:
+    """Return poses (count, 3) of the T in gym-pusht after actions (count, periods, 2) from states as of :func:`pushes`."""
+    found = np.empty_like(block)
     for k, each in enumerate(actions):
         peer.ask("set", [*pusher[k], *block[k]])
-        theirs[k] = peer.steps(each)[-1, 4:7] - block[k]
-    return {**moved, "gym-pusht": theirs}
+        found[k] = peer.steps(each)[-1, 4:7]
+    return found
 
 
 def difference(python: Path, keep: bool, count: int = PUSHES) -> None:
@@ -125,22 +120,24 @@ def difference(python: Path, keep: bool, count: int = PUSHES) -> None:
     lines = []
     with Peer(python) as peer:
         for name, number, speed, pace, periods in (
-            ("period, 100 px/s", count, 100.0, 0.0, 1),
-            ("period, 400 px/s", count, 400.0, 0.0, 1),
-            ("episode, push of 200 px at 100 px/s", max(count // 10, 1), 0.0, 10.0, PERIODS),
+            ("a period, 100 px/s", count, 100.0, 0.0, 1),
+            ("a period, 400 px/s", count, 400.0, 0.0, 1),
+            ("an episode, 200 px at 100 px/s", max(count // 10, 1), 0.0, 10.0, PERIODS),
         ):
             pusher, block, along = pushes(number, speed)
-            # A target 0.2 s ahead (damping over stiffness) keeps the velocity.
+            # A target 0.2 s ahead (damping over stiffness) nearly keeps the velocity.
             ahead = 0.2 * speed + pace * np.minimum(np.arange(1, periods + 1), 20)
             actions = np.clip(pusher[:, None, :2] + ahead[:, None] * along[:, None], 0.0, SIZE)
-            moved = compare(peer, pusher, block, actions)
-            way = np.hypot(*moved["gym-pusht"][:, :2].T)
+            theirs = in_gym_pusht(peer, pusher, block, actions)
             for contacts in CONTACTS:
-                gap = np.abs(moved[contacts] - moved["gym-pusht"])
-                far, turn = np.hypot(*gap[:, :2].T), np.degrees(gap[:, 2])
-                cells = [f"{np.median(each):.3f}, {np.quantile(each, 0.9):.3f}" for each in (way, far, turn)]
+                batch = PushT(number, contacts)
+                batch.set_state(pusher, block)
+                batch.rollout(actions)
+                gap, way = batch.block - theirs, np.hypot(*(theirs - block)[:, :2].T)
+                values = (way, np.hypot(*gap[:, :2].T), np.degrees(np.abs(gap[:, 2])), np.maximum(-batch.gaps(), 0.0))
+                cells = [", ".join(f"{each:.3f}" for each in np.quantile(value, (0.5, 0.9, 1.0))) for value in values]
                 lines.append([name, str(number), contacts, *cells])
-    heads = ("push", "pushes", "contacts", "motion in gym-pusht, px", "difference, px", "difference, deg")
+    heads = ("push", "pushes", "contacts", "motion, px", "difference, px", "difference, deg", "overlap at the end, px")
     show("pusht-difference", heads, lines, keep)
 
 

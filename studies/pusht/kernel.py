@@ -22,15 +22,14 @@ import numpy as np
 from vibgym.kernels.jit import borrowing, jit
 from vibgym.kernels.reference import Layout
 from vibgym.physics.contacts.fast import add_manifold
-from vibgym.physics.contacts.hulls import Hulls, place_hulls, wall_gap
+from vibgym.physics.contacts.hulls import Hulls, place_hulls
 from vibgym.physics.contacts.impulses import GAP, MOVED, Points, iterate, move_apart
-from vibgym.physics.contacts.manifold import hull_manifold, wall_manifold
-from vibgym.physics.core.records import Table
+from vibgym.physics.contacts.manifold import hull_manifold
 
 PROJECTED, DELAYED = 0, 1
 
 T, PUSHER, WALLS = 0, 1, 2
-"""Bodies of the contact points; the first two are parts of the hulls."""
+"""Bodies of the contact points, and parts of the hulls."""
 
 SUBSTEP, SUBSTEPS = 0.01, 10
 """Step of the simulation (s), and steps in a control period."""
@@ -38,8 +37,8 @@ SUBSTEP, SUBSTEPS = 0.01, 10
 STIFFNESS, DAMPING = 100.0, 20.0
 """Gains of the pusher's controller, 1/s^2 and 1/s."""
 
-NEAR_WALL = 7.0
-"""Position (px) of the left and top walls' faces; that of the others is 512 - 8."""
+LOW, HIGH, THICKNESS = 5.0, 506.0, 2.0
+"""Ends of the walls, which are segments with this radius, px."""
 
 STEP = 2.0
 """Longest motion of the pusher before the T follows, px (``PROJECTED``)."""
@@ -57,10 +56,9 @@ ROUNDS = 30
 class Scene(NamedTuple):
     """Constants and working arrays."""
 
-    hulls: Hulls  # of the T and the pusher, about their centres of mass
-    table: Table  # whose borders are the walls
+    hulls: Hulls  # of the T and the pusher, about their centres of mass, and of the walls
     points: Points
-    placed: np.ndarray  # (corners, 4)
+    placed: np.ndarray  # (corners, 4); those of the walls do not change
 
 
 SCENE: Layout[Scene] = Layout("SCENE", __name__)
@@ -76,25 +74,25 @@ def find_points(scene, x, y, heading, px, py, margin):
         px, py: centre of the pusher, px.
         margin: largest gap, px.
     """
-    hulls, points, placed, table, n = scene.hulls, scene.points, scene.placed, scene.table, 0
+    hulls, points, placed, n = scene.hulls, scene.points, scene.placed, 0
     reach, dx, dy = hulls.radius[T] + hulls.radius[PUSHER] + margin, px - x, py - y
     near = dx * dx + dy * dy < reach * reach
-    apart = hulls.radius[T] + margin
-    walls = x < apart or y < apart or table.element_size - x < apart or table.element_size - y < apart
+    low, high = LOW + THICKNESS + hulls.radius[T] + margin, HIGH - THICKNESS - hulls.radius[T] - margin
+    walls = x < low or y < low or x > high or y > high
     if not (near or walls):
         return 0
     place_hulls(hulls, T, x, y, heading, placed)
     if near:
         place_hulls(hulls, PUSHER, px, py, 0.0, placed)
-        for piece in range(hulls.owner[T], hulls.owner[T + 1]):
+    for piece in range(hulls.owner[T], hulls.owner[T + 1]):
+        if near:
             manifold = hull_manifold(hulls, placed, piece, hulls.owner[PUSHER], dx, dy, margin)
             n = add_manifold(points, n, T, PUSHER, x, y, px, py, manifold, 0.0, 0.0, SUBSTEP)
-    if walls:
-        for wall in range(4):
-            if wall_gap(hulls, placed, T, wall, table.element_size, table.element_size) <= margin:
-                for piece in range(hulls.owner[T], hulls.owner[T + 1]):
-                    manifold = wall_manifold(table, hulls, placed, piece, wall, margin)
-                    n = add_manifold(points, n, T, WALLS, x, y, x, y, manifold, 0.0, 0.0, SUBSTEP)
+        if walls:
+            for wall in range(hulls.owner[WALLS], hulls.owner[WALLS + 1]):
+                face = hulls.first[wall]  # whose normal leads into the world
+                manifold = hull_manifold(hulls, placed, piece, wall, -placed[face, 2], -placed[face, 3], margin)
+                n = add_manifold(points, n, T, WALLS, x, y, x, y, manifold, 0.0, 0.0, SUBSTEP)
     return n
 
 
@@ -159,25 +157,19 @@ def advance(scene, law, controlled, pusher, block, drift, actions, trace):
     scene = scene_at(scene)
     for world in range(pusher.shape[0]):
         pose, mover = block[world], pusher[world]
-        pose[0] -= NEAR_WALL
-        pose[1] -= NEAR_WALL
         for period in range(actions.shape[1]):
             tx, ty = actions[world, period, 0], actions[world, period, 1]
             for _ in range(SUBSTEPS if controlled else 1):
                 if controlled:
                     mover[2] += (STIFFNESS * (tx - mover[0]) - DAMPING * mover[2]) * SUBSTEP
                     mover[3] += (STIFFNESS * (ty - mover[1]) - DAMPING * mover[3]) * SUBSTEP
-                x, y = mover[0] - NEAR_WALL, mover[1] - NEAR_WALL
+                x, y = mover[0], mover[1]
                 mover[0] += mover[2] * SUBSTEP
                 mover[1] += mover[3] * SUBSTEP
                 if law == PROJECTED:
                     project(scene, pose, x, y, mover[2], mover[3], SUBSTEP)
                 else:
-                    x, y = mover[0] - NEAR_WALL, mover[1] - NEAR_WALL
-                    push_delayed(scene, pose, drift[world], x, y, mover[2], mover[3], SUBSTEP)
+                    push_delayed(scene, pose, drift[world], mover[0], mover[1], mover[2], mover[3], SUBSTEP)
             trace[world, period, 0], trace[world, period, 1] = mover[0], mover[1]
-            trace[world, period, 2] = pose[0] + NEAR_WALL
-            trace[world, period, 3] = pose[1] + NEAR_WALL
-            trace[world, period, 4] = pose[2]
-        pose[0] += NEAR_WALL
-        pose[1] += NEAR_WALL
+            for axis in range(3):
+                trace[world, period, 2 + axis] = pose[axis]

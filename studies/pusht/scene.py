@@ -14,14 +14,13 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import seeding
 
-from studies.pusht.kernel import DELAYED, NEAR_WALL, PROJECTED, PUSHER, SCENE, Scene, T, advance
+from studies.pusht.kernel import DELAYED, HIGH, LOW, PROJECTED, PUSHER, SCENE, THICKNESS, Scene, T, advance
 from vibgym import checks
 from vibgym.kernels.reference import Pinned
 from vibgym.physics.contacts.hulls import Hulls, all_gaps
 from vibgym.physics.contacts.impulses import new_points
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
-from vibgym.scene.surface import Surface
 from vibgym.tasks.push import goal_coverage
 
 SIZE, PERIODS, SUCCESS = 512.0, 300, 0.95
@@ -47,15 +46,24 @@ CONTACTS = {"projected": PROJECTED, "delayed": DELAYED}
 
 
 def hulls() -> Hulls:
-    """Return the hulls of T and pusher about their centres of mass."""
+    """Return the hulls of T and pusher about their centres of mass, and of the walls."""
     friction = 1.0  # of the table, which these kernels do not use
     boxes = [Part.rectangle(*BAR, friction=friction), Part.rectangle(*STEM, friction=friction)]
     made = hulls_of([*boxes, Part.disc(RADIUS, friction=friction)])
     corner = made.corner.copy()
     for k, middle in enumerate((0.5 * BAR[1], BAR[1] + 0.5 * STEM[1])):
         corner[made.first[k] : made.first[k + 1], 1] += middle - CENTRE[1]
-    radius = np.array([np.hypot(*corner[: made.first[2], :2].T).max(), RADIUS])
-    return made._replace(corner=corner, owner=np.array([0, 2, 3]), radius=radius)
+    radius = np.hypot(*corner[: made.first[2], :2].T).max()
+    walls = np.array([[LOW, HIGH, 1, 0], [LOW, LOW, 0, 1], [HIGH, LOW, -1, 0], [HIGH, HIGH, 0, -1]])
+    # Both sides of a wall, counter-clockwise: the first one faces the world.
+    sides = np.stack([walls, np.hstack([np.roll(walls[:, :2], -1, axis=0), -walls[:, 2:]])], axis=1).reshape(-1, 4)
+    return Hulls(
+        corner=np.concatenate([corner, sides]),
+        first=np.concatenate([made.first, made.first[-1] + 2 * np.arange(1, 5)]),
+        rounding=np.concatenate([made.rounding, np.full(4, THICKNESS)]),
+        owner=np.array([0, 2, 3, 7]),
+        radius=np.array([radius, RADIUS, 0.0]),
+    )
 
 
 def centre_of(pose: np.ndarray) -> np.ndarray:
@@ -110,11 +118,9 @@ class PushT:
         self.worlds = checks.count("worlds", worlds)
         self.law = CONTACTS[checks.choice("contacts", contacts, CONTACTS)]
         self.hulls = hulls()
-        points = new_points(3, 2 * 5 * (len(self.hulls.rounding) - 1))  # two on each box, by pusher and walls
-        # The last body, the walls, has no inverse mass, nor has the pusher, whose motion is given.
-        points.inverse[T] = 1.0, 1.0 / GYRATION
-        table = Surface(rows=1, columns=1, element_size=SIZE - 1.0 - 2.0 * NEAR_WALL).table()
-        self._scene = Pinned(SCENE, Scene(self.hulls, table, points, np.zeros(self.hulls.corner.shape)))
+        points = new_points(3, 2 * 2 * 5)  # two of each box with the pusher and each wall
+        points.inverse[T] = 1.0, 1.0 / GYRATION  # the others are not pushed
+        self._scene = Pinned(SCENE, Scene(self.hulls, points, self.hulls.corner.copy()))
         self.pusher, self.block = np.zeros((self.worlds, 4)), np.zeros((self.worlds, 3))
         self.drift = np.zeros((self.worlds, 3))
         self.goal = centre_of(GOAL)
@@ -160,7 +166,7 @@ class PushT:
 
     def gaps(self) -> np.ndarray:
         """Return the gaps (worlds,) between T and pusher, px; negative: overlap."""
-        pose, found = np.zeros((self.worlds, 2, 3)), np.empty((self.worlds, 2, 2))
+        pose, found = np.zeros((self.worlds, 3, 3)), np.empty((self.worlds, 3, 3))
         pose[:, T], pose[:, PUSHER, :2] = self.block, self.pusher[:, :2]
         all_gaps(self.hulls, pose, found)
         return found[:, T, PUSHER]

@@ -46,7 +46,7 @@ def test_mass_and_inertia_are_those_of_gym_pusht():
 
 def test_the_hulls_are_the_boxes_about_the_centre_of_mass():
     made = hulls()
-    assert made.owner.tolist() == [0, 2, 3] and made.rounding.tolist() == [0.0, 0.0, 15.0]
+    assert made.owner.tolist() == [0, 2, 3, 7] and made.rounding.tolist() == [0.0, 0.0, 15.0, 2.0, 2.0, 2.0, 2.0]
     for k, box in enumerate(BOXES):
         corners = made.corner[made.first[k] : made.first[k + 1], :2] + CENTRE
         assert Polygon(corners).equals(Polygon(box))
