@@ -15,13 +15,14 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents.evaluation.statistics import bootstrap, exact
 from studies.benchmarks import common, peers
 from studies.kept import show
+from studies.pusht.kernel import HIGH, LOW, PUSHER, T
 from studies.pusht.peer import Peer
 from studies.pusht.policy import Planner
 from studies.pusht.scene import CONTACTS, PERIODS, SIZE, SUCCESS, PushT, PushTEnv, origin_of, start_of
@@ -30,13 +31,13 @@ from vibgym import checks
 
 FIRST_SEED = 100_000
 LEVEL, RESAMPLES = 0.95, 9999
-ROUNDS, BATCH, PUSHES, EPISODES = 9, 1024, 1000, 100
+ROUNDS, BATCH, PUSHES, REPLAYS, EPISODES = 9, 1024, 1000, 30, 100
 
 PAIRS = (("projected", "projected"), ("projected", "delayed"), ("gym-pusht", "delayed"), ("gym-pusht", "projected"))
 """Simulators in which the policy plays, and contacts of its model."""
 
-SHOWN = (0, 14, 28, 42)
-"""Periods of the picture."""
+COLUMNS = 4
+"""Instants in the picture."""
 
 
 class Played(NamedTuple):
@@ -115,7 +116,14 @@ def in_gym_pusht(peer: Peer, pusher: np.ndarray, block: np.ndarray, actions: np.
     return found
 
 
-def difference(python: Path, keep: bool, count: int = PUSHES) -> None:
+def cells(start: np.ndarray, theirs: np.ndarray, ours: np.ndarray, gap: np.ndarray) -> list[str]:
+    """Return cells of motion in gym-pusht, differences of both ends, and overlap, from poses and gaps: median, 90 %, largest."""
+    far, way = ours - theirs, np.hypot(*(theirs - start)[:, :2].T)
+    values = way, np.hypot(*far[:, :2].T), np.degrees(np.abs(far[:, 2])), np.maximum(-gap, 0.0)
+    return [", ".join(f"{each:.3f}" for each in np.quantile(value, (0.5, 0.9, 1.0))) for value in values]
+
+
+def difference(python: Path, keep: bool, count: int = PUSHES, replays: int = REPLAYS) -> None:
     """Measure the difference of the T's motion after the same pushes."""
     lines = []
     with Peer(python) as peer:
@@ -133,10 +141,18 @@ def difference(python: Path, keep: bool, count: int = PUSHES) -> None:
                 batch = PushT(number, contacts)
                 batch.set_state(pusher, block)
                 batch.rollout(actions)
-                gap, way = batch.block - theirs, np.hypot(*(theirs - block)[:, :2].T)
-                values = (way, np.hypot(*gap[:, :2].T), np.degrees(np.abs(gap[:, 2])), np.maximum(-batch.gaps(), 0.0))
-                cells = [", ".join(f"{each:.3f}" for each in np.quantile(value, (0.5, 0.9, 1.0))) for value in values]
-                lines.append([name, str(number), contacts, *cells])
+                lines.append([name, str(number), contacts, *cells(block, theirs, batch.block, batch.gaps())])
+        policy, seeds = Planner("delayed"), range(FIRST_SEED, FIRST_SEED + replays)
+        played = [play(seed, policy, "delayed", peer) for seed in seeds]
+    theirs, start = np.array([each.block for each in played]), np.array([start_of(seed)[1] for seed in seeds])
+    for contacts in CONTACTS:
+        ends, gaps = np.empty_like(theirs), np.empty(replays)
+        for k, seed in enumerate(seeds):
+            batch = PushT(1, contacts)
+            batch.reset([seed])
+            batch.rollout(played[k].actions[None])
+            ends[k], gaps[k] = batch.block[0], batch.gaps()[0]
+        lines.append(["an episode of the policy", str(replays), contacts, *cells(start, theirs, ends, gaps)])
     heads = ("push", "pushes", "contacts", "motion, px", "difference, px", "difference, deg", "overlap at the end, px")
     show("pusht-difference", heads, lines, keep)
 
@@ -199,25 +215,30 @@ def episodes(python: Path, keep: bool, count: int = EPISODES) -> None:
 
 
 def picture(python: Path, path: Path) -> None:
-    """Draw both simulators after the same actions."""
+    """Draw gym-pusht, and both laws of contact after the same actions: those of an episode in gym-pusht."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9.6, 5.0), layout="constrained")
-    axes = figure.subplots(2, len(SHOWN))
+    batches = {contacts: PushT(1, contacts) for contacts in reversed(CONTACTS)}
+    figure = Figure(figsize=(9.6, 7.4), layout="constrained")
+    axes = figure.subplots(1 + len(batches), COLUMNS)
     with Peer(python) as peer:
         actions = play(FIRST_SEED, Planner("delayed"), "delayed", peer).actions
-        batch, _ = PushT(1), peer.ask("reset", FIRST_SEED)
-        batch.reset([FIRST_SEED])
-        for period in range(max(SHOWN) + 1):
-            if period in SHOWN:
-                above, below = axes[:, SHOWN.index(period)]
-                above.imshow(np.array(peer.ask("picture"), dtype=np.uint8), extent=(0.0, SIZE, SIZE, 0.0))
-                above.set_title(f"{0.1 * period:.1f} s", fontsize=9)
-                draw(below, batch)
-            action = actions[min(period, len(actions) - 1)][None]
-            peer.steps(action)
-            batch.step(action)
-    for row, name in zip(axes, ("gym-pusht", "vibgym's contacts, projected"), strict=True):
+        peer.ask("reset", FIRST_SEED)
+        for batch in batches.values():
+            batch.reset([FIRST_SEED])
+        taken = 0
+        for column, stop in enumerate(np.linspace(0, len(actions), COLUMNS).round().astype(int)):
+            if stop > taken:
+                peer.steps(actions[taken:stop])
+            image = np.array(peer.ask("picture"), dtype=np.uint8)
+            axes[0, column].imshow(image, extent=(0.0, SIZE, SIZE, 0.0))
+            axes[0, column].set_title(f"{0.1 * stop:.1f} s", fontsize=9)
+            for row, batch in enumerate(batches.values(), 1):
+                batch.rollout(actions[None, taken:stop])
+                draw(axes[row, column], batch)
+                axes[row, column].set_xlabel(f"coverage {batch.coverage()[0]:.3f}", fontsize=8)
+            taken = stop
+    for row, name in zip(axes, ("gym-pusht", *batches), strict=True):
         row[0].set_ylabel(name, fontsize=9)
         for each in row:
             each.set(xlim=(0.0, SIZE), ylim=(SIZE, 0.0), aspect="equal", xticks=(), yticks=())
@@ -225,17 +246,17 @@ def picture(python: Path, path: Path) -> None:
     print(f"picture: {path}")
 
 
-def draw(axes, batch: PushT) -> None:
+def draw(axes: Any, batch: PushT) -> None:
     """Draw the first world of a batch with the colours of gym-pusht."""
-    hulls = batch.hulls
-    for pose, colour in ((batch.goal, "lightgreen"), (batch.block[0], "lightslategray")):
-        for piece in range(2):
-            corners = hulls.corner[hulls.first[piece] : hulls.first[piece + 1], :2]
-            axes.fill(*(pose[:2] + corners @ rotation(pose[2])).T, color=colour, linewidth=0.0)
     from matplotlib.patches import Circle, Rectangle
 
-    axes.add_patch(Circle(batch.pusher[0, :2], hulls.radius[1], color="royalblue"))
-    axes.add_patch(Rectangle((7.0, 7.0), SIZE - 15.0, SIZE - 15.0, fill=False, edgecolor="lightgray"))
+    hulls, (x, y) = batch.hulls, batch.pusher[0, :2].tolist()
+    for pose, colour in ((batch.goal, "lightgreen"), (batch.block[0], "lightslategray")):
+        for piece in range(hulls.owner[T + 1]):
+            corners = hulls.corner[hulls.first[piece] : hulls.first[piece + 1], :2]
+            axes.fill(*(pose[:2] + corners @ rotation(pose[2])).T, color=colour, linewidth=0.0)
+    axes.add_patch(Circle((x, y), hulls.radius[PUSHER], color="royalblue"))
+    axes.add_patch(Rectangle((LOW, LOW), HIGH - LOW, HIGH - LOW, fill=False, edgecolor="lightgray", linewidth=1.0))
 
 
 STUDIES = ("throughput", "difference", "play", "picture")

@@ -5,6 +5,7 @@ Started by :mod:`studies.pusht.peer` in an interpreter without vibgym.
 
 import json
 import sys
+from typing import Any
 
 import gym_pusht  # noqa: F401 - registers it
 import gymnasium
@@ -30,12 +31,13 @@ def set_state(env, state):
 
 def main():
     """Answer requests until stdin is closed."""
-    size = {"visualization_width": 320, "visualization_height": 320}
-    env = gymnasium.make("gym_pusht/PushT-v0", obs_type="state", **size).unwrapped
+    made = gymnasium.make("gym_pusht/PushT-v0", obs_type="state", visualization_width=320, visualization_height=320)
+    env: Any = made.unwrapped
     for line in sys.stdin:
         command, *arguments = json.loads(line)
         if command == "reset":
             env.reset(seed=arguments[0])
+            env._last_action = None  # which pictures show
             answer = state_of(env)
         elif command == "set":
             set_state(env, arguments[0])

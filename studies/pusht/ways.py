@@ -47,7 +47,7 @@ def is_clear(start: np.ndarray, stop: np.ndarray) -> np.ndarray:
     """Return whether the pusher keeps its clearance, or that at the start, on segments (..., 2)."""
     shares = np.linspace(0.0, 1.0, 24)[:, None]
     found = distance(start[..., None, :] + shares * (stop - start)[..., None, :])
-    return (found >= np.minimum(RADIUS + CLEARANCE - TOLERANCE, found[..., :1] - 0.5)).all(axis=-1)
+    return np.all(found >= np.minimum(RADIUS + CLEARANCE - TOLERANCE, found[..., :1] - 0.5), axis=-1)
 
 
 def ways() -> Ways:
