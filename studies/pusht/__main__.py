@@ -117,7 +117,7 @@ def in_gym_pusht(peer: Peer, pusher: np.ndarray, block: np.ndarray, actions: np.
 
 
 def cells(start: np.ndarray, theirs: np.ndarray, ours: np.ndarray, gap: np.ndarray) -> list[str]:
-    """Return cells of motion in gym-pusht, differences of both ends, and overlap, from poses and gaps: median, 90 %, largest."""
+    """Return cells from poses and gaps: motion in gym-pusht, differences of the ends, overlap; median, 90 %, largest."""
     far, way = ours - theirs, np.hypot(*(theirs - start)[:, :2].T)
     values = way, np.hypot(*far[:, :2].T), np.degrees(np.abs(far[:, 2])), np.maximum(-gap, 0.0)
     return [", ".join(f"{each:.3f}" for each in np.quantile(value, (0.5, 0.9, 1.0))) for value in values]

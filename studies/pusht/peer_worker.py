@@ -7,7 +7,7 @@ import json
 import sys
 from typing import Any
 
-import gym_pusht  # noqa: F401 - registers it
+import gym_pusht  # noqa: F401 # pyright: ignore[reportMissingImports] - registers it
 import gymnasium
 import numpy
 
