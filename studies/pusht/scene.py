@@ -187,7 +187,10 @@ class PushT:
         Args:
             actions: (worlds, periods, 2) px.
         """
-        return self._advance(np.array(actions, dtype=np.float64, order="C"), controlled=True)
+        if np.ndim(actions) != 3:
+            raise checks.refuse("actions", np.shape(actions), f"of shape ({self.worlds}, periods, 2)")
+        actions = checks.array("actions", actions, (self.worlds, np.shape(actions)[1], 2))
+        return self._advance(np.array(actions, order="C"), controlled=True)
 
     def _advance(self, actions: np.ndarray, controlled: bool) -> np.ndarray:
         trace = np.empty((self.worlds, actions.shape[1], 5))
@@ -222,4 +225,4 @@ class PushTEnv(gym.Env):
         self._steps += 1
         done = bool(found.success[0])
         info = {"is_success": done, "coverage": float(found.coverage[0])}
-        return found.observation[0], float(found.reward[0]), done, self._steps >= PERIODS and not done, info
+        return found.observation[0], float(found.reward[0]), done, self._steps >= PERIODS, info

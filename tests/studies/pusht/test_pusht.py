@@ -133,10 +133,11 @@ def test_projected_contacts_do_not_overlap():
 
 @both_laws
 def test_walls_hold_the_t(contacts):
-    world = pushed(contacts, [256.0, 440.0, np.pi], [256.0, 520.0 - 15.0], [0.0, -20.0], 20)
-    assert world.block[0, 1] < 200.0
-    lowest = outline(origin_of(world.block[0])).bounds[1]
-    assert lowest > 7.0 - (0.1 if contacts == "projected" else 5.0)
+    """The stem points at the left wall, 8 px away, and the push is beside the centre: the T turns about its tip."""
+    world = pushed(contacts, [90.0, 256.0, 0.5 * np.pi], [151.0, 296.0], [-6.0, 0.0], 12)
+    bounds = outline(origin_of(world.block[0])).bounds
+    assert bounds[0] == pytest.approx(7.0, abs=0.1 if contacts == "projected" else 0.5)
+    assert world.block[0, 2] > 0.5 * np.pi + 0.3 and world.gaps()[0] > -0.5
 
 
 @both_laws
@@ -225,6 +226,8 @@ def test_other_invalid_arguments_raise():
         "worlds": lambda: PushT(0),
         "contacts": lambda: PushT(1, "soft"),
         "seeds": lambda: PushT(2).reset([0]),
+        "actions": lambda: PushT(2).rollout(np.zeros((3, 4, 2))),
+        "must be of shape": lambda: PushT(2).rollout(np.zeros((2, 2))),
         "block": lambda: PushT(1).set_state([0.0, 0.0], [0.0, np.inf, 0.0]),
     }.items():
         with pytest.raises(ValueError, match=name):
