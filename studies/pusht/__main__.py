@@ -74,13 +74,17 @@ def throughput(python: Path, keep: bool, rounds: int = ROUNDS) -> None:
     other = peers.Peer(python, "pusht")
     cases = [(contacts, worlds) for contacts in CONTACTS for worlds in (1, BATCH)]
     measures = [rate(*case) for case in cases]
-    found = np.array([[[each(), other()] for each in measures] for _ in range(rounds)])
+    found = np.empty((rounds, len(cases), 2))
+    for number in range(rounds):
+        for k, ours in enumerate(measures):
+            for which in (1, 0) if number % 2 else (0, 1):
+                found[number, k, which] = other() if which else ours()
     other.close()
     lines = []
     for (contacts, worlds), pairs in zip(cases, np.moveaxis(found, 1, 0), strict=True):
-        ratios, (ours, theirs) = pairs[:, 0] / pairs[:, 1], np.median(pairs, axis=0)
+        ratios, (mine, theirs) = pairs[:, 0] / pairs[:, 1], np.median(pairs, axis=0)
         spread = f"{statistics.median(ratios):.1f} [{ratios.min():.1f}, {ratios.max():.1f}]"
-        lines.append([contacts, str(worlds), f"{ours:.0f}", f"{theirs:.0f}", spread])
+        lines.append([contacts, str(worlds), f"{mine:.0f}", f"{theirs:.0f}", spread])
     show("pusht-throughput", ("contacts", "worlds", "steps/s", "gym-pusht, steps/s", "ratio"), lines, keep)
 
 
