@@ -102,7 +102,7 @@ def kept_in(directory: str | None) -> Iterator[None]:
     """Set the directory of Minari's data sets within a block; None: unchanged."""
     before = os.environ.get(ROOT)
     if directory is not None:
-        os.environ[ROOT] = str(directory)
+        os.environ[ROOT] = os.path.abspath(directory)
     try:
         yield
     finally:

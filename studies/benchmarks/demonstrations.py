@@ -1,8 +1,9 @@
 """Success against the number of demonstrations: ``python -m studies.benchmarks.demonstrations [--processes 2]``.
 
-Policies learn Push from episodes of the rule with noise on its actions (``configs/recordings/push.yaml``, recorded first if
-they are missing), by the methods of ``configs/agents/demonstrations.yaml``, with several seeds each. They play seeds from
-300000. A run takes minutes to a quarter of an hour; finished runs in the output directory are not repeated.
+Policies learn Push from episodes of the rule (``configs/recordings/push.yaml``), and Transport from images of episodes of a
+controller (``configs/recordings/images.yaml``). Data sets are recorded first if they are missing. The methods are those of
+``configs/agents/demonstrations.yaml``, with several seeds each. Policies play seeds from 300000. A run takes minutes to a
+quarter of an hour; finished runs in the output directory are not repeated.
 """
 
 from __future__ import annotations
@@ -24,35 +25,40 @@ from studies.kept import show
 from vibgym.policies import rollout
 from vibgym.policies.rollout import Outcomes
 
-RECORDING, CONFIG = Path("configs/recordings/push.yaml"), Path("configs/agents/demonstrations.yaml")
-TASK, FIRST_SEED = "Push", 300_000
+CONFIG = Path("configs/agents/demonstrations.yaml")
+RECORDINGS = {"Push": Path("configs/recordings/push.yaml"), "Transport": Path("configs/recordings/images.yaml")}
+COUNTS = {"Push": (1000, 200), "Transport": (200, 20)}
+FIRST_SEED = 300_000
 LEVEL, RESAMPLES = 0.95, 9999
 METHODS = {
-    "apart": "cloning, a row for each part",
-    "cloned": "cloning, one row for all",
-    "iql": "IQL, one row for all",
-    "flow": "flow matching",
+    "Push": {
+        "apart": "cloning, a row for each part",
+        "cloned": "cloning, one row for all",
+        "iql": "IQL, one row for all",
+        "flow": "flow matching, one row for all",
+    },
+    "Transport": {"cloned": "cloning, images", "flow": "flow matching, images"},
 }
 """Agents of the training file."""
 
 
-def recorded(directory: Path) -> None:
+def recorded(task: str, directory: Path) -> None:
     """Record the demonstrations, unless they are there."""
-    settings = record_settings.load_settings(RECORDING)
+    settings = record_settings.load_settings(RECORDINGS[task])
     if not (directory / settings.dataset).is_dir():
         record.record(settings.model_copy(update={"directory": str(directory)}))
 
 
-def learn(method: str, count: int, seed: int, steps: int | None, episodes: int, output: Path) -> Outcomes:
+def learn(task: str, method: str, count: int, seed: int, steps: int | None, episodes: int, output: Path) -> Outcomes:
     """Train on the first ``count`` demonstrations, and play; a finished run is not repeated."""
-    settings = load_settings(CONFIG, f"{TASK}/{method}", seed)
+    settings = load_settings(CONFIG, f"{task}/{method}", seed)
     assert isinstance(settings.own, DataSettings)
     own = settings.own.model_copy(update={"episodes": count, "directory": str(output / "data")})
     settings = settings.model_copy(update={"own": own, "steps": steps or settings.steps, "judging": None})
-    with Training(settings, output / f"{method}-{count}" / f"seed-{seed}", quiet=True) as training:
+    with Training(settings, output / f"{task}-{method}-{count}" / f"seed-{seed}", quiet=True) as training:
         path = training.run()
-    found = rollout({"kind": "trained", "path": str(path)}, TASK, seeds=range(FIRST_SEED, FIRST_SEED + episodes))
-    print(f"{method}, {count} demonstrations, seed {seed}: {cell([found])}", flush=True)
+    found = rollout({"kind": "trained", "path": str(path)}, task, seeds=range(FIRST_SEED, FIRST_SEED + episodes))
+    print(f"{task}, {method}, {count} demonstrations, seed {seed}: {cell([found])}", flush=True)
     return found
 
 
@@ -71,29 +77,33 @@ def cell(found: Sequence[Outcomes]) -> str:
 def main() -> None:
     """Record, train, evaluate and print; with ``--keep`` write the table of the documentation."""
     parser = common.parser(__doc__)
-    parser.add_argument("--methods", nargs="+", choices=list(METHODS), default=list(METHODS))
-    parser.add_argument("--counts", nargs="+", type=int, default=[1000, 300, 100], help="numbers of demonstrations")
+    parser.add_argument("--tasks", nargs="+", choices=list(METHODS), default=list(METHODS))
+    parser.add_argument("--methods", nargs="+", choices=list(METHODS["Push"]), default=list(METHODS["Push"]))
     parser.add_argument("--seeds", type=int, default=3, help="trainings of each")
     parser.add_argument("--steps", type=int, help="updates of a training, instead of those of the file")
     parser.add_argument("--episodes", type=int, default=200)
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--output", type=Path, default=Path("runs/demonstrations"))
     asked = parser.parse_args()
-    recorded(asked.output / "data")
-    cases = [(method, count) for method in asked.methods for count in asked.counts]
-    calls = [
-        (method, count, seed, asked.steps, asked.episodes, asked.output)
-        for method, count in cases
-        for seed in range(asked.seeds)
-    ]
-    found = iter(parallel.run(learn, calls, workers=asked.processes))
-    cells = {case: cell([next(found) for _ in range(asked.seeds)]) for case in cases}
-    rule = rollout(
-        record_settings.load_settings(RECORDING).policy, TASK, seeds=range(FIRST_SEED, FIRST_SEED + asked.episodes)
-    )
-    lines = [[METHODS[method], *(cells[method, count] for count in asked.counts)] for method in asked.methods]
-    lines.append(["the rule, which gave the demonstrations", cell([rule]), *["" for _ in asked.counts[1:]]])
-    show("demonstrations", ("policy", *(f"{count} demonstrations" for count in asked.counts)), lines, asked.keep)
+    lines = []
+    for task in asked.tasks:
+        recorded(task, asked.output / "data")
+        names = [name for name in METHODS[task] if name in asked.methods]
+        calls = [
+            (task, name, count, seed, asked.steps, asked.episodes, asked.output)
+            for name in names
+            for count in COUNTS[task]
+            for seed in range(asked.seeds)
+        ]
+        found = iter(parallel.run(learn, calls, workers=asked.processes))
+        for name in names:
+            cells = [cell([next(found) for _ in range(asked.seeds)]) for _ in COUNTS[task]]
+            counted = (f"{count}: {text}" for count, text in zip(COUNTS[task], cells, strict=True))
+            lines.append([task, METHODS[task][name], *counted])
+        policy = record_settings.load_settings(RECORDINGS[task]).policy
+        expert = rollout(policy, task, seeds=range(FIRST_SEED, FIRST_SEED + asked.episodes))
+        lines.append([task, f"`{policy['kind']}`, which gave the demonstrations", cell([expert]), ""])
+    show("demonstrations", ("task", "policy", "demonstrations: success, time", "fewer"), lines, asked.keep)
 
 
 if __name__ == "__main__":

@@ -186,3 +186,9 @@ def test_nothing_is_stored_if_an_episode_does_not_replay(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="does not replay"):
         record(settings_of(tmp_path, episodes=2), quiet=True)
     assert not list(tmp_path.rglob("main_data.hdf5"))
+
+
+def test_a_directory_may_be_relative(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    place, _, _ = record(settings_of("data sets", episodes=1), quiet=True)
+    assert place == tmp_path / "data sets" / settings_of("").dataset and place.is_dir()
