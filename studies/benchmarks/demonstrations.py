@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,19 +28,27 @@ from vibgym.policies.rollout import Outcomes
 
 CONFIG = Path("configs/agents/demonstrations.yaml")
 RECORDINGS = {"Push": Path("configs/recordings/push.yaml"), "Transport": Path("configs/recordings/images.yaml")}
-COUNTS = {"Push": (1000, 200), "Transport": (200, 20)}
 FIRST_SEED = 300_000
 LEVEL, RESAMPLES = 0.95, 9999
+
+
+class Method(NamedTuple):
+    """A method and the numbers of demonstrations that it is given."""
+
+    title: str
+    counts: tuple[int, ...]
+
+
 METHODS = {
     "Push": {
-        "apart": "cloning, a row for each part",
-        "cloned": "cloning, one row for all",
-        "iql": "IQL, one row for all",
-        "flow": "flow matching, one row for all",
+        "flow": Method("flow matching, one row for all", (1000, 200)),
+        "cloned": Method("cloning, one row for all", (1000, 200)),
+        "iql": Method("IQL, one row for all", (1000,)),
+        "apart": Method("cloning, a row for each part", (1000,)),
     },
-    "Transport": {"cloned": "cloning, images", "flow": "flow matching, images"},
+    "Transport": {"flow": Method("flow matching, images", (200, 20)), "cloned": Method("cloning, images", (200, 20))},
 }
-"""Agents of the training file."""
+"""Methods by task and name in the training file."""
 
 
 def recorded(task: str, directory: Path) -> None:
@@ -92,18 +101,17 @@ def main() -> None:
         calls = [
             (task, name, count, seed, asked.steps, asked.episodes, asked.output)
             for name in names
-            for count in COUNTS[task]
+            for count in METHODS[task][name].counts
             for seed in range(asked.seeds)
         ]
         found = iter(parallel.run(learn, calls, workers=asked.processes))
         for name in names:
-            cells = [cell([next(found) for _ in range(asked.seeds)]) for _ in COUNTS[task]]
-            counted = (f"{count}: {text}" for count, text in zip(COUNTS[task], cells, strict=True))
-            lines.append([task, METHODS[task][name], *counted])
+            title, counts = METHODS[task][name]
+            lines += [[task, title, f"{n}", cell([next(found) for _ in range(asked.seeds)])] for n in counts]
         policy = record_settings.load_settings(RECORDINGS[task]).policy
         expert = rollout(policy, task, seeds=range(FIRST_SEED, FIRST_SEED + asked.episodes))
-        lines.append([task, f"`{policy['kind']}`, which gave the demonstrations", cell([expert]), ""])
-    show("demonstrations", ("task", "policy", "demonstrations: success, time", "fewer"), lines, asked.keep)
+        lines.append([task, f"`{policy['kind']}`, which gave the demonstrations", "", cell([expert])])
+    show("demonstrations", ("task", "policy", "demonstrations", "success; time to goal"), lines, asked.keep)
 
 
 if __name__ == "__main__":
