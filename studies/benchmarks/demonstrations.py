@@ -94,8 +94,8 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--output", type=Path, default=Path("runs/demonstrations"))
     asked = parser.parse_args()
-    lines = []
     for task in asked.tasks:
+        lines = []
         recorded(task, asked.output / "data")
         names = [name for name in METHODS[task] if name in asked.methods]
         calls = [
@@ -107,11 +107,12 @@ def main() -> None:
         found = iter(parallel.run(learn, calls, workers=asked.processes))
         for name in names:
             title, counts = METHODS[task][name]
-            lines += [[task, title, f"{n}", cell([next(found) for _ in range(asked.seeds)])] for n in counts]
+            lines += [[title, f"{n}", cell([next(found) for _ in range(asked.seeds)])] for n in counts]
         policy = record_settings.load_settings(RECORDINGS[task]).policy
         expert = rollout(policy, task, seeds=range(FIRST_SEED, FIRST_SEED + asked.episodes))
-        lines.append([task, f"`{policy['kind']}`, which gave the demonstrations", "", cell([expert])])
-    show("demonstrations", ("task", "policy", "demonstrations", "success; time to goal"), lines, asked.keep)
+        lines.append([f"`{policy['kind']}`, which gave the demonstrations", "", cell([expert])])
+        heads = (f"{task}: policy", "demonstrations", "success; time to goal")
+        show(f"demonstrations-{task.lower()}", heads, lines, asked.keep)
 
 
 if __name__ == "__main__":
