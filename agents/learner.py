@@ -72,7 +72,7 @@ class PartsLearner:
         for name in network.blind:
             checks.choice(f"{where}.blind", name, tuple(row.name for row in layout))
         columns = [[row.name, row.width] for row in layout if row.name not in network.blind] if network.blind else None
-        flags = network.turned, network.remembers
+        flags = network.turned, network.remembers, network.recalls
         found = CODINGS[network.network](env.surface, env.parts, layout, self.action, columns, *flags)
         if network.network == "elements" and not found.shape.has_elements:
             reason = "column 'element' is in 'blind'" if found.shape.side else f"not {self.action!r}"
@@ -137,6 +137,7 @@ class PartsLearner:
             "columns": coding.columns,
             "turned": coding.turned,
             "remembers": coding.remembers,
+            "recalls": coding.recalls,
             "action": coding.action,
             "network": self.network.network,
             "activation": self.network.activation,
@@ -208,6 +209,7 @@ def _form(policy: TrainedPolicy) -> dict[str, Any]:
         "columns": coding.columns,
         "ppo.turned": coding.turned,
         "ppo.remembers": coding.remembers,
+        "ppo.recalls": coding.recalls,
         "ppo.network": policy.network,
         "ppo.activation": policy.activation,
         "layers": {name: each.shape for name, each in policy.tensors.items() if name != FLOOR},

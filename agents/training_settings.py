@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, SerializeAsAny, field_validator, model_serializer, model_validator
+from pydantic import BeforeValidator, Field, SerializeAsAny, field_validator, model_serializer, model_validator
 from pydantic_core import PydanticCustomError
 
 from vibgym import checks
@@ -24,6 +24,9 @@ Range = Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=2, max_l
 """Low and high end."""
 
 Width = Annotated[int, Field(ge=1, le=4096)]
+Steps = Annotated[
+    int, BeforeValidator(lambda value: int(value) if isinstance(value, bool) else value), Field(ge=0, le=100)
+]
 Widths = Annotated[list[Width], Field(min_length=1, max_length=8)]
 
 
@@ -66,7 +69,8 @@ class NetworkSettings(Settings):
     critic_net: Widths = [64, 64]
     attention: Width = 32
     turned: bool = False  # rotate rows by quarter turns so that the goal lies to the right and up
-    remembers: bool = False  # rows contain the action of the last step
+    remembers: Steps = 0  # previous steps of which rows contain the action; true: 1
+    recalls: list[str] = Field([], max_length=100)  # columns of these steps' observations that rows contain
     blind: list[str] = Field([], max_length=100)  # columns that the network does not read
 
 
@@ -258,7 +262,7 @@ class TrainSettings(Settings):
         checks.choice("residual.base.action", self.residual.base["action"], CORRECTED)
         for name, got, allowed in (
             ("imitation", self.imitation, None),
-            ("ppo.remembers", self.own.remembers, False),
+            ("ppo.remembers", self.own.remembers, 0),
             ("ppo.turned", self.own.turned, False),
             ("ppo.network", self.own.network, "parts"),
             ("environment.action", self.action, self.residual.base["action"]),

@@ -98,7 +98,7 @@ def check(name: str, data: Any, env: Any, action: str, observation: str, where: 
 
 
 def _group(data: Any, numbers: range, coding: Coding) -> dict[str, np.ndarray]:
-    """Return the transitions of some episodes, converted step by step since rows may contain the previous action."""
+    """Return the transitions of some episodes, converted step by step since rows may contain previous actions."""
     episodes = list(data.iterate_episodes(numbers))
     lengths = np.array([len(each.rewards) for each in episodes])
     steps = int(lengths.max())
@@ -124,7 +124,7 @@ def _group(data: Any, numbers: range, coding: Coding) -> dict[str, np.ndarray]:
         mask.append(inputs.mask)
         actions.append(coding.to_rows(inputs, executed[step]))
         if coding.remembers:
-            inputs.command[...] = executed[step]
+            inputs.command[..., : coding.shape.action] = executed[step]
     there = np.arange(steps + 1) <= lengths[:, None]  # (episodes, observations)
     acted = np.arange(steps + 1) < lengths[:, None]
     order = (np.cumsum(there.reshape(-1)) - 1).reshape(there.shape)

@@ -20,6 +20,9 @@ TOUCHING = 0.02
 FRAMES = 3
 """Images of the part that ``pixels`` networks read: two give a velocity to a rounded pixel, a third refines it."""
 
+MOST_STEPS = 100
+"""Largest number of steps that rows contain."""
+
 NOTHING = np.zeros((0, 0, 0), dtype=np.float32)
 
 
@@ -30,7 +33,8 @@ class Inputs(NamedTuple):
     mask: np.ndarray  # (worlds, parts) float32, 1 where there is a part
     quarters: np.ndarray = NOTHING  # (worlds, parts) quarter turns of the rows; empty without 'turned'
     where: np.ndarray = NOTHING  # (worlds, parts, 4) columns position and element; empty unless actions need them
-    command: np.ndarray = NOTHING  # (worlds, parts, values) actions, in table coordinates; empty without 'remembers'
+    # (worlds, parts, values) the action, then the rest of the memory, in table coordinates; empty without 'remembers'
+    command: np.ndarray = NOTHING
     frame: np.ndarray = NOTHING  # (worlds, 2) cosine and sine of the anchor's heading; of network 'joint' only
 
     def of(self, worlds: Any) -> Inputs:
@@ -53,8 +57,10 @@ class Coding:
             training had.
         turned: turn each row by quarter turns until its displacement points right and up, and turn the actions back. The
             network is then equal in all four directions (:mod:`vibgym.policies.trained.symmetry`).
-        remembers: rows contain, after the part's own columns, its previous action. Measured velocities are means over the last
-            period; the previous action determines the velocity at its end.
+        remembers: number of steps of which rows contain, after the part's own columns, its action, the last step first; zeros
+            before the start of an episode and before a part has arrived. True: 1. Measured velocities are means over the last
+            period; the previous action determines the velocity at its end. With a delay more actions are under way.
+        recalls: names of the part's own columns that rows also contain as they were before each of these actions.
 
     Attributes:
         shape: of rows and actions.
@@ -62,7 +68,8 @@ class Coding:
         equivalents: transformations of rows and outputs, see :class:`.joint.JointCoding`; empty in this class.
 
     Raises:
-        ValueError: an action that is neither by part nor by element, or columns that this scene does not have.
+        ValueError: an action that is neither by part nor by element, columns that this scene does not have, a number of steps
+            outside [0, 100], or ``recalls`` without ``remembers``.
     """
 
     observation: str = "parts"
@@ -81,7 +88,8 @@ class Coding:
         action: str,
         columns: Sequence[Sequence[Any]] | None = None,
         turned: bool = False,
-        remembers: bool = False,
+        remembers: int = 0,
+        recalls: Sequence[str] = (),
     ) -> None:
         self.surface, self.parts, self.action = surface, tuple(parts), action
         whole: int = ACTIONS.choose("action", action)(surface, self.parts).size
@@ -101,12 +109,17 @@ class Coding:
         nearest = [starts[name] for name in ("neighbour_1_there", "neighbour_1_gap") if name in starts]
         if len(nearest) == 2:  # counted from the end, since rows that remember have more columns before
             self._nearest = [each - self.shape.columns for each in nearest]
+        self._own = self.shape.own
+        self.remembers = steps_of(remembers)
+        recalled = recalled_of(recalls, [row for row in layout if row.start < self._own], self.remembers)
+        self.recalls = [row.name for row in recalled]
+        self._recall = [k for row in recalled for k in range(row.start, row.start + row.width)]
         self.turned = turned
         if turned:
-            self._turns = Turns(self.columns, self.parts, action, self.shape)
-        self.remembers, self._own = remembers, self.shape.own
-        if remembers:
-            self.shape = self.shape._replace(columns=self.shape.columns + size)
+            seen = [[row.name, row.width] for row in recalled]
+            self._turns = Turns(self.columns, self.parts, action, self.shape, seen)
+        self._memory = self.remembers * (size + len(self._recall))
+        self.shape = self.shape._replace(columns=self.shape.columns + self._memory)
 
     def encode(self, observation: Any, before: Any = None, start: np.ndarray | None = None) -> Inputs:
         """Return the inputs for an observation (as a batch of one) or a batch of observations.
@@ -114,7 +127,7 @@ class Coding:
         Args:
             observation: dictionary of ``parts`` and ``mask``.
             before: inputs of the last step, whose ``command`` holds the actions since; None: none. Only for 'remembers'.
-            start: (worlds,) bool, whether an episode has begun since: the previous action is then 0.
+            start: (worlds,) bool, whether an episode has begun since: previous actions are then 0.
 
         Raises:
             ValueError: not an observation by parts, or a memory of other worlds.
@@ -134,26 +147,35 @@ class Coding:
         if self._code is not None:
             where = np.concatenate([rows[:, :n, first : first + 2] for first in self._at], axis=-1)
         rows = rows[:, :n] if self._pick is None else rows[:, :n, self._pick]
-        inputs = Inputs(rows, mask[:, :n], where=where)
+        inputs, recalled = Inputs(rows, mask[:, :n], where=where), rows[..., self._recall]
         if self._turns is not None:
             quarters = self._turns.ahead(rows)
             inputs = inputs._replace(rows=self._turns.turn_rows(quarters, rows), quarters=quarters)
-        return self._with_command(inputs, before, start) if self.remembers else inputs
+        return self._with_command(inputs, recalled, before, start) if self.remembers else inputs
 
-    def _with_command(self, inputs: Inputs, before: Any, start: np.ndarray | None) -> Inputs:
-        """Return ``inputs`` with the previous actions in its rows, and a buffer of zeros for the next actions."""
-        command = np.zeros((*inputs.mask.shape, self.shape.action), dtype=np.float32)
+    def _with_command(self, inputs: Inputs, recalled: np.ndarray, before: Any, start: np.ndarray | None) -> Inputs:
+        """Return ``inputs`` with previous steps in its rows, and in ``command`` zeros for the next actions, then this memory.
+
+        Args:
+            inputs, before, start: see :meth:`encode`.
+            recalled: (worlds, parts, values) columns of the present observation that later rows contain.
+        """
+        command = np.zeros((*inputs.mask.shape, self._memory), dtype=np.float32)
         if before is not None:
             if not isinstance(before, Inputs) or before.command.shape != command.shape:
                 got = f"of shape {before.command.shape}" if isinstance(before, Inputs) else type(before).__name__
                 raise checks.refuse("state", got, f"None, or what predict() returned last, of shape {command.shape}")
-            # Absent parts have no previous action: where parts come and go, a slot is empty before each arrival.
+            # Absent parts have no previous actions: where parts come and go, a slot is empty before each arrival.
             command[...] = before.command * (before.mask[..., None] > 0.5)
             if start is not None:
                 command[np.asarray(start, dtype=bool)] = 0.0
+        steps = command.reshape(*inputs.mask.shape, self.remembers, -1)
+        turned = steps if self._turns is None else self._turns.turn_steps(inputs.quarters, steps)
         own, others = inputs.rows[..., : self._own], inputs.rows[..., self._own :]
-        rows = np.concatenate([own, self.to_rows(inputs, command), others], axis=-1)
-        return inputs._replace(rows=rows, command=np.zeros_like(command))
+        rows = np.concatenate([own, turned.reshape(command.shape), others], axis=-1)
+        latest = np.concatenate([np.zeros((*inputs.mask.shape, self.shape.action), np.float32), recalled], axis=-1)
+        kept = command[..., : self._memory - latest.shape[-1]]
+        return inputs._replace(rows=rows, command=np.concatenate([latest, kept], axis=-1))
 
     def touching(self, inputs: Inputs) -> np.ndarray:
         """Return (worlds, parts) 1.0 where a part touches another or nearly, 0.0 elsewhere or if rows have no gaps."""
@@ -178,7 +200,7 @@ class Coding:
         if self._turns is not None:
             of_parts = self._turns.turn_actions(-inputs.quarters, of_parts)
         if self.remembers:
-            inputs.command[...] = of_parts
+            inputs.command[..., : self.shape.action] = of_parts
         if self._code is None:
             return of_parts.reshape(len(of_parts), -1)
         side, surface = self.shape.side, self.surface
@@ -229,7 +251,7 @@ class ImageCoding(Coding):
         layout: not used; an image has no columns.
         action: the environment's ``action=``.
         columns: ``[["part", frames], ["goal", 1]]``; None: :data:`FRAMES` frames.
-        turned, remembers: False.
+        turned, remembers, recalls: False and empty.
 
     Raises:
         ValueError: several parts, an action that is not by part, or other columns.
@@ -245,11 +267,12 @@ class ImageCoding(Coding):
         action: str,
         columns: Sequence[Sequence[Any]] | None = None,
         turned: bool = False,
-        remembers: bool = False,
+        remembers: int = 0,
+        recalls: Sequence[str] = (),
     ) -> None:
         self.surface, self.parts, self.action = surface, tuple(parts), action
-        self.turned, self.remembers = turned, remembers
-        for name, value in (("turned", turned), ("remembers", remembers)):
+        self.turned, self.remembers, self.recalls = turned, steps_of(remembers), list(recalls)
+        for name, value in (("turned", turned), ("remembers", remembers), ("recalls", recalls)):
             if value:
                 raise checks.conflict(f"{name} is not supported by network 'pixels'")
         if len(parts) != 1:
@@ -297,6 +320,37 @@ class ImageCoding(Coding):
     def single(self, observation: Any) -> bool:
         """Return whether it is one image, not a batch."""
         return np.ndim(observation) == 3
+
+
+def steps_of(remembers: Any) -> int:
+    """Return the number of steps that rows contain.
+
+    Raises:
+        ValueError: neither a bool nor a whole number in [0, :data:`MOST_STEPS`].
+    """
+    whole = int(remembers) if isinstance(remembers, bool) else remembers
+    return checks.count("remembers", whole, least=0, most=MOST_STEPS)
+
+
+def recalled_of(recalls: Any, layout: Sequence[Any], steps: int) -> list[Any]:
+    """Return the columns that rows contain of earlier steps, in the order of a row.
+
+    Args:
+        recalls: their names.
+        layout: the part's own columns.
+        steps: number of earlier steps.
+
+    Raises:
+        ValueError: not a list of names of these columns, or no earlier steps.
+    """
+    names = tuple(row.name for row in layout)
+    if isinstance(recalls, str) or not isinstance(recalls, Sequence):
+        raise checks.refuse("recalls", recalls, "a list of columns")
+    for name in recalls:
+        checks.choice("recalls", name, names)
+    if recalls and not steps:
+        raise checks.conflict("recalls requires remembers, the number of steps")
+    return [row for row in layout if row.name in recalls]
 
 
 def picked(layout: Sequence[Any], columns: Sequence[Sequence[Any]] | None) -> tuple[np.ndarray | None, list[Any]]:

@@ -61,7 +61,7 @@ class JointCoding(Coding):
     own columns, without neighbours. If the anchor's heading is unique, vectors and the velocities of actions are in the
     anchor's frame, else in the table's. The position of other parts is replaced by their displacement from the anchor.
 
-    Args: see :class:`.coding.Coding`; ``turned`` and ``remembers`` must be False.
+    Args: see :class:`.coding.Coding`; ``turned``, ``remembers`` and ``recalls`` must be False or empty.
 
     Attributes:
         equivalents: transformations of rows and outputs to equivalent scenes; the first changes nothing. Equal driven parts are
@@ -79,13 +79,14 @@ class JointCoding(Coding):
         action: str,
         columns: Sequence[Sequence[Any]] | None = None,
         turned: bool = False,
-        remembers: bool = False,
+        remembers: int = 0,
+        recalls: Sequence[str] = (),
     ) -> None:
-        for name, value in (("turned", turned), ("remembers", remembers)):
+        for name, value in (("turned", turned), ("remembers", remembers), ("recalls", recalls)):
             if value:
                 raise checks.conflict(f"{name} is not supported by network 'joint'")
         checks.choice("action", action, ("velocity",))
-        super().__init__(surface, parts, layout, action, columns)
+        super().__init__(surface, parts, layout, action, columns, remembers=remembers)
         names, starts = [name for name, _ in self.columns], np.cumsum([0, *(width for _, width in self.columns)])
         for name in ("position", "heading"):
             if name not in names:

@@ -96,15 +96,26 @@ class Turns:
     Args:
         columns, parts: see :func:`turned_rows`.
         action, shape: see :func:`turned_actions`.
+        recalled: names and widths of the columns that follow the action in :meth:`turn_steps`.
 
     Raises:
         ValueError: no column ``way_far``, or parts of different symmetry.
     """
 
-    def __init__(self, columns: Sequence[Sequence[Any]], parts: Sequence[Part], action: str, shape: Shape) -> None:
-        once, acts = turned_rows(columns, parts), turned_actions(action, shape)
-        self.rows = [np.ascontiguousarray(np.linalg.matrix_power(once, k).T) for k in range(4)]
-        self.actions = [np.ascontiguousarray(np.linalg.matrix_power(acts, k).T) for k in range(4)]
+    def __init__(
+        self,
+        columns: Sequence[Sequence[Any]],
+        parts: Sequence[Part],
+        action: str,
+        shape: Shape,
+        recalled: Sequence[Sequence[Any]] = (),
+    ) -> None:
+        once, acts, seen = turned_rows(columns, parts), turned_actions(action, shape), turned_rows(recalled, parts)
+        apart = np.zeros((len(acts), len(seen)), dtype=np.float32)
+        self.rows, self.actions, self.steps = (
+            [np.ascontiguousarray(np.linalg.matrix_power(each, k).T) for k in range(4)]
+            for each in (once, acts, np.block([[acts, apart], [apart.T, seen]]))
+        )
         starts = np.cumsum([0, *(width for _, width in columns)])
         names = [name for name, _ in columns]
         if "way_far" not in names:
@@ -126,6 +137,10 @@ class Turns:
     def turn_actions(self, quarters: np.ndarray, actions: np.ndarray) -> np.ndarray:
         """Return actions (..., values) after ``quarters`` (...) quarter turns, which may be negative."""
         return _each(self.actions, quarters % 4, actions)
+
+    def turn_steps(self, quarters: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        """Return earlier steps (..., steps, values), an action and recalled columns each, after ``quarters`` (...) turns."""
+        return _each(self.steps, quarters, steps)
 
 
 def _each(matrices: Sequence[np.ndarray], quarters: np.ndarray, values: np.ndarray) -> np.ndarray:
