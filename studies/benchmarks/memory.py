@@ -1,0 +1,168 @@
+"""Value of memory without an estimator: ``python -m studies.benchmarks.memory [--processes 2]``, half an hour on one idle core.
+
+Agents learn Align with ``field`` from scratch where measurements are late or missing, and no estimator predicts the state. They
+differ in what their rows contain of earlier steps. The forces of ``field`` do not depend on the measured velocity: the last
+measurement and the actions since determine the state. (``velocity`` closes a control loop on the measured velocity inside the
+environment, which oscillates with a delay.)
+
+The number of steps is not tuned. With a delay of d periods, d actions have been applied since the sample; one more because a
+measured velocity is a mean over the period before. With dropouts the last reading is older: so many more steps that its age
+exceeds them in 1 % of the steps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents import parallel
+from agents.evaluation.statistics import quartiles, success_interval
+from agents.evaluation.table import quantity
+from agents.ppo import PPO
+from agents.training_file import settings_from
+from studies.benchmarks import common
+from studies.kept import show
+from vibgym.policies import rollout
+from vibgym.policies.rollout import Outcomes
+
+TASK, WORLDS, FIRST_SEED, FIRST_TRAINING = "Align", 128, 300_000, 10
+UNCOVERED, LEVEL, RESAMPLES = 0.01, 0.95, 9999
+ACTION = {"action": "field"}
+LEARNING = {
+    "n_steps": 32, "batch_size": 1024, "n_epochs": 4, "learning_rate": 5e-4, "final_learning_rate": 1e-4, "gamma": 0.99,
+    "target_kl": 0.02, "log_std_init": -1.0, "activation": "relu", "turned": True, "blind": ["position"],
+}  # fmt: skip
+RECALLED = ["way_fine", "turn_fine", "velocity", "spin"]
+
+
+class Condition(NamedTuple):
+    """Errors of the sensor."""
+
+    delay: int = 0  # periods
+    dropout: float = 0.0  # probability that a sample misses the part
+
+    def __str__(self) -> str:
+        words = [f"delay {self.delay}"] * (self.delay > 0) + [f"dropout {100 * self.dropout:.0f} %"] * (
+            self.dropout > 0
+        )
+        return ", ".join(words) or "ideal"
+
+    @property
+    def steps(self) -> int:
+        """Earlier steps that determine the state, except in :data:`UNCOVERED` of all steps."""
+        missed = math.ceil(math.log(UNCOVERED) / math.log(self.dropout) - 1e-9) if self.dropout else 0
+        return self.delay + 1 + missed
+
+    def sensor(self, estimator: str = "none") -> dict[str, Any]:
+        """Return the environment's ``sensor``; without an estimator, agents get the age of readings that may be missing."""
+        tell = ["age"] if self.dropout and estimator == "none" else []
+        return {"kind": "ideal", "delay": self.delay, "dropout": self.dropout, "tell": tell, "estimator": estimator}
+
+
+IDEAL = Condition()
+CONDITIONS = (
+    IDEAL, Condition(1), Condition(2), Condition(4),
+    Condition(0, 0.1), Condition(0, 0.3), Condition(0, 0.5), Condition(2, 0.3),
+)  # fmt: skip
+HARDEST = (Condition(4), Condition(0, 0.5), Condition(2, 0.3))
+"""In these, agents are also trained with earlier measurements."""
+
+MEMORIES = ("no memory", "last action", "n actions", "n actions and measurements")
+CONTROLLER = "pose"
+ESTIMATORS = ("none", "kalman", "model")
+
+
+def trained(name: str, condition: Condition) -> bool:
+    """Return whether agents with this memory are trained in a condition."""
+    if name == MEMORIES[0]:
+        return True
+    return condition in HARDEST if name == MEMORIES[-1] else condition != IDEAL
+
+
+def memory(name: str, condition: Condition) -> dict[str, Any]:
+    """Return the settings of a network's rows."""
+    steps = {"no memory": 0, "last action": 1}.get(name, condition.steps)
+    age = ["age"] if condition.dropout else []
+    return {"remembers": steps, "recalls": [*RECALLED, *age] if name.endswith("measurements") else []}
+
+
+def play(policy: Any, condition: Condition, estimator: str, episodes: int) -> Outcomes:
+    """Run a policy on new seeds."""
+    seeds = range(FIRST_SEED, FIRST_SEED + episodes)
+    environment = ACTION if policy != CONTROLLER else {}
+    return rollout(policy, TASK, seeds=seeds, sensor=condition.sensor(estimator), **environment)
+
+
+def learn(
+    condition: Condition, name: str, seed: int, steps: int, episodes: int
+) -> dict[tuple[Condition, str], Outcomes]:
+    """Train an agent; return its outcomes by condition and estimator.
+
+    The agent without memory of the ideal condition is also run in all others with the estimator of the model.
+    """
+    given = {"environment": {**ACTION, "sensor": condition.sensor()}, "ppo": {**LEARNING, **memory(name, condition)}}
+    learner = PPO(settings_from({"task": TASK, "worlds": WORLDS, "steps": steps, "seed": seed, **given}))
+    try:
+        learner.learn(steps, lambda metrics: None)
+        policy = learner.acting()
+    finally:
+        learner.close()
+    cases = [(condition, "none")]
+    if (condition, name) == (IDEAL, MEMORIES[0]):
+        cases += [(each, "model") for each in CONDITIONS[1:]]
+    found = {case: play(policy, *case, episodes) for case in cases}
+    print(f"{condition}; {name}, training {seed}: {cell([found[cases[0]]])}", flush=True)
+    return found
+
+
+def cell(found: Sequence[Outcomes]) -> str:
+    """Format outcomes of several trainings on the same seeds: success with interval, median time, position error."""
+    success = np.array([each.success for each in found])
+    spread = success_interval(success, LEVEL, RESAMPLES)
+    time = quartiles(np.concatenate([each.time_to_goal for each in found])).median
+    error = quartiles(np.concatenate([each.position_error for each in found])).median
+    share = f"{100 * success.mean():.1f} % ({100 * spread.low:.0f} to {100 * spread.high:.0f})"
+    return f"{share}, {quantity(time, 1.0, 2, 's')}, {quantity(error, 1e3, 1, 'mm')}"
+
+
+def main() -> None:
+    """Train, evaluate and print; with ``--keep`` write the tables of the documentation."""
+    parser = common.parser(__doc__)
+    parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--steps", type=int, default=300_000, help="of a training")
+    parser.add_argument("--seeds", type=int, default=3, help="trainings of each agent")
+    parser.add_argument("--processes", type=int, default=1)
+    asked = parser.parse_args()
+    seeds = range(FIRST_TRAINING, FIRST_TRAINING + asked.seeds)
+    items = [
+        (each, name, seed, asked.steps, asked.episodes) for each in CONDITIONS for name in MEMORIES for seed in seeds
+    ]
+    found = parallel.run(learn, items, workers=asked.processes)
+    learned = {item[:3]: each for item, each in zip(items, found, strict=True)}
+    lines = [
+        [
+            str(each),
+            str(each.steps),
+            *(cell([learned[each, name, seed][each, "none"] for seed in seeds]) for name in MEMORIES),
+        ]
+        for each in CONDITIONS
+    ]
+    show("memory", ("hardware", "n", *MEMORIES), lines, asked.keep)
+    usual = [learned[IDEAL, MEMORIES[0], seed] for seed in seeds]
+    lines = [
+        [
+            str(each),
+            *(cell([play(CONTROLLER, each, estimator, asked.episodes)]) for estimator in ESTIMATORS),
+            cell([outcomes[each, "model"] for outcomes in usual]),
+        ]
+        for each in CONDITIONS[1:]
+    ]
+    heads = ("hardware", *(f"`{CONTROLLER}`, estimator `{estimator}`" for estimator in ESTIMATORS))
+    show("memory-estimators", (*heads, "no memory, estimator `model`"), lines, asked.keep)
+
+
+if __name__ == "__main__":
+    main()
