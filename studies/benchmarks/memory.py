@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -137,29 +138,18 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=1)
     asked = parser.parse_args()
     seeds = range(FIRST_TRAINING, FIRST_TRAINING + asked.seeds)
-    items = [
-        (each, name, seed, asked.steps, asked.episodes) for each in CONDITIONS for name in MEMORIES for seed in seeds
-    ]
+    cases = [(each, name) for each in CONDITIONS for name in MEMORIES if trained(name, each)]
+    items = [(*case, seed, asked.steps, asked.episodes) for case in cases for seed in seeds]
     found = parallel.run(learn, items, workers=asked.processes)
-    learned = {item[:3]: each for item, each in zip(items, found, strict=True)}
-    lines = [
-        [
-            str(each),
-            str(each.steps),
-            *(cell([learned[each, name, seed][each, "none"] for seed in seeds]) for name in MEMORIES),
-        ]
-        for each in CONDITIONS
-    ]
+    cells = {case: "–" for case in product(CONDITIONS, MEMORIES)}
+    for k, case in enumerate(cases):
+        cells[case] = cell([each[case[0], "none"] for each in found[k * asked.seeds : (k + 1) * asked.seeds]])
+    lines = [[str(each), str(each.steps), *(cells[each, name] for name in MEMORIES)] for each in CONDITIONS]
     show("memory", ("hardware", "n", *MEMORIES), lines, asked.keep)
-    usual = [learned[IDEAL, MEMORIES[0], seed] for seed in seeds]
-    lines = [
-        [
-            str(each),
-            *(cell([play(CONTROLLER, each, estimator, asked.episodes)]) for estimator in ESTIMATORS),
-            cell([outcomes[each, "model"] for outcomes in usual]),
-        ]
-        for each in CONDITIONS[1:]
-    ]
+    lines = []
+    for each in CONDITIONS[1:]:
+        controller = (cell([play(CONTROLLER, each, estimator, asked.episodes)]) for estimator in ESTIMATORS)
+        lines.append([str(each), *controller, cell([usual[each, "model"] for usual in found[: asked.seeds]])])
     heads = ("hardware", *(f"`{CONTROLLER}`, estimator `{estimator}`" for estimator in ESTIMATORS))
     show("memory-estimators", (*heads, "no memory, estimator `model`"), lines, asked.keep)
 
