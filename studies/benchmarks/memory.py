@@ -141,7 +141,7 @@ def main() -> None:
     cases = [(each, name) for each in CONDITIONS for name in MEMORIES if trained(name, each)]
     items = [(*case, seed, asked.steps, asked.episodes) for case in cases for seed in seeds]
     found = parallel.run(learn, items, workers=asked.processes)
-    cells = {case: "–" for case in product(CONDITIONS, MEMORIES)}
+    cells = dict.fromkeys(product(CONDITIONS, MEMORIES), "–")
     for k, case in enumerate(cases):
         cells[case] = cell([each[case[0], "none"] for each in found[k * asked.seeds : (k + 1) * asked.seeds]])
     lines = [[str(each), str(each.steps), *(cells[each, name] for name in MEMORIES)] for each in CONDITIONS]

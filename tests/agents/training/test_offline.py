@@ -114,9 +114,10 @@ def transitions(settings):
     return learner.data, learner.policy.coding
 
 
-def test_transitions_are_those_of_an_acting_network(recorded):
+@pytest.mark.parametrize("memory", [{}, {"remembers": 3, "recalls": ["velocity", "heading"]}])
+def test_transitions_are_those_of_an_acting_network(recorded, memory):
     """Step by step in a single environment, turned and with memory; every step leads to the next observation."""
-    data, coding = transitions(settings_of(recorded))
+    data, coding = transitions(settings_of(recorded, offline=memory))
     env = gym.make("vibgym/Align-v0", action="wrench", observation="parts")
     place = 0
     for episode in range(3):

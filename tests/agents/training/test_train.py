@@ -31,6 +31,10 @@ RUNS = {
     "imitation": {
         "environment": {"action": "wrench"}, "imitation": IMITATION, "ppo": {**PPO, "remembers": True, "turned": True},
     },
+    "memory": {
+        "environment": {"action": "field", "sensor": {"delay": 2, "dropout": 0.3, "kind": "ideal", "tell": ["age"]}},
+        "ppo": {**PPO, "turned": True, "remembers": 3, "recalls": ["velocity", "age"]},
+    },
     "noise": {"environment": {"action": "field"}, "ppo": {**PPO, "noise_correlation": 0.9}},
     "overlap": {
         "environment": {"action": "field"}, "ppo": {**PPO, "overlap": True, "bfloat16": True, "noise_correlation": 0.5},

@@ -112,9 +112,9 @@ def test_actions_without_parts_and_elements_are_refused(monkeypatch):
         Coding(info.surface, info.parts, info.parts_layout, "swing")
 
 
-def remembering(task="Align", action="wrench", **settings):
+def remembering(task="Align", action="wrench", remembers=True, **settings):
     info = info_of(task, **settings)
-    return coding_for(info, action, remembers=True), coding_for(info, action)
+    return coding_for(info, action, remembers=remembers), coding_for(info, action)
 
 
 @pytest.mark.parametrize("turned, action", [(False, "wrench"), (True, "wrench"), (True, "velocity"), (True, "target")])
@@ -141,6 +141,81 @@ def test_rows_contain_the_previous_action(turned, action):
         assert coding.encode(observation, before).quarters.any()
 
 
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("recalls", [[], ["heading", "velocity"]])
+def test_rows_contain_the_last_steps(turned, recalls):
+    """Action, then the columns before it, the last step first, all turned like the present row; zeros before the start."""
+    info = info_of("Sort", parts=["steel_block", "aluminium_block"])
+    coding = coding_for(info, "velocity", turned=turned, remembers=3, recalls=recalls)
+    plain, turns = coding_for(info, "velocity"), coding_for(info, "velocity", turned=True)._turns
+    at = {row.name: range(row.start, row.start + row.width) for row in info.parts_layout}
+    chosen = [k for name in recalls for k in at[name]]
+    own, width = plain.shape.own, 3 + len(chosen)
+    assert coding.shape.columns == plain.shape.columns + 3 * width and coding.recalls == recalls
+    env = batch("Sort", WORLDS, action="velocity", observation="parts", parts=["steel_block", "aluminium_block"])
+    random, before, observation, past = np.random.default_rng(0), None, env.reset(seed=4)[0], []
+    for step in range(6):
+        seen, raw = coding.encode(observation, before, np.zeros(WORLDS, bool)), plain.encode(observation).rows
+        whole = turns.turn_rows(seen.quarters, raw) if turned else raw
+        assert (seen.rows[..., :own] == whole[..., :own]).all()
+        assert (seen.rows[..., own + 3 * width :] == whole[..., own:]).all()
+        for k in range(3):
+            found = seen.rows[..., own + k * width : own + (k + 1) * width]
+            rows, action = past[-1 - k] if k < step else (np.zeros_like(raw), np.zeros_like(found[..., :3]))
+            rows = turns.turn_rows(seen.quarters, rows) if turned else rows
+            assert (found[..., :3] == coding.to_rows(seen, action)).all() and (
+                found[..., 3:] == rows[..., chosen]
+            ).all()
+        actions = coding.decode(seen, random.uniform(-1, 1, (WORLDS, 2, 3)).astype(np.float32))
+        past.append((raw, actions.reshape(WORLDS, 2, 3)))
+        observation, before = env.step(actions)[0], seen
+    assert not turned or coding.encode(observation, before).quarters.any()
+
+
+def test_one_remembered_step_is_true():
+    info, seen = info_of("Align"), None
+    codings = [coding_for(info, "wrench", turned=True, remembers=each) for each in (True, 1)]
+    random, memory = np.random.default_rng(0), [None, None]
+    for _ in range(3):
+        rows = random.uniform(-1, 1, (WORLDS, 1, coding_for(info).shape.columns)).astype(np.float32)
+        act = random.uniform(-1, 1, (WORLDS, 1, 3)).astype(np.float32)
+        seen = {"parts": rows, "mask": np.ones((WORLDS, 1))}
+        memory = [coding.encode(seen, each) for coding, each in zip(codings, memory, strict=True)]
+        actions = [coding.decode(each, act) for coding, each in zip(codings, memory, strict=True)]
+        assert_same(actions[1], actions[0])
+        assert_same(list(memory[1]), list(memory[0]))
+    assert memory[0].command.shape == (WORLDS, 1, 3) and [each.remembers for each in codings] == [1, 1]
+
+
+def test_several_steps_are_the_same_alone_and_in_a_batch():
+    info = info_of("Align")
+    coding = coding_for(info, "wrench", turned=True, remembers=3, recalls=["velocity"])
+    random, memory, alone = np.random.default_rng(0), None, [None] * WORLDS
+    for step in range(5):
+        rows = random.uniform(-1, 1, (WORLDS, 1, coding_for(info).shape.columns)).astype(np.float32)
+        act, start = random.uniform(-1, 1, (WORLDS, 1, 3)).astype(np.float32), np.array([step == 3, False, False])
+        memory = coding.encode({"parts": rows, "mask": np.ones((WORLDS, 1))}, memory, start)
+        actions = coding.decode(memory, act)
+        for k in range(WORLDS):
+            seen = {"parts": rows[k], "mask": np.ones(1)}
+            alone[k] = coding.encode(seen, alone[k], start[k : k + 1])
+            assert (coding.decode(alone[k], act[k : k + 1]) == actions[k]).all()
+            assert (alone[k].rows == memory.rows[k]).all() and (alone[k].command == memory.command[k]).all()
+
+
+@pytest.mark.parametrize("settings, message", [
+    ({"remembers": -1}, "remembers"), ({"remembers": 101}, "remembers"), ({"remembers": 1.5}, "remembers"),
+    ({"remembers": "2"}, "remembers"), ({"recalls": ["velocity"]}, "recalls requires remembers"),
+    ({"remembers": 2, "recalls": "velocity"}, "recalls"), ({"remembers": 2, "recalls": ["smell"]}, "recalls.*smell"),
+    ({"remembers": 2, "recalls": ["neighbour_1_gap"]}, "recalls"),
+    ({"remembers": 2, "recalls": ["position"], "columns": [["element", 2], ["velocity", 2]]}, "recalls.*position"),
+])  # fmt: skip
+def test_a_memory_that_is_none_is_refused(settings, message):
+    with pytest.raises(ValueError, match=message) as error:
+        coding_for(info_of("Sort", parts=["steel_block", "aluminium_block"]), "wrench", **settings)
+    assert "\n" not in str(error.value)
+
+
 def test_touching_reads_the_same_columns_with_remembers():
     coding, plain = remembering("Sort", parts=["steel_block", "aluminium_block"])
     start = {row.name: row.start for row in info_of("Sort", parts=["steel_block", "aluminium_block"]).parts_layout}
@@ -164,6 +239,22 @@ def test_the_previous_action_is_zero_at_the_start_of_an_episode():
     assert (first.rows[..., columns] == 0.0).all() and (second.command == 0.0).all()  # a memory is not written to
     one = coding.encode({name: each[2] for name, each in seen.items()}, first.of(2))
     assert (one.rows == second.rows[2:]).all()
+
+
+def test_all_steps_are_forgotten_at_the_start_of_an_episode_and_before_an_arrival():
+    coding, plain = remembering("Feed", remembers=3, parts=["steel_block", "aluminium_block"])
+    rows, columns = np.zeros((2, 2, plain.shape.columns)), slice(plain.shape.own, plain.shape.own + 9, 3)
+    before = None
+    for step, (start, mask, remembered) in enumerate([
+        (False, 1.0, [[0, 0, 0], [0, 0, 0]]), (False, 1.0, [[1, 0, 0], [1, 0, 0]]), (False, 1.0, [[2, 1, 0], [2, 1, 0]]),
+        (True, 1.0, [[0, 0, 0], [3, 2, 1]]), (False, 0.0, [[4, 0, 0], [4, 3, 2]]), (False, 1.0, [[0, 0, 0], [5, 4, 3]]),
+        (False, 1.0, [[6, 0, 0], [6, 5, 4]]),
+    ], start=1):  # fmt: skip
+        # The first part of the first world starts anew in the fourth step and is absent in the fifth.
+        here = np.array([[mask, 1.0], [1.0, 1.0]])
+        before = coding.encode({"parts": rows, "mask": here}, before, np.array([start, False]))
+        assert (10 * before.rows[:, 0, columns]).round().tolist() == remembered
+        coding.decode(before, np.full((2, 2, 3), 0.1 * step, dtype=np.float32))
 
 
 def test_the_previous_action_of_an_absent_part_is_zero():

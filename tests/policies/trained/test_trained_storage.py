@@ -197,6 +197,21 @@ def test_a_loaded_policy_is_its_network(tmp_path, activation):
     assert inner.any() and draws.std(axis=0)[inner] == pytest.approx(np.exp(-1.0), rel=0.2)
 
 
+def test_a_loaded_policy_remembers_what_its_file_states(tmp_path):
+    memory = {"remembers": 3, "recalls": ["velocity", "heading"]}
+    coding = coding_for(INFO, **memory)
+    tensors = actor_tensors(coding.shape)
+    loaded = load_trained(policy_file(tmp_path, INFO, tensors, **memory), INFO)
+    made, states = TrainedPolicy(tensors, "parts", "tanh", coding), [None, None]
+    for step in range(5):
+        seen = observations(coding, 4, seed=step)
+        (one, states[0]), (two, states[1]) = (
+            each.predict(seen, state) for each, state in zip((loaded, made), states, strict=True)
+        )
+        forgetful, _ = loaded.predict(seen)
+        assert (one == two).all() and (one == forgetful).all() == (step == 0)
+
+
 DOUBLE = {key: value.astype(np.float64) for key, value in network().items()}
 
 
