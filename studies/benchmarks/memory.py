@@ -1,13 +1,13 @@
 """Value of memory without an estimator: ``python -m studies.benchmarks.memory [--processes 2]``, half an hour on one idle core.
 
 Agents learn Align with ``field`` from scratch where measurements are late or missing, and no estimator predicts the state. They
-differ in what their rows contain of earlier steps. The forces of ``field`` do not depend on the measured velocity: the last
-measurement and the actions since determine the state. (``velocity`` closes a control loop on the measured velocity inside the
-environment, which oscillates with a delay.)
+differ in what their rows contain of earlier steps. The forces of ``field`` do not depend on the measured velocity: apart from
+their aim, the last measurement and the actions since determine the state. (``velocity`` closes a control loop on the measured
+velocity inside the environment, which oscillates with a delay.)
 
-The number of steps is not tuned. With a delay of d periods, d actions have been applied since the sample; one more because a
-measured velocity is a mean over the period before. With dropouts the last reading is older: so many more steps that its age
-exceeds them in 1 % of the steps.
+The number of steps n is not tuned. With a delay of d periods, d actions have been applied since the sample; one more because a
+measured velocity is a mean over the period before. With dropouts the last reading is older: as many more steps as samples in a
+row are missed with a probability of at most 1 %.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from vibgym.policies import rollout
 from vibgym.policies.rollout import Outcomes
 
 TASK, WORLDS, FIRST_SEED, FIRST_TRAINING = "Align", 128, 300_000, 10
-UNCOVERED, LEVEL, RESAMPLES = 0.01, 0.95, 9999
+MISSED, LEVEL, RESAMPLES = 0.01, 0.95, 9999
 ACTION = {"action": "field"}
 LEARNING = {
     "n_steps": 32, "batch_size": 1024, "n_epochs": 4, "learning_rate": 5e-4, "final_learning_rate": 1e-4, "gamma": 0.99,
@@ -53,8 +53,8 @@ class Condition(NamedTuple):
 
     @property
     def steps(self) -> int:
-        """Earlier steps that determine the state, except in :data:`UNCOVERED` of all steps."""
-        missed = math.ceil(math.log(UNCOVERED) / math.log(self.dropout) - 1e-9) if self.dropout else 0
+        """Earlier steps of which the actions determine the state; longer series of misses are less likely than ``MISSED``."""
+        missed = math.ceil(math.log(MISSED) / math.log(self.dropout) - 1e-9) if self.dropout else 0
         return self.delay + 1 + missed
 
     def sensor(self, estimator: str = "none") -> dict[str, Any]:

@@ -211,7 +211,7 @@ def network_of(
     if not isinstance(columns, list) or not all(isinstance(each, list) and len(each) == 2 for each in columns):
         raise checks.refuse(f"{name}: columns", columns, "a list of names and widths")
     with checks.within(name):
-        flags = checks.flag("turned", record.get("turned")), record.get("remembers"), record.get("recalls", ())
+        flags: Any = checks.flag("turned", record.get("turned")), record.get("remembers"), record.get("recalls", ())
         coding = CODINGS[network](info.surface, info.parts, info.parts_layout, action, columns, *flags)
     if network == "elements" and not coding.shape.has_elements:
         raise checks.refuse(f"{name}: network", network, "'parts', or an action of elements and the column 'element'")
