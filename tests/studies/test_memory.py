@@ -54,9 +54,9 @@ def test_a_small_run_prints_both_tables(monkeypatch, capsys):
 @pytest.mark.full
 def test_memory_solves_align_under_a_delay_that_an_agent_without_does_not():
     """A fifth of a minute for each training on an idle core; the seed is none of the table's."""
-    delayed = Condition(4)
+    delayed = Condition(2, 0.3)
     success = {
         name: memory.learn(delayed, name, 1, 300_000, 50)[delayed, "none"].success.mean()
         for name in (MEMORIES[0], MEMORIES[2])
     }
-    assert success[MEMORIES[0]] < 0.3 and success[MEMORIES[2]] > 0.8
+    assert success[MEMORIES[0]] < 0.4 and success[MEMORIES[2]] > 0.8

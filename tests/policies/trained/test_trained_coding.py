@@ -1,5 +1,7 @@
 """Coding: rows by name, and the same drive for all actions of elements."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -112,7 +114,7 @@ def test_actions_without_parts_and_elements_are_refused(monkeypatch):
         Coding(info.surface, info.parts, info.parts_layout, "swing")
 
 
-def remembering(task="Align", action="wrench", remembers=True, **settings):
+def remembering(task="Align", action="wrench", remembers: int = True, **settings):
     info = info_of(task, **settings)
     return coding_for(info, action, remembers=remembers), coding_for(info, action)
 
@@ -148,6 +150,7 @@ def test_rows_contain_the_last_steps(turned, recalls):
     info = info_of("Sort", parts=["steel_block", "aluminium_block"])
     coding = coding_for(info, "velocity", turned=turned, remembers=3, recalls=recalls)
     plain, turns = coding_for(info, "velocity"), coding_for(info, "velocity", turned=True)._turns
+    assert turns is not None
     at = {row.name: range(row.start, row.start + row.width) for row in info.parts_layout}
     chosen = [k for name in recalls for k in at[name]]
     own, width = plain.shape.own, 3 + len(chosen)
@@ -173,9 +176,10 @@ def test_rows_contain_the_last_steps(turned, recalls):
 
 
 def test_one_remembered_step_is_true():
-    info, seen = info_of("Align"), None
+    info = info_of("Align")
     codings = [coding_for(info, "wrench", turned=True, remembers=each) for each in (True, 1)]
-    random, memory = np.random.default_rng(0), [None, None]
+    random = np.random.default_rng(0)
+    memory: list[Any] = [None, None]
     for _ in range(3):
         rows = random.uniform(-1, 1, (WORLDS, 1, coding_for(info).shape.columns)).astype(np.float32)
         act = random.uniform(-1, 1, (WORLDS, 1, 3)).astype(np.float32)
@@ -190,7 +194,8 @@ def test_one_remembered_step_is_true():
 def test_several_steps_are_the_same_alone_and_in_a_batch():
     info = info_of("Align")
     coding = coding_for(info, "wrench", turned=True, remembers=3, recalls=["velocity"])
-    random, memory, alone = np.random.default_rng(0), None, [None] * WORLDS
+    random, memory = np.random.default_rng(0), None
+    alone: list[Any] = [None] * WORLDS
     for step in range(5):
         rows = random.uniform(-1, 1, (WORLDS, 1, coding_for(info).shape.columns)).astype(np.float32)
         act, start = random.uniform(-1, 1, (WORLDS, 1, 3)).astype(np.float32), np.array([step == 3, False, False])
