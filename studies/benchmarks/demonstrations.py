@@ -88,6 +88,7 @@ def main() -> None:
     parser = common.parser(__doc__)
     parser.add_argument("--tasks", nargs="+", choices=list(METHODS), default=list(METHODS))
     parser.add_argument("--methods", nargs="+", choices=list(METHODS["Push"]), default=list(METHODS["Push"]))
+    parser.add_argument("--counts", nargs="+", type=int, help="numbers of demonstrations; default: all of the method")
     parser.add_argument("--seeds", type=int, default=3, help="trainings of each")
     parser.add_argument("--steps", type=int, help="updates of a training, instead of those of the file")
     parser.add_argument("--episodes", type=int, default=200)
@@ -97,17 +98,22 @@ def main() -> None:
     for task in asked.tasks:
         lines = []
         recorded(task, asked.output / "data")
-        names = [name for name in METHODS[task] if name in asked.methods]
-        calls = [
-            (task, name, count, seed, asked.steps, asked.episodes, asked.output)
-            for name in names
+        cases = [
+            (name, count)
+            for name in METHODS[task]
+            if name in asked.methods
             for count in METHODS[task][name].counts
+            if asked.counts is None or count in asked.counts
+        ]
+        calls = [
+            (task, *case, seed, asked.steps, asked.episodes, asked.output)
+            for case in cases
             for seed in range(asked.seeds)
         ]
         found = iter(parallel.run(learn, calls, workers=asked.processes))
-        for name in names:
-            title, counts = METHODS[task][name]
-            lines += [[title, f"{n}", cell([next(found) for _ in range(asked.seeds)])] for n in counts]
+        for name, count in cases:
+            of_seeds = [next(found) for _ in range(asked.seeds)]
+            lines.append([METHODS[task][name].title, f"{count}", cell(of_seeds)])
         policy = record_settings.load_settings(RECORDINGS[task]).policy
         expert = rollout(policy, task, seeds=range(FIRST_SEED, FIRST_SEED + asked.episodes))
         lines.append([f"`{policy['kind']}`, which gave the demonstrations", "", cell([expert])])
