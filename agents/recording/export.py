@@ -99,7 +99,7 @@ def _features(data: Recorded, kind: str) -> dict[str, dict[str, Any]]:
 
 def _write(made: Any, data: Recorded, kind: str, quiet: bool) -> tuple[list[int], int]:
     """Add the episodes to LeRobot's data set; return their seeds and the number of frames."""
-    seeds, frames, text = list[int](), 0, text_of(data.replayer.env.task)
+    seeds, frames, text = list[int](), 0, text_of(type(data.replayer.env.task))
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Converting input from bool", RuntimeWarning)  # statistics of the ends
         for episode in tqdm(data.episodes(), total=data.found.total_episodes, unit="episode", disable=quiet):

@@ -34,8 +34,8 @@ def observation_from(kind: str, seen: Any) -> dict[str, np.ndarray]:
 
     Returns:
         ``agent_pos``: the state, or the rows of all slots, slot after slot. ``environment_state``: the same, followed for
-        ``"parts"`` by the mask: 1 for slots with a part, 0 for empty ones, whose rows are 0. LeRobot's ACT and diffusion policies
-        require a feature of each type.
+        ``"parts"`` by the mask: 1 for slots with a part, 0 for empty ones, whose rows are 0. LeRobot's ACT and diffusion
+        policies require a feature of each type.
     """
     if kind == "state":
         state = np.asarray(seen, dtype=np.float32)
@@ -62,11 +62,10 @@ def names_of(env: SharedInterface, kind: str) -> dict[str, list[str]]:
     return {AGENT: named, WORLD: named + [f"part_{p}.mask" for p in range(slots)]}
 
 
-def text_of(task: Task) -> str:
+def text_of(task: type[Task]) -> str:
     """Return the instruction for language-conditioned policies: name and summary of the task, from its docstring."""
-    cls = type(task)
-    summary = " ".join((inspect.getdoc(cls) or "").partition("\n\n")[0].split())
-    return f"{cls.__name__}: {summary}" if summary else cls.__name__
+    summary = " ".join((inspect.getdoc(task) or "").partition("\n\n")[0].split())
+    return f"{task.__name__}: {summary}" if summary else task.__name__
 
 
 class LeRobotEnv(gym.Wrapper[dict[str, np.ndarray], Any, Any, Any]):
@@ -89,7 +88,7 @@ class LeRobotEnv(gym.Wrapper[dict[str, np.ndarray], Any, Any, Any]):
         env = gym.make(name, observation=observation, **settings)
         super().__init__(env)
         core = env.unwrapped.core  # type: ignore[attr-defined]
-        self.task_description = text_of(core.task)
+        self.task_description = text_of(type(core.task))
         self.task = type(core.task).__name__
         self._max_episode_steps = env.get_wrapper_attr("_max_episode_steps")
         named = names_of(env.unwrapped, self.kind)  # type: ignore[arg-type]
