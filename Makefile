@@ -219,4 +219,4 @@ format: $(DEV)
 
 clean:
 	rm -rf .venv .venv-* build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache
-	find vibgym agents studies tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+	find vibgym gym_vibgym agents studies tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium as gym
-from lerobot.configs.types import FeatureType, PolicyFeature
-from lerobot.envs.configs import EnvConfig
-from lerobot.utils.constants import ACTION
+from lerobot.configs.types import FeatureType, PolicyFeature  # pyright: ignore[reportMissingImports]
+from lerobot.envs.configs import EnvConfig  # pyright: ignore[reportMissingImports]
+from lerobot.utils.constants import ACTION  # pyright: ignore[reportMissingImports]
 
 import gym_vibgym  # noqa: F401  registers the environments
 from vibgym.adapters.lerobot import AGENT, KEYS, WORLD

@@ -80,8 +80,8 @@ def export(name: str, output: Path, directory: Path | None = None, quiet: bool =
 def _lerobot() -> Any:
     """Return LeRobot's class of data sets, silent about its progress."""
     try:
-        import datasets
-        from lerobot.datasets.lerobot_dataset import LeRobotDataset
+        import datasets  # pyright: ignore[reportMissingImports]
+        from lerobot.datasets.lerobot_dataset import LeRobotDataset  # pyright: ignore[reportMissingImports]
     except ModuleNotFoundError as error:
         how = "make learners, then .venv-lerobot/bin/python -m agents export NAME"
         raise checks.conflict(f"export requires LeRobot ({error.name} is not installed): {how}") from None

@@ -53,7 +53,7 @@ def names_of(env: SharedInterface, kind: str) -> dict[str, list[str]]:
 
     slots = env.core.task.slots
     if kind == "state":
-        rows, each = env.observation_layout, env.core.observation.space.shape[0] // slots
+        rows, each = env.observation_layout, env.core.observation.layout.block
         named = [name for row in rows for name in values(f"part_{row.start // each}", row.name, row.width)]
         return {AGENT: named, WORLD: named}
     named = [
@@ -92,7 +92,7 @@ class LeRobotEnv(gym.Wrapper[dict[str, np.ndarray], Any, Any, Any]):
         self.task = type(core.task).__name__
         self._max_episode_steps = env.get_wrapper_attr("_max_episode_steps")
         named = names_of(env.unwrapped, self.kind)  # type: ignore[arg-type]
-        self.observation_space = gym.spaces.Dict(
+        self.observation_space: Any = gym.spaces.Dict(
             {key: gym.spaces.Box(-1.0, 1.0, (len(names),), np.float32) for key, names in named.items()}
         )
 
