@@ -19,7 +19,7 @@ REPORT := $(VENV)/.installed-report
 LEARN := $(VENV)/.installed-learn
 ACCURACY := $(VENV)/.installed-accuracy
 PEERS := $(VENV)-peers/.installed
-LEARNERS := $(VENV)-cleanrl/.installed $(VENV)-rllib/.installed $(VENV)-zoo/.installed
+LEARNERS := $(addprefix $(VENV)-,$(addsuffix /.installed,cleanrl lerobot rllib zoo))
 CONFIG ?= configs/agents/ppo.yaml
 FAST := $(addprefix tests/,actuators adapters allocation bounds contracts envs fuzz physics plugins/camera plugins/tilting policies rendering scene sensing simulation tasks \
 	test_config.py test_examples.py test_fields.py test_files.py test_interrupts.py test_package.py test_renamed.py test_training.py)
@@ -63,7 +63,7 @@ help:
 	@echo "make release     build sdist and wheel and test both in empty environments, on 3.11, 3.12, 3.13: dist/"
 	@echo "make venv        $(VENV) with everything for development"
 	@echo "make warm        compile all kernels, otherwise compiled on first use"
-	@echo "make learners    $(VENV)-cleanrl, -rllib, -zoo: environments of other libraries, see docs/learners"
+	@echo "make learners    $(VENV)-cleanrl, -lerobot, -rllib, -zoo: environments of other libraries, see docs/learners"
 	@echo "make peers       $(VENV)-peers: EnvPool and gym-pusht for python -m studies.benchmarks.peers"
 	@echo "make format      sort imports, format"
 	@echo "make clean       remove the environment and all caches, but not runs/"
@@ -150,13 +150,26 @@ learners: $(DEV) $(LEARNERS)
 
 peers: $(DEV) $(PEERS)
 
-# Learners and environments that need other versions of our dependencies: one environment each, layered over ours.
-vpath %.txt docs/learners studies/benchmarks
-$(VENV)-%/.installed: %.txt $(VENV)/pyvenv.cfg | $(DEV)
+# Learners and environments that need other versions of our dependencies: one environment each, layered over ours. The argument
+# is for pip.
+define layer
 	$(PY) -m venv --clear --without-pip $(@D)
 	$(PY) -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' \
 		>"$$($(@D)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/beneath.pth"
-	$(@D)/bin/python -m pip --disable-pip-version-check install --quiet --no-compile -r $<
+	$(@D)/bin/python -m pip --disable-pip-version-check install --quiet --no-compile $(1) -r $<
+endef
+vpath %.txt docs/learners studies/benchmarks
+$(VENV)-%/.installed: %.txt $(VENV)/pyvenv.cfg | $(DEV)
+	$(layer)
+	@touch $@
+
+# LeRobot's release excludes the tested torch, so its requirements are listed in full. OPERATORS: see that file.
+OPERATORS := docs/learners/torchvision_operators.py
+$(VENV)-lerobot/.installed: lerobot.txt $(OPERATORS) $(VENV)/pyvenv.cfg | $(DEV)
+	$(call layer,--no-deps)
+	@$(@D)/bin/python -c 'import torchvision' 2>/dev/null || { \
+		site=$$($(@D)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && cp $(OPERATORS) "$$site" && \
+		echo 'import torchvision_operators' >"$$site/torchvision_operators.pth" && $(@D)/bin/python -c 'import torchvision'; }
 	@touch $@
 
 # CleanRL's release excludes Python 3.11; the one file used here runs on it.
@@ -206,4 +219,4 @@ format: $(DEV)
 
 clean:
 	rm -rf .venv .venv-* build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache
-	find vibgym agents studies tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+	find vibgym gym_vibgym agents studies tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true

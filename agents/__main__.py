@@ -19,6 +19,7 @@ COMMANDS = {
     "tune": Entry("agents.tune", "tune hyperparameters, or continue a study"),
     "record": Entry("agents.recording.record", "record episodes of a policy as a Minari data set"),
     "replay": Entry("agents.recording.replay", "replay the episodes of a data set, bit for bit"),
+    "export": Entry("agents.recording.export", "replay a data set and write it in LeRobot's format"),
 }
 
 

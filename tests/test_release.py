@@ -77,7 +77,7 @@ def test_missing_and_unexpected_files_of_a_distribution_fail(tmp_path):
     with zipfile.ZipFile(wheel, "w") as packed:
         packed.writestr("vibgym-1.dist-info/METADATA", "")
         packed.writestr("tests/a.py", "")
-    with pytest.raises(results.Failed, match=r"\['vibgym'\].*\['tests'\]"):
+    with pytest.raises(results.Failed, match=r"\['gym_vibgym', 'vibgym'\].*\['tests'\]"):
         distributions.inspect_wheel(wheel, "1", print)
     for metadata in (b"Metadata-Version: 2.4\nName: vibgym\n", b"Metadata-Version: 2.4\nName: vibgym\nVersion: one\n"):
         with pytest.raises(results.Failed, match="ersion"):

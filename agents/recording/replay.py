@@ -8,8 +8,9 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
@@ -91,16 +92,30 @@ def _differs(episode: Episode, step: int, name: str) -> checks.Refused:
     return checks.conflict(f"the episode of seed {episode.seed} does not replay: {name} of step {step} differs")
 
 
-def replay(name: str, directory: Path | None = None, quiet: bool = False) -> int:
-    """Replay all episodes of a data set; return their number.
+class Recorded(NamedTuple):
+    """Open data set of ``python -m agents record``."""
+
+    found: Any  # minari.MinariDataset
+    settings: dict[str, Any]  # of the recording
+    scene: dict[str, Any]  # see agents.recording.record.scene_of
+    replayer: Replayer
+
+    def episodes(self) -> Iterator[Episode]:
+        """Yield the episodes, each after it has been replayed, in order."""
+        episodes = (_stored(self.found, each) for each in self.found.iterate_episodes())
+        return self.replayer.checked(episodes)
+
+
+@contextmanager
+def opened(name: str, directory: Path | None = None) -> Iterator[Recorded]:
+    """Open a data set for its replay within a block.
 
     Args:
         name: Minari's.
         directory: of the data sets; None: Minari's.
 
     Raises:
-        ValueError: no such data set, one that ``python -m agents record`` of this version has not written, or an episode that
-            differs.
+        ValueError: no such data set, or one that ``python -m agents record`` of this version has not written.
     """
     import minari
 
@@ -117,11 +132,27 @@ def replay(name: str, directory: Path | None = None, quiet: bool = False) -> int
             raise checks.refuse(f"{name}: version", scene["vibgym"], f"this version of vibgym, {vibgym.__version__}")
         arguments = {**settings["environment"], "action": scene["action"], "observation": scene["observation"]}
         replayer = Replayer(settings["task"], arguments)
-        episodes = (_stored(found, each) for each in found.iterate_episodes())
-        for _ in tqdm(replayer.checked(episodes), total=found.total_episodes, unit="episode", disable=quiet):
+        try:
+            yield Recorded(found, settings, scene, replayer)
+        finally:
+            replayer.close()
+
+
+def replay(name: str, directory: Path | None = None, quiet: bool = False) -> int:
+    """Replay all episodes of a data set; return their number.
+
+    Args:
+        name, directory: see :func:`opened`.
+        quiet: no progress bar.
+
+    Raises:
+        ValueError: see :func:`opened`; or an episode that differs.
+    """
+    with opened(name, directory) as data:
+        total = int(data.found.total_episodes)
+        for _ in tqdm(data.episodes(), total=total, unit="episode", disable=quiet):
             pass
-        replayer.close()
-    return int(found.total_episodes)
+    return total
 
 
 def _stored(dataset: Any, episode: Any) -> Episode:

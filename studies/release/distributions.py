@@ -14,7 +14,7 @@ from packaging.metadata import Metadata
 
 from studies.release.results import ROOT, Report, Row, require, require_names, run_command
 
-SOURCES = ("vibgym", "agents", "studies", "configs", "docs", "examples", "notebooks", "results", "tests")
+SOURCES = ("vibgym", "gym_vibgym", "agents", "studies", "configs", "docs", "examples", "notebooks", "results", "tests")
 """Folders of an sdist."""
 
 FILES = (
@@ -70,13 +70,12 @@ def inspect_sdist(sdist: Path, report: Report) -> None:
 
 
 def inspect_wheel(wheel: Path, version: str, report: Report) -> None:
-    """Require the package alone, with kernels, shipped policies, types and web page, and valid metadata."""
+    """Require the packages alone, with kernels, shipped policies, types and web page, and valid metadata."""
     with zipfile.ZipFile(wheel) as packed:
         names = set(packed.namelist())
         metadata = packed.read(f"vibgym-{version}.dist-info/METADATA")
-    require_names(
-        "folders of wheel", {name.partition("/")[0] for name in names}, ["vibgym", f"vibgym-{version}.dist-info"]
-    )
+    expected = ["gym_vibgym", "vibgym", f"vibgym-{version}.dist-info"]
+    require_names("folders of wheel", {name.partition("/")[0] for name in names}, expected)
     require("vibgym/py.typed" in names, "wheel", "no vibgym/py.typed")
     for content, folder in {"policies": "vibgym/policies/trained/shipped", "page": "vibgym/plugins/play/page"}.items():
         expected = {path.relative_to(ROOT).as_posix() for path in (ROOT / folder).rglob("*.*")}

@@ -25,7 +25,8 @@ def environment(name):
 
 
 @pytest.mark.parametrize(
-    "page, own", [("cleanrl", ""), ("rllib", "rllib"), ("skrl", ""), ("torchrl", ""), ("zoo", "zoo")]
+    "page, own",
+    [("cleanrl", ""), ("lerobot", "lerobot"), ("rllib", "rllib"), ("skrl", ""), ("torchrl", ""), ("zoo", "zoo")],
 )
 def test_a_page_trains_and_plays(page, own, tmp_path):
     text = (ROOT / f"docs/learners/{page}.md").read_text(encoding="utf-8")
@@ -66,9 +67,15 @@ def test_the_file_of_cleanrl_is_the_release_s():
 
 def test_the_index_names_the_tested_versions():
     index = (ROOT / "docs/learners/index.md").read_text(encoding="utf-8")
-    lists = (ROOT / file for file in ("constraints.txt", "docs/learners/rllib.txt", "docs/learners/zoo.txt"))
+    lists = [ROOT / "constraints.txt", *(ROOT / "docs/learners").glob("*.txt")]
     pins = dict(
         line.split("==") for file in lists for line in file.read_text(encoding="utf-8").splitlines() if "==" in line
     )
-    for name, package in {"SB3 zoo": "rl_zoo3", "TorchRL": "torchrl", "RLlib": "ray[rllib]", "skrl": "skrl"}.items():
+    for name, package in {
+        "LeRobot": "lerobot",
+        "SB3 zoo": "rl_zoo3",
+        "TorchRL": "torchrl",
+        "RLlib": "ray[rllib]",
+        "skrl": "skrl",
+    }.items():
         assert re.search(rf"\[{name}\]\(\w+\.md\) {re.escape(pins[package])} ", index), name

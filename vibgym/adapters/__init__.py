@@ -1,4 +1,4 @@
-"""Adapters of the environments to other libraries; each module needs the library that it is named after."""
+"""Adapters of the environments to other libraries; each module but `lerobot` needs the library that it is named after."""
 
 from __future__ import annotations
 
