@@ -171,9 +171,6 @@ class Offline(DataLearner):
     def make_networks(self, coding: Coding) -> None:
         """See :meth:`DataLearner.make_networks`."""
         own = self.own
-        if own.method == "iql" and own.network == "pixels":
-            self.env.close()
-            raise checks.conflict("offline.method 'iql' does not support network 'pixels'")
         self.policy = ActorCritic(coding, own, log_std=-3.0)  # not trained
         self.values: ActionValues | None = None
         learn = dict(self.policy.named_parameters())

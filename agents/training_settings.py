@@ -112,7 +112,7 @@ class DataSettings(NetworkSettings, RateSettings):
 class FlowSettings(DataSettings):
     """Flow matching, see :mod:`agents.flow`."""
 
-    network: str = "joint"
+    network: Literal["joint", "parts", "pixels"] = "joint"
     net: Widths = [256, 256, 256]  # residual blocks, of equal width
     batch_size: int = Field(256, ge=2, le=10_000_000)  # parts
     horizon: int = Field(8, ge=1, le=MOST_HORIZON)  # actions of a plan
@@ -138,6 +138,12 @@ class OfflineSettings(DataSettings):
     expectile: float = Field(0.8, gt=0.5, lt=1)
     temperature: float = Field(1.0, gt=0, le=100)  # standard deviations of advantage per factor e of the weight
     tau: Rate = 0.01  # of the target network
+
+    @model_validator(mode="after")
+    def _supported(self) -> OfflineSettings:
+        if self.method == "iql" and self.network == "pixels":
+            raise PydanticCustomError("method", "method 'cloning' with network 'pixels'")  # type: ignore[arg-type]
+        return self
 
 
 class ImitationSettings(Settings):

@@ -201,7 +201,7 @@ def test_a_data_set_of_several_parts_is_learned_from(tmp_path):
     ({"environment": {"action": "wrench", "surface": {"rows": 8, "columns": 8}}}, "surface"),
     ({"environment": {"action": "element"}}, "environment.action"),
     ({"environment": {"action": "wrench", "observation": "state"}}, "observation"),
-    ({"offline": {"dataset": "vibgym/none-v0"}}, "offline.dataset"), ({"offline": {"method": "magic"}}, "offline.method"),
+    ({"offline": {"dataset": "vibgym/none-v0"}}, "offline.dataset"), ({"offline": {"method": "iql", "network": "pixels"}}, "cloning"),
     ({"offline": {"network": "pixels", "turned": False, "remembers": False, "blind": []}}, "observation: parts"),
     ({"offline": {"network": "elements"}}, "elements"), ({"start": "policy.json"}, "start"),
     ({"imitation": {"expert": {"kind": "pose", "action": "wrench"}}}, "imitation"),
