@@ -136,8 +136,8 @@ class Flow(DataLearner):
         """Replace the acting network's tensors."""
         self.policy.actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in tensors.items()})
 
-    def described(self) -> dict[str, Any]:
-        """See :meth:`agents.learner.PartsLearner.described`."""
+    def own_entries(self) -> dict[str, Any]:
+        """See :meth:`agents.learner.PartsLearner.own_entries`."""
         return {FLOW: self._form()}
 
     def learned(self) -> tuple[Modules, Optimizers]:

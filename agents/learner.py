@@ -145,10 +145,10 @@ class PartsLearner:
         }
         if settings.residual is not None:
             record[RESIDUAL] = settings.residual.model_dump(mode="json")
-        save_set(path, KIND, tensors, record | self.described(), VERSION)
+        save_set(path, KIND, tensors, record | self.own_entries(), VERSION)
 
-    def described(self) -> dict[str, Any]:
-        """Return further entries of policy files."""
+    def own_entries(self) -> dict[str, Any]:
+        """Return the algorithm's own entries of policy files."""
         return {}
 
     # -- checkpoints -------------------------------------------------------------------------------------------------

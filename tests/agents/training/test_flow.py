@@ -164,7 +164,8 @@ def damaged_files_are_refused(path, tmp_path):
 @pytest.mark.parametrize(("changes", "said"), [
     ({"net": [8, 16]}, "net"), ({"executed": 9}, "executed"), ({"horizon": 0}, "horizon"),
     ({"dataset": "vibgym/none-v0"}, "flow.dataset"),
-    ({"network": "elements"}, "network"), ({"network": "joint"}, "velocity"), ({"network": "pixels"}, "observation: parts"), ({"episodes": 10**6}, "flow.episodes"),
+    ({"network": "elements"}, "network"),
+    ({"network": "joint"}, "velocity"), ({"network": "pixels"}, "observation: parts"), ({"episodes": 10**6}, "flow.episodes"),
 ])  # fmt: skip
 def test_bad_settings(recorded, changes, said):
     with pytest.raises(ValueError, match=said):
