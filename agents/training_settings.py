@@ -12,6 +12,7 @@ from vibgym import checks
 from vibgym.config import Settings
 from vibgym.envs.drawn import drawn_shapes, fixed_scenes
 from vibgym.envs.vector import environment_id
+from vibgym.policies.trained.coding import MOST_REMEMBERED
 from vibgym.policies.trained.flow import MOST_HORIZON
 from vibgym.policies.trained.residual import CORRECTED, base_named
 
@@ -25,7 +26,9 @@ Range = Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=2, max_l
 
 Width = Annotated[int, Field(ge=1, le=4096)]
 Steps = Annotated[
-    int, BeforeValidator(lambda value: int(value) if isinstance(value, bool) else value), Field(ge=0, le=100)
+    int,
+    BeforeValidator(lambda value: int(value) if isinstance(value, bool) else value),
+    Field(ge=0, le=MOST_REMEMBERED),
 ]
 Widths = Annotated[list[Width], Field(min_length=1, max_length=8)]
 

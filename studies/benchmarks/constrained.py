@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.statistics import exact, quartiles
+from agents.evaluation.statistics import episode_scores, exact, quartiles
 from agents.evaluation.table import quantity
 from studies.benchmarks import common
 from studies.kept import show
@@ -37,7 +37,6 @@ def row(name: str, episodes: int) -> list[str]:
     found: MotionMeasured = rollout(POLICIES[name], TASK, seeds=seeds, keep=MotionMeasures, **ENVIRONMENT)
     within = found.cost <= LIMIT
     share = exact(int(within.sum()), episodes, 0.95)
-    score = np.where(found.success, 1.0 / found.time_over_bound, 0.0)
     return [
         name,
         f"{np.median(found.cost):.3f} ({np.quantile(found.cost, 0.05):.3f} to {np.quantile(found.cost, 0.95):.3f})",
@@ -45,8 +44,8 @@ def row(name: str, episodes: int) -> list[str]:
         f"{found.returns.mean():.2f}",
         quantity(found.success.mean(), 100.0, 1, "%"),
         quantity(quartiles(found.time_to_goal).median, 1.0, 2, "s"),
-        f"{score.mean():.3f}",
-        f"{np.where(within, score, 0.0).mean():.3f}",
+        f"{episode_scores(found).mean():.3f}",
+        f"{episode_scores(found, LIMIT).mean():.3f}",
         f"{found.collisions.mean():.1f}",
         f"{found.action_change.mean():.3f}",
         f"{found.overshoots.mean():.1f}; {found.corrections.mean():.1f}",

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.statistics import Interval, bootstrap, exact, quartiles
+from agents.evaluation.statistics import Interval, bootstrap, episode_scores, exact, quartiles
 from agents.evaluation.table import quantity
 from studies.benchmarks import common
 from studies.kept import show
@@ -67,7 +67,7 @@ def row(task: str, name: str, episodes: int) -> list[str]:
         shape = first_shapes(task, split, seeds)
         spread, rates[split] = interval(found.success, shape), 100.0 * found.success.mean()
         time = quantity(quartiles(found.time_to_goal).median, 1.0, 2, "s")
-        score = np.where(found.success, 1.0 / found.time_over_bound, 0.0).mean()
+        score = episode_scores(found).mean()
         cells.append(f"{rates[split]:.1f} % ({100 * spread.low:.1f} to {100 * spread.high:.1f}), {time}")
         cells[-1] += "" if np.isnan(score) else f", {score:.3f}"
         failed = np.unique(shape[~found.success], return_counts=True)

@@ -20,7 +20,7 @@ TOUCHING = 0.02
 FRAMES = 3
 """Images of the part that ``pixels`` networks read: two give a velocity to a rounded pixel, a third refines it."""
 
-MOST_STEPS = 100
+MOST_REMEMBERED = 100
 """Largest number of steps that rows contain."""
 
 NOTHING = np.zeros((0, 0, 0), dtype=np.float32)
@@ -326,10 +326,10 @@ def steps_of(remembers: Any) -> int:
     """Return the number of steps that rows contain.
 
     Raises:
-        ValueError: neither a bool nor a whole number in [0, :data:`MOST_STEPS`].
+        ValueError: neither a bool nor a whole number in [0, :data:`MOST_REMEMBERED`].
     """
     whole = int(remembers) if isinstance(remembers, bool) else remembers
-    return checks.count("remembers", whole, least=0, most=MOST_STEPS)
+    return checks.count("remembers", whole, least=0, most=MOST_REMEMBERED)
 
 
 def recalled_of(recalls: Any, layout: Sequence[Any], steps: int) -> list[Any]:

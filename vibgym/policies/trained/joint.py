@@ -27,8 +27,8 @@ WAVES = math.pi / 0.24 * np.array([1.0, 2.0, 4.0, 8.0])
 SAME = 1e-6
 """Largest distance of equal corners, m."""
 
-MOST_ORDERS = 24
-"""Largest number of orders of equal parts: of four."""
+MOST_EXCHANGED = 6
+"""Most parts in a scene in which equal ones are exchanged."""
 
 
 class Equivalent(NamedTuple):
@@ -38,11 +38,6 @@ class Equivalent(NamedTuple):
     sign: np.ndarray  # (columns,) float32
     to: np.ndarray  # (values,) int64
     times: np.ndarray  # (values,) float32
-
-    @classmethod
-    def exchange(cls, order: np.ndarray, to: np.ndarray) -> Equivalent:
-        """Return a permutation."""
-        return cls(order, np.ones(len(order), np.float32), to, np.ones(len(to), np.float32))
 
     def after(self, first: Equivalent) -> Equivalent:
         """Return the transformation that does ``first``, then this."""
@@ -119,25 +114,18 @@ class JointCoding(Coding):
             self.equivalents = exchanged + [mirrored.after(each) for each in exchanged]
 
     def _exchanges(self, block: int, values: int) -> list[Equivalent]:
-        """Return the orders of equal driven parts, see the class; only the given order if there are too many."""
-        equal = [[k for k in self._driven if self.parts[k].same_as(self.parts[first])] for first in self._driven]
-        groups = [list(each) for each in dict.fromkeys(tuple(each) for each in equal)]
-        orders = [dict(zip(self._driven, self._driven, strict=True))]
-        if math.prod(math.factorial(len(each)) for each in groups) <= MOST_ORDERS:
-            every = itertools.product(*(itertools.permutations(each) for each in groups))
-            orders = [
-                {k: new for old, order in zip(groups, chosen, strict=True) for k, new in zip(old, order, strict=True)}
-                for chosen in every
-            ]
-        found = []
-        for order in orders:
-            if order.get(self.anchor, self.anchor) != self.anchor:
-                continue
-            blocks = [self._others.index(order.get(k, k)) for k in self._others]
-            rows = [np.arange(self._own_columns)]
-            rows += [self._own_columns + block * k + np.arange(block) for k in blocks]
-            acts = [values * self._driven.index(order[k]) + np.arange(values) for k in self._driven]
-            found.append(Equivalent.exchange(np.concatenate(rows), np.concatenate(acts)))
+        """Return the exchanges of equal parts other than the anchor, first that which changes nothing."""
+        numbers, found = range(len(self.parts)), list[Equivalent]()
+        for order in itertools.permutations(numbers) if len(numbers) <= MOST_EXCHANGED else [tuple(numbers)]:
+            same = all(self.parts[k].same_as(self.parts[other]) for k, other in enumerate(order))
+            if same and order[self.anchor] == self.anchor:
+                rows = [np.arange(self._own_columns)]
+                rows += [
+                    self._own_columns + block * self._others.index(order[k]) + np.arange(block) for k in self._others
+                ]
+                acts = [values * self._driven.index(order[k]) + np.arange(values) for k in self._driven]
+                signs = (np.ones(sum(map(len, each)), dtype=np.float32) for each in (rows, acts))
+                found.append(Equivalent(np.concatenate(rows), next(signs), np.concatenate(acts), next(signs)))
         return found
 
     def _mirrored(self, own: Sequence[tuple[str, int, int]], values: int) -> Equivalent | None:
@@ -147,22 +135,18 @@ class JointCoding(Coding):
             own: names, widths and starts of a part's own columns.
             values: of a part's action.
         """
-        part, axis = self.parts[self.anchor], -1
-        mirrors = np.array([[-1.0, 1.0], [1.0, -1.0]])
-        for k, mirror in enumerate(mirrors):
-            away = np.hypot(*(part.outline[:, None] * mirror - part.outline).transpose(2, 0, 1)).min(axis=1)
-            if self._rotates and away.max() < SAME and axis < 0:
-                axis = k  # of the coordinate that changes its sign
-        if axis < 0:
+        outline, mirrors = self.parts[self.anchor].outline, np.array([[-1.0, 1.0], [1.0, -1.0]])
+        away = np.linalg.norm((mirrors[:, None] * outline)[:, :, None] - outline, axis=-1).min(axis=-1).max(axis=-1)
+        if not self._rotates or away.min() > SAME:
             return None
+        axis = int(np.argmin(away))  # of the coordinate that changes its sign
         order, sign = np.arange(self._own_columns), np.ones(self._own_columns, dtype=np.float32)
         for name, width, start in own:
             if name in VECTORS:
                 sign[start : start + width] = np.tile(mirrors[axis], width // 2)
             elif name in SIDES:  # left and right, bottom and top
-                order[start + 2 * axis : start + 2 * axis + 2] = order[start + 2 * axis : start + 2 * axis + 2][
-                    ::-1
-                ].copy()
+                side = start + 2 * axis
+                order[side : side + 2] = side + 1, side
             elif name == "heading":
                 sign[start + 1] = -1.0
             elif name.startswith(("turn", "spin")) or name.endswith("spin"):
