@@ -6,16 +6,15 @@ import pytest
 import torch
 import yaml
 
-from agents.checkpoint import KIND, VERSION
 from agents.flow import Flow, FlowActor
 from agents.train import train
 from agents.training_file import settings_from
 from agents.training_settings import FlowSettings
 from agents.transitions import Transitions
 from vibgym.policies import make_policy
-from vibgym.policies.trained.coding import Coding
 from vibgym.policies.trained.flow import rate
 from vibgym.policies.trained.storage import load_set, save_set
+from vibgym.policies.trained.trained import CODINGS
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -67,7 +66,7 @@ def test_numpy_acts_as_torch_has_learned():
     env = gym.make("vibgym/Push-v0", action="velocity", observation="parts").unwrapped
     for network in ("parts", "joint"):
         settings = FlowSettings(dataset="a/b-v0", network=network, net=[16, 16])
-        coding = make_coding(env, network)
+        coding = CODINGS[network](env.surface, env.parts, env.parts_layout, "velocity")
         torch.manual_seed(0)
         actor = FlowActor(coding, settings)
         torch.nn.init.normal_(actor.last.weight)
@@ -81,49 +80,25 @@ def test_numpy_acts_as_torch_has_learned():
         np.testing.assert_allclose(rate(tensors, code, sample.numpy(), 0.3), wanted, rtol=1e-4, atol=1e-5)
 
 
-def make_coding(env, network):
-    from vibgym.policies.trained.trained import CODINGS
-
-    coding: Coding = CODINGS[network](env.surface, env.parts, env.parts_layout, "velocity")
-    return coding
-
-
-def test_a_stopped_run_ends_with_the_same_weights(recorded, tmp_path):
-    config = tmp_path / "run.yaml"
-
-    def weights(name, stop=False):
-        given = settings_of(recorded, 300, net=[8]).model_copy(update={"checkpoint_steps": 100})
-        config.write_text(yaml.safe_dump(given.model_dump(exclude_none=True)))
-        update = Flow._update
-
-        def stopping(self, step):
-            if step == 250:
-                raise KeyboardInterrupt
-            return update(self, step)
-
-        if stop:
-            with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt):
-                patch.setattr(Flow, "_update", stopping)
-                train(config, tmp_path / name, quiet=True)
-        path = train(config, tmp_path / name, quiet=True)
-        return load_set(tmp_path / name / "checkpoint.json", KIND, VERSION)[0], path
-
-    (whole, path), (stopped, _) = weights("whole"), weights("stopped", stop=True)
-    assert whole.keys() == stopped.keys() and all((whole[each] == stopped[each]).all() for each in whole)
-    acts_the_same_alone_and_in_batches(path)
-    damaged_files_are_refused(path, tmp_path)
+@pytest.fixture(scope="module")
+def trained(recorded, tmp_path_factory):
+    """Policy file after a few updates."""
+    folder = tmp_path_factory.mktemp("flow")
+    config = folder / "run.yaml"
+    config.write_text(yaml.safe_dump(settings_of(recorded, 20, net=[8]).model_dump(exclude_none=True)))
+    return train(config, folder / "run", quiet=True)
 
 
-def acts_the_same_alone_and_in_batches(path):
+def test_it_acts_the_same_alone_and_in_batches(trained):
     """Noise depends only on the number of plans in the episode, two actions of each of which are executed."""
     batch = gym.make_vec("vibgym/Align-v0", num_envs=3, action="wrench", observation="parts", autoreset_mode="Disabled")
     alone = gym.make("vibgym/Align-v0", action="wrench", observation="parts")
-    several, one = (make_policy(str(path), env) for env in (batch, alone))
+    several, one = (make_policy(str(trained), env) for env in (batch, alone))
     calls = []
     plan = one.plan
     one.plan = lambda *given: calls.append(len(calls)) or plan(*given)
     seen, own = batch.reset(seed=5)[0], alone.reset(seed=6)[0]
-    states, state = None, None
+    states = state = first = None
     for step in range(6):
         if step == 4:  # the world begins again, and so do its plans
             seen, own = batch.reset(seed=5)[0], alone.reset(seed=6)[0]
@@ -131,8 +106,9 @@ def acts_the_same_alone_and_in_batches(path):
         actions, states = several.predict(seen, states, start)
         action, state = one.predict(own, state, start[:1])
         np.testing.assert_allclose(action, actions[1], rtol=1e-4, atol=1e-5)
-        first = action if step == 0 else first  # noqa: F821 - of the first pass
-        if step == 4:
+        if step == 0:
+            first = action
+        elif step == 4:
             np.testing.assert_array_equal(action, first)
         seen, own = batch.step(actions)[0], alone.step(action)[0]
     assert len(calls) == 3
@@ -144,8 +120,8 @@ def acts_the_same_alone_and_in_batches(path):
         one.predict(own, (1,))
 
 
-def damaged_files_are_refused(path, tmp_path):
-    tensors, record = load_set(path, "vibgym-policy", 2)
+def test_damaged_files_are_refused(trained, tmp_path):
+    tensors, record = load_set(trained, "vibgym-policy", 2)
     env = gym.make("vibgym/Align-v0", action="wrench", observation="parts")
     keep = {name: each for name, each in record.items() if name not in ("format", "version", "tensors", "sha256")}
     for change, said in (

@@ -10,7 +10,7 @@ import torch
 import yaml
 
 from agents.checkpoint import KIND, VERSION
-from agents.offline import Offline
+from agents.offline import DataLearner, Offline
 from agents.recording.record import record
 from agents.recording.record_settings import RecordSettings
 from agents.recording.storage import SCENE
@@ -45,14 +45,18 @@ def test_cloning_succeeds_on_unseen_episodes(recorded, tmp_path):
     assert written["training"]["data"]["dataset"] == DATA and len(written["training"]["data"]["sha256"]) == 64
 
 
-@pytest.mark.parametrize("method", ["cloning", "iql"])
-def test_a_stopped_run_ends_with_the_same_weights(recorded, tmp_path, method):
-    config, small = tmp_path / "run.yaml", {"method": method, "net": [8], "critic_net": [8], "batch_size": 32}
+@pytest.mark.parametrize(("algorithm", "own"), [
+    ("offline", {"method": "cloning", "critic_net": [8]}), ("offline", {"method": "iql", "critic_net": [8]}),
+    ("flow", {"network": "parts"}),
+])  # fmt: skip
+def test_a_stopped_run_ends_with_the_same_weights(recorded, tmp_path, algorithm, own):
+    config = tmp_path / "run.yaml"
+    data = {"dataset": DATA, "directory": str(recorded), "batch_size": 32, "net": [8], **NETWORK}
+    given = {"task": "Align", "environment": {"action": "wrench"}, "algorithm": algorithm, algorithm: {**data, **own}}
+    config.write_text(yaml.safe_dump({**given, "steps": 300, "checkpoint_steps": 100}))
 
     def weights(name, stop=False):
-        given = settings_of(recorded, steps=300, checkpoint_steps=100, offline=small)
-        config.write_text(yaml.safe_dump(given.model_dump(exclude_none=True)))
-        update = Offline._update
+        update = DataLearner._update
 
         def stopping(self, step):
             if step == 250:
@@ -61,7 +65,7 @@ def test_a_stopped_run_ends_with_the_same_weights(recorded, tmp_path, method):
 
         if stop:
             with pytest.MonkeyPatch.context() as patch, pytest.raises(KeyboardInterrupt):
-                patch.setattr(Offline, "_update", stopping)
+                patch.setattr(DataLearner, "_update", stopping)
                 train(config, tmp_path / name, quiet=True)
         train(config, tmp_path / name, quiet=True)
         return load_set(tmp_path / name / "checkpoint.json", KIND, VERSION)[0]
