@@ -43,7 +43,7 @@ def test_factors_are_constant_beyond_the_table():
 def test_slow_parts_are_braked_by_the_mean_of_both_slopes(law):
     """Friction changes a small velocity v by ``-(g / 2) (mu(U) / U + mu'(U)) v``, U the speed of the table: half of it for the
     direction of the slip, half for its size. Where the coefficient falls fast, the velocity grows."""
-    speed, mu, v, periods, step = ONE.table_speed, 0.1, 1e-3, 5, 1e-5
+    speed, mu, v, periods, step = ONE.table_speed, 0.02, 1e-3, 25, 1e-5
     part = Part.disc(0.02, friction=mu, friction_law=law)
     simulator = Simulator(ONE, part, worlds=2, substeps=16)
     simulator.reset(np.tile([4.0, 4.0, 0.0], (2, 1, 1)), np.array([[[0.0, 0.0, 0.0]], [[v, 0.0, 0.0]]]))
