@@ -176,7 +176,8 @@ def smallest_scale(surface: Surface, part: Part, sheet: DataSheet) -> float:
     low, high = 0.0, 1.0
     for _ in range(8):
         middle = 0.5 * (low + high)
-        smaller = Part.polygon(middle * part.outline, friction=part.friction)
+        holes = [middle * hole for hole in part.holes]
+        smaller = Part.polygon(middle * part.rim, holes=holes, friction=part.friction)
         if reach_of(surface, smaller, sheet).min() < TURNABLE:
             low = middle
         else:
