@@ -73,7 +73,7 @@ class PartSettings(PartProperties):
     holes: list[list[tuple[float, float]]] | None = None
 
 
-class FileSettings(PartProperties):
+class DrawingSettings(PartProperties):
     """A part from a drawing, see :meth:`vibgym.Part.from_file`; lengths in m."""
 
     file: str
@@ -225,18 +225,21 @@ def surface_from(value: Any) -> Surface:
     return Surface(**parse(SurfaceSettings, value, "surface").model_dump())
 
 
-def part_from(value: Any, where: str = "parts") -> Part:
-    """Return a part from the name of a shipped one, a mapping of :class:`PartSettings` or :class:`FileSettings`, or a Part."""
+def part_from(value: Any, where: str = "parts", surface: Surface | None = None) -> Part:
+    """Return a part from the name of a shipped one, a mapping of :class:`PartSettings` or :class:`DrawingSettings`, or a Part.
+
+    A part from a file must fit on ``surface``, if it is given.
+    """
     if isinstance(value, Part):
         return value
     if isinstance(value, str):
         checks.choice(where, value, tuple(SHIPPED))
         return shipped_part(value)
     if isinstance(value, Mapping) and "file" in value:
-        settings = parse(FileSettings, value, where).model_dump(exclude_none=True)
+        settings = parse(DrawingSettings, value, where).model_dump(exclude_none=True)
         settings |= {f"{name}_mm": 1e3 * settings.pop(name) for name in ("thickness", "tolerance") if name in settings}
         with checks.within(where):
-            return Part.from_file(settings.pop("file"), surface=None, **settings)
+            return Part.from_file(settings.pop("file"), surface=surface, **settings)
     settings = parse(PartSettings, value, where).model_dump(exclude_none=True)
     shape = settings.pop("shape")
     needed = SHAPE_FIELDS[shape]

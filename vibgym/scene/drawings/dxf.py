@@ -60,6 +60,8 @@ def _document(content: bytes) -> Document:
     import ezdxf
     from ezdxf import recover
 
+    if content.startswith(b"AutoCAD Binary DXF"):
+        raise checks.refuse("file", "binary DXF", "DXF in text")
     try:
         document, audit = recover.read(io.BytesIO(content))
     except (ezdxf.DXFError, OSError, ValueError, TypeError, IndexError, KeyError, AttributeError) as error:

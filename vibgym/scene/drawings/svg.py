@@ -225,8 +225,8 @@ def _samples(data: str, matrix: np.ndarray, label: str) -> Iterator[Stroke]:
             continue  # closes a path at its beginning, or repeats a point
         straight = isinstance(segment, Line)
         t = np.linspace(0.0, 1.0, 2 if straight else SAMPLES // 4 + 1)
-        z = np.array([segment.point(each) for each in t])
-        points = (np.column_stack([z.real, z.imag]) @ matrix[:2, :2].T) + matrix[:2, 2]
+        z = np.asarray([segment.point(each) for each in t], dtype=np.complex128)
+        points = (np.column_stack([np.real(z), np.imag(z)]) @ matrix[:2, :2].T) + matrix[:2, 2]
         if not np.isfinite(points).all():
             raise checks.conflict(f"{label} has coordinates that are not finite")
         yield Stroke(points, not straight, label)
