@@ -31,7 +31,7 @@ from vibgym.files import write_atomically
 from vibgym.policies.rollout import worlds_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.drawings.drawing import read
-from vibgym.scene.drawings.records import StablePose
+from vibgym.scene.drawings.records import TOLERANCE, StablePose
 from vibgym.scene.sliding import sliding_of
 from vibgym.tasks.base import HOLD_PERIODS
 
@@ -286,8 +286,8 @@ def poses_of(part: Any) -> tuple[StablePose, ...]:
     if not (isinstance(part, Mapping) and str(part.get("file", "")).lower().endswith(".stl")):
         return ()
     given = parse(DrawingSettings, part, "datasheet.part")
-    tolerance = {} if given.tolerance is None else {"tolerance": 1e3 * given.tolerance}
-    solid = read(given.file, units=given.units, stable_pose=given.stable_pose, **tolerance).solid
+    tolerance = TOLERANCE if given.tolerance is None else 1e3 * given.tolerance
+    solid = read(given.file, tolerance, units=given.units, stable_pose=given.stable_pose).solid
     return () if solid is None else solid.poses
 
 

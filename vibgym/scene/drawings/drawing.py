@@ -17,7 +17,7 @@ from vibgym import checks
 from vibgym.files import reason
 from vibgym.scene import outlines
 from vibgym.scene.drawings import contours, dxf, stl, svg
-from vibgym.scene.drawings.records import GAP, UNITS, Drawing
+from vibgym.scene.drawings.records import GAP, TOLERANCE, UNITS, Drawing
 from vibgym.scene.surface import Surface
 
 MOST_BYTES = 50_000_000
@@ -32,7 +32,7 @@ COARSEST = 0.02
 
 def read(
     path: str | Path,
-    tolerance: float = 0.05,
+    tolerance: float = TOLERANCE,
     units: str | None = None,
     layer: str | None = None,
     stable_pose: int | None = None,

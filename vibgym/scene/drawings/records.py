@@ -12,6 +12,9 @@ from vibgym import checks
 UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1e3, "mil": 0.0254, "in": 25.4, "ft": 304.8}
 """Unit of a drawing -> mm."""
 
+TOLERANCE = 0.05
+"""mm, of flattened curves, by default."""
+
 GAP = 0.1
 """Ends of strokes that are farther apart than this share of the tolerance are not joined."""
 
