@@ -116,7 +116,9 @@ def _check_duplicates(strokes: list[Stroke], gap: float) -> None:
         for j in np.flatnonzero(np.abs(boxes[:k] - boxes[k]).max(axis=1) <= 10.0 * gap):
             other = strokes[j].points
             if _same(stroke.points, other, gap) or _same(stroke.points, other[::-1], gap):
-                raise checks.conflict(f"{stroke.label} duplicates {strokes[j].label}")
+                same = stroke.label == strokes[j].label
+                what = "passes the same line twice" if same else f"duplicates {strokes[j].label}"
+                raise checks.conflict(f"{stroke.label} {what}")
 
 
 def _same(one: np.ndarray, other: np.ndarray, gap: float) -> bool:
