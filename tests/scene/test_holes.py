@@ -96,3 +96,10 @@ def test_bad_holes_are_refused(holes):
         Part.polygon(OUTER, holes=holes, friction=0.5)
     with pytest.raises(ValueError, match="holes"):
         part_from({"shape": "disc", "radius": 0.02, "friction": 0.5, "holes": [ring(0.002, 9).tolist()]})
+
+
+def test_a_missing_extra_is_named(monkeypatch, tmp_path):
+    (tmp_path / "part.dxf").write_text("0\nEOF\n")
+    monkeypatch.setattr("vibgym.extras._found", lambda package: False)
+    with pytest.raises(ModuleNotFoundError, match=r"ezdxf is not installed: pip install 'vibgym\[cad\]'"):
+        Part.from_file(tmp_path / "part.dxf", friction=0.5)
