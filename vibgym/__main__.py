@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from vibgym import checks
+from vibgym.part_command import part
 from vibgym.registry import Registry
 
 Command = Callable[[argparse.Namespace], int]
@@ -44,7 +45,7 @@ def compile_all(arguments: argparse.Namespace) -> int:
 
 
 COMMANDS: Registry[Callable[[argparse.ArgumentParser], Command]] = Registry(
-    "command", {"warm": warm}, "vibgym.commands"
+    "command", {"part": part, "warm": warm}, "vibgym.commands"
 )
 """Commands by name: functions that add arguments to a parser and return the function to run. Their docstring is the help."""
 

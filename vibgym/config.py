@@ -61,7 +61,8 @@ class PartProperties(Settings):
 
 
 class PartSettings(PartProperties):
-    """A part by shape; lengths in m. ``rectangle`` needs length and width, ``disc`` radius, ``polygon`` vertices."""
+    """A part by shape; lengths in m. ``rectangle`` needs length and width, ``disc`` radius, ``polygon`` vertices and maybe
+    holes."""
 
     shape: Literal["rectangle", "disc", "polygon"]
     friction: float
@@ -69,6 +70,20 @@ class PartSettings(PartProperties):
     width: float | None = None
     radius: float | None = None
     vertices: list[tuple[float, float]] | None = None
+    holes: list[list[tuple[float, float]]] | None = None
+
+
+class DrawingSettings(PartProperties):
+    """A part from a drawing, see :meth:`vibgym.Part.from_file`; lengths in m."""
+
+    file: str
+    friction: float
+    thickness: float | None = None
+    density: float | None = None
+    tolerance: float | None = None
+    units: str | None = None
+    layer: str | None = None
+    stable_pose: int | None = None
 
 
 SHAPE_FIELDS = {"rectangle": ("length", "width"), "disc": ("radius",), "polygon": ("vertices",)}
@@ -145,10 +160,15 @@ def json_values(value: Any) -> Any:
 def _plain(data: dict[str, Any]) -> dict[str, Any]:
     """Return settings for strict validation: NumPy's numbers as Python's, and pairs in lists as tuples."""
     data = {key: json_values(value) for key, value in data.items()}
-    return {
-        key: [tuple(each) if isinstance(each, list) else each for each in value] if isinstance(value, list) else value
-        for key, value in data.items()
-    }
+    return {key: _paired(value) if isinstance(value, list) else value for key, value in data.items()}
+
+
+def _paired(value: list[Any]) -> list[Any]:
+    nested = [isinstance(each, list) and any(isinstance(one, list) for one in each) for each in value]
+    return [
+        _paired(each) if deep else tuple(each) if isinstance(each, list) else each
+        for each, deep in zip(value, nested, strict=True)
+    ]
 
 
 def load_yaml(path: str | Path) -> dict[str, Any]:
@@ -205,20 +225,29 @@ def surface_from(value: Any) -> Surface:
     return Surface(**parse(SurfaceSettings, value, "surface").model_dump())
 
 
-def part_from(value: Any, where: str = "parts") -> Part:
-    """Return a part from the name of a shipped one, a mapping of :class:`PartSettings`, or a Part."""
+def part_from(value: Any, where: str = "parts", surface: Surface | None = None) -> Part:
+    """Return a part from the name of a shipped one, a mapping of :class:`PartSettings` or :class:`DrawingSettings`, or a Part.
+
+    A part from a file must fit on ``surface``, if it is given.
+    """
     if isinstance(value, Part):
         return value
     if isinstance(value, str):
         checks.choice(where, value, tuple(SHIPPED))
         return shipped_part(value)
+    if isinstance(value, Mapping) and "file" in value:
+        settings = parse(DrawingSettings, value, where).model_dump(exclude_none=True)
+        settings |= {f"{name}_mm": 1e3 * settings.pop(name) for name in ("thickness", "tolerance") if name in settings}
+        with checks.within(where):
+            return Part.from_file(settings.pop("file"), surface=surface, **settings)
     settings = parse(PartSettings, value, where).model_dump(exclude_none=True)
     shape = settings.pop("shape")
     needed = SHAPE_FIELDS[shape]
     for name in needed:
         if name not in settings:
             raise checks.missing(f"{where}.{name}", f"required for shape {shape!r}")
-    for other in {"length", "width", "radius", "vertices"} - set(needed):
+    allowed = {*needed, *(("holes",) if shape == "polygon" else ())}
+    for other in {"length", "width", "radius", "vertices", "holes"} - allowed:
         if other in settings:
             raise checks.conflict(f"{where}.{other} is not a field of shape {shape!r}")
     sizes = [settings.pop(name) for name in needed]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 
 
-class MissingExtra(ImportError):
+class MissingExtra(ModuleNotFoundError):
     """A package of an extra is not installed. Notebooks show one line without a traceback."""
 
     def _render_traceback_(self) -> list[str]:

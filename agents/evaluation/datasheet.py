@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
@@ -24,10 +25,13 @@ from vibgym.actuators import DataSheet
 from vibgym.allocation import Allocator
 from vibgym.allocation.allocator import strongest
 from vibgym.bounds import TimeBound
+from vibgym.config import DrawingSettings, parse
 from vibgym.envs.viewer import scenery_of
 from vibgym.files import write_atomically
 from vibgym.policies.rollout import worlds_of
 from vibgym.policies.task_info import TaskInfo
+from vibgym.scene.drawings.drawing import read
+from vibgym.scene.drawings.records import TOLERANCE, StablePose
 from vibgym.scene.sliding import sliding_of
 from vibgym.tasks.base import HOLD_PERIODS
 
@@ -45,6 +49,9 @@ RUN_UP = 60
 RESTING = 25
 """Periods at the end of an episode over which the error of a part at its goal is averaged."""
 
+MOST_POSES = 6
+"""Most stable poses on a sheet."""
+
 DISTANCE = 0.1
 """m: displacement of the least time on the sheet."""
 
@@ -60,7 +67,8 @@ class DatasheetSettings(FileSettings):
     Attributes:
         title: of the sheet; None: the part's name.
         surface: ``"prototype"`` or a mapping of :class:`vibgym.Surface`'s fields.
-        part: the name of a shipped part or a mapping, see :class:`vibgym.config.PartSettings`.
+        part: the name of a shipped part, or a mapping: see :class:`vibgym.config.PartSettings`, and of a drawing
+            :class:`vibgym.config.DrawingSettings`.
         model, actuators, sensor: arguments of the environments.
         policy: see :func:`vibgym.policies.make_policy`; it must serve Transport, Align and Rotate.
         episodes: of each measurement.
@@ -176,7 +184,8 @@ def smallest_scale(surface: Surface, part: Part, sheet: DataSheet) -> float:
     low, high = 0.0, 1.0
     for _ in range(8):
         middle = 0.5 * (low + high)
-        smaller = Part.polygon(middle * part.outline, friction=part.friction)
+        holes = [middle * hole for hole in part.holes]
+        smaller = Part.polygon(middle * part.rim, holes=holes, friction=part.friction)
         if reach_of(surface, smaller, sheet).min() < TURNABLE:
             low = middle
         else:
@@ -208,6 +217,7 @@ class Sheet:
         played: task -> its episodes; "rest" is Align without an end. Discs lack Rotate.
         infos: task -> public information, without "rest".
         provenance: see :func:`agents.provenance.provenance`.
+        poses: of a part from an STL file, most probable first.
     """
 
     settings: DatasheetSettings
@@ -216,6 +226,7 @@ class Sheet:
     played: dict[str, Rollout]
     infos: dict[str, TaskInfo]
     provenance: dict[str, Any]
+    poses: tuple[StablePose, ...] = ()
 
     @property
     def speed(self) -> np.ndarray:
@@ -267,7 +278,17 @@ def measure(settings: DatasheetSettings, quiet: bool = False) -> Sheet:
             runs[name] = Run(place, None, task, of_task, settings.seeds, arguments, settings.policy, Log).made()
     played = {name: run.play(quiet) for name, run in runs.items()}
     of_tasks = {name: run.info for name, run in runs.items() if name != "rest"}
-    return Sheet(settings, info, limits, played, of_tasks, provenance())
+    return Sheet(settings, info, limits, played, of_tasks, provenance(), poses_of(settings.part))
+
+
+def poses_of(part: Any) -> tuple[StablePose, ...]:
+    """Return the stable poses of the part in an STL file; none of other parts."""
+    if not (isinstance(part, Mapping) and str(part.get("file", "")).lower().endswith(".stl")):
+        return ()
+    given = parse(DrawingSettings, part, "datasheet.part")
+    tolerance = TOLERANCE if given.tolerance is None else 1e3 * given.tolerance
+    solid = read(given.file, tolerance, units=given.units, stable_pose=given.stable_pose).solid
+    return () if solid is None else solid.poses
 
 
 def _picture(sheet: Sheet) -> bytes:
@@ -291,7 +312,12 @@ class Line(NamedTuple):
 
 def groups(sheet: Sheet) -> dict[str, list[Line]]:
     """Return the lines of the sheet by their headings."""
-    return {"Rates": _rates(sheet), "Accuracy": _accuracy(sheet), "Limits": _limits(sheet)}
+    found = {"Rates": _rates(sheet), "Accuracy": _accuracy(sheet), "Limits": _limits(sheet)}
+    poses = [
+        Line(f"Pose {k}", f"{100 * each.probability:.1f} %", f"{each.height:.3g} mm high, on {each.area:.3g} mm²")
+        for k, each in enumerate(sheet.poses[:MOST_POSES])
+    ]
+    return {**found, "Stable poses": poses} if poses else found
 
 
 def _rates(sheet: Sheet) -> list[Line]:

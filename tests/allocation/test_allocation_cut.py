@@ -13,7 +13,11 @@ from vibgym import Part
 from vibgym.allocation.cut import cut_parts, new_pieces, outlines_of
 
 ELL = Part.polygon([[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.06], [0, 0.06]], friction=0.5)
-PARTS = (STEEL, ALUMINIUM, DISC, ELL)
+FRAME = Part.polygon(
+    [[0, 0], [0.09, 0], [0.09, 0.06], [0, 0.06]], friction=0.5,
+    holes=[[[0.01, 0.01], [0.05, 0.012], [0.045, 0.05]], [[0.06, 0.02], [0.08, 0.02], [0.08, 0.05], [0.06, 0.04]]],
+)  # fmt: skip
+PARTS = (STEEL, ALUMINIUM, DISC, ELL, FRAME)
 
 
 def cut(parts, pose, present=None):
@@ -37,7 +41,7 @@ def test_pieces_are_the_intersections_with_the_elements(which, x, y, heading):
     """Convex or not, on the border or not: areas and centroids of every element's piece."""
     part, size = PARTS[which], SURFACE.element_size
     _, element, share, lever = cut((part,), [[x, y, heading]])
-    shape = affinity.translate(affinity.rotate(Polygon(part.outline), heading, (0, 0), use_radians=True), x, y)
+    shape = affinity.translate(affinity.rotate(Polygon(part.rim, part.holes), heading, (0, 0), use_radians=True), x, y)
     expected = {}
     for row in range(SURFACE.rows):
         for column in range(SURFACE.columns):
@@ -53,7 +57,9 @@ def test_pieces_are_the_intersections_with_the_elements(which, x, y, heading):
 
 
 def test_pieces_sum_up_to_the_part():
-    part, _, share, lever = cut(PARTS, [[0.1, 0.1, 0.3], [0.3, 0.1, 1.0], [0.5, 0.1, 0.0], [0.7, 0.1, -2.0]])
+    part, _, share, lever = cut(
+        PARTS, [[0.1, 0.1, 0.3], [0.3, 0.1, 1.0], [0.5, 0.1, 0.0], [0.7, 0.1, -2.0], [0.6, 0.1, 0.5]]
+    )
     for p in range(len(PARTS)):
         assert share[part == p].sum() == pytest.approx(1.0, abs=1e-9)
         assert lever[part == p].sum(axis=0) == pytest.approx(0.0, abs=1e-9)  # levers are about the centre of mass

@@ -45,9 +45,10 @@ class Pieces(NamedTuple):
 
 def outlines_of(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -> Outlines:
     """Return the parts' outlines for :func:`cut_parts`, moved ``apron`` m away from the centre of mass."""
-    reach = [np.hypot(*part.outline.T)[:, None] for part in parts]
-    vertex = np.concatenate([part.outline * (1.0 + apron / far) for part, far in zip(parts, reach, strict=True)])
-    first = np.cumsum([0, *(len(part.outline) for part in parts)])
+    shapes = [part.rim if apron > 0.0 else part.outline for part in parts]  # an apron covers holes
+    reach = [np.hypot(*shape.T)[:, None] for shape in shapes]
+    vertex = np.concatenate([shape * (1.0 + apron / far) for shape, far in zip(shapes, reach, strict=True)])
+    first = np.cumsum([0, *(len(shape) for shape in shapes)])
     area = np.empty(len(parts))
     for p, part in enumerate(parts):
         x, y = part.outline.T

@@ -10,6 +10,7 @@ import numpy as np
 
 from vibgym.bounds.programme import Moves, furthest, interpolated, overshoots
 from vibgym.bounds.turning import Scratch, Turner, moves, turns
+from vibgym.scene.outlines import contains
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
@@ -195,12 +196,7 @@ def sample(part: Part, element: float) -> np.ndarray:
         for a, b, n in zip(low, high, np.ceil((high - low) / spacing - 1e-9).astype(int), strict=True)
     )
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    ends = np.roll(part.outline, -1, axis=0)
-    rises = (part.outline[:, 1] > grid[:, 1:]) != (ends[:, 1] > grid[:, 1:])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = (grid[:, 1:] - part.outline[:, 1]) / (ends[:, 1] - part.outline[:, 1])
-        crossing = part.outline[:, 0] + share * (ends[:, 0] - part.outline[:, 0])
-    inside = grid[(rises & (grid[:, :1] < crossing)).sum(axis=1) % 2 == 1]
+    inside = grid[contains(part.outline, grid)]
     inside = inside - inside.mean(axis=0)
     return inside * math.sqrt(part.gyration / np.mean((inside**2).sum(axis=1)))
 

@@ -73,7 +73,7 @@ class Core(Pipeline):
         cls = TASKS.choose("task", options.task)
         self.surface = surface_from(options.surface)
         self.options = options = self._with_shapes(options)
-        self.parts = parts_from(options.parts, cls)
+        self.parts = parts_from(options.parts, cls, self.surface)
         numbers = BYTES_OF_ELEMENT * self.surface.rows * self.surface.columns
         self.worlds = checks.fitting("num_envs", worlds, BYTES_OF_WORLD + BYTES_OF_PART * len(self.parts) + numbers)
         self.periods = checks.count("periods_per_step", options.periods_per_step, most=MOST_PERIODS)

@@ -162,14 +162,14 @@ def longest_paths(task: Task, actuators: ActuatorStage, sensor: Sensor, max_epis
     return longest
 
 
-def parts_from(parts: Any, task: type[Task]) -> tuple[Part, ...]:
+def parts_from(parts: Any, task: type[Task], surface: Surface) -> tuple[Part, ...]:
     """Return the parts of a world from the keyword argument, or the task's default parts."""
     parts = task.DEFAULT_PARTS if parts is None else parts
     one = task.MOST_PARTS == 1
     if isinstance(parts, str) or not isinstance(parts, Sequence) or not parts or (len(parts) != 1 and one):
         allowed = "a list with one part" if one else "a list of parts"
         raise checks.refuse("parts", parts, f"{allowed}: a shipped part's name or a mapping")
-    return tuple(part_from(part, "parts" if one else f"parts[{k}]") for k, part in enumerate(parts))
+    return tuple(part_from(part, "parts" if one else f"parts[{k}]", surface) for k, part in enumerate(parts))
 
 
 def task_settings(

@@ -238,8 +238,8 @@ class Canvas:
 
         self._blend(points, 3.0 * FINE, draw)
 
-    def part(self, pose: np.ndarray, outline: np.ndarray, colour: tuple[int, ...]) -> None:
-        """Draw a part with ``outline`` (n, 2) at ``pose`` (3,) and its heading mark, a wedge that points ahead."""
+    def part(self, pose: np.ndarray, outline: np.ndarray, colour: tuple[int, ...], ahead: bool = True) -> None:
+        """Draw a part with ``outline`` (n, 2) at ``pose`` (3,), and with ``ahead`` its heading mark, a wedge."""
         if not np.isfinite(pose).all():
             return
         body = self._placed(pose, outline)
@@ -251,7 +251,8 @@ class Canvas:
             pygame.draw.polygon(layer, (*colours.INK, 60), body - low + 2.0 * FINE)
             pygame.draw.polygon(layer, (*colour, 240), body - low)
             shapes.stroke(layer, body - low, 1.6 * FINE, (*shade, 215), closed=True)
-            shapes.polygon_within(layer, wedge - low, body - low, mark)
+            if ahead:
+                shapes.polygon_within(layer, wedge - low, body - low, mark)
 
         self._blend(body, 4.0 * FINE, draw)
 

@@ -69,12 +69,12 @@ WALLS = ("left", "right", "bottom", "top")
 
 @functools.lru_cache(maxsize=1024)
 def convex_pieces(part: Part) -> list[np.ndarray]:
-    """Return the convex polygons (n, 2), counter-clockwise, of a part's outline; one corner, the centre, for a disc."""
+    """Return the convex polygons (n, 2), counter-clockwise, of a part's rim; one corner, the centre, for a disc."""
     if part.symmetry == 0:
         return [np.zeros((1, 2))]
-    if is_convex(part.outline):
-        return [np.array(part.outline)]
-    return convex_decomposition(part.outline)
+    if is_convex(part.rim):
+        return [np.array(part.rim)]
+    return convex_decomposition(part.rim)
 
 
 def rounding(part: Part) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -109,7 +110,40 @@ def convex_hull(points: np.ndarray) -> np.ndarray:
     return np.array(hull)
 
 
-def symmetry_order(outline: np.ndarray) -> int:
+def symmetry_order(outline: np.ndarray, holes: Sequence[np.ndarray] = ()) -> int:
+    """Return the largest n for which a turn by 2 pi / n about the origin maps an outline and its holes onto themselves."""
+    order, size = _symmetry_order(outline), float(np.abs(outline).max())
+    traits = np.array([_traits(hole, size) for hole in holes])
+    return next(each for each in range(order, 0, -1) if order % each == 0 and _maps(traits, 2.0 * math.pi / each))
+
+
+HOLE_ORDER = 6
+"""Largest order of the moments by which holes are compared: corners of flattened circles do not map onto one another."""
+
+
+def _traits(hole: np.ndarray, size: float) -> np.ndarray:
+    """Return area, centre and complex moments of orders 2 to :data:`HOLE_ORDER` about it, over powers of ``size``."""
+    centre = centroid(hole)
+    z = (hole - centre) @ np.array([1.0, 1j]) / size
+    along = np.roll(z, -1)
+    cross = (z.conj() * along).imag
+    # Over the triangle of the centre and an edge from a to b: the integral of z^k is cross sum_j a^j b^(k-j) / (k+1)(k+2).
+    moments = [
+        (cross * sum(z**j * along ** (k - j) for j in range(k + 1))).sum() / ((k + 1) * (k + 2))
+        for k in range(2, HOLE_ORDER + 1)
+    ]
+    return np.array([cross.sum() / 2.0, centre @ np.array([1.0, 1j]) / size, *moments])
+
+
+def _maps(traits: np.ndarray, angle: float) -> bool:
+    """Return whether a turn maps each hole onto one of the holes."""
+    if not len(traits):
+        return True
+    turned = traits * np.exp(1j * angle * np.array([0, 1, *range(2, HOLE_ORDER + 1)]))
+    return bool((np.abs(turned[:, None] - traits).max(axis=2).min(axis=1) < 1e-6).all())
+
+
+def _symmetry_order(outline: np.ndarray) -> int:
     """Return the largest n for which a turn by 2 pi / n about the origin maps the outline onto itself."""
     size = float(np.abs(outline).max())
     before, after = outline - np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0) - outline
@@ -126,11 +160,18 @@ def symmetry_order(outline: np.ndarray) -> int:
     return 1
 
 
-def _first_fault(outline: np.ndarray) -> str | None:
-    """Return two edges that cross, touch or fold back onto one another, as text; None for a simple polygon."""
-    n = len(outline)
-    size = float(np.abs(outline).max())
-    begin, end = outline, np.roll(outline, -1, axis=0)
+def faulty_edges(rings: Sequence[np.ndarray]) -> tuple[int, int, str] | None:
+    """Return two edges that cross or touch, or fold back onto one another, and which; None for simple, disjoint polygons.
+
+    Args:
+        rings: (n, 2) each; edges are numbered through all of them, edge k begins at corner k.
+    """
+    begin = np.concatenate(list(rings))
+    size, n = float(np.abs(begin).max()), len(begin)
+    last = np.cumsum([len(ring) for ring in rings]) - 1
+    after = np.arange(n) + 1
+    after[last] = np.concatenate([[0], last[:-1] + 1])
+    end = begin[after]
     along = end - begin
 
     def side(point: np.ndarray) -> np.ndarray:
@@ -147,21 +188,88 @@ def _first_fault(outline: np.ndarray) -> str | None:
     apart = (from_begin != 0.0) & (from_end != 0.0) & ((from_begin > 0.0) != (from_end > 0.0))
     on = ((from_begin == 0.0) & within(begin)) | ((from_end == 0.0) & within(end))
     crossing = (apart & apart.T) | on | on.T
-    index = np.arange(n)
-    gap = (index[None, :] - index[:, None]) % n
-    neighbours = (gap <= 1) | (gap == n - 1)
     # Neighbours share a corner; they may not fold back onto each other.
-    following = np.roll(along, -1, axis=0)
+    following = along[after]
     cross = along[:, 0] * following[:, 1] - along[:, 1] * following[:, 0]
     folded = (np.abs(cross) <= 1e-12 * size**2) & ((along * following).sum(axis=1) < 0.0)
     if folded.any():
         first = int(folded.argmax())
-        return f"edges {first} and {(first + 1) % n} fold onto each other"
-    crossing = np.triu(crossing & ~neighbours)
+        return first, int(after[first]), "fold onto each other"
+    crossing[np.arange(n), np.arange(n)] = crossing[np.arange(n), after] = crossing[after, np.arange(n)] = False
     if crossing.any():
-        i, j = np.unravel_index(int(crossing.argmax()), crossing.shape)
-        return f"edges {i} and {j} cross"
+        i, j = sorted(int(k) for k in np.unravel_index(int(crossing.argmax()), crossing.shape))
+        return i, j, "cross"
     return None
+
+
+def contains(outline: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return whether each point (n, 2) is inside a closed outline, by the number of edges to its right."""
+    ends = np.roll(outline, -1, axis=0)
+    (x, y), (u, v) = outline.T, ends.T
+    rises = (y > points[:, 1:]) != (v > points[:, 1:])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = x + (points[:, 1:] - y) / (v - y) * (u - x)
+    return (rises & (points[:, :1] < crossing)).sum(axis=1) % 2 == 1
+
+
+def bridged(rim: np.ndarray, holes: Sequence[np.ndarray]) -> np.ndarray:
+    """Return one closed outline (n, 2) around an area with holes: each is joined to the rest by a cut that is passed twice.
+
+    Both passages cancel in integrals along the outline, so that area, moments and contact areas are those of the area with
+    its holes (Green's theorem). The cut goes from the hole's rightmost corner to the right (D. Eberly, "Triangulation by ear
+    clipping", 2002).
+    """
+    outline = rim
+    for hole in sorted(holes, key=lambda each: -float(each[:, 0].max())):
+        ring = hole if signed_area(hole) < 0.0 else hole[::-1]
+        ring = np.roll(ring, -int(ring[:, 0].argmax()), axis=0)
+        x, y = ring[0]
+        ends = np.roll(outline, -1, axis=0)
+        rises = (outline[:, 1] > y) != (ends[:, 1] > y)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = outline[:, 0] + (y - outline[:, 1]) / (ends[:, 1] - outline[:, 1]) * (ends[:, 0] - outline[:, 0])
+        edge = int(np.where(rises & (at > x), at, np.inf).argmin())
+        foot = np.array([at[edge], y])
+        parts = [outline[: edge + 1], [foot], ring, ring[:1], [foot], outline[edge + 1 :]]
+        joined = np.concatenate([np.asarray(each).reshape(-1, 2) for each in parts])
+        outline = joined[np.any(joined != np.roll(joined, 1, axis=0), axis=1)]  # a foot may be a corner
+    return outline
+
+
+def area_and_centre(rings: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
+    """Return area and centroid (2,) of an outline, counter-clockwise, with holes, clockwise."""
+    areas = np.array([signed_area(each) for each in rings])
+    return float(areas.sum()), (areas[:, None] * [centroid(each) for each in rings]).sum(axis=0) / areas.sum()
+
+
+def outline_with_holes(vertices: object, holes: Sequence[object]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Check an outline and its holes, and return them about the centre of the area between them.
+
+    Returns:
+        The outer outline, counter-clockwise, and the holes, clockwise.
+
+    Raises:
+        ValueError: an invalid ring, or a hole that is not inside the outline and apart from the other ones.
+    """
+    rings = [simple_outline(vertices), *(simple_outline(hole) for hole in holes)]
+    # simple_outline centres each ring.
+    given = [np.array(each, dtype=np.float64) for each in (vertices, *holes)]
+    placed = [ring + (each.mean(axis=0) - ring.mean(axis=0)) for ring, each in zip(rings, given, strict=True)]
+    if any(not contains(placed[0], hole).all() for hole in placed[1:]) or faulty_edges(placed) is not None:
+        raise checks.refuse(
+            "holes", "a hole that crosses another outline or is outside", "inside the outline, apart from each other"
+        )
+    if any(contains(one, other[:1])[0] for one in placed[1:] for other in placed[1:] if one is not other):
+        raise checks.refuse("holes", "a hole inside another one", "inside the outline, apart from each other")
+    if sum(map(len, placed)) > MOST_CORNERS:
+        raise checks.refuse(
+            "holes", f"{sum(map(len, placed))} corners", f"at most {MOST_CORNERS} with the outline's: simplify"
+        )
+    given = [each[::-1] if (signed_area(each) < 0.0) == (k == 0) else each for k, each in enumerate(given)]
+    centre = area_and_centre(given)[1]
+    if np.abs(centre).max() > 1e-14 * float(np.abs(given[0]).max()):  # a stored outline is restored exactly
+        given = [each - centre for each in given]
+    return given[0], given[1:]
 
 
 def simple_outline(vertices: object) -> np.ndarray:
@@ -192,9 +300,9 @@ def simple_outline(vertices: object) -> np.ndarray:
     if 2.0 * size < LEAST_SIZE or np.hypot(*edges.T).min() <= 1e-9 * size:
         allowed = f"corners that differ from their neighbours, a size of at least {LEAST_SIZE:g} m"
         raise checks.refuse("vertices", vertices, allowed)
-    fault = _first_fault(outline)
+    fault = faulty_edges([outline])
     if fault:
-        raise checks.refuse("vertices", fault, "a simple polygon, no crossing edges")
+        raise checks.refuse("vertices", "edges {} and {} that {}".format(*fault), "a simple polygon, no crossing edges")
     area = signed_area(outline)
     if abs(area) <= 1e-9 * size**2:
         raise checks.refuse("vertices", f"an area of {abs(area):g} m^2", "a polygon that encloses an area")

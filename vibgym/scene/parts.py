@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,10 @@ from vibgym import checks
 from vibgym.physics.core.records import EVEN, Bodies, Body
 from vibgym.scene import outlines
 from vibgym.scene.friction_laws import law_table
+from vibgym.scene.surface import Surface
+
+if TYPE_CHECKING:
+    from vibgym.scene.drawings.records import Solid
 
 LEAST_MASS, MOST_MASS = 1e-9, 1e9
 """kg."""
@@ -23,6 +28,11 @@ STEEL_DENSITY = 7850.0  # kg/m^3, for parts given without a mass
 
 LEAST_DENSITY, MOST_DENSITY = 5.0, 50e3
 """kg/m^3, range of plausible densities, from foam to twice osmium; others give a warning."""
+
+PRISM = 0.05
+"""Relative deviation from a prism above which a mesh gives a warning."""
+
+PROTOTYPE = Surface()
 
 DEFAULTS: dict[str, Any] = {
     "name": None,
@@ -42,19 +52,25 @@ class _Shape(NamedTuple):
     """An outline and its properties, see :class:`Part`."""
 
     outline: np.ndarray
+    rim: np.ndarray
     area: float
     gyration: float
     symmetry: int
+    holes: tuple[np.ndarray, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
     """A rigid part of uniform density that lies flat on the surface.
 
-    Build one with :meth:`rectangle`, :meth:`disc` or :meth:`polygon`. Its pose is that of the centre of mass.
+    Build one with :meth:`rectangle`, :meth:`disc`, :meth:`polygon` or :meth:`from_file`. Its pose is that of the centre of
+    mass.
 
     Attributes:
-        outline: (n, 2) m, contact area about the centre of mass, counter-clockwise.
+        outline: (n, 2) m, contact area about the centre of mass, counter-clockwise; with holes, each is joined by a cut
+            that is passed twice (:func:`vibgym.scene.outlines.bridged`).
+        rim: (n, 2) m, outer outline, which other parts and walls touch; parts cannot enter holes.
+        holes: (n, 2) m each, clockwise.
         friction: coefficient of sliding friction between part and surface.
         static_friction: coefficient of static friction, at least ``friction``.
         area: m^2.  gyration: planar inertia over mass, m^2.  radius: of the smallest circle about the centre of mass, m.
@@ -70,6 +86,7 @@ class Part:
     """
 
     outline: np.ndarray
+    rim: np.ndarray
     friction: float
     static_friction: float
     area: float
@@ -84,6 +101,7 @@ class Part:
     coupling: float = 1.0
     centre_height: float = 0.0
     friction_law: Mapping[str, Any] | None = None
+    holes: tuple[np.ndarray, ...] = ()
 
     @classmethod
     def rectangle(cls, length: float, width: float, *, friction: float, **properties: Any) -> Part:
@@ -98,27 +116,111 @@ class Part:
         """Return a disc of ``radius`` m. Keyword arguments as for :meth:`polygon`."""
         radius = checks.number("radius", radius, least=outlines.LEAST_SIZE, most=outlines.MOST_PLACE)
         properties.setdefault("name", "disc")
-        shape = _Shape(outlines.disc_outline(radius), math.pi * radius**2, 0.5 * radius**2, 0)
+        outline = outlines.disc_outline(radius)
+        shape = _Shape(outline, outline, math.pi * radius**2, 0.5 * radius**2, 0)
         return cls._build(shape, friction, properties)
 
     @classmethod
-    def polygon(cls, vertices: Any, *, friction: float, **properties: Any) -> Part:
+    def polygon(cls, vertices: Any, *, friction: float, holes: Sequence[Any] = (), **properties: Any) -> Part:
         """Return a part with a simple polygonal outline, convex or not, about any origin and in either sense.
 
         Args:
             vertices: (n, 2), m.
             friction: coefficient of sliding friction, >= 0.
+            holes: (n, 2) m each, simple polygons inside the outline, apart from each other. They carry no load and have no
+                mass; their corners and those of ``vertices`` have the same origin.
             **properties: ``static_friction`` (default: that at rest), ``friction_law``, ``height`` (m, default 10 mm),
                 ``centre_height`` (m, 0 to ``height``, default half of it), ``mass`` (kg, default: of steel), ``name``,
                 ``restitution`` (0 to 1, default 0.2), ``contact_friction`` (default 0.3), ``coupling`` (0 to 1, default 1).
 
         Raises:
-            ValueError: an outline that crosses itself, or a value out of its range.
+            ValueError: an outline that crosses itself or a hole, or a value out of its range.
         """
-        of = outlines.simple_outline(vertices)
         properties.setdefault("name", "polygon")
-        shape = _Shape(of, outlines.signed_area(of), outlines.gyration(of), outlines.symmetry_order(of))
+        rim, inner = (
+            outlines.outline_with_holes(vertices, holes) if len(holes) else (outlines.simple_outline(vertices), [])
+        )
+        of = outlines.bridged(rim, inner)
+        for each in (rim, *inner):
+            each.setflags(write=False)
+        order = outlines.symmetry_order(rim, inner)
+        shape = _Shape(of, rim, outlines.signed_area(of), outlines.gyration(of), order, tuple(inner))
         return cls._build(shape, friction, properties)
+
+    @classmethod
+    def from_file(
+        cls,
+        path: str | Path,
+        *,
+        friction: float,
+        thickness_mm: float | None = None,
+        density: float | None = None,
+        tolerance_mm: float = 0.05,
+        units: str | None = None,
+        layer: str | None = None,
+        stable_pose: int | None = None,
+        surface: Surface | None = PROTOTYPE,
+        **properties: Any,
+    ) -> Part:
+        """Return the part in a DXF, SVG or STL file (extra ``cad``).
+
+        A drawing has one closed outline, with holes inside it. A mesh has the outline of its projection onto the table. A
+        circle without holes is a disc.
+
+        Args:
+            path: ``.dxf``, ``.svg`` or ``.stl``.
+            friction: coefficient of sliding friction, >= 0.
+            thickness_mm: of a drawing (default 10 mm); a mesh has its own.
+            density: kg/m^3 (default: steel).
+            tolerance_mm: largest distance of flattened curves from the drawn ones; flattening preserves area.
+            units: of the drawing, ``"mm"``, ``"in"``, ... (:data:`vibgym.scene.drawings.records.UNITS`), if the file does not
+                name them; STL files are in mm by default.
+            layer: of a DXF file, whose other layers are not read.
+            stable_pose: of a mesh, 0 for the most probable one; None: as modelled.
+            surface: that the part must fit on; None: not checked.
+            **properties: as for :meth:`polygon`; ``name`` is that of the file by default.
+
+        Raises:
+            ValueError: a file that does not describe exactly one part, or a value out of its range; the message names the file
+                and the entity by its handle (DXF), line (SVG, STL in text) or facet (STL).
+            MissingExtra: the extra is not installed.
+
+        Warns:
+            UserWarning: a mesh that is no prism, with its deviations.
+        """
+        from vibgym.scene.drawings.drawing import read
+
+        drawing = read(path, tolerance_mm, units, layer, stable_pose, surface)
+        properties = {"name": Path(path).stem, **properties}
+        if density is not None:
+            if properties.get("mass") is not None:
+                raise checks.conflict("density and mass exclude one another")
+            density = checks.number("density", density, least=LEAST_DENSITY, most=MOST_DENSITY)
+        solid = drawing.solid
+        if solid is None:
+            if thickness_mm is not None:
+                if properties.get("height") is not None:
+                    raise checks.conflict("thickness_mm and height exclude one another")
+                properties["height"] = 1e-3 * checks.number("thickness_mm", thickness_mm, above=0.0)
+        else:
+            given = [name for name in ("height", "centre_height") if properties.get(name) is not None]
+            if thickness_mm is not None or given:
+                raise checks.conflict(
+                    f"{given[0] if given else 'thickness_mm'} is that of the mesh, in {Path(path).name}"
+                )
+            properties |= {"height": 1e-3 * solid.height, "centre_height": 1e-3 * solid.centre_height}
+            if properties.get("mass") is None:
+                properties["mass"] = (density or STEEL_DENSITY) * 1e-9 * solid.volume
+        if drawing.radius is not None:
+            part = cls.disc(1e-3 * drawing.radius, friction=friction, **properties)
+        else:
+            holes = [1e-3 * hole for hole in drawing.holes]
+            part = cls.polygon(1e-3 * drawing.rim, friction=friction, holes=holes, **properties)
+        if solid is not None:
+            _warn_of_shape(part, solid)
+        elif density is not None:
+            part = replace(part, mass=density * part.area * part.height)
+        return part
 
     @classmethod
     def _build(cls, shape: _Shape, friction: float, properties: dict[str, Any]) -> Part:
@@ -161,11 +263,10 @@ class Part:
 
     @property
     def inner_radius(self) -> float:
-        """Radius of the largest circle about the centre of mass that no edge crosses, m."""
-        ends = np.roll(self.outline, -1, axis=0)
-        edge = ends - self.outline
-        along = np.clip(-(self.outline * edge).sum(axis=1) / (edge**2).sum(axis=1), 0.0, 1.0)
-        return float(np.hypot(*(self.outline + along[:, None] * edge).T).min())
+        """Radius of the largest circle about the centre of mass that no edge of the rim crosses, m."""
+        edge = np.roll(self.rim, -1, axis=0) - self.rim
+        along = np.clip(-(self.rim * edge).sum(axis=1) / (edge**2).sum(axis=1), 0.0, 1.0)
+        return float(np.hypot(*(self.rim + along[:, None] * edge).T).min())
 
     @property
     def tipping_ratio(self) -> float:
@@ -226,7 +327,9 @@ class Part:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the part as a mapping for JSON, from which :func:`vibgym.config.part_from` restores an equal one."""
-        shape: dict[str, Any] = {"shape": "polygon", "vertices": self.outline.tolist()}
+        shape: dict[str, Any] = {"shape": "polygon", "vertices": self.rim.tolist()}
+        if self.holes:
+            shape["holes"] = [hole.tolist() for hole in self.holes]
         if self.symmetry == 0:
             shape = {"shape": "disc", "radius": self._disc_radius()}
         names = ("friction", "static_friction", "height", "mass", "name", "restitution", "contact_friction")
@@ -258,6 +361,18 @@ class Part:
     def same_as(self, other: Part) -> bool:
         """Return whether both parts are equal except for their names."""
         return self.height == other.height and self.centre_height == other.centre_height and self.slides_as(other)
+
+
+def _warn_of_shape(part: Part, solid: Solid) -> None:
+    """Warn of a mesh that differs from a plate with its outline, as which it moves."""
+    inertia = 1e-6 * solid.gyration / part.gyration
+    offset = 1e-3 * solid.offset / part.radius
+    if solid.resting < 1.0 - PRISM or abs(inertia - 1.0) > PRISM or offset > PRISM:
+        warnings.warn(
+            f"part {part.name!r} is no prism: it rests on {100 * solid.resting:.0f} % of its outline, its centre of mass is "
+            f"{solid.offset:.3g} mm from the outline's, its inertia {inertia:.2f} of a plate's; it moves as a plate",
+            stacklevel=3,
+        )
 
 
 def kinds_of(

@@ -1,5 +1,6 @@
 """The data sheet: figures against closed forms, one page of A4, and bad input in one line."""
 
+import dataclasses
 import math
 import re
 
@@ -111,3 +112,15 @@ def test_a_disc_has_no_heading(tmp_path):
         and "Rotation" not in text
         and "disc of 40 mm" in datasheet.write(found).read_text(encoding="utf-8")
     )
+
+
+def test_stable_poses_of_a_mesh_are_on_the_sheet(sheet, tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    path = tmp_path / "box.stl"
+    path.write_bytes(trimesh.creation.box([40.0, 30.0, 10.0]).export(file_type="stl"))
+    poses = datasheet.poses_of({"file": str(path), "friction": 0.5, "tolerance_mm": 0.1})
+    assert len(poses) == 6 and sum(each.probability for each in poses) == pytest.approx(1.0)
+    lines = datasheet.groups(dataclasses.replace(sheet, poses=poses))["Stable poses"]
+    assert [each.label for each in lines] == [f"Pose {k}" for k in range(6)]
+    assert lines[0].value == f"{100 * poses[0].probability:.1f} %" and "10 mm high" in lines[0].note
+    assert "Stable poses" not in datasheet.groups(sheet) and datasheet.poses_of("steel_block") == ()

@@ -1,5 +1,6 @@
 """Messages of the page and their effects."""
 
+import base64
 import json
 
 import numpy as np
@@ -187,3 +188,29 @@ def test_a_recorded_episode_is_reproduced_by_the_environment(align, tmp_path, mo
     env.reset(seed=4)
     rewards = [env.step(action)[1] for action in segment.actions]
     assert rewards == segment.rewards
+
+
+def test_a_dropped_drawing_becomes_the_part(align, tmp_path):
+    """The part of the task is replaced, with its friction; undo brings it back, and a link keeps it."""
+    pytest.importorskip("svgpathtools")
+    path = tmp_path / "ell.svg"
+    lines = '<svg xmlns="http://www.w3.org/2000/svg" width="90mm" viewBox="0 0 90 90">\n'
+    lines += '<path d="M0 0h50v15h-30v25h-20z"/></svg>'
+    path.write_text(lines)
+    before = align.session.world.env.parts[0]
+    content = base64.b64encode(path.read_bytes()).decode()
+    assert not refused(align("drop", name="C:\\drawings\\ell.svg", content=content))
+    part = align.session.world.env.parts[0]
+    assert (part.name, part.friction) == ("ell", before.friction)
+    assert part.area == pytest.approx(50 * 15e-6 + 20 * 25e-6)
+    align.session.step()
+    code = next(answer["code"] for answer in align("share") if answer["kind"] == "start")
+    assert starts.world_from(code).env.parts[0].same_as(part)
+    assert not refused(align("switch", hardware="prototype")) and align.session.world.env.parts[0].same_as(part)
+    bad = base64.b64encode(lines.replace("z", "").encode()).decode()
+    (text,) = refused(align("drop", name="ell.svg", content=bad))
+    assert text.startswith("ell.svg: open contour: path in line 2")
+    assert refused(align("drop", name="ell.svg", content="%%"))[0].startswith("content")
+    align("undo")
+    align("undo")
+    assert align.session.world.env.parts[0].same_as(before)

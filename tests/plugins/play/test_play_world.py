@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 import vibgym
-from vibgym.plugins.play.choices import Settings, policies_of
+from vibgym.plugins.play.choices import Settings
 from vibgym.plugins.play.picture import frame_of, scene_of
 from vibgym.plugins.play.world import World
 from vibgym.policies import TaskInfo
+from vibgym.policies.applicable import policies_of
 from vibgym.policies.registry import CONTROLLERS
 
 

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import math
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
 
 from vibgym import checks
+from vibgym.config import part_from
 from vibgym.envs.drawn import drawn_shapes, fixed_scenes
 from vibgym.envs.vector import environment_id
-from vibgym.policies import TaskInfo, make_policy
-from vibgym.policies.protocol import Policy
-from vibgym.policies.registry import CONTROLLERS, NEED_MORE
-from vibgym.policies.trained.catalogue import shipped_agents
+from vibgym.policies import TaskInfo
+from vibgym.policies.applicable import parts_with
 
 HARDWARE: dict[str, dict[str, Any]] = {
     "ideal": {},
@@ -38,11 +34,12 @@ class Settings:
 
     Attributes:
         id: of the environment.
-        policy: a name among those that :func:`policies_of` finds; ``"zero"``: only painted elements move.
+        policy: a name of :func:`vibgym.policies.applicable.policies_of`; ``"zero"``: only painted elements move.
         hardware: a key of :data:`HARDWARE`.
         model: among :data:`MODELS`; None: the environment's default.
         rate: disturbances of each part, 1/s.
         tilt: rad, size of a disturbance.
+        part: mapping of a part instead of the task's own (:func:`vibgym.policies.applicable.parts_with`).
 
     Raises:
         ValueError: an unknown name or a bad value; policies are checked with the world.
@@ -54,6 +51,7 @@ class Settings:
     model: str | None = None
     rate: float = 0.0
     tilt: float = math.radians(2.0)
+    part: dict[str, Any] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "id", environment_id(self.id, "id"))
@@ -65,11 +63,17 @@ class Settings:
         if self.model is not None:
             checks.choice("model", self.model, MODELS)
         object.__setattr__(self, "rate", checks.number("rate", self.rate, least=0.0, most=MOST_RATE))
+        if self.part is not None:
+            part_from(self.part, "part")
+            if "split" in gym.spec(self.id).kwargs:
+                raise checks.conflict(f"shapes of {self.id} are drawn: a part cannot be set")
         object.__setattr__(self, "tilt", checks.number("tilt", self.tilt, above=0.0, most=MOST_TILT))
 
     def arguments(self) -> dict[str, Any]:
         """Return the keyword arguments of the environment, whose actions are the phasors of all elements."""
         found: dict[str, Any] = {"action": "phasor", "observation": "state", **HARDWARE[self.hardware]}
+        if self.part is not None:
+            found["parts"] = parts_with(self.id, self.part)
         if self.model is not None:
             found["model"] = self.model
         if self.rate > 0.0:
@@ -89,43 +93,8 @@ class Settings:
         return gym.make(self.id, disable_env_checker=True, **arguments, **fixed).unwrapped
 
 
-def _named(info: TaskInfo) -> dict[str, Any]:
-    """Return policies by the names shown to visitors: controllers, planners, and the shipped agents of the task."""
-    variants = {agent.variant for agent in shipped_agents() if info.name in agent.tasks and agent.variant}
-    known: dict[str, Any] = {name: name for name in CONTROLLERS if name not in NEED_MORE}
-    return known | {f"learned ({name})": {"kind": "learned", "variant": name} for name in sorted(variants)}
-
-
-def policies_of(info: TaskInfo) -> tuple[str, ...]:
-    """Return the names of the policies that support a task."""
-    return tuple(name for name, policy in _named(info).items() if _made(policy, info) is not None)
-
-
 def usual_policy(names: Any, info: TaskInfo) -> str:
     """Return the initial policy of a world: a specialised one, else a general controller."""
     crossing = info.has_goal and len(info.parts) > 1 and not info.goal_moves
     made_for = ("push", *(("lanes",) if info.flows else ("two_phases",) if crossing else ()), "pose", "zero")
     return next(name for name in made_for if name in names)
-
-
-def policy_for(name: str, info: TaskInfo) -> Policy:
-    """Return the policy of this name.
-
-    Raises:
-        ValueError: there is none for this task.
-    """
-    known = _named(info)
-    made = _made(known[name], info) if name in known else None
-    if made is None:
-        raise checks.unknown("policy", name, policies_of(info))
-    return made
-
-
-def _made(policy: Any, info: TaskInfo) -> Policy | None:
-    """Return a policy, or None if it does not support the task or an extra is missing."""
-    try:
-        with warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
-            warnings.simplefilter("ignore")  # warnings about a policy's performance are for reports
-            return make_policy(policy, info)
-    except (ValueError, ModuleNotFoundError):
-        return None

@@ -8,8 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from vibgym import checks
 
-MOST_BYTES = 64 * 1024
-"""Largest size of a message; painting all elements of a large table takes less."""
+MOST_BYTES = 4 * 1024 * 1024
+"""Largest size of a message; a drawing is the largest."""
 
 MOST_ELEMENTS = 4096
 """Most elements painted by a message."""
@@ -110,6 +110,15 @@ class Switch(Message):
     tilt: Finite | None = None
 
 
+class Drop(Message):
+    """Open the present environment with the part of a drawing: name and content of the file, in base 64."""
+
+    do: Literal["drop"]
+    name: Annotated[str, Field(max_length=200)]
+    content: Annotated[str, Field(max_length=MOST_BYTES)]
+    units: Annotated[str, Field(max_length=10)] | None = None
+
+
 class Record(Message):
     """Begin a recording, or end it and write a GIF or a data set."""
 
@@ -123,7 +132,7 @@ class Request(Message):
     do: Literal["undo", "wipe", "share"]
 
 
-AnyMessage = Open | Reset | Pace | Steps | Lift | Carry | PutDown | Aim | Paint | Switch | Record | Request
+AnyMessage = Open | Reset | Pace | Steps | Lift | Carry | PutDown | Aim | Paint | Switch | Drop | Record | Request
 _ADAPTER: TypeAdapter[Any] = TypeAdapter(Annotated[AnyMessage, Field(discriminator="do")])
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
+import binascii
 import re
+import tempfile
 import threading
 import time
 from collections import deque
@@ -12,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from vibgym import checks
+from vibgym import Part, checks
 from vibgym.plugins.play import messages
 from vibgym.plugins.play.choices import Settings
 from vibgym.plugins.play.picture import frame_of, scene_of
@@ -140,6 +143,23 @@ class Session:
             world = world_from(message.start)
         else:
             world = World(Settings(message.id or self.world.settings.id))
+        self._note()
+        self._go_to(world)
+
+    def _drop(self, message: messages.Drop) -> None:
+        settings = self.world.settings
+        friction = self.world.env.parts[0].friction
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / Path(message.name.replace("\\", "/")).name
+            try:
+                path.write_bytes(base64.b64decode(message.content, validate=True))
+            except (binascii.Error, OSError, ValueError):
+                raise checks.refuse("content", message.content[:20], "a file with a name, in base 64") from None
+            try:
+                part = Part.from_file(path, friction=friction, units=message.units, surface=self.world.core.surface)
+            except checks.Refused as error:
+                raise checks.conflict(str(error).replace(str(path), path.name)) from None
+        world = World(Settings(**{**vars(settings), "part": part.to_dict(), "policy": ""}))
         self._note()
         self._go_to(world)
 

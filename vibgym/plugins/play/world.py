@@ -10,8 +10,9 @@ import numpy as np
 from vibgym import checks
 from vibgym.envs import ACTIONS
 from vibgym.physics.core.drive import all_phasors
-from vibgym.plugins.play.choices import Settings, policies_of, policy_for, usual_policy
+from vibgym.plugins.play.choices import Settings, usual_policy
 from vibgym.policies import TaskInfo
+from vibgym.policies.applicable import policies_of, policy_for
 from vibgym.scene import overlaps
 
 ONLY = np.zeros(1, dtype=np.int64)

@@ -65,7 +65,7 @@ class Outline:
     """
 
     def __init__(self, part: Part, reach: float) -> None:
-        start, end = part.outline, np.roll(part.outline, -1, axis=0)
+        start, end = part.rim, np.roll(part.rim, -1, axis=0)
         points, normals = [], []
         for a, b in zip(start, end, strict=True):
             length = math.hypot(*(b - a))

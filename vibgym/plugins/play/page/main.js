@@ -118,3 +118,14 @@ $("amplitude").addEventListener("input", () => {
 $("width").addEventListener("change", () => (brush.width = +$("width").value));
 $("erase").addEventListener("change", () => (brush.erase = $("erase").checked));
 window.addEventListener("resize", () => table.resize());
+window.addEventListener("dragover", (event) => event.preventDefault());
+window.addEventListener("drop", async (event) => {
+  event.preventDefault();
+  const [file] = event.dataTransfer.files;
+  if (!file) return;
+  if (file.size > 2e6) return panel.refused(`${file.name} is larger than 2 MB`);
+  const bytes = new Uint8Array(await file.arrayBuffer());
+  let text = "";
+  for (let k = 0; k < bytes.length; k += 8192) text += String.fromCharCode(...bytes.subarray(k, k + 8192));
+  link.send({ do: "drop", name: file.name, content: btoa(text) });
+});

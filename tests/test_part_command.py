@@ -1,0 +1,59 @@
+"""``python -m vibgym part``: description and picture of a drawing, tasks and policies."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tests.commands import said_in_one_line
+from vibgym import Part, Surface
+from vibgym.__main__ import main
+from vibgym.part_command import centred, elements_under
+from vibgym.policies.applicable import parts_with, tasks_with
+
+BRACKET = "configs/datasheets/bracket.dxf"
+
+
+def test_description_and_picture(capsys, tmp_path):
+    pytest.importorskip("ezdxf")
+    pygame = pytest.importorskip("pygame")
+    path = tmp_path / "bracket.png"
+    options = ["--friction", "0.45", "--thickness-mm", "4", "--picture", str(path), "--no-tasks"]
+    assert main(["part", BRACKET, *options]) == 0
+    text = capsys.readouterr().out
+    assert "bracket: 70 x 56 mm, 4 mm high" in text and "3 holes" in text and "skipped: 1 TEXT" in text
+    picture = pygame.surfarray.array3d(pygame.image.load(path))
+    assert picture.shape[0] > 600 and (np.abs(picture.astype(int) - [61, 66, 78]).max(axis=2) < 30).mean() > 0.03
+
+
+@pytest.mark.parametrize(("options", "named"), [
+    (["missing.dxf"], "missing.dxf"), ([BRACKET, "--units", "in"], "units"), ([BRACKET, "--picture", "a.jpg"], "--picture"),
+    ([BRACKET, "--friction", "-1"], "friction"),
+])  # fmt: skip
+def test_bad_input_is_one_line(capsys, options, named):
+    pytest.importorskip("ezdxf")
+    assert main(["part", *options]) == 2
+    assert named in said_in_one_line(capsys)
+
+
+def test_elements_beneath():
+    """A square of 60 mm in the middle of an element of 26 mm: 26 / 60 of its width on that column, 17 / 60 on those beside."""
+    surface = Surface()
+    rows, columns, share = elements_under(Part.rectangle(0.06, 0.06, friction=0.5), surface, centred(surface))
+    across = np.array([17, 26, 17]) / 60
+    assert sorted(share) == pytest.approx(sorted(np.outer(across, across).ravel()))
+    assert set(rows) == {3, 4, 5} and set(columns) == {15, 16, 17}
+
+
+def test_tasks_and_policies():
+    """Only tasks with a part that is pushed have the policy ``push``; twenty large parts have no room."""
+    found = tasks_with({"shape": "disc", "radius_mm": 60, "friction": 0.5, "name": "lid"})
+    assert "pose" in found["Align"] and "push" in found["Push"] and "push" not in found["Align"]
+    assert isinstance(found["PackFull"], str) and "20 parts" in found["PackFull"]
+    assert not any(name.endswith("Shapes") for name in found)
+
+
+def test_the_pushed_part_is_replaced_or_the_first_kind():
+    part = {"shape": "disc", "radius_mm": 20, "friction": 0.5}
+    push, sort = parts_with("vibgym/Push-v0", part), parts_with("vibgym/Sort-v0", part)
+    assert push[2] == {**part, "coupling": 0.0} and push[:2] == gym.spec("vibgym/Push-v0").kwargs["parts"][:2]
+    assert sort.count(part) == 3 and len(sort) == 6

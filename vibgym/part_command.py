@@ -1,0 +1,142 @@
+"""``python -m vibgym part FILE``: describe and draw the part in a drawing."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.files import write_atomically
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+
+PIXELS = 6000.0
+"""Pixels per metre of the picture."""
+
+
+def part(parser: argparse.ArgumentParser) -> Callable[[argparse.Namespace], int]:
+    """Describe the part in a DXF, SVG or STL file, and the tasks and policies that accept it (extra 'cad')."""
+    parser.add_argument("file", metavar="FILE", help="a .dxf, .svg or .stl file")
+    parser.add_argument("--friction", type=float, default=0.5, help="coefficient of sliding friction (0.5)")
+    parser.add_argument("--thickness-mm", type=float, help="of a drawing (10)")
+    parser.add_argument("--density", type=float, help="kg/m^3 (7850, steel)")
+    parser.add_argument("--tolerance-mm", type=float, default=0.05, help="of flattened curves (0.05)")
+    parser.add_argument("--units", help="of a file that does not name them, such as mm or in")
+    parser.add_argument("--layer", help="of a DXF file")
+    parser.add_argument("--stable-pose", type=int, help="of an STL file, 0 for the most probable one")
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the part on the table there (extra 'render')")
+    parser.add_argument("--no-tasks", action="store_true", help="do not try tasks and policies")
+    return run
+
+
+def run(given: argparse.Namespace) -> int:
+    """Print the description; returns the exit code."""
+    from vibgym.scene.drawings.drawing import read
+
+    if given.picture is not None and given.picture.suffix.lower() != ".png":
+        raise checks.refuse("--picture", str(given.picture), "a .png file")
+    options = {
+        name: getattr(given, name)
+        for name in ("thickness_mm", "density", "tolerance_mm", "units", "layer", "stable_pose")
+    }
+    surface = Surface()
+    made = Part.from_file(given.file, friction=given.friction, surface=surface, **options)
+    reading = {name: options[name] for name in ("units", "layer", "stable_pose")}
+    drawing = read(given.file, options["tolerance_mm"], **reading, surface=surface)
+    pose = centred(surface)
+    for line in description(made, drawing.skipped, surface, pose):
+        print(line)
+    for k, each in enumerate(drawing.solid.poses if drawing.solid else ()):
+        print(f"stable pose {k}: {100 * each.probability:.1f} %, {each.height:.4g} mm high, on {each.area:.4g} mm^2")
+    if given.picture is not None:
+        picture(made, surface, pose, given.picture)
+        print(f"picture: {given.picture}")
+    if not given.no_tasks:
+        from vibgym.policies.applicable import tasks_with
+
+        for name, policies in tasks_with(made.to_dict()).items():
+            print(f"{name}: {policies if isinstance(policies, str) else ', '.join(policies)}")
+    return 0
+
+
+def centred(surface: Surface) -> np.ndarray:
+    """Return the pose (3,) in the middle of the element nearest to the middle of a surface."""
+    middle = np.array([surface.columns // 2, surface.rows // 2]) + 0.5
+    return np.array([*(surface.element_size * middle), 0.0])
+
+
+def description(part: Part, skipped: Mapping[str, int], surface: Surface, pose: np.ndarray) -> list[str]:
+    """Return lines about a part, and about the elements under it at a pose (3,)."""
+    from vibgym.scene.hulls import convex_pieces
+
+    size, holes = 1e3 * np.ptp(part.rim, axis=0), len(part.holes)
+    shape = f"disc of {size[0]:.4g} mm" if part.symmetry == 0 else f"{size[0]:.4g} x {size[1]:.4g} mm"
+    around = f"{len(part.rim)} corners, {holes} holes, {len(convex_pieces(part))} convex pieces"
+    orders = {0: "any angle", 1: "none"}
+    symmetry = orders.get(part.symmetry, f"{360.0 / part.symmetry:.4g} degrees")
+    rows, columns, share = elements_under(part, surface, pose)
+    low = 1e3 * (part.rim.min(axis=0))
+    lines = [
+        f"{part.name}: {shape}, {1e3 * part.height:.4g} mm high, {around}",
+        f"area {1e6 * part.area:.6g} mm^2, mass {1e3 * part.mass:.4g} g, "
+        f"radius of gyration {1e3 * math.sqrt(part.gyration):.4g} mm",
+        f"centre of mass {-low[0]:.4g} and {-low[1]:.4g} mm from the left and lower edge, "
+        f"{1e3 * part.centre_height:.4g} mm above the table",
+        f"symmetry: {symmetry}; tips by friction from a ratio of 1 on: {part.tipping_ratio:.2f}",
+        f"elements beneath, in the middle of one: {len(share)}, in rows {rows.min()} to {rows.max()} and columns "
+        f"{columns.min()} to {columns.max()}; the most loaded one carries {100 * share.max():.0f} %",
+    ]
+    if skipped:
+        lines.append("skipped: " + ", ".join(f"{count} {kind}" for kind, count in sorted(skipped.items())))
+    return lines
+
+
+def elements_under(part: Part, surface: Surface, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return rows, columns and shares of the contact area of the elements under a part at a pose (3,)."""
+    from vibgym.allocation.cut import cut_parts, new_pieces, outlines_of
+
+    pieces = new_pieces(surface, (part,))
+    count = cut_parts(outlines_of(surface, (part,)), pose[None], np.ones(1, dtype=bool), pieces)
+    rows, columns = np.divmod(pieces.element[:count], surface.columns)
+    return rows, columns, pieces.share[:count].copy()
+
+
+def picture(part: Part, surface: Surface, pose: np.ndarray, path: Path) -> None:
+    """Draw outline, convex pieces, centre of mass, and the elements beneath with their shares of the load.
+
+    Raises:
+        ValueError: the file cannot be written.
+        ImportError: the extra ``render`` is not installed.
+    """
+    from vibgym.rendering.view import require_pygame
+    from vibgym.scene.hulls import convex_pieces
+
+    pygame = require_pygame()
+    from vibgym.rendering import colours
+    from vibgym.rendering.canvas import Canvas
+
+    rows, columns, share = elements_under(part, surface, pose)
+    first = np.array([columns.min() - 1, rows.min() - 1])
+    count = np.array([columns.max(), rows.max()]) + 2 - first
+    size = surface.element_size
+    canvas = Canvas(int(count[1]), int(count[0]), size, PIXELS)
+    canvas.begin(np.zeros((count[1], count[0], 2)))
+    for row, column, each in zip(rows, columns, share, strict=True):
+        low = size * (np.array([column, row]) - first)
+        canvas.zone(low, low + size, colours.PARTS[1], f"{100 * each:.0f} %")
+    here = pose - [*(size * first), 0.0]
+    canvas.part(here, part.outline, colours.PARTS[0], ahead=False)
+    if part.symmetry:
+        for piece in convex_pieces(part):
+            canvas.path(here[:2] + np.vstack([piece, piece[:1]]), colours.PAPER)
+    canvas.goal(here[:2], part.outline, None)
+    pixels = canvas.finish(f"{part.name}: {1e6 * part.area:.4g} mm², {1e3 * part.mass:.3g} g")
+    image = pygame.image.frombuffer(pixels.tobytes(), pixels.shape[1::-1], "RGB")
+    stream = io.BytesIO()
+    pygame.image.save(image, stream, "x.png")
+    write_atomically(path, stream.getvalue())

@@ -1,0 +1,1 @@
+"""Parts from drawings: DXF, SVG and STL files."""

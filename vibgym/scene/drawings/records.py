@@ -1,0 +1,93 @@
+"""Records and units of drawings; lengths in mm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vibgym import checks
+
+UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1e3, "mil": 0.0254, "in": 25.4, "ft": 304.8}
+"""Unit of a drawing -> mm."""
+
+TOLERANCE = 0.05
+"""mm, of flattened curves, by default."""
+
+GAP = 0.1
+"""Ends of strokes that are farther apart than this share of the tolerance are not joined."""
+
+
+@dataclass(frozen=True)
+class StablePose:
+    """A pose in which a part rests on the table.
+
+    Attributes:
+        probability: that a part dropped at a random orientation without bouncing comes to rest in it.
+        height, centre_height: of the part and its centre of mass above the table, mm.
+        area: of the faces on the table, mm^2.
+    """
+
+    probability: float
+    height: float
+    centre_height: float
+    area: float
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A mesh as it lies.
+
+    Attributes:
+        height, centre_height, volume: mm, mm, mm^3.
+        resting: area of the faces on the table over the area of the outline with its holes; 1 for a prism.
+        offset: distance of the centre of mass from the centre of the outline's area, mm; 0 for a prism.
+        gyration: inertia about the vertical axis through the centre of mass over mass, mm^2.
+        poses: stable ones, most probable first.
+    """
+
+    height: float
+    centre_height: float
+    volume: float
+    resting: float
+    offset: float
+    gyration: float
+    poses: tuple[StablePose, ...]
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Outline of a part from a file.
+
+    Attributes:
+        rim: (n, 2) mm, outer outline.
+        holes: (n, 2) mm each.
+        radius: mm, if the rim is a circle within the tolerance and there are no holes; else None.
+        skipped: type of entities without an outline, such as text -> their number.
+        solid: of a mesh; None for flat drawings.
+    """
+
+    rim: np.ndarray
+    holes: tuple[np.ndarray, ...] = ()
+    radius: float | None = None
+    skipped: Mapping[str, int] = field(default_factory=dict)
+    solid: Solid | None = None
+
+
+def factor_of(named: str | None, given: str | None, missing: str) -> float:
+    """Return mm per unit of a drawing.
+
+    Args:
+        named: unit in the file, a key of :data:`UNITS`, or None.
+        given: the argument ``units``.
+        missing: why the file does not name its unit, for the error.
+
+    Raises:
+        ValueError: neither, or both and different.
+    """
+    if named is None and given is None:
+        raise checks.conflict(f"unknown units: {missing}; give units=, one of {', '.join(UNITS)}")
+    if named is not None and given is not None and named != given:
+        raise checks.conflict(f"units={given!r}, but the file is in {named}")
+    return UNITS[given if named is None else named]  # type: ignore[index]

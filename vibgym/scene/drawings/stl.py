@@ -1,0 +1,128 @@
+"""Meshes in STL, read by trimesh: stable poses, and the outline of the part as it lies."""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks, extras
+from vibgym.scene import outlines
+from vibgym.scene.drawings.records import GAP, UNITS, Solid, StablePose
+
+SIMPLIFIED = 0.05
+"""Corners nearer to the line between their neighbours than this share of the tolerance are removed."""
+
+
+def read(
+    content: bytes, tolerance: float, units: str | None, stable_pose: int | None
+) -> tuple[list[np.ndarray], Solid]:
+    """Return the outline, counter-clockwise, and holes, clockwise, of the mesh in an STL file, whose z axis points up."""
+    extras.require("cad", "trimesh", "scipy", "shapely", "networkx")
+    mesh = _mesh(content, UNITS[units or "mm"])
+    poses, transforms = _poses(mesh, GAP * tolerance)
+    if stable_pose is not None:
+        mesh.apply_transform(transforms[checks.count("stable_pose", stable_pose, least=0, most=len(poses) - 1)])
+    mesh.apply_translation([0.0, 0.0, -mesh.bounds[0, 2]])
+    if stable_pose is None:
+        _check_standing(mesh, GAP * tolerance, len(poses))
+    rings = _projection(mesh, tolerance)
+    area, centre = outlines.area_and_centre(rings)
+    solid = Solid(
+        height=float(mesh.extents[2]),
+        centre_height=float(mesh.center_mass[2]),
+        volume=float(mesh.volume),
+        resting=_resting_area(mesh, GAP * tolerance) / area,
+        offset=float(np.hypot(*(mesh.center_mass[:2] - centre))),
+        gyration=float(mesh.moment_inertia[2, 2] / mesh.volume),
+        poses=tuple(poses),
+    )
+    return rings, solid
+
+
+def _mesh(content: bytes, factor: float) -> Any:
+    """Return the mesh in mm: one closed body.
+
+    Raises:
+        ValueError: another content; names a facet and, of a file in text, its line.
+    """
+    import trimesh
+
+    try:
+        mesh: Any = trimesh.load_mesh(io.BytesIO(content), file_type="stl")
+    except Exception as error:  # of a parser that expects valid data
+        raise checks.refuse("file", str(error) or type(error).__name__, "an STL file") from None
+    if not len(mesh.faces):
+        raise checks.conflict("the file has no facets")
+    bad = ~np.isfinite(mesh.triangles).all(axis=(1, 2))
+    if bad.any():
+        raise checks.conflict(f"{_facet(content, int(bad.argmax()))} has coordinates that are not finite")
+    mesh.update_faces(mesh.nondegenerate_faces())
+    if not mesh.is_watertight:
+        broken = trimesh.repair.broken_faces(mesh)
+        where = _facet(content, int(broken[0])) if len(broken) else "a facet"
+        raise checks.conflict(
+            f"the surface is not closed: {where} has an edge that it does not share with exactly one other"
+        )
+    if not mesh.is_winding_consistent or mesh.volume <= 0.0:
+        raise checks.conflict("facets point inwards: their corners must be counter-clockwise, seen from outside")
+    bodies = mesh.split(only_watertight=False)
+    if len(bodies) > 1:
+        other = mesh.faces[:, 0] == int(np.flatnonzero((mesh.vertices == bodies[1].vertices[0]).all(axis=1))[0])
+        raise checks.conflict(
+            f"{len(bodies)} bodies in one file, one with {_facet(content, int(other.argmax()))}: one part a file"
+        )
+    mesh.apply_scale(factor)
+    return mesh
+
+
+def _facet(content: bytes, number: int) -> str:
+    """Return the number of a facet, and its line in a file in text."""
+    lines = content.splitlines() if content[:5] == b"solid" and b"facet" in content[:2000] else []
+    at = [k for k, line in enumerate(lines, 1) if line.split()[:1] == [b"facet"]]
+    return f"facet {number}" + (f" in line {at[number]}" if number < len(at) else "")
+
+
+def _poses(mesh: Any, flat: float) -> tuple[list[StablePose], np.ndarray]:
+    """Return the stable poses, most probable first, and their transforms (n, 4, 4).
+
+    The probability of a pose is the share of all directions from the centre of mass that hit its face, or faces of the convex
+    hull from which the part rolls onto it (K. Goldberg et al., "Part pose statistics", 1999).
+    """
+    transforms, shares = mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.0)
+    found = []
+    for transform, share in zip(transforms, shares, strict=True):
+        placed = mesh.copy()
+        placed.apply_transform(transform)
+        placed.apply_translation([0.0, 0.0, -placed.bounds[0, 2]])
+        height, centre = float(placed.extents[2]), float(placed.center_mass[2])
+        found.append(StablePose(float(share), height, centre, _resting_area(placed, flat)))
+    return found, transforms
+
+
+def _resting_area(mesh: Any, flat: float) -> float:
+    """Return the area of the facets on the table, mm^2."""
+    down = (mesh.triangles[:, :, 2].max(axis=1) <= flat) & (mesh.face_normals[:, 2] < 0.0)
+    return float(mesh.area_faces[down].sum())
+
+
+def _check_standing(mesh: Any, flat: float, poses: int) -> None:
+    low = np.unique(mesh.vertices[mesh.vertices[:, 2] <= flat][:, :2], axis=0)
+    hull = outlines.convex_hull(low) if len(low) > 2 else low
+    if len(hull) < 3 or outlines.inner_distance(hull - mesh.center_mass[:2]) <= 0.0:
+        raise checks.conflict(f"the part does not stand as modelled, with z up: give stable_pose=, 0 to {poses - 1}")
+
+
+def _projection(mesh: Any, tolerance: float) -> list[np.ndarray]:
+    """Return the outline of the part from above, counter-clockwise, and its through holes, clockwise."""
+    import shapely
+
+    triangles = mesh.triangles[mesh.face_normals[:, 2] > 1e-6][:, :, :2]
+    area = shapely.union_all(shapely.polygons(triangles)).simplify(SIMPLIFIED * tolerance)
+    pieces = sorted(getattr(area, "geoms", [area]), key=lambda each: -each.area)
+    if sum(each.area for each in pieces[1:]) > tolerance**2:  # rounding may cut off specks
+        raise checks.conflict("the part touches itself at a corner or edge only, seen from above")
+    area = shapely.geometry.polygon.orient(pieces[0])
+    rings = [np.array(ring.coords)[:-1] for ring in (area.exterior, *area.interiors)]
+    return [rings[0], *(ring for ring in rings[1:] if abs(outlines.signed_area(ring)) > tolerance**2)]
