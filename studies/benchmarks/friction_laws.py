@@ -2,7 +2,8 @@
 
 - Cost: time of a period of 256 worlds with one block each on driven elements, relative to a constant coefficient.
 - Error: distance after one second to the result with 8 x as many steps and 8 x 8 cells for each element, median of 64 worlds.
-- Consequences: largest speed after 60 periods with all elements in phase, and policies that assume the nominal coefficient on Align.
+- Consequences: largest speed after 60 periods with all elements in phase, and policies on Align that assume the nominal
+  coefficient.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Coefficients of friction that depend on speed: closed forms, an independent integration, sticking, and what is refused."""
 
 import math
+import pickle
 
 import gymnasium as gym
 import numpy as np
@@ -128,6 +129,7 @@ def test_batches_and_contacts_have_the_same_bits():
 def test_environments_take_laws_and_parts_keep_them():
     given = {"shape": "rectangle", "length_mm": 50, "width_mm": 35, "friction": 0.5, "friction_law": STRIBECK}
     part = part_from(given)
+    assert pickle.loads(pickle.dumps(part)).same_as(part)
     assert part_from(part.to_dict()).same_as(part) and not part.same_as(part_from({**given, "friction_law": None}))
     env = gym.make("vibgym/Align-v0", action="velocity", parts=[given])
     policy = vibgym.make_policy({"kind": "pose", "action": "velocity"}, env)
@@ -136,6 +138,20 @@ def test_environments_take_laws_and_parts_keep_them():
         {"kind": "pose", "action": "velocity"}, "vibgym/Align-v0", seeds=range(10), parts=[given]
     )
     assert found.success.all()
+
+
+def test_parts_with_holes_follow_laws():
+    ring = [[0.02 * math.cos(a), 0.02 * math.sin(a)] for a in np.linspace(0, 2 * math.pi, 24, endpoint=False)]
+    hole = [[0.4 * x, 0.4 * y] for x, y in ring]
+    plain, lawful = (Part.polygon(ring, holes=[hole], friction=0.4, friction_law=law) for law in (None, STRIBECK))
+    np.testing.assert_array_equal(plain.outline, lawful.outline)
+    ways = []
+    for part in (plain, lawful):
+        simulator = Simulator(ONE, part)
+        simulator.reset([[[4.0, 4.0, 0.0]]])
+        simulator.advance(3e-4, 0.7, 10)
+        ways.append(np.linalg.norm(simulator.state.pose[0, 0, :2] - 4.0))
+    assert ways[1] > 1.05 * ways[0] > 0.0
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -258,7 +257,7 @@ class Part:
             contact_friction=checks.number("contact_friction", given["contact_friction"], least=0.0),
             coupling=checks.number("coupling", given["coupling"], least=0.0, most=1.0),
             centre_height=checks.number("centre_height", centre, least=0.0, most=height),
-            friction_law=None if law is None else MappingProxyType(dict(law)),
+            friction_law=None if law is None else dict(law),
         )
 
     @property
