@@ -1,0 +1,11 @@
+"""Machines: drivers, the control loop, watchdog, records of runs; see docs/machine.md."""
+
+from vibgym.hardware.driver import Driver, MachineError, Measurement
+from vibgym.hardware.env import HardwareEnv
+from vibgym.hardware.loop import ControlLoop, Outcome
+from vibgym.hardware.simulated import SimulatedDriver
+from vibgym.hardware.watchdog import Stopped, Watchdog
+
+__all__ = [
+    "ControlLoop", "Driver", "HardwareEnv", "MachineError", "Measurement", "Outcome", "SimulatedDriver", "Stopped", "Watchdog",
+]  # fmt: skip
