@@ -43,8 +43,16 @@ def compile_all(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def machine(parser: argparse.ArgumentParser) -> Command:
+    """Simulate a machine in real time for control loops in other processes (docs/machine.md)."""
+    from vibgym.hardware import command
+
+    command.add_arguments(parser)
+    return command.run
+
+
 COMMANDS: Registry[Callable[[argparse.ArgumentParser], Command]] = Registry(
-    "command", {"warm": warm}, "vibgym.commands"
+    "command", {"warm": warm, "machine": machine}, "vibgym.commands"
 )
 """Commands by name: functions that add arguments to a parser and return the function to run. Their docstring is the help."""
 

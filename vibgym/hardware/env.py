@@ -19,6 +19,7 @@ import gymnasium as gym
 import numpy as np
 
 from vibgym import checks
+from vibgym.config import json_values
 from vibgym.envs.core import Core
 from vibgym.envs.options import StartOverride
 from vibgym.envs.single import VibgymEnv
@@ -29,6 +30,7 @@ from vibgym.physics.core.drive import Drive, all_phasors
 from vibgym.scene.surface import Surface
 from vibgym.sensing.effects import read_poses
 from vibgym.sensing.measurement import new_reading
+from vibgym.tasks import Start
 
 Locate = Callable[[np.ndarray], Any]
 """Image -> (parts, 3) poses, nan where a part was not found."""
@@ -102,12 +104,14 @@ class HardwareCore(Core):
         driver, watchdog, locate, clock: see :class:`HardwareEnv`.
         missed: cycles of this episode that the control loop has missed.
         received, sent: s on ``clock``, when the last measurement was received and the last command was sent.
+        record: called in every cycle with the arguments of :meth:`vibgym.hardware.Recorder.add`; None: not recorded.
     """
 
     driver: Driver
     watchdog: Watchdog
     locate: Locate | None
     clock: Callable[[], float]
+    record: Callable[..., None] | None = None
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -124,6 +128,7 @@ class HardwareCore(Core):
         self._readings = Readings(len(self.parts), self.sensing.sensor.step)
         self._image: np.ndarray | None = None
         self._stopped = ""
+        self._raw: tuple[float, np.ndarray, float] | None = None  # s, poses as measured and when, without a command yet
         self.missed, self.received, self.sent = 0, 0.0, 0.0
 
     def check_start(
@@ -142,8 +147,7 @@ class HardwareCore(Core):
             ValueError: a part is not measured, or the task cannot start here.
             MachineError: see :meth:`Driver.receive`, :class:`Watchdog`.
         """
-        uniform = generators[0].random((1, self.shape_draws + self.task.draws))
-        start = self.start_of(worlds, uniform[:, self.shape_draws :], override)
+        start = self.drawn_start(generators[0], override)
         present = start.present[0]
         self._stopped = ""
         pose, taken = self._supervised(lambda: self._first(present))
@@ -151,7 +155,8 @@ class HardwareCore(Core):
         if lost.size:
             raise checks.conflict(f"part {lost[0]} is not measured at the start of the episode")
         goal = None if override is None else override.goal
-        start = self.task.put_down(start, np.where(present[:, None], pose, start.pose[0])[None])
+        with checks.within("the parts as they are measured"):
+            start = self.task.put_down(start, np.where(present[:, None], pose, start.pose[0])[None])
         start = start if goal is None else start._replace(goal=goal[worlds])
         self.put(worlds, start, np.where(start.present[..., None], self.idle, 0.0))
         self._readings.begin(start.pose[0], ~present, taken)
@@ -159,11 +164,24 @@ class HardwareCore(Core):
             self.sensing.estimator.reset(worlds, self._readings.last)
         self.relate(worlds)
 
+    def drawn_start(self, generator: np.random.Generator, override: StartOverride | None = None) -> Start:
+        """Return the start of a simulated episode with this generator."""
+        uniform = generator.random((1, self.shape_draws + self.task.draws))
+        return self.start_of(self._now.worlds, uniform[:, self.shape_draws :], override)
+
     def stop(self, reason: str) -> None:
         """Stop the elements until the next episode."""
         self._stopped = reason
         with contextlib.suppress(MachineError, OSError):  # the machine stops by itself if it cannot be reached
             self.driver.stop()
+        self._record(0.0, 0.0)
+
+    def _record(self, amplitude: Any, phase: Any) -> None:
+        """Record the motion commanded in this cycle, if it is the first one, and the cycle's measurement."""
+        if self._raw is not None and self.record is not None:
+            now, pose, taken = self._raw
+            self.record(now, amplitude, phase, pose, taken)
+        self._raw = None
 
     def _supervised(self, work: Callable[[], Result]) -> Result:
         """Return the result of ``work``; stop the elements if it fails."""
@@ -175,12 +193,13 @@ class HardwareCore(Core):
 
     def _first(self, present: np.ndarray) -> tuple[np.ndarray, float]:
         """Return the poses at an episode's start, and when they were measured."""
-        self._image, self.missed = None, 0
+        self._image, self._raw, self.missed = None, None, 0
         measurement = self.driver.receive()
         self.received = self.clock()
         walls, sensor = self.simulator.walls, self.sensing.sensor
         self.watchdog.start(self.surface, walls, sensor, self.driver.now(), measurement.taken)
         pose = self._poses(measurement)
+        self._raw = self.driver.now(), pose, measurement.taken
         self.watchdog.check_parts(pose, present)
         return pose, measurement.taken
 
@@ -203,6 +222,7 @@ class HardwareCore(Core):
         write_motion(self._command, self.surface, self._amplitude, self._phase)
         self.driver.send(self._amplitude, self._phase)
         self.sent = self.clock()
+        self._record(self._amplitude, self._phase)
         self._predict()
         measurement = self.driver.receive()
         self.received = self.clock()
@@ -213,7 +233,9 @@ class HardwareCore(Core):
                 self.sensing.estimator.correct(self._readings.unseen)
             self._predict()  # the elements hold the command
         pose = self._poses(measurement)
-        if not self.watchdog.is_new(measurement.taken, self._is_repeated(measurement.image)):
+        new = self.watchdog.is_new(measurement.taken, self._is_repeated(measurement.image))
+        self._raw = self.driver.now(), pose, measurement.taken
+        if not new:
             pose = np.full(pose.shape, np.nan)
         self.watchdog.check_parts(pose, self.episode.present[0])
         self._readings.add(pose, measurement.taken)
@@ -286,6 +308,7 @@ class HardwareEnv(VibgymEnv):
     ) -> None:
         spec = gym.spec(environment_id(task))
         super().__init__(**{**spec.kwargs, **environment})
+        self._environment = json_values(environment)
         if self.drawn is not None:
             raise checks.conflict("hardware requires shapes=[...], since it cannot draw them")
         self.spec, core = spec, self.core
@@ -296,6 +319,14 @@ class HardwareEnv(VibgymEnv):
     def watchdog(self) -> Watchdog:
         """The watchdog; ``watchdog.stop()`` is an emergency stop."""
         return self.core.watchdog
+
+    def description(self) -> dict[str, Any]:
+        """Return the settings of a log, JSON values: the scene, and ``task`` and ``environment``, this class's arguments."""
+        options = self.core.options
+        return {
+            "surface": json_values(options.surface), "actuators": json_values(options.actuators),
+            "parts": [part.to_dict() for part in self.parts], "task": self.spec.id, "environment": self._environment,
+        }  # fmt: skip
 
     def close(self) -> None:
         """Stop the elements, and close the window."""
