@@ -123,14 +123,16 @@ class Session:
     def run(self) -> str:
         """Run cycles; the elements are at rest afterwards. Return why the session has ended, one line."""
         try:
-            began, cycle = self._clock() if self._clock else 0.0, 0
+            due = self._clock() if self._clock else 0.0
             while True:
                 self._channel.send(*pack_measurement(*self._measure()))
-                cycle += 1
                 if self._clock is None:
                     self._execute()
                     continue
-                self._sleep(max(began + cycle * self._driver.step_time - self._clock(), 0.0))
+                due = max(
+                    due + self._driver.step_time, self._clock()
+                )  # a simulation that is late does not hurry afterwards
+                self._sleep(max(due - self._clock(), 0.0))
                 self._held += 1
                 while self._channel.waiting():
                     self._execute()
