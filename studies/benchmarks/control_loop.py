@@ -100,7 +100,8 @@ def measure(task: str, policy: Any, settings: dict[str, Any], cycles: int) -> li
                 done, missed, runs = done + n, missed + outcome.missed, runs + 1
                 if outcome.reason not in ("success", "cycle limit"):
                     stops.append(outcome.reason)
-                    print(f"{task}, cycle {done}: {outcome.reason}", flush=True)
+                    last = f"computing {1e3 * outcome.computing[-3:]} ms, periods {1e3 * outcome.period[-3:]} ms"
+                    print(f"{task}, cycle {done}: {outcome.reason}; {last}", flush=True)
                     driver.close()
                     driver = loop.env.core.driver = machine.connect()
                 if before is None and done >= cycles // 10:

@@ -49,6 +49,7 @@ def write_motion(command: Drive, surface: Surface, amplitude: np.ndarray, phase:
     c, s = phasors[0, ..., 0], phasors[0, ..., 1]
     np.hypot(c, s, out=amplitude)
     amplitude /= surface.angular_frequency**2
+    assert surface.max_amplitude is not None
     np.minimum(amplitude, surface.max_amplitude, out=amplitude)  # rounding
     np.arctan2(s, c, out=phase)
 
@@ -82,7 +83,8 @@ class Readings:
     def add(self, pose: np.ndarray, taken: float) -> None:
         """Add poses (parts, 3), nan where a part was not measured."""
         reading = self.last
-        seen = reading.seen[0] = np.isfinite(pose).all(axis=1)
+        reading.seen[...] = np.isfinite(pose).all(axis=1)
+        seen = reading.seen[0]
         turns = np.rint((self._pose[0, :, 2] - pose[:, 2]) / (2.0 * math.pi), where=seen, out=np.zeros(len(pose)))
         reading.pose[0] = np.where(seen[:, None], pose, self._pose[0])
         reading.pose[0, :, 2] += 2.0 * math.pi * turns
@@ -323,6 +325,7 @@ class HardwareEnv(VibgymEnv):
     def description(self) -> dict[str, Any]:
         """Return the settings of a log, JSON values: the scene, and ``task`` and ``environment``, this class's arguments."""
         options = self.core.options
+        assert self.spec is not None
         return {
             "surface": json_values(options.surface), "actuators": json_values(options.actuators),
             "parts": [part.to_dict() for part in self.parts], "task": self.spec.id, "environment": self._environment,

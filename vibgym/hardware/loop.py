@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -146,6 +147,8 @@ class ControlLoop:
         core.record = None if recorder is None else recorder.add
         computing, period = np.full((2, cycles), np.nan)
         reason, done, info, success, state = "cycle limit", 0, {}, False, None
+        gc.collect()
+        gc.freeze()  # a collection of all objects would take several cycles
         try:
             observation, info = env.reset(seed=seed, options=options)
             for k in range(cycles):
@@ -166,5 +169,6 @@ class ControlLoop:
             reason = str(error)
         finally:
             core.stop("the control loop has ended")
+            gc.unfreeze()
             log = None if recorder is None else recorder.save()
         return Outcome(reason, success, done, core.missed, computing[:done], period[:done], info, log)

@@ -43,6 +43,7 @@ class SimulatedCore(Core):
 class SimulatedMachine(VibgymEnv):
     """Environment of :class:`SimulatedDriver`."""
 
+    core: SimulatedCore
     core_class = SimulatedCore
 
 
@@ -111,7 +112,7 @@ class SimulatedDriver:
         return self.env.step_time
 
     def send(self, amplitude: np.ndarray, phase: np.ndarray) -> None:
-        action, most = self.env.core.action, self.surface.max_amplitude
+        action, most = self.env.core.action, float(self.surface.max_amplitude)
         given = checks.array("amplitude", amplitude, action.amplitude.shape[1:], least=0.0, most=most * (1.0 + 1e-12))
         action.amplitude[0], action.phase[0] = given, checks.array("phase", phase, action.phase.shape[1:])
 
