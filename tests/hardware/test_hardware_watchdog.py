@@ -124,11 +124,11 @@ def test_measurements_within_the_limits_do_not_stop_the_elements():
 
 @pytest.mark.parametrize("missed", [1, 3])
 def test_the_estimator_follows_the_held_command_through_missed_cycles(missed):
-    """Without noise, the prediction equals the truth after missed cycles, too; parts move by millimetres in them."""
+    """Without noise, the prediction from late measurements equals the truth after missed cycles, too."""
     settings = {"action": "velocity", "actuators": {**PROTOTYPE, "dead": 0.0, "gain_spread": 0.0, "phase_spread": 0.0}}
     settings["actuators"]["latency"] = 0
+    settings["sensor"] = {"kind": "ideal", "delay": 2, "estimator": "model"}
     driver = Faulty(skip={AT: missed}, **settings)
-    settings["sensor"] = {"kind": "ideal", "estimator": "model"}
     loop = ControlLoop(driver, "Align", "pose", **settings)
     core, before = loop.env.core, driver.inner.env.truth.pose
     outcome = loop.run(AT, seed=5, beyond=True)
