@@ -250,3 +250,19 @@ def test_a_run_of_one_cycle_leaves_no_recording(tmp_path):
     assert outcome.cycles == 1 and outcome.log is None and not list(tmp_path.iterdir())
     with pytest.raises(ValueError, match="record"):
         ControlLoop(driver, "Align", "pose").run(9, record=tmp_path)
+
+
+def test_a_simulated_camera_sends_its_images():
+    sensor = {"kind": "camera", "delay": 1}
+    driver = SimulatedDriver("Align", seed=5, images=True, sensor=sensor)
+    env = gym.make("vibgym/Align-v0", action="phasor", observation="camera", sensor=sensor)
+    image, _ = env.reset(seed=5)
+    rest = np.zeros(env.action_space.shape, dtype=np.float32)
+    for _ in range(3):
+        measurement = driver.receive()
+        assert measurement.pose is None
+        np.testing.assert_array_equal(measurement.image, image)
+        image = env.step(rest)[0]
+    assert measurement.taken == pytest.approx(driver.now() - 0.04)
+    with pytest.raises(ValueError, match="camera"):
+        SimulatedDriver("Align", images=True)

@@ -248,6 +248,7 @@ def test_a_machine_at_rest_waits_for_commands_without_end():
         (command(1e-4, (8, 31)), "a COMMAND for 8 x 32 elements has 3968 bytes"),
         (message(Kind.POSES), "the loop has sent POSES instead of a command"),
         (message(Kind.STOP, version=7), "the loop has version 7 of the protocol"),
+        (command(1e-4)[:-1], "the loop has sent nothing for 0.16 s"),
     ],
 )
 def test_a_bad_message_stops_the_machine(bad, reason):

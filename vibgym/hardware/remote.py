@@ -19,6 +19,9 @@ from vibgym.hardware.wire import Channel, Kind, floats, pack_measurement, unpack
 HOLD = 3
 """Cycles for which a machine holds its last command."""
 
+GREETING = 5.0
+"""s in which a control loop has to introduce itself."""
+
 
 class SocketDriver:
     """A machine that is reached over TCP, see :mod:`vibgym.hardware.wire`.
@@ -113,7 +116,9 @@ class Session:
         surface = driver.surface
         self._shape = (surface.rows, surface.columns)
         self._moving, self._held = False, 0
-        if channel.receive(None).kind is not Kind.HELLO:
+        # The elements must not move on while half a command has arrived.
+        self._timeout = None if clock is None else (hold + 1) * driver.step_time
+        if channel.receive(GREETING).kind is not Kind.HELLO:
             raise MachineError(f"{channel.peer} has not begun with HELLO")
         about = {"rows": surface.rows, "columns": surface.columns, "parts": driver.parts, "step_time": driver.step_time}
         channel.send(Kind.HELLO, json.dumps(about).encode())
@@ -153,7 +158,7 @@ class Session:
 
     def _execute(self) -> None:
         """Execute the next message of the control loop."""
-        message = self._channel.receive(None)
+        message = self._channel.receive(self._timeout)
         if message.kind is Kind.COMMAND:
             self._driver.send(*unpack_command(message, self._shape))
             self._moving, self._held = True, 0
