@@ -19,7 +19,7 @@ REPORT := $(VENV)/.installed-report
 LEARN := $(VENV)/.installed-learn
 ACCURACY := $(VENV)/.installed-accuracy
 PEERS := $(VENV)-peers/.installed
-LEARNERS := $(addprefix $(VENV)-,$(addsuffix /.installed,cleanrl lerobot rllib zoo))
+LEARNERS := $(addprefix $(VENV)-,$(addsuffix /.installed,benchmarl cleanrl lerobot rllib zoo))
 CONFIG ?= configs/agents/ppo.yaml
 FAST := $(addprefix tests/,actuators adapters allocation bounds contracts envs fuzz physics plugins/camera plugins/tilting policies rendering scene sensing simulation tasks \
 	test_config.py test_examples.py test_fields.py test_files.py test_interrupts.py test_package.py test_renamed.py test_training.py)
@@ -63,7 +63,7 @@ help:
 	@echo "make release     build sdist and wheel and test both in empty environments, on 3.11, 3.12, 3.13: dist/"
 	@echo "make venv        $(VENV) with everything for development"
 	@echo "make warm        compile all kernels, otherwise compiled on first use"
-	@echo "make learners    $(VENV)-cleanrl, -lerobot, -rllib, -zoo: environments of other libraries, see docs/learners"
+	@echo "make learners    $(VENV)-benchmarl, -cleanrl, -lerobot, -rllib, -zoo: environments of other libraries, see docs/learners"
 	@echo "make peers       $(VENV)-peers: EnvPool and gym-pusht for python -m studies.benchmarks.peers"
 	@echo "make format      sort imports, format"
 	@echo "make clean       remove the environment and all caches, but not runs/"
@@ -161,6 +161,11 @@ endef
 vpath %.txt docs/learners studies/benchmarks
 $(VENV)-%/.installed: %.txt $(VENV)/pyvenv.cfg | $(DEV)
 	$(layer)
+	@touch $@
+
+# BenchMARL requires libraries for videos.
+$(VENV)-benchmarl/.installed: benchmarl.txt $(VENV)/pyvenv.cfg | $(DEV)
+	$(call layer,--no-deps)
 	@touch $@
 
 # LeRobot's release excludes the tested torch, so its requirements are listed in full. OPERATORS: see that file.

@@ -26,7 +26,15 @@ def environment(name):
 
 @pytest.mark.parametrize(
     "page, own",
-    [("cleanrl", ""), ("lerobot", "lerobot"), ("rllib", "rllib"), ("skrl", ""), ("torchrl", ""), ("zoo", "zoo")],
+    [
+        ("benchmarl", "benchmarl"),
+        ("cleanrl", ""),
+        ("lerobot", "lerobot"),
+        ("rllib", "rllib"),
+        ("skrl", ""),
+        ("torchrl", ""),
+        ("zoo", "zoo"),
+    ],
 )
 def test_a_page_trains_and_plays(page, own, tmp_path):
     text = (ROOT / f"docs/learners/{page}.md").read_text(encoding="utf-8")
@@ -67,11 +75,13 @@ def test_the_file_of_cleanrl_is_the_release_s():
 
 def test_the_index_names_the_tested_versions():
     index = (ROOT / "docs/learners/index.md").read_text(encoding="utf-8")
-    lists = [ROOT / "constraints.txt", *(ROOT / "docs/learners").glob("*.txt")]
+    # Our versions last: BenchMARL requires another TorchRL.
+    lists = [*(ROOT / "docs/learners").glob("*.txt"), ROOT / "constraints.txt"]
     pins = dict(
         line.split("==") for file in lists for line in file.read_text(encoding="utf-8").splitlines() if "==" in line
     )
     for name, package in {
+        "BenchMARL": "benchmarl",
         "LeRobot": "lerobot",
         "SB3 zoo": "rl_zoo3",
         "TorchRL": "torchrl",

@@ -58,6 +58,24 @@ def test_steps_are_those_of_the_native_batch_and_worlds_are_reset_alone():
     env.close()
 
 
+def test_every_world_gets_its_seed_at_its_next_reset():
+    env = BatchEnv("vibgym/Sort-v0", num_envs=4)
+    env.set_seed(7)
+    first = env.reset()["parts", "observation"].clone()
+    env.set_seed(3)
+    some = env.reset().clone()
+    env.set_seed(7)
+    some["_reset"] = torch.tensor([[True], [False], [False], [True]])
+    part = env.reset(some)["parts", "observation"]  # as a collector does between two calls of set_seed
+    rest = env.reset()["parts", "observation"]
+    assert torch.equal(part[[0, 3]], first[[0, 3]]) and not torch.equal(part[1], first[1])
+    assert torch.equal(rest[[1, 2]], first[[1, 2]]) and not torch.equal(rest[0], first[0])
+    for bad in (-1, 0.5, "seven"):
+        with pytest.raises(ValueError, match="seed"):
+            env.set_seed(bad)
+    env.close()
+
+
 @pytest.mark.parametrize(("settings", "named"), [
     ({"action": "element"}, "values per part"),
     ({"observation": "state"}, "observation"),

@@ -17,7 +17,7 @@ from torchrl.envs import EnvBase
 
 from vibgym import checks
 from vibgym.adapters.credit import credits_parts
-from vibgym.envs.vector import VibgymVectorEnv, batch_of
+from vibgym.envs.vector import VibgymVectorEnv, batch_of, seeds_from
 
 GROUP = "parts"
 
@@ -36,6 +36,9 @@ class BatchEnv(EnvBase):
     - ``("next", "parts", "cost")``: the part's share of the costs, with ``costs``.
     - ``("next", "parts", "at_goal")``: whether the part is at its goal, or in its zone.
     - ``"done"``, ``"terminated"``, ``"truncated"``, ``("next", "success")``: of the world, (num_envs, 1).
+
+    ``set_seed(s)`` gives world k the seed ``s + k`` at its next reset. All worlds advance together: a rollout with
+    ``break_when_all_done`` raises ``gymnasium.error.ResetNeeded`` once a world has ended before the others.
 
     Args:
         env: id of a registered environment, or a vector environment of vibgym, possibly wrapped, with
@@ -84,7 +87,7 @@ class BatchEnv(EnvBase):
         self._credits, self._costs = credits_parts(env), core.costs is not None
         self._parts, self._numbers = len(core.parts), core.action.size // len(core.parts)
         self.group_map = {GROUP: [f"part_{k}" for k in self._driven]}
-        self._seeds: int | None = None
+        self._set_seed(None)
         self._make_specs(columns[1])
 
     def _make_specs(self, columns: int) -> None:
@@ -112,16 +115,15 @@ class BatchEnv(EnvBase):
         return Composite({GROUP: own}, shape=self.batch_size, device=self.device)
 
     def _set_seed(self, seed: int | None) -> None:
-        self._seeds = seed
+        self._seeds = seeds_from(seed, self.batch_size[0])
 
     def _reset(self, tensordict: TensorDictBase | None = None, **kwargs: Any) -> TensorDictBase:
-        options = None
+        mask = np.ones(self.batch_size[0], dtype=bool)
         if tensordict is not None and "_reset" in tensordict.keys():
             mask = tensordict["_reset"].reshape(-1).cpu().numpy()
-            if not mask.all():
-                options = {"reset_mask": mask}
-        seen, info = self.env.reset(seed=self._seeds, options=options)
-        self._seeds = None
+        seeds = [seed if begins else None for seed, begins in zip(self._seeds, mask)]
+        seen, info = self.env.reset(seed=seeds, options=None if mask.all() else {"reset_mask": mask})
+        self._seeds = [None if begins else seed for seed, begins in zip(self._seeds, mask)]
         found = self._observed(seen, info, np.zeros((self.batch_size[0], self._parts), dtype=np.float32))
         worlds = torch.zeros((*self.batch_size, 1), dtype=torch.bool, device=self.device)
         return found.update({name: worlds.clone() for name in ("done", "terminated", "truncated", "success")})
