@@ -10,27 +10,13 @@ from typing import Any
 
 from vibgym import checks
 from vibgym.hardware.driver import MachineError
-from vibgym.hardware.remote import HOLD, Session
+from vibgym.hardware.remote import Session
 from vibgym.hardware.simulated import SimulatedDriver
 from vibgym.hardware.wire import Channel
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options."""
-    parser.add_argument("task", help="id or short name of an environment, such as Align")
-    parser.add_argument("--settings", default="{}", metavar="JSON", help="keyword arguments of the environment")
-    parser.add_argument("--seed", type=int, help="of the first episode; each connection begins another one")
-    parser.add_argument("--host", default="127.0.0.1")
-    parser.add_argument("--port", type=int, default=7000, help="0: any free one, which is printed")
-    parser.add_argument("--hold", type=int, default=HOLD, help="cycles without a command after which the elements stop")
-    parser.add_argument(
-        "--lockstep", action="store_true", help="wait for a command in each cycle, instead of real time"
-    )
-    parser.add_argument("--once", action="store_true", help="end after the first connection")
-
-
-def run(arguments: argparse.Namespace) -> int:
-    """Serve control loops one after the other."""
+def serve(arguments: argparse.Namespace) -> int:
+    """Serve control loops, one after the other."""
     seed, clock = arguments.seed, None if arguments.lockstep else time.monotonic
     driver = SimulatedDriver(arguments.task, seed=seed, **_settings(arguments.settings))
     hold = checks.count("--hold", arguments.hold, least=0)
@@ -50,8 +36,6 @@ def run(arguments: argparse.Namespace) -> int:
                     print(session.run(), flush=True)
                 except MachineError as error:
                     print(error, flush=True)
-            if arguments.once:
-                return 0
             seed = None if seed is None else seed + 1
             driver.start(seed)
 

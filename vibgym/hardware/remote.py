@@ -16,9 +16,6 @@ from vibgym.hardware.driver import MachineError, Measurement
 from vibgym.hardware.simulated import SimulatedDriver
 from vibgym.hardware.wire import Channel, Kind, floats, pack_measurement, unpack_command, unpack_measurement
 
-HOLD = 3
-"""Cycles for which a machine holds its last command."""
-
 GREETING = 5.0
 """s in which a control loop has to introduce itself."""
 
@@ -108,7 +105,7 @@ class Session:
         driver: SimulatedDriver,
         channel: Channel,
         *,
-        hold: int = HOLD,
+        hold: int = 3,
         clock: Callable[[], float] | None = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
