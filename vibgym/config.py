@@ -57,6 +57,7 @@ class PartProperties(Settings):
     contact_friction: float | None = None
     coupling: float | None = None
     centre_height: float | None = None
+    friction_law: dict[str, Any] | None = None
 
 
 class PartSettings(PartProperties):

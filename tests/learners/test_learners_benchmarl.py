@@ -37,8 +37,10 @@ collected, found = {}, {}
 
 
 class First(Callback):
+    batch = None
+
     def on_batch_collected(self, batch):
-        self.batch = batch.clone()
+        self.batch = batch.clone() if self.batch is None else self.batch
 
 
 def run(name="Mappo", env="Swap", scene=PAIR, seed=0, **settings):

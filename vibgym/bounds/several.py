@@ -252,6 +252,10 @@ class PushBound:
             raise checks.refuse("pushers", list(self.pushers), "at least one part that the elements drive")
         if part.friction == 0.0:
             raise checks.refuse("part", "friction 0", "a part with friction")
+        if any(each.friction_law is not None for each in (part, *self.pushers)):
+            raise checks.refuse(
+                "part.friction_law", "a law", "None: a constant coefficient of friction, of the pushers too"
+            )
         self.position_tolerance = checks.number("position_tolerance", self.position_tolerance, above=0.0)
         amplitude = surface.full_scale / surface.angular_frequency**2 if self.amplitude is None else self.amplitude
         self.instants = -(-self.hold // self.periods_per_step)

@@ -69,6 +69,10 @@ class TimeBound:
             amplitude = checks.number("amplitude", self.amplitude, least=0.0, most=most)
         if part.coupling == 0.0:
             raise checks.refuse("part.coupling", part.coupling, "> 0: parts that the elements move")
+        if part.friction_law is not None:
+            raise checks.refuse(
+                "part.friction_law", dict(part.friction_law), "None: a constant coefficient of friction"
+            )
         amplitude *= part.coupling  # as it reaches the part
         self.latency = checks.count("latency", self.latency, least=0, most=MOST_LATENCY)
         strongest = part.static_friction * (surface.gravity + amplitude * surface.angular_frequency**2)

@@ -184,8 +184,11 @@ def least_times(env: SharedInterface) -> np.ndarray:
 
 
 def _slides_undisturbed(env: SharedInterface) -> bool:
-    """Return whether parts slide permanently in the plane, and only the drive moves them."""
-    slide = all(env.surface.slides_permanently(part.static_friction) and part.friction > 0.0 for part in env.parts)
+    """Return whether parts slide permanently in the plane with constant coefficients, and only the drive moves them."""
+    slide = all(
+        env.surface.slides_permanently(part.static_friction) and part.friction > 0.0 and part.friction_law is None
+        for part in env.parts
+    )
     return slide and env.core.simulator.model == "planar" and env.core.disturbances is None
 
 

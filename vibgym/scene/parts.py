@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.physics.core.records import EVEN, Bodies, Body
 from vibgym.scene import outlines
+from vibgym.scene.friction_laws import law_table
 
 LEAST_MASS, MOST_MASS = 1e-9, 1e9
 """kg."""
@@ -31,6 +33,7 @@ DEFAULTS: dict[str, Any] = {
     "restitution": 0.2,
     "contact_friction": 0.3,
     "coupling": 1.0,
+    "friction_law": None,
 }
 """Properties of a part besides outline and friction."""
 
@@ -62,6 +65,8 @@ class Part:
         centre_height: of the centre of mass above the bottom, m (default: half the height).
         coupling: share of the elements' vertical motion that reaches the part, 0 to 1; a soft foot absorbs the rest. With 0 the
             part presses evenly: friction brakes it, and only other parts can move it.
+        friction_law: mapping of ``kind`` and settings, by which sliding friction is ``friction`` times a factor that depends on
+            the slip speed (:mod:`vibgym.scene.friction_laws`); None: it is constant.
     """
 
     outline: np.ndarray
@@ -78,6 +83,7 @@ class Part:
     contact_friction: float
     coupling: float = 1.0
     centre_height: float = 0.0
+    friction_law: Mapping[str, Any] | None = None
 
     @classmethod
     def rectangle(cls, length: float, width: float, *, friction: float, **properties: Any) -> Part:
@@ -102,7 +108,7 @@ class Part:
         Args:
             vertices: (n, 2), m.
             friction: coefficient of sliding friction, >= 0.
-            **properties: ``static_friction`` (default: equal to ``friction``), ``height`` (m, default 10 mm),
+            **properties: ``static_friction`` (default: that at rest), ``friction_law``, ``height`` (m, default 10 mm),
                 ``centre_height`` (m, 0 to ``height``, default half of it), ``mass`` (kg, default: of steel), ``name``,
                 ``restitution`` (0 to 1, default 0.2), ``contact_friction`` (default 0.3), ``coupling`` (0 to 1, default 1).
 
@@ -121,8 +127,10 @@ class Part:
             raise checks.refuse("part", sorted(unknown), f"properties among {', '.join(DEFAULTS)}")
         given = {**DEFAULTS, **properties}
         friction = checks.number("friction", friction, least=0.0)
-        static = friction if given["static_friction"] is None else given["static_friction"]
-        static = checks.number("static_friction", static, least=friction)
+        law = given["friction_law"]
+        at_rest = friction * float(law_table(law)[0])
+        static = at_rest if given["static_friction"] is None else given["static_friction"]
+        static = checks.number("static_friction", static, least=at_rest)
         height = checks.number("height", given["height"], above=0.0, most=outlines.MOST_PLACE)
         centre = 0.5 * height if given["centre_height"] is None else given["centre_height"]
         mass = STEEL_DENSITY * shape.area * height if given["mass"] is None else given["mass"]
@@ -148,6 +156,7 @@ class Part:
             contact_friction=checks.number("contact_friction", given["contact_friction"], least=0.0),
             coupling=checks.number("coupling", given["coupling"], least=0.0, most=1.0),
             centre_height=checks.number("centre_height", centre, least=0.0, most=height),
+            friction_law=None if law is None else MappingProxyType(dict(law)),
         )
 
     @property
@@ -164,7 +173,7 @@ class Part:
 
         Under a sliding part the centre of pressure is displaced by ``mu h_C``: from 1 on, friction alone tips the part.
         """
-        return self.friction * self.centre_height / self._tipping_distance
+        return self.most_friction * self.centre_height / self._tipping_distance
 
     @property
     def height_is_known(self) -> bool:
@@ -188,8 +197,12 @@ class Part:
         return outlines.inertia(self.outline) * (self.gyration / outlines.gyration(self.outline)) + upright
 
     def body(self, element_size: float | None = None) -> Body:
-        """Return the part for kernels; of a disc a polygon, with fewer corners if ``element_size`` (m) is given."""
-        outline = np.array(self.outline)
+        """Return the part for kernels; of a disc a polygon, with fewer corners if ``element_size`` (m) is given.
+
+        Its coefficient of friction is the largest of the friction law, which bounds on motion require.
+        """
+        outline, law = np.array(self.outline), law_table(self.friction_law)
+        largest = float(law.max())
         if self.symmetry == 0 and element_size is not None:
             radius = math.sqrt(self.area / math.pi)
             outline = outlines.disc_outline(radius, outlines.sliding_corners(radius, element_size))
@@ -198,12 +211,18 @@ class Part:
             self.area,
             float(np.hypot(*outline.T).max()),
             self.gyration,
-            self.friction,
+            self.friction * largest,
             self.static_friction,
             outlines.is_convex(outline),
             self.symmetry != 0,
             self.coupling,
+            law=law / largest,
         )
+
+    @property
+    def most_friction(self) -> float:
+        """Largest coefficient of sliding friction, which differs from ``friction`` with a friction law."""
+        return self.friction * float(law_table(self.friction_law).max())
 
     def to_dict(self) -> dict[str, Any]:
         """Return the part as a mapping for JSON, from which :func:`vibgym.config.part_from` restores an equal one."""
@@ -211,7 +230,11 @@ class Part:
         if self.symmetry == 0:
             shape = {"shape": "disc", "radius": self._disc_radius()}
         names = ("friction", "static_friction", "height", "mass", "name", "restitution", "contact_friction")
-        more = {} if self.coupling == 1.0 else {"coupling": self.coupling}  # so that files of other parts stay the same
+        more: dict[str, Any] = {}  # so that files of other parts stay the same
+        if self.coupling != 1.0:
+            more["coupling"] = self.coupling
+        if self.friction_law is not None:
+            more["friction_law"] = dict(self.friction_law)
         if self.centre_height != 0.5 * self.height:
             more["centre_height"] = self.centre_height
         return {**shape, **{name: getattr(self, name) for name in names}, **more}
@@ -225,7 +248,9 @@ class Part:
 
     def slides_as(self, other: Part) -> bool:
         """Return whether both parts have the same motion in the plane, which does not depend on height."""
-        names = ("friction", "static_friction", "mass", "restitution", "contact_friction", "symmetry", "coupling")
+        names = (
+            "friction", "static_friction", "mass", "restitution", "contact_friction", "symmetry", "coupling", "friction_law",
+        )  # fmt: skip
         return all(getattr(self, name) == getattr(other, name) for name in names) and np.array_equal(
             self.outline, other.outline
         )
@@ -260,11 +285,13 @@ def bodies_of(
     kinds, numbers = kinds_of(parts, same)
     bodies = [kind.body(element_size) for kind in kinds]
     names = ("area", "radius", "gyration", "friction", "static_friction", "convex", "turns", "coupling")
+    entries = max(len(body.law) for body in bodies)
     return Bodies(
         kind=numbers,
         outline=np.concatenate([body.outline for body in bodies]),
         first=np.cumsum([0, *(len(body.outline) for body in bodies)]),
         even=EVEN.copy(),
+        laws=np.stack([body.law if len(body.law) == entries else np.ones(entries) for body in bodies]),
         **{name: np.array([getattr(body, name) for body in bodies]) for name in names},
     )
 

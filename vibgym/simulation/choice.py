@@ -82,7 +82,7 @@ class Traits:
 def traits(surface: Surface, part: Part) -> Traits:
     """Return the traits of a scene."""
     horizontal = surface.horizontal_amplitude * surface.angular_frequency**2
-    eps = part.friction * surface.gravity / horizontal if horizontal > 0.0 else math.inf
+    eps = part.most_friction * surface.gravity / horizontal if horizontal > 0.0 else math.inf
     size = min(math.sqrt(part.gyration), surface.element_size / math.sqrt(6.0))
     travel = 2.0 * math.pi * surface.horizontal_amplitude
     scale = size / travel if travel > 0.0 else math.inf

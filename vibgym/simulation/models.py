@@ -24,7 +24,14 @@ from vibgym.scene.outlines import convex_hull
 from vibgym.scene.parts import Part, bodies_of, kinds_of
 from vibgym.simulation.choice import DEFAULT_TOLERANCE, choose, choose_for
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
-from vibgym.simulation.schemes import averaged_scheme, check_sliding, fast_schemes, planar_scheme, planar_schemes
+from vibgym.simulation.schemes import (
+    averaged_scheme,
+    check_sliding,
+    fast_schemes,
+    planar_scheme,
+    planar_schemes,
+    varies,
+)
 from vibgym.simulation.threads import Pool
 
 CERTIFIED, FAST = CONTACTS = "certified", "fast"
@@ -113,7 +120,8 @@ def planar(
         for name, value in {"contacts": "auto" if contacts == CERTIFIED else contacts, **coupling}.items():
             if value != "auto":
                 raise checks.conflict(f"{name} requires several parts or walls")
-        return Planar(setup, planar_scheme(setup.surface, setup.parts[0], **resolution))
+        part = setup.parts[0]
+        return Planar(setup, planar_scheme(setup.surface, part, **resolution, by_points=varies(part)))
     kinds, _ = kinds_of(setup.parts)
     if contacts == FAST:
         if contact_overlap != "auto":
@@ -146,7 +154,7 @@ def auto(setup: Setup, *, tolerance: Any = DEFAULT_TOLERANCE, periods_per_call: 
         ValueError: no model is within the tolerance.
     """
     kinds, _ = kinds_of(setup.parts)
-    if setup.multibody:
+    if setup.multibody or varies(setup.parts[0]):
         choice = choose_for(setup.surface, kinds, ("planar",), tolerance=tolerance, periods_per_call=periods_per_call)
     else:
         choice = choose(setup.surface, kinds[0], tolerance=tolerance, periods_per_call=periods_per_call)

@@ -100,7 +100,7 @@ class Multibody(Model):
         parts, surface = self.setup.parts, self.setup.surface
         masses = conditions.mass * [part.mass for part in parts]
         check_masses(where.format("mass"), parts, masses[np.argmax(masses.max(axis=1) / masses.min(axis=1))])
-        friction = (conditions.strongest * [part.friction for part in parts]).max(axis=1)
+        friction = (conditions.strongest * [part.most_friction for part in parts]).max(axis=1)
         hardest = np.argmax(friction * surface.gravity + 0.5 * conditions.slope)
         own, incline = float(friction[hardest]), float(conditions.slope[hardest])
         check_contact_steps(where.format(conditions.stronger), surface, own, incline, self._bend)

@@ -61,10 +61,24 @@ def chosen(name: str, value: Any, most: int | None = None) -> int | None:
     return checks.count(f"{name} (or 'auto')", value, most=most)
 
 
+def varies(part: Part) -> bool:
+    """Return whether a part's coefficient of friction depends on speed."""
+    return part.friction_law is not None
+
+
 def planar_scheme(
-    surface: Surface, part: Part, *, steps: int | str = "auto", substeps: int | str = "auto", pieces: int | str = "auto"
+    surface: Surface,
+    part: Part,
+    *,
+    steps: int | str = "auto",
+    substeps: int | str = "auto",
+    pieces: int | str = "auto",
+    by_points: bool = False,
 ) -> Scheme:
-    """Return the scheme with ``steps`` cuts of the contact area in a period, each with ``substeps`` of friction."""
+    """Return the scheme with ``steps`` cuts of the contact area in a period, each with ``substeps`` of friction.
+
+    ``by_points``: do not use the series, which requires a constant coefficient of friction.
+    """
     travel = 2.0 * math.pi * surface.horizontal_amplitude
     cuts = chosen("steps", steps, most=MOST_STEPS) or (5 if part.gyration >= travel**2 else 9)
     if cuts < FEWEST_STEPS and surface.rows * surface.columns > 1 and surface.horizontal_amplitude > 0.0:
@@ -73,7 +87,7 @@ def planar_scheme(
     if cuts * inner < FEWEST_STEPS and surface.horizontal_amplitude > 0.0:
         least = math.ceil(FEWEST_STEPS / cuts)
         raise checks.refuse("substeps", inner, f"a whole number >= {least} with steps={cuts}")
-    cells = chosen("pieces", pieces, most=64) or 0
+    cells = chosen("pieces", pieces, most=64) or (-1 if by_points else 0)
     phase = np.arange(3 * cuts * inner + 1) * (2.0 * math.pi / (3 * cuts * inner))
     return Scheme(cuts, inner, cells, np.cos(phase), np.sin(phase))
 
@@ -98,11 +112,12 @@ def planar_schemes(
     overlaps = [min(CONTACT_OVERLAP, half_width / 50.0) for half_width in half_widths]
     if not (isinstance(contact_overlap, str) and contact_overlap == "auto"):
         overlaps = [checks.number("contact_overlap (or 'auto')", contact_overlap, least=2e-6, most=1e-4)] * len(kinds)
-    alone = [planar_scheme(surface, part, steps=steps, substeps=substeps, pieces=pieces) for part in kinds]
+    settings = {"steps": steps, "substeps": substeps, "pieces": pieces, "by_points": any(map(varies, kinds))}
+    alone = [planar_scheme(surface, part, **settings) for part in kinds]
     coupled, bends = chosen("contact_steps", contact_steps, most=MOST_STEPS), [math.inf] * len(kinds)
     if coupled is None:
         coupled, bends = CONTACT_STEPS, [min(FRICTION_OVERLAP, 0.25 * half_width) for half_width in half_widths]
-        check_contact_steps("parts", surface, max(part.friction for part in kinds), 0.0, min(bends))
+        check_contact_steps("parts", surface, max(part.most_friction for part in kinds), 0.0, min(bends))
     return PlanarSchemes(
         alone=tuple(alone),
         fewest=coupled,
@@ -123,10 +138,11 @@ def fast_schemes(
     contact_steps: int | str = "auto",
 ) -> PlanarSchemes:
     """Return the schemes of the planar model with fast contacts; settings are those of :class:`vibgym.Simulator`."""
-    alone = [planar_scheme(surface, part, steps=steps, substeps=substeps, pieces=pieces) for part in kinds]
+    settings = {"steps": steps, "substeps": substeps, "pieces": pieces, "by_points": any(map(varies, kinds))}
+    alone = [planar_scheme(surface, part, **settings) for part in kinds]
     coupled, none = chosen("contact_steps", contact_steps, most=MOST_STEPS), (math.inf,) * len(kinds)
     if coupled is None:
-        friction = max(part.friction for part in kinds)
+        friction = max(part.most_friction for part in kinds)
         check_contact_steps("parts", surface, friction, 0.0, FAST_FRICTION_OVERLAP)
         half_width = 0.5 * min(narrowest_width(kind.outline) for kind in kinds)
         by_friction = surface.period * math.sqrt(friction * surface.gravity / FAST_FRICTION_OVERLAP)
@@ -158,6 +174,8 @@ def averaged_scheme(
     stride = checks.count("stride", stride, most=checks.MOST_PERIODS)
     cuts = chosen("steps", steps, most=MOST_STEPS) or 1
     check_sliding(surface, part.static_friction)
+    if varies(part):
+        raise checks.conflict("model='averaged' requires a constant coefficient of friction: use model='planar'")
     return AveragedScheme(order, stride, cuts, averages_tables.averages())
 
 

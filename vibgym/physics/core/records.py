@@ -30,6 +30,12 @@ class Table(NamedTuple):
 EVEN = np.ones((1, 1))
 """Friction factors of a uniform surface."""
 
+CONSTANT = np.ones(1)
+"""Law of a coefficient of sliding friction that does not depend on speed."""
+
+LAW_SPEED = 2e-3
+"""m/s between the entries of a law."""
+
 
 class Body(NamedTuple):
     """One part; without contacts its motion does not depend on mass."""
@@ -46,6 +52,7 @@ class Body(NamedTuple):
     incline_x: float = 0.0  # m/s^2, constant acceleration by the incline of the table
     incline_y: float = 0.0
     patches: np.ndarray = EVEN  # (rows, columns) or (1, 1): factor of elements on friction
+    law: np.ndarray = CONSTANT  # (entries,) factor on friction by slip speed, at most 1, see law_factor; (1,): constant
 
 
 class Bodies(NamedTuple):
@@ -63,6 +70,7 @@ class Bodies(NamedTuple):
     turns: np.ndarray
     coupling: np.ndarray
     even: np.ndarray  # EVEN
+    laws: np.ndarray  # (kinds, entries)
 
 
 @borrowing
@@ -81,6 +89,7 @@ def body_of(bodies, kind):
         incline_x=0.0,
         incline_y=0.0,
         patches=bodies.even,
+        law=bodies.laws[kind],
     )
 
 
@@ -89,7 +98,7 @@ class Scheme(NamedTuple):
 
     steps: int  # cuts of the contact area a period
     substeps: int  # Runge-Kutta steps from cut to cut
-    pieces: int  # cells per element and direction; 0: series where it holds, else by spin
+    pieces: int  # cells per element and direction; 0: series where it holds, else by spin; -1: by spin
     cosine: np.ndarray  # (3 * steps * substeps + 1) cos wt at the stage times
     sine: np.ndarray
 
@@ -192,7 +201,16 @@ def under_conditions(body, state, world, part):
         incline_x=state.incline[world, 0],
         incline_y=state.incline[world, 1],
         patches=state.patches[world],
+        law=body.law,
     )
+
+
+@borrowing
+def law_factor(law, speed):
+    """Return the factor on friction at a slip speed (m/s), linear between the entries of a law and constant after the last."""
+    at = min(speed * (1.0 / LAW_SPEED), law.shape[0] - 1.0)
+    k = min(int(at), law.shape[0] - 2)
+    return law[k] + (at - k) * (law[k + 1] - law[k])
 
 
 @borrowing

@@ -33,29 +33,29 @@ def slide(table, body, cut, n, phase, h, motion):
     weight, rx, ry = cut.points[0], cut.points[1], cut.points[2]
     pc, ps = cut.phasor_c, cut.phasor_s
     x, y, heading, vx, vy, spin = motion
-    g, speed, mu, turn = table.gravity, table.speed, body.friction, body.friction / body.gyration
+    g, speed, mu, turn, law = table.gravity, table.speed, body.friction, body.friction / body.gyration, body.law
     px, py = body.incline_x, body.incline_y
     third = h / 3.0
     advance = 2.0 * math.pi / table.period * third
     c, s = math.cos(phase), math.sin(phase)
-    ax, ay, aw = sliding_wrench(weight, rx, ry, pc, ps, n, g, c, s, -speed * s - vx, speed * c - vy, spin)
+    ax, ay, aw = sliding_wrench(weight, rx, ry, pc, ps, n, g, c, s, -speed * s - vx, speed * c - vy, spin, law)
     ax, ay, aw = mu * ax + px, mu * ay + py, turn * aw
     c, s = math.cos(phase + advance), math.sin(phase + advance)
     bx, by, bw = sliding_wrench(
         weight, rx, ry, pc, ps, n, g, c, s,
-        -speed * s - (vx + third * ax), speed * c - (vy + third * ay), spin + third * aw,
+        -speed * s - (vx + third * ax), speed * c - (vy + third * ay), spin + third * aw, law,
     )  # fmt: skip
     bx, by, bw = mu * bx + px, mu * by + py, turn * bw
     c, s = math.cos(phase + 2.0 * advance), math.sin(phase + 2.0 * advance)
     cx, cy, cw = sliding_wrench(
         weight, rx, ry, pc, ps, n, g, c, s,
-        -speed * s - (vx + h * bx - third * ax), speed * c - (vy + h * by - third * ay), spin + h * bw - third * aw,
+        -speed * s - (vx + h * bx - third * ax), speed * c - (vy + h * by - third * ay), spin + h * bw - third * aw, law,
     )  # fmt: skip
     cx, cy, cw = mu * cx + px, mu * cy + py, turn * cw
     c, s = math.cos(phase + 3.0 * advance), math.sin(phase + 3.0 * advance)
     dx, dy, dw = sliding_wrench(
         weight, rx, ry, pc, ps, n, g, c, s,
-        -speed * s - (vx + h * (ax - bx + cx)), speed * c - (vy + h * (ay - by + cy)), spin + h * (aw - bw + cw),
+        -speed * s - (vx + h * (ax - bx + cx)), speed * c - (vy + h * (ay - by + cy)), spin + h * (aw - bw + cw), law,
     )  # fmt: skip
     dx, dy, dw = mu * dx + px, mu * dy + py, turn * dw
     x += h * (vx + 0.125 * h * (ax + 2.0 * bx + cx))
@@ -129,7 +129,7 @@ def step_near_rest(table, body, cut, n, phase, h, motion, stuck):
         else:
             slip_x, slip_y, spin, way_x, way_y, turned = slip_step(
                 table, body.friction, cut.points, cut.phasor_c, cut.phasor_s, n, body.gyration, body.incline_x, body.incline_y,
-                cut.load, phase, step, slip_x, slip_y, spin,
+                cut.load, phase, step, slip_x, slip_y, spin, body.law,
             )  # fmt: skip
             x += table.radius * (c3 - c0) - way_x
             y += table.radius * (s3 - s0) - way_y
@@ -154,7 +154,7 @@ def slide_by_points(table, body, pieces, drive, world, step, cut, phasors, slot,
     """Take a step of one part, in its substeps or a few more.
 
     Args:
-        pieces: cells per element and direction; 0: by :func:`spin_split`.
+        pieces: cells per element and direction; 0 or less: by :func:`spin_split`.
         cut, phasors, slot: working arrays.
 
     Returns:
@@ -171,7 +171,7 @@ def slide_by_points(table, body, pieces, drive, world, step, cut, phasors, slot,
         begin = step.phase + omega * h * (k * substeps)
         slip_x, slip_y = -table.speed * math.sin(begin) - motion.vx, table.speed * math.cos(begin) - motion.vy
         split = pieces
-        if split == 0:
+        if split <= 0:
             split = spin_split(table, body, math.sqrt(slip_x * slip_x + slip_y * slip_y), motion.spin)
         x, y = motion.x + ahead * motion.vx, motion.y + ahead * motion.vy
         heading = motion.heading + ahead * motion.spin

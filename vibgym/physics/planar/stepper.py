@@ -224,7 +224,7 @@ def choose_method(scene, g, active, left, pushed):
     stuck = 0 if pushed else sticking_lanes(scene, first)
     far = MOST_TRAVEL * pitch
     by_points = (absolute(spin) * left > MOST_TURN) | (left * left * (vx * vx + vy * vy) > far * far) | mask_of(stuck)
-    if scene.scheme.pieces > 0:
+    if scene.scheme.pieces != 0:
         by_points = active
     on_table = mask_of(placed)
     old = load_mask(workspace.by_points, first) & logical_not(active)

@@ -89,7 +89,7 @@ def largest_edge_fraction(scene, drive, state, world, part, centre_height, hull,
             continue
         fx, fy, _ = sliding_wrench(
             weight, px, py, cut.phasor_c, cut.phasor_s, n, table.gravity, c, s, -table.speed * s - vx, table.speed * c - vy,
-            spin,
+            spin, body.law,
         )  # fmt: skip
         down = body.friction * centre_height
         rx, ry = (mx - down * fx) / total, (my - down * fy) / total

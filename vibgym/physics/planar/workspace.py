@@ -127,7 +127,9 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
     kinds = [body(bodies, kind) for kind in range(len(bodies.area))]
     across = max(window(body.radius / table.element_size) for body in kinds)
     cells = across * across
-    finest = max(cells_across(table, body, scheme.pieces or finest_split(table, body)) for body in kinds)
+    finest = max(
+        cells_across(table, body, scheme.pieces if scheme.pieces > 0 else finest_split(table, body)) for body in kinds
+    )
     corners = max(len(body.outline) for body in kinds)
 
     def lanes(rows: int) -> np.ndarray:

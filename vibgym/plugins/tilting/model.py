@@ -138,8 +138,10 @@ class AbovePlane(Model):
         self._centres = [part.centre_height for part in setup.parts]
 
     def check_parts(self) -> None:
-        """Raise ValueError for parts that are not convex."""
+        """Raise ValueError for parts that are not convex, or whose coefficient of friction depends on speed."""
         for part in self.setup.parts:
+            if part.friction_law is not None:
+                raise checks.conflict("model='tilting' requires a constant coefficient of friction: use model='planar'")
             if not is_convex(part.outline):
                 raise checks.refuse("parts", f"{part.name!r}, which is not convex", "convex with model='tilting'")
 
