@@ -44,8 +44,29 @@ def compile_all(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def machine(parser: argparse.ArgumentParser) -> Command:
+    """Simulate a machine in real time for control loops in other processes (docs/machine.md)."""
+    parser.add_argument("task", help="id or short name of an environment, such as Align")
+    parser.add_argument("--settings", default="{}", metavar="JSON", help="keyword arguments of the environment")
+    parser.add_argument("--seed", type=int, help="of the first episode; each connection begins another one")
+    parser.add_argument("--host", default="127.0.0.1")
+    parser.add_argument("--port", type=int, default=7000, help="0: any free one, which is printed")
+    parser.add_argument("--hold", type=int, default=3, help="cycles without a command after which the elements stop")
+    parser.add_argument(
+        "--lockstep", action="store_true", help="wait for a command in each cycle, instead of real time"
+    )
+    return serve_machine
+
+
+def serve_machine(arguments: argparse.Namespace) -> int:
+    """Run ``machine``."""
+    from vibgym.hardware.command import serve
+
+    return serve(arguments)
+
+
 COMMANDS: Registry[Callable[[argparse.ArgumentParser], Command]] = Registry(
-    "command", {"part": part, "warm": warm}, "vibgym.commands"
+    "command", {"machine": machine, "part": part, "warm": warm}, "vibgym.commands"
 )
 """Commands by name: functions that add arguments to a parser and return the function to run. Their docstring is the help."""
 

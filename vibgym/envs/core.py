@@ -12,7 +12,7 @@ from gymnasium import spaces
 from vibgym import checks
 from vibgym.actuators import actuators_from, nominal
 from vibgym.config import surface_from
-from vibgym.envs.actions import check_command, new_action
+from vibgym.envs.actions import Action, check_command, new_action
 from vibgym.envs.costs import Costs
 from vibgym.envs.drawn import DrawnShapes
 from vibgym.envs.info import BatchInfo, InfoData
@@ -84,7 +84,7 @@ class Core(Pipeline):
         settings, weights = task_settings(options, cls, self.randomization.task)
         self.task: Task = checks.made("task", cls, (self.surface, self.parts), settings)
         self.task.weigh(weights)
-        self.action = new_action(options.action, self.surface, self.parts)
+        self.action = self._new_action()
         self.action.step_time = self.periods * self.surface.period
         self.simulator = self._new_simulator()
         disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
@@ -146,6 +146,10 @@ class Core(Pipeline):
             )
         self.shape_draws = drawn.draws
         return drawn.fixed(options, drawn.shapes)
+
+    def _new_action(self) -> Action:
+        """Create the action."""
+        return new_action(self.options.action, self.surface, self.parts)
 
     def _new_simulator(self) -> Simulator:
         """Create the simulator, and check that it supports the conditions that episodes may draw."""

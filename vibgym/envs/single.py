@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple, Unpack
+from typing import Any, ClassVar, NamedTuple, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -133,6 +133,9 @@ class VibgymEnv(SharedInterface, gym.Env):
     drawn: DrawnShapes | None = None
     """What draws the shapes of episodes; None where they are fixed."""
 
+    core_class: ClassVar[type[Core]] = Core
+    """Class of the batched core; :mod:`vibgym.hardware` has others."""
+
     def __init__(self, task: str, *, render_mode: str | None = None, **options: Unpack[Keywords]) -> None:
         known = Options.from_mapping("keyword arguments", {"task": task, **options}, ("render_mode",))
         if render_mode is not None:
@@ -143,7 +146,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             self.drawn = DrawnShapes(known, surface_from(known.surface))
             self.core = self._core_of(tuple(range(self.drawn.draws)))
         else:
-            self.core = Core(known, 1, WorldInfo)
+            self.core = self.core_class(known, 1, WorldInfo)
         self.render_mode = render_mode
         self.action_space = self.core.action.space
         self.observation_space = self.core.observation.space
@@ -252,7 +255,7 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     def _core_of(self, chosen: tuple[int, ...]) -> Core:
         """Return the core of a scene with these shapes; the last :data:`MOST_CORES` are kept."""
-        core = self._cores.pop(chosen, None) or Core(replace(self._options, shapes=chosen), 1, WorldInfo)
+        core = self._cores.pop(chosen, None) or self.core_class(replace(self._options, shapes=chosen), 1, WorldInfo)
         self._cores[chosen] = core  # as the last
         if len(self._cores) > MOST_CORES:
             del self._cores[next(iter(self._cores))]

@@ -1,0 +1,275 @@
+"""A machine in another process: the protocol, its errors, and the machine's own watchdog."""
+
+import contextlib
+import json
+import re
+import socket
+import struct
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from tests.commands import said_in_one_line
+from tests.hardware.helpers import PROTOTYPE, SENSOR, Faulty
+from vibgym.__main__ import main
+from vibgym.hardware import ControlLoop, MachineError, Measurement, Session, SimulatedDriver, SocketDriver
+from vibgym.hardware.wire import (
+    HEADER,
+    MAGIC,
+    VERSION,
+    Channel,
+    Kind,
+    Message,
+    floats,
+    pack_measurement,
+    unpack_measurement,
+)
+
+SETTINGS = {"actuators": PROTOTYPE, "sensor": SENSOR}
+
+
+def served(serve):
+    """Run ``serve(connection)`` for one connection in a thread; returns the port and the thread."""
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def run():
+        with listener, listener.accept()[0] as connection:
+            serve(connection)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    return listener.getsockname()[1], thread
+
+
+def test_a_machine_over_a_socket_gives_the_same_commands_as_in_this_process():
+    near = Faulty(action="velocity", **SETTINGS)
+    expected = ControlLoop(near, "Align", "pose", action="velocity", **SETTINGS).run(30, seed=5, beyond=True)
+    machine, ended = Faulty(**SETTINGS), []
+    machine.surface, machine.parts, machine.step_time = machine.inner.surface, 1, 0.04
+    port, thread = served(lambda each: ended.append(Session(machine, Channel(each, "the loop"), clock=None).run()))
+    driver = SocketDriver("127.0.0.1", port, timeout=60.0)
+    assert driver.machine == {"rows": 8, "columns": 32, "parts": 1, "step_time": 0.04}
+    outcome = ControlLoop(driver, "Align", "pose", action="velocity", **SETTINGS).run(30, seed=5, beyond=True)
+    driver.close()
+    thread.join(60.0)
+    assert outcome.reason == expected.reason == "cycle limit"
+    np.testing.assert_array_equal(machine.sent, near.sent)
+    assert ended == ["the loop has closed the connection"] and not machine.amplitude.any()
+
+
+def test_a_killed_machine_stops_the_control_loop(tmp_path):
+    command = [sys.executable, "-m", "vibgym", "machine", "Align", "--port", "0", "--seed", "5", "--lockstep"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        port = int(re.search(r":(\d+)$", process.stdout.readline().strip()).group(1))
+        driver = SocketDriver("127.0.0.1", port, timeout=60.0)
+        machine, cycles = driver.receive, []
+
+        def receive():
+            cycles.append(1)
+            if len(cycles) == 6:
+                process.kill()
+                process.wait()
+            return machine()
+
+        driver.receive = receive
+        outcome = ControlLoop(driver, "Align", "pose", action="velocity").run(60, seed=5, beyond=True)
+        assert re.fullmatch(r"the machine at 127\.0\.0\.1:\d+ has closed the connection", outcome.reason)
+        assert outcome.cycles in (5, 6)
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_machine_that_is_silent_stops_the_control_loop():
+    wait = threading.Event()
+    port, thread = served(lambda connection: (greet(connection), wait.wait(60.0)))
+    outcome = ControlLoop(SocketDriver("127.0.0.1", port, timeout=0.05), "Align", "pose", action="velocity").run(9)
+    wait.set()
+    thread.join(60.0)
+    assert outcome.cycles == 0 and outcome.reason.endswith("has sent nothing for 0.05 s")
+
+
+def drained(connection):
+    """Read until the other side closes the connection."""
+    with contextlib.suppress(ConnectionError):
+        while connection.recv(4096):
+            pass
+
+
+HELLO = {"rows": 8, "columns": 32, "parts": 1, "step_time": 0.04}
+
+
+def message(kind, payload=b"", magic=MAGIC, version=VERSION):
+    return HEADER.pack(magic, version, kind, len(payload)) + payload
+
+
+def greet(connection, hello=None):
+    connection.sendall(message(Kind.HELLO, json.dumps(HELLO).encode()) if hello is None else hello)
+
+
+@pytest.mark.parametrize(
+    ("hello", "reason"),
+    [
+        (message(Kind.HELLO, b"{}", version=2), "has version 2 of the protocol, this side has version 1"),
+        (b"HTTP/1.1 400 Bad Request\r\n", "does not speak this protocol"),
+        (message(Kind.HELLO, b"{}"), "has not sent its rows, columns, parts and step_time"),
+        (message(Kind.POSES, b"[1]"), "has not sent its rows, columns, parts and step_time"),
+        (message(99), "kind 99"),
+        (HEADER.pack(MAGIC, VERSION, Kind.HELLO, 2**31), "2147483648 bytes"),
+    ],
+)
+def test_another_protocol_or_version_is_one_clear_error(hello, reason):
+    port, thread = served(lambda connection: (greet(connection, hello), drained(connection)))
+    with pytest.raises(MachineError, match=re.escape(reason)) as error:
+        SocketDriver("127.0.0.1", port, timeout=60.0)
+    assert "\n" not in str(error.value)
+    thread.join(60.0)
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        (message(Kind.POSES, floats(np.zeros(4))), "POSES has a payload of 32 bytes"),
+        (message(Kind.POSES, b"123"), "POSES has a payload of 3 bytes"),
+        (message(Kind.IMAGE, struct.pack("<ddII", 0.0, 0.0, 4, 5) + b"123"), "IMAGE has a payload of 27 bytes"),
+        (message(Kind.COMMAND), "COMMAND instead of a measurement"),
+        (message(Kind.FAULT, b"too\nhot"), "too hot"),
+    ],
+)
+def test_bad_messages_stop_the_control_loop(answer, reason):
+    port, thread = served(lambda connection: (greet(connection), connection.sendall(answer), drained(connection)))
+    driver = SocketDriver("127.0.0.1", port, timeout=60.0)
+    outcome = ControlLoop(driver, "Align", "pose", action="velocity").run(9)
+    driver.close()
+    assert reason in outcome.reason
+    thread.join(60.0)
+
+
+def test_of_several_measurements_the_last_one_counts():
+    ready = threading.Event()
+
+    def serve(connection):
+        greet(connection)
+        for k in range(5):
+            kind, payload = pack_measurement(0.04 * k, Measurement(np.full((1, 3), float(k)), 0.04 * k))
+            connection.sendall(message(kind, payload))
+        ready.set()
+        drained(connection)
+
+    port, _ = served(serve)
+    driver = SocketDriver("127.0.0.1", port, timeout=60.0)
+    assert ready.wait(60.0)
+    found = driver.receive()
+    while driver.now() < 0.15:  # a slow loopback may deliver the last ones later
+        found = driver.receive()
+    assert driver.now() == found.taken == 0.16 and found.pose.tolist() == [[4.0, 4.0, 4.0]]
+    driver.close()
+
+
+def test_measurements_pass_unchanged():
+    rng = np.random.default_rng(0)
+    pose, image = rng.normal(size=(3, 3)), rng.integers(0, 255, (5, 7), np.uint8)
+    pose[1] = np.nan
+    for given in (Measurement(pose, 1.0 / 3.0), Measurement(None, 0.1, image)):
+        now, found = unpack_measurement(Message(*pack_measurement(2.0 / 3.0, given)), 3)
+        assert (now, found.taken) == (2.0 / 3.0, given.taken)
+        np.testing.assert_array_equal(
+            found.pose if found.image is None else found.image, pose if given.image is None else image
+        )
+
+
+class Clock:
+    """A clock that advances when somebody sleeps."""
+
+    def __init__(self):
+        self.time = 0.0
+
+    def __call__(self):
+        return self.time
+
+    def sleep(self, seconds):
+        self.time += seconds
+
+
+def session(*messages, cycles=None, hold=3):
+    """Run a session whose control loop has sent all its messages in advance; returns the machine, clock, reason and answers."""
+    here, there = socket.socketpair()
+    machine, clock = SimulatedDriver("Align", seed=5), Clock()
+    here.sendall(b"".join((message(Kind.HELLO, b"{}"), *messages)))
+    if cycles is not None:
+        measured, count = machine.receive, []
+
+        def receive():
+            count.append(1)
+            if len(count) > cycles:
+                here.shutdown(socket.SHUT_WR)
+            return measured()
+
+        machine.receive = receive
+    with here, there:
+        reason = Session(machine, Channel(there, "the loop"), hold=hold, clock=clock, sleep=clock.sleep).run()
+        answers, channel = [], Channel(here, "the machine")
+        while channel.waiting():
+            answers.append(channel.receive(60.0))
+    return machine, clock, reason, answers
+
+
+def command(amplitude, shape=(8, 32)):
+    return message(Kind.COMMAND, floats(np.full(shape, amplitude), np.zeros(shape)))
+
+
+@pytest.mark.parametrize("hold", [0, 3])
+def test_a_machine_holds_the_last_command_for_some_cycles_and_then_stops_its_elements(hold):
+    machine, clock, reason, answers = session(command(1e-4), hold=hold)
+    assert reason == f"the machine has had no command for {hold + 1} cycles: its elements have stopped"
+    assert not machine.env.core.action.amplitude.any()
+    # A first cycle without a command yet, the one that begins with the command, and those that hold it.
+    assert [each.kind for each in answers] == [Kind.HELLO, *[Kind.POSES] * (1 + hold + 1), Kind.FAULT]
+    assert answers[-1].payload.decode() == reason
+    poses = [unpack_measurement(each, 1)[1].pose for each in answers[1:-1]]
+    assert all((a != b).any() for a, b in zip(poses, poses[1:], strict=False))  # the part moves until the stop
+
+
+def test_a_machine_at_rest_waits_for_commands_without_end():
+    machine, clock, reason, answers = session(command(1e-4), message(Kind.STOP), cycles=50)
+    assert reason == "the loop has closed the connection"
+    assert len(answers) >= 50 and all(each.kind is Kind.POSES for each in answers[1:-1])
+    assert clock.time == pytest.approx(50 * 0.04, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        (command(1e-2), "amplitude must be numbers in [0, 0.0003975"),
+        (command(1e-4, (8, 31)), "a COMMAND for 8 x 32 elements has 3968 bytes"),
+        (message(Kind.POSES), "the loop has sent POSES instead of a command"),
+        (message(Kind.STOP, version=7), "the loop has version 7 of the protocol"),
+        (command(1e-4)[:-1], "the loop has sent nothing for 0.16 s"),
+    ],
+)
+def test_a_bad_message_stops_the_machine(bad, reason):
+    machine, _, found, _ = session(command(1e-4), bad)
+    assert reason in found and not machine.env.core.action.amplitude.any()
+
+
+def test_commands_of_another_machine_are_refused():
+    port, thread = served(lambda connection: (greet(connection), drained(connection)))
+    driver = SocketDriver("127.0.0.1", port, timeout=60.0)
+    with pytest.raises(MachineError, match="8 x 32 elements"):
+        driver.send(np.zeros((8, 31)), np.zeros((8, 31)))
+    driver.close()
+    thread.join(60.0)
+    with pytest.raises(MachineError, match="no connection"):
+        SocketDriver("127.0.0.1", port, timeout=60.0)
+
+
+@pytest.mark.parametrize(
+    "arguments", [["Alien"], ["Align", "--settings", "{"], ["Align", "--settings", "[1]"], ["Align", "--hold", "-1"]]
+)
+def test_bad_arguments_of_the_command_are_one_line(arguments, capsys):
+    assert main(["machine", *arguments]) == 2
+    said_in_one_line(capsys)

@@ -1,0 +1,51 @@
+"""``python -m vibgym machine``: the simulator as a machine in a process of its own."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import socket
+import time
+from typing import Any
+
+from vibgym import checks
+from vibgym.hardware.driver import MachineError
+from vibgym.hardware.remote import Session
+from vibgym.hardware.simulated import SimulatedDriver
+from vibgym.hardware.wire import Channel
+
+
+def serve(arguments: argparse.Namespace) -> int:
+    """Serve control loops, one after the other."""
+    seed, clock = arguments.seed, None if arguments.lockstep else time.monotonic
+    driver = SimulatedDriver(arguments.task, seed=seed, **_settings(arguments.settings))
+    hold = checks.count("--hold", arguments.hold, least=0)
+    try:
+        listener = socket.create_server((arguments.host, arguments.port))
+    except (OSError, OverflowError) as error:
+        raise checks.refuse("--port", f"{arguments.host}:{arguments.port}", f"a free address ({error})") from None
+    with listener:
+        print(f"machine {arguments.task} at {arguments.host}:{listener.getsockname()[1]}", flush=True)
+        while True:
+            connection, address = listener.accept()
+            with connection:
+                try:
+                    session = Session(
+                        driver, Channel(connection, f"the control loop at {address[0]}"), hold=hold, clock=clock
+                    )
+                    print(session.run(), flush=True)
+                except MachineError as error:
+                    print(error, flush=True)
+            seed = None if seed is None else seed + 1
+            driver.start(seed)
+
+
+def _settings(text: str) -> dict[str, Any]:
+    """Return keyword arguments from JSON."""
+    try:
+        found = json.loads(text)
+    except ValueError as error:
+        raise checks.refuse("--settings", text, f"JSON ({error})") from None
+    if not isinstance(found, dict):
+        raise checks.refuse("--settings", text, "a JSON object")
+    return found
