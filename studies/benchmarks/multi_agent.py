@@ -230,6 +230,9 @@ def main() -> None:
     parser.add_argument("--shared", type=float, default=0.0, help="share of the rewards of other parts at the end")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument(
+        "--beside", nargs="*", default=[], type=common.policy, help="further policies to play: JSON, names or paths"
+    )
     parser.add_argument("--throughput", action="store_true", help="compare the speed of the environments instead")
     asked = parser.parse_args()
     if asked.throughput:
@@ -238,7 +241,7 @@ def main() -> None:
     learned = train(asked.task, asked.algorithm == "mappo", asked.steps, asked.worlds, asked.seed, asked.shared)
     seeds = range(FIRST_SEED, FIRST_SEED + asked.episodes)
     show(asked.algorithm, asked.task, learned, seeds)
-    for name, controller in CASES[asked.task].controllers.items():
+    for name, controller in (*CASES[asked.task].controllers.items(), *((str(each), each) for each in asked.beside)):
         show(name, asked.task, controller, seeds)
 
 
