@@ -205,6 +205,7 @@ train: $(LEARN)
 	$(call train,$(CONFIG),$(AGENTS),$(SEEDS))
 	$(if $(OPEN),$(call train,configs/agents/open.yaml,$(OPEN),$(OPEN_SEEDS)))
 	$(if $(OPEN),$(call train,configs/agents/generalist.yaml,AlignShapes/generalist,$(SEEDS)))
+	$(if $(OPEN),$(call train,configs/agents/generalist.yaml,SortShapes/taught SortShapes/generalist PackShapes/taught PackShapes/generalist,0))
 	$(if $(OPEN),$(call train,configs/agents/constrained.yaml,Swap/gentle,$(OPEN_SEEDS)))
 
 compare: $(REPORT)

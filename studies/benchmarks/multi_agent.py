@@ -1,4 +1,4 @@
-"""IPPO and MAPPO of TorchRL on Swap with six parts, from scratch: ``python -m studies.benchmarks.multi_agent``.
+"""IPPO and MAPPO of TorchRL from scratch, on Swap with six parts or Feed: ``python -m studies.benchmarks.multi_agent``.
 
 Parts are agents with shared weights on :class:`vibgym.adapters.torchrl.BatchEnv`, action ``velocity``. IPPO has a critic for
 each part (de Witt et al. 2020, https://arxiv.org/abs/2011.09533), MAPPO one that reads all parts (Yu et al. 2022,
@@ -10,7 +10,7 @@ the parts have last reached their goals (Stern et al., "Multi-agent pathfinding:
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -27,13 +27,48 @@ from vibgym.adapters.torchrl import GROUP, BatchEnv
 from vibgym.policies import rollout
 from vibgym.policies.rollout import Ends
 
-SCENE: dict[str, Any] = {"parts": ["steel_block", "aluminium_block"] * 3}
-REWARDS: dict[str, Any] = {"task_settings": {"weights": {"success": 20.0, "fallen": 20.0}}}
-"""Of the training: falls cost all parts."""
 
-TASK, LENGTH, CELLS = "vibgym/Swap-v0", 32, 128
+class Case(NamedTuple):
+    """A task: settings of its environment, settings of the training only, and classical controllers."""
+
+    scene: dict[str, Any]
+    training: dict[str, Any]
+    controllers: dict[str, dict[str, Any]]
+
+
+LANES: dict[str, Any] = {"kind": "lanes", "action": "velocity"}
+PLANNER: dict[str, Any] = {"kind": "planner", "law": "pose"}
+CASES = {
+    "Swap": Case(
+        {"parts": ["steel_block", "aluminium_block"] * 3},
+        # Falls cost all parts; jams last to the limit.
+        {"task_settings": {"weights": {"success": 20.0, "fallen": 20.0}}, "max_episode_steps": 500},
+        {"planner, pose": PLANNER, "lanes": LANES},
+    ),
+    "Feed": Case({}, {"max_episode_steps": 500}, {"planner, pose": PLANNER, "lanes": LANES}),
+}
+
+UNSEEN = ("position", "element")
+"""Columns that agents do not read: what a part has to do depends on its way and its neighbours."""
+
+LENGTH, CELLS = 32, 128
 GAMMA, LAMBDA, CLIP, EPOCHS, BATCH, RATE = 0.99, 0.95, 0.2, 4, 1024, 5e-4
+SCALE = 0.1
+"""Of rewards: errors of values then are of the order of 1, and their gradients do not crowd out those of the actor."""
+
 FIRST_SEED, JUDGED = 300_000, 100_000
+
+
+class Columns(nn.Module):
+    """Chooses columns of observations."""
+
+    def __init__(self, chosen: Any) -> None:
+        super().__init__()
+        self.register_buffer("chosen", torch.as_tensor(chosen))
+
+    def forward(self, rows: torch.Tensor) -> torch.Tensor:
+        """Return the chosen columns."""
+        return rows[..., self.chosen]
 
 
 class Learned:
@@ -74,19 +109,29 @@ class Arrivals(Ends):
 
 def nets(env: BatchEnv, central: bool) -> tuple[nn.Module, nn.Module]:
     """Return actor and critic networks of all parts."""
-    columns = env.observation_spec[GROUP, "observation"].shape[-1]
+    seen = np.concatenate([
+        np.arange(each.start, each.start + each.width) for each in env.parts_layout if each.name not in UNSEEN
+    ])  # fmt: skip
+    columns = len(seen)
     numbers = env.full_action_spec[env.action_key].shape[-1]
-    more: dict[str, Any] = {"depth": 2, "num_cells": CELLS, "activation_class": nn.Tanh, "share_params": True}
+    more: dict[str, Any] = {"depth": 2, "num_cells": CELLS, "activation_class": nn.ReLU, "share_params": True}
     agents = len(env.group_map[GROUP])
     actor = MultiAgentMLP(columns, 2 * numbers, agents, centralized=False, **more)
     extract = NormalParamExtractor(scale_mapping="biased_softplus_0.3")
-    return nn.Sequential(actor, extract), MultiAgentMLP(columns, 1, agents, centralized=central, **more)
+    critic = MultiAgentMLP(columns, 1, agents, centralized=central, **more)
+    return nn.Sequential(Columns(seen), actor, extract), nn.Sequential(Columns(seen), critic)
 
 
-def train(central: bool, steps: int, worlds: int, seed: int) -> Learned:
-    """Train IPPO (``central`` false) or MAPPO, print the learning curve, and return the policy."""
+def train(task: str, central: bool, steps: int, worlds: int, seed: int, shared: float) -> Learned:
+    """Train IPPO (``central`` false) or MAPPO, print the learning curve, and return the policy.
+
+    ``shared`` is the share of the reward of every other part that a part gets at the end; it grows from 0, since parts first
+    learn to reach their own goals.
+    """
     torch.manual_seed(seed)
-    env = BatchEnv(TASK, num_envs=worlds, **SCENE, **REWARDS)
+    case = CASES[task]
+    given = {**case.scene, **case.training, "model": {"kind": "planar", "contacts": "fast"}}
+    env = BatchEnv(f"vibgym/{task}-v0", num_envs=worlds, **given)
     env.set_seed(seed)
     net, value = nets(env, central)
     actor = ProbabilisticActor(
@@ -98,7 +143,7 @@ def train(central: bool, steps: int, worlds: int, seed: int) -> Learned:
         log_prob_key=(GROUP, "log_prob"),
     )
     critic = TensorDictModule(value, in_keys=[(GROUP, "observation")], out_keys=[(GROUP, "state_value")])
-    loss = ClipPPOLoss(actor, critic, clip_epsilon=CLIP, entropy_coeff=0.0, normalize_advantage=True)
+    loss = ClipPPOLoss(actor, critic, clip_epsilon=CLIP, entropy_coeff=0.0, normalize_advantage=False)
     loss.set_keys(
         reward=env.reward_key, action=env.action_key, sample_log_prob=(GROUP, "log_prob"), value=(GROUP, "state_value"),
         done=(GROUP, "done"), terminated=(GROUP, "terminated"),
@@ -112,12 +157,18 @@ def train(central: bool, steps: int, worlds: int, seed: int) -> Learned:
         for group in optimizer.param_groups:
             group["lr"] = RATE * max(share, 0.1)
         reward = batch["next", GROUP, "reward"]
+        others = shared * (1.0 - share) * (reward.sum(dim=-2, keepdim=True) - reward)
+        batch["next", GROUP, "reward"] = SCALE * (reward + others)
         for name in ("done", "terminated"):
             batch["next", GROUP, name] = batch["next", name].unsqueeze(-1).expand(reward.shape)
         with torch.no_grad():
             loss.value_estimator(
                 batch, params=loss.critic_network_params, target_params=loss.target_critic_network_params
             )
+        # Actions of empty slots have no effect.
+        mask, advantage = batch[GROUP, "mask"], batch["advantage"]
+        present = advantage[mask]
+        batch["advantage"] = mask * (advantage - present.mean()) / present.std()
         samples = batch.reshape(-1)
         for _ in range(EPOCHS):
             for rows in torch.randperm(len(samples)).split(BATCH):
@@ -129,33 +180,37 @@ def train(central: bool, steps: int, worlds: int, seed: int) -> Learned:
         done = (number + 1) * worlds * LENGTH
         if done - last >= steps // 12:
             last = done
-            found = rollout(learned, TASK, seeds=range(JUDGED, JUDGED + 50), **SCENE)
-            seconds = time.perf_counter() - began
-            print(
-                f"{done} steps, {seconds:.0f} s: success {found.success.mean():.0%}, fallen {found.fallen.mean():.0%}, "
-                f"time {np.nanmedian(found.time_to_goal) if found.success.any() else float('nan'):.2f} s, "
-                f"training episodes with success {batch['next', 'success'].float().sum() / batch['next', 'done'].sum():.0%}",
-                flush=True,
-            )
+            print(f"{done} steps, {time.perf_counter() - began:.0f} s: ", end="")
+            show("", task, learned, range(JUDGED, JUDGED + 50))
     batches.shutdown()
     return learned
 
 
-def show(name: str, policy: Any, episodes: int) -> None:
-    """Play fresh episodes and print success, makespan and sum of costs."""
-    found, arrived = rollout(policy, TASK, seeds=range(FIRST_SEED, FIRST_SEED + episodes), keep=Arrivals, **SCENE)
+def show(name: str, task: str, policy: Any, seeds: range) -> None:
+    """Play episodes and print success, makespan and sum of costs, or where parts come and leave good parts a minute."""
+    found, arrived = rollout(policy, task, seeds=seeds, keep=Arrivals, **CASES[task].scene)
+    good = found.fact("good_per_minute")
+    if np.isfinite(good).all():
+        lost = found.fact("lost_per_minute").mean()
+        print(
+            f"{name:20s} good parts a minute {good.mean():.1f} ({good.min():.1f} to {good.max():.1f}), lost {lost:.2f}",
+            flush=True,
+        )
+        return
     won = found.success
     makespan = f"{np.median(found.time_to_goal[won]):.2f} s" if won.any() else "-"
     costs = f"{np.median(arrived[won].sum(axis=1)):.2f} s" if won.any() else "-"
     print(
-        f"{name:20s} success {won.mean():6.1%}  makespan {makespan}  sum of costs {costs}  fallen {found.fallen.mean():.1%}"
+        f"{name:20s} success {won.mean():6.1%}  makespan {makespan}  sum of costs {costs}  fallen {found.fallen.mean():.1%}",
+        flush=True,
     )
 
 
-def throughput(worlds: int) -> None:
+def throughput(task: str, worlds: int) -> None:
     """Print the steps of the TorchRL environment relative to the native batch's, measured alternately."""
-    native = gym.make_vec(TASK, num_envs=worlds, action="velocity", observation="parts", **SCENE)
-    env = BatchEnv(TASK, num_envs=worlds, **SCENE)
+    scene = CASES[task].scene
+    native = gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action="velocity", observation="parts", **scene)
+    env = BatchEnv(f"vibgym/{task}-v0", num_envs=worlds, **scene)
     native.reset(seed=0)
     now = env.reset()
     now[env.action_key] = torch.zeros(env.full_action_spec[env.action_key].shape)
@@ -168,20 +223,26 @@ def throughput(worlds: int) -> None:
 def main() -> None:
     """Train, evaluate and print."""
     parser = common.parser(__doc__, keep=False)
+    parser.add_argument("--task", choices=tuple(CASES), default="Swap")
     parser.add_argument("--algorithm", choices=("ippo", "mappo"), default="mappo")
     parser.add_argument("--steps", type=int, default=2_000_000)
     parser.add_argument("--worlds", type=int, default=128)
+    parser.add_argument("--shared", type=float, default=0.0, help="share of the rewards of other parts at the end")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument(
+        "--beside", nargs="*", default=[], type=common.policy, help="further policies to play: JSON, names or paths"
+    )
     parser.add_argument("--throughput", action="store_true", help="compare the speed of the environments instead")
     asked = parser.parse_args()
     if asked.throughput:
-        throughput(asked.worlds)
+        throughput(asked.task, asked.worlds)
         return
-    learned = train(asked.algorithm == "mappo", asked.steps, asked.worlds, asked.seed)
-    show(asked.algorithm, learned, asked.episodes)
-    show("planner, pose", {"kind": "planner", "law": "pose"}, asked.episodes)
-    show("lanes", {"kind": "lanes", "action": "velocity"}, asked.episodes)
+    learned = train(asked.task, asked.algorithm == "mappo", asked.steps, asked.worlds, asked.seed, asked.shared)
+    seeds = range(FIRST_SEED, FIRST_SEED + asked.episodes)
+    show(asked.algorithm, asked.task, learned, seeds)
+    for name, controller in (*CASES[asked.task].controllers.items(), *((str(each), each) for each in asked.beside)):
+        show(name, asked.task, controller, seeds)
 
 
 if __name__ == "__main__":

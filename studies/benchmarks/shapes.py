@@ -35,9 +35,9 @@ POLICIES: dict[str, dict[str, Any]] = {
         "`lqr`": "lqr",
         "generalist (learned)": "learned",
     },
-    "SortShapes": {"`planner`, `pose`": {"kind": "planner", "law": "pose"}},
-    "PackShapes": {"`two_phases`": "two_phases"},
-    "PushShapes": {"`push`": "push"},
+    "SortShapes": {"`planner`, `pose`": {"kind": "planner", "law": "pose"}, "learned": "learned"},
+    "PackShapes": {"`two_phases`": "two_phases", "learned": "learned"},
+    "PushShapes": {"`push`": "push", "learned": "learned"},
 }
 
 
@@ -72,7 +72,7 @@ def row(task: str, name: str, episodes: int) -> list[str]:
         cells[-1] += "" if np.isnan(score) else f", {score:.3f}"
         failed = np.unique(shape[~found.success], return_counts=True)
         print(task, name, split, cells[-1], *(f"{shapes(split)[k].name} x {n}" for k, n in zip(*failed, strict=True)))
-    return [task, name, *cells, f"{rates['held_out'] - rates['test']:+.1f}"]
+    return [name, *cells, f"{rates['held_out'] - rates['test']:+.1f}"]
 
 
 def picture(path: Path) -> None:
@@ -93,7 +93,7 @@ def picture(path: Path) -> None:
 
 
 def main() -> None:
-    """Evaluate and print; with ``--keep`` write the table of the documentation."""
+    """Evaluate and print; with ``--keep`` write the tables of the documentation, one for each task."""
     parser = common.parser(__doc__)
     parser.add_argument("--episodes", type=int, default=500)
     parser.add_argument("--only", nargs="+", default=list(POLICIES), choices=list(POLICIES))
@@ -102,9 +102,10 @@ def main() -> None:
     if asked.picture is not None:
         picture(asked.picture)
         return
-    lines = [row(task, name, asked.episodes) for task in asked.only for name in POLICIES[task]]
-    heads = ("task", "policy", *(split.replace("_", " ") for split in SPLITS), "held out less test, points")
-    show("shapes", heads, lines, asked.keep)
+    for task in asked.only:
+        lines = [row(task, name, asked.episodes) for name in POLICIES[task]]
+        heads = (f"{task}: policy", *(split.replace("_", " ") for split in SPLITS), "held out less test, points")
+        show(f"shapes-{task.removesuffix('Shapes').lower()}", heads, lines, asked.keep)
 
 
 if __name__ == "__main__":
