@@ -1,0 +1,510 @@
+"""Fit of a machine's parameters to a recording."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.actuators import actuators_from
+from vibgym.fields import lead_angle
+from vibgym.identification.log import Log
+from vibgym.identification.plant import LOCAL, Parameters, Plant
+from vibgym.identification.segments import LONG, SHORT, Segment, Timing, segments_of, timing_of
+from vibgym.identification.solver import Estimate, Prior, Solver, System
+from vibgym.physics.core.hardware import FORMS, HARD
+from vibgym.scene.parts import Part, kinds_of
+from vibgym.scene.surface import Surface
+
+LATENCIES = 9
+"""Latencies tried: 0 to 8 periods, or more with a larger nominal one."""
+
+CANDIDATES = 3
+"""Latencies compared by simulation, after a linear regression has ranked them."""
+
+FEW = 60
+"""Segments for the comparison of latencies."""
+
+LARGEST_ZONE = 2.5e-4
+"""m, largest dead zone tried; the prototype has 0.1 mm."""
+
+ZONES = 51
+"""Dead zones in a scan."""
+
+DEVIATIONS = {
+    "friction": 0.5, "horizontal_amplitude": 0.3, "gain": 0.5, "phase": 3.0, "dead_zone": 0.15, "camera_scale": 0.05,
+    "camera_turn": 0.1, "camera_x": 0.02, "camera_y": 0.02,
+}  # fmt: skip
+"""Standard deviations of the weak prior, in the units of :meth:`Parameters.vector`: about the nominal values."""
+
+UNKNOWN = 0.3
+"""Posterior over prior deviation from which on a parameter counts as not identified."""
+
+COUPLED = 0.98
+"""Absolute correlation from which on only a combination of two parameters is identified."""
+
+LEVEL = 1.959964
+"""Half the width of a 95 % interval, in standard deviations."""
+
+ROUNDS = 6
+"""Most steps with elements after form and dead zone have been chosen."""
+
+SETTLED = 0.5
+"""Decrease of the cost (chi squared) below which the fit has converged."""
+
+ADVICE = {
+    "friction": "parts that coast on elements at rest",
+    "horizontal_amplitude": "runs at full amplitude, at more than half the top speed",
+    "gain": "commands at several amplitudes above the dead zone",
+    "phase": "commands above the dead zone",
+    "dead_zone": "amplitudes from 0 to 0.2 mm, each for some periods",
+    "camera_scale": "paths over the whole surface with different commands on neighbouring elements",
+    "camera_turn": "paths over the whole surface with different commands on neighbouring elements",
+    "camera_x": "different commands on neighbouring elements along x",
+    "camera_y": "different commands on neighbouring elements along y",
+}
+"""What a recording must contain to identify a parameter."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Result of :func:`fit`.
+
+    Attributes:
+        values: estimates by name: ``friction`` (one kind of part) or ``friction.<name>``, ``frequency`` (Hz),
+            ``horizontal_amplitude`` (m), ``gain``, ``phase`` (rad), ``dead_zone`` (m), ``dead_zone_form``, ``latency`` (periods),
+            ``gain_spread``, ``phase_spread`` (rad), ``camera_scale``, ``camera_turn`` (rad), ``camera_x``, ``camera_y`` (m),
+            ``noise_position`` (m), ``noise_heading`` (rad).
+        intervals: 95 % intervals (low, high) of all numbers but ``latency``.
+        correlation: of the estimates, by pairs of names.
+        surface: the table with fitted amplitude and frequency.
+        actuators: setting of environments: prototype actuators with the fitted values.
+        parts: with the fitted friction.
+        elements: (rows, columns, 2) relative gain and phase error (rad) of each element, shrunk towards 0.
+        element_deviations: (rows, columns, 2) their standard deviations; those of elements without data equal the spreads.
+        unidentified: what the recording does not determine, and which recording would.
+        notes: gaps, assumptions and warnings.
+        residuals: (n, 6) cycle, part, measured x and y (m), residual along x and y (m) of every image used.
+        alternatives: for latencies and forms of the dead zone that were tried, chi squared above the best.
+    """
+
+    values: dict[str, Any]
+    intervals: dict[str, tuple[float, float]]
+    correlation: dict[tuple[str, str], float]
+    surface: Surface
+    actuators: dict[str, Any]
+    parts: tuple[Part, ...]
+    elements: np.ndarray
+    element_deviations: np.ndarray
+    unidentified: dict[str, str]
+    notes: list[str]
+    residuals: np.ndarray
+    alternatives: dict[str, float]
+
+
+def fit(
+    log: Log,
+    surface: Surface | None = None,
+    parts: Part | Sequence[Part] | None = None,
+    *,
+    report: Callable[[str], object] | None = None,
+) -> Fitted:
+    """Estimate the parameters of a machine from a recording.
+
+    Least squares on the simulator by multiple shooting: the recording is cut into segments with free initial states, and all
+    segments and finite differences are simulated in one batch. Known and not fitted: gravity, size of the elements, outlines of
+    the parts, and limit and resolution of the amplitudes. The table's period is that of the commands.
+
+    Args:
+        log: the recording.
+        surface, parts: nominal ones; None: those of the recording.
+        report: called with a line about each stage.
+
+    Raises:
+        ValueError: commands for another surface, other parts, or too little data.
+    """
+    checks.instance("log", log, Log)
+    surface = log.surface if surface is None else checks.instance("surface", surface, Surface)
+    parts = log.parts if parts is None else (parts,) if isinstance(parts, Part) else tuple(parts)
+    job = _Job(log, surface, parts, report or (lambda line: None))
+    return job.run()
+
+
+class _Job:
+    """A fit in progress."""
+
+    def __init__(self, log: Log, surface: Surface, parts: tuple[Part, ...], report: Callable[[str], object]) -> None:
+        _check_machine(log, surface, parts)
+        self.log, self.nominal, self.parts, self.report = log, surface, parts, report
+        self.timing = timing_of(log, surface.period)
+        frequency = 1.0 / self.timing.period
+        lift_off = surface.gravity / (2.0 * math.pi * frequency) ** 2
+        self.surface = replace(surface, frequency=frequency, max_amplitude=min(surface.max_amplitude or math.inf, lift_off))
+        self.kinds, self.kind_of = kinds_of(parts, Part.same_as)
+        self.sheet = actuators_from(log.settings["actuators"], surface, 1, 1).data_sheet
+        self.latencies = max(LATENCIES, self.sheet.latency + 4)
+        self.names = [*_friction_names(self.kinds), *Parameters.GLOBALS]
+        self.zone = self.names.index("dead_zone")
+        self.alternatives: dict[str, float] = {}
+
+    def solver(self, length: int) -> Solver:
+        """Return the solver for segments of a length."""
+        segments = segments_of(self.log, self.timing, self.parts, self.surface.element_size, self.latencies, length)
+        limit = self.sheet.limit
+        plant = Plant(self.log, segments, length, self.surface, self.kinds, limit, self.sheet.resolution)
+        return Solver(plant, [kind.symmetry != 0 for kind in self.kinds])
+
+    def run(self) -> Fitted:
+        """Return the result."""
+        solver = self.solver(SHORT)
+        now = self.with_latency(solver)
+        everything = range(len(solver.plant.segments))
+        now = self.improve(solver, now, everything, 4, elements=False)
+        self.report(f"short segments: {self.describe(now)}")
+        parameters, solver = now.parameters, self.solver(LONG)
+        now = replace(now, starts=_starts(solver.plant.segments, parameters, self.surface, self.kinds))
+        everything = range(len(solver.plant.segments))
+        now = self.improve(solver, now, everything, 2, elements=False)
+        now = self.improve(solver, now, everything, 2, elements=True)
+        self.report(f"long segments: {self.describe(now)}")
+        now = self.improve(solver, self.with_zone(solver, now, everything), everything, ROUNDS, elements=True)
+        now = self.with_zone(solver, now, everything)  # again, with the elements' errors
+        now = self.improve(solver, now, everything, ROUNDS, elements=True)
+        self.report(f"final: {self.describe(now)}")
+        return self.result(solver, now, everything)
+
+    def describe(self, now: Estimate) -> str:
+        """Return a line with the main values."""
+        p = now.parameters
+        friction = ", ".join(f"{each:.4f}" for each in p.friction)
+        return (
+            f"friction {friction}, a_h {1e3 * p.horizontal_amplitude:.4f} mm, gain {p.gain:.4f}, phase {p.phase:.4f}, "
+            f"{p.dead_zone_form} dead zone {1e3 * p.dead_zone:.4f} mm, latency {p.latency}, "
+            f"noise {1e3 * now.noise[0]:.4f} mm, spread {now.prior.spread.round(4)}"
+        )
+
+    def fixed(self, now: Estimate) -> list[int]:
+        """Return the indices of parameters without derivatives: a hard dead zone has steps."""
+        return [self.zone] if now.parameters.dead_zone_form == FORMS[HARD] else []
+
+    def improve(self, solver: Solver, now: Estimate, which: Sequence[int], steps: int, *, elements: bool) -> Estimate:
+        """Return the estimate after Gauss-Newton steps, with its noise."""
+        fixed = self.fixed(now)
+        for _ in range(steps):
+            now, after, before = solver.step(which, now, elements=elements, fixed=fixed, spreads=elements)
+            now = self.with_noise(solver, now, which)
+            self.report(f"  chi squared {before:.1f} -> {after:.1f}: {self.describe(now)}")
+            if before - after < SETTLED:
+                break
+        return now
+
+    def with_noise(self, solver: Solver, now: Estimate, which: Sequence[int]) -> Estimate:
+        """Return the estimate with the noise of its residuals."""
+        return solver.with_noise(which, now, solver.residuals(which, now), len(self.names))
+
+    def with_latency(self, solver: Solver) -> Estimate:
+        """Return a first estimate, with the latency that describes the recording best."""
+        first = self.first(solver.plant.segments)
+        rng = np.random.default_rng(0)
+        count = len(solver.plant.segments)
+        which = sorted(rng.permutation(count)[: min(FEW, count)].tolist())
+        tried = []
+        for parameters in first:
+            starts = _starts(solver.plant.segments, parameters, self.surface, self.kinds)
+            now = Estimate(parameters, starts, np.array([1e-3, 1e-2]), self.prior(parameters))
+            for _ in range(3):
+                now, cost, _ = solver.step(which, now, elements=False, fixed=self.fixed(now))
+            tried.append((cost, now))
+            self.report(f"latency {parameters.latency}: chi squared {cost:.1f} at 1 mm: {self.describe(now)}")
+        best, now = min(tried, key=lambda each: each[0])
+        now = self.with_noise(solver, now, which)
+        scale = (1e-3 / now.noise[0]) ** 2
+        for cost, each in tried:
+            self.alternatives[f"latency {each.parameters.latency}"] = (cost - best) * scale
+        return now
+
+    def prior(self, parameters: Parameters) -> Prior:
+        """Return the weak prior about the nominal values."""
+        mean = replace(parameters, friction=np.array([kind.friction for kind in self.kinds]), gain=1.0, camera=CAMERA).vector()
+        amplitude = self.names.index("horizontal_amplitude")
+        mean[amplitude] = math.log(self.nominal.horizontal_amplitude)
+        mean[self.zone] = 1e3 * max(self.sheet.dead_zone, 1e-4)
+        deviation = np.array([DEVIATIONS[name.partition(".")[0]] for name in self.names])
+        return Prior(mean, deviation, np.array([0.05, 0.1]))
+
+    def first(self, segments: Sequence[Segment]) -> list[Parameters]:
+        """Return first estimates for the likeliest latencies.
+
+        Regression of second differences of positions on the mean command under the part and on its velocity: near rest the
+        acceleration is ``-(i mu w^2 / 2)`` times the conjugate phasor (first order, :mod:`vibgym.physics.averaged`).
+        """
+        surface, commands = self.surface, self.log.amplitude * np.exp(1j * self.log.phase)
+        rows, accelerations, velocities, patches, frictions = [], [], [], [], []
+        for each in segments:
+            x = each.pose[:, 0] + 1j * each.pose[:, 1]
+            regular = np.abs(np.diff(each.instant) - 1.0) < 0.2
+            for k in np.flatnonzero(regular[:-1] & regular[1:]):
+                rows.append(each.first + round(each.instant[k]))
+                accelerations.append((x[k + 2] - 2.0 * x[k + 1] + x[k]) / surface.period**2)
+                velocities.append((x[k + 2] - x[k]) / (2.0 * surface.period))
+                place = each.pose[k + 1, :2] // surface.element_size
+                row = int(np.clip(place[1], 0, surface.rows - 1))
+                patches.append((row, int(np.clip(place[0], 0, surface.columns - 1))))
+                frictions.append(self.kinds[each.kind].friction)
+        if len(rows) < 20:
+            raise checks.refuse("log", f"{len(rows)} images one period apart", "a recording with one image a period")
+        row, patch, mu = np.array(rows), np.array(patches), np.array(frictions)
+        a, v = np.array(accelerations), np.array(velocities)
+        near = np.zeros((self.latencies, len(row)), dtype=complex)
+        for latency in range(self.latencies):
+            for late in (0, 1):  # a second difference spans two periods
+                at = np.clip(row + late - latency, 0, len(self.log) - 1)
+                for i in (-1, 0, 1):
+                    for j in (-1, 0, 1):
+                        y, x = np.clip(patch[:, 0] + i, 0, surface.rows - 1), np.clip(patch[:, 1] + j, 0, surface.columns - 1)
+                        near[latency] += commands[at, y, x] / 18.0
+        if not np.abs(near).max() > 0.0:
+            raise checks.refuse("log.amplitude", "zeros wherever a part was", "commands under the parts (too little excitation)")
+        found = []
+        for latency in range(self.latencies):
+            design = np.column_stack([mu * near[latency].conj(), mu * v])
+            solution, *_ = np.linalg.lstsq(design, a, rcond=None)
+            found.append((float((np.abs(a - design @ solution) ** 2).sum()), latency, complex(solution[0])))
+        estimates = []
+        for _, latency, factor in sorted(found)[:CANDIDATES]:
+            response = factor / (-0.5j * surface.angular_frequency**2)
+            lead = lead_angle(surface, float(mu.mean()))
+            zone = min(self.sheet.dead_zone, LARGEST_ZONE)
+            estimates.append(
+                Parameters(
+                    friction=np.array([kind.friction for kind in self.kinds]),
+                    horizontal_amplitude=surface.horizontal_amplitude,
+                    gain=float(np.clip(abs(response), 0.4, 1.6)),
+                    phase=_wrapped(lead - np.angle(response)),
+                    dead_zone=zone,
+                    dead_zone_form=self.sheet.dead_zone_form,
+                    latency=latency,
+                    camera=CAMERA,
+                    elements=np.zeros((surface.rows, surface.columns, 2)),
+                )
+            )
+        return estimates
+
+    def with_zone(self, solver: Solver, now: Estimate, which: Sequence[int]) -> Estimate:
+        """Return the estimate with the form and width of the dead zone that describe the recording best."""
+        system = solver.linearize(which, now, True)
+        most = min(LARGEST_ZONE, self.sheet.limit)
+        zones, best = np.linspace(0.0, most, ZONES), []
+        for form in FORMS:
+            costs = solver.scan(which, now, zones, form, system, [self.zone])
+            best.append((float(costs.min()), form, float(zones[costs.argmin()])))
+        least, form, zone = min(best)
+        for cost, each, _ in best:
+            self.alternatives[f"{each} dead zone"] = cost - least
+        self.report("dead zones: " + ", ".join(f"{f} {1e3 * z:.3f} mm {c - least:+.1f}" for c, f, z in best))
+        now = replace(now, parameters=replace(now.parameters, dead_zone_form=form, dead_zone=zone))
+        if form == FORMS[HARD]:
+            now, _ = self.hard_zone(solver, now, which, system)
+        return now
+
+    def hard_zone(
+        self, solver: Solver, now: Estimate, which: Sequence[int], system: System
+    ) -> tuple[Estimate, tuple[float, float]]:
+        """Return the estimate with a finely scanned hard dead zone, and its 95 % interval."""
+        width, most = min(LARGEST_ZONE, self.sheet.limit) / (ZONES - 1), min(LARGEST_ZONE, self.sheet.limit)
+        interval = (0.0, most)
+        for finer in (1.0, 0.15):
+            middle = now.parameters.dead_zone
+            zones = np.unique(np.clip(np.linspace(middle - 2 * finer * width, middle + 2 * finer * width, ZONES), 0.0, most))
+            costs = solver.scan(which, now, zones, FORMS[HARD], system, [self.zone])
+            chance = np.exp(-0.5 * (costs - costs.min()))
+            chance /= chance.sum()
+            total = np.cumsum(chance)
+            low, high = zones[np.searchsorted(total, 0.025)], zones[np.searchsorted(total, 0.975)]
+            step = zones[1] - zones[0]
+            interval = max(float(low - step), 0.0), float(high + step)
+            now = replace(now, parameters=replace(now.parameters, dead_zone=float(chance @ zones)))
+            if high - low > 8 * step:  # resolved
+                break
+        return now, interval
+
+    def result(self, solver: Solver, now: Estimate, which: Sequence[int]) -> Fitted:
+        """Return values, intervals and everything else."""
+        fixed = self.fixed(now)
+        system = solver.linearize(which, now, True)
+        _, covariance = solver.posterior(system, now, fixed)
+        vector, shared = now.parameters.vector(), len(self.names)
+        deviation = np.sqrt(np.diag(covariance))
+        values: dict[str, Any] = {}
+        intervals: dict[str, tuple[float, float]] = {}
+        for k, name in enumerate(self.names):
+            ends = vector[k] + LEVEL * deviation[k] * np.array([-1.0, 0.0, 1.0])
+            low, value, high = (self.physical(name, each) for each in ends)
+            values[name], intervals[name] = value, (low, high)
+        if fixed:
+            now, intervals["dead_zone"] = self.hard_zone(solver, now, which, system)
+            values["dead_zone"] = now.parameters.dead_zone
+        values["frequency"] = 1.0 / self.timing.period
+        slack = LEVEL * self.timing.deviation / self.timing.period**2
+        intervals["frequency"] = values["frequency"] - slack, values["frequency"] + slack
+        values["latency"], values["dead_zone_form"] = now.parameters.latency, now.parameters.dead_zone_form
+        self.add_spreads(now, system, covariance, values, intervals)
+        free = sum(each.size for each in system.residuals) * 2 / 3 - LOCAL * len(which)
+        for name, value in zip(("noise_position", "noise_heading"), now.noise.tolist(), strict=True):
+            slack = LEVEL / math.sqrt(2.0 * max(free if name == "noise_position" else free / 2.0, 2.0))
+            values[name], intervals[name] = value, (value * (1.0 - slack), value * (1.0 + slack))
+        relative = deviation[:shared] / now.prior.deviation
+        correlation = covariance[:shared, :shared] / np.maximum(np.outer(deviation[:shared], deviation[:shared]), 1e-300)
+        pairs = {(a, b): float(correlation[i, j]) for i, a in enumerate(self.names) for j, b in enumerate(self.names)}
+        elements = now.parameters.elements
+        element_deviations = deviation[shared:].reshape(elements.shape)
+        unidentified = self.unidentified(relative, pairs, now, element_deviations, fixed)
+        fitted = replace(self.surface, horizontal_amplitude=now.parameters.horizontal_amplitude)
+        return Fitted(
+            values, intervals, pairs, fitted, self.actuators(now), self.fitted_parts(now), elements, element_deviations,
+            unidentified, self.notes(solver, now, which), _residual_rows(solver, which, system), self.alternatives,
+        )  # fmt: skip
+
+    def physical(self, name: str, value: float) -> float:
+        """Return a number of :meth:`Parameters.vector` in its unit."""
+        if name == "dead_zone":
+            return max(1e-3 * value, 0.0)
+        logarithm = name.startswith("friction") or name in ("horizontal_amplitude", "gain", "camera_scale")
+        return math.exp(value) if logarithm else float(value)
+
+    def add_spreads(
+        self, now: Estimate, system: System, covariance: np.ndarray, values: dict[str, Any], intervals: dict[str, Any]
+    ) -> None:
+        """Add the standard deviations of the elements' errors; their effective number is the information of the recording."""
+        shared = len(self.names)
+        for k, name in enumerate(("gain_spread", "phase_spread")):
+            spread = float(now.prior.spread[k])
+            known = 1.0 - np.diag(covariance)[shared + k :: 2] / spread**2
+            relative = LEVEL / math.sqrt(2.0 * max(float((known**2).sum()), 0.5))
+            values[name], intervals[name] = spread, (spread * math.exp(-relative), spread * math.exp(relative))
+
+    def unidentified(
+        self,
+        relative: np.ndarray,
+        pairs: Mapping[tuple[str, str], float],
+        now: Estimate,
+        deviations: np.ndarray,
+        fixed: Sequence[int],
+    ) -> dict[str, str]:
+        """Return parameters, and pairs of them, that the recording does not determine, and which recording would."""
+        found = {}
+        for k, name in enumerate(self.names):
+            if relative[k] > UNKNOWN and k not in fixed:
+                found[name] = ADVICE[name.partition(".")[0]]
+        for i, a in enumerate(self.names):
+            for b in self.names[i + 1 :]:
+                if abs(pairs[a, b]) > COUPLED and a not in found and b not in found:
+                    found[f"{a} and {b}"] = f"only a combination is determined; {ADVICE[a.partition('.')[0]]}"
+        missing = int((deviations[..., 0] > 0.8 * now.prior.spread[0]).sum())
+        if missing:
+            found[f"{missing} of {deviations[..., 0].size} elements"] = "a recording in which parts visit them longer"
+        found["static friction"] = "none on this table: parts slide at all times" if all(
+            self.nominal.slides_permanently(kind.static_friction) for kind in self.kinds
+        ) else "a recording at a lower frequency, in which parts stick"  # fmt: skip
+        found["gravity, element size, mass, limit"] = "none: they are taken as given"
+        return found
+
+    def actuators(self, now: Estimate) -> dict[str, Any]:
+        """Return prototype actuators with the fitted values, as a setting of environments."""
+        p = now.parameters
+        elements = p.elements + np.array([1.0, 0.0])
+        elements[..., 0] = np.maximum(elements[..., 0], 0.0)
+        return {
+            "kind": "prototype", "dead_zone": min(p.dead_zone, 0.99 * self.sheet.limit), "dead_zone_form": p.dead_zone_form,
+            "limit": min(self.sheet.limit, float(self.surface.max_amplitude or math.inf)), "latency": p.latency,
+            "gain_spread": 0.0, "phase_spread": 0.0, "resolution": self.sheet.resolution, "gain": p.gain,
+            "phase": _wrapped(p.phase), "elements": elements.round(5).tolist(),
+        }  # fmt: skip
+
+    def fitted_parts(self, now: Estimate) -> tuple[Part, ...]:
+        """Return the parts with the fitted friction."""
+        factors = [new / kind.friction for new, kind in zip(now.parameters.friction, self.kinds, strict=True)]
+        return tuple(
+            replace(part, friction=factors[k] * part.friction, static_friction=factors[k] * part.static_friction)
+            for part, k in zip(self.parts, self.kind_of, strict=True)
+        )
+
+    def notes(self, solver: Solver, now: Estimate, which: Sequence[int]) -> list[str]:
+        """Return remarks about the recording."""
+        used = sum(len(each.instant) for each in solver.plant.segments)
+        seen = int(np.isfinite(self.log.pose[..., 0]).sum())
+        notes = [f"{used} of {seen} poses used, in {len(solver.plant.segments)} segments of up to {LONG} periods"]
+        notes += [f"gap of {lost} cycles after row {row}" for row, lost in self.timing.gaps.tolist()]
+        if self.sheet.bandwidth is not None:
+            notes.append("the bandwidth of the actuators is not modelled")
+        return notes
+
+
+CAMERA = np.array([1.0, 0.0, 0.0, 0.0])
+"""Scale, turn and shift of an exact camera."""
+
+
+def _check_machine(log: Log, surface: Surface, parts: Sequence[Part]) -> None:
+    """Raise ValueError for a recording of another machine."""
+    shape = log.amplitude.shape[1:]
+    if shape != (surface.rows, surface.columns):
+        raise checks.refuse("log", f"commands for {shape[0]} x {shape[1]} elements", f"of this surface, {surface.rows} x {surface.columns}")
+    if log.surface.element_size != surface.element_size:
+        got = f"elements of {log.surface.element_size:g} m"
+        raise checks.refuse("log", got, f"of this surface, with elements of {surface.element_size:g} m")
+    assert surface.max_amplitude is not None
+    most = float(log.amplitude.max())
+    if most > surface.max_amplitude * 1.05:
+        raise checks.refuse("log.amplitude", f"{most:g} m", f"at most the surface's {surface.max_amplitude:g} m")
+    if len(parts) != log.pose.shape[1]:
+        raise checks.refuse("parts", f"{len(parts)}", f"the {log.pose.shape[1]} of the recording, in its order")
+    if surface.horizontal_amplitude == 0.0:
+        raise checks.refuse("surface.horizontal_amplitude", 0.0, "above 0: a still table does not move parts")
+
+
+def _friction_names(kinds: Sequence[Part]) -> list[str]:
+    """Return a name for the friction of each kind."""
+    if len(kinds) == 1:
+        return ["friction"]
+    names = [f"friction.{kind.name}" for kind in kinds]
+    return [name if names.count(name) == 1 else f"{name}-{k}" for k, name in enumerate(names)]
+
+
+def _wrapped(angle: float) -> float:
+    """Return an angle in [-pi, pi)."""
+    return float((angle + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+def _starts(segments: Sequence[Segment], parameters: Parameters, surface: Surface, kinds: Sequence[Part]) -> np.ndarray:
+    """Return initial states (segments, LOCAL) from parabolas through the first images.
+
+    The velocity at the start of a period differs from the mean one by that of a part on elements at rest.
+    """
+    scale, turn, x, y = parameters.camera
+    middle = 0.5 * np.array([surface.width, surface.depth])
+    back = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]) / scale
+    starts = np.zeros((len(segments), LOCAL))
+    for k, each in enumerate(segments):
+        some = slice(0, 7)
+        time = each.instant[some] * surface.period
+        pose = each.pose[some].copy()
+        pose[:, :2] = (pose[:, :2] - middle - [x, y]) @ back.T + middle
+        pose[:, 2] -= turn
+        fitted = np.polynomial.polynomial.polyfit(time, pose, 2)
+        starts[k, :3], starts[k, 3:] = fitted[0], fitted[1]
+        starts[k, 3:5] += surface.idle_velocity(float(parameters.friction[each.kind]))
+    return starts
+
+
+def _residual_rows(solver: Solver, which: Sequence[int], system: System) -> np.ndarray:
+    """Return the rows of :attr:`Fitted.residuals`."""
+    rows = []
+    for k, residual in zip(which, system.residuals, strict=True):
+        each = solver.plant.segments[k]
+        head = np.column_stack([each.first + each.instant, np.full(len(residual), each.part), each.pose[:, :2]])
+        rows.append(np.column_stack([head, residual[:, :2]]))
+    return np.concatenate(rows)
