@@ -57,8 +57,8 @@ class PrototypeSettings:
         stuck: elements with a fixed amplitude and phase: their share, or a list of [row, column, amplitude, phase].
         seed: of one hardware instance, the same in all worlds and episodes; None: drawn for every episode.
         gain, phase: factor (1) and phase (rad) that all elements have in common, as identified on a machine.
-        elements: (rows, columns, 2) further factor and phase of each element of one machine, in addition to what the spreads draw
-            (usually 0 then); None: 1 and 0.
+        elements: (rows, columns, 2) further factor and phase of each element of one machine, in addition to what the
+            spreads draw (usually 0 then); None: 1 and 0.
     """
 
     dead_zone: float = 1e-4

@@ -47,9 +47,10 @@ BORDER = 0.01
 class Excitation:
     """Commands for a recording, from the poses that the camera measures.
 
-    Each part visits waypoints in its own region, a strip of the surface, so that parts do not touch; waypoints prefer elements that
-    no part has visited. Commands are held for a few periods, at random strength; each element has its own amplitude and phase,
-    spread about those that push the part to its waypoint. Near the border of its region a part is pushed back at full amplitude.
+    Each part visits waypoints in its own region, a strip of the surface, so that parts do not touch; waypoints prefer
+    elements that no part has visited. Commands are held for a few periods, at random strength; each element has its own
+    amplitude and phase, spread about those that push the part to its waypoint. Near the border of its region a part is pushed
+    back at full amplitude.
 
     Args:
         surface: nominal surface.

@@ -14,7 +14,7 @@ from vibgym.actuators import actuators_from
 from vibgym.fields import lead_angle
 from vibgym.identification.log import Log
 from vibgym.identification.plant import LOCAL, Parameters, Plant
-from vibgym.identification.segments import LONG, SHORT, Segment, Timing, segments_of, timing_of
+from vibgym.identification.segments import LONG, SHORT, Segment, segments_of, timing_of
 from vibgym.identification.solver import Estimate, Prior, Solver, System
 from vibgym.physics.core.hardware import FORMS, HARD
 from vibgym.scene.parts import Part, kinds_of
@@ -53,8 +53,8 @@ LEVEL = 1.959964
 ROUNDS = 6
 """Most steps with elements after form and dead zone have been chosen."""
 
-SETTLED = 0.5
-"""Decrease of the cost (chi squared) below which the fit has converged."""
+SETTLED = 0.1
+"""Step over standard deviation, of all shared parameters, below which the fit has converged."""
 
 ADVICE = {
     "friction": "parts that coast on elements at rest",
@@ -76,9 +76,9 @@ class Fitted:
 
     Attributes:
         values: estimates by name: ``friction`` (one kind of part) or ``friction.<name>``, ``frequency`` (Hz),
-            ``horizontal_amplitude`` (m), ``gain``, ``phase`` (rad), ``dead_zone`` (m), ``dead_zone_form``, ``latency`` (periods),
-            ``gain_spread``, ``phase_spread`` (rad), ``camera_scale``, ``camera_turn`` (rad), ``camera_x``, ``camera_y`` (m),
-            ``noise_position`` (m), ``noise_heading`` (rad).
+            ``horizontal_amplitude`` (m), ``gain``, ``phase`` (rad), ``dead_zone`` (m), ``dead_zone_form``, ``latency``
+            (periods), ``gain_spread``, ``phase_spread`` (rad), ``camera_scale``, ``camera_turn`` (rad), ``camera_x``,
+            ``camera_y`` (m), ``noise_position`` (m), ``noise_heading`` (rad).
         intervals: 95 % intervals (low, high) of all numbers but ``latency``.
         correlation: of the estimates, by pairs of names.
         surface: the table with fitted amplitude and frequency.
@@ -143,7 +143,9 @@ class _Job:
         self.timing = timing_of(log, surface.period)
         frequency = 1.0 / self.timing.period
         lift_off = surface.gravity / (2.0 * math.pi * frequency) ** 2
-        self.surface = replace(surface, frequency=frequency, max_amplitude=min(surface.max_amplitude or math.inf, lift_off))
+        self.surface = replace(
+            surface, frequency=frequency, max_amplitude=min(surface.max_amplitude or math.inf, lift_off)
+        )
         self.kinds, self.kind_of = kinds_of(parts, Part.same_as)
         self.sheet = actuators_from(log.settings["actuators"], surface, 1, 1).data_sheet
         self.latencies = max(LATENCIES, self.sheet.latency + 4)
@@ -195,16 +197,14 @@ class _Job:
         """Return the estimate after Gauss-Newton steps, with its noise."""
         fixed = self.fixed(now)
         for _ in range(steps):
-            now, after, before = solver.step(which, now, elements=elements, fixed=fixed, spreads=elements)
-            now = self.with_noise(solver, now, which)
-            self.report(f"  chi squared {before:.1f} -> {after:.1f}: {self.describe(now)}")
-            if before - after < SETTLED:
+            done = solver.step(which, now, elements=elements, fixed=fixed, spreads=elements)
+            now = solver.with_noise(which, done.estimate, done.residuals, done.unknowns)
+            self.report(
+                f"  chi squared {done.before:.1f} -> {done.after:.1f}, moved {done.moved:.2f}: {self.describe(now)}"
+            )
+            if done.moved < SETTLED:
                 break
         return now
-
-    def with_noise(self, solver: Solver, now: Estimate, which: Sequence[int]) -> Estimate:
-        """Return the estimate with the noise of its residuals."""
-        return solver.with_noise(which, now, solver.residuals(which, now), len(self.names))
 
     def with_latency(self, solver: Solver) -> Estimate:
         """Return a first estimate, with the latency that describes the recording best."""
@@ -217,19 +217,22 @@ class _Job:
             starts = _starts(solver.plant.segments, parameters, self.surface, self.kinds)
             now = Estimate(parameters, starts, np.array([1e-3, 1e-2]), self.prior(parameters))
             for _ in range(3):
-                now, cost, _ = solver.step(which, now, elements=False, fixed=self.fixed(now))
+                done = solver.step(which, now, elements=False, fixed=self.fixed(now))
+                now, cost = done.estimate, done.after
+            now = solver.with_noise(which, now, done.residuals, done.unknowns)
             tried.append((cost, now))
             self.report(f"latency {parameters.latency}: chi squared {cost:.1f} at 1 mm: {self.describe(now)}")
         best, now = min(tried, key=lambda each: each[0])
-        now = self.with_noise(solver, now, which)
         scale = (1e-3 / now.noise[0]) ** 2
         for cost, each in tried:
-            self.alternatives[f"latency {each.parameters.latency}"] = (cost - best) * scale
+            self.alternatives[f"latency {each.parameters.latency}"] = float((cost - best) * scale)
         return now
 
     def prior(self, parameters: Parameters) -> Prior:
         """Return the weak prior about the nominal values."""
-        mean = replace(parameters, friction=np.array([kind.friction for kind in self.kinds]), gain=1.0, camera=CAMERA).vector()
+        mean = replace(
+            parameters, friction=np.array([kind.friction for kind in self.kinds]), gain=1.0, camera=CAMERA
+        ).vector()
         amplitude = self.names.index("horizontal_amplitude")
         mean[amplitude] = math.log(self.nominal.horizontal_amplitude)
         mean[self.zone] = 1e3 * max(self.sheet.dead_zone, 1e-4)
@@ -265,10 +268,15 @@ class _Job:
                 at = np.clip(row + late - latency, 0, len(self.log) - 1)
                 for i in (-1, 0, 1):
                     for j in (-1, 0, 1):
-                        y, x = np.clip(patch[:, 0] + i, 0, surface.rows - 1), np.clip(patch[:, 1] + j, 0, surface.columns - 1)
+                        y, x = (
+                            np.clip(patch[:, 0] + i, 0, surface.rows - 1),
+                            np.clip(patch[:, 1] + j, 0, surface.columns - 1),
+                        )
                         near[latency] += commands[at, y, x] / 18.0
         if not np.abs(near).max() > 0.0:
-            raise checks.refuse("log.amplitude", "zeros wherever a part was", "commands under the parts (too little excitation)")
+            raise checks.refuse(
+                "log.amplitude", "zeros wherever a part was", "commands under the parts (too little excitation)"
+            )
         found = []
         for latency in range(self.latencies):
             design = np.column_stack([mu * near[latency].conj(), mu * v])
@@ -319,7 +327,9 @@ class _Job:
         interval = (0.0, most)
         for finer in (1.0, 0.15):
             middle = now.parameters.dead_zone
-            zones = np.unique(np.clip(np.linspace(middle - 2 * finer * width, middle + 2 * finer * width, ZONES), 0.0, most))
+            zones = np.unique(
+                np.clip(np.linspace(middle - 2 * finer * width, middle + 2 * finer * width, ZONES), 0.0, most)
+            )
             costs = solver.scan(which, now, zones, FORMS[HARD], system, [self.zone])
             chance = np.exp(-0.5 * (costs - costs.min()))
             chance /= chance.sum()
@@ -358,7 +368,9 @@ class _Job:
             slack = LEVEL / math.sqrt(2.0 * max(free if name == "noise_position" else free / 2.0, 2.0))
             values[name], intervals[name] = value, (value * (1.0 - slack), value * (1.0 + slack))
         relative = deviation[:shared] / now.prior.deviation
-        correlation = covariance[:shared, :shared] / np.maximum(np.outer(deviation[:shared], deviation[:shared]), 1e-300)
+        correlation = covariance[:shared, :shared] / np.maximum(
+            np.outer(deviation[:shared], deviation[:shared]), 1e-300
+        )
         pairs = {(a, b): float(correlation[i, j]) for i, a in enumerate(self.names) for j, b in enumerate(self.names)}
         elements = now.parameters.elements
         element_deviations = deviation[shared:].reshape(elements.shape)
@@ -452,7 +464,11 @@ def _check_machine(log: Log, surface: Surface, parts: Sequence[Part]) -> None:
     """Raise ValueError for a recording of another machine."""
     shape = log.amplitude.shape[1:]
     if shape != (surface.rows, surface.columns):
-        raise checks.refuse("log", f"commands for {shape[0]} x {shape[1]} elements", f"of this surface, {surface.rows} x {surface.columns}")
+        raise checks.refuse(
+            "log",
+            f"commands for {shape[0]} x {shape[1]} elements",
+            f"of this surface, {surface.rows} x {surface.columns}",
+        )
     if log.surface.element_size != surface.element_size:
         got = f"elements of {log.surface.element_size:g} m"
         raise checks.refuse("log", got, f"of this surface, with elements of {surface.element_size:g} m")

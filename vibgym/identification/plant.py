@@ -55,7 +55,16 @@ class Parameters:
     camera: np.ndarray
     elements: np.ndarray
 
-    GLOBALS = ("horizontal_amplitude", "gain", "phase", "dead_zone", "camera_scale", "camera_turn", "camera_x", "camera_y")
+    GLOBALS = (
+        "horizontal_amplitude",
+        "gain",
+        "phase",
+        "dead_zone",
+        "camera_scale",
+        "camera_turn",
+        "camera_x",
+        "camera_y",
+    )
 
     def vector(self) -> np.ndarray:
         """Return friction and the parameters in :attr:`GLOBALS`; logarithms of positive factors, and the dead zone in mm."""
@@ -150,7 +159,13 @@ class Plant:
         return [found[segment] for segment in which]
 
     def differentiate(
-        self, which: Sequence[int], parameters: Parameters, starts: np.ndarray, *, shared: bool = True, elements: bool = False
+        self,
+        which: Sequence[int],
+        parameters: Parameters,
+        starts: np.ndarray,
+        *,
+        shared: bool = True,
+        elements: bool = False,
     ) -> list[Derivatives]:
         """Return predictions of segments ``which`` and their derivatives.
 

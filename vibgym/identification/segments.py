@@ -103,7 +103,9 @@ def timing_of(log: Log, nominal: float) -> Timing:
     return Timing(period, deviation, np.column_stack([breaks, lost]), cycle, pieces)
 
 
-def segments_of(log: Log, timing: Timing, parts: tuple[Part, ...], element_size: float, skip: int, length: int) -> list[Segment]:
+def segments_of(
+    log: Log, timing: Timing, parts: tuple[Part, ...], element_size: float, skip: int, length: int
+) -> list[Segment]:
     """Return the segments of a recording.
 
     Args:
@@ -134,7 +136,9 @@ def segments_of(log: Log, timing: Timing, parts: tuple[Part, ...], element_size:
                 found.append(Segment(k, int(kinds[k]), first, timing.cycle[rows] - first, pose, elements))
     if len(found) < LEAST_SEGMENTS:
         got = f"{len(found)} stretches of {length} periods with {LEAST_IMAGES} images and without gaps"
-        raise checks.refuse("log", got, f"a recording with at least {LEAST_SEGMENTS}; record longer, or with fewer gaps")
+        raise checks.refuse(
+            "log", got, f"a recording with at least {LEAST_SEGMENTS}; record longer, or with fewer gaps"
+        )
     return found
 
 

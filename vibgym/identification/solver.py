@@ -17,13 +17,12 @@ import numpy as np
 from vibgym.identification.plant import LOCAL, Derivatives, Parameters, Plant
 
 RIDGE = 1e-3
-"""Relative to the uncertainty of an initial state by one image: for states that images do not determine, such as the spin of
-discs."""
+"""Bounds steps of an initial state, to about 1000 times :data:`STATE_SCALE`, where images do not determine it (discs)."""
 
 HALVINGS = 5
 """Times that a step is halved until the cost decreases."""
 
-MAXIMIZATIONS = 30
+MAXIMIZATIONS = 5
 """Steps of expectation maximization for each linearization."""
 
 LEAST_SPREAD = 1e-3
@@ -73,6 +72,25 @@ class System(NamedTuple):
     square: float
     blocks: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
     columns: list[np.ndarray]
+    residuals: list[np.ndarray]
+
+
+class Progress(NamedTuple):
+    """Result of a step.
+
+    Attributes:
+        estimate: after the step.
+        before, after: cost.
+        moved: largest change of a shared parameter, over its standard deviation.
+        unknowns: effective number of shared parameters and elements that the data determine.
+        residuals: for each segment (n, 3), after the step.
+    """
+
+    estimate: Estimate
+    before: float
+    after: float
+    moved: float
+    unknowns: float
     residuals: list[np.ndarray]
 
 
@@ -146,7 +164,8 @@ class Solver:
     def cost(self, residuals: Sequence[np.ndarray], which: Sequence[int], now: Estimate, elements: bool) -> float:
         """Return the sum of weighted squares of residuals and prior."""
         total = sum(
-            float(((each * self.weights(segment, now.noise)) ** 2).sum()) for segment, each in zip(which, residuals, strict=True)
+            float(((each * self.weights(segment, now.noise)) ** 2).sum())
+            for segment, each in zip(which, residuals, strict=True)
         )
         total += float((((now.parameters.vector() - now.prior.mean) / now.prior.deviation) ** 2).sum())
         return total + (float(((now.parameters.elements / now.prior.spread) ** 2).sum()) if elements else 0.0)
@@ -158,8 +177,8 @@ class Solver:
 
     def step(
         self, which: Sequence[int], now: Estimate, *, elements: bool, fixed: Sequence[int] = (), spreads: bool = False
-    ) -> tuple[Estimate, float, float]:
-        """Return the estimate after a Gauss-Newton step, its cost, and the cost before.
+    ) -> Progress:
+        """Return the estimate after a Gauss-Newton step.
 
         Args:
             which: segments to use.
@@ -171,11 +190,22 @@ class Solver:
         if spreads:
             now = self.with_spreads(system, now, fixed)
         before = self.cost(system.residuals, which, now, elements)
-        step, _ = self.posterior(system, now, fixed)
-        shared, share = len(now.prior.mean), 1.0
+        step, covariance = self.posterior(system, now, fixed)
+        variance, shared, share = np.diag(covariance), len(now.prior.mean), 1.0
+        known = 1.0 - variance * self._prior_terms(now)[0]
+        unknowns = float(known[: None if elements else shared].sum())
+        moved = float(
+            np.max(
+                np.abs(step[:shared]) / np.sqrt(np.maximum(variance[:shared], 1e-300)),
+                where=variance[:shared] > 0.0,
+                initial=0.0,
+            )
+        )
         vector, errors = now.parameters.vector(), now.parameters.elements
         moves = []
-        for segment, (q, r, block), own, residual in zip(which, system.blocks, system.columns, system.residuals, strict=True):
+        for segment, (q, r, block), own, residual in zip(
+            which, system.blocks, system.columns, system.residuals, strict=True
+        ):
             rest = (residual * self.weights(segment, now.noise)).ravel() - block @ step[own]
             padded = np.concatenate([rest, np.zeros(LOCAL)])
             moves.append(STATE_SCALE * np.linalg.solve(r, q.T @ padded))
@@ -186,11 +216,12 @@ class Solver:
                 vector + share * step[:shared], errors + share * step[shared:].reshape(errors.shape)
             )
             after = replace(now, parameters=changed, starts=starts)
-            cost = self.cost(self.residuals(which, after), which, after, elements)
+            residuals = self.residuals(which, after)
+            cost = self.cost(residuals, which, after, elements)
             if cost < before:
-                return after, cost, before
+                return Progress(after, before, cost, share * moved, unknowns, residuals)
             share *= 0.5
-        return now, before, before
+        return Progress(now, before, before, 0.0, unknowns, system.residuals)
 
     def with_spreads(self, system: System, now: Estimate, fixed: Sequence[int] = ()) -> Estimate:
         """Return the estimate with standard deviations of the elements' errors, estimated on visited elements."""
@@ -208,7 +239,9 @@ class Solver:
     def with_noise(self, which: Sequence[int], now: Estimate, residuals: Sequence[np.ndarray], more: float) -> Estimate:
         """Return the estimate with the noise of its residuals; ``more``: effective number of shared parameters and elements."""
         places = np.concatenate([each[:, :2].ravel() for each in residuals])
-        seen = [each[:, 2] for k, each in zip(which, residuals, strict=True) if self._headings[self.plant.segments[k].kind]]
+        seen = [
+            each[:, 2] for k, each in zip(which, residuals, strict=True) if self._headings[self.plant.segments[k].kind]
+        ]
         turns = np.concatenate(seen) if seen else np.zeros(0)
         total = len(places) + len(turns)
         free = max(1.0 - (LOCAL * len(which) + more) / total, 0.1)
