@@ -1,7 +1,7 @@
 """Identification of hidden machines: ``python -m studies.benchmarks.identification [--machines 10] [--first 0]``.
 
 Each machine has all of its parameters drawn at random. It records two minutes of :class:`vibgym.identification.Excitation` with
-two parts, whose nominal properties are the prototype's, and the fit knows these only. Results are stored one file a machine in
+one part, whose nominal properties are the prototype's, and the fit knows these only. Results are stored one file a machine in
 ``--output`` and reused, so several processes can share the machines; the table has all machines that were asked for.
 """
 
@@ -28,7 +28,7 @@ from vibgym.scene.surface import Surface
 NOMINAL = Surface(max_amplitude=0.35e-3)
 """Below lift-off at all frequencies drawn."""
 
-PARTS = "steel_block", "aluminium_block"
+PARTS = ("aluminium_block",)
 
 FINE = {"steps": 10, "substeps": 4}
 """Time steps of the machines: finer than those of the fit, which then has an error of its own."""
@@ -71,7 +71,7 @@ def drawn(seed: int) -> Machine:
         noise_heading=math.radians(rng.uniform(0.1, 0.4)), dropout=rng.uniform(0.0, 0.05),
     )  # fmt: skip
     truth = {
-        **{f"friction.{part.name}": part.friction for part in parts},
+        **{"friction" if len(parts) == 1 else f"friction.{part.name}": part.friction for part in parts},
         **{name: getattr(surface, name) for name in ("horizontal_amplitude", "frequency")},
         **{name: actuators[name] for name in ("gain", "phase", "dead_zone", "dead_zone_form", "latency")},
         "gain_spread": spreads[0], "phase_spread": spreads[1],

@@ -32,8 +32,11 @@ FEW = 60
 LARGEST_ZONE = 2.5e-4
 """m, largest dead zone tried; the prototype has 0.1 mm."""
 
-ZONES = 51
+ZONES = 31
 """Dead zones in a scan."""
+
+FINER = 3
+"""Most scans of a hard dead zone, each of the interval that the one before has left."""
 
 DEVIATIONS = {
     "friction": 0.5, "horizontal_amplitude": 0.3, "gain": 0.5, "phase": 3.0, "dead_zone": 0.15, "camera_scale": 0.05,
@@ -46,6 +49,12 @@ UNKNOWN = 0.3
 
 COUPLED = 0.98
 """Absolute correlation from which on only a combination of two parameters is identified."""
+
+AMBIGUOUS = 6.0
+"""Chi squared above the best below which a form of the dead zone is not excluded."""
+
+EXCLUDED = 300.0
+"""The same, above which a form is not tried again."""
 
 LEVEL = 1.959964
 """Half the width of a 95 % interval, in standard deviations."""
@@ -173,11 +182,15 @@ class _Job:
         now = self.improve(solver, now, everything, 2, elements=False)
         now = self.improve(solver, now, everything, 2, elements=True)
         self.report(f"long segments: {self.describe(now)}")
-        now = self.improve(solver, self.with_zone(solver, now, everything), everything, ROUNDS, elements=True)
-        now = self.with_zone(solver, now, everything)  # again, with the elements' errors
-        now = self.improve(solver, now, everything, ROUNDS, elements=True)
+        system = solver.linearize(everything, now, True)
+        for _ in range(2):  # a form that fits better once the elements' errors are known is tried in a second round
+            now = self.with_zone(solver, now, everything, system)
+            now = self.improve(solver, now, everything, ROUNDS, elements=True)
+            system = solver.linearize(everything, now, True)
+            if self.forms(solver, now, everything, system)[0][1] == now.parameters.dead_zone_form:
+                break
         self.report(f"final: {self.describe(now)}")
-        return self.result(solver, now, everything)
+        return self.result(solver, now, everything, system)
 
     def describe(self, now: Estimate) -> str:
         """Return a line with the main values."""
@@ -302,18 +315,24 @@ class _Job:
             )
         return estimates
 
-    def with_zone(self, solver: Solver, now: Estimate, which: Sequence[int]) -> Estimate:
-        """Return the estimate with the form and width of the dead zone that describe the recording best."""
-        system = solver.linearize(which, now, True)
+    def forms(
+        self, solver: Solver, now: Estimate, which: Sequence[int], system: System
+    ) -> list[tuple[float, str, float]]:
+        """Return chi squared, form and width (m) of dead zones, the best first; those excluded before are not tried again."""
         most = min(LARGEST_ZONE, self.sheet.limit)
-        zones, best = np.linspace(0.0, most, ZONES), []
-        for form in FORMS:
+        zones, found = np.linspace(0.0, most, ZONES), []
+        for form in [each for each in FORMS if self.alternatives.get(f"{each} dead zone", 0.0) < EXCLUDED]:
             costs = solver.scan(which, now, zones, form, system, [self.zone])
-            best.append((float(costs.min()), form, float(zones[costs.argmin()])))
-        least, form, zone = min(best)
-        for cost, each, _ in best:
-            self.alternatives[f"{each} dead zone"] = cost - least
-        self.report("dead zones: " + ", ".join(f"{f} {1e3 * z:.3f} mm {c - least:+.1f}" for c, f, z in best))
+            found.append((float(costs.min()), form, float(zones[costs.argmin()])))
+        found.sort()
+        for cost, form, _ in found:
+            self.alternatives[f"{form} dead zone"] = cost - found[0][0]
+        self.report("dead zones: " + ", ".join(f"{f} {1e3 * z:.3f} mm {c - found[0][0]:+.1f}" for c, f, z in found))
+        return found
+
+    def with_zone(self, solver: Solver, now: Estimate, which: Sequence[int], system: System) -> Estimate:
+        """Return the estimate with the form and width of the dead zone that describe the recording best."""
+        _, form, zone = self.forms(solver, now, which, system)[0]
         now = replace(now, parameters=replace(now.parameters, dead_zone_form=form, dead_zone=zone))
         if form == FORMS[HARD]:
             now, _ = self.hard_zone(solver, now, which, system)
@@ -323,29 +342,24 @@ class _Job:
         self, solver: Solver, now: Estimate, which: Sequence[int], system: System
     ) -> tuple[Estimate, tuple[float, float]]:
         """Return the estimate with a finely scanned hard dead zone, and its 95 % interval."""
-        width, most = min(LARGEST_ZONE, self.sheet.limit) / (ZONES - 1), min(LARGEST_ZONE, self.sheet.limit)
-        interval = (0.0, most)
-        for finer in (1.0, 0.15):
-            middle = now.parameters.dead_zone
-            zones = np.unique(
-                np.clip(np.linspace(middle - 2 * finer * width, middle + 2 * finer * width, ZONES), 0.0, most)
-            )
-            costs = solver.scan(which, now, zones, FORMS[HARD], system, [self.zone])
+        low, high = 0.0, min(LARGEST_ZONE, self.sheet.limit)
+        most, interval = high, (low, high)
+        for _ in range(FINER):
+            zones = np.linspace(low, high, ZONES)
+            costs, step = solver.scan(which, now, zones, FORMS[HARD], system, [self.zone]), zones[1] - zones[0]
             chance = np.exp(-0.5 * (costs - costs.min()))
             chance /= chance.sum()
-            total = np.cumsum(chance)
-            low, high = zones[np.searchsorted(total, 0.025)], zones[np.searchsorted(total, 0.975)]
-            step = zones[1] - zones[0]
-            interval = max(float(low - step), 0.0), float(high + step)
+            first, last = (int(np.searchsorted(np.cumsum(chance), share)) for share in (0.025, 0.975))
+            low, high = max(zones[first] - step, 0.0), min(zones[last] + step, most)
+            interval = float(low), float(high)
             now = replace(now, parameters=replace(now.parameters, dead_zone=float(chance @ zones)))
-            if high - low > 8 * step:  # resolved
+            if last - first > ZONES // 4:  # resolved
                 break
         return now, interval
 
-    def result(self, solver: Solver, now: Estimate, which: Sequence[int]) -> Fitted:
-        """Return values, intervals and everything else."""
+    def result(self, solver: Solver, now: Estimate, which: Sequence[int], system: System) -> Fitted:
+        """Return values, intervals and everything else, from the problem linearized at the estimate."""
         fixed = self.fixed(now)
-        system = solver.linearize(which, now, True)
         _, covariance = solver.posterior(system, now, fixed)
         vector, shared = now.parameters.vector(), len(self.names)
         deviation = np.sqrt(np.diag(covariance))
@@ -374,7 +388,7 @@ class _Job:
         pairs = {(a, b): float(correlation[i, j]) for i, a in enumerate(self.names) for j, b in enumerate(self.names)}
         elements = now.parameters.elements
         element_deviations = deviation[shared:].reshape(elements.shape)
-        unidentified = self.unidentified(relative, pairs, now, element_deviations, fixed)
+        unidentified = self.unidentified(relative, pairs, now, element_deviations, fixed, intervals["dead_zone"])
         fitted = replace(self.surface, horizontal_amplitude=now.parameters.horizontal_amplitude)
         return Fitted(
             values, intervals, pairs, fitted, self.actuators(now), self.fitted_parts(now), elements, element_deviations,
@@ -406,6 +420,7 @@ class _Job:
         now: Estimate,
         deviations: np.ndarray,
         fixed: Sequence[int],
+        interval: tuple[float, float],
     ) -> dict[str, str]:
         """Return parameters, and pairs of them, that the recording does not determine, and which recording would."""
         found = {}
@@ -423,6 +438,11 @@ class _Job:
             self.nominal.slides_permanently(kind.static_friction) for kind in self.kinds
         ) else "a recording at a lower frequency, in which parts stick"  # fmt: skip
         found["gravity, element size, mass, limit"] = "none: they are taken as given"
+        low, high = interval
+        if fixed and high - low > 2.0 * LEVEL * UNKNOWN * 1e-3 * DEVIATIONS["dead_zone"]:
+            found["dead_zone"] = ADVICE["dead_zone"]
+        if sum(self.alternatives[f"{form} dead zone"] < AMBIGUOUS for form in FORMS) > 1:
+            found["dead_zone_form"] = ADVICE["dead_zone"]
         return found
 
     def actuators(self, now: Estimate) -> dict[str, Any]:
