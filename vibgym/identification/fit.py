@@ -137,10 +137,9 @@ def fit(
         ValueError: commands for another surface, other parts, or too little data.
     """
     checks.instance("log", log, Log)
-    surface = log.surface if surface is None else checks.instance("surface", surface, Surface)
+    nominal: Surface = log.surface if surface is None else checks.instance("surface", surface, Surface)
     parts = log.parts if parts is None else (parts,) if isinstance(parts, Part) else tuple(parts)
-    job = _Job(log, surface, parts, report or (lambda line: None))
-    return job.run()
+    return _Job(log, nominal, parts, report or (lambda line: None)).run()
 
 
 class _Job:
@@ -459,7 +458,7 @@ class _Job:
 
     def fitted_parts(self, now: Estimate) -> tuple[Part, ...]:
         """Return the parts with the fitted friction."""
-        factors = [new / kind.friction for new, kind in zip(now.parameters.friction, self.kinds, strict=True)]
+        factors = [float(new) / kind.friction for new, kind in zip(now.parameters.friction, self.kinds, strict=True)]
         return tuple(
             replace(part, friction=factors[k] * part.friction, static_friction=factors[k] * part.static_friction)
             for part, k in zip(self.parts, self.kind_of, strict=True)

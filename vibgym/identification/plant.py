@@ -256,7 +256,7 @@ class Plant:
         number[:, DEAD_ZONE] = batch.dead_zone * scale
         number[:, LIMIT], number[:, RESOLUTION] = self._limit * scale, self._resolution * scale
         element = np.zeros((*batch.response.shape, 4))
-        element[..., 0], element[..., 1] = batch.response.real, batch.response.imag
+        element[..., 0], element[..., 1] = np.real(batch.response), np.imag(batch.response)
         hardware = Pinned(
             HARDWARE,
             Hardware(
