@@ -1,8 +1,9 @@
 """System identification: parameters of a machine from recorded commands and camera poses."""
 
 from vibgym.identification.excitation import Excitation
-from vibgym.identification.fit import Fitted, fit
+from vibgym.identification.fit import fit
 from vibgym.identification.log import Log
 from vibgym.identification.machine import Camera, record
+from vibgym.identification.result import Fitted
 
 __all__ = ["Camera", "Excitation", "Fitted", "Log", "fit", "record"]

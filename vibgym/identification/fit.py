@@ -4,33 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.actuators import actuators_from
-from vibgym.fields import lead_angle
+from vibgym.identification.guess import CAMERA, LARGEST_ZONE, first_estimates, latencies_of, starts_of, wrapped
 from vibgym.identification.log import Log
 from vibgym.identification.plant import LOCAL, Parameters, Plant
-from vibgym.identification.segments import LONG, SHORT, Segment, segments_of, timing_of
+from vibgym.identification.result import ADVICE, Fitted
+from vibgym.identification.segments import LONG, SHORT, segments_of, timing_of
 from vibgym.identification.solver import Estimate, Prior, Solver, System
 from vibgym.physics.core.hardware import FORMS, HARD
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 
-LATENCIES = 9
-"""Latencies tried: 0 to 8 periods, or more with a larger nominal one."""
-
-CANDIDATES = 3
-"""Latencies compared by simulation, after a linear regression has ranked them."""
-
 FEW = 60
 """Segments for the comparison of latencies."""
-
-LARGEST_ZONE = 2.5e-4
-"""m, largest dead zone tried; the prototype has 0.1 mm."""
 
 ZONES = 31
 """Dead zones in a scan."""
@@ -59,60 +51,14 @@ EXCLUDED = 300.0
 LEVEL = 1.959964
 """Half the width of a 95 % interval, in standard deviations."""
 
+TRIES, NEARLY = 15, 0.99
+"""Most steps for a latency, and ratio of costs after and before a step from which on it has converged."""
+
 ROUNDS = 6
 """Most steps with elements after form and dead zone have been chosen."""
 
 SETTLED = 0.1
 """Step over standard deviation, of all shared parameters, below which the fit has converged."""
-
-ADVICE = {
-    "friction": "parts that coast on elements at rest",
-    "horizontal_amplitude": "runs at full amplitude, at more than half the top speed",
-    "gain": "commands at several amplitudes above the dead zone",
-    "phase": "commands above the dead zone",
-    "dead_zone": "amplitudes from 0 to 0.2 mm, each for some periods",
-    "camera_scale": "paths over the whole surface with different commands on neighbouring elements",
-    "camera_turn": "paths over the whole surface with different commands on neighbouring elements",
-    "camera_x": "different commands on neighbouring elements along x",
-    "camera_y": "different commands on neighbouring elements along y",
-}
-"""What a recording must contain to identify a parameter."""
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """Result of :func:`fit`.
-
-    Attributes:
-        values: estimates by name: ``friction`` (one kind of part) or ``friction.<name>``, ``frequency`` (Hz),
-            ``horizontal_amplitude`` (m), ``gain``, ``phase`` (rad), ``dead_zone`` (m), ``dead_zone_form``, ``latency``
-            (periods), ``gain_spread``, ``phase_spread`` (rad), ``camera_scale``, ``camera_turn`` (rad), ``camera_x``,
-            ``camera_y`` (m), ``noise_position`` (m), ``noise_heading`` (rad).
-        intervals: 95 % intervals (low, high) of all numbers but ``latency``.
-        correlation: of the estimates, by pairs of names.
-        surface: the table with fitted amplitude and frequency.
-        actuators: setting of environments: prototype actuators with the fitted values.
-        parts: with the fitted friction.
-        elements: (rows, columns, 2) relative gain and phase error (rad) of each element, shrunk towards 0.
-        element_deviations: (rows, columns, 2) their standard deviations; those of elements without data equal the spreads.
-        unidentified: what the recording does not determine, and which recording would.
-        notes: gaps, assumptions and warnings.
-        residuals: (n, 6) cycle, part, measured x and y (m), residual along x and y (m) of every image used.
-        alternatives: for latencies and forms of the dead zone that were tried, chi squared above the best.
-    """
-
-    values: dict[str, Any]
-    intervals: dict[str, tuple[float, float]]
-    correlation: dict[tuple[str, str], float]
-    surface: Surface
-    actuators: dict[str, Any]
-    parts: tuple[Part, ...]
-    elements: np.ndarray
-    element_deviations: np.ndarray
-    unidentified: dict[str, str]
-    notes: list[str]
-    residuals: np.ndarray
-    alternatives: dict[str, float]
 
 
 def fit(
@@ -156,7 +102,7 @@ class _Job:
         )
         self.kinds, self.kind_of = kinds_of(parts, Part.same_as)
         self.sheet = actuators_from(log.settings["actuators"], surface, 1, 1).data_sheet
-        self.latencies = max(LATENCIES, self.sheet.latency + 4)
+        self.latencies = latencies_of(self.sheet)
         self.names = [*_friction_names(self.kinds), *Parameters.GLOBALS]
         self.zone = self.names.index("dead_zone")
         self.alternatives: dict[str, float] = {}
@@ -173,12 +119,12 @@ class _Job:
         solver = self.solver(SHORT)
         now = self.with_latency(solver)
         everything = range(len(solver.plant.segments))
-        now = self.improve(solver, now, everything, 4, elements=False)
+        now = self.improve(solver, now, everything, ROUNDS, elements=False)
         self.report(f"short segments: {self.describe(now)}")
         parameters, solver = now.parameters, self.solver(LONG)
-        now = replace(now, starts=_starts(solver.plant.segments, parameters, self.surface, self.kinds))
+        now = replace(now, starts=starts_of(solver.plant.segments, parameters, self.surface, self.kinds))
         everything = range(len(solver.plant.segments))
-        now = self.improve(solver, now, everything, 2, elements=False)
+        now = self.improve(solver, now, everything, 3, elements=False)
         now = self.improve(solver, now, everything, 2, elements=True)
         self.report(f"long segments: {self.describe(now)}")
         system = solver.linearize(everything, now, True)
@@ -220,17 +166,19 @@ class _Job:
 
     def with_latency(self, solver: Solver) -> Estimate:
         """Return a first estimate, with the latency that describes the recording best."""
-        first = self.first(solver.plant.segments)
+        first = first_estimates(self.log, solver.plant.segments, self.surface, self.kinds, self.sheet)
         rng = np.random.default_rng(0)
         count = len(solver.plant.segments)
         which = sorted(rng.permutation(count)[: min(FEW, count)].tolist())
         tried = []
         for parameters in first:
-            starts = _starts(solver.plant.segments, parameters, self.surface, self.kinds)
+            starts = starts_of(solver.plant.segments, parameters, self.surface, self.kinds)
             now = Estimate(parameters, starts, np.array([1e-3, 1e-2]), self.prior(parameters))
-            for _ in range(3):
+            for _ in range(TRIES):
                 done = solver.step(which, now, elements=False, fixed=self.fixed(now))
                 now, cost = done.estimate, done.after
+                if cost > NEARLY * done.before:
+                    break
             now = solver.with_noise(which, now, done.residuals, done.unknowns)
             tried.append((cost, now))
             self.report(f"latency {parameters.latency}: chi squared {cost:.1f} at 1 mm: {self.describe(now)}")
@@ -250,69 +198,6 @@ class _Job:
         mean[self.zone] = 1e3 * max(self.sheet.dead_zone, 1e-4)
         deviation = np.array([DEVIATIONS[name.partition(".")[0]] for name in self.names])
         return Prior(mean, deviation, np.array([0.05, 0.1]))
-
-    def first(self, segments: Sequence[Segment]) -> list[Parameters]:
-        """Return first estimates for the likeliest latencies.
-
-        Regression of second differences of positions on the mean command under the part and on its velocity: near rest the
-        acceleration is ``-(i mu w^2 / 2)`` times the conjugate phasor (first order, :mod:`vibgym.physics.averaged`).
-        """
-        surface, commands = self.surface, self.log.amplitude * np.exp(1j * self.log.phase)
-        rows, accelerations, velocities, patches, frictions = [], [], [], [], []
-        for each in segments:
-            x = each.pose[:, 0] + 1j * each.pose[:, 1]
-            regular = np.abs(np.diff(each.instant) - 1.0) < 0.2
-            for k in np.flatnonzero(regular[:-1] & regular[1:]):
-                rows.append(each.first + round(each.instant[k]))
-                accelerations.append((x[k + 2] - 2.0 * x[k + 1] + x[k]) / surface.period**2)
-                velocities.append((x[k + 2] - x[k]) / (2.0 * surface.period))
-                place = each.pose[k + 1, :2] // surface.element_size
-                row = int(np.clip(place[1], 0, surface.rows - 1))
-                patches.append((row, int(np.clip(place[0], 0, surface.columns - 1))))
-                frictions.append(self.kinds[each.kind].friction)
-        if len(rows) < 20:
-            raise checks.refuse("log", f"{len(rows)} images one period apart", "a recording with one image a period")
-        row, patch, mu = np.array(rows), np.array(patches), np.array(frictions)
-        a, v = np.array(accelerations), np.array(velocities)
-        near = np.zeros((self.latencies, len(row)), dtype=complex)
-        for latency in range(self.latencies):
-            for late in (0, 1):  # a second difference spans two periods
-                at = np.clip(row + late - latency, 0, len(self.log) - 1)
-                for i in (-1, 0, 1):
-                    for j in (-1, 0, 1):
-                        y, x = (
-                            np.clip(patch[:, 0] + i, 0, surface.rows - 1),
-                            np.clip(patch[:, 1] + j, 0, surface.columns - 1),
-                        )
-                        near[latency] += commands[at, y, x] / 18.0
-        if not np.abs(near).max() > 0.0:
-            raise checks.refuse(
-                "log.amplitude", "zeros wherever a part was", "commands under the parts (too little excitation)"
-            )
-        found = []
-        for latency in range(self.latencies):
-            design = np.column_stack([mu * near[latency].conj(), mu * v])
-            solution, *_ = np.linalg.lstsq(design, a, rcond=None)
-            found.append((float((np.abs(a - design @ solution) ** 2).sum()), latency, complex(solution[0])))
-        estimates = []
-        for _, latency, factor in sorted(found)[:CANDIDATES]:
-            response = factor / (-0.5j * surface.angular_frequency**2)
-            lead = lead_angle(surface, float(mu.mean()))
-            zone = min(self.sheet.dead_zone, LARGEST_ZONE)
-            estimates.append(
-                Parameters(
-                    friction=np.array([kind.friction for kind in self.kinds]),
-                    horizontal_amplitude=surface.horizontal_amplitude,
-                    gain=float(np.clip(abs(response), 0.4, 1.6)),
-                    phase=_wrapped(lead - np.angle(response)),
-                    dead_zone=zone,
-                    dead_zone_form=self.sheet.dead_zone_form,
-                    latency=latency,
-                    camera=CAMERA,
-                    elements=np.zeros((surface.rows, surface.columns, 2)),
-                )
-            )
-        return estimates
 
     def forms(
         self, solver: Solver, now: Estimate, which: Sequence[int], system: System
@@ -453,7 +338,7 @@ class _Job:
             "kind": "prototype", "dead_zone": min(p.dead_zone, 0.99 * self.sheet.limit), "dead_zone_form": p.dead_zone_form,
             "limit": min(self.sheet.limit, float(self.surface.max_amplitude or math.inf)), "latency": p.latency,
             "gain_spread": 0.0, "phase_spread": 0.0, "resolution": self.sheet.resolution, "gain": p.gain,
-            "phase": _wrapped(p.phase), "elements": elements.round(5).tolist(),
+            "phase": wrapped(p.phase), "elements": elements.round(5).tolist(),
         }  # fmt: skip
 
     def fitted_parts(self, now: Estimate) -> tuple[Part, ...]:
@@ -475,10 +360,6 @@ class _Job:
         return notes
 
 
-CAMERA = np.array([1.0, 0.0, 0.0, 0.0])
-"""Scale, turn and shift of an exact camera."""
-
-
 def _check_machine(log: Log, surface: Surface, parts: Sequence[Part]) -> None:
     """Raise ValueError for a recording of another machine."""
     shape = log.amplitude.shape[1:]
@@ -493,7 +374,7 @@ def _check_machine(log: Log, surface: Surface, parts: Sequence[Part]) -> None:
         raise checks.refuse("log", got, f"of this surface, with elements of {surface.element_size:g} m")
     assert surface.max_amplitude is not None
     most = float(log.amplitude.max())
-    if most > surface.max_amplitude * 1.05:
+    if most > surface.max_amplitude * (1.0 + 1e-6):
         raise checks.refuse("log.amplitude", f"{most:g} m", f"at most the surface's {surface.max_amplitude:g} m")
     if len(parts) != log.pose.shape[1]:
         raise checks.refuse("parts", f"{len(parts)}", f"the {log.pose.shape[1]} of the recording, in its order")
@@ -507,32 +388,6 @@ def _friction_names(kinds: Sequence[Part]) -> list[str]:
         return ["friction"]
     names = [f"friction.{kind.name}" for kind in kinds]
     return [name if names.count(name) == 1 else f"{name}-{k}" for k, name in enumerate(names)]
-
-
-def _wrapped(angle: float) -> float:
-    """Return an angle in [-pi, pi)."""
-    return float((angle + math.pi) % (2.0 * math.pi) - math.pi)
-
-
-def _starts(segments: Sequence[Segment], parameters: Parameters, surface: Surface, kinds: Sequence[Part]) -> np.ndarray:
-    """Return initial states (segments, LOCAL) from parabolas through the first images.
-
-    The velocity at the start of a period differs from the mean one by that of a part on elements at rest.
-    """
-    scale, turn, x, y = parameters.camera
-    middle = 0.5 * np.array([surface.width, surface.depth])
-    back = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]) / scale
-    starts = np.zeros((len(segments), LOCAL))
-    for k, each in enumerate(segments):
-        some = slice(0, 7)
-        time = each.instant[some] * surface.period
-        pose = each.pose[some].copy()
-        pose[:, :2] = (pose[:, :2] - middle - [x, y]) @ back.T + middle
-        pose[:, 2] -= turn
-        fitted = np.polynomial.polynomial.polyfit(time, pose, 2)
-        starts[k, :3], starts[k, 3:] = fitted[0], fitted[1]
-        starts[k, 3:5] += surface.idle_velocity(float(parameters.friction[each.kind]))
-    return starts
 
 
 def _residual_rows(solver: Solver, which: Sequence[int], system: System) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vibgym.config import json_values
-from vibgym.identification.fit import Fitted
+from vibgym.identification.result import Fitted
 
 UNITS: dict[str, tuple[float, str]] = {
     "frequency": (1.0, "Hz"), "horizontal_amplitude": (1e3, "mm"), "dead_zone": (1e3, "mm"), "phase": (np.degrees(1.0), "deg"),

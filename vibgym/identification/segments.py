@@ -57,7 +57,7 @@ class Timing:
     Attributes:
         period, deviation: s, estimated period of the table and its standard deviation.
         gaps: (n, 2) row before the gap, and missing cycles.
-        cycle: (images,) instant of each row's image, in periods, on the scale of row numbers.
+        cycle: (n,) instant of each row's image, in periods, on the scale of row numbers.
         pieces: first and last row (exclusive) of stretches without gaps.
     """
 
