@@ -54,7 +54,7 @@ LEVEL = 1.959964
 TRIES, NEARLY = 15, 0.99
 """Most steps for a latency, and ratio of costs after and before a step from which on it has converged."""
 
-ROUNDS = 6
+ROUNDS = 12
 """Most steps with elements after form and dead zone have been chosen."""
 
 SETTLED = 0.1
@@ -119,12 +119,20 @@ class _Job:
         solver = self.solver(SHORT)
         now = self.with_latency(solver)
         everything = range(len(solver.plant.segments))
+        for _ in range(2):  # again with a better dead zone, whose form may be far from the nominal one
+            now = self.improve(solver, now, everything, ROUNDS, elements=False)
+            now = self.with_zone(solver, now, everything, solver.linearize(everything, now, False))
+            for form in FORMS:
+                self.alternatives.pop(f"{form} dead zone", None)  # elements may decide otherwise
         now = self.improve(solver, now, everything, ROUNDS, elements=False)
         self.report(f"short segments: {self.describe(now)}")
-        parameters, solver = now.parameters, self.solver(LONG)
-        now = replace(now, starts=starts_of(solver.plant.segments, parameters, self.surface, self.kinds))
-        everything = range(len(solver.plant.segments))
-        now = self.improve(solver, now, everything, 3, elements=False)
+        known = {(each.part, each.first): start for each, start in zip(solver.plant.segments, now.starts, strict=True)}
+        solver = self.solver(LONG)
+        segments, everything = solver.plant.segments, range(len(solver.plant.segments))
+        starts = starts_of(segments, now.parameters, self.surface, self.kinds)
+        for k, each in enumerate(segments):
+            starts[k] = known.get((each.part, each.first), starts[k])
+        now = self.improve(solver, replace(now, starts=starts), everything, 2, elements=False)
         now = self.improve(solver, now, everything, 2, elements=True)
         self.report(f"long segments: {self.describe(now)}")
         system = solver.linearize(everything, now, True)

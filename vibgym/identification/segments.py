@@ -10,8 +10,9 @@ from vibgym import checks
 from vibgym.identification.log import Log
 from vibgym.scene.parts import Part, kinds_of
 
-SHORT, LONG = 12, 40
-"""Periods of a segment: few where parameters are far off, since errors grow along a path; more are more exact."""
+SHORT, LONG = 10, 40
+"""Periods of a segment: few where parameters are far off, since errors grow along a path; more are more exact. Long ones begin
+where short ones do."""
 
 LEAST_IMAGES = 8
 """Images of a part in a segment; its initial state takes two."""
