@@ -60,6 +60,7 @@ TRUTH = {
 }  # fmt: skip
 
 
+@pytest.mark.full
 def test_estimates_agree_with_the_truth_within_their_intervals(fitted):
     assert fitted.values["latency"] == 2
     assert fitted.values["dead_zone_form"] == "soft"
@@ -72,6 +73,7 @@ def test_estimates_agree_with_the_truth_within_their_intervals(fitted):
     assert abs(fitted.values["horizontal_amplitude"] / 2.5e-3 - 1.0) < 0.02
 
 
+@pytest.mark.full
 def test_gains_of_elements_are_better_than_none(fitted):
     true = np.array(machine()["elements"]) - np.array([1.0, 0.0])
     known = fitted.element_deviations[..., 0] < 0.8 * fitted.values["gain_spread"]
@@ -83,6 +85,7 @@ def test_gains_of_elements_are_better_than_none(fitted):
     assert (0.5 < z.std(axis=0)).all() and (z.std(axis=0) < 1.5).all()
 
 
+@pytest.mark.full
 def test_correlations_are_those_of_a_covariance(fitted):
     names = list(dict.fromkeys(a for a, _ in fitted.correlation))
     matrix = np.array([[fitted.correlation[a, b] for b in names] for a in names])
@@ -125,6 +128,7 @@ def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
     np.testing.assert_allclose(step / np.sqrt(np.diag(inverse)), expected[:size] / np.sqrt(np.diag(inverse)), atol=1e-5)
 
 
+@pytest.mark.full
 def test_environments_load_the_settings_file(fitted):
     settings = yaml.safe_load(settings_text(fitted))
     env = gym.make("vibgym/Align-v0", **settings)
@@ -135,6 +139,7 @@ def test_environments_load_the_settings_file(fitted):
     assert core.parts[0].friction == pytest.approx(fitted.values["friction"])
 
 
+@pytest.mark.full
 def test_command_writes_page_and_settings(log, tmp_path, capsys, monkeypatch, fitted):
     monkeypatch.setattr(
         "vibgym.identification.fit", lambda log, report: fitted
@@ -149,6 +154,7 @@ def test_command_writes_page_and_settings(log, tmp_path, capsys, monkeypatch, fi
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.full
 def test_gaps_are_reported_and_left_out(log):
     keep = np.ones(len(log), dtype=bool)
     keep[300:317] = False
@@ -159,6 +165,7 @@ def test_gaps_are_reported_and_left_out(log):
     assert abs(found.values["friction"] - 0.5) <= (high - low)
 
 
+@pytest.mark.full
 def test_a_recording_without_small_amplitudes_does_not_identify_the_dead_zone():
     class Strong(Excitation):
         def command(self, pose):

@@ -278,9 +278,11 @@ class _Job:
             np.outer(deviation[:shared], deviation[:shared]), 1e-300
         )
         pairs = {(a, b): float(correlation[i, j]) for i, a in enumerate(self.names) for j, b in enumerate(self.names)}
-        elements = now.parameters.elements
+        relation = np.array([1.0 / now.parameters.gain, 1.0])  # of gains, from absolute to relative errors
+        elements = now.parameters.elements * relation
         element_deviations = deviation[shared:].reshape(elements.shape)
         unidentified = self.unidentified(relative, pairs, now, element_deviations, fixed, intervals["dead_zone"])
+        element_deviations = element_deviations * relation
         fitted = replace(self.surface, horizontal_amplitude=now.parameters.horizontal_amplitude)
         return Fitted(
             values, intervals, pairs, fitted, self.actuators(now), self.fitted_parts(now), elements, element_deviations,
@@ -303,6 +305,7 @@ class _Job:
             spread = float(now.prior.spread[k])
             known = 1.0 - np.diag(covariance)[shared + k :: 2] / spread**2
             relative = LEVEL / math.sqrt(2.0 * max(float((known**2).sum()), 0.5))
+            spread /= now.parameters.gain if name == "gain_spread" else 1.0
             values[name], intervals[name] = spread, (spread * math.exp(-relative), spread * math.exp(relative))
 
     def unidentified(
@@ -340,7 +343,7 @@ class _Job:
     def actuators(self, now: Estimate) -> dict[str, Any]:
         """Return prototype actuators with the fitted values, as a setting of environments."""
         p = now.parameters
-        elements = p.elements + np.array([1.0, 0.0])
+        elements = p.elements * np.array([1.0 / p.gain, 1.0]) + np.array([1.0, 0.0])
         elements[..., 0] = np.maximum(elements[..., 0], 0.0)
         return {
             "kind": "prototype", "dead_zone": min(p.dead_zone, 0.99 * self.sheet.limit), "dead_zone_form": p.dead_zone_form,

@@ -42,7 +42,8 @@ class Parameters:
         dead_zone_form: see :data:`vibgym.physics.core.hardware.FORMS`.
         latency: periods.
         camera: (4,) scale, turn (rad), x and y (m), see :class:`Camera`.
-        elements: (rows, columns, 2) relative gain error and phase error (rad) of each element.
+        elements: (rows, columns, 2) gain of each element less the common gain, and phase error (rad). A relative error would
+            bias the common gain by the square of the spread: where both are fitted, larger gains have smaller relative errors.
     """
 
     friction: np.ndarray
@@ -190,7 +191,7 @@ class Plant:
             batch = self._batch(np.array([each[0] for each in columns]), parameters, starts)
             unit = _unit(parameters)
             for world, (segment, name, k) in enumerate(columns):
-                self._perturb(batch, unit, world, segment, name, k)
+                self._perturb(batch, unit, parameters.gain, world, segment, name, k)
             path = self._simulate(kind, batch, parameters, parameters.horizontal_amplitude)
             wider = None
             if shared:
@@ -214,7 +215,7 @@ class Plant:
 
     def _batch(self, worlds: np.ndarray, parameters: Parameters, starts: np.ndarray) -> _Batch:
         """Return unperturbed worlds of segments."""
-        response = np.maximum(1.0 + parameters.elements[..., 0], 0.0) * _unit(parameters)
+        response = np.maximum(parameters.gain + parameters.elements[..., 0], 0.0) * _unit(parameters)
         kinds = np.array([self.segments[k].kind for k in worlds])
         return _Batch(
             worlds,
@@ -224,14 +225,16 @@ class Plant:
             starts[worlds].copy(),
         )
 
-    def _perturb(self, batch: _Batch, unit: np.ndarray, world: int, segment: int, name: str, k: int) -> None:
-        """Change a world of a batch by the step of a finite difference; ``unit``: responses for a gain error of 1."""
+    def _perturb(
+        self, batch: _Batch, unit: np.ndarray, gain: float, world: int, segment: int, name: str, k: int
+    ) -> None:
+        """Change a world of a batch by the step of a finite difference; ``unit``: responses with a gain of 1."""
         if name == "local":
             batch.start[world, k] += LOCAL_STEPS[k]
         elif name == "friction":
             batch.friction[world] *= math.exp(GLOBAL_STEPS[name])
         elif name == "gain":
-            batch.response[world] *= math.exp(GLOBAL_STEPS[name])
+            batch.response[world] += gain * math.expm1(GLOBAL_STEPS[name]) * unit
         elif name == "phase":
             batch.response[world] *= np.exp(1j * GLOBAL_STEPS[name])
         elif name == "dead_zone":
@@ -323,8 +326,8 @@ class Plant:
 
 
 def _unit(parameters: Parameters) -> np.ndarray:
-    """Return (rows, columns) complex responses of elements without gain error."""
-    return parameters.gain * np.exp(1j * (parameters.phase + parameters.elements[..., 1]))
+    """Return (rows, columns) complex responses of elements with a gain of 1."""
+    return np.exp(1j * (parameters.phase + parameters.elements[..., 1]))
 
 
 def _camera(parameters: Parameters) -> Camera:

@@ -38,7 +38,7 @@ class Prior:
 
     Attributes:
         mean, deviation: of :meth:`Parameters.vector`.
-        spread: (2,) standard deviations of the elements' gain and phase errors (rad).
+        spread: (2,) standard deviations of the elements' gain errors (not relative to the common gain) and phase errors (rad).
     """
 
     mean: np.ndarray
