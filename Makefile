@@ -21,7 +21,7 @@ ACCURACY := $(VENV)/.installed-accuracy
 PEERS := $(VENV)-peers/.installed
 LEARNERS := $(addprefix $(VENV)-,$(addsuffix /.installed,benchmarl cleanrl lerobot rllib zoo))
 CONFIG ?= configs/agents/ppo.yaml
-FAST := $(addprefix tests/,actuators adapters allocation bounds contracts envs fuzz physics plugins/camera plugins/tilting policies rendering scene sensing simulation tasks \
+FAST := $(addprefix tests/,actuators adapters allocation bounds contracts envs fuzz identification physics plugins/camera plugins/tilting policies rendering scene sensing simulation tasks \
 	test_config.py test_examples.py test_fields.py test_files.py test_interrupts.py test_package.py test_renamed.py test_training.py)
 AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task)/ideal $(task)/prototype) Align/phasor
 # Those of the open tasks, each after the one it starts from; none if AGENTS is given.

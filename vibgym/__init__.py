@@ -16,8 +16,8 @@ __version__ = "0.2.0"
 __all__ = ["Part", "Simulator", "Surface", "make_policy"]
 
 _ROOMS = (
-    "actuators", "adapters", "allocation", "bounds", "config", "envs", "fields", "hardware", "policies", "rendering", "scene",
-    "sensing", "simulation", "tasks",
+    "actuators", "adapters", "allocation", "bounds", "config", "envs", "fields", "hardware", "identification", "policies",
+    "rendering", "scene", "sensing", "simulation", "tasks",
 )  # fmt: skip
 
 _PLACES = {

@@ -65,8 +65,40 @@ def serve_machine(arguments: argparse.Namespace) -> int:
     return serve(arguments)
 
 
+def identify(parser: argparse.ArgumentParser) -> Command:
+    """Estimate a machine's parameters from a recording; write a page and settings for environments."""
+    parser.add_argument("log", type=Path, metavar="LOG", help="recording, written by vibgym.identification.Log.save")
+    parser.add_argument(
+        "--output", type=Path, metavar="DIR", help="for identified.html and machine.yaml; default: that of LOG"
+    )
+    parser.add_argument("--quiet", action="store_true", help="print the result only")
+    return run_identification
+
+
+def run_identification(arguments: argparse.Namespace) -> int:
+    """Run ``identify``."""
+    from vibgym.files import output_directory, write_together
+    from vibgym.identification import Log, fit
+    from vibgym.identification.page import page, rows, settings_text
+
+    log = Log.load(arguments.log)
+    folder = output_directory(arguments.output or arguments.log.parent)
+    with checks.within(arguments.log, kind=checks.Refused):
+        fitted = fit(log, report=None if arguments.quiet else lambda line: print(line, file=sys.stderr, flush=True))
+    title = f"Identification of {arguments.log.name}"
+    write_together({folder / "identified.html": page(fitted, title), folder / "machine.yaml": settings_text(fitted)})
+    for name, value, between, unit in rows(fitted):
+        print(f"{name:<28}{value:>12} {unit:<8}{between}")
+    for name, advice in fitted.unidentified.items():
+        print(f"not identified: {name} ({advice})")
+    for note in fitted.notes:
+        print(note)
+    print(f"written: {folder / 'identified.html'}, {folder / 'machine.yaml'}")
+    return 0
+
+
 COMMANDS: Registry[Callable[[argparse.ArgumentParser], Command]] = Registry(
-    "command", {"machine": machine, "part": part, "warm": warm}, "vibgym.commands"
+    "command", {"identify": identify, "machine": machine, "part": part, "warm": warm}, "vibgym.commands"
 )
 """Commands by name: functions that add arguments to a parser and return the function to run. Their docstring is the help."""
 

@@ -57,6 +57,20 @@ def test_dead_zone(form, below):
     assert amplitude[0, 0] == pytest.approx(np.where(ASKED < 1e-4, below(ASKED, 1e-4), ASKED), abs=1e-15)
 
 
+def test_response_of_one_machine_after_the_dead_zone():
+    rng = np.random.default_rng(0)
+    elements = np.stack([rng.uniform(0.8, 1.1, (3, 4)), rng.uniform(-0.2, 0.2, (3, 4))], axis=-1)
+    own = made(worlds=2, dead_zone=1e-4, gain=0.9, phase=0.3, elements=elements.tolist())
+    amplitude, phase, _ = done(own, command(2, ASKED, 1.0))
+    expected = np.where(ASKED < 1e-4, 0.0, 0.9 * elements[..., 0] * ASKED)
+    assert amplitude[0, 1] == pytest.approx(expected, abs=1e-12)
+    assert phase[0, 1, expected > 0] == pytest.approx((1.3 + elements[..., 1])[expected > 0])
+    again, _, _ = done(made(worlds=2, **{"dead_zone": 1e-4, **own.response}), command(2, ASKED, 1.0))
+    assert again == pytest.approx(amplitude)
+    model = nominal(own)  # an estimator's model has the response of the machine
+    assert isinstance(model, PrototypeActuators) and model.response == own.response
+
+
 def test_limit_and_resolution():
     amplitude, _, _ = done(made(limit=0.25e-3, resolution=1e-5), command(1, ASKED))
     assert amplitude[0, 0] == pytest.approx(np.minimum(np.round(ASKED / 1e-5) * 1e-5, 0.25e-3), abs=1e-15)
@@ -188,6 +202,10 @@ BAD = [
     ({"dead": [[0, 1]], "stuck": [[0, 1, 1e-4, 0.0]]}, r"actuators\.stuck"),
     ({"dead": 0.7, "stuck": 0.6}, r"actuators\.stuck"),
     ({"seed": -1}, r"actuators\.seed"),
+    ({"gain": -1.0}, r"actuators\.gain"),
+    ({"phase": math.inf}, r"actuators\.phase"),
+    ({"elements": [[1.0, 0.0]]}, r"actuators\.elements"),
+    ({"elements": np.full((3, 4, 2), -1.0)}, r"actuators\.elements"),
     ({"hum": 1}, r"actuators"),
 ]
 

@@ -36,6 +36,8 @@ MOST_LATENCY = 1000
 
 MOST_SPREAD = 0.5
 
+MOST_GAIN = 10.0
+
 
 @dataclass(frozen=True)
 class PrototypeSettings:
@@ -54,6 +56,9 @@ class PrototypeSettings:
         dead: elements that never move: their share, drawn at random, or a list of [row, column].
         stuck: elements with a fixed amplitude and phase: their share, or a list of [row, column, amplitude, phase].
         seed: of one hardware instance, the same in all worlds and episodes; None: drawn for every episode.
+        gain, phase: factor (1) and phase (rad) that all elements have in common, as identified on a machine.
+        elements: (rows, columns, 2) further factor and phase of each element of one machine, in addition to what the
+            spreads draw (usually 0 then); None: 1 and 0.
     """
 
     dead_zone: float = 1e-4
@@ -67,6 +72,13 @@ class PrototypeSettings:
     dead: float | Sequence[Sequence[int]] = 0.0
     stuck: float | Sequence[Sequence[float]] = 0.0
     seed: int | None = None
+    gain: float = 1.0
+    phase: float = 0.0
+    elements: Sequence[Sequence[Sequence[float]]] | None = None
+
+
+FIXED = ("dead_zone_form", "seed", "gain", "phase", "elements")
+"""Settings without ranges."""
 
 
 class Commands:
@@ -141,7 +153,7 @@ class PrototypeActuators(ActuatorStage):
         ValueError: a bad setting.
     """
 
-    VARIED = tuple(each.name for each in fields(PrototypeSettings) if each.name not in ("dead_zone_form", "seed"))
+    VARIED = tuple(each.name for each in fields(PrototypeSettings) if each.name not in FIXED)
 
     SETTINGS = PrototypeSettings
 
@@ -174,9 +186,26 @@ class PrototypeActuators(ActuatorStage):
         _check_dead_zone("actuators.dead_zone", self._numbers["dead_zone"], self._numbers["limit"])
         _check_shares("actuators.stuck", self._numbers["stuck"], self._numbers["dead"])
         self.seed = None if given.seed is None else checks.count("actuators.seed", given.seed, least=0, most=2**63 - 1)
+        self.response = {
+            "gain": number("gain", given.gain, least=0.0, most=MOST_GAIN),
+            "phase": number("phase", given.phase, least=-2.0 * math.pi, most=2.0 * math.pi),
+            "elements": given.elements,
+        }
+        self._response = self._complex_response()
         self._ranges: dict[str, tuple[float, float]] = {}
         self._own = {name: np.full(worlds, value) for name, value in self._numbers.items()}
         self._make()
+
+    def _complex_response(self) -> np.ndarray | None:
+        """Return the complex factor of every element in addition to the drawn ones, (rows, columns); None: 1."""
+        gain, phase, elements = self.response["gain"], self.response["phase"], self.response["elements"]
+        if elements is None:
+            return None if gain == 1.0 and phase == 0.0 else np.array(gain * np.exp(1j * phase))
+        shape = (self.surface.rows, self.surface.columns, 2)
+        each = checks.shaped("actuators.elements", elements, (shape,), "an array", " (rows, columns, gain and phase)")
+        each = checks.array("actuators.elements", each, shape)
+        checks.array("actuators.elements (gain)", each[..., 0], shape[:2], least=0.0, most=MOST_GAIN)
+        return gain * each[..., 0] * np.exp(1j * (phase + each[..., 1]))
 
     def vary(self, ranges: Mapping[str, Any]) -> None:
         most, inside = self.most, {}
@@ -246,7 +275,7 @@ class PrototypeActuators(ActuatorStage):
 
     @property
     def most_amplitude(self) -> float:
-        if self._most_drawn("gain_spread") > 0.0 or self._stuck:
+        if self._most_drawn("gain_spread") > 0.0 or self._stuck or self._response is not None:
             return self.most  # gains apply after the limit
         return self._most_drawn("limit")
 
@@ -267,7 +296,7 @@ class PrototypeActuators(ActuatorStage):
         return PrototypeActuators(
             self.surface, self.worlds, self.periods, dead_zone=sheet.dead_zone, dead_zone_form=sheet.dead_zone_form,
             limit=sheet.limit, latency=0, gain_spread=0.0, phase_spread=0.0, bandwidth=sheet.bandwidth,
-            resolution=sheet.resolution, seed=0,
+            resolution=sheet.resolution, seed=0, **self.response,
         )  # fmt: skip
 
     def drawn(self) -> dict[str, np.ndarray]:
@@ -306,6 +335,11 @@ class PrototypeActuators(ActuatorStage):
         spread = np.column_stack([own["gain_spread"][worlds], own["phase_spread"][worlds]])
         faulty = np.column_stack([own["dead"][worlds], own["stuck"][worlds]])
         draw_elements(self._hardware.address, worlds, keys, spread, faulty)
+        if self._response is not None:
+            element = record.element[worlds]
+            turned = (element[..., 0] + 1j * element[..., 1]) * self._response
+            element[..., 0], element[..., 1] = turned.real, turned.imag
+            record.element[worlds] = element
         for fault in self._faults:
             for row, column, *motion in fault.tolist():
                 amplitude, phase = motion or (0.0, 0.0)

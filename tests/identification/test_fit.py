@@ -1,0 +1,203 @@
+"""Identification of simulated machines: truth, linear algebra, intervals, errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import yaml
+
+from vibgym import Part, Surface
+from vibgym.__main__ import main
+from vibgym.identification import Camera, Excitation, Log, fit, record
+from vibgym.identification.fit import _Job
+from vibgym.identification.guess import first_estimates, starts_of
+from vibgym.identification.page import page, settings_text
+from vibgym.identification.plant import LOCAL
+from vibgym.identification.solver import STATE_SCALE, Estimate
+
+NOMINAL = Surface(rows=5, columns=8, max_amplitude=0.35e-3)
+TRUE = replace(NOMINAL, horizontal_amplitude=2.5e-3, frequency=24.6)
+PART, TRUE_PART = (Part.rectangle(0.050, 0.035, friction=mu, height=0.02, name="block") for mu in (0.58, 0.5))
+CAMERA = Camera(scale=1.01, turn=0.01, x=2e-3, y=-1e-3, noise_position=2e-4, noise_heading=3e-3, dropout=0.02)
+
+
+def machine(**changed):
+    rng = np.random.default_rng(5)
+    elements = np.stack([1.0 + 0.05 * rng.standard_normal((5, 8)), 0.08 * rng.standard_normal((5, 8))], axis=-1)
+    settings = {
+        "kind": "prototype", "gain": 0.9, "phase": 0.4, "dead_zone": 0.8e-4, "dead_zone_form": "soft", "latency": 2,
+        "gain_spread": 0.0, "phase_spread": 0.0, "elements": elements.tolist(),
+    }  # fmt: skip
+    return {**settings, **changed}
+
+
+def recording(seconds=32.0, actuators=None, seed=1, camera=CAMERA, excitation=None):
+    settings = {"surface": NOMINAL, "actuators": "prototype", "parts": [PART]}
+    return record(
+        TRUE, TRUE_PART, machine() if actuators is None else actuators, camera, seconds=seconds, seed=seed, settings=settings,
+        excitation=excitation or Excitation(NOMINAL, PART, seed),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def log():
+    return recording()
+
+
+@pytest.fixture(scope="module")
+def fitted(log):
+    return fit(log)
+
+
+TRUTH = {
+    "friction": 0.5, "horizontal_amplitude": 2.5e-3, "frequency": 24.6, "gain": 0.9, "phase": 0.4, "dead_zone": 0.8e-4,
+    "camera_scale": 1.01, "camera_turn": 0.01, "camera_x": 2e-3, "camera_y": -1e-3, "noise_position": 2e-4,
+    "noise_heading": 3e-3,
+}  # fmt: skip
+
+
+@pytest.mark.full
+def test_estimates_agree_with_the_truth_within_their_intervals(fitted):
+    assert fitted.values["latency"] == 2
+    assert fitted.values["dead_zone_form"] == "soft"
+    for name, true in TRUTH.items():
+        low, high = fitted.intervals[name]
+        half = 0.5 * (high - low)
+        assert abs(fitted.values[name] - true) <= 2.0 * half + 1e-9, name  # four standard deviations
+        assert low <= fitted.values[name] <= high, name
+    assert abs(fitted.values["friction"] / 0.5 - 1.0) < 0.02
+    assert abs(fitted.values["horizontal_amplitude"] / 2.5e-3 - 1.0) < 0.02
+
+
+@pytest.mark.full
+def test_gains_of_elements_are_better_than_none(fitted):
+    true = np.array(machine()["elements"]) - np.array([1.0, 0.0])
+    known = fitted.element_deviations[..., 0] < 0.8 * fitted.values["gain_spread"]
+    assert known.sum() > 10
+    error = (fitted.elements - true)[known]
+    error -= error.mean(axis=0)  # the common gain is judged above
+    assert (error.std(axis=0) < 0.75 * true[known].std(axis=0)).all()
+    z = error / fitted.element_deviations[known]
+    assert (0.5 < z.std(axis=0)).all() and (z.std(axis=0) < 1.5).all()
+
+
+@pytest.mark.full
+def test_correlations_are_those_of_a_covariance(fitted):
+    names = list(dict.fromkeys(a for a, _ in fitted.correlation))
+    matrix = np.array([[fitted.correlation[a, b] for b in names] for a in names])
+    assert (np.linalg.eigvalsh(matrix) > -1e-9).all()
+    np.testing.assert_allclose(np.diag(matrix), 1.0)
+
+
+def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
+    job = _Job(log, NOMINAL, (PART,), print)
+    solver = job.solver(12)
+    parameters = first_estimates(log, solver.plant.segments, job.surface, job.kinds, job.sheet)[0]
+    starts = starts_of(solver.plant.segments, parameters, job.surface, job.kinds)
+    now = Estimate(parameters, starts, np.array([3e-4, 4e-3]), job.prior(parameters))
+    which = [3, 7, 20, 31]
+    step, covariance = solver.posterior(solver.linearize(which, now, True), now)
+    shared, size = len(job.names), len(step)
+    rows, rest = [], []
+    for k, (segment, each) in enumerate(
+        zip(which, solver.plant.differentiate(which, parameters, starts, elements=True), strict=True)
+    ):
+        weights, measured = solver.weights(segment, now.noise), solver.plant.segments[segment]
+        full = np.zeros((*measured.pose.shape, size + LOCAL * len(which)))
+        full[..., :shared] = each.shared
+        for m, (row, column) in enumerate(measured.elements):
+            at = shared + 2 * (row * NOMINAL.columns + column)
+            full[..., at : at + 2] = each.elements[:, :, m]
+        full[..., size + LOCAL * k : size + LOCAL * (k + 1)] = each.local * STATE_SCALE
+        rows.append((full * weights[:, None]).reshape(-1, full.shape[-1]))
+        rest.append(((measured.pose - each.predicted) * weights).ravel())
+    deviation = np.concatenate([now.prior.deviation, np.tile(now.prior.spread, NOMINAL.rows * NOMINAL.columns)])
+    prior = np.zeros((size, size + LOCAL * len(which)))
+    prior[:, :size] = np.diag(1.0 / deviation)
+    away = np.concatenate([(now.prior.mean - parameters.vector()) / now.prior.deviation, np.zeros(size - shared)])
+    ridge = np.zeros((LOCAL * len(which), prior.shape[1]))
+    ridge[:, size:] = 1e-3 * np.eye(LOCAL * len(which))
+    dense = np.concatenate([*rows, prior, ridge])
+    expected, *_ = np.linalg.lstsq(dense, np.concatenate([*rest, away, np.zeros(len(ridge))]), rcond=None)
+    inverse = np.linalg.inv(dense.T @ dense)[:size, :size]
+    np.testing.assert_allclose(np.diag(covariance), np.diag(inverse), rtol=1e-6)
+    np.testing.assert_allclose(step / np.sqrt(np.diag(inverse)), expected[:size] / np.sqrt(np.diag(inverse)), atol=1e-5)
+
+
+@pytest.mark.full
+def test_environments_load_the_settings_file(fitted):
+    settings = yaml.safe_load(settings_text(fitted))
+    env = gym.make("vibgym/Align-v0", **settings)
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    core = env.unwrapped
+    assert core.surface == fitted.surface
+    assert core.parts[0].friction == pytest.approx(fitted.values["friction"])
+
+
+@pytest.mark.full
+def test_command_writes_page_and_settings(log, tmp_path, capsys, monkeypatch, fitted):
+    monkeypatch.setattr(
+        "vibgym.identification.fit", lambda log, report: fitted
+    )  # fitted above, from the same recording
+    log.save(tmp_path / "log.npz")
+    assert main(["identify", str(tmp_path / "log.npz"), "--quiet"]) == 0
+    assert "friction" in capsys.readouterr().out
+    assert (tmp_path / "identified.html").read_text() == page(fitted, "Identification of log.npz")
+    assert yaml.safe_load((tmp_path / "machine.yaml").read_text())["actuators"]["latency"] == 2
+    (tmp_path / "bad.npz").write_text("no")
+    assert main(["identify", str(tmp_path / "bad.npz")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.full
+def test_gaps_are_reported_and_left_out(log):
+    keep = np.ones(len(log), dtype=bool)
+    keep[300:317] = False
+    parts = {name: getattr(log, name)[keep] for name in ("time", "amplitude", "phase", "pose", "taken")}
+    found = fit(Log(**parts, settings=log.settings))
+    assert "gap of 17 cycles after row 299" in found.notes
+    low, high = found.intervals["friction"]
+    assert abs(found.values["friction"] - 0.5) <= (high - low)
+
+
+@pytest.mark.full
+def test_a_recording_without_small_amplitudes_does_not_identify_the_dead_zone():
+    class Strong(Excitation):
+        def command(self, pose):
+            amplitude, phase = super().command(pose)
+            return np.where(amplitude > 0.0, np.maximum(amplitude, 2.6e-4), 0.0), phase
+
+    found = fit(recording(16.0, excitation=Strong(NOMINAL, PART, 1)))
+    assert "dead_zone" in found.unidentified
+    assert "friction" not in found.unidentified
+
+
+def some(log, rows, **changed):
+    parts = {name: getattr(log, name)[rows] for name in ("time", "amplitude", "phase", "pose", "taken")}
+    return Log(**{**parts, "settings": log.settings, **changed})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda log: (log, Surface(), None), "commands for 5 x 8 elements"),
+        (lambda log: (log, replace(NOMINAL, element_size=0.03), None), "0.026 m"),
+        (lambda log: (log, replace(NOMINAL, max_amplitude=1e-4), None), "amplitude"),
+        (lambda log: (log, None, [PART, PART]), "parts must be"),
+        (lambda log: (log, replace(NOMINAL, frequency=15.0), None), "log.time"),
+        (lambda log: (some(log, slice(0, 100)), None, None), "record longer"),
+        (lambda log: (some(log, slice(None), amplitude=0.0 * log.amplitude), None, None), "too little excitation"),
+        (lambda log: (some(log, slice(None), pose=math.nan * log.pose), None, None), "stretches"),
+    ],
+)
+def test_unsuitable_recordings_are_refused(log, change, message):
+    recorded, surface, parts = change(log)
+    with pytest.raises(ValueError) as error:
+        fit(recorded, surface, parts)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)

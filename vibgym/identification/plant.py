@@ -1,0 +1,335 @@
+"""The model that is fitted: segments of a recording, simulated in one batch for all finite differences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.identification.log import Log
+from vibgym.identification.machine import Camera
+from vibgym.identification.segments import Segment
+from vibgym.kernels.reference import Pinned
+from vibgym.physics.core.drive import polar_drive
+from vibgym.physics.core.hardware import DEAD_ZONE, FORMS, HARDWARE, LIMIT, NUMBERS, RESOLUTION, Hardware
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.simulation import Simulator
+
+LOCAL = 6
+"""Numbers of a segment's initial state: pose and velocity."""
+
+LOCAL_STEPS = np.array([2e-5, 2e-5, 1e-3, 1e-3, 1e-3, 0.02])
+ELEMENT_STEP = 0.02
+"""Steps of finite differences, far above the rounding and far below the size of an element."""
+
+MOST_ELEMENTS = 3_000_000
+"""Elements of all worlds in a batch: limits memory to about 100 MB."""
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Parameters of a machine.
+
+    Attributes:
+        friction: (kinds,) coefficients.
+        horizontal_amplitude: m.
+        gain, phase: of all elements.
+        dead_zone: m.
+        dead_zone_form: see :data:`vibgym.physics.core.hardware.FORMS`.
+        latency: periods.
+        camera: (4,) scale, turn (rad), x and y (m), see :class:`Camera`.
+        elements: (rows, columns, 2) gain of each element less the common gain, and phase error (rad). A relative error would
+            bias the common gain by the square of the spread: where both are fitted, larger gains have smaller relative errors.
+    """
+
+    friction: np.ndarray
+    horizontal_amplitude: float
+    gain: float
+    phase: float
+    dead_zone: float
+    dead_zone_form: str
+    latency: int
+    camera: np.ndarray
+    elements: np.ndarray
+
+    GLOBALS = (
+        "horizontal_amplitude",
+        "gain",
+        "phase",
+        "dead_zone",
+        "camera_scale",
+        "camera_turn",
+        "camera_x",
+        "camera_y",
+    )
+
+    def vector(self) -> np.ndarray:
+        """Return friction and the parameters in :attr:`GLOBALS`; logarithms of positive factors, and the dead zone in mm."""
+        scale, turn, x, y = self.camera
+        own = [math.log(self.horizontal_amplitude), math.log(self.gain), self.phase, 1e3 * self.dead_zone]
+        return np.array([*np.log(self.friction), *own, math.log(scale), turn, x, y])
+
+    def changed(self, vector: np.ndarray, elements: np.ndarray) -> Parameters:
+        """Return parameters with other values of :meth:`vector`, and of the elements."""
+        n = len(self.friction)
+        amplitude, gain, phase, dead_zone, scale, turn, x, y = vector[n:].tolist()
+        return replace(
+            self,
+            friction=np.exp(vector[:n]),
+            horizontal_amplitude=math.exp(amplitude),
+            gain=math.exp(gain),
+            phase=phase,
+            dead_zone=max(1e-3 * dead_zone, 0.0),
+            camera=np.array([math.exp(scale), turn, x, y]),
+            elements=elements,
+        )
+
+
+GLOBAL_STEPS = {"friction": 2e-3, "horizontal_amplitude": 2e-3, "gain": 4e-3, "phase": 4e-3, "dead_zone": 2e-3}
+"""Steps of finite differences in the units of :meth:`Parameters.vector`."""
+
+
+class Derivatives(NamedTuple):
+    """Prediction of a segment, and its derivatives."""
+
+    predicted: np.ndarray  # (n, 3) measured poses
+    local: np.ndarray  # (n, 3, LOCAL)
+    shared: np.ndarray  # (n, 3, kinds + GLOBALS)
+    elements: np.ndarray  # (n, 3, elements of the segment, 2)
+
+
+class _Batch(NamedTuple):
+    """Worlds to simulate: (w,) and further axes."""
+
+    segment: np.ndarray
+    friction: np.ndarray
+    response: np.ndarray  # (w, rows, columns) complex
+    dead_zone: np.ndarray
+    start: np.ndarray  # (w, LOCAL)
+
+
+class Plant:
+    """Simulates segments of a recording with given parameters.
+
+    Args:
+        log: the recording.
+        segments: of it.
+        length: periods of the longest segment.
+        surface: with the frequency of the recording.
+        kinds: different parts.
+        limit, resolution: m, of the actuators' amplitudes.
+    """
+
+    def __init__(
+        self,
+        log: Log,
+        segments: Sequence[Segment],
+        length: int,
+        surface: Surface,
+        kinds: Sequence[Part],
+        limit: float,
+        resolution: float,
+    ) -> None:
+        self.segments, self.surface, self.kinds, self._length = list(segments), surface, list(kinds), length
+        self._drive = polar_drive(log.amplitude, log.phase, surface.angular_frequency)
+        self._rows = len(log)
+        self._first = np.array([each.first for each in self.segments])
+        self._limit, self._resolution = limit, resolution
+
+    def predict(self, which: Sequence[int], parameters: Parameters, starts: np.ndarray) -> list[np.ndarray]:
+        """Return predicted measurements (n, 3) of segments ``which`` from their initial states (segments, LOCAL)."""
+        return [each.predicted for each in self.differentiate(which, parameters, starts, shared=False)]
+
+    def dead_zones(
+        self, which: Sequence[int], parameters: Parameters, starts: np.ndarray, zones: np.ndarray
+    ) -> list[np.ndarray]:
+        """Return predicted measurements (zones, n, 3) of segments for several dead zones (m)."""
+        found: dict[int, np.ndarray] = {}
+        for kind, some in self._groups(which, len(zones)):
+            worlds = np.repeat(some, len(zones))
+            batch = self._batch(worlds, parameters, starts)
+            batch = batch._replace(dead_zone=np.tile(zones, len(some)))
+            path = self._simulate(kind, batch, parameters, parameters.horizontal_amplitude)
+            for k, segment in enumerate(some):
+                seen = [self._at(segment, path[:, k * len(zones) + j]) for j in range(len(zones))]
+                found[segment] = _camera(parameters).measured(np.array(seen), self.surface)
+        return [found[segment] for segment in which]
+
+    def differentiate(
+        self,
+        which: Sequence[int],
+        parameters: Parameters,
+        starts: np.ndarray,
+        *,
+        shared: bool = True,
+        elements: bool = False,
+    ) -> list[Derivatives]:
+        """Return predictions of segments ``which`` and their derivatives.
+
+        Args:
+            starts: (segments, LOCAL) initial states of all segments.
+            shared: compute derivatives by initial states and shared parameters, else return empty ones.
+            elements: compute derivatives by the elements, else return empty ones.
+        """
+        found: dict[int, Derivatives] = {}
+        most = max((len(self.segments[k].elements) for k in which), default=1)
+        for kind, some in self._groups(which, 1 + (LOCAL + 4 if shared else 0) + (2 * most if elements else 0)):
+            columns: list[tuple[int, str, int]] = []
+            edges = [0]
+            for segment in some:
+                columns.append((segment, "base", 0))
+                if shared:
+                    columns += [(segment, "local", k) for k in range(LOCAL)]
+                    columns += [(segment, name, 0) for name in ("friction", "gain", "phase", "dead_zone")]
+                if elements:
+                    columns += [(segment, "element", k) for k in range(2 * len(self.segments[segment].elements))]
+                edges.append(len(columns))
+            batch = self._batch(np.array([each[0] for each in columns]), parameters, starts)
+            unit = _unit(parameters)
+            for world, (segment, name, k) in enumerate(columns):
+                self._perturb(batch, unit, parameters.gain, world, segment, name, k)
+            path = self._simulate(kind, batch, parameters, parameters.horizontal_amplitude)
+            wider = None
+            if shared:
+                factor = math.exp(GLOBAL_STEPS["horizontal_amplitude"])
+                base = self._batch(np.array(some), parameters, starts)
+                wider = self._simulate(kind, base, parameters, factor * parameters.horizontal_amplitude)
+            for k, segment in enumerate(some):
+                own = slice(edges[k], edges[k + 1])
+                amplitude = None if wider is None else wider[:, k]
+                found[segment] = self._assemble(segment, columns[own], path[:, own], amplitude, parameters)
+        return [found[segment] for segment in which]
+
+    def _groups(self, which: Sequence[int], worlds: int) -> list[tuple[int, list[int]]]:
+        """Return kinds and segments of batches that fit into memory, with this many worlds for a segment."""
+        size = max(MOST_ELEMENTS // (worlds * self.surface.rows * self.surface.columns), 1)
+        groups = []
+        for kind in range(len(self.kinds)):
+            some = [k for k in which if self.segments[k].kind == kind]
+            groups += [(kind, some[k : k + size]) for k in range(0, len(some), size)]
+        return groups
+
+    def _batch(self, worlds: np.ndarray, parameters: Parameters, starts: np.ndarray) -> _Batch:
+        """Return unperturbed worlds of segments."""
+        response = np.maximum(parameters.gain + parameters.elements[..., 0], 0.0) * _unit(parameters)
+        kinds = np.array([self.segments[k].kind for k in worlds])
+        return _Batch(
+            worlds,
+            parameters.friction[kinds],
+            np.tile(response, (len(worlds), 1, 1)),
+            np.full(len(worlds), parameters.dead_zone),
+            starts[worlds].copy(),
+        )
+
+    def _perturb(
+        self, batch: _Batch, unit: np.ndarray, gain: float, world: int, segment: int, name: str, k: int
+    ) -> None:
+        """Change a world of a batch by the step of a finite difference; ``unit``: responses with a gain of 1."""
+        if name == "local":
+            batch.start[world, k] += LOCAL_STEPS[k]
+        elif name == "friction":
+            batch.friction[world] *= math.exp(GLOBAL_STEPS[name])
+        elif name == "gain":
+            batch.response[world] += gain * math.expm1(GLOBAL_STEPS[name]) * unit
+        elif name == "phase":
+            batch.response[world] *= np.exp(1j * GLOBAL_STEPS[name])
+        elif name == "dead_zone":
+            batch.dead_zone[world] += 1e-3 * GLOBAL_STEPS[name]
+        elif name == "element":
+            row, column = self.segments[segment].elements[k // 2]
+            if k % 2:
+                batch.response[world, row, column] *= np.exp(1j * ELEMENT_STEP)
+            else:
+                batch.response[world, row, column] += ELEMENT_STEP * unit[row, column]
+
+    def _simulate(self, kind: int, batch: _Batch, parameters: Parameters, horizontal_amplitude: float) -> np.ndarray:
+        """Return poses (length + 1, w, 3) of worlds of one kind."""
+        surface = replace(self.surface, horizontal_amplitude=horizontal_amplitude)
+        worlds, scale = len(batch.segment), surface.angular_frequency**2
+        part = self.kinds[kind]
+        simulator = Simulator(surface, part, worlds=worlds)
+        start = batch.start[:, None]
+        simulator.place(slice(None), start[..., :3], start[..., 3:], start[..., 3:])
+        simulator.condition(slice(None), {"friction": (batch.friction / part.friction)[:, None]})
+        number = np.zeros((worlds, len(NUMBERS)))
+        number[:, DEAD_ZONE] = batch.dead_zone * scale
+        number[:, LIMIT], number[:, RESOLUTION] = self._limit * scale, self._resolution * scale
+        element = np.zeros((*batch.response.shape, 4))
+        element[..., 0], element[..., 1] = np.real(batch.response), np.imag(batch.response)
+        hardware = Pinned(
+            HARDWARE,
+            Hardware(
+                source=np.zeros(worlds, dtype=np.int64),
+                element=element,
+                number=number,
+                form=FORMS.index(parameters.dead_zone_form),
+                top=surface.full_scale,
+            ),
+        )
+        drive = self._drive._replace(hardware=hardware.address)
+        rows, path = self._first[batch.segment] - parameters.latency, np.empty((self._length + 1, worlds, 3))
+        path[0] = batch.start[:, :3]
+        for k in range(self._length):
+            hardware.record.source[...] = np.minimum(rows + k, self._rows - 1)  # before the first row: at rest
+            np.maximum(hardware.record.source, -1, out=hardware.record.source)
+            simulator.go_on(drive, 1)
+            path[k + 1] = simulator.state.pose[:, 0]
+        return path
+
+    def _at(self, segment: int, path: np.ndarray) -> np.ndarray:
+        """Return poses (n, ...) at a segment's images by linear interpolation along the first axis of a path."""
+        instant = self.segments[segment].instant
+        before = np.clip(np.floor(instant + 1e-9).astype(int), 0, len(path) - 2)
+        share = (instant - before).reshape(-1, *[1] * (path.ndim - 1))
+        return path[before] * (1.0 - share) + path[before + 1] * share
+
+    def _assemble(
+        self,
+        segment: int,
+        columns: list[tuple[int, str, int]],
+        path: np.ndarray,
+        wider: np.ndarray | None,
+        parameters: Parameters,
+    ) -> Derivatives:
+        """Return a segment's derivatives from its worlds."""
+        poses = self._at(segment, path)  # (n, worlds, 3)
+        camera, middle = _camera(parameters), 0.5 * np.array([self.surface.width, self.surface.depth])
+        seen = camera.measured(poses, self.surface)
+        n, kinds, base = len(poses), len(self.kinds), seen[:, 0]
+        if wider is None:
+            return Derivatives(base, np.zeros((n, 3, 0)), np.zeros((n, 3, 0)), np.zeros((n, 3, 0, 2)))
+        shared = np.zeros((n, 3, kinds + len(Parameters.GLOBALS)))
+        local, elements = np.zeros((n, 3, LOCAL)), []
+        place = {name: kinds + k for k, name in enumerate(Parameters.GLOBALS)}
+        place["friction"] = self.segments[segment].kind
+        for world, (_, name, k) in enumerate(columns):
+            change = seen[:, world] - base
+            if name == "local":
+                local[..., k] = change / LOCAL_STEPS[k]
+            elif name == "element":
+                elements.append(change / ELEMENT_STEP)
+            elif name != "base":
+                shared[..., place[name]] = change / GLOBAL_STEPS[name]
+        change = camera.measured(self._at(segment, wider), self.surface) - base
+        shared[..., place["horizontal_amplitude"]] = change / GLOBAL_STEPS["horizontal_amplitude"]
+        off = base[:, :2] - middle - parameters.camera[2:]  # scaled and turned
+        shared[:, :2, place["camera_scale"]] = off
+        shared[:, 0, place["camera_turn"]], shared[:, 1, place["camera_turn"]] = -off[:, 1], off[:, 0]
+        shared[:, 2, place["camera_turn"]] = 1.0
+        shared[:, 0, place["camera_x"]] = shared[:, 1, place["camera_y"]] = 1.0
+        stacked = np.stack(elements, axis=-1) if elements else np.zeros((n, 3, 0))
+        return Derivatives(base, local, shared, stacked.reshape(n, 3, -1, 2))
+
+
+def _unit(parameters: Parameters) -> np.ndarray:
+    """Return (rows, columns) complex responses of elements with a gain of 1."""
+    return np.exp(1j * (parameters.phase + parameters.elements[..., 1]))
+
+
+def _camera(parameters: Parameters) -> Camera:
+    scale, turn, x, y = parameters.camera.tolist()
+    return Camera(scale, turn, x, y)

@@ -1,0 +1,280 @@
+"""Gauss-Newton steps for a recording: many initial states, some shared parameters, and elements with a normal prior.
+
+Each segment has an initial state of its own, which is eliminated by a QR decomposition of its block; what is left is one dense
+system in the shared parameters and the elements' errors. ``scipy.optimize.least_squares`` would decompose a Jacobian of some
+10000 rows and 1000 columns instead. Gain and phase errors of elements are normal with unknown standard deviations, which are
+estimated with them (empirical Bayes by expectation maximization).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.identification.plant import LOCAL, Derivatives, Parameters, Plant
+
+RIDGE = 1e-3
+"""Bounds steps of an initial state, to about 1000 times :data:`STATE_SCALE`, where images do not determine it (discs)."""
+
+HALVINGS = 5
+"""Times that a step is halved until the cost decreases."""
+
+MAXIMIZATIONS = 5
+"""Steps of expectation maximization for each linearization."""
+
+LEAST_SPREAD = 1e-3
+"""Smallest standard deviation of the elements' errors."""
+
+STATE_SCALE = np.array([1e-3, 1e-3, 1e-2, 0.1, 0.1, 1.0])
+"""Size of changes of an initial state."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Weak normal prior: of the shared parameters, and of the elements.
+
+    Attributes:
+        mean, deviation: of :meth:`Parameters.vector`.
+        spread: (2,) standard deviations of the elements' gain errors (not relative to the common gain) and phase errors (rad).
+    """
+
+    mean: np.ndarray
+    deviation: np.ndarray
+    spread: np.ndarray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Parameters, initial states (segments, LOCAL), noise (2,) of positions (m) and headings (rad), and the prior."""
+
+    parameters: Parameters
+    starts: np.ndarray
+    noise: np.ndarray
+    prior: Prior
+
+
+class System(NamedTuple):
+    """Linearized problem after elimination of the initial states, without priors.
+
+    Attributes:
+        matrix, right: normal equations in shared parameters and elements (rows, columns, 2), flat.
+        square: weighted sum of squared residuals after elimination.
+        blocks: for each segment Q, R of its initial state, and its weighted matrix of the shared and element columns.
+        columns: for each segment the indices of these columns.
+        residuals: for each segment (n, 3), not weighted.
+    """
+
+    matrix: np.ndarray
+    right: np.ndarray
+    square: float
+    blocks: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    columns: list[np.ndarray]
+    residuals: list[np.ndarray]
+
+
+class Progress(NamedTuple):
+    """Result of a step.
+
+    Attributes:
+        estimate: after the step.
+        before, after: cost.
+        moved: largest change of a shared parameter, over its standard deviation.
+        unknowns: effective number of shared parameters and elements that the data determine.
+        residuals: for each segment (n, 3), after the step.
+    """
+
+    estimate: Estimate
+    before: float
+    after: float
+    moved: float
+    unknowns: float
+    residuals: list[np.ndarray]
+
+
+class Solver:
+    """Fits a plant to its segments.
+
+    Args:
+        plant: of the recording.
+        headings: (kinds,) whether the heading of a kind is measured (not of discs).
+    """
+
+    def __init__(self, plant: Plant, headings: Sequence[bool]) -> None:
+        self.plant, self._headings = plant, headings
+        self._width = plant.surface.columns
+        self._elements = 2 * plant.surface.rows * plant.surface.columns
+
+    def weights(self, segment: int, noise: np.ndarray) -> np.ndarray:
+        """Return (3,) reciprocal standard deviations of a segment's measurements."""
+        seen = self._headings[self.plant.segments[segment].kind]
+        return np.array([1.0 / noise[0], 1.0 / noise[0], 1.0 / noise[1] if seen else 0.0])
+
+    def linearize(self, which: Sequence[int], now: Estimate, elements: bool) -> System:
+        """Return the linearized problem at an estimate."""
+        found = self.plant.differentiate(which, now.parameters, now.starts, elements=elements)
+        shared = len(now.prior.mean)
+        size = shared + self._elements
+        matrix, right, square = np.zeros((size, size)), np.zeros(size), 0.0
+        blocks, columns, residuals = [], [], []
+        for segment, each in zip(which, found, strict=True):
+            residual = self.plant.segments[segment].pose - each.predicted
+            weights = self.weights(segment, now.noise)
+            own = self._columns(segment, shared, elements)
+            block = np.concatenate([each.shared, each.elements.reshape(*residual.shape, -1)], axis=2)
+            block = (block * weights[:, None]).reshape(residual.size, -1)
+            q, r = _orthogonal(each, weights)
+            left, rest = (_rest(q, values) for values in (block, (residual * weights).reshape(-1, 1)))
+            matrix[np.ix_(own, own)] += left.T @ left
+            right[own] += left.T @ rest[:, 0]
+            square += float(rest[:, 0] @ rest[:, 0])
+            blocks.append((q, r, block))
+            columns.append(own)
+            residuals.append(residual)
+        return System(matrix, right, square, blocks, columns, residuals)
+
+    def _columns(self, segment: int, shared: int, elements: bool) -> np.ndarray:
+        """Return the indices of a segment's columns in the dense system."""
+        if not elements:
+            return np.arange(shared)
+        row, column = self.plant.segments[segment].elements.T
+        first = shared + 2 * (row * self._width + column)
+        return np.concatenate([np.arange(shared), np.column_stack([first, first + 1]).ravel()])
+
+    def posterior(self, system: System, now: Estimate, fixed: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
+        """Return step and covariance of the dense unknowns with the prior; unknowns ``fixed`` do not change."""
+        precision, gradient = self._prior_terms(now)
+        matrix, right = system.matrix + np.diag(precision), system.right + gradient
+        free = np.ones(len(right), dtype=bool)
+        free[list(fixed)] = False
+        covariance, step = np.zeros_like(matrix), np.zeros_like(right)
+        covariance[np.ix_(free, free)] = np.linalg.inv(matrix[np.ix_(free, free)])
+        step[free] = covariance[np.ix_(free, free)] @ right[free]
+        return step, covariance
+
+    def _prior_terms(self, now: Estimate) -> tuple[np.ndarray, np.ndarray]:
+        """Return precisions of the prior, and its gradient at the estimate."""
+        spread = np.tile(now.prior.spread, self._elements // 2)
+        precision = np.concatenate([now.prior.deviation, spread]) ** -2.0
+        away = np.concatenate([now.prior.mean - now.parameters.vector(), -now.parameters.elements.ravel()])
+        return precision, precision * away
+
+    def cost(self, residuals: Sequence[np.ndarray], which: Sequence[int], now: Estimate, elements: bool) -> float:
+        """Return the sum of weighted squares of residuals and prior."""
+        total = sum(
+            float(((each * self.weights(segment, now.noise)) ** 2).sum())
+            for segment, each in zip(which, residuals, strict=True)
+        )
+        total += float((((now.parameters.vector() - now.prior.mean) / now.prior.deviation) ** 2).sum())
+        return total + (float(((now.parameters.elements / now.prior.spread) ** 2).sum()) if elements else 0.0)
+
+    def residuals(self, which: Sequence[int], now: Estimate) -> list[np.ndarray]:
+        """Return residuals (n, 3) of segments, measured less predicted."""
+        predicted = self.plant.predict(which, now.parameters, now.starts)
+        return [self.plant.segments[k].pose - each for k, each in zip(which, predicted, strict=True)]
+
+    def step(
+        self, which: Sequence[int], now: Estimate, *, elements: bool, fixed: Sequence[int] = (), spreads: bool = False
+    ) -> Progress:
+        """Return the estimate after a Gauss-Newton step.
+
+        Args:
+            which: segments to use.
+            elements: whether to estimate the elements' errors.
+            fixed: indices of shared parameters that do not change.
+            spreads: whether to estimate the standard deviations of the elements' errors.
+        """
+        system = self.linearize(which, now, elements)
+        if spreads:
+            now = self.with_spreads(system, now, fixed)
+        before = self.cost(system.residuals, which, now, elements)
+        step, covariance = self.posterior(system, now, fixed)
+        variance, shared, share = np.diag(covariance), len(now.prior.mean), 1.0
+        known = 1.0 - variance * self._prior_terms(now)[0]
+        unknowns = float(known[: None if elements else shared].sum())
+        moved = float(
+            np.max(
+                np.abs(step[:shared]) / np.sqrt(np.maximum(variance[:shared], 1e-300)),
+                where=variance[:shared] > 0.0,
+                initial=0.0,
+            )
+        )
+        vector, errors = now.parameters.vector(), now.parameters.elements
+        moves = []
+        for segment, (q, r, block), own, residual in zip(
+            which, system.blocks, system.columns, system.residuals, strict=True
+        ):
+            rest = (residual * self.weights(segment, now.noise)).ravel() - block @ step[own]
+            padded = np.concatenate([rest, np.zeros(LOCAL)])
+            moves.append(STATE_SCALE * np.linalg.solve(r, q.T @ padded))
+        for _ in range(HALVINGS):
+            starts = now.starts.copy()
+            starts[list(which)] += share * np.array(moves)
+            changed = now.parameters.changed(
+                vector + share * step[:shared], errors + share * step[shared:].reshape(errors.shape)
+            )
+            after = replace(now, parameters=changed, starts=starts)
+            residuals = self.residuals(which, after)
+            cost = self.cost(residuals, which, after, elements)
+            if cost < before:
+                return Progress(after, before, cost, share * moved, unknowns, residuals)
+            share *= 0.5
+        return Progress(now, before, before, 0.0, unknowns, system.residuals)
+
+    def with_spreads(self, system: System, now: Estimate, fixed: Sequence[int] = ()) -> Estimate:
+        """Return the estimate with standard deviations of the elements' errors, estimated on visited elements."""
+        shared, visited = len(now.prior.mean), np.diag(system.matrix)[len(now.prior.mean) :] > 0.0
+        if not visited.any():
+            return now
+        for _ in range(MAXIMIZATIONS):
+            step, covariance = self.posterior(system, now, fixed)
+            errors = now.parameters.elements.ravel() + step[shared:]
+            square = errors**2 + np.diag(covariance)[shared:]
+            spread = [np.sqrt(square[k::2][visited[k::2]].mean()) for k in range(2)]
+            now = replace(now, prior=replace(now.prior, spread=np.maximum(spread, LEAST_SPREAD)))
+        return now
+
+    def with_noise(self, which: Sequence[int], now: Estimate, residuals: Sequence[np.ndarray], more: float) -> Estimate:
+        """Return the estimate with the noise of its residuals; ``more``: effective number of shared parameters and elements."""
+        places = np.concatenate([each[:, :2].ravel() for each in residuals])
+        seen = [
+            each[:, 2] for k, each in zip(which, residuals, strict=True) if self._headings[self.plant.segments[k].kind]
+        ]
+        turns = np.concatenate(seen) if seen else np.zeros(0)
+        total = len(places) + len(turns)
+        free = max(1.0 - (LOCAL * len(which) + more) / total, 0.1)
+        noise = [np.sqrt(np.mean(places**2) / free), np.sqrt(np.mean(turns**2) / free) if seen else now.noise[1]]
+        return replace(now, noise=np.maximum(noise, 1e-9))
+
+    def scan(
+        self, which: Sequence[int], now: Estimate, zones: np.ndarray, form: str, system: System, fixed: Sequence[int]
+    ) -> np.ndarray:
+        """Return the least cost (zones,) for several dead zones (m) of a form, with all other unknowns fitted linearly."""
+        parameters = replace(now.parameters, dead_zone_form=form)
+        _, covariance = self.posterior(system, now, fixed)
+        _, gradient = self._prior_terms(now)
+        free = np.ones(len(gradient), dtype=bool)
+        free[list(fixed)] = False
+        predicted = self.plant.dead_zones(which, parameters, now.starts, zones)
+        rights, squares = np.zeros((len(gradient), len(zones))), np.zeros(len(zones))
+        for segment, each, (q, _, block), own in zip(which, predicted, system.blocks, system.columns, strict=True):
+            residual = (self.plant.segments[segment].pose - each) * self.weights(segment, now.noise)
+            left, rest = _rest(q, block), _rest(q, residual.reshape(len(zones), -1).T)
+            rights[own] += left.T @ rest
+            squares += (rest**2).sum(axis=0)
+        rights = (rights + gradient[:, None]) * free[:, None]
+        return squares - np.einsum("ij,ik,kj->j", rights, covariance, rights)
+
+
+def _orthogonal(each: Derivatives, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return Q and R of the columns of a segment's initial state, with a ridge."""
+    local = (each.local * weights[:, None]).reshape(-1, LOCAL) * STATE_SCALE
+    return np.linalg.qr(np.concatenate([local, RIDGE * np.eye(LOCAL)]))
+
+
+def _rest(q: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return the parts of columns that the initial state cannot explain."""
+    padded = np.concatenate([values, np.zeros((LOCAL, values.shape[1]))])
+    return padded - q @ (q.T @ padded)
