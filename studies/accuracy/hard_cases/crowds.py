@@ -68,7 +68,7 @@ def energy(sim: Simulator) -> float:
     return float((0.5 * ((velocity[..., :2] ** 2).sum(axis=2) @ mass + velocity[..., 2] ** 2 @ inertia))[0])
 
 
-def shape(corners: list[tuple[float, float]], name: str, **properties: float) -> Part:
+def shape(corners: list[tuple[float, float]], name: str, **properties: Any) -> Part:
     """Return a part with corners in mm."""
     return Part.polygon(np.array(corners) * 1e-3, name=name, **{"friction": MU, **properties})
 

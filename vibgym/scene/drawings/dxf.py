@@ -16,7 +16,7 @@ from vibgym.scene.drawings.records import UNITS, factor_of
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document
-    from ezdxf.entities import DXFGraphic
+    from ezdxf.entities.dxfgfx import DXFGraphic
 
 CODES = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 9: "mil", 13: "um", 14: "dm"}
 """Value of ``$INSUNITS`` -> unit."""
@@ -57,14 +57,14 @@ def read(content: bytes, flat: float, units: str | None, layer: str | None) -> t
 
 
 def _document(content: bytes) -> Document:
-    import ezdxf
     from ezdxf import recover
+    from ezdxf.lldxf.const import DXFError
 
     if content.startswith(b"AutoCAD Binary DXF"):
         raise checks.refuse("file", "binary DXF", "DXF in text")
     try:
         document, audit = recover.read(io.BytesIO(content))
-    except (ezdxf.DXFError, OSError, ValueError, TypeError, IndexError, KeyError, AttributeError) as error:
+    except (DXFError, OSError, ValueError, TypeError, IndexError, KeyError, AttributeError) as error:
         raise checks.refuse("file", str(error) or type(error).__name__, "a DXF file") from None
     if audit.has_errors:
         fault = audit.errors[0]
