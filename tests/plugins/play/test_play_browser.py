@@ -79,6 +79,25 @@ def test_a_part_is_moved_with_the_mouse(look):
     seen.until(lambda: np.array_equal(seen.pose(), before))
 
 
+DROP = """([name, content]) => {
+    const data = new DataTransfer();
+    data.items.add(new File([content], name));
+    window.dispatchEvent(new DragEvent("drop", { dataTransfer: data, bubbles: true, cancelable: true }));
+}"""
+
+
+def test_a_dropped_drawing_becomes_the_part(look):
+    seen = look("Align")
+    size = 'width="40mm" height="30mm" viewBox="0 0 40 30"'
+    square = f'<svg xmlns="http://www.w3.org/2000/svg" {size}><path d="M0 0H40V30H0Z"/></svg>'
+    seen.page.evaluate(DROP, ["plate.svg", square])
+    seen.until(lambda: seen.world.core.parts[0].name == "plate")
+    assert seen.world.core.parts[0].area == pytest.approx(1.2e-3)
+    seen.page.evaluate(DROP, ["open.svg", square.replace("H0Z", "")])
+    seen.page.wait_for_function("() => document.body.innerText.includes('open.svg')")
+    assert seen.world.core.parts[0].name == "plate"
+
+
 def test_the_controller_moves_the_part_to_the_dragged_goal(look):
     seen = look("Align")
     goal = seen.world.core.episode.goal[0, 0].copy()
