@@ -85,7 +85,7 @@ class Recorder:
 
 
 class ReplayDriver:
-    """A recorded machine as a :class:`vibgym.hardware.Driver`: the measurements of a log, whatever is commanded.
+    """A recorded machine as a :class:`vibgym.hardware.Driver`: the measurements of a log, independent of the commands.
 
     Args:
         log: of a run.

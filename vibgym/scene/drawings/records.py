@@ -86,8 +86,9 @@ def factor_of(named: str | None, given: str | None, missing: str) -> float:
     Raises:
         ValueError: neither, or both and different.
     """
-    if named is None and given is None:
+    unit = given if named is None else named
+    if unit is None:
         raise checks.conflict(f"unknown units: {missing}; give units=, one of {', '.join(UNITS)}")
     if named is not None and given is not None and named != given:
         raise checks.conflict(f"units={given!r}, but the file is in {named}")
-    return UNITS[given if named is None else named]  # type: ignore[index]
+    return UNITS[unit]
