@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from vibgym.physics.core.records import CONSTANT
 from vibgym.physics.planar.wrench import sliding_wrench
 
 
@@ -13,7 +12,7 @@ def wrench(x, y, c, s, gravity, phase, slip, spin):
     """Return force and torque of one point, padded like the kernel's arguments."""
     rows = np.zeros((5, 8))
     rows[:, 0] = 1.0, x, y, c, s
-    return sliding_wrench(*rows, 8, gravity, math.cos(phase), math.sin(phase), *slip, spin, CONSTANT)
+    return sliding_wrench(*rows, 8, gravity, math.cos(phase), math.sin(phase), *slip, spin)
 
 
 @pytest.mark.parametrize("decade", range(-12, 16))

@@ -13,7 +13,7 @@ from vibgym import Part, Simulator, Surface
 from vibgym.bounds.time_bound import TimeBound
 from vibgym.config import part_from
 from vibgym.physics.core.records import LAW_SPEED
-from vibgym.physics.planar.wrench import sliding_wrench
+from vibgym.physics.planar.wrench import varying_wrench
 from vibgym.scene.friction_laws import FRICTION_LAWS, Stribeck, law_table
 from vibgym.scene.parts import shipped_part
 
@@ -28,7 +28,7 @@ def test_stress_follows_the_law():
     for speed in (0.0005, 0.013, 0.31, 1.7):
         rows = np.zeros((5, 8))
         rows[0, 0] = 1.0
-        fx, fy, _ = sliding_wrench(*rows, 8, G, 1.0, 0.0, 0.6 * speed, 0.8 * speed, 0.0, table)
+        fx, fy, _ = varying_wrench(*rows, 8, G, 1.0, 0.0, 0.6 * speed, 0.8 * speed, 0.0, table)
         assert math.hypot(fx, fy) / G == pytest.approx(law(np.array(speed)), rel=1e-4)
         assert fy / fx == pytest.approx(0.8 / 0.6)
 
@@ -36,7 +36,7 @@ def test_stress_follows_the_law():
 def test_factors_are_constant_beyond_the_table():
     table, rows = law_table(STRIBECK), np.zeros((5, 8))
     rows[0, 0] = 1.0
-    fast = [sliding_wrench(*rows, 8, G, 1.0, 0.0, speed, 0.0, 0.0, table)[0] for speed in (LAW_SPEED * 1023, 5.0, 1e3)]
+    fast = [varying_wrench(*rows, 8, G, 1.0, 0.0, speed, 0.0, 0.0, table)[0] for speed in (LAW_SPEED * 1023, 5.0, 1e3)]
     assert fast == pytest.approx([G * table[-1]] * 3)
 
 

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibgym import Part, Simulator, Surface
-from vibgym.physics.core.records import CONSTANT
 from vibgym.physics.planar.wrench import sliding_wrench
 
 G = 9.81
@@ -254,9 +253,7 @@ def test_table_frame_work_of_friction_is_never_positive(seed, slip_x, slip_y, sp
     x, y = rng.uniform(-0.05, 0.05, (2, n))
     size, alpha = rng.uniform(0, G, n), rng.uniform(0, 6.3, n)
     c, s = size * np.cos(alpha), size * np.sin(alpha)
-    fx, fy, torque = sliding_wrench(
-        weight, x, y, c, s, n, G, math.cos(angle), math.sin(angle), slip_x, slip_y, spin, CONSTANT
-    )
+    fx, fy, torque = sliding_wrench(weight, x, y, c, s, n, G, math.cos(angle), math.sin(angle), slip_x, slip_y, spin)
     power = -(fx * slip_x + fy * slip_y) + torque * spin
     normal = G - c * math.cos(angle) + s * math.sin(angle)
     assert (normal >= -1e-12).all()

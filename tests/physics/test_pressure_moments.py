@@ -12,7 +12,7 @@ from vibgym.kernels.jit import exact, jit
 from vibgym.kernels.reference import Pinned, reference
 from vibgym.kernels.vector import LANES, load, store
 from vibgym.physics.core.drive import new_phasors, polar_drive
-from vibgym.physics.core.records import CONSTANT, STATE, new_state, state_at
+from vibgym.physics.core.records import STATE, new_state, state_at
 from vibgym.physics.planar.contact_area import cells_across, new_cut, points_at
 from vibgym.physics.planar.pressure_moments import MOMENT_ROWS
 from vibgym.physics.planar.stepper import cut_stale, load_part
@@ -156,7 +156,7 @@ def errors(name, variation, seed):
     for lane in range(LANES):
         weight, x, y, pc, ps = cutter.points(lane, pose[lane], 12)
         summed = sliding_wrench(
-            weight, x, y, pc, ps, len(x), SURFACE.gravity, c, s, ux[lane], uy[lane], spin[lane], CONSTANT
+            weight, x, y, pc, ps, len(x), SURFACE.gravity, c, s, ux[lane], uy[lane], spin[lane]
         )  # fmt: skip
         force = math.hypot(fx[lane] - summed[0], fy[lane] - summed[1]) / SURFACE.gravity
         worst = np.maximum(worst, [force, abs(torque[lane] - summed[2]) / (SURFACE.gravity * math.sqrt(part.gyration))])

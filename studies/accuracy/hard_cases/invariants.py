@@ -101,19 +101,7 @@ def power() -> Outcome:
             spin, at = rng.normal() * 10.0 ** rng.uniform(-9, 3), rng.uniform(0, 2 * math.pi)
             weight, px, py = cut.points
             force_x, force_y, torque = sliding_wrench(
-                weight,
-                px,
-                py,
-                cut.phasor_c,
-                cut.phasor_s,
-                n,
-                table.gravity,
-                math.cos(at),
-                math.sin(at),
-                ux,
-                uy,
-                spin,
-                body.law,
+                weight, px, py, cut.phasor_c, cut.phasor_s, n, table.gravity, math.cos(at), math.sin(at), ux, uy, spin
             )
             # In the table's frame the part moves with -u and spin.
             given = -force_x * ux - force_y * uy + torque * spin

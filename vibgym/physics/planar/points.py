@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 
 from vibgym.kernels.jit import borrowing
-from vibgym.physics.core.records import Motion, body_incline, is_finite, most_friction
+from vibgym.physics.core.records import Motion, body_incline, is_finite, law_factor, most_friction
 from vibgym.physics.planar.contact_area import points_at, spin_split
 from vibgym.physics.planar.static import slip_step, static_friction_holds
-from vibgym.physics.planar.wrench import sliding_wrench
+from vibgym.physics.planar.wrench import sliding_wrench, varying_wrench
 
 SHORTEST = 1 / 32
 """Length of the implicit steps over that of a substep."""
@@ -33,31 +33,78 @@ def slide(table, body, cut, n, phase, h, motion):
     weight, rx, ry = cut.points[0], cut.points[1], cut.points[2]
     pc, ps = cut.phasor_c, cut.phasor_s
     x, y, heading, vx, vy, spin = motion
-    g, speed, mu, turn, law = table.gravity, table.speed, body.friction, body.friction / body.gyration, body.law
+    g, speed, mu, turn = table.gravity, table.speed, body.friction, body.friction / body.gyration
     px, py = body.incline_x, body.incline_y
     third = h / 3.0
     advance = 2.0 * math.pi / table.period * third
     c, s = math.cos(phase), math.sin(phase)
-    ax, ay, aw = sliding_wrench(weight, rx, ry, pc, ps, n, g, c, s, -speed * s - vx, speed * c - vy, spin, law)
+    ax, ay, aw = sliding_wrench(weight, rx, ry, pc, ps, n, g, c, s, -speed * s - vx, speed * c - vy, spin)
     ax, ay, aw = mu * ax + px, mu * ay + py, turn * aw
     c, s = math.cos(phase + advance), math.sin(phase + advance)
     bx, by, bw = sliding_wrench(
         weight, rx, ry, pc, ps, n, g, c, s,
-        -speed * s - (vx + third * ax), speed * c - (vy + third * ay), spin + third * aw, law,
+        -speed * s - (vx + third * ax), speed * c - (vy + third * ay), spin + third * aw,
     )  # fmt: skip
     bx, by, bw = mu * bx + px, mu * by + py, turn * bw
     c, s = math.cos(phase + 2.0 * advance), math.sin(phase + 2.0 * advance)
     cx, cy, cw = sliding_wrench(
         weight, rx, ry, pc, ps, n, g, c, s,
-        -speed * s - (vx + h * bx - third * ax), speed * c - (vy + h * by - third * ay), spin + h * bw - third * aw, law,
+        -speed * s - (vx + h * bx - third * ax), speed * c - (vy + h * by - third * ay), spin + h * bw - third * aw,
     )  # fmt: skip
     cx, cy, cw = mu * cx + px, mu * cy + py, turn * cw
     c, s = math.cos(phase + 3.0 * advance), math.sin(phase + 3.0 * advance)
     dx, dy, dw = sliding_wrench(
         weight, rx, ry, pc, ps, n, g, c, s,
-        -speed * s - (vx + h * (ax - bx + cx)), speed * c - (vy + h * (ay - by + cy)), spin + h * (aw - bw + cw), law,
+        -speed * s - (vx + h * (ax - bx + cx)), speed * c - (vy + h * (ay - by + cy)), spin + h * (aw - bw + cw),
     )  # fmt: skip
     dx, dy, dw = mu * dx + px, mu * dy + py, turn * dw
+    x += h * (vx + 0.125 * h * (ax + 2.0 * bx + cx))
+    y += h * (vy + 0.125 * h * (ay + 2.0 * by + cy))
+    heading += h * (spin + 0.125 * h * (aw + 2.0 * bw + cw))
+    vx += 0.125 * h * (ax + 3.0 * (bx + cx) + dx)
+    vy += 0.125 * h * (ay + 3.0 * (by + cy) + dy)
+    spin += 0.125 * h * (aw + 3.0 * (bw + cw) + dw)
+    return Motion(x, y, heading, vx, vy, spin)
+
+
+@borrowing
+def varying_acceleration(table, body, cut, n, phase, vx, vy, spin):
+    """Return acceleration and angular acceleration by friction whose coefficient depends on speed."""
+    c, s, speed = math.cos(phase), math.sin(phase), table.speed
+    ax, ay, aw = varying_wrench(
+        cut.points[0], cut.points[1], cut.points[2], cut.phasor_c, cut.phasor_s, n, table.gravity, c, s,
+        -speed * s - vx, speed * c - vy, spin, body.law,
+    )  # fmt: skip
+    mu = body.friction
+    return mu * ax + body.incline_x, mu * ay + body.incline_y, mu / body.gyration * aw
+
+
+@borrowing
+def slide_varying(table, body, cut, n, phase, h, motion):
+    """Take a step as :func:`slide`, with a coefficient of friction that depends on speed.
+
+    Apart from it, since branches there would round the results of constant coefficients differently.
+    """
+    x, y, heading, vx, vy, spin = motion
+    third, advance = h / 3.0, 2.0 * math.pi / table.period * (h / 3.0)
+    ax, ay, aw = varying_acceleration(table, body, cut, n, phase, vx, vy, spin)
+    bx, by, bw = varying_acceleration(
+        table, body, cut, n, phase + advance, vx + third * ax, vy + third * ay, spin + third * aw
+    )
+    cx, cy, cw = varying_acceleration(
+        table, body, cut, n, phase + 2.0 * advance, vx + h * bx - third * ax, vy + h * by - third * ay,
+        spin + h * bw - third * aw,
+    )  # fmt: skip
+    dx, dy, dw = varying_acceleration(
+        table,
+        body,
+        cut,
+        n,
+        phase + 3.0 * advance,
+        vx + h * (ax - bx + cx),
+        vy + h * (ay - by + cy),
+        spin + h * (aw - bw + cw),
+    )
     x += h * (vx + 0.125 * h * (ax + 2.0 * bx + cx))
     y += h * (vy + 0.125 * h * (ay + 2.0 * by + cy))
     heading += h * (spin + 0.125 * h * (aw + 2.0 * bw + cw))
@@ -125,11 +172,18 @@ def step_near_rest(table, body, cut, n, phase, h, motion, stuck):
         after = stop if last else phase + omega * step
         c3, s3 = math.cos(after), math.sin(after)
         if explicit:
-            x, y, heading, vx, vy, spin = slide(table, body, cut, n, phase, step, Motion(x, y, heading, vx, vy, spin))
+            motion = Motion(x, y, heading, vx, vy, spin)
+            if body.law.shape[0] > 1:
+                x, y, heading, vx, vy, spin = slide_varying(table, body, cut, n, phase, step, motion)
+            else:
+                x, y, heading, vx, vy, spin = slide(table, body, cut, n, phase, step, motion)
         else:
+            friction = body.friction
+            if body.law.shape[0] > 1:  # at the slip before the step: friction that falls with speed has no convex power
+                friction *= law_factor(body.law, fastest)
             slip_x, slip_y, spin, way_x, way_y, turned = slip_step(
-                table, body.friction, cut.points, cut.phasor_c, cut.phasor_s, n, body.gyration, body.incline_x, body.incline_y,
-                cut.load, phase, step, slip_x, slip_y, spin, body.law,
+                table, friction, cut.points, cut.phasor_c, cut.phasor_s, n, body.gyration, body.incline_x, body.incline_y,
+                cut.load, phase, step, slip_x, slip_y, spin,
             )  # fmt: skip
             x += table.radius * (c3 - c0) - way_x
             y += table.radius * (s3 - s0) - way_y
@@ -184,6 +238,8 @@ def slide_by_points(table, body, pieces, drive, world, step, cut, phasors, slot,
             square = slip_x * slip_x + slip_y * slip_y + body.gyration * motion.spin * motion.spin
             if stuck or square <= slow * slow:
                 motion, stuck = step_near_rest(table, body, cut, n, at, h, motion, stuck)
+            elif body.law.shape[0] > 1:
+                motion = slide_varying(table, body, cut, n, at, h, motion)
             else:
                 motion = slide(table, body, cut, n, at, h, motion)
             if not is_finite(motion):

@@ -20,7 +20,6 @@ from __future__ import annotations
 import math
 
 from vibgym.kernels.jit import borrowing
-from vibgym.physics.core.records import law_factor
 
 GAMMA = 1.0 - math.sqrt(0.5)
 """Coefficient of SDIRK2, which is stiffly accurate: the last stage is the result, so sticking is exact."""
@@ -38,17 +37,6 @@ def set_loads(weight, phasor_c, phasor_s, n, gravity, cosine, sine, scale, load)
     total = 0.0
     for k in range(n):
         load[k] = scale * weight[k] * max(gravity - phasor_c[k] * cosine + phasor_s[k] * sine, 0.0)
-        total += load[k]
-    return total
-
-
-@borrowing
-def weaken(load, x, y, n, slip_x, slip_y, spin, law):
-    """Multiply the loads by the factors of a friction law at the slip of their points; return the sum."""
-    total = 0.0
-    for k in range(n):
-        ux, uy = slip_x + spin * y[k], slip_y - spin * x[k]
-        load[k] *= law_factor(law, math.sqrt(ux * ux + uy * uy))
         total += load[k]
     return total
 
@@ -204,26 +192,9 @@ def static_friction_holds(
 
 @borrowing
 def slip_step(
-    table,
-    friction,
-    points,
-    phasor_c,
-    phasor_s,
-    n,
-    gyration,
-    incline_x,
-    incline_y,
-    load,
-    phase,
-    h,
-    slip_x,
-    slip_y,
-    spin,
-    law,
+    table, friction, points, phasor_c, phasor_s, n, gyration, incline_x, incline_y, load, phase, h, slip_x, slip_y, spin
 ):
     """Take an SDIRK2 step of slip and spin from ``phase = w t`` on; the incline (m/s^2) reduces the slip.
-
-    The coefficient of friction is that at the slip before the step: friction that falls with speed has no convex power.
 
     Returns:
         Slip x, y and spin at the end, and the integrals of slip x, y and spin over the step.
@@ -238,8 +209,6 @@ def slip_step(
         at = phase + omega * (part if stage == 0 else h)
         c, s = math.cos(at), math.sin(at)
         total = set_loads(points[0], phasor_c, phasor_s, n, table.gravity, c, s, part * friction, load)
-        if law.shape[0] > 1:
-            total = weaken(load, points[1], points[2], n, slip_x, slip_y, spin, law)
         if (
             incline_x != 0.0 or incline_y != 0.0
         ):  # without the test, results on a level table would be rounded differently

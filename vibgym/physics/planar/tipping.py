@@ -20,7 +20,7 @@ from vibgym.physics.core.records import body_in, grip_of, state_at
 from vibgym.physics.planar.contact_area import POINTS_PER_PIECE, points_at
 from vibgym.physics.planar.static import set_loads
 from vibgym.physics.planar.workspace import fixed_scene_at
-from vibgym.physics.planar.wrench import sliding_wrench
+from vibgym.physics.planar.wrench import sliding_wrench, varying_wrench
 
 PHASES = 24
 """Number of instants in a period that are tested."""
@@ -87,10 +87,13 @@ def largest_edge_fraction(scene, drive, state, world, part, centre_height, hull,
             my += load * (py[point] - ay)
         if not total > 1e-9 * table.gravity:
             continue
-        fx, fy, _ = sliding_wrench(
-            weight, px, py, cut.phasor_c, cut.phasor_s, n, table.gravity, c, s, -table.speed * s - vx, table.speed * c - vy,
-            spin, body.law,
-        )  # fmt: skip
+        ux, uy = -table.speed * s - vx, table.speed * c - vy
+        if body.law.shape[0] > 1:
+            fx, fy, _ = varying_wrench(
+                weight, px, py, cut.phasor_c, cut.phasor_s, n, table.gravity, c, s, ux, uy, spin, body.law
+            )
+        else:
+            fx, fy, _ = sliding_wrench(weight, px, py, cut.phasor_c, cut.phasor_s, n, table.gravity, c, s, ux, uy, spin)
         down = body.friction * centre_height
         rx, ry = (mx - down * fx) / total, (my - down * fy) / total
         most = max(most, edge_fraction(table, x, y, heading, hull, first, last, rx, ry))

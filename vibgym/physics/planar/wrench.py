@@ -25,7 +25,7 @@ _TINY = 1e-30  # (m/s)^2; avoids 0/0 at a point without slip, where friction has
 
 
 @borrowing
-def sliding_wrench(weight, x, y, phasor_c, phasor_s, n, gravity, cosine, sine, slip_x, slip_y, spin, law):
+def sliding_wrench(weight, x, y, phasor_c, phasor_s, n, gravity, cosine, sine, slip_x, slip_y, spin):
     """Sum force and torque per unit mass and friction coefficient over contact points.
 
     Args:
@@ -35,25 +35,11 @@ def sliding_wrench(weight, x, y, phasor_c, phasor_s, n, gravity, cosine, sine, s
         cosine, sine: of ``w t``.
         slip_x, slip_y: velocity of the table relative to the centre of mass, m/s.
         spin: angular velocity of the part, rad/s.
-        law: of the coefficient by slip speed, see :class:`vibgym.physics.core.records.Body`.
 
     Returns:
         Force x and y (m/s^2) and torque about the centre of mass (m^2/s^2).
     """
     force_x, force_y, torque = 0.0, 0.0, 0.0
-    if law.shape[0] > 1:
-        for k in range(n):
-            ux = slip_x + spin * y[k]
-            uy = slip_y - spin * x[k]
-            normal = gravity - phasor_c[k] * cosine + phasor_s[k] * sine
-            speed = math.sqrt(ux * ux + uy * uy + _TINY)
-            stress = weight[k] * normal * law_factor(law, speed) / speed
-            ux *= stress
-            uy *= stress
-            force_x += ux
-            force_y += uy
-            torque += x[k] * uy - y[k] * ux
-        return force_x, force_y, torque
     for k in range(n):
         ux = slip_x + spin * y[k]
         uy = slip_y - spin * x[k]
@@ -69,6 +55,24 @@ def sliding_wrench(weight, x, y, phasor_c, phasor_s, n, gravity, cosine, sine, s
         force_x += ux
         force_y += uy
         torque += x[k] * uy - y[k] * ux
+    return force_x, force_y, torque
+
+
+@borrowing
+def varying_wrench(weight, x, y, phasor_c, phasor_s, n, gravity, cosine, sine, slip_x, slip_y, spin, law):
+    """Sum force and torque as :func:`sliding_wrench`, with a coefficient of friction that depends on speed.
+
+    ``law``: factors by slip speed, see :class:`vibgym.physics.core.records.Body`. A function of its own, since a branch in
+    :func:`sliding_wrench` would round its results differently.
+    """
+    force_x, force_y, torque = 0.0, 0.0, 0.0
+    for k in range(n):
+        ux, uy = slip_x + spin * y[k], slip_y - spin * x[k]
+        speed = math.sqrt(ux * ux + uy * uy + _TINY)
+        stress = weight[k] * (gravity - phasor_c[k] * cosine + phasor_s[k] * sine) * law_factor(law, speed) / speed
+        force_x += stress * ux
+        force_y += stress * uy
+        torque += stress * (x[k] * uy - y[k] * ux)
     return force_x, force_y, torque
 
 
