@@ -77,7 +77,9 @@ def test_motion_is_that_of_an_independent_integration(law):
     simulator.advance(amplitude, phase, periods)
     moved = found.y[:2, -1] - 4.0
     assert np.linalg.norm(moved) > 5e-3
-    np.testing.assert_allclose(simulator.state.pose[0, 0, :2] - 4.0, moved, atol=1e-5 * np.linalg.norm(moved) + 1e-8)
+    np.testing.assert_allclose(
+        simulator.state.pose[0, 0, :2] - 4.0, moved, atol=1e-5 * float(np.linalg.norm(moved)) + 1e-8
+    )
 
 
 def test_a_law_of_ones_changes_nothing():
