@@ -14,6 +14,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from vibgym import checks
+from vibgym.physics.core.records import LAW_SPEED
+from vibgym.scene.friction_laws import ENTRIES, law_table
 from vibgym.scene.parts import SHIPPED, Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation.simulator import Simulator
@@ -43,6 +45,48 @@ def closed_form_radius(frequencies: Any, friction: float, *, sticking: Any = Fal
     w = 2.0 * math.pi * np.asarray(frequencies, dtype=float)
     radius = np.minimum(HORIZONTAL_AMPLITUDE, friction * GRAVITY / w**2)
     return np.where(sticking, HORIZONTAL_AMPLITUDE, radius)
+
+
+class Sliding(NamedTuple):
+    """Closed form of a sliding part's circle for any friction law, see :func:`sliding_circles`.
+
+    Attributes:
+        radius: (n,) m, ``a_h`` where the part cannot slide.
+        window: frequencies (Hz) where sliding ends, going down, and where sticking ends, going up.
+    """
+
+    radius: np.ndarray
+    window: tuple[float, float]
+
+
+def sliding_circles(frequencies: Any, part: Part, horizontal_amplitude: float = HORIZONTAL_AMPLITUDE) -> Sliding:
+    """Return the radius of a sliding part's motion at frequencies (Hz) for its friction law.
+
+    In the steady state all points slip at one speed ``u``, so that ``r = mu(u) g / w^2`` and ``r^2 + (u / w)^2 = a_h^2``. Where
+    friction falls with speed there may be several such circles; that of the largest slip is stable and the one reached from
+    above.
+
+    Args:
+        frequencies: (n,) Hz.
+        part: its static friction is not used: sticking ends at the coefficient of the law at rest.
+        horizontal_amplitude: a_h, m.
+    """
+    table = law_table(part.friction_law)
+    slip = np.linspace(0.0, LAW_SPEED * (ENTRIES - 1), 4 * (ENTRIES - 1) + 1)
+    pull = part.friction * GRAVITY * np.interp(slip, LAW_SPEED * np.arange(len(table)), table)
+    square = horizontal_amplitude**2
+    # Frequency by slip: a_h^2 w^4 - u^2 w^2 - (mu g)^2 = 0. The largest slip of a frequency is where the running minimum
+    # from above passes it.
+    squared = (slip**2 + np.sqrt(slip**4 + 4.0 * square * pull**2)) / (2.0 * square)
+    lowest = np.minimum.accumulate(squared[::-1])[::-1]
+    asked = (2.0 * math.pi * np.asarray(frequencies, dtype=float)) ** 2
+    at = np.interp(asked, lowest, slip)
+    radius = np.interp(at, slip, pull) / asked
+    stuck = asked <= lowest[0]
+    window = math.sqrt(lowest[0]), math.sqrt(squared[0])
+    return Sliding(
+        np.where(stuck, horizontal_amplitude, radius), (window[0] / (2.0 * math.pi), window[1] / (2.0 * math.pi))
+    )
 
 
 def transition_frequency(friction: float) -> float:

@@ -85,7 +85,8 @@ class RealPlant:
     """Parts in the planar simulator, on elements with a common command. Arrays are (worlds, 1, 3).
 
     Args:
-        part: on the prototype's surface.
+        part: as known to the controller, on the prototype's surface.
+        machine: actual surface and part; None: as known.
         worlds: number of independent machines.
         limit: m, largest amplitude; None: the lift-off amplitude.
         noise: m, standard deviation of measured positions.
@@ -97,21 +98,25 @@ class RealPlant:
         self,
         part: Part,
         *,
+        machine: tuple[Surface, Part] | None = None,
         worlds: int = 1,
         limit: float | None = None,
         noise: float = 0.0,
         seed: int = 0,
         **actuators: Any,
     ) -> None:
-        self.surface = surface = Surface()
+        known = Surface()
+        surface, actual = (known, part) if machine is None else machine
+        self.surface = surface
         self.worlds, self.period, self.noise = worlds, surface.period, noise
-        assert surface.max_amplitude is not None
-        self.inverse = FrictionalInverse(surface, part, limit=limit)
+        assert known.max_amplitude is not None
+        self.scale = known.max_amplitude  # m, of pushes
+        self.inverse = FrictionalInverse(known, part, limit=limit)
         ideal = {"dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
         self.actuators = PrototypeActuators(surface, worlds, 1, limit=limit, **{**ideal, **actuators})
         self.generator = np.random.default_rng(seed)
-        self.simulator = Simulator(surface, part, worlds=worlds, threads=1)
-        self.simulator.reset([*START, 0.0], [*surface.idle_velocity(part.friction), 0.0])
+        self.simulator = Simulator(surface, actual, worlds=worlds, threads=1)
+        self.simulator.reset([*START, 0.0], [*surface.idle_velocity(actual.friction), 0.0])
         self._shape = (worlds, surface.rows, surface.columns)
         none = np.zeros(self._shape)
         self.actuators.prepare(polar_drive(none, none, surface.angular_frequency))
@@ -136,9 +141,8 @@ class RealPlant:
             velocity: mean velocities known to the controller.
         """
         found, surface = self.inverse.push(velocity, wanted), self.surface
-        assert surface.max_amplitude is not None
         x, y = (found.push[:, :, k, None] for k in range(2))
-        amplitude = np.minimum(np.hypot(x, y), 1.0) * surface.max_amplitude
+        amplitude = np.minimum(np.hypot(x, y), 1.0) * self.scale
         commanded, phase = (np.broadcast_to(each, self._shape) for each in (amplitude, np.arctan2(-x, -y)))
         for drive, periods in self.actuators.apply(polar_drive(commanded, phase, surface.angular_frequency)):
             self.simulator.run(drive, periods)

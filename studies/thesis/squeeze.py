@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from agents.evaluation.figures import FAILURE, INK, MUTED, new_figure, png, style
 from studies.thesis.figure import Comparison, Figure, Picture, Table, of_range
 from vibgym import Part, Simulator, Surface
-from vibgym.actuators import ACTUATORS
+from vibgym.actuators import actuators_from
 from vibgym.fields import squeeze
 from vibgym.physics.core.drive import polar_drive
 from vibgym.scene.parts import shipped_part
@@ -75,19 +77,29 @@ class Squeezed:
         return np.ptp(heading, axis=0) < RESTING
 
 
-def squeezed(part: Part, hardware: str, *, worlds: int) -> Squeezed:
+def squeezed(
+    part: Part,
+    hardware: str | Mapping[str, Any],
+    *,
+    worlds: int,
+    surface: Surface | None = None,
+    seconds: float = SECONDS,
+) -> Squeezed:
     """Simulate parts from random poses in a squeeze field at the lift-off amplitude.
 
     Args:
         part: of any shape.
-        hardware: ``"ideal"``, or ``"prototype"``: a sample of :class:`vibgym.actuators.PrototypeActuators` per world.
+        hardware: ``"ideal"``, or ``"prototype"``: a sample of :class:`vibgym.actuators.PrototypeActuators` per world; a
+            mapping of ``kind`` and settings for others.
         worlds: number of starts.
+        surface: None: the prototype's.
+        seconds: duration, s.
     """
-    surface = Surface()
+    surface = Surface() if surface is None else surface
     shape = (worlds, surface.rows, surface.columns)
     amplitude, phase = squeeze(START, LINE, 0.0, 1.0, REACH).drive(surface)
     command = polar_drive(np.broadcast_to(amplitude, shape), np.broadcast_to(phase, shape), surface.angular_frequency)
-    stage = ACTUATORS.choose("hardware", hardware)(surface, worlds, 1)
+    stage = actuators_from(hardware, surface, worlds, 1)
     random = np.random.default_rng(74)
     stage.prepare(command)
     pose = np.zeros((worlds, 1, 3))
@@ -98,7 +110,7 @@ def squeezed(part: Part, hardware: str, *, worlds: int) -> Squeezed:
     simulator = Simulator(surface, part, worlds=worlds)
     simulator.reset(pose, [*surface.idle_velocity(part.friction), 0.0])
     poses = [simulator.pose[:, 0]]
-    for _ in range(round(SECONDS / surface.period)):
+    for _ in range(round(seconds / surface.period)):
         for drive, periods in stage.apply(command):
             simulator.run(drive, periods)
         poses.append(simulator.pose[:, 0])

@@ -24,24 +24,33 @@ SETTLE, MEAN = 30, 5
 
 
 def steady_velocity(
-    part: Part, amplitude: Sequence[float] | np.ndarray, *, dead_zone: float = 0.0, form: str = "hard"
+    part: Part,
+    amplitude: Sequence[float] | np.ndarray,
+    *,
+    surface: Surface | None = None,
+    dead_zone: float = 0.0,
+    form: str = "hard",
+    gain: float = 1.0,
 ) -> np.ndarray:
     """Return steady speeds (n,) m/s of a part in uniform fields of a commanded amplitude, with a dead zone.
 
     Args:
-        part: on the prototype's surface.
-        amplitude: (n,) m, of all elements.
+        part: any.
+        amplitude: (n,) m, of all elements; the part does not lift off, so actual amplitudes are limited to that.
+        surface: None: the prototype's.
         dead_zone: m, width.
         form: among :data:`vibgym.physics.core.hardware.FORMS`.
+        gain: actual over commanded amplitude.
     """
-    surface, commanded = Surface(), np.asarray(amplitude, dtype=np.float64)
+    surface = Surface() if surface is None else surface
+    commanded = np.asarray(amplitude, dtype=np.float64)
     shape = (len(commanded), surface.rows, surface.columns)
     command = polar_drive(
         np.broadcast_to(commanded[:, None, None], shape), np.full(shape, PHASE), surface.angular_frequency
     )
     actuators = PrototypeActuators(
         surface, len(commanded), 1, dead_zone=dead_zone, dead_zone_form=form, latency=0, gain_spread=0.0, phase_spread=0.0,
-        seed=0,
+        seed=0, gain=gain,
     )  # fmt: skip
     actuators.prepare(command)
     actuators.reset(np.arange(len(commanded)), np.zeros((len(commanded), 0)))
