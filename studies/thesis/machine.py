@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -195,7 +195,9 @@ def squeeze(machine: Machine) -> dict[str, float]:
     }
 
 
-PREDICT = dict(zip(EXPERIMENTS, (friction, steady, top_speed, steps, squeeze), strict=True))
+PREDICT: dict[str, Callable[[Machine], dict[str, float]]] = {
+    "friction": friction, "steady": steady, "top speed": top_speed, "steps": steps, "squeeze": squeeze,
+}  # fmt: skip
 """Predictions by experiment: values by the keys of :data:`studies.thesis.measurements.MEASUREMENTS`."""
 
 
