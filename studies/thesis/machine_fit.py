@@ -210,8 +210,14 @@ SUBSETS: tuple[tuple[str, ...], ...] = (
 GAINS = (0.8, 0.9, 1.0)
 
 
-def subset_table(fits: Mapping[str, Fit], alone: Mapping[str, Fit], folder: Path) -> list[list[str]]:
-    """Return rows of the largest residual by fitted experiments and hypothesis."""
+def subset_table(fits: Mapping[str, Fit], steps: Fit, folder: Path) -> list[list[str]]:
+    """Return rows of the largest residual by fitted experiments and hypothesis.
+
+    Args:
+        fits: to all experiments.
+        steps: fit of constant friction to the steps alone, which all hypotheses contain.
+        folder: of stored fits.
+    """
     models = [name for name in MODELS if name != "frequency"]
     rows = []
     for experiments, gain in [*((each, None) for each in SUBSETS), *((QUICK, gain) for gain in GAINS)]:
@@ -226,7 +232,7 @@ def subset_table(fits: Mapping[str, Fit], alone: Mapping[str, Fit], folder: Path
             make = partial(quick_fit, MODELS[name], experiments, True, **fixed)
             cells.append(largest_text(stored(key, folder, make, experiments)))
         rows.append([label, *cells])
-    rows.append(["steps", *(largest_text(alone[name]) for name in models)])
+    rows.append(["steps", largest_text(steps), *("at most as much" for _ in models[1:])])
     squeezed = [largest_text(evaluate(fits[name].machine, ("squeeze",))) for name in models]
     rows.append(["squeeze (not fitted)", *squeezed])
     rows.append(["all", *(largest_text(fits[name]) for name in models)])
@@ -291,11 +297,8 @@ def main() -> None:
         else stored(name, folder, partial(full_fit, model, first.machine), EXPERIMENTS)
         for name, model in MODELS.items()
     }
-    steps: dict[str, Fit] = {}
-    for name in ("constant", "stribeck"):
-        make = partial(full_fit, MODELS[name], fits[name].machine, ("steps",))
-        steps[name] = stored(f"{name}-steps", folder, make, ("steps",))
-    steps["weak"] = steps["stribeck"]  # differs in the top speed only
+    make = partial(full_fit, MODELS["constant"], fits["constant"].machine, ("steps",))
+    steps = stored("constant-steps", folder, make, ("steps",))
     labels = ("nominal", *(model.label for model in MODELS.values()))
     show("thesis-machine", ("measurement", "thesis", *labels), measurement_table(nominal, fits), asked.keep)
     show("thesis-machine-parameters", ("parameter", "range", *labels), parameter_table(nominal, fits), asked.keep)

@@ -96,6 +96,6 @@ def test_the_command_prints_all_tables(tmp_path, monkeypatch, capsys):
     printed = capsys.readouterr().out
     assert all(measured.what in printed for measured in MEASUREMENTS.values())
     assert all(model.label in printed for model in machine_fit.MODELS.values())
-    assert len(list(tmp_path.glob("*.json"))) == 1 + len(machine_fit.MODELS) + 2 + 3 + 1
+    assert len(list(tmp_path.glob("*.json"))) == 1 + len(machine_fit.MODELS) + 1 + 3 + 1
     assert {measured.experiment for measured in MEASUREMENTS.values()} == set(EXPERIMENTS)
     assert set(STRIBECK) < set(BOX)
