@@ -7,6 +7,7 @@ measurements if none is larger than 1. Takes about ten minutes of one core.
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -19,8 +20,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import qmc
 
-from studies.benchmarks import common
-from studies.kept import show
+from studies.kept import argument, show
 from studies.thesis.machine import Machine, predictions, residuals
 from studies.thesis.measurements import BOX, EXPERIMENTS, MEASUREMENTS
 from vibgym.files import output_directory, write_atomically
@@ -281,7 +281,8 @@ def parameter_table(nominal: Fit, fits: Mapping[str, Fit]) -> list[list[str]]:
 
 def main() -> None:
     """Fit and print; with ``--keep`` write the tables of the documentation."""
-    parser = common.parser(__doc__)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    argument(parser)
     parser.add_argument(
         "--output", type=Path, default=Path("runs/thesis-machine"), help="stored fits, reused if present"
     )
