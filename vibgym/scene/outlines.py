@@ -112,9 +112,30 @@ def convex_hull(points: np.ndarray) -> np.ndarray:
 
 def symmetry_order(outline: np.ndarray, holes: Sequence[np.ndarray] = ()) -> int:
     """Return the largest n for which a turn by 2 pi / n about the origin maps an outline and its holes onto themselves."""
-    order, size = _symmetry_order(outline), float(np.abs(outline).max())
-    traits = np.array([_traits(hole, size) for hole in holes])
-    return next(each for each in range(order, 0, -1) if order % each == 0 and _maps(traits, 2.0 * math.pi / each))
+    return max(len(turns_onto([outline, *holes], [outline, *holes])), 1)
+
+
+def turns_onto(one: Sequence[np.ndarray], other: Sequence[np.ndarray], tolerance: float = 1e-6) -> np.ndarray:
+    """Return the turns about the origin that map an outline with its holes onto another one, rad.
+
+    Args:
+        one, other: rings (n, 2), the outline first; with the same sense.
+        tolerance: over the size; of corners, and of the moments of holes.
+    """
+    size = float(np.abs(one[0]).max())
+    a, b = (_real_corners(rings[0]) @ np.array([1.0, 1j]) / size for rings in (one, other))
+    if len(a) != len(b) or len(one) != len(other):
+        return np.zeros(0)
+    # Of corner k to corner k + s the best turn for each s: the phase of the circular cross-correlation.
+    phase = np.angle(np.fft.ifft(np.fft.fft(b) * np.fft.fft(a).conj()))
+    after = (np.arange(len(a)) + np.arange(len(a))[:, None]) % len(a)
+    phase = phase[np.abs(a * np.exp(1j * phase)[:, None] - b[after]).max(axis=1) < tolerance]
+    if len(one) == 1:
+        return phase
+    traits, wanted = (np.array([_traits(hole, size) for hole in rings[1:]]) for rings in (one, other))
+    turned = traits * np.exp(1j * phase[:, None, None] * np.array([0, 1, *range(2, HOLE_ORDER + 1)]))
+    away = np.abs(turned[:, :, None] - wanted).max(axis=3)
+    return phase[(away.min(axis=2) < tolerance).all(axis=1)]
 
 
 HOLE_ORDER = 6
@@ -135,29 +156,11 @@ def _traits(hole: np.ndarray, size: float) -> np.ndarray:
     return np.array([cross.sum() / 2.0, centre @ np.array([1.0, 1j]) / size, *moments])
 
 
-def _maps(traits: np.ndarray, angle: float) -> bool:
-    """Return whether a turn maps each hole onto one of the holes."""
-    if not len(traits):
-        return True
-    turned = traits * np.exp(1j * angle * np.array([0, 1, *range(2, HOLE_ORDER + 1)]))
-    return bool((np.abs(turned[:, None] - traits).max(axis=2).min(axis=1) < 1e-6).all())
-
-
-def _symmetry_order(outline: np.ndarray) -> int:
-    """Return the largest n for which a turn by 2 pi / n about the origin maps the outline onto itself."""
-    size = float(np.abs(outline).max())
+def _real_corners(outline: np.ndarray) -> np.ndarray:
+    """Return the corners at which an outline turns."""
     before, after = outline - np.roll(outline, 1, axis=0), np.roll(outline, -1, axis=0) - outline
-    outline = outline[np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]) > 1e-9 * size**2]  # real corners
-    corners = len(outline)
-    tolerance = 1e-6 * size
-    for order in range(corners, 1, -1):
-        if corners % order:
-            continue
-        angle = 2.0 * math.pi / order
-        turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-        if np.abs(outline @ turn - np.roll(outline, -(corners // order), axis=0)).max() < tolerance:
-            return order
-    return 1
+    turn = np.abs(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0])
+    return outline[turn > 1e-9 * float(np.abs(outline).max()) ** 2]
 
 
 def faulty_edges(rings: Sequence[np.ndarray]) -> tuple[int, int, str] | None:

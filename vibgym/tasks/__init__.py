@@ -2,7 +2,7 @@
 
 from vibgym.registry import Registry
 from vibgym.tasks.base import Start, Task
-from vibgym.tasks.feed import Feed
+from vibgym.tasks.feed import Feed, in_stable_poses
 from vibgym.tasks.follow import Follow
 from vibgym.tasks.pack import Pack
 from vibgym.tasks.patterns import Pattern
@@ -49,4 +49,5 @@ __all__ = [
     "Swap",
     "Task",
     "Transport",
+    "in_stable_poses",
 ]

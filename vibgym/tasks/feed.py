@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import accumulate
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,27 +14,34 @@ from vibgym import checks
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from
 from vibgym.physics.core.records import State
-from vibgym.scene.parts import Part
+from vibgym.scene import outlines
+from vibgym.scene.drawings.drawing import read
+from vibgym.scene.drawings.records import TOLERANCE
+from vibgym.scene.parts import PROTOTYPE, Part
 from vibgym.scene.sliding import LEAST_SPEED, sliding_of
 from vibgym.scene.surface import Surface
 from vibgym.tasks.base import Task
 from vibgym.tasks.episode import EVENTS, STAYS, Episode, Relations, Start
-from vibgym.tasks.flow import FLOW, MEAN_LOAD, MEAN_TRANSIT, STEPS, Flow, Inlet, begin_flow, score_flow
+from vibgym.tasks.flow import FLOW, MEAN_LOAD, MEAN_TRANSIT, STEPS, Flow, begin_flow, score_flow
+from vibgym.tasks.inlet import INLET, check_slots, new_inlet
 from vibgym.tasks.scoring import Scoring, Stage
 from vibgym.tasks.sort import zones_from
-from vibgym.tasks.starts import CLEAR, TRIES, Room, lattice, pose_of_absent
+from vibgym.tasks.starts import pose_of_absent
 
 GATE = 0.050
 """m along x that gates take at the right border."""
 
-INLET = (0.020, 0.055)
-"""m, least and largest x of the centres of parts that arrive one at a time."""
-
-HEAP_LENGTH = 0.200
-"""m along x in which heaps arrive."""
-
 WARM_UP = 12.0
 """s that rates leave out."""
+
+OTHER = "other"
+"""Kind of the stable poses without a name."""
+
+ENOUGH = 0.99
+"""Probability with which a stable pose has slots for all its parts among as many as may be on the table."""
+
+ALIKE = 1e-3
+"""Over the size: largest deviation of two stable poses that are one part; facets of a round side are rounded."""
 
 
 class Feed(Task):
@@ -41,14 +50,14 @@ class Feed(Task):
     A part is *good* if it leaves through the gate of its kind, within 5 degrees of straight (heading 0, modulo its symmetry),
     at least the largest dimension of an element (36.8 mm) from the others, and no sooner after the last one through that gate
     than such parts follow each other at full speed (0.28 s). Otherwise it is *wrong*, *tilted* or *close*, in this order.
-    Fallen parts are *lost*. When a part has left, another of its kind arrives as soon as there is room. Episodes end at the
+    Fallen parts are *lost*. When a part has left, an equal one arrives as soon as there is room. Episodes end at the
     limit only and have no success; the measure is good parts a minute.
 
     ``info`` reports the numbers of parts that were ``good``, ``tilted``, ``close``, ``wrong``, ``lost``, their rates per minute
     (``good_per_minute``, ...), the mean time from arrival to leaving (``transit``, s), and the mean number of parts
     ``on_table``, all without the first 12 s. ``info["parts"]`` reports the parts that have ``arrived`` in this step, and the
     ``event`` of those that have left in it (index of :data:`vibgym.tasks.episode.EVENTS`). A world's reward terms are the sums
-    over its parts, divided by the number of slots in use.
+    over its parts, divided by the number of slots in use, or by ``most``.
 
     Args:
         surface: the table.
@@ -57,9 +66,14 @@ class Feed(Task):
         heap: parts that arrive at once, in a heap in which they touch, when the first 0.2 m of the table are free;
             1: parts arrive one at a time, with centres 20 to 55 mm from the left border.
         warm_up: s that rates exclude.
+        probabilities: of each different part (by name or properties), in order of appearance. The part that arrives next is
+            drawn with them; it waits until a slot of an equal part is empty and there is room, and no other part arrives
+            before it. The sequence of parts is therefore independent of slots and room. None: any empty slot may be next.
+        most: parts on the table at once; None: one per slot.
 
     Raises:
-        ValueError: a gate for no kind or none for a kind, gates that overlap, a heap of more parts than there are or than fit.
+        ValueError: a gate for no kind or none for a kind, gates that overlap, a heap of more parts than there are or than fit,
+            probabilities whose sum is not 1.
     """
 
     DEFAULT_PARTS = ("steel_block", "aluminium_block") * 6
@@ -89,10 +103,12 @@ class Feed(Task):
         zones: Mapping[str, Sequence[float]] | None = None,
         heap: int = 1,
         warm_up: float = WARM_UP,
+        probabilities: Sequence[float] | None = None,
+        most: int | None = None,
     ) -> None:
         super().__init__(surface, parts)
         self.zones = zones_from(default_gates(surface, self.kinds) if zones is None else zones, surface, self.kinds)
-        self.inlet = new_inlet(surface, self.parts, heap)
+        self.inlet = new_inlet(surface, self.parts, heap, probabilities, most)
         self.warm_up = round(checks.number("task_settings['warm_up']", warm_up, least=0.0, most=1e9) / surface.period)
         self.spacing = math.sqrt(2.0) * surface.element_size
         shortest = min(float(np.ptp(part.outline[:, 0])) for part in self.parts)
@@ -104,6 +120,7 @@ class Feed(Task):
         shape = len(uniform), len(self.parts)
         pose = np.tile(pose_of_absent(self.surface), (*shape, 1))
         there = np.ones(shape, dtype=bool) if present is None else present
+        check_slots("options['parts']", self.inlet, there)
         return Start(pose, there, np.zeros_like(pose), key=keys_from(uniform))
 
     def scoring(self, state: State, periods: int) -> FlowScoring:
@@ -139,6 +156,7 @@ class FlowScoring(Scoring):
             clock=np.zeros(worlds, dtype=np.int64),
             key=np.zeros((worlds, 2), dtype=np.int64),
             tried=np.zeros(worlds, dtype=np.int64),
+            arrivals=np.zeros(worlds, dtype=np.int64),
             pool=np.zeros((worlds, parts), dtype=bool),
             there=np.zeros((worlds, parts), dtype=bool),
             changed=np.zeros((worlds, parts), dtype=bool),
@@ -161,7 +179,20 @@ class FlowScoring(Scoring):
         self._pinned = self._with_scratch()
 
     def own_state(self) -> dict[str, np.ndarray]:
-        names = ("clock", "key", "tried", "pool", "there", "changed", "age", "last", "tally", "rate", "idle")
+        names = (
+            "clock",
+            "key",
+            "tried",
+            "arrivals",
+            "pool",
+            "there",
+            "changed",
+            "age",
+            "last",
+            "tally",
+            "rate",
+            "idle",
+        )
         return {f"flow_{name}": getattr(self._flow, name) for name in names}
 
     def facts(self) -> dict[str, np.ndarray]:
@@ -188,22 +219,70 @@ class FlowScoring(Scoring):
         return Pinned(FLOW, self._flow._replace(inlet=inlet, context=self.context(self.relations).record))
 
 
-def new_inlet(surface: Surface, parts: Sequence[Part], together: int) -> Inlet:
-    """Return an inlet at the left border for heaps of so many parts; 1: parts arrive one at a time.
+def in_stable_poses(
+    path: str | Path,
+    *,
+    names: Mapping[int, str] | None = None,
+    most: int = 12,
+    heap: int = 1,
+    surface: Surface = PROTOTYPE,
+    **properties: Any,
+) -> dict[str, Any]:
+    """Return the arguments of a Feed in which copies of a mesh arrive in its stable poses, each with its probability.
+
+    ``gym.make("vibgym/Feed-v0", **in_stable_poses("cap.stl", friction=0.5, names={0: "up", 1: "down"}))``. Poses that differ
+    by a turn on the table only are one part. It has the slots that ``most`` parts require with a probability of
+    :data:`ENOUGH`, and at least ``heap``.
+
+    Args:
+        path: of an STL file.
+        names: kinds, with a gate each, of stable poses by their numbers, as ``python -m vibgym part`` lists them; the kind of
+            all others is ``"other"``. None: every pose is a kind, the number after the file's name.
+        most, heap: of the task.
+        surface: of the environment.
+        **properties: as for :meth:`vibgym.Part.from_file`.
+
+    Returns:
+        ``parts`` and ``task_settings``.
 
     Raises:
-        ValueError: a heap of more parts than there are, or than there is certainly room for.
+        ValueError: a file or property that :meth:`vibgym.Part.from_file` refuses, or the name of a pose that there is not.
     """
-    together = checks.count("task_settings['heap']", together, most=len(parts))
-    count, radius, length = len(parts), max(part.radius for part in parts), HEAP_LENGTH
-    cells = lattice(np.zeros(2), np.array([length, surface.depth]), radius, 0.0)
-    if together > 1 and len(cells) < together:
-        allowed = f"at most {len(cells)} parts of radius {radius:.4g} m on {length:g} x {surface.depth:g} m at the left border"
-        raise checks.refuse("task_settings['heap']", together, allowed)
-    if 2.0 * radius > surface.depth:
-        got = f"a part of radius {radius:.4g} m"
-        raise checks.refuse("parts", got, f"at most {surface.depth / 2:g} m on this surface")
-    return Inlet(
-        *INLET, together, Room(length, surface.depth, cells, CLEAR), np.zeros((count, TRIES, 2)),
-        np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros((count, 3)),
-    )  # fmt: skip
+    units = properties.get("units")
+    solid = read(path, properties.get("tolerance_mm", TOLERANCE), units, stable_pose=0, surface=surface).solid
+    if solid is None:
+        raise checks.refuse("file", str(path), "a mesh, .stl, which has stable poses")
+    most, heap = checks.count("most", most, most=1000), checks.count("heap", heap)
+    given = {} if names is None else dict(names)
+    for k in given:
+        checks.count("names: number of a pose", k, least=0, most=len(solid.poses) - 1)
+    different: list[Part] = []
+    probability: list[float] = []
+    for k, pose in enumerate(solid.poses):
+        name = f"{Path(path).stem}-{k}" if names is None else given.get(k, OTHER)
+        part = Part.from_file(path, stable_pose=k, surface=surface, name=name, **properties)
+        at = next((j for j, other in enumerate(different) if _alike(part, other)), len(different))
+        if at == len(different):
+            different.append(part)
+            probability.append(0.0)
+        elif given.get(k, different[at].name) != different[at].name:
+            raise checks.conflict(
+                f"names: stable pose {k} is, after a turn on the table, that of {different[at].name!r}"
+            )
+        probability[at] += pose.probability
+    slots = [max(heap, enough(most, each)) for each in probability]
+    parts = [part for part, count in zip(different, slots, strict=True) for _ in range(count)]
+    return {"parts": parts, "task_settings": {"probabilities": probability, "most": most, "heap": heap}}
+
+
+def enough(draws: int, probability: float) -> int:
+    """Return the number that a binomial variable of so many draws does not exceed with a probability of :data:`ENOUGH`."""
+    each = (math.comb(draws, k) * probability**k * (1.0 - probability) ** (draws - k) for k in range(draws))
+    return next((k for k, total in enumerate(accumulate(each)) if total >= ENOUGH), draws)
+
+
+def _alike(one: Part, other: Part) -> bool:
+    """Return whether a part has the heights of another one, and its outline after a turn, within :data:`ALIKE`."""
+    near = ALIKE * one.radius
+    same = abs(one.height - other.height) < near and abs(one.centre_height - other.centre_height) < near
+    return same and len(outlines.turns_onto([one.rim, *one.holes], [other.rim, *other.holes], ALIKE)) > 0

@@ -1,12 +1,11 @@
 """Episodes in which parts arrive and leave: events of parts, and rates per minute.
 
 Each index of a part is a slot. A part leaves at the end of the step in which its centre enters a gate or in which it falls, and
-gets the reward of this step. In a later step another part of its kind arrives in its slot.
+gets the reward of this step. In a later step an equal part arrives in its slot.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,6 @@ import numpy as np
 from vibgym.kernels.jit import borrowing
 from vibgym.kernels.reference import Layout
 from vibgym.physics.contacts.hulls import place_hulls
-from vibgym.physics.core.noise import uniforms
 from vibgym.physics.core.records import state_at
 from vibgym.tasks.episode import (
     ENDED,
@@ -34,106 +32,7 @@ from vibgym.tasks.episode import (
     relate_world,
     reward_part,
 )
-from vibgym.tasks.starts import TRIES, Room, heap, is_clear
-
-WHICH, WHERE, HEAPED = 17, 18, 19
-"""Third word of a counter, by the purpose of a random number."""
-
-
-class Inlet(NamedTuple):
-    """Region in which parts arrive, and scratch memory."""
-
-    low: float  # m, least and largest x of the centres of parts that arrive one at a time
-    high: float
-    heap: int  # parts that arrive at once, in touch; 1: they arrive one at a time
-    room: Room  # of a heap, from the left border on
-    numbers: np.ndarray  # scratch: (parts, TRIES, 2)
-    order: np.ndarray  # scratch: (parts,) int64
-    chance: np.ndarray  # scratch: (parts,)
-    pose: np.ndarray  # scratch: (parts, 3)
-
-
-@borrowing
-def shuffle_waiting(inlet, key, tried, waiting):
-    """Write the waiting parts into ``order``, shuffled; returns their number."""
-    order, chance, count = inlet.order, inlet.chance, 0
-    for part in range(waiting.shape[0]):
-        if waiting[part]:
-            value, _, _, _ = uniforms(key, tried, part, WHICH, 0)
-            at = count
-            while at > 0 and chance[at - 1] > value:
-                order[at], chance[at] = order[at - 1], chance[at - 1]
-                at -= 1
-            order[at], chance[at] = part, value
-            count += 1
-    return count
-
-
-@borrowing
-def find_free_pose(inlet, hulls, placed, key, tried, present, pose):
-    """Draw a free pose for the part ``order[0]``, into ``inlet.pose``; returns whether one has been found.
-
-    Args:
-        hulls, placed: of all parts; those that are present have been placed.
-        present: (parts,) bool.  pose: (parts, 3).
-    """
-    order, own, part, room = inlet.order, inlet.pose, inlet.order[0], inlet.room
-    count = 0
-    for other in range(present.shape[0]):
-        for axis in range(3):
-            own[other, axis] = pose[other, axis]
-    for t in range(TRIES):
-        u, v, turn, _ = uniforms(key, tried, t, WHERE, 0)
-        own[part, 0] = inlet.low + (inlet.high - inlet.low) * u
-        own[part, 1] = hulls.radius[part] + (room.depth - 2.0 * hulls.radius[part]) * v
-        own[part, 2] = math.pi * (2.0 * turn - 1.0)
-        place_hulls(hulls, part, own[part, 0], own[part, 1], own[part, 2], placed)
-        count = 0
-        for other in range(present.shape[0]):
-            if present[other]:
-                order[count] = other
-                count += 1
-        order[count] = part
-        if is_clear(hulls, placed, own, order, count, room.clear):
-            order[0] = part
-            return True
-    return False
-
-
-@borrowing
-def draw_heap(inlet, hulls, placed, key, tried, present, pose):
-    """Draw the poses of a heap of the parts ``order[:inlet.heap]``, into ``inlet.pose``; returns False if its room is occupied.
-
-    Args: as for :func:`find_free_pose`.
-    """
-    room, numbers = inlet.room, inlet.numbers
-    for other in range(present.shape[0]):
-        if present[other] and pose[other, 0] - hulls.radius[other] < room.width:
-            return False
-    for k in range(inlet.heap):
-        for t in range(TRIES):
-            part = inlet.order[k]
-            numbers[part, t, 0], numbers[part, t, 1], _, _ = uniforms(key, tried, part * TRIES + t, HEAPED, 0)
-    heap(hulls, room, inlet.order, inlet.heap, numbers, placed, inlet.pose)
-    return True
-
-
-@borrowing
-def draw_arrivals(inlet, hulls, placed, key, tried, waiting, present, pose):
-    """Draw which waiting parts arrive, and their poses; returns their number.
-
-    They are the first ones of ``inlet.order``, at ``inlet.pose``.
-
-    Args:
-        key: (2,) of the episode.  tried: number of previous draws.
-        waiting, present: (parts,) bool.  pose: (parts, 3) of present parts.
-    """
-    if shuffle_waiting(inlet, key, tried, waiting) < inlet.heap:
-        return 0
-    if inlet.heap > 1:
-        return inlet.heap if draw_heap(inlet, hulls, placed, key, tried, present, pose) else 0
-    return 1 if find_free_pose(inlet, hulls, placed, key, tried, present, pose) else 0
-
+from vibgym.tasks.inlet import Inlet, draw_arrivals
 
 LEFT, TRANSIT, ON_TABLE, STEPS = len(EVENTS), len(EVENTS) + 1, len(EVENTS) + 2, len(EVENTS) + 3
 """Columns of :attr:`Flow.tally` after those of the events."""
@@ -148,6 +47,7 @@ class Flow(NamedTuple):
     clock: np.ndarray  # (worlds,) int64, periods since the episode's start
     key: np.ndarray  # (worlds, 2) int64 of its random numbers
     tried: np.ndarray  # (worlds,) int64, draws of arrivals
+    arrivals: np.ndarray  # (worlds,) int64, parts that have arrived
     pool: np.ndarray  # (worlds, parts) bool, parts of this episode, on the table or not
     there: np.ndarray  # (worlds, parts) bool, parts that were on the table in this step
     changed: np.ndarray  # (worlds, parts) bool, parts that have arrived or left in this step
@@ -237,7 +137,7 @@ def evaluate_parts(flow, state, world):
                 total[k] += episode.part_terms[world, part, k]
     reward = 0.0
     for k in range(total.shape[0]):
-        total[k] /= max(slots, 1)
+        total[k] /= max(min(slots, flow.inlet.most), 1)
         reward += total[k]
     episode.number[world, REWARD] = reward
     episode.count[world, PARTS_DONE] = done
@@ -287,7 +187,7 @@ def remove_leaving(flow, state, world):
 @borrowing
 def add_waiting(flow, state, world, most):
     """Let up to ``most`` parts or heaps arrive; returns the number of parts that have arrived."""
-    inlet, context, pose, arrivals = flow.inlet, flow.context, state.pose[world], 0
+    inlet, context, pose, before = flow.inlet, flow.context, state.pose[world], flow.arrivals[world]
     present, placed, hulls = context.episode.present[world], context.placed, context.hulls
     waiting = context.fits
     for _ in range(most):
@@ -295,17 +195,18 @@ def add_waiting(flow, state, world, most):
             waiting[part] = flow.pool[world, part] and not present[part] and not flow.changed[world, part]
             if present[part]:
                 place_hulls(hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], placed)
-        count = draw_arrivals(inlet, hulls, placed, flow.key[world], flow.tried[world], waiting, present, pose)
+        key, tried, arrivals = flow.key[world], flow.tried[world], flow.arrivals[world]
+        count = draw_arrivals(inlet, hulls, placed, key, tried, arrivals, waiting, present, pose)
         flow.tried[world] += 1
         if count == 0:
             break
         for k in range(count):
             place_part(flow, state, world, inlet.order[k], inlet.pose[inlet.order[k]])
-        arrivals += count
+        flow.arrivals[world] += count
     for part in range(present.shape[0]):
         if context.episode.arrived[world, part]:
             flow.changed[world, part] = True
-    return arrivals
+    return flow.arrivals[world] - before
 
 
 @borrowing
@@ -358,7 +259,7 @@ def begin_flow(state, flow, worlds, pools):
     episode, parts = all_of.context.episode, pools.shape[1]
     for k in range(worlds.shape[0]):
         world, begun = worlds[k], 0
-        all_of.clock[world], all_of.tried[world], all_of.age[world] = 0, 0, 0
+        all_of.clock[world], all_of.tried[world], all_of.arrivals[world], all_of.age[world] = 0, 0, 0, 0
         all_of.there[world], all_of.changed[world], all_of.last[world] = False, False, -all_of.headway
         all_of.tally[world], all_of.rate[world] = 0, 0.0
         episode.arrived[world], episode.event[world], episode.part_fallen[world] = False, STAYS, False

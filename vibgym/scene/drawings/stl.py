@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,13 @@ SIMPLIFIED = 0.05
 def read(
     content: bytes, tolerance: float, units: str | None, stable_pose: int | None
 ) -> tuple[list[np.ndarray], Solid]:
-    """Return the outline, counter-clockwise, and holes, clockwise, of the mesh in an STL file, whose z axis points up."""
+    """Return the outline, counter-clockwise, and holes, clockwise, of the mesh in an STL file, whose z axis points up.
+
+    As modelled it keeps its x axis; in a stable pose the long side of the smallest rectangle around the outline is along x.
+    """
     extras.require("cad", "trimesh", "scipy", "shapely", "networkx")
-    mesh = _mesh(content, UNITS[units or "mm"])
-    poses, transforms = _poses(mesh, GAP * tolerance)
+    mesh, poses, transforms = _mesh_and_poses(content, UNITS[units or "mm"], GAP * tolerance)
+    mesh = mesh.copy()
     if stable_pose is not None:
         mesh.apply_transform(transforms[checks.count("stable_pose", stable_pose, least=0, most=len(poses) - 1)])
     mesh.apply_translation([0.0, 0.0, -mesh.bounds[0, 2]])
@@ -33,12 +37,12 @@ def read(
         height=float(mesh.extents[2]),
         centre_height=float(mesh.center_mass[2]),
         volume=float(mesh.volume),
-        resting=_resting_area(mesh, GAP * tolerance) / area,
+        resting=_resting_area(mesh, np.array([0.0, 0.0, 1.0]), GAP * tolerance) / area,
         offset=float(np.hypot(*(mesh.center_mass[:2] - centre))),
         gyration=float(mesh.moment_inertia[2, 2] / mesh.volume),
         poses=tuple(poses),
     )
-    return rings, solid
+    return rings if stable_pose is None else [ring @ _lengthwise(rings[0]) for ring in rings], solid
 
 
 def _mesh(content: bytes, factor: float) -> Any:
@@ -84,26 +88,28 @@ def _facet(content: bytes, number: int) -> str:
     return f"facet {number}" + (f" in line {at[number]}" if number < len(at) else "")
 
 
-def _poses(mesh: Any, flat: float) -> tuple[list[StablePose], np.ndarray]:
-    """Return the stable poses, most probable first, and their transforms (n, 4, 4).
+@lru_cache(maxsize=1)  # of all poses of one file in turn
+def _mesh_and_poses(content: bytes, factor: float, flat: float) -> tuple[Any, list[StablePose], np.ndarray]:
+    """Return the mesh in mm, its stable poses, most probable first, and their transforms (n, 4, 4).
 
     The probability of a pose is the share of all directions from the centre of mass that hit its face, or faces of the convex
     hull from which the part rolls onto it (K. Goldberg et al., "Part pose statistics", 1999).
     """
+    mesh = _mesh(content, factor)
     transforms, shares = mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.0)
     found = []
-    for transform, share in zip(transforms, shares, strict=True):
-        placed = mesh.copy()
-        placed.apply_transform(transform)
-        placed.apply_translation([0.0, 0.0, -placed.bounds[0, 2]])
-        height, centre = float(placed.extents[2]), float(placed.center_mass[2])
-        found.append(StablePose(float(share), height, centre, _resting_area(placed, flat)))
-    return found, transforms
+    for turn, share in zip(transforms, shares, strict=True):
+        up = turn[2, :3]
+        level = mesh.vertices @ up
+        low = float(level.min())
+        area = _resting_area(mesh, up, low + flat)
+        found.append(StablePose(float(share), float(level.max()) - low, float(mesh.center_mass @ up) - low, area))
+    return mesh, found, transforms
 
 
-def _resting_area(mesh: Any, flat: float) -> float:
-    """Return the area of the facets on the table, mm^2."""
-    down = (mesh.triangles[:, :, 2].max(axis=1) <= flat) & (mesh.face_normals[:, 2] < 0.0)
+def _resting_area(mesh: Any, up: np.ndarray, level: float) -> float:
+    """Return the area of the facets below a level along the direction ``up``, whose normals point down, mm^2."""
+    down = ((mesh.triangles @ up).max(axis=1) <= level) & (mesh.face_normals @ up < 0.0)
     return float(mesh.area_faces[down].sum())
 
 
@@ -126,3 +132,12 @@ def _projection(mesh: Any, tolerance: float) -> list[np.ndarray]:
     area = shapely.geometry.polygon.orient(pieces[0])
     rings = [np.array(ring.coords)[:-1] for ring in (area.exterior, *area.interiors)]
     return [rings[0], *(ring for ring in rings[1:] if abs(outlines.signed_area(ring)) > tolerance**2)]
+
+
+def _lengthwise(outline: np.ndarray) -> np.ndarray:
+    """Return the matrix (2, 2) by which rows are multiplied: it turns the long side of the smallest rectangle to x."""
+    import shapely
+
+    corners = np.array(shapely.oriented_envelope(shapely.Polygon(outline)).exterior.coords)
+    x, y = max(np.diff(corners, axis=0), key=lambda side: float(np.hypot(*side)))
+    return np.array([[x, -y], [y, x]]) / np.hypot(x, y)
