@@ -223,6 +223,7 @@ def in_stable_poses(
     path: str | Path,
     *,
     names: Mapping[int, str] | None = None,
+    without: Sequence[int] = (),
     most: int = 12,
     heap: int = 1,
     surface: Surface = PROTOTYPE,
@@ -238,6 +239,8 @@ def in_stable_poses(
         path: of an STL file.
         names: kinds, with a gate each, of stable poses by their numbers, as ``python -m vibgym part`` lists them; the kind of
             all others is ``"other"``. None: every pose is a kind, the number after the file's name.
+        without: stable poses that do not arrive, such as those that friction tips over, and those that are alike. The
+            probabilities are those of the others among themselves.
         most, heap: of the task.
         surface: of the environment.
         **properties: as for :meth:`vibgym.Part.from_file`.
@@ -254,10 +257,12 @@ def in_stable_poses(
         raise checks.refuse("file", str(path), "a mesh, .stl, which has stable poses")
     most, heap = checks.count("most", most, most=1000), checks.count("heap", heap)
     given = {} if names is None else dict(names)
-    for k in given:
-        checks.count("names: number of a pose", k, least=0, most=len(solid.poses) - 1)
+    for argument, numbers in {"names": given, "without": without}.items():
+        for k in numbers:
+            checks.count(f"{argument}: number of a stable pose", k, least=0, most=len(solid.poses) - 1)
     different: list[Part] = []
     probability: list[float] = []
+    left_out = set()
     for k, pose in enumerate(solid.poses):
         name = f"{Path(path).stem}-{k}" if names is None else given.get(k, OTHER)
         part = Part.from_file(path, stable_pose=k, surface=surface, name=name, **properties)
@@ -270,9 +275,15 @@ def in_stable_poses(
                 f"names: stable pose {k} is, after a turn on the table, that of {different[at].name!r}"
             )
         probability[at] += pose.probability
-    slots = [max(heap, enough(most, each)) for each in probability]
-    parts = [part for part, count in zip(different, slots, strict=True) for _ in range(count)]
-    return {"parts": parts, "task_settings": {"probabilities": probability, "most": most, "heap": heap}}
+        if k in without:
+            left_out.add(at)
+    kept = [k for k in range(len(different)) if k not in left_out]
+    if not kept:
+        raise checks.conflict("without: no stable pose is left")
+    total = sum(probability[k] for k in kept)
+    shares = [probability[k] / total for k in kept]
+    parts = [different[k] for k, each in zip(kept, shares, strict=True) for _ in range(max(heap, enough(most, each)))]
+    return {"parts": parts, "task_settings": {"probabilities": shares, "most": most, "heap": heap}}
 
 
 def enough(draws: int, probability: float) -> int:

@@ -135,9 +135,9 @@ def evaluate_parts(flow, state, world):
             reward_part(flow.context, world, part)
             for k in range(total.shape[0]):
                 total[k] += episode.part_terms[world, part, k]
-    reward = 0.0
+    reward, slots = 0.0, min(slots, flow.inlet.most)
     for k in range(total.shape[0]):
-        total[k] /= max(min(slots, flow.inlet.most), 1)
+        total[k] /= max(slots, 1)
         reward += total[k]
     episode.number[world, REWARD] = reward
     episode.count[world, PARTS_DONE] = done

@@ -138,6 +138,7 @@ def _lengthwise(outline: np.ndarray) -> np.ndarray:
     """Return the matrix (2, 2) by which rows are multiplied: it turns the long side of the smallest rectangle to x."""
     import shapely
 
-    corners = np.array(shapely.oriented_envelope(shapely.Polygon(outline)).exterior.coords)
+    around: Any = shapely.oriented_envelope(shapely.Polygon(outline))
+    corners = np.array(around.exterior.coords)
     x, y = max(np.diff(corners, axis=0), key=lambda side: float(np.hypot(*side)))
     return np.array([[x, -y], [y, x]]) / np.hypot(x, y)
