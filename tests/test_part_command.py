@@ -7,7 +7,7 @@ import pytest
 from tests.commands import said_in_one_line
 from vibgym import Part, Surface
 from vibgym.__main__ import main
-from vibgym.part_command import centred, elements_under
+from vibgym.part_command import centred, cuts, elements_under
 from vibgym.policies.applicable import parts_with, tasks_with
 
 BRACKET = "configs/datasheets/bracket.dxf"
@@ -22,6 +22,8 @@ def test_description_and_picture(capsys, tmp_path):
     text = capsys.readouterr().out
     assert "bracket: 70 x 56 mm, 4 mm high" in text and "3 holes" in text and "skipped: 1 TEXT" in text
     picture = pygame.surfarray.array3d(pygame.image.load(path))
+    orange = (np.abs(picture.astype(int) - [196, 90, 36]).max(axis=2) < 10).mean()
+    assert orange > 0.0105  # the tags of ten elements, of which the part covers half
     assert picture.shape[0] > 600 and (np.abs(picture.astype(int) - [61, 66, 78]).max(axis=2) < 30).mean() > 0.03
 
 
@@ -42,6 +44,17 @@ def test_elements_beneath():
     across = np.array([17, 26, 17]) / 60
     assert sorted(share) == pytest.approx(sorted(np.outer(across, across).ravel()))
     assert set(rows) == {3, 4, 5} and set(columns) == {15, 16, 17}
+
+
+def test_borders_of_slivers_are_not_drawn():
+    """A square of four pieces: halves of the left half, and a sliver beside the rest of the right half."""
+    pieces = [
+        np.array(each, dtype=float)
+        for each in ([[0, 0], [5, 0], [5, 5], [0, 5]], [[0, 5], [5, 5], [5, 10], [0, 10]], [[9.9, 0], [10, 0], [9.9, 10]],
+                     [[10, 0], [10, 10], [9.9, 10]], [[5, 0], [9.9, 0], [9.9, 10], [5, 10]])
+    ]  # fmt: skip
+    found = {tuple(map(tuple, cut)) for cut in cuts(pieces, 2.0)}
+    assert found == {((0, 5), (5, 5)), ((9.9, 0), (9.9, 10))}
 
 
 def test_tasks_and_policies():

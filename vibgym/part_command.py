@@ -5,18 +5,22 @@ from __future__ import annotations
 import argparse
 import io
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.files import write_atomically
+from vibgym.scene import outlines
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
 PIXELS = 6000.0
 """Pixels per metre of the picture."""
+
+LEAST_PIECE = 0.02
+"""Share of the part's area of convex pieces whose borders the picture shows."""
 
 
 def part(parser: argparse.ArgumentParser) -> Callable[[argparse.Namespace], int]:
@@ -106,8 +110,20 @@ def elements_under(part: Part, surface: Surface, pose: np.ndarray) -> tuple[np.n
     return rows, columns, pieces.share[:count].copy()
 
 
+def cuts(pieces: Sequence[np.ndarray], least: float) -> list[np.ndarray]:
+    """Return the edges (2, 2) between convex pieces of which at least one has an area of ``least`` m^2.
+
+    A rounded inner corner consists of slivers, whose edges would cover the picture.
+    """
+    edges: dict[frozenset[tuple[float, ...]], list[float]] = {}
+    for piece in pieces:
+        for ends in zip(piece.tolist(), np.roll(piece, -1, axis=0).tolist(), strict=True):
+            edges.setdefault(frozenset(map(tuple, ends)), []).append(outlines.signed_area(piece))
+    return [np.array(sorted(ends)) for ends, areas in edges.items() if len(areas) == 2 and max(areas) >= least]
+
+
 def picture(part: Part, surface: Surface, pose: np.ndarray, path: Path) -> None:
-    """Draw outline, convex pieces, centre of mass, and the elements beneath with their shares of the load.
+    """Draw outline, borders of convex pieces, centre of mass, and the elements beneath with their shares of the load.
 
     Raises:
         ValueError: the file cannot be written.
@@ -126,15 +142,16 @@ def picture(part: Part, surface: Surface, pose: np.ndarray, path: Path) -> None:
     size = surface.element_size
     canvas = Canvas(int(count[1]), int(count[0]), size, PIXELS)
     canvas.begin(np.zeros((count[1], count[0], 2)))
-    for row, column, each in zip(rows, columns, share, strict=True):
-        low = size * (np.array([column, row]) - first)
-        canvas.zone(low, low + size, colours.PARTS[1], f"{100 * each:.0f} %")
+    low = size * (np.column_stack([columns, rows]) - first)
+    for each in low:
+        canvas.zone(each, each + size, colours.PARTS[1], "")
     here = pose - [*(size * first), 0.0]
     canvas.part(here, part.outline, colours.PARTS[0], ahead=False)
-    if part.symmetry:
-        for piece in convex_pieces(part):
-            canvas.path(here[:2] + np.vstack([piece, piece[:1]]), colours.PAPER)
+    for cut in cuts(convex_pieces(part), LEAST_PIECE * part.area):
+        canvas.path(here[:2] + cut, colours.PAPER)
     canvas.goal(here[:2], part.outline, None)
+    for each, loaded in zip(low, share, strict=True):
+        canvas.tag(each, each + size, colours.PARTS[1], f"{100 * loaded:.0f} %")
     pixels = canvas.finish(f"{part.name}: {1e6 * part.area:.4g} mm², {1e3 * part.mass:.3g} g")
     image = pygame.image.frombuffer(pixels.tobytes(), pixels.shape[1::-1], "RGB")
     stream = io.BytesIO()

@@ -155,20 +155,27 @@ class Canvas:
         pieces = shapes.dashes(corners + inset, 6.0 * FINE)
         light = colours.is_light(colour)
         contrast = colours.INK if light else colours.PAPER
-        tag = _tag(label, 0.8 * (corners[1, 0] - corners[0, 0]), contrast) if label else None
 
         def draw(layer: pygame.Surface, origin: np.ndarray) -> None:
             pygame.draw.polygon(layer, (*colour, 120 if light else 66), corners - origin)
             for width, shade in ((3.8 * FINE, contrast), (2.2 * FINE, colour)):
                 for piece in pieces:
                     shapes.stroke(layer, piece - origin, width, (*shade, 255))
-            if tag is not None:
-                place = pygame.Rect(corners[0] - origin, tag.get_size()).inflate(14 * FINE, 7 * FINE)
-                place.topleft = (0, 0)
-                pygame.draw.rect(layer, (*colour, 255), place, border_bottom_right_radius=5 * FINE)
-                layer.blit(tag, tag.get_rect(center=place.center))
 
-        self._blend(corners, 0.0, draw, ("zone", low.tobytes(), high.tobytes(), colour, label))
+        self._blend(corners, 0.0, draw, ("zone", low.tobytes(), high.tobytes(), colour))
+        if label:
+            self.tag(low, high, colour, label)
+
+    def tag(self, low: np.ndarray, high: np.ndarray, colour: tuple[int, ...], label: str) -> None:
+        """Draw ``label`` in the upper left corner of a rectangle from ``low`` to ``high`` (2,), m, if it fits."""
+        corner, right = self._to_pixels(np.array([[low[0], high[1]], high])).clip(0.0, self._fine.get_size())
+        text = _tag(label, 0.8 * (right[0] - corner[0]), colours.INK if colours.is_light(colour) else colours.PAPER)
+        if text is None:
+            return
+        place = pygame.Rect(np.floor(corner), text.get_size()).inflate(14 * FINE, 7 * FINE)
+        place.topleft = np.floor(corner).astype(int).tolist()
+        pygame.draw.rect(self._fine, colour, place, border_bottom_right_radius=5 * FINE)
+        self._fine.blit(text, text.get_rect(center=place.center))
 
     def path(self, points: np.ndarray, colour: tuple[int, ...]) -> None:
         """Draw a faint line through ``points`` (k, 2), m, along which a goal moves."""
