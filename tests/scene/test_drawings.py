@@ -15,7 +15,9 @@ ezdxf = pytest.importorskip("ezdxf")
 pytest.importorskip("svgpathtools")
 trimesh = pytest.importorskip("trimesh")
 
-from studies.benchmarks import drawings  # noqa: E402
+from studies.benchmarks.drawing_cases import KINDS, case, write  # noqa: E402
+from studies.benchmarks.drawing_faults import FAULTS, spoiled  # noqa: E402
+from studies.benchmarks.drawings import deviations, refusal  # noqa: E402
 
 
 def saved(document, path):
@@ -28,21 +30,19 @@ def page(path, inner, size='width="100mm" height="50mm" viewBox="0 0 100 50"'):
     return path
 
 
-@pytest.mark.parametrize("kind", drawings.KINDS)
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(1000, 1008))
 def test_known_geometry(tmp_path, kind, seed):
     """Lines, arcs, bulges, ellipses, splines and holes in nested, turned, scaled and reflected blocks, in several units."""
-    of, path = drawings.case(seed, kind), tmp_path / f"part.{kind}"
-    true = drawings.write(of, path, seed)
-    assert max(drawings.deviations(of, path, true).values()) < 1e-3
+    of, path = case(seed, kind), tmp_path / f"part.{kind}"
+    true = write(of, path, seed)
+    assert max(deviations(of, path, true).values()) < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("kind", "fault"), [(kind, fault) for kind in drawings.KINDS for fault in drawings.FAULTS[kind]]
-)
+@pytest.mark.parametrize(("kind", "fault"), [(kind, fault) for kind in KINDS for fault in FAULTS[kind]])
 def test_faults_are_refused_with_the_entity(tmp_path, kind, fault):
-    made = drawings.spoiled(drawings.case(0, kind), fault, 7)
-    error = drawings.refusal(made.content, kind, tmp_path)
+    made = spoiled(case(0, kind), fault, 7)
+    error = refusal(made.content, kind, tmp_path)
     assert error is not None and error.startswith(str(tmp_path / f"spoiled.{kind}"))
     assert any(each in error for each in made.expected), error
     assert "\n" not in error
