@@ -8,6 +8,7 @@ from vibgym.kernels.jit import borrowing
 from vibgym.physics.averaged.integrator import AveragedScheme, mean_velocity_of, new_workspace, sample_contact
 from vibgym.physics.averaged.integrator import mean_acceleration as acceleration_at
 from vibgym.physics.core.drive import clear_phasors, polar_drive
+from vibgym.scene.bodies import body_of
 from vibgym.simulation.averages_tables import averages
 
 
@@ -48,7 +49,7 @@ def _evaluate(kernel, order, surface, part, pose, velocity, amplitude, phase, re
         np.ascontiguousarray(np.broadcast_to(phase, full), dtype=float),
         surface.angular_frequency,
     )
-    table, body = surface.table(), part.body()
+    table, body = surface.table(), body_of(part)
     found = [np.empty((worlds, 3)) for _ in range(results)]
     scheme = AveragedScheme(order, 1, 1, averages())
     kernel(drive, table, body, scheme, pose, velocity, new_workspace(table, body), *found)

@@ -14,8 +14,9 @@ from vibgym.physics.contacts.hulls import wall_gap
 from vibgym.physics.core.drive import polar_drive
 from vibgym.physics.core.records import new_state
 from vibgym.physics.planar.workspace import FixedScene, Scene, new_workspace
+from vibgym.scene.bodies import bodies_of
 from vibgym.scene.hulls import gaps_between, hulls_of
-from vibgym.scene.parts import bodies_of, kinds_of
+from vibgym.scene.parts import kinds_of
 from vibgym.simulation.contact_space import ContactSpace, impact_properties_of
 from vibgym.simulation.multibody import coupling_of
 from vibgym.simulation.schemes import planar_schemes

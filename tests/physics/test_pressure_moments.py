@@ -18,7 +18,7 @@ from vibgym.physics.planar.pressure_moments import MOMENT_ROWS
 from vibgym.physics.planar.stepper import cut_stale, load_part
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, Scene, fixed_scene_at, new_workspace
 from vibgym.physics.planar.wrench import LARGEST_VARIATION, expanded_wrench, sliding_wrench
-from vibgym.scene.parts import bodies_of
+from vibgym.scene.bodies import bodies_of, body_of
 from vibgym.simulation.schemes import planar_scheme
 
 SURFACE = Surface()
@@ -77,7 +77,7 @@ class Cutter:
 
     def points(self, lane, pose, split):
         """Return contact points of the scalar cut: weight, x, y, C and S."""
-        body = self.parts[lane].body(SURFACE.element_size)
+        body = body_of(self.parts[lane], SURFACE.element_size)
         cut = new_cut(len(body.outline), cells_across(self.table, body, split))
         phasors = new_phasors(1, cells_across(self.table, body, 1))
         n = points_at(self.table, body, split, self.drive, 0, *pose, cut, phasors, 0)

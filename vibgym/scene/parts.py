@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.core.records import EVEN, Bodies, Body
 from vibgym.scene import outlines
 from vibgym.scene.friction_laws import law_table
 from vibgym.scene.surface import Surface
@@ -296,29 +295,6 @@ class Part:
         upright = np.array([self.height**2 / 12.0, self.height**2 / 12.0, 0.0])
         return outlines.inertia(self.outline) * (self.gyration / outlines.gyration(self.outline)) + upright
 
-    def body(self, element_size: float | None = None) -> Body:
-        """Return the part for kernels; of a disc a polygon, with fewer corners if ``element_size`` (m) is given.
-
-        Its coefficient of friction is the largest of the friction law, which bounds on motion require.
-        """
-        outline, law = np.array(self.outline), law_table(self.friction_law)
-        largest = float(law.max())
-        if self.symmetry == 0 and element_size is not None:
-            radius = math.sqrt(self.area / math.pi)
-            outline = outlines.disc_outline(radius, outlines.sliding_corners(radius, element_size))
-        return Body(
-            outline,
-            self.area,
-            float(np.hypot(*outline.T).max()),
-            self.gyration,
-            self.friction * largest,
-            self.static_friction,
-            outlines.is_convex(outline),
-            self.symmetry != 0,
-            self.coupling,
-            law=law / largest,
-        )
-
     @property
     def most_friction(self) -> float:
         """Largest coefficient of sliding friction, which differs from ``friction`` with a friction law."""
@@ -390,24 +366,6 @@ def kinds_of(
             kinds.append(part)
         numbers.append(number)
     return kinds, np.array(numbers)
-
-
-def bodies_of(
-    parts: Sequence[Part], element_size: float, same: Callable[[Part, Part], bool] = Part.slides_as
-) -> Bodies:
-    """Return the parts of a world for kernels, on elements of that size (m); ``same``: see :func:`kinds_of`."""
-    kinds, numbers = kinds_of(parts, same)
-    bodies = [kind.body(element_size) for kind in kinds]
-    names = ("area", "radius", "gyration", "friction", "static_friction", "convex", "turns", "coupling")
-    entries = max(len(body.law) for body in bodies)
-    return Bodies(
-        kind=numbers,
-        outline=np.concatenate([body.outline for body in bodies]),
-        first=np.cumsum([0, *(len(body.outline) for body in bodies)]),
-        even=EVEN.copy(),
-        laws=np.stack([body.law if len(body.law) == entries else np.ones(entries) for body in bodies]),
-        **{name: np.array([getattr(body, name) for body in bodies]) for name in names},
-    )
 
 
 SHIPPED: dict[str, dict[str, Any]] = {

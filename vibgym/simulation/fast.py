@@ -20,7 +20,8 @@ from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
 from vibgym.physics.planar.friction import slide_rows
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
-from vibgym.scene.parts import bodies_of, kinds_of
+from vibgym.scene.bodies import bodies_of
+from vibgym.scene.parts import kinds_of
 from vibgym.simulation.contact_space import check_parts, impact_properties_of, slop_of
 from vibgym.simulation.model import NO_PATHS, Setup
 from vibgym.simulation.multibody import Multibody

@@ -20,8 +20,9 @@ from vibgym.physics.planar.friction import slide_rows
 from vibgym.physics.planar.tipping import edge_fractions
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.registry import Registry
+from vibgym.scene.bodies import bodies_of, body_of
 from vibgym.scene.outlines import convex_hull
-from vibgym.scene.parts import Part, bodies_of, kinds_of
+from vibgym.scene.parts import Part, kinds_of
 from vibgym.simulation.choice import DEFAULT_TOLERANCE, choose, choose_for
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
 from vibgym.simulation.schemes import (
@@ -76,7 +77,7 @@ class Averaged(Model):
 
     def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:
         super().__init__(setup)
-        self._table, self._body, self._scheme = setup.surface.table(), setup.parts[0].body(), scheme
+        self._table, self._body, self._scheme = setup.surface.table(), body_of(setup.parts[0]), scheme
         self._workspaces = Pool(partial(integrator.new_workspace, self._table, self._body))
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from vibgym import checks
 from vibgym.config import parse
+from vibgym.scene.bodies import body_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks import route
@@ -77,7 +78,7 @@ class Reach:
         self._node, self._drag, self._across, self._along = means()
         self._push = part.friction * surface.full_scale  # m/s^2
         self._brake = part.friction * surface.gravity
-        gyration = math.sqrt(part.body().gyration)
+        gyration = math.sqrt(body_of(part).gyration)
         self._twist = SWIRL * 0.5 * self._push / gyration  # rad/s^2
         self._spin_drag = 0.5 * self._brake / surface.table_speed  # 1/s
         self.top_speed, self.fastest = (self._steady(effort) for effort in (1.0, EFFORT))

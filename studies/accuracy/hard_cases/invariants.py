@@ -19,6 +19,7 @@ from studies.accuracy.hard_cases.case import (
 from vibgym.physics.core.drive import new_phasors, polar_drive
 from vibgym.physics.planar.contact_area import cells_across, new_cut, points_at
 from vibgym.physics.planar.wrench import sliding_wrench
+from vibgym.scene.bodies import body_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation.simulator import Simulator
@@ -89,7 +90,7 @@ def power() -> Outcome:
     surface, rng, worst = Surface(), np.random.default_rng(3), -math.inf
     table, w = surface.table(), surface.angular_frequency
     for part in (block(), Part.disc(0.02, friction=2.0)):
-        body = part.body()
+        body = body_of(part)
         cut = new_cut(len(body.outline), cells_across(table, body, 2))
         phasors = new_phasors(1, cells_across(table, body, 1))
         amplitude, phase = random_drive(surface, 17)

@@ -32,8 +32,9 @@ from vibgym.plugins.tilting.records import (
     new_work,
     tilt_scheme,
 )
+from vibgym.scene.bodies import bodies_of
 from vibgym.scene.outlines import is_convex, rotation
-from vibgym.scene.parts import Part, bodies_of, kinds_of
+from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 from vibgym.simulation import Simulator
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup, worlds_from

@@ -1,0 +1,68 @@
+"""Stored commands, which take effect after a latency."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.core.drive import Drive
+
+
+class Commands:
+    """Ring buffer of commands, one row per world and step.
+
+    Args:
+        template: a command of the form to store.
+        worlds: number of worlds.
+        room: stored steps, including the present one.
+    """
+
+    def __init__(self, template: Drive, worlds: int, room: int) -> None:
+        self.worlds, self.room = worlds, room
+        self._mode = template.mode
+        given = template._asdict()
+        self._rows = {
+            name: np.zeros((room * worlds, *values.shape[1:]), dtype=values.dtype)
+            for name, values in given.items()
+            if isinstance(values, np.ndarray) and values.size
+        }
+        self._count = np.zeros(1, dtype=np.int64)  # steps in total
+        self._age = np.zeros(worlds, dtype=np.int64)  # commands of each world's episode
+        self._world = np.arange(worlds)
+
+    def clear(self, worlds: Any) -> None:
+        """Delete the commands of ``worlds``."""
+        self._age[worlds] = 0
+
+    def write(self, command: Drive, hardware: int) -> Drive:
+        """Store the command of a step.
+
+        Args:
+            hardware: address of pinned hardware.
+
+        Returns:
+            A drive with all stored rows, executed by the hardware.
+        """
+        if command.mode != self._mode:
+            raise checks.conflict("action: all commands of an environment must have the same form")
+        slot = int(self._count[0] % self.room)
+        for name, rows in self._rows.items():
+            rows[slot * self.worlds : (slot + 1) * self.worlds] = getattr(command, name)
+        self._count += 1
+        self._age += 1
+        return command._replace(**self._rows, hardware=hardware)
+
+    def rows(self, steps: Any, source: np.ndarray) -> None:
+        """Write the rows of the commands ``steps`` (a number or (worlds,)) steps ago to ``source``; -1: none."""
+        slot = (self._count[0] - 1 - steps) % self.room
+        source[...] = np.where(self._age > steps, slot * self.worlds + self._world, -1)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Return live arrays for a snapshot."""
+        return {
+            **{f"command_{name}": rows for name, rows in self._rows.items()},
+            "count": self._count,
+            "age": self._age,
+        }
