@@ -180,6 +180,8 @@ class _Reader:
 
 def _path(element: ET.Element, label: str) -> str:
     """Return the path data of a shape."""
+    from svgpathtools.svg_to_paths import ellipse2pathd, rect2pathd
+
     kind = element.tag
     if kind == "path":
         return element.get("d", "")
@@ -195,20 +197,14 @@ def _path(element: ET.Element, label: str) -> str:
         a, b = (_user(element, "r"),) * 2 if kind == "circle" else (_user(element, "rx"), _user(element, "ry"))
         if min(a, b) <= 0.0:
             raise checks.refuse(f"{label}: radius", min(a, b), "> 0")
-        return f"M {x + a} {y} A {a} {b} 0 0 1 {x - a} {y} A {a} {b} 0 0 1 {x + a} {y}"
+        return ellipse2pathd({"cx": x, "cy": y, "rx": a, "ry": b})
     if kind == "rect":
-        x, y, w, h = (_user(element, name) for name in ("x", "y", "width", "height"))
+        rect = {name: _user(element, name) for name in ("x", "y", "width", "height")}
+        w, h = rect["width"], rect["height"]
         if min(w, h) <= 0.0:
             raise checks.refuse(f"{label}: size", f"{w:g} x {h:g}", "> 0")
         a, b = (_user(element, name, element.get(other, "0")) for name, other in (("rx", "ry"), ("ry", "rx")))
-        a, b = min(a, 0.5 * w), min(b, 0.5 * h)
-        if a <= 0.0 or b <= 0.0:
-            return f"M {x} {y} h {w} v {h} h {-w} Z"
-        arc = f"a {a} {b} 0 0 1"
-        return (
-            f"M {x + a} {y} h {w - 2 * a} {arc} {a} {b} v {h - 2 * b} {arc} {-a} {b} "
-            f"h {2 * a - w} {arc} {-a} {-b} v {2 * b - h} {arc} {a} {-b}"
-        )
+        return rect2pathd(rect | ({"rx": min(a, 0.5 * w), "ry": min(b, 0.5 * h)} if min(a, b) > 0.0 else {}))
     raise checks.conflict(f"{label}: elements of this type are not supported")
 
 
