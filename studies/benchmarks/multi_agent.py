@@ -220,10 +220,9 @@ def train(task: str, central: bool, steps: int, worlds: int, seed: int, blame: f
             group["lr"] = RATE * max(share, 0.1)
         reward = batch["next", GROUP, "reward"]
         fell = (batch["next", "terminated"] & ~batch["next", "success"]).unsqueeze(-1)
-        costs = min(2.0 * (1.0 - share), 1.0) * blame * fell
-        if touch:
-            there, gap = (batch["next", GROUP, "observation"][..., column : column + 1] for column in nearest)
-            costs = costs + touch * ((there > 0.5) & (gap < TOUCHING))
+        there, gap = (batch["next", GROUP, "observation"][..., column : column + 1] for column in nearest)
+        touching = (there > 0.5) & (gap < TOUCHING)
+        costs = min(2.0 * (1.0 - share), 1.0) * blame * fell + touch * touching
         batch["next", GROUP, "reward"] = SCALE * (reward - costs)
         for name in ("done", "terminated"):
             batch["next", GROUP, name] = batch["next", name].unsqueeze(-1).expand(reward.shape)
@@ -294,7 +293,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=600_000)
     parser.add_argument("--worlds", type=int, default=128)
     parser.add_argument("--blame", type=float, default=20.0, help="cost of a fall for every part, in the end")
-    parser.add_argument("--touch", type=float, default=0.0, help="cost of a step in contact with another part")
+    parser.add_argument("--touch", type=float, default=0.05, help="cost of a step in contact with another part")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--episodes", type=int, default=200)
     parser.add_argument(
