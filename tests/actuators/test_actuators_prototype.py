@@ -71,6 +71,42 @@ def test_response_of_one_machine_after_the_dead_zone():
     assert isinstance(model, PrototypeActuators) and model.response == own.response
 
 
+@pytest.mark.parametrize("form", ["hard", "soft", "cubic"])
+@pytest.mark.parametrize("latency", [0, 2])
+def test_a_compensated_response_moves_elements_as_commanded(form, latency):
+    rng = np.random.default_rng(1)
+    elements = np.stack([1.0 + 0.1 * rng.standard_normal((3, 4)), 0.3 * rng.standard_normal((3, 4))], axis=-1)
+    machine = {"gain": 0.8, "phase": 0.5, "elements": elements.tolist(), "dead_zone": 0.05e-3, "dead_zone_form": form}
+    own = made(**machine, latency=latency, compensate=True)
+    asked = command(1, 0.2e-3, 1.0)
+    for _ in range(latency + 1):
+        amplitude, phase, _ = done(own, asked)
+    assert amplitude[0, 0] == pytest.approx(0.2e-3, rel=1e-9) and phase[0, 0] == pytest.approx(1.0)
+    model = nominal(own)  # an estimator's, without latency
+    model.prepare(asked)
+    model.reset(np.arange(1), np.full((1, model.draws), 0.5))
+    amplitude, phase, _ = done(model, asked)
+    assert amplitude[0, 0] == pytest.approx(0.2e-3, rel=1e-9) and phase[0, 0] == pytest.approx(1.0)
+    plain = made(**machine)
+    amplitude, phase, _ = done(plain, plain.compensated(asked))  # without the setting nothing is compensated
+    assert amplitude[0, 0] == pytest.approx(0.8 * elements[..., 0] * 0.2e-3)
+    assert phase[0, 0] == pytest.approx(1.5 + elements[..., 1])
+
+
+def test_the_limits_of_compensated_elements_are_on_the_data_sheet():
+    elements = [[[0.5, 0.0], [1.5, 0.0], [1.0, 0.2], [0.0, 0.0]]] * 3  # the last of each row is dead
+    own = made(gain=0.8, elements=elements, dead_zone=0.1e-3, limit=0.3e-3, resolution=1e-6, compensate=True)
+    sheet = own.data_sheet
+    assert (sheet.limit, sheet.dead_zone, sheet.resolution) == pytest.approx((0.24e-3, 0.08e-3, 0.8e-6))
+    amplitude, _, _ = done(own, command(1, sheet.dead_zone))
+    # The weak element moves as commanded. Strong ones would rest at such a command: they move as little as they can.
+    assert amplitude[0, 0, 0] == pytest.approx([0.08e-3, 0.121e-3, 0.081e-3, 0.0], rel=0.02)
+    below, _, _ = done(own, command(1, 0.9 * sheet.dead_zone))
+    assert below[0, 0, 0] == pytest.approx([0.072e-3, 0.0, 0.0, 0.0], rel=0.02)
+    with pytest.raises(ValueError, match="gain"):
+        made(gain=0.0, compensate=True)
+
+
 def test_limit_and_resolution():
     amplitude, _, _ = done(made(limit=0.25e-3, resolution=1e-5), command(1, ASKED))
     assert amplitude[0, 0] == pytest.approx(np.minimum(np.round(ASKED / 1e-5) * 1e-5, 0.25e-3), abs=1e-15)

@@ -148,7 +148,8 @@ def test_command_writes_page_and_settings(log, tmp_path, capsys, monkeypatch, fi
     assert main(["identify", str(tmp_path / "log.npz"), "--quiet"]) == 0
     assert "friction" in capsys.readouterr().out
     assert (tmp_path / "identified.html").read_text() == page(fitted, "Identification of log.npz")
-    assert yaml.safe_load((tmp_path / "machine.yaml").read_text())["actuators"]["latency"] == 2
+    actuators = yaml.safe_load((tmp_path / "machine.yaml").read_text())["actuators"]
+    assert actuators["latency"] == 2 and actuators["compensate"] is True
     (tmp_path / "bad.npz").write_text("no")
     assert main(["identify", str(tmp_path / "bad.npz")]) == 2
     assert capsys.readouterr().err.count("\n") == 1
@@ -201,3 +202,10 @@ def test_unsuitable_recordings_are_refused(log, change, message):
         fit(recorded, surface, parts)
     assert message in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_known_camera_is_corrected():
+    pose = np.random.default_rng(3).uniform([0.0, 0.0, -3.0], [0.2, 0.1, 3.0], (4, 2, 3))
+    seen = CAMERA.measured(pose, TRUE)
+    assert np.abs(seen - pose).max() > 1e-3
+    np.testing.assert_allclose(CAMERA.corrected(seen, TRUE), pose, atol=1e-15)

@@ -1,4 +1,4 @@
-"""Stored commands, which take effect after a latency."""
+"""Commands on their way: stored ones, which take effect after a latency, and the inverse of a known response."""
 
 from __future__ import annotations
 
@@ -66,3 +66,20 @@ class Commands:
             "count": self._count,
             "age": self._age,
         }
+
+
+WEAKEST = 0.1
+"""Gain below which an element counts as dead where commands are compensated: it rests."""
+
+
+def inverse_of(response: Any, shape: tuple[int, int]) -> np.ndarray:
+    """Return the factors of commands, (rows, columns), that compensate a response: complex, a number or one per element.
+
+    Raises:
+        ValueError: no element can be compensated.
+    """
+    response = np.broadcast_to(response, shape)
+    works = np.abs(response) >= WEAKEST
+    if not works.any():
+        raise checks.conflict(f"actuators.compensate requires elements with a gain of at least {WEAKEST:g}")
+    return np.where(works, 1.0 / np.where(works, response, 1.0), 0.0)

@@ -9,23 +9,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from vibgym import checks
-from vibgym.actuators.commands import Commands
+from vibgym.actuators.commands import Commands, inverse_of
 from vibgym.actuators.stage import ActuatorStage, DataSheet
 from vibgym.kernels.reference import Pinned
-from vibgym.physics.core.drive import Drive, cartesian_drive, follow_phasors
+from vibgym.physics.core.drive import Drive, all_phasors, cartesian_drive, follow_phasors
 from vibgym.physics.core.hardware import (
     DEAD_ZONE,
     FORMS,
+    HARD,
     HARDWARE,
     LIMIT,
     NUMBERS,
     RESOLUTION,
+    ROUNDING,
     Hardware,
     draw_elements,
 )
@@ -60,6 +62,8 @@ class PrototypeSettings:
         gain, phase: factor (1) and phase (rad) that all elements have in common, as identified on a machine.
         elements: (rows, columns, 2) further factor and phase of each element of one machine, in addition to what the
             spreads draw (usually 0 then); None: 1 and 0.
+        compensate: commands are divided by ``gain``, ``phase`` and ``elements`` before the elements get them, so that an
+            identified machine moves as commanded where its elements can. The data sheet has the limits of what results.
     """
 
     dead_zone: float = 1e-4
@@ -76,9 +80,10 @@ class PrototypeSettings:
     gain: float = 1.0
     phase: float = 0.0
     elements: Sequence[Sequence[Sequence[float]]] | None = None
+    compensate: bool = False
 
 
-FIXED = ("dead_zone_form", "seed", "gain", "phase", "elements")
+FIXED = ("dead_zone_form", "seed", "gain", "phase", "elements", "compensate")
 """Settings without ranges."""
 
 
@@ -133,8 +138,11 @@ class PrototypeActuators(ActuatorStage):
             "gain": number("gain", given.gain, least=0.0, most=MOST_GAIN),
             "phase": number("phase", given.phase, least=-2.0 * math.pi, most=2.0 * math.pi),
             "elements": given.elements,
+            "compensate": checks.flag("actuators.compensate", given.compensate),
         }
         self._response = self._complex_response()
+        compensated = self.response["compensate"] and self._response is not None
+        self._inverse = inverse_of(self._response, (surface.rows, surface.columns)) if compensated else None
         self._ranges: dict[str, tuple[float, float]] = {}
         self._own = {name: np.full(worlds, value) for name, value in self._numbers.items()}
         self._make()
@@ -149,6 +157,25 @@ class PrototypeActuators(ActuatorStage):
         each = checks.array("actuators.elements", each, shape)
         checks.array("actuators.elements (gain)", each[..., 0], shape[:2], least=0.0, most=MOST_GAIN)
         return gain * each[..., 0] * np.exp(1j * (phase + each[..., 1]))
+
+    @property
+    def _scale(self) -> float:
+        """Mean gain from commands to motion that compensation hides, of the elements that work."""
+        return 1.0 if self._inverse is None else float(np.mean(1.0 / np.abs(self._inverse[self._inverse != 0.0])))
+
+    def compensated(self, command: Drive) -> Drive:
+        if self._inverse is None:
+            return command
+        phasors, (zone, moving) = self._phasors, self._edge
+        all_phasors(command, phasors)
+        sent = (phasors[..., 0] + 1j * phasors[..., 1]) * self._inverse
+        if self.form == FORMS[HARD] and zone > 0.0:
+            # A strong element must not fall into its dead zone where the one of the data sheet moves.
+            size, asked = np.abs(sent), np.hypot(phasors[..., 0], phasors[..., 1])
+            short = (asked >= (1.0 - ROUNDING) * zone * self._scale) & (size > 0.0) & (size < moving)
+            sent[short] *= moving / size[short]
+        self._sent[0], self._sent[1] = sent.real, sent.imag
+        return cartesian_drive(*self._sent)
 
     def vary(self, ranges: Mapping[str, Any]) -> None:
         most, inside = self.most, {}
@@ -198,16 +225,31 @@ class PrototypeActuators(ActuatorStage):
         self._reached = np.zeros((*shape, 2) if self._lagging else (0, 0, 0, 2))
         self._mean = np.zeros((2, *shape)) if self._lagging else np.zeros((2, 0, 0, 0))
         self._keep = np.zeros((worlds, 2))
+        compensated = shape if self._inverse is not None else (0, 0, 0)
+        self._phasors, self._sent = np.zeros((*compensated, 2)), np.zeros((2, *compensated))
+        zone = self._ranges.get("dead_zone", (0.0, self._numbers["dead_zone"]))[1]
+        moving = zone + 0.5 * self._numbers["resolution"]  # commands are rounded before the dead zone applies
+        self._edge = zone * surface.angular_frequency**2, moving * surface.angular_frequency**2  # m/s^2
         self._everyone = np.arange(worlds)
         self._commands: Commands | None = None
 
     def prepare(self, command: Drive) -> None:
+        command = self.compensated(command)
         step = sum(each.nbytes for each in command if isinstance(each, np.ndarray))
         checks.fitting("actuators.latency", self.most_latency, step / self.periods)
         self._commands = Commands(command, self.worlds, self._room)
 
     @property
     def data_sheet(self) -> DataSheet:
+        own, scale = self._own_sheet, self._scale
+        if scale == 1.0:
+            return own
+        limit, zone, resolution = (scale * each for each in (own.limit, own.dead_zone, own.resolution))
+        return replace(own, limit=min(limit, self.most), dead_zone=zone, resolution=resolution)
+
+    @property
+    def _own_sheet(self) -> DataSheet:
+        """Data sheet of the elements without compensation."""
         own = dict(self._numbers)
         if "dead_zone" in self._ranges:  # values that hold in every episode
             own["dead_zone"] = self._ranges["dead_zone"][1]
@@ -235,7 +277,7 @@ class PrototypeActuators(ActuatorStage):
         return self._ranges.get(name, (0.0, self._numbers[name]))[1]
 
     def nominal(self) -> PrototypeActuators:
-        sheet = self.data_sheet
+        sheet = self._own_sheet
         return PrototypeActuators(
             self.surface, self.worlds, self.periods, dead_zone=sheet.dead_zone, dead_zone_form=sheet.dead_zone_form,
             limit=sheet.limit, latency=0, gain_spread=0.0, phase_spread=0.0, bandwidth=sheet.bandwidth,
@@ -294,7 +336,7 @@ class PrototypeActuators(ActuatorStage):
 
     def apply(self, command: Drive) -> Iterable[tuple[Drive, int]]:
         assert self._commands is not None
-        source = self._hardware.record.source
+        source, command = self._hardware.record.source, self.compensated(command)
         if self._room == 1 and not self._lagging:  # no latency: the command itself
             source[...] = self._everyone
             yield command._replace(hardware=self._hardware.address), self.periods

@@ -75,6 +75,13 @@ class ActuatorStage(Live, ABC):
         """Return actuators with the properties of the data sheet, without latency, for a model; None: ideal ones."""
         return None
 
+    def compensated(self, command: Drive) -> Drive:
+        """Return the command that elements get for this one; the same, unless their known response is compensated.
+
+        The result is valid until the next call.
+        """
+        return command
+
     def prepare(self, command: Drive) -> None:
         """Allocate buffers for commands of this form, once, before the first of them."""
 

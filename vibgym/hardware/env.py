@@ -221,7 +221,8 @@ class HardwareCore(Core):
         if self._stopped:
             raise Stopped(self._stopped)
         self.watchdog.check_emergency()
-        write_motion(self._command, self.surface, self._amplitude, self._phase)
+        sent = self.actuators.compensated(self._command)
+        write_motion(sent, self.surface, self._amplitude, self._phase)
         self.driver.send(self._amplitude, self._phase)
         self.sent = self.clock()
         self._record(self._amplitude, self._phase)

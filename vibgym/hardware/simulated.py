@@ -58,7 +58,8 @@ class SimulatedDriver:
         seed: of the episode: start, hardware and noise are those of ``gym.make(task, **environment).reset(seed=seed)``.
         options: of the reset.
         images: measurements are the camera's images; requires ``sensor="camera"``.
-        **environment: keyword arguments of the environment. Estimator, action and observation have no effect.
+        **environment: keyword arguments of the environment. Estimator, action, observation and ``compensate`` of the
+            actuators have no effect.
 
     Attributes:
         env: with the true state, ``env.truth``.
@@ -81,6 +82,9 @@ class SimulatedDriver:
         sensor = kwargs.get("sensor")
         if isinstance(sensor, Mapping):
             kwargs["sensor"] = {name: value for name, value in sensor.items() if name not in ("estimator", "tell")}
+        actuators = kwargs.get("actuators")
+        if isinstance(actuators, Mapping):  # the control loop compensates
+            kwargs["actuators"] = {name: value for name, value in actuators.items() if name != "compensate"}
         self.env = SimulatedMachine(**kwargs)
         self.info: dict[str, Any] = {}
         self._camera: Any = self.env.core.sensing.sensor if images else None

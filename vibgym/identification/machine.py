@@ -47,6 +47,15 @@ class Camera:
         out[..., 2] = pose[..., 2] + self.turn
         return out
 
+    def corrected(self, measured: np.ndarray, surface: Surface) -> np.ndarray:
+        """Return the poses (..., 3) whose images are these: the inverse of :meth:`measured`."""
+        middle, out = np.array([0.5 * surface.width, 0.5 * surface.depth]), np.empty_like(measured)
+        c, s = np.cos(self.turn) / self.scale, np.sin(self.turn) / self.scale
+        dx, dy = measured[..., 0] - middle[0] - self.x, measured[..., 1] - middle[1] - self.y
+        out[..., 0], out[..., 1] = middle[0] + c * dx + s * dy, middle[1] - s * dx + c * dy
+        out[..., 2] = measured[..., 2] - self.turn
+        return out
+
 
 def record(
     surface: Surface,

@@ -47,7 +47,7 @@ def settings_text(fitted: Fitted) -> str:
     noise = {"position": fitted.values["noise_position"], "heading": fitted.values["noise_heading"]}
     settings = {
         "surface": fitted.surface,
-        "actuators": fitted.actuators,
+        "actuators": {**fitted.actuators, "compensate": True},
         "parts": list(fitted.parts),
         "sensor": {"kind": "pose", "noise": noise},
     }

@@ -14,6 +14,7 @@ from agents.tabulate import shipped_name
 from agents.training_file import agents_in, load_settings
 from agents.training_settings import TrainSettings
 from tests.policies.helpers import DISC, FRESH, episodes, info_of
+from vibgym import Surface
 from vibgym.envs.vector import environment_id
 from vibgym.policies.measures import Measures
 from vibgym.policies.protocol import Policy
@@ -21,7 +22,7 @@ from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.catalogue import SHIPPED
-from vibgym.policies.trained.trained import RESIDUAL
+from vibgym.policies.trained.trained import RESIDUAL, described, serves_surface
 
 ROOT = Path(__file__).parents[3]
 TABLE = ROOT / "results" / "agents.csv"
@@ -115,6 +116,21 @@ def test_numbers_of_the_table_belong_together():
         assert 0.0 <= low <= rate <= high <= 1.0 and low < high
         assert rate * int(row["episodes"]) == pytest.approx(np.rint(rate * int(row["episodes"])), abs=1e-6)
         assert int(row["steps"]) > 0 and float(row["minutes"]) > 0.0 and row["processor"] and row["versions"]
+
+
+@pytest.mark.parametrize("frequency", [24.0, 26.0])
+@pytest.mark.parametrize("hardware", [{}, {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}])
+@pytest.mark.parametrize("task", ["Transport", "Align", "Rotate", "Sort", "Pack"])
+def test_agents_serve_machines_near_the_frequency_of_their_training(task, hardware, frequency):
+    found = rollout("learned", task, seeds=range(FRESH, FRESH + 20), surface={"frequency": frequency}, **hardware)
+    assert found.success.mean() >= 0.95
+
+
+def test_policies_do_not_serve_other_frequencies():
+    stated = described(Surface())
+    served = {frequency: serves_surface(stated, Surface(frequency=frequency)) for frequency in (23.9, 24.0, 26.0, 26.1)}
+    assert served == {23.9: False, 24.0: True, 26.0: True, 26.1: False}
+    assert not serves_surface(stated, Surface(rows=9)) and not serves_surface(stated, Surface(element_size=0.0265))
 
 
 RANGED = [name for name in ALL if isinstance(record(name)["surface"]["frequency"], list)]

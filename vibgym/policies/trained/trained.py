@@ -25,6 +25,10 @@ VERSION = 2
 ANY = "any"
 """Value of ``surface``, of its rows and columns, or of ``parts`` in a policy file that serves all of them."""
 
+FREQUENCY = 0.04
+"""Relative difference of a machine's frequency from that of training within which a policy still serves it: no machine has
+exactly the nominal one. Tests of shipped agents at 24 and 26 Hz are in tests/policies/trained."""
+
 RESIDUAL = "residual"
 """Key of a policy file that names the base policy and the scale of a correction."""
 
@@ -149,7 +153,7 @@ def described(surface: Surface) -> dict[str, Any]:
 
 
 def serves_surface(record: Any, surface: Surface) -> bool:
-    """Return whether the ``surface`` of a policy file includes this one.
+    """Return whether the ``surface`` of a policy file includes this one, its frequency within :data:`FREQUENCY`.
 
     Args:
         record: :data:`ANY`, or a mapping as of :func:`described`, of numbers, ranges ``[low, high]``, or :data:`ANY`.
@@ -158,6 +162,9 @@ def serves_surface(record: Any, surface: Surface) -> bool:
     mine = described(surface)
     if not isinstance(record, dict) or record.keys() != mine.keys():
         return bool(record == ANY)
+    stated = record["frequency"]
+    if isinstance(stated, int | float) and abs(surface.frequency - stated) <= FREQUENCY * stated:
+        mine["frequency"] = stated
     return all(
         each[0] <= mine[name] <= each[1] if isinstance(each, list) and len(each) == 2 else each in (ANY, mine[name])
         for name, each in record.items()
