@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, fields
 from enum import Enum
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_type_hints
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
@@ -20,6 +20,9 @@ from vibgym import checks
 from vibgym.files import reason
 from vibgym.scene.parts import SHIPPED, Part, shipped_part
 from vibgym.scene.surface import Surface
+
+if TYPE_CHECKING:
+    from vibgym.scene.drawings.records import Drawing
 
 UNITS = {"_mm": 1e-3, "_deg": math.pi / 180.0, "_g": 1e-3}
 """Suffixes of keys and the factors to SI."""
@@ -225,6 +228,24 @@ def surface_from(value: Any) -> Surface:
     return Surface(**parse(SurfaceSettings, value, "surface").model_dump())
 
 
+def drawn_part(value: Any, where: str = "parts", surface: Surface | None = None) -> tuple[Part, Drawing]:
+    """Return the part of a mapping of :class:`DrawingSettings`, and its drawing, from one reading of the file.
+
+    The part must fit on ``surface``, if it is given.
+    """
+    from vibgym.scene.drawings.drawing import read
+    from vibgym.scene.drawings.records import TOLERANCE
+
+    settings = parse(DrawingSettings, value, where).model_dump(exclude_none=True)
+    if "thickness" in settings:
+        settings["thickness_mm"] = 1e3 * settings.pop("thickness")
+    path, tolerance = settings.pop("file"), settings.pop("tolerance", None)
+    reading = {name: settings.pop(name, None) for name in ("units", "layer", "stable_pose")}
+    with checks.within(where):
+        drawing = read(path, TOLERANCE if tolerance is None else 1e3 * tolerance, **reading, surface=surface)
+        return Part.from_drawing(drawing, path, **settings), drawing
+
+
 def part_from(value: Any, where: str = "parts", surface: Surface | None = None) -> Part:
     """Return a part from the name of a shipped one, a mapping of :class:`PartSettings` or :class:`DrawingSettings`, or a Part.
 
@@ -236,10 +257,7 @@ def part_from(value: Any, where: str = "parts", surface: Surface | None = None) 
         checks.choice(where, value, tuple(SHIPPED))
         return shipped_part(value)
     if isinstance(value, Mapping) and "file" in value:
-        settings = parse(DrawingSettings, value, where).model_dump(exclude_none=True)
-        settings |= {f"{name}_mm": 1e3 * settings.pop(name) for name in ("thickness", "tolerance") if name in settings}
-        with checks.within(where):
-            return Part.from_file(settings.pop("file"), surface=surface, **settings)
+        return drawn_part(value, where, surface)[0]
     settings = parse(PartSettings, value, where).model_dump(exclude_none=True)
     shape = settings.pop("shape")
     needed = SHAPE_FIELDS[shape]

@@ -44,14 +44,10 @@ def run(given: argparse.Namespace) -> int:
 
     if given.picture is not None and given.picture.suffix.lower() != ".png":
         raise checks.refuse("--picture", str(given.picture), "a .png file")
-    options = {
-        name: getattr(given, name)
-        for name in ("thickness_mm", "density", "tolerance_mm", "units", "layer", "stable_pose")
-    }
     surface = Surface()
-    made = Part.from_file(given.file, friction=given.friction, surface=surface, **options)
-    reading = {name: options[name] for name in ("units", "layer", "stable_pose")}
-    drawing = read(given.file, options["tolerance_mm"], **reading, surface=surface)
+    drawing = read(given.file, given.tolerance_mm, given.units, given.layer, given.stable_pose, surface)
+    options = {"friction": given.friction, "thickness_mm": given.thickness_mm, "density": given.density}
+    made = Part.from_drawing(drawing, given.file, **options)
     pose = centred(surface)
     for line in description(made, drawing.skipped, surface, pose):
         print(line)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -154,20 +155,39 @@ def _datasheet_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "config", type=Path, nargs="?", metavar="CONFIG", help="see configs/datasheets (default: the prototype)"
     )
+    parser.add_argument("--machine", metavar="FILE", help="settings of an identified machine, such as machine.yaml")
+    parser.add_argument(
+        "--part", metavar="PART", help="drawing, name of a shipped part, or a JSON mapping as in CONFIG"
+    )
     _episodes(parser, "episodes of each measurement")
+
+
+def _part(text: str) -> Any:
+    """Return the part of a command line: a mapping from JSON, or a name or path."""
+    if not text.lstrip().startswith("{"):
+        return text
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise checks.refuse("--part", text, f"JSON ({error})") from None
 
 
 def datasheet(arguments: argparse.Namespace) -> None:
     """Measure a surface with a part, write the sheet and print its lines."""
-    from agents.evaluation import datasheet as sheets
+    from agents.evaluation import datasheet, datasheet_page
     from vibgym import files
 
-    settings, field = _settings(sheets.DatasheetSettings, arguments), "datasheet.output"
-    files.output_files([files.output_directory(Path(settings.output), field) / sheets.PAGE], field)
+    given = {name: getattr(arguments, name) for name in ("machine", "part") if getattr(arguments, name) is not None}
+    if "part" in given:
+        given["part"] = _part(given["part"])
+    output = None if arguments.output is None else str(arguments.output)
+    settings = datasheet.DatasheetSettings.given(arguments.config, given, arguments.episodes, output)
+    field = "datasheet.output"
+    files.output_files([files.output_directory(Path(settings.output), field) / datasheet_page.PAGE], field)
     with contextlib.nullcontext() if arguments.config is None else checks.within(arguments.config):
-        found = sheets.measure(settings, arguments.quiet)
-    page = sheets.write(found)
-    print(f"{sheets.summary(found)}\n\npage: {page}")
+        found = datasheet.measure(settings, arguments.quiet)
+    page = datasheet_page.write(found)
+    print(f"{datasheet_page.summary(found)}\n\npage: {page}")
 
 
 def _publish_arguments(parser: argparse.ArgumentParser) -> None:

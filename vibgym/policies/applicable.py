@@ -69,8 +69,12 @@ def parts_with(id: str, part: Any) -> list[Any]:
     return [mine if here else each for here, each in zip(ours, usual, strict=True)]
 
 
-def tasks_with(part: Any, surface: Any = "prototype") -> dict[str, tuple[str, ...] | str]:
+def tasks_with(part: Any, surface: Any = "prototype", **hardware: Any) -> dict[str, tuple[str, ...] | str]:
     """Return the policies that support each shipped environment with a part (:func:`parts_with`), or why it does not accept it.
+
+    Args:
+        part: a mapping, see :func:`vibgym.config.part_from`.
+        surface, **hardware: arguments of the environments, such as ``actuators``.
 
     Environments whose shapes are drawn are left out.
     """
@@ -80,7 +84,7 @@ def tasks_with(part: Any, surface: Any = "prototype") -> dict[str, tuple[str, ..
             continue
         id = f"vibgym/{name}-v0"
         try:
-            env = gym.make(id, parts=parts_with(id, part), surface=surface)
+            env = gym.make(id, parts=parts_with(id, part), surface=surface, **hardware)
         except checks.Refused as error:
             found[name] = str(error)
             continue

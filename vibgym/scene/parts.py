@@ -17,7 +17,7 @@ from vibgym.scene.friction_laws import law_table
 from vibgym.scene.surface import Surface
 
 if TYPE_CHECKING:
-    from vibgym.scene.drawings.records import Solid
+    from vibgym.scene.drawings.records import Drawing, Solid
 
 LEAST_MASS, MOST_MASS = 1e-9, 1e9
 """kg."""
@@ -189,6 +189,25 @@ class Part:
         from vibgym.scene.drawings.drawing import read
 
         drawing = read(path, tolerance_mm, units, layer, stable_pose, surface)
+        return cls.from_drawing(
+            drawing, path, friction=friction, thickness_mm=thickness_mm, density=density, **properties
+        )
+
+    @classmethod
+    def from_drawing(
+        cls,
+        drawing: Drawing,
+        path: str | Path,
+        *,
+        friction: float,
+        thickness_mm: float | None = None,
+        density: float | None = None,
+        **properties: Any,
+    ) -> Part:
+        """Return the part in a drawing that :func:`vibgym.scene.drawings.drawing.read` has read from ``path``.
+
+        Arguments, errors and warnings are those of :meth:`from_file`.
+        """
         properties = {"name": Path(path).stem, **properties}
         if density is not None:
             if properties.get("mass") is not None:
@@ -346,7 +365,7 @@ def _warn_of_shape(part: Part, solid: Solid) -> None:
         warnings.warn(
             f"part {part.name!r} is no prism: it rests on {100 * solid.resting:.0f} % of its outline, its centre of mass is "
             f"{solid.offset:.3g} mm from the outline's, its inertia {inertia:.2f} of a plate's; it moves as a plate",
-            stacklevel=3,
+            stacklevel=4,
         )
 
 

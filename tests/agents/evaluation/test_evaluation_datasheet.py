@@ -7,7 +7,7 @@ import re
 import pytest
 
 from agents.__main__ import main
-from agents.evaluation import datasheet
+from agents.evaluation import datasheet, datasheet_page, part_limits
 from agents.evaluation.datasheet import DatasheetSettings
 from tests.browser import chromium, faults_at_all_sizes, watch
 from vibgym import Part, Surface
@@ -28,7 +28,7 @@ def sheet(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def written(sheet):
-    return datasheet.write(sheet)
+    return datasheet_page.write(sheet)
 
 
 def test_limits_follow_from_closed_forms(sheet):
@@ -37,6 +37,9 @@ def test_limits_follow_from_closed_forms(sheet):
     assert found.most_friction == pytest.approx(2.7e-3 * (50.0 * math.pi) ** 2 / (2.0 * 9.81), rel=1e-9)
     assert found.circle == pytest.approx(0.58 * 9.81 / (50.0 * math.pi) ** 2, rel=1e-9)
     assert found.tipping == pytest.approx(0.58 * 0.010 / 0.020, rel=1e-9)
+    assert 0.040 / math.sqrt(5.0) < found.gap < 0.020  # at crossings, at least that of the largest disc inside
+    # A pulse at 0.1 mm (docs/control.md).
+    assert found.pulse == pytest.approx(0.1e-3 * 2.7e-3 * (50.0 * math.pi) ** 3 * 0.04 / 9.81, rel=1e-9)
     # The averages' own speed, within what they leave out (vibgym.scene.sliding).
     assert found.top_speed == pytest.approx(0.71 * SURFACE.table_speed, rel=0.03)
 
@@ -51,12 +54,12 @@ def test_measured_rates_keep_the_bounds(sheet):
 
 
 def test_a_part_on_a_single_element_cannot_be_turned():
-    scale = datasheet.smallest_scale(SURFACE, SQUARE, IDEAL)
+    scale = part_limits.smallest_scale(SURFACE, SQUARE, IDEAL)
     assert 26.0 < 40.0 * scale < 30.0  # mm: a little more than an element
     for factor, turns in ((0.95, False), (1.05, True)):
         part = Part.polygon(factor * scale * SQUARE.outline, friction=0.58)
-        assert bool(datasheet.reach_of(SURFACE, part, IDEAL).min() >= datasheet.TURNABLE) is turns
-    assert math.isnan(datasheet.smallest_scale(SURFACE, Part.rectangle(0.01, 0.01, friction=0.58), IDEAL))
+        assert bool(part_limits.reach_of(SURFACE, part, IDEAL).min() >= part_limits.TURNABLE) is turns
+    assert math.isnan(part_limits.smallest_scale(SURFACE, Part.rectangle(0.01, 0.01, friction=0.58), IDEAL))
 
 
 def test_the_page_is_one_of_a4_without_scripts(written, tmp_path):
@@ -106,11 +109,11 @@ def test_a_disc_has_no_heading(tmp_path):
     settings = DatasheetSettings.checked({"part": part, "episodes": 8, "output": str(tmp_path)})
     found = datasheet.measure(settings, quiet=True)
     assert found.turn_speed is None and "Rotate" not in found.played
-    text = datasheet.summary(found)
+    text = datasheet_page.summary(found)
     assert (
         "Heading" not in text
         and "Rotation" not in text
-        and "disc of 40 mm" in datasheet.write(found).read_text(encoding="utf-8")
+        and "disc of 40 mm" in datasheet_page.write(found).read_text(encoding="utf-8")
     )
 
 
@@ -118,9 +121,69 @@ def test_stable_poses_of_a_mesh_are_on_the_sheet(sheet, tmp_path):
     trimesh = pytest.importorskip("trimesh")
     path = tmp_path / "box.stl"
     path.write_bytes(trimesh.creation.box([40.0, 30.0, 10.0]).export(file_type="stl"))
-    poses = datasheet.poses_of({"file": str(path), "friction": 0.5, "tolerance_mm": 0.1})
+    given = {"part": {"file": str(path), "friction": 0.5, "tolerance_mm": 0.1}}
+    part, poses = datasheet.part_of(DatasheetSettings.checked(given))
+    assert part.height == pytest.approx(0.010)
     assert len(poses) == 6 and sum(each.probability for each in poses) == pytest.approx(1.0)
-    lines = datasheet.groups(dataclasses.replace(sheet, poses=poses))["Stable poses"]
-    assert [each.label for each in lines] == [f"Pose {k}" for k in range(6)]
+    lines = datasheet_page.groups(dataclasses.replace(sheet, poses=poses))["Stable poses"]
+    assert [each.label for each in lines] == [f"Pose {k}" for k in range(datasheet_page.MOST_POSES)]
     assert lines[0].value == f"{100 * poses[0].probability:.1f} %" and "10 mm high" in lines[0].note
-    assert "Stable poses" not in datasheet.groups(sheet) and datasheet.poses_of("steel_block") == ()
+    assert "Stable poses" not in datasheet_page.groups(sheet)
+    assert datasheet.part_of(DatasheetSettings.checked({"part": "steel_block"}))[1] == ()
+
+
+def test_tasks_models_and_sticking_are_on_the_sheet(sheet):
+    found = {line.label: line for lines in datasheet_page.groups(sheet).values() for line in lines}
+    assert found["Align, camera"].value.startswith("8 of 8") and found["Align, rigid part"].value.startswith("8 of 8")
+    assert "Align" in found["Tasks"].note and "Align" in found["Learned agents"].note
+    assert "pose" in found["Controllers of all these tasks"].note and "zero" not in str(found)
+    assert "0.58" in found["Sticking"].note and found["Gap between elements"].value.endswith("mm")
+    held = dataclasses.replace(sheet, unfit={"Rigid part": "not convex"})
+    (line,) = [each for each in datasheet_page.groups(held)["Accuracy"] if each.label == "Align, rigid part"]
+    assert line.note == "not convex"
+
+
+MACHINE = """
+surface: {frequency: 24.6, horizontal_amplitude: 0.0025}
+actuators: {kind: prototype, gain: 0.9, elements: %s, compensate: true}
+sensor: {kind: pose, noise: {position: 0.0002, heading: 0.003}}
+parts: [{shape: rectangle, length: 0.05, width: 0.035, friction: 0.47, name: block}]
+"""
+
+
+def test_a_part_on_an_identified_machine(tmp_path, capsys, monkeypatch):
+    """One command with the two files; the part has the machine's friction. The drawing is read once."""
+    pytest.importorskip("ezdxf")
+    from vibgym.scene.drawings import drawing
+
+    read, reads = drawing.read, []
+    monkeypatch.setattr(drawing, "read", lambda *given, **options: reads.append(given) or read(*given, **options))
+    machine = tmp_path / "machine.yaml"
+    machine.write_text(MACHINE % ([[[1.0, 0.1]] * 32] * 8), encoding="utf-8")
+    options = ["--part", "configs/datasheets/bracket.dxf", "--episodes", "8", "--output", str(tmp_path), "--quiet"]
+    assert main(["datasheet", "--machine", str(machine), *options]) == 0
+    assert len(reads) == 1
+    said = capsys.readouterr().out
+    assert "here 0.47" in said and "Align, rigid part: –; parts must be convex" in said
+    page = (tmp_path / "datasheet.html").read_text(encoding="utf-8")
+    assert "24.6 Hz" in page and "gain 1.00 to 1.00, phase 6 to 6 deg" in page and "estimator model" in page
+
+
+def test_settings_of_a_machine_and_of_the_sheet(tmp_path, capsys):
+    machine = tmp_path / "machine.yaml"
+    machine.write_text(MACHINE % "null", encoding="utf-8")
+    given = {"machine": str(machine), "sensor": "pose"}
+    settings = DatasheetSettings.checked(given)
+    assert settings.part["name"] == "block" and settings.sensor == "pose" and settings.actuators["gain"] == 0.9
+    own = DatasheetSettings.checked({**given, "part": {"file": "a.dxf", "friction": 0.3}})
+    assert own.part == {"file": "a.dxf", "friction": 0.3}
+    assert DatasheetSettings.checked({**given, "part": "a.dxf"}).part == {"file": "a.dxf", "friction": 0.47}
+    machine.write_text("walls: [left]", encoding="utf-8")
+    for more, named in (
+        (["--machine", str(machine)], "walls"),
+        (["--part", "{"], "--part"),
+        (["--part", "a.dxf"], "friction"),
+    ):
+        assert main(["datasheet", "--output", str(tmp_path), "--quiet", *more]) == 2
+        line = capsys.readouterr().err
+        assert line.count("\n") == 1 and named in line

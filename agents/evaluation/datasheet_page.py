@@ -1,0 +1,269 @@
+"""Page of a data sheet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.evaluation import films
+from agents.evaluation.datasheet import RESTING, VARIANTS, DatasheetSettings, Sheet
+from agents.evaluation.pages import data_address, render
+from agents.evaluation.part_limits import TURNABLE, Limits
+from agents.evaluation.statistics import quartiles
+from agents.evaluation.table import quantity
+from vibgym import Part, Surface
+from vibgym.envs.viewer import scenery_of
+from vibgym.files import write_atomically
+from vibgym.policies.rollout import worlds_of
+from vibgym.tasks.base import HOLD_PERIODS
+
+PAGE = "datasheet.html"
+
+MOST_POSES = 4
+"""Most stable poses on a sheet."""
+
+DISTANCE = 0.1
+"""m: displacement of the least time on the sheet."""
+
+FOR_DEMONSTRATION = ("zero", "random", "open_loop")
+"""Policies that are not named as suitable."""
+
+
+def _picture(sheet: Sheet) -> bytes:
+    """Draw the part half way to its goal, PNG."""
+    env = worlds_of("Align", 1, **sheet.environment)
+    scenery = scenery_of(env.unwrapped)  # type: ignore[arg-type]
+    env.close()
+    film = sheet.played["Align"].film
+    left = np.hypot(*np.moveaxis(film.poses[:, 0, :2] - film.goals[:, 0, :2], -1, 0))
+    frame = int((left <= 0.5 * left[0]).argmax())
+    return films.png(films.picture(film, scenery, frame, films.painter_for(scenery, 1064)), 64)
+
+
+class Line(NamedTuple):
+    """A line of the sheet."""
+
+    label: str
+    value: str
+    note: str = ""
+
+
+def groups(sheet: Sheet) -> dict[str, list[Line]]:
+    """Return the lines of the sheet by their headings."""
+    found = {
+        "Rates": _rates(sheet),
+        "Accuracy": _accuracy(sheet),
+        "Limits": _limits(sheet),
+        "Tasks and controllers": _tasks(sheet),
+    }
+    poses = [
+        Line(f"Pose {k}", f"{100 * each.probability:.1f} %", f"{each.height:.3g} mm high, on {each.area:.3g} mm²")
+        for k, each in enumerate(sheet.poses[:MOST_POSES])
+    ]
+    return {**found, "Stable poses": poses} if poses else found
+
+
+def _rates(sheet: Sheet) -> list[Line]:
+    bound, seconds = sheet.limits.bound, sheet.played["Transport"].time_to_goal
+    hold = HOLD_PERIODS * sheet.info.surface.period
+    least_way = float(bound.seconds([0.0, 0.0, 0.0], [DISTANCE, 0.0, 0.0])[0])
+    lines = [
+        Line("Parts moved", _middle(60.0 / seconds, 1.0, 1, "a minute"), "one after another, to drawn places"),
+        Line("Transport", _middle(sheet.speed, 1e3, 0, "mm/s"), f"from rest to rest, with {hold:.2g} s to stay"),
+        Line("Top speed", quantity(sheet.limits.top_speed, 1e3, 0, "mm/s"), "on elements that all push one way"),
+        Line(f"Least time for {1e3 * DISTANCE:g} mm", quantity(least_way, 1.0, 2, "s"), "no policy is faster"),
+    ]
+    if sheet.turn_speed is not None:
+        # A quarter turn, or half of what makes the part look the same, if that is less.
+        turn = min(0.5 * math.pi, math.pi / sheet.info.parts[0].symmetry)
+        least_turn = float(bound.seconds([0.0, 0.0, 0.0], [0.0, 0.0, turn])[0])
+        lines += [
+            Line("Rotation in place", _middle(np.degrees(sheet.turn_speed), 1.0, 0, "°/s"), "from rest to rest"),
+            Line(f"Least time for {math.degrees(turn):g}°", quantity(least_turn, 1.0, 2, "s"), "no policy is faster"),
+        ]
+    return lines
+
+
+def _accuracy(sheet: Sheet) -> list[Line]:
+    position = _most(sheet.at_rest("position_error"), 1e3, "mm")
+    lines = [Line("Position at rest", position, f"mean of {RESTING} periods at the goal")]
+    if sheet.turn_speed is not None:
+        heading = _most(sheet.at_rest("heading_error"), 180.0 / math.pi, "°")
+        lines.append(Line("Heading at rest", heading, "likewise"))
+    for task, asked in sheet.infos.items():
+        within = f"{1e3 * asked.position_tolerance:g} mm"
+        if asked.has_heading:
+            within += f", {math.degrees(asked.heading_tolerance):g}°"
+        reached = f"{sheet.played[task].success.sum()} of {sheet.settings.episodes}"
+        lines.append(Line(f"{task} within {within}", reached, f"episodes, held for {HOLD_PERIODS} periods"))
+    lines += [_variant(sheet, name) for name in VARIANTS]
+    lines.append(Line("Circle at rest", quantity(sheet.limits.circle, 1e3, 2, "mm"), "radius, once a period"))
+    lines.append(Line("Parts lost", str(sheet.lost), "off the surface, all episodes"))
+    return lines
+
+
+def _limits(sheet: Sheet) -> list[Line]:
+    limits, part, hardware = sheet.limits, sheet.info.parts[0], sheet.info.hardware
+    small, size = limits.smallest, 1e3 * np.ptp(part.outline, axis=0)
+    smallest = "none" if math.isnan(small) else f"{small * size[0]:.0f} × {small * size[1]:.0f} mm"
+    dead = quantity(hardware.dead_zone, 1e3, 2, "mm") if hardware.dead_zone > 0.0 else "none"
+    late = quantity(hardware.latency * sheet.info.surface.period, 1e3, 0, "ms") if hardware.latency > 0 else "none"
+    worst, best = limits.turn_acceleration
+    force = f"from rest, {limits.acceleration * part.mass:.2g} N"
+    turns = f"of this shape that turns wherever it lies ({100 * TURNABLE:g} % of the push)"
+    spare = 100.0 * (1.0 - part.static_friction / limits.most_friction)
+    slides = f"beyond it parts may stick; here {part.static_friction:.3g}, {spare:.0f} % less"
+    lines = [
+        Line("Acceleration", quantity(limits.acceleration, 1.0, 2, "m/s²"), force),
+        Line("Turning", f"{worst:.0f} to {best:.0f} rad/s²", "from rest, by where the part lies"),
+        Line("Sticking", f"static friction up to {limits.most_friction:.2f}", slides),
+        Line("Smallest part", smallest, turns),
+        Line("Gap between elements", _gap(sheet), "that the part bridges, also where rows and columns cross"),
+        Line("Dead zone", dead, f"of {1e3 * hardware.limit:.2f} mm amplitude{_pulse(limits)}"),
+        Line("Latency", late, "from command to motion"),
+    ]
+    if limits.tipping is None:
+        lines.append(Line("Tipping", "not known", "the part's height is not given"))
+    else:
+        tallest = f"friction alone tips it from {1e3 * part.height / limits.tipping:.0f} mm of height on"
+        lines.append(Line("Margin to tipping", f"{100 * (1.0 - limits.tipping):.0f} %", tallest))
+    return lines
+
+
+def _pulse(limits: Limits) -> str:
+    """Return the effect of a hard dead zone on a part, as a phrase."""
+    return "" if limits.pulse is None else f"; its edge shifts parts by {1e3 * limits.pulse:.1f} mm a period"
+
+
+def _gap(sheet: Sheet) -> str:
+    """Return the gap that the part bridges."""
+    gap, size = sheet.limits.gap, sheet.info.surface.element_size
+    return f"{'any' if gap >= size else f'up to {1e3 * gap:.1f} mm'}"
+
+
+def _variant(sheet: Sheet, name: str) -> Line:
+    """Return the line of a variant's measurement."""
+    models = {
+        "Camera": "errors of the prototype's camera instead of this sensor's",
+        "Rigid part": "tilting model: the part rocks on the elements",
+    }
+    label = f"Align, {name.lower()}"
+    if name in sheet.unfit:
+        return Line(label, "–", sheet.unfit[name])
+    run = sheet.played[name]
+    seconds = _middle(run.time_to_goal, 1.0, 2, "s")
+    return Line(label, f"{run.success.sum()} of {sheet.settings.episodes}, {seconds}", models[name])
+
+
+def _tasks(sheet: Sheet) -> list[Line]:
+    """Return the tasks that accept the part, and the policies that support them."""
+    accepted = {
+        name: [each for each in policies if each not in FOR_DEMONSTRATION]
+        for name, policies in sheet.tasks.items()
+        if not isinstance(policies, str)
+    }
+    refused = [name for name in sheet.tasks if name not in accepted]
+    learned = [name for name, policies in accepted.items() if any(each.startswith("learned") for each in policies)]
+    everywhere = [
+        each for each in next(iter(accepted.values()), []) if all(each in those for those in accepted.values())
+    ]
+    named = (
+        ("Tasks", list(accepted), "none"),
+        ("Learned agents", learned, "for none of them"),
+        ("Controllers of all these tasks", everywhere, "none"),
+        ("Tasks without this part", refused, "none"),
+    )
+    count = len(sheet.tasks)
+    values = (f"{len(accepted)} of {count}", f"for {len(learned)}", str(len(everywhere)), f"{len(refused)} of {count}")
+    return [
+        Line(label, value, ", ".join(those) or empty)
+        for (label, those, empty), value in zip(named, values, strict=True)
+    ]
+
+
+def _hardware_lines(settings: DatasheetSettings) -> list[str]:
+    """Return actuators and sensor as printed, a line each; the elements of an identified machine are summed up."""
+    actuators = settings.actuators
+    if isinstance(actuators, Mapping) and actuators.get("elements") is not None:
+        gain, phase = np.moveaxis(np.array(actuators["elements"], dtype=float), -1, 0)
+        turn = np.degrees(phase)
+        elements = f"gain {gain.min():.2f} to {gain.max():.2f}, phase {turn.min():.0f} to {turn.max():.0f} deg"
+        actuators = {**actuators, "elements": elements}
+    return [f"actuators: {_flat(actuators)}", f"sensor: {_flat(settings.sensor)}"]
+
+
+def _flat(value: Any) -> str:
+    """Return settings in one line, numbers with four digits."""
+    if isinstance(value, Mapping):
+        return ", ".join(
+            f"{name} ({_flat(each)})" if isinstance(each, Mapping) else f"{name} {_flat(each)}"
+            for name, each in value.items()
+        )
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _middle(values: np.ndarray, factor: float, digits: int, unit: str) -> str:
+    """Return median and quartiles of the finite values."""
+    low, middle, high = factor * np.array(quartiles(values))
+    if math.isnan(middle):
+        return "–"
+    return f"{middle:.{digits}f} {unit} ({low:.{digits}f} to {high:.{digits}f})".replace(" °", "°")
+
+
+def _most(values: np.ndarray, factor: float, unit: str) -> str:
+    """Return the median, and the value below which nineteen of twenty episodes are."""
+    found = factor * values[np.isfinite(values)]
+    if not len(found):
+        return "–"
+    middle, most = np.quantile(found, (0.5, 0.95))
+    return f"{middle:.2f} {unit}, 95 % below {most:.2f} {unit}".replace(" °", "°")
+
+
+def _surface_lines(surface: Surface) -> list[str]:
+    return [
+        f"{surface.rows} × {surface.columns} elements of {1e3 * surface.element_size:g} mm",
+        f"{1e3 * surface.width:.0f} × {1e3 * surface.depth:.0f} mm",
+        f"circles with {1e3 * surface.horizontal_amplitude:.4g} mm at {surface.frequency:.4g} Hz",
+    ]
+
+
+def _part_lines(part: Part) -> list[str]:
+    size = 1e3 * np.ptp(part.outline, axis=0)
+    height = f", {1e3 * part.height:g} mm high" if part.height_is_known else ""
+    corners = f"{size[0]:.3g} × {size[1]:.3g} mm, {len(part.outline)} corners"
+    shape = f"disc of {size[0]:.3g} mm" if part.symmetry == 0 else corners
+    return [part.name, shape + height, f"friction {part.friction:.4g}, {1e3 * part.mass:.3g} g"]
+
+
+def write(sheet: Sheet) -> Path:
+    """Write the page and return its path.
+
+    Raises:
+        vibgym.files.WriteError: it cannot be written.
+    """
+    path, part = Path(sheet.settings.output) / PAGE, sheet.info.parts[0]
+    text = render(
+        "datasheet.html.j2",
+        title=sheet.settings.title or part.name,
+        surface=_surface_lines(sheet.info.surface),
+        part=_part_lines(part),
+        hardware=_hardware_lines(sheet.settings),
+        groups=groups(sheet),
+        picture=data_address(_picture(sheet)),
+        settings=sheet.settings,
+        provenance=sheet.provenance,
+    )
+    write_atomically(path, text)
+    return path
+
+
+def summary(sheet: Sheet) -> str:
+    """Return the lines as text."""
+    found: list[str] = []
+    for title, lines in groups(sheet).items():
+        found += [title, *(f"  {each.label}: {each.value}; {each.note}" for each in lines)]
+    return "\n".join(found)
