@@ -8,12 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
 from vibgym import checks
 from vibgym.actuators import actuators_from
 from vibgym.identification.guess import CAMERA, LARGEST_ZONE, first_estimates, latencies_of, starts_of, wrapped
 from vibgym.identification.log import Log
-from vibgym.identification.plant import LOCAL, Parameters, Plant
+from vibgym.identification.plant import Parameters, Plant
 from vibgym.identification.result import ADVICE, Fitted
 from vibgym.identification.segments import LONG, SHORT, segments_of, timing_of
 from vibgym.identification.solver import Estimate, Prior, Solver, System
@@ -164,7 +165,7 @@ class _Job:
         fixed = self.fixed(now)
         for _ in range(steps):
             done = solver.step(which, now, elements=elements, fixed=fixed, spreads=elements)
-            now = solver.with_noise(which, done.estimate, done.residuals, done.unknowns)
+            now = solver.with_noise(which, done.estimate, done.residuals, done.free)
             self.report(
                 f"  chi squared {done.before:.1f} -> {done.after:.1f}, moved {done.moved:.2f}: {self.describe(now)}"
             )
@@ -187,7 +188,7 @@ class _Job:
                 now, cost = done.estimate, done.after
                 if cost > NEARLY * done.before:
                     break
-            now = solver.with_noise(which, now, done.residuals, done.unknowns)
+            now = solver.with_noise(which, now, done.residuals, done.free)
             tried.append((cost, now))
             self.report(f"latency {parameters.latency}: chi squared {cost:.1f} at 1 mm: {self.describe(now)}")
         best, now = min(tried, key=lambda each: each[0])
@@ -269,10 +270,10 @@ class _Job:
         intervals["frequency"] = values["frequency"] - slack, values["frequency"] + slack
         values["latency"], values["dead_zone_form"] = now.parameters.latency, now.parameters.dead_zone_form
         self.add_spreads(now, system, covariance, values, intervals)
-        free = sum(each.size for each in system.residuals) * 2 / 3 - LOCAL * len(which)
-        for name, value in zip(("noise_position", "noise_heading"), now.noise.tolist(), strict=True):
-            slack = LEVEL / math.sqrt(2.0 * max(free if name == "noise_position" else free / 2.0, 2.0))
-            values[name], intervals[name] = value, (value * (1.0 - slack), value * (1.0 + slack))
+        free = solver.freedom(which, system, covariance)
+        for k, name in enumerate(("noise_position", "noise_heading")):
+            low, high = np.sqrt(free[k] / chi2.ppf([0.975, 0.025], free[k]))
+            values[name], intervals[name] = float(now.noise[k]), (float(now.noise[k] * low), float(now.noise[k] * high))
         relative = deviation[:shared] / now.prior.deviation
         correlation = covariance[:shared, :shared] / np.maximum(
             np.outer(deviation[:shared], deviation[:shared]), 1e-300

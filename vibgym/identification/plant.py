@@ -177,6 +177,7 @@ class Plant:
         """
         found: dict[int, Derivatives] = {}
         most = max((len(self.segments[k].elements) for k in which), default=1)
+        direct = [*(() if elements else ("gain", "phase")), "friction", "dead_zone"]  # see _assemble
         for kind, some in self._groups(which, 1 + (LOCAL + 4 if shared else 0) + (2 * most if elements else 0)):
             columns: list[tuple[int, str, int]] = []
             edges = [0]
@@ -184,7 +185,7 @@ class Plant:
                 columns.append((segment, "base", 0))
                 if shared:
                     columns += [(segment, "local", k) for k in range(LOCAL)]
-                    columns += [(segment, name, 0) for name in ("friction", "gain", "phase", "dead_zone")]
+                    columns += [(segment, name, 0) for name in direct]
                 if elements:
                     columns += [(segment, "element", k) for k in range(2 * len(self.segments[segment].elements))]
                 edges.append(len(columns))
@@ -321,8 +322,11 @@ class Plant:
         shared[:, 0, place["camera_turn"]], shared[:, 1, place["camera_turn"]] = -off[:, 1], off[:, 0]
         shared[:, 2, place["camera_turn"]] = 1.0
         shared[:, 0, place["camera_x"]] = shared[:, 1, place["camera_y"]] = 1.0
-        stacked = np.stack(elements, axis=-1) if elements else np.zeros((n, 3, 0))
-        return Derivatives(base, local, shared, stacked.reshape(n, 3, -1, 2))
+        stacked = (np.stack(elements, axis=-1) if elements else np.zeros((n, 3, 0))).reshape(n, 3, -1, 2)
+        if elements:  # only sums of common and own errors act: derivatives that differed would forbid an exchange between them
+            shared[..., place["gain"]] = parameters.gain * stacked[..., 0].sum(axis=-1)
+            shared[..., place["phase"]] = stacked[..., 1].sum(axis=-1)
+        return Derivatives(base, local, shared, stacked)
 
 
 def _unit(parameters: Parameters) -> np.ndarray:

@@ -82,7 +82,7 @@ class Progress(NamedTuple):
         estimate: after the step.
         before, after: cost.
         moved: largest change of a shared parameter, over its standard deviation.
-        unknowns: effective number of shared parameters and elements that the data determine.
+        free: degrees of freedom of the residuals, see :meth:`Solver.freedom`.
         residuals: for each segment (n, 3), after the step.
     """
 
@@ -90,7 +90,7 @@ class Progress(NamedTuple):
     before: float
     after: float
     moved: float
-    unknowns: float
+    free: np.ndarray
     residuals: list[np.ndarray]
 
 
@@ -154,6 +154,19 @@ class Solver:
         step[free] = covariance[np.ix_(free, free)] @ right[free]
         return step, covariance
 
+    def freedom(self, which: Sequence[int], system: System, covariance: np.ndarray) -> np.ndarray:
+        """Return degrees of freedom (2,) of the residuals of positions and of headings, at least 1.
+
+        They are numbers of measurements less the traces of the hat matrix's blocks. If the priors hold, the expected sum of
+        squared residuals is the variance times this. Positions and headings are fitted by different shares of the unknowns.
+        """
+        free = np.zeros(3)
+        for segment, (q, _, block), own in zip(which, system.blocks, system.columns, strict=True):
+            top, left = q[: len(block)], _rest(q, block)[: len(block)]
+            lever = (top**2).sum(axis=1) + ((left @ covariance[np.ix_(own, own)]) * left).sum(axis=1)
+            free += np.sign(self.weights(segment, np.ones(2))) * (1.0 - lever.reshape(-1, 3)).sum(axis=0)
+        return np.maximum([free[0] + free[1], free[2]], 1.0)
+
     def _prior_terms(self, now: Estimate) -> tuple[np.ndarray, np.ndarray]:
         """Return precisions of the prior, and its gradient at the estimate."""
         spread = np.tile(now.prior.spread, self._elements // 2)
@@ -192,8 +205,7 @@ class Solver:
         before = self.cost(system.residuals, which, now, elements)
         step, covariance = self.posterior(system, now, fixed)
         variance, shared, share = np.diag(covariance), len(now.prior.mean), 1.0
-        known = 1.0 - variance * self._prior_terms(now)[0]
-        unknowns = float(known[: None if elements else shared].sum())
+        free = self.freedom(which, system, covariance)
         moved = float(
             np.max(
                 np.abs(step[:shared]) / np.sqrt(np.maximum(variance[:shared], 1e-300)),
@@ -219,9 +231,9 @@ class Solver:
             residuals = self.residuals(which, after)
             cost = self.cost(residuals, which, after, elements)
             if cost < before:
-                return Progress(after, before, cost, share * moved, unknowns, residuals)
+                return Progress(after, before, cost, share * moved, free, residuals)
             share *= 0.5
-        return Progress(now, before, before, 0.0, unknowns, system.residuals)
+        return Progress(now, before, before, 0.0, free, system.residuals)
 
     def with_spreads(self, system: System, now: Estimate, fixed: Sequence[int] = ()) -> Estimate:
         """Return the estimate with standard deviations of the elements' errors, estimated on visited elements."""
@@ -236,17 +248,16 @@ class Solver:
             now = replace(now, prior=replace(now.prior, spread=np.maximum(spread, LEAST_SPREAD)))
         return now
 
-    def with_noise(self, which: Sequence[int], now: Estimate, residuals: Sequence[np.ndarray], more: float) -> Estimate:
-        """Return the estimate with the noise of its residuals; ``more``: effective number of shared parameters and elements."""
-        places = np.concatenate([each[:, :2].ravel() for each in residuals])
-        seen = [
-            each[:, 2] for k, each in zip(which, residuals, strict=True) if self._headings[self.plant.segments[k].kind]
-        ]
-        turns = np.concatenate(seen) if seen else np.zeros(0)
-        total = len(places) + len(turns)
-        free = max(1.0 - (LOCAL * len(which) + more) / total, 0.1)
-        noise = [np.sqrt(np.mean(places**2) / free), np.sqrt(np.mean(turns**2) / free) if seen else now.noise[1]]
-        return replace(now, noise=np.maximum(noise, 1e-9))
+    def with_noise(
+        self, which: Sequence[int], now: Estimate, residuals: Sequence[np.ndarray], free: np.ndarray
+    ) -> Estimate:
+        """Return the estimate with the noise of its residuals, which have ``free`` (2,) degrees of freedom."""
+        square = sum(
+            np.sign(self.weights(segment, now.noise)) * (each**2).sum(axis=0)
+            for segment, each in zip(which, residuals, strict=True)
+        )
+        noise = np.sqrt(np.array([square[0] + square[1], square[2]]) / free)
+        return replace(now, noise=np.where(noise > 0.0, np.maximum(noise, 1e-9), now.noise))
 
     def scan(
         self, which: Sequence[int], now: Estimate, zones: np.ndarray, form: str, system: System, fixed: Sequence[int]
