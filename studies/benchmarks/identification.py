@@ -2,7 +2,8 @@
 
 Each machine has all of its parameters drawn at random. It records two minutes of :class:`vibgym.identification.Excitation` with
 one part, whose nominal properties are the prototype's, and the fit knows these only. Results are stored one file a machine in
-``--output`` and reused, so several processes can share the machines; the table has all machines that were asked for.
+``--output`` and reused, so several processes can share the machines; the table has all machines that were asked for. With
+``--stribeck`` friction depends on the speed of the slip, and the table has its rise instead of the claims on constant friction.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from studies.kept import show
 from vibgym.config import json_values
 from vibgym.files import output_directory, write_atomically
 from vibgym.identification import Camera, Excitation, Log, fit, record
+from vibgym.identification.law import applied
 from vibgym.scene.parts import Part, shipped_part
 from vibgym.scene.surface import Surface
 
@@ -30,7 +32,7 @@ NOMINAL = Surface(max_amplitude=0.35e-3)
 
 PARTS = ("aluminium_block",)
 
-FINE = {"steps": 10, "substeps": 4}
+FINE = {"steps": 20, "substeps": 4}
 """Time steps of the machines: finer than those of the fit, which then has an error of its own."""
 
 TARGETS = {"friction": 2.0, "horizontal_amplitude": 1.0, "dead_zone": 10.0, "elements": 3.0}
@@ -47,8 +49,8 @@ class Machine(NamedTuple):
     truth: dict[str, Any]
 
 
-def drawn(seed: int) -> Machine:
-    """Return a random machine."""
+def drawn(seed: int, stribeck: bool = False) -> Machine:
+    """Return a random machine; ``stribeck``: with friction that falls with the speed of the slip."""
     rng = np.random.default_rng([seed, 39])
     surface = replace(NOMINAL, horizontal_amplitude=rng.uniform(2.3e-3, 3.1e-3), frequency=rng.uniform(24.0, 26.0))
     parts = []
@@ -70,7 +72,13 @@ def drawn(seed: int) -> Machine:
         y=rng.uniform(-5e-3, 5e-3), noise_position=rng.uniform(0.1e-3, 0.4e-3),
         noise_heading=math.radians(rng.uniform(0.1, 0.4)), dropout=rng.uniform(0.0, 0.05),
     )  # fmt: skip
+    law: dict[str, Any] = {"friction_law": "constant"}
+    if stribeck:
+        rise, speed = rng.uniform(0.1, 0.6), rng.uniform(0.1, 0.4)
+        parts = [applied(part, {"kind": "stribeck", "rise": rise, "speed": speed}) for part in parts]
+        law = {"friction_law": "stribeck", "rise": rise, "rise_speed": speed}
     truth = {
+        **law,
         **{"friction" if len(parts) == 1 else f"friction.{part.name}": part.friction for part in parts},
         **{name: getattr(surface, name) for name in ("horizontal_amplitude", "frequency")},
         **{name: actuators[name] for name in ("gain", "phase", "dead_zone", "dead_zone_form", "latency")},
@@ -91,9 +99,9 @@ def recorded(machine: Machine, seed: int, seconds: float) -> Log:
     )  # fmt: skip
 
 
-def result(seed: int, seconds: float) -> dict[str, Any]:
+def result(seed: int, seconds: float, stribeck: bool = False) -> dict[str, Any]:
     """Return what was estimated of a machine, and the truth."""
-    machine = drawn(seed)
+    machine = drawn(seed, stribeck)
     log = recorded(machine, seed, seconds)
     began = time.process_time()
     fitted = fit(log)
@@ -110,11 +118,11 @@ def result(seed: int, seconds: float) -> dict[str, Any]:
     })  # fmt: skip
 
 
-def stored(seed: int, seconds: float, folder: Path) -> dict[str, Any]:
+def stored(seed: int, seconds: float, folder: Path, stribeck: bool = False) -> dict[str, Any]:
     """Return the result of a machine, from its file if there is one."""
-    path = folder / f"{seed}-{seconds:g}.json"
+    path = folder / f"{seed}-{seconds:g}{'-stribeck' if stribeck else ''}.json"
     if not path.exists():
-        found = result(seed, seconds)
+        found = result(seed, seconds, stribeck)
         write_atomically(path, json.dumps(found))
         print(f"machine {seed}: {found['cpu']:.0f} s of CPU", flush=True)
     return json.loads(path.read_text(encoding="utf-8"))
@@ -125,7 +133,7 @@ def errors(results: Sequence[dict[str, Any]], name: str, relative: bool = True) 
     found = []
     for each in results:
         for key, true in each["truth"].items():
-            if key == name or key.partition(".")[0] == name:
+            if key in each["values"] and key.partition(".")[0] == name:
                 found.append((each["values"][key] - true) * (100.0 / true if relative else 1.0))
     return np.array(found)
 
@@ -137,13 +145,15 @@ def covered(results: Sequence[dict[str, Any]], name: str) -> list[bool]:
         if name == "dead_zone" and each["values"]["dead_zone_form"] != each["truth"]["dead_zone_form"]:
             continue
         for key, (low, high) in each["intervals"].items():
-            if key == name or key.partition(".")[0] == name:
+            if key in each["truth"] and key.partition(".")[0] == name:
                 found.append(bool(low <= each["truth"][key] <= high))
     return found
 
 
 ROWS: dict[str, tuple[float | None, str, str]] = {
     "friction": (None, "%", "friction"),
+    "rise": (1.0, "", "rise of friction at rest"),
+    "rise_speed": (None, "%", "speed over which friction falls"),
     "horizontal_amplitude": (None, "%", "horizontal amplitude"),
     "gain": (None, "%", "common gain"),
     "phase": (math.degrees(1.0), "deg", "common phase"),
@@ -165,6 +175,8 @@ def table(results: Sequence[dict[str, Any]]) -> list[list[str]]:
     lines, inside = [], []
     for name, (factor, unit, label) in ROWS.items():
         error = np.abs(errors(results, name, factor is None)) * (factor or 1.0)
+        if not len(error):
+            continue
         within = covered(results, name)
         inside += within
         target = f"{TARGETS[name]:g} {unit}" if name in TARGETS else ""
@@ -176,7 +188,12 @@ def table(results: Sequence[dict[str, Any]]) -> list[list[str]]:
         [f"gains of elements ({known:.0f} of 256)", f"{gains.mean():.2g} %", f"{gains.max():.2g} %", "3 %", ""]
     )
     lines.append(["phases of elements", f"{turns.mean():.2g} deg", f"{turns.max():.2g} deg", "", ""])
-    for name, label in (("latency", "latency right"), ("dead_zone_form", "form of the dead zone right")):
+    labels = {
+        "latency": "latency right",
+        "dead_zone_form": "form of the dead zone right",
+        "friction_law": "friction law right",
+    }
+    for name, label in labels.items():
         right = sum(each["values"][name] == each["truth"][name] for each in results)
         lines.append([label, f"{right} of {len(results)}", "", "all" if name == "latency" else "", ""])
     cpu = np.array([each["cpu"] for each in results])
@@ -193,12 +210,16 @@ def main() -> None:
     parser.add_argument("--machines", type=int, default=10)
     parser.add_argument("--first", type=int, default=0, help="seed of the first machine")
     parser.add_argument("--seconds", type=float, default=120.0, help="length of the recordings")
+    parser.add_argument(
+        "--stribeck", action="store_true", help="machines whose friction depends on the speed of the slip"
+    )
     parser.add_argument("--output", type=Path, default=Path("runs/identification"), metavar="DIR")
     asked = parser.parse_args()
     folder = output_directory(asked.output)
-    results = [stored(seed, asked.seconds, folder) for seed in range(asked.first, asked.first + asked.machines)]
+    seeds = range(asked.first, asked.first + asked.machines)
+    results = [stored(seed, asked.seconds, folder, asked.stribeck) for seed in seeds]
     heads = ("parameter", "rms error", "largest error", "target", "intervals with the truth")
-    show("identification", heads, table(results), asked.keep)
+    show("identification-stribeck" if asked.stribeck else "identification", heads, table(results), asked.keep)
 
 
 if __name__ == "__main__":

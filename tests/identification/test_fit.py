@@ -15,6 +15,7 @@ from vibgym.__main__ import main
 from vibgym.identification import Camera, Excitation, Log, fit, record
 from vibgym.identification.fit import _Job
 from vibgym.identification.guess import first_estimates, starts_of
+from vibgym.identification.law import applied
 from vibgym.identification.page import page, settings_text
 from vibgym.identification.plant import LOCAL
 from vibgym.identification.solver import STATE_SCALE, Estimate
@@ -100,12 +101,13 @@ def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
     starts = starts_of(solver.plant.segments, parameters, job.surface, job.kinds)
     now = Estimate(parameters, starts, np.array([3e-4, 4e-3]), job.prior(parameters))
     which = [3, 7, 20, 31]
-    step, covariance = solver.posterior(solver.linearize(which, now, True), now)
+    system = solver.linearize(which, now, True)
+    step, covariance = solver.posterior(system, now)
     shared, size = len(job.names), len(step)
     rows, rest = [], []
-    for k, (segment, each) in enumerate(
-        zip(which, solver.plant.differentiate(which, parameters, starts, elements=True), strict=True)
-    ):
+    derivatives = solver.plant.differentiate(which, parameters, starts, elements=True)
+    residuals = solver.residuals(which, now)
+    for k, (segment, each, residual) in enumerate(zip(which, derivatives, residuals, strict=True)):
         weights, measured = solver.weights(segment, now.noise), solver.plant.segments[segment]
         full = np.zeros((*measured.pose.shape, size + LOCAL * len(which)))
         full[..., :shared] = each.shared
@@ -114,7 +116,7 @@ def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
             full[..., at : at + 2] = each.elements[:, :, m]
         full[..., size + LOCAL * k : size + LOCAL * (k + 1)] = each.local * STATE_SCALE
         rows.append((full * weights[:, None]).reshape(-1, full.shape[-1]))
-        rest.append(((measured.pose - each.predicted) * weights).ravel())
+        rest.append((residual * weights).ravel())
     deviation = np.concatenate([now.prior.deviation, np.tile(now.prior.spread, NOMINAL.rows * NOMINAL.columns)])
     prior = np.zeros((size, size + LOCAL * len(which)))
     prior[:, :size] = np.diag(1.0 / deviation)
@@ -126,6 +128,62 @@ def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
     inverse = np.linalg.inv(dense.T @ dense)[:size, :size]
     np.testing.assert_allclose(np.diag(covariance), np.diag(inverse), rtol=1e-6)
     np.testing.assert_allclose(step / np.sqrt(np.diag(inverse)), expected[:size] / np.sqrt(np.diag(inverse)), atol=1e-5)
+    measured = np.concatenate(rows)
+    lever = np.einsum("ij,jk,ik->i", measured, np.linalg.inv(dense.T @ dense), measured).reshape(-1, 3)
+    free = [2 * len(lever) - lever[:, :2].sum(), len(lever) - lever[:, 2].sum()]
+    np.testing.assert_allclose(solver.freedom(which, system, covariance), free, rtol=1e-6)
+
+
+def test_common_gain_and_phase_can_be_exchanged_with_those_of_the_elements(log):
+    job = _Job(log, NOMINAL, (PART,), print)
+    solver = job.solver(40)
+    parameters = first_estimates(log, solver.plant.segments, job.surface, job.kinds, job.sheet)[0]
+    starts = starts_of(solver.plant.segments, parameters, job.surface, job.kinds)
+    each = solver.plant.differentiate([3], parameters, starts, elements=True)[0]
+    own = each.elements.sum(axis=2)
+    np.testing.assert_allclose(each.shared[..., job.names.index("gain")], parameters.gain * own[..., 0])
+    np.testing.assert_allclose(each.shared[..., job.names.index("phase")], own[..., 1])
+    direct = solver.plant.differentiate([3], parameters, starts)[0]
+    for name in ("gain", "phase"):
+        k = job.names.index(name)
+        np.testing.assert_allclose(
+            each.shared[..., k], direct.shared[..., k], atol=0.05 * np.abs(direct.shared[..., k]).max()
+        )
+
+
+@pytest.mark.full
+def test_a_friction_law_is_found_where_there_is_one(fitted):
+    assert fitted.values["friction_law"] == "constant"
+    assert fitted.parts[0].friction_law is None
+    part = applied(TRUE_PART, {"kind": "stribeck", "rise": 0.4, "speed": 0.2})
+    settings = {"surface": NOMINAL, "actuators": "prototype", "parts": [PART]}
+    found = fit(record(TRUE, part, machine(), CAMERA, seconds=32.0, seed=1, settings=settings,
+                       excitation=Excitation(NOMINAL, PART, 1)))  # fmt: skip
+    assert found.values["friction_law"] == "stribeck"
+    for name, true in (("rise", 0.4), ("rise_speed", 0.2), ("friction", 0.5)):
+        low, high = found.intervals[name]
+        assert abs(found.values[name] - true) <= high - low, name  # four standard deviations
+    law = found.parts[0].friction_law
+    assert law["rise"] == found.values["rise"] and law["speed"] == found.values["rise_speed"]
+    assert "required, see its rise" in "\n".join(found.notes)
+
+
+@pytest.mark.full
+def test_parts_of_two_kinds_have_friction_of_their_own():
+    surface = replace(NOMINAL, columns=14)
+    actuators = {"kind": "prototype", "gain": 0.9, "latency": 1, "gain_spread": 0.0, "phase_spread": 0.0}
+    disc, true_disc = (Part.disc(0.02, friction=mu, height=0.02, name="disc") for mu in (0.6, 0.7))
+    settings = {"surface": surface, "actuators": "prototype", "parts": [PART, disc]}
+    log = record(replace(TRUE, columns=14), [TRUE_PART, true_disc], actuators, CAMERA, seconds=32.0, seed=2,
+                 settings=settings, excitation=Excitation(surface, [PART, disc], 2))  # fmt: skip
+    found = fit(log, surface, [PART, disc])
+    assert found.values["latency"] == 1
+    for name, true in (("friction.block", 0.5), ("friction.disc", 0.7)):
+        low, high = found.intervals[name]
+        assert abs(found.values[name] - true) <= high - low, name  # four standard deviations
+        assert abs(found.values[name] / true - 1.0) < 0.02
+    assert [part.friction for part in found.parts] == [found.values[f"friction.{name}"] for name in ("block", "disc")]
+    assert found.values["friction_law.block"] == found.values["friction_law.disc"] == "constant"
 
 
 @pytest.mark.full

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,9 +22,13 @@ from vibgym.simulation import Simulator
 LOCAL = 6
 """Numbers of a segment's initial state: pose and velocity."""
 
-LOCAL_STEPS = np.array([2e-5, 2e-5, 1e-3, 1e-3, 1e-3, 0.02])
-ELEMENT_STEP = 0.02
-"""Steps of finite differences, far above the rounding and far below the size of an element."""
+LOCAL_STEPS = np.array([2e-6, 2e-6, 1e-4, 1e-4, 1e-4, 2e-3])
+ELEMENT_STEP = 2e-3
+"""Steps of finite differences. Ten times larger ones cost accuracy: errors of the derivatives of nearly exchangeable parameters
+count as information."""
+
+FINE = {"steps": 10, "substeps": 4}
+"""Time steps of predictions in a period, twice those of derivatives, whose errors only slow the convergence down."""
 
 MOST_ELEMENTS = 3_000_000
 """Elements of all worlds in a batch: limits memory to about 100 MB."""
@@ -89,14 +93,13 @@ class Parameters:
         )
 
 
-GLOBAL_STEPS = {"friction": 2e-3, "horizontal_amplitude": 2e-3, "gain": 4e-3, "phase": 4e-3, "dead_zone": 2e-3}
+GLOBAL_STEPS = {"friction": 2e-4, "horizontal_amplitude": 2e-4, "gain": 4e-4, "phase": 4e-4, "dead_zone": 4e-4}
 """Steps of finite differences in the units of :meth:`Parameters.vector`."""
 
 
 class Derivatives(NamedTuple):
-    """Prediction of a segment, and its derivatives."""
+    """Derivatives of a segment's measured poses."""
 
-    predicted: np.ndarray  # (n, 3) measured poses
     local: np.ndarray  # (n, 3, LOCAL)
     shared: np.ndarray  # (n, 3, kinds + GLOBALS)
     elements: np.ndarray  # (n, 3, elements of the segment, 2)
@@ -122,6 +125,7 @@ class Plant:
         surface: with the frequency of the recording.
         kinds: different parts.
         limit, resolution: m, of the actuators' amplitudes.
+        fine: predict with finer time steps than the derivatives'.
     """
 
     def __init__(
@@ -133,16 +137,25 @@ class Plant:
         kinds: Sequence[Part],
         limit: float,
         resolution: float,
+        *,
+        fine: bool = False,
     ) -> None:
         self.segments, self.surface, self.kinds, self._length = list(segments), surface, list(kinds), length
         self._drive = polar_drive(log.amplitude, log.phase, surface.angular_frequency)
         self._rows = len(log)
         self._first = np.array([each.first for each in self.segments])
         self._limit, self._resolution = limit, resolution
+        self._finer = FINE if fine else {}
 
     def predict(self, which: Sequence[int], parameters: Parameters, starts: np.ndarray) -> list[np.ndarray]:
         """Return predicted measurements (n, 3) of segments ``which`` from their initial states (segments, LOCAL)."""
-        return [each.predicted for each in self.differentiate(which, parameters, starts, shared=False)]
+        found: dict[int, np.ndarray] = {}
+        for kind, some in self._groups(which, 1):
+            batch = self._batch(np.array(some), parameters, starts)
+            path = self._simulate(kind, batch, parameters, parameters.horizontal_amplitude, **self._finer)
+            for k, segment in enumerate(some):
+                found[segment] = _camera(parameters).measured(self._at(segment, path[:, k]), self.surface)
+        return [found[segment] for segment in which]
 
     def dead_zones(
         self, which: Sequence[int], parameters: Parameters, starts: np.ndarray, zones: np.ndarray
@@ -155,37 +168,59 @@ class Plant:
             batch = batch._replace(dead_zone=np.tile(zones, len(some)))
             path = self._simulate(kind, batch, parameters, parameters.horizontal_amplitude)
             for k, segment in enumerate(some):
-                seen = [self._at(segment, path[:, k * len(zones) + j]) for j in range(len(zones))]
-                found[segment] = _camera(parameters).measured(np.array(seen), self.surface)
+                seen = self._at(segment, path[:, k * len(zones) : (k + 1) * len(zones)])
+                found[segment] = _camera(parameters).measured(seen, self.surface).swapaxes(0, 1)
         return [found[segment] for segment in which]
+
+    def laws(
+        self,
+        which: Sequence[int],
+        parameters: Parameters,
+        starts: np.ndarray,
+        kind: int,
+        laws: Sequence[Mapping[str, Any]],
+    ) -> list[np.ndarray]:
+        """Return changes (1 + laws, n, 3) of predicted measurements by other friction laws of a kind, first by none: zeros."""
+        part = self.kinds[kind]
+        some = [k for k in which if self.segments[k].kind == kind]
+        found = {k: np.zeros((1 + len(laws), len(self.segments[k].instant), 3)) for k in which}
+        predicted = []
+        try:
+            for law in [
+                part.friction_law or {"kind": "stribeck"},
+                *laws,
+            ]:  # the first is constant, summed over points too
+                self.kinds[kind] = replace(part, friction_law=dict(law))
+                predicted.append(self.predict(some, parameters, starts))
+        finally:
+            self.kinds[kind] = part
+        for k, *seen in zip(some, *predicted, strict=True):
+            found[k][:] = np.array(seen) - seen[0]
+        return [found[k] for k in which]
 
     def differentiate(
         self,
         which: Sequence[int],
         parameters: Parameters,
         starts: np.ndarray,
-        *,
-        shared: bool = True,
         elements: bool = False,
     ) -> list[Derivatives]:
-        """Return predictions of segments ``which`` and their derivatives.
+        """Return derivatives of the predictions of segments ``which``.
 
         Args:
             starts: (segments, LOCAL) initial states of all segments.
-            shared: compute derivatives by initial states and shared parameters, else return empty ones.
             elements: compute derivatives by the elements, else return empty ones.
         """
         found: dict[int, Derivatives] = {}
         most = max((len(self.segments[k].elements) for k in which), default=1)
         direct = [*(() if elements else ("gain", "phase")), "friction", "dead_zone"]  # see _assemble
-        for kind, some in self._groups(which, 1 + (LOCAL + 4 if shared else 0) + (2 * most if elements else 0)):
+        for kind, some in self._groups(which, 1 + LOCAL + 4 + (2 * most if elements else 0)):
             columns: list[tuple[int, str, int]] = []
             edges = [0]
             for segment in some:
                 columns.append((segment, "base", 0))
-                if shared:
-                    columns += [(segment, "local", k) for k in range(LOCAL)]
-                    columns += [(segment, name, 0) for name in direct]
+                columns += [(segment, "local", k) for k in range(LOCAL)]
+                columns += [(segment, name, 0) for name in direct]
                 if elements:
                     columns += [(segment, "element", k) for k in range(2 * len(self.segments[segment].elements))]
                 edges.append(len(columns))
@@ -194,15 +229,12 @@ class Plant:
             for world, (segment, name, k) in enumerate(columns):
                 self._perturb(batch, unit, parameters.gain, world, segment, name, k)
             path = self._simulate(kind, batch, parameters, parameters.horizontal_amplitude)
-            wider = None
-            if shared:
-                factor = math.exp(GLOBAL_STEPS["horizontal_amplitude"])
-                base = self._batch(np.array(some), parameters, starts)
-                wider = self._simulate(kind, base, parameters, factor * parameters.horizontal_amplitude)
+            factor = math.exp(GLOBAL_STEPS["horizontal_amplitude"])
+            base = self._batch(np.array(some), parameters, starts)
+            wider = self._simulate(kind, base, parameters, factor * parameters.horizontal_amplitude)
             for k, segment in enumerate(some):
                 own = slice(edges[k], edges[k + 1])
-                amplitude = None if wider is None else wider[:, k]
-                found[segment] = self._assemble(segment, columns[own], path[:, own], amplitude, parameters)
+                found[segment] = self._assemble(segment, columns[own], path[:, own], wider[:, k], parameters)
         return [found[segment] for segment in which]
 
     def _groups(self, which: Sequence[int], worlds: int) -> list[tuple[int, list[int]]]:
@@ -247,12 +279,14 @@ class Plant:
             else:
                 batch.response[world, row, column] += ELEMENT_STEP * unit[row, column]
 
-    def _simulate(self, kind: int, batch: _Batch, parameters: Parameters, horizontal_amplitude: float) -> np.ndarray:
-        """Return poses (length + 1, w, 3) of worlds of one kind."""
+    def _simulate(
+        self, kind: int, batch: _Batch, parameters: Parameters, horizontal_amplitude: float, **knobs: Any
+    ) -> np.ndarray:
+        """Return poses (length + 1, w, 3) of worlds of one kind; ``knobs`` of the simulator."""
         surface = replace(self.surface, horizontal_amplitude=horizontal_amplitude)
         worlds, scale = len(batch.segment), surface.angular_frequency**2
         part = self.kinds[kind]
-        simulator = Simulator(surface, part, worlds=worlds)
+        simulator = Simulator(surface, part, worlds=worlds, **knobs)
         start = batch.start[:, None]
         simulator.place(slice(None), start[..., :3], start[..., 3:], start[..., 3:])
         simulator.condition(slice(None), {"friction": (batch.friction / part.friction)[:, None]})
@@ -293,7 +327,7 @@ class Plant:
         segment: int,
         columns: list[tuple[int, str, int]],
         path: np.ndarray,
-        wider: np.ndarray | None,
+        wider: np.ndarray,
         parameters: Parameters,
     ) -> Derivatives:
         """Return a segment's derivatives from its worlds."""
@@ -301,8 +335,6 @@ class Plant:
         camera, middle = _camera(parameters), 0.5 * np.array([self.surface.width, self.surface.depth])
         seen = camera.measured(poses, self.surface)
         n, kinds, base = len(poses), len(self.kinds), seen[:, 0]
-        if wider is None:
-            return Derivatives(base, np.zeros((n, 3, 0)), np.zeros((n, 3, 0)), np.zeros((n, 3, 0, 2)))
         shared = np.zeros((n, 3, kinds + len(Parameters.GLOBALS)))
         local, elements = np.zeros((n, 3, LOCAL)), []
         place = {name: kinds + k for k, name in enumerate(Parameters.GLOBALS)}
@@ -323,10 +355,12 @@ class Plant:
         shared[:, 2, place["camera_turn"]] = 1.0
         shared[:, 0, place["camera_x"]] = shared[:, 1, place["camera_y"]] = 1.0
         stacked = (np.stack(elements, axis=-1) if elements else np.zeros((n, 3, 0))).reshape(n, 3, -1, 2)
-        if elements:  # only sums of common and own errors act: derivatives that differed would forbid an exchange between them
+        if (
+            elements
+        ):  # only sums of common and own errors act: derivatives that differed would forbid an exchange between them
             shared[..., place["gain"]] = parameters.gain * stacked[..., 0].sum(axis=-1)
             shared[..., place["phase"]] = stacked[..., 1].sum(axis=-1)
-        return Derivatives(base, local, shared, stacked)
+        return Derivatives(local, shared, stacked)
 
 
 def _unit(parameters: Parameters) -> np.ndarray:

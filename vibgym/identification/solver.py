@@ -61,18 +61,18 @@ class System(NamedTuple):
 
     Attributes:
         matrix, right: normal equations in shared parameters and elements (rows, columns, 2), flat.
-        square: weighted sum of squared residuals after elimination.
         blocks: for each segment Q, R of its initial state, and its weighted matrix of the shared and element columns.
         columns: for each segment the indices of these columns.
         residuals: for each segment (n, 3), not weighted.
+        derivatives: for each segment, from which the others follow.
     """
 
     matrix: np.ndarray
     right: np.ndarray
-    square: float
     blocks: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
     columns: list[np.ndarray]
     residuals: list[np.ndarray]
+    derivatives: list[Derivatives]
 
 
 class Progress(NamedTuple):
@@ -81,9 +81,10 @@ class Progress(NamedTuple):
     Attributes:
         estimate: after the step.
         before, after: cost.
-        moved: largest change of a shared parameter, over its standard deviation.
+        moved: largest change of a shared parameter by the whole step, over its standard deviation.
         free: degrees of freedom of the residuals, see :meth:`Solver.freedom`.
         residuals: for each segment (n, 3), after the step.
+        derivatives: that the step has used.
     """
 
     estimate: Estimate
@@ -92,6 +93,7 @@ class Progress(NamedTuple):
     moved: float
     free: np.ndarray
     residuals: list[np.ndarray]
+    derivatives: list[Derivatives]
 
 
 class Solver:
@@ -112,15 +114,18 @@ class Solver:
         seen = self._headings[self.plant.segments[segment].kind]
         return np.array([1.0 / noise[0], 1.0 / noise[0], 1.0 / noise[1] if seen else 0.0])
 
-    def linearize(self, which: Sequence[int], now: Estimate, elements: bool) -> System:
-        """Return the linearized problem at an estimate."""
-        found = self.plant.differentiate(which, now.parameters, now.starts, elements=elements)
+    def linearize(
+        self, which: Sequence[int], now: Estimate, elements: bool, derivatives: list[Derivatives] | None = None
+    ) -> System:
+        """Return the linearized problem at an estimate, with given derivatives or new ones."""
+        found = derivatives
+        if found is None:
+            found = self.plant.differentiate(which, now.parameters, now.starts, elements=elements)
         shared = len(now.prior.mean)
         size = shared + self._elements
-        matrix, right, square = np.zeros((size, size)), np.zeros(size), 0.0
-        blocks, columns, residuals = [], [], []
-        for segment, each in zip(which, found, strict=True):
-            residual = self.plant.segments[segment].pose - each.predicted
+        matrix, right = np.zeros((size, size)), np.zeros(size)
+        blocks, columns, residuals = [], [], self.residuals(which, now)
+        for segment, each, residual in zip(which, found, residuals, strict=True):
             weights = self.weights(segment, now.noise)
             own = self._columns(segment, shared, elements)
             block = np.concatenate([each.shared, each.elements.reshape(*residual.shape, -1)], axis=2)
@@ -129,11 +134,9 @@ class Solver:
             left, rest = (_rest(q, values) for values in (block, (residual * weights).reshape(-1, 1)))
             matrix[np.ix_(own, own)] += left.T @ left
             right[own] += left.T @ rest[:, 0]
-            square += float(rest[:, 0] @ rest[:, 0])
             blocks.append((q, r, block))
             columns.append(own)
-            residuals.append(residual)
-        return System(matrix, right, square, blocks, columns, residuals)
+        return System(matrix, right, blocks, columns, residuals, found)
 
     def _columns(self, segment: int, shared: int, elements: bool) -> np.ndarray:
         """Return the indices of a segment's columns in the dense system."""
@@ -189,7 +192,14 @@ class Solver:
         return [self.plant.segments[k].pose - each for k, each in zip(which, predicted, strict=True)]
 
     def step(
-        self, which: Sequence[int], now: Estimate, *, elements: bool, fixed: Sequence[int] = (), spreads: bool = False
+        self,
+        which: Sequence[int],
+        now: Estimate,
+        *,
+        elements: bool,
+        fixed: Sequence[int] = (),
+        spreads: bool = False,
+        derivatives: list[Derivatives] | None = None,
     ) -> Progress:
         """Return the estimate after a Gauss-Newton step.
 
@@ -198,8 +208,9 @@ class Solver:
             elements: whether to estimate the elements' errors.
             fixed: indices of shared parameters that do not change.
             spreads: whether to estimate the standard deviations of the elements' errors.
+            derivatives: of an earlier step nearby; None: new ones.
         """
-        system = self.linearize(which, now, elements)
+        system = self.linearize(which, now, elements, derivatives)
         if spreads:
             now = self.with_spreads(system, now, fixed)
         before = self.cost(system.residuals, which, now, elements)
@@ -231,9 +242,9 @@ class Solver:
             residuals = self.residuals(which, after)
             cost = self.cost(residuals, which, after, elements)
             if cost < before:
-                return Progress(after, before, cost, share * moved, free, residuals)
+                return Progress(after, before, cost, moved, free, residuals, system.derivatives)
             share *= 0.5
-        return Progress(now, before, before, 0.0, free, system.residuals)
+        return Progress(now, before, before, moved, free, system.residuals, system.derivatives)
 
     def with_spreads(self, system: System, now: Estimate, fixed: Sequence[int] = ()) -> Estimate:
         """Return the estimate with standard deviations of the elements' errors, estimated on visited elements."""
@@ -249,34 +260,45 @@ class Solver:
         return now
 
     def with_noise(
-        self, which: Sequence[int], now: Estimate, residuals: Sequence[np.ndarray], free: np.ndarray
+        self, which: Sequence[int], now: Estimate, residuals: Sequence[np.ndarray], free: np.ndarray | None = None
     ) -> Estimate:
-        """Return the estimate with the noise of its residuals, which have ``free`` (2,) degrees of freedom."""
-        square = sum(
-            np.sign(self.weights(segment, now.noise)) * (each**2).sum(axis=0)
-            for segment, each in zip(which, residuals, strict=True)
-        )
-        noise = np.sqrt(np.array([square[0] + square[1], square[2]]) / free)
+        """Return the estimate with the noise of its residuals, of ``free`` (2,) degrees of freedom; None: their number."""
+        square, count = np.zeros(3), np.zeros(3)
+        for segment, each in zip(which, residuals, strict=True):
+            seen = np.sign(self.weights(segment, now.noise))
+            square, count = square + seen * (each**2).sum(axis=0), count + seen * len(each)
+        square, count = (np.array([each[0] + each[1], each[2]]) for each in (square, count))
+        noise = np.sqrt(square / np.maximum(count if free is None else free, 1.0))
         return replace(now, noise=np.where(noise > 0.0, np.maximum(noise, 1e-9), now.noise))
 
     def scan(
-        self, which: Sequence[int], now: Estimate, zones: np.ndarray, form: str, system: System, fixed: Sequence[int]
+        self,
+        which: Sequence[int],
+        now: Estimate,
+        predicted: Sequence[np.ndarray],
+        system: System,
+        fixed: Sequence[int],
     ) -> np.ndarray:
-        """Return the least cost (zones,) for several dead zones (m) of a form, with all other unknowns fitted linearly."""
-        parameters = replace(now.parameters, dead_zone_form=form)
+        """Return products (m, m) of what all unknowns but ``fixed`` ones, fitted linearly, leave of m hypotheses' residuals.
+
+        Their diagonal is the least cost of each hypothesis.
+
+        Args:
+            predicted: for each segment (m, n, 3) by each hypothesis.
+        """
         _, covariance = self.posterior(system, now, fixed)
         _, gradient = self._prior_terms(now)
         free = np.ones(len(gradient), dtype=bool)
         free[list(fixed)] = False
-        predicted = self.plant.dead_zones(which, parameters, now.starts, zones)
-        rights, squares = np.zeros((len(gradient), len(zones))), np.zeros(len(zones))
+        count = len(predicted[0])
+        rights, squares = np.zeros((len(gradient), count)), np.zeros((count, count))
         for segment, each, (q, _, block), own in zip(which, predicted, system.blocks, system.columns, strict=True):
             residual = (self.plant.segments[segment].pose - each) * self.weights(segment, now.noise)
-            left, rest = _rest(q, block), _rest(q, residual.reshape(len(zones), -1).T)
+            left, rest = _rest(q, block), _rest(q, residual.reshape(count, -1).T)
             rights[own] += left.T @ rest
-            squares += (rest**2).sum(axis=0)
+            squares += rest.T @ rest
         rights = (rights + gradient[:, None]) * free[:, None]
-        return squares - np.einsum("ij,ik,kj->j", rights, covariance, rights)
+        return squares - rights.T @ covariance @ rights
 
 
 def _orthogonal(each: Derivatives, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

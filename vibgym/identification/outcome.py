@@ -1,0 +1,193 @@
+"""Result of a fit from its last linearization: values, intervals, and what the recording does not determine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from vibgym.identification.guess import wrapped
+from vibgym.identification.law import applied
+from vibgym.identification.result import ADVICE, Fitted
+from vibgym.identification.segments import LONG
+from vibgym.identification.solver import Estimate, Solver, System
+from vibgym.identification.task import Task
+from vibgym.physics.core.hardware import FORMS
+from vibgym.scene.parts import Part
+
+UNKNOWN = 0.3
+"""Posterior over prior deviation from which on a parameter counts as not identified."""
+
+COUPLED = 0.98
+"""Absolute correlation from which on only a combination of two parameters is identified."""
+
+AMBIGUOUS = 6.0
+"""Chi squared above the best below which a form of the dead zone is not excluded."""
+
+LEVEL = 1.959964
+"""Half the width of a 95 % interval, in standard deviations."""
+
+
+class Outcome:
+    """Values and intervals at an estimate.
+
+    Args:
+        task: what was fitted.
+        solver, now, which, system: estimate, segments, and the problem linearized there.
+        zone: 95 % interval of a hard dead zone (m), which has no derivative; None for other forms.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        solver: Solver,
+        now: Estimate,
+        which: Sequence[int],
+        system: System,
+        zone: tuple[float, float] | None,
+    ) -> None:
+        self.task, self.solver, self.now, self.which, self.system, self.zone = task, solver, now, which, system, zone
+        self.fixed = task.fixed(now)
+        _, self.covariance = solver.posterior(system, now, self.fixed)
+        self.deviation = np.sqrt(np.diag(self.covariance))
+
+    def fitted(self) -> Fitted:
+        """Return values, intervals and everything else."""
+        task, now, deviation = self.task, self.now, self.deviation
+        vector, shared = now.parameters.vector(), len(task.names)
+        values: dict[str, Any] = {}
+        intervals: dict[str, tuple[float, float]] = {}
+        for k, name in enumerate(task.names):
+            ends = vector[k] + LEVEL * deviation[k] * np.array([-1.0, 0.0, 1.0])
+            low, value, high = (_physical(name, each) for each in ends)
+            values[name], intervals[name] = value, (low, high)
+        if self.zone is not None:
+            intervals["dead_zone"] = self.zone
+        values["frequency"] = 1.0 / task.timing.period
+        slack = LEVEL * task.timing.deviation / task.timing.period**2
+        intervals["frequency"] = values["frequency"] - slack, values["frequency"] + slack
+        values["latency"], values["dead_zone_form"] = now.parameters.latency, now.parameters.dead_zone_form
+        self.add_spreads(values, intervals)
+        self.add_laws(values, intervals)
+        free = self.solver.freedom(self.which, self.system, self.covariance)
+        for k, name in enumerate(("noise_position", "noise_heading")):
+            low, high = np.sqrt(free[k] / chi2.ppf([0.975, 0.025], free[k]))
+            values[name], intervals[name] = float(now.noise[k]), (float(now.noise[k] * low), float(now.noise[k] * high))
+        relative = deviation[:shared] / now.prior.deviation
+        correlation = self.covariance[:shared, :shared] / np.maximum(
+            np.outer(deviation[:shared], deviation[:shared]), 1e-300
+        )
+        pairs = {(a, b): float(correlation[i, j]) for i, a in enumerate(task.names) for j, b in enumerate(task.names)}
+        relation = np.array([1.0 / now.parameters.gain, 1.0])  # of gains, from absolute to relative errors
+        elements = now.parameters.elements * relation
+        element_deviations = deviation[shared:].reshape(elements.shape)
+        unidentified = self.unidentified(relative, pairs, element_deviations)
+        element_deviations = element_deviations * relation
+        fitted = replace(task.surface, horizontal_amplitude=now.parameters.horizontal_amplitude)
+        return Fitted(
+            values, intervals, pairs, fitted, self.actuators(), self.parts(), elements, element_deviations,
+            unidentified, self.notes(), self.residual_rows(), task.alternatives,
+        )  # fmt: skip
+
+    def add_spreads(self, values: dict[str, Any], intervals: dict[str, Any]) -> None:
+        """Add the standard deviations of the elements' errors; their effective number is the information of the recording."""
+        now, shared = self.now, len(self.task.names)
+        for k, name in enumerate(("gain_spread", "phase_spread")):
+            spread = float(now.prior.spread[k])
+            known = 1.0 - self.deviation[shared + k :: 2] ** 2 / spread**2
+            relative = LEVEL / math.sqrt(2.0 * max(float((known**2).sum()), 0.5))
+            spread /= now.parameters.gain if name == "gain_spread" else 1.0
+            values[name], intervals[name] = spread, (spread * math.exp(-relative), spread * math.exp(relative))
+
+    def add_laws(self, values: dict[str, Any], intervals: dict[str, Any]) -> None:
+        """Add the friction laws, and their parameters where friction depends on speed."""
+        for kind, name in enumerate(self.task.names[: len(self.task.kinds)]):
+            label, found = name.removeprefix("friction"), self.task.laws.get(kind)
+            given = self.task.kinds[kind].friction_law
+            values[f"friction_law{label}"] = "constant" if given is None else str(given["kind"])
+            if found is not None:
+                rise, speed = LEVEL * found.deviation
+                values[f"rise{label}"], values[f"rise_speed{label}"] = found.rise, found.speed
+                intervals[f"rise{label}"] = found.rise - rise, found.rise + rise
+                intervals[f"rise_speed{label}"] = found.speed * math.exp(-speed), found.speed * math.exp(speed)
+
+    def unidentified(
+        self, relative: np.ndarray, pairs: dict[tuple[str, str], float], deviations: np.ndarray
+    ) -> dict[str, str]:
+        """Return parameters, and pairs of them, that the recording does not determine, and which recording would."""
+        task, now, found = self.task, self.now, {}
+        for k, name in enumerate(task.names):
+            if relative[k] > UNKNOWN and k not in self.fixed:
+                found[name] = ADVICE[name.partition(".")[0]]
+        for i, a in enumerate(task.names):
+            for b in task.names[i + 1 :]:
+                if abs(pairs[a, b]) > COUPLED and a not in found and b not in found:
+                    found[f"{a} and {b}"] = f"only a combination is determined; {ADVICE[a.partition('.')[0]]}"
+        missing = int((deviations[..., 0] > 0.8 * now.prior.spread[0]).sum())
+        if missing:
+            found[f"{missing} of {deviations[..., 0].size} elements"] = "a recording in which parts visit them longer"
+        found["static friction"] = "none on this table: parts slide at all times" if all(
+            task.nominal.slides_permanently(kind.static_friction) for kind in task.kinds
+        ) else "a recording at a lower frequency, in which parts stick"  # fmt: skip
+        found["gravity, element size, mass, limit"] = "none: they are taken as given"
+        width = 0.0 if self.zone is None else self.zone[1] - self.zone[0]
+        if width > 2.0 * LEVEL * UNKNOWN * 1e-3 * now.prior.deviation[task.names.index("dead_zone")]:
+            found["dead_zone"] = ADVICE["dead_zone"]
+        if sum(task.alternatives[f"{form} dead zone"] < AMBIGUOUS for form in FORMS) > 1:
+            found["dead_zone_form"] = ADVICE["dead_zone"]
+        return found
+
+    def actuators(self) -> dict[str, Any]:
+        """Return prototype actuators with the fitted values, as a setting of environments."""
+        task, p = self.task, self.now.parameters
+        elements = p.elements * np.array([1.0 / p.gain, 1.0]) + np.array([1.0, 0.0])
+        elements[..., 0] = np.maximum(elements[..., 0], 0.0)
+        return {
+            "kind": "prototype", "dead_zone": min(p.dead_zone, 0.99 * task.sheet.limit), "dead_zone_form": p.dead_zone_form,
+            "limit": min(task.sheet.limit, float(task.surface.max_amplitude or math.inf)), "latency": p.latency,
+            "gain_spread": 0.0, "phase_spread": 0.0, "resolution": task.sheet.resolution, "gain": p.gain,
+            "phase": wrapped(p.phase), "elements": elements.round(5).tolist(),
+        }  # fmt: skip
+
+    def parts(self) -> tuple[Part, ...]:
+        """Return the parts with the fitted friction, and friction law."""
+        task = self.task
+        pairs = zip(self.now.parameters.friction, task.kinds, strict=True)
+        factors = [float(new) / kind.friction for new, kind in pairs]
+        found = []
+        for part, k in zip(task.parts, task.kind_of, strict=True):
+            friction, static = factors[k] * part.friction, factors[k] * part.static_friction
+            part = replace(part, friction=friction, static_friction=static)
+            found.append(applied(part, task.laws[k].law) if k in task.laws else part)
+        return tuple(found)
+
+    def notes(self) -> list[str]:
+        """Return remarks about the recording."""
+        used = sum(len(each.instant) for each in self.solver.plant.segments)
+        seen = int(np.isfinite(self.task.log.pose[..., 0]).sum())
+        notes = [f"{used} of {seen} poses used, in {len(self.solver.plant.segments)} segments of up to {LONG} periods"]
+        notes += [f"gap of {lost} cycles after row {row}" for row, lost in self.task.timing.gaps.tolist()]
+        if self.task.sheet.bandwidth is not None:
+            notes.append("the bandwidth of the actuators is not modelled")
+        return notes + self.task.remarks
+
+    def residual_rows(self) -> np.ndarray:
+        """Return the rows of :attr:`Fitted.residuals`."""
+        rows = []
+        for k, residual in zip(self.which, self.system.residuals, strict=True):
+            each = self.solver.plant.segments[k]
+            head = np.column_stack([each.first + each.instant, np.full(len(residual), each.part), each.pose[:, :2]])
+            rows.append(np.column_stack([head, residual[:, :2]]))
+        return np.concatenate(rows)
+
+
+def _physical(name: str, value: float) -> float:
+    """Return a number of :meth:`Parameters.vector` in its unit."""
+    if name == "dead_zone":
+        return max(1e-3 * value, 0.0)
+    logarithm = name.startswith("friction") or name in ("horizontal_amplitude", "gain", "camera_scale")
+    return math.exp(value) if logarithm else float(value)

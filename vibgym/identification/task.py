@@ -1,0 +1,91 @@
+"""What is fitted: a recording, and the nominal machine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from vibgym import checks
+from vibgym.actuators import actuators_from
+from vibgym.identification.guess import latencies_of
+from vibgym.identification.law import Rise
+from vibgym.identification.log import Log
+from vibgym.identification.plant import Parameters
+from vibgym.identification.segments import timing_of
+from vibgym.identification.solver import Estimate
+from vibgym.physics.core.hardware import FORMS, HARD
+from vibgym.scene.parts import Part, kinds_of
+from vibgym.scene.surface import Surface
+
+
+class Task:
+    """A recording, the nominal machine, and what a fit finds besides numbers.
+
+    Args:
+        log: the recording.
+        surface, parts: nominal ones.
+
+    Attributes:
+        surface: with the frequency of the recording; ``nominal`` without.
+        kinds, kind_of: different parts, and the kind of each part.
+        sheet: data sheet of the nominal actuators.
+        names: of the shared parameters, in the order of :meth:`Parameters.vector`.
+        alternatives: see :class:`vibgym.identification.Fitted`.
+        remarks: notes about the fit.
+        laws: friction laws by kind, of those that require one.
+
+    Raises:
+        ValueError: commands for another surface, other parts, or too little data.
+    """
+
+    def __init__(self, log: Log, surface: Surface, parts: tuple[Part, ...]) -> None:
+        _check_machine(log, surface, parts)
+        self.log, self.nominal, self.parts = log, surface, parts
+        self.timing = timing_of(log, surface.period)
+        frequency = 1.0 / self.timing.period
+        lift_off = surface.gravity / (2.0 * math.pi * frequency) ** 2
+        self.surface = replace(
+            surface, frequency=frequency, max_amplitude=min(surface.max_amplitude or math.inf, lift_off)
+        )
+        self.kinds, self.kind_of = kinds_of(parts, Part.same_as)
+        self.sheet = actuators_from(log.settings["actuators"], surface, 1, 1).data_sheet
+        self.latencies = latencies_of(self.sheet)
+        self.names = [*_friction_names(self.kinds), *Parameters.GLOBALS]
+        self.alternatives: dict[str, float] = {}
+        self.remarks: list[str] = []
+        self.laws: dict[int, Rise] = {}
+
+    def fixed(self, now: Estimate) -> list[int]:
+        """Return the indices of parameters without derivatives: a hard dead zone has steps."""
+        return [self.names.index("dead_zone")] if now.parameters.dead_zone_form == FORMS[HARD] else []
+
+
+def _check_machine(log: Log, surface: Surface, parts: Sequence[Part]) -> None:
+    """Raise ValueError for a recording of another machine."""
+    shape = log.amplitude.shape[1:]
+    if shape != (surface.rows, surface.columns):
+        raise checks.refuse(
+            "log",
+            f"commands for {shape[0]} x {shape[1]} elements",
+            f"of this surface, {surface.rows} x {surface.columns}",
+        )
+    if log.surface.element_size != surface.element_size:
+        got = f"elements of {log.surface.element_size:g} m"
+        raise checks.refuse("log", got, f"of this surface, with elements of {surface.element_size:g} m")
+    assert surface.max_amplitude is not None
+    most = float(log.amplitude.max())
+    if most > surface.max_amplitude * (1.0 + 1e-6):
+        raise checks.refuse("log.amplitude", f"{most:g} m", f"at most the surface's {surface.max_amplitude:g} m")
+    if len(parts) != log.pose.shape[1]:
+        raise checks.refuse("parts", f"{len(parts)}", f"the {log.pose.shape[1]} of the recording, in its order")
+    if surface.horizontal_amplitude == 0.0:
+        raise checks.refuse("surface.horizontal_amplitude", 0.0, "above 0: a still table does not move parts")
+
+
+def _friction_names(kinds: Sequence[Part]) -> list[str]:
+    """Return a name for the friction of each kind."""
+    if len(kinds) == 1:
+        return ["friction"]
+    names = [f"friction.{kind.name}" for kind in kinds]
+    return [name if names.count(name) == 1 else f"{name}-{k}" for k, name in enumerate(names)]
