@@ -32,18 +32,21 @@ class Fitted:
         values: estimates by name: ``friction`` (one kind of part) or ``friction.<name>``, ``frequency`` (Hz),
             ``horizontal_amplitude`` (m), ``gain``, ``phase`` (rad), ``dead_zone`` (m), ``dead_zone_form``, ``latency``
             (periods), ``gain_spread``, ``phase_spread`` (rad), ``camera_scale``, ``camera_turn`` (rad), ``camera_x``,
-            ``camera_y`` (m), ``noise_position`` (m), ``noise_heading`` (rad).
+            ``camera_y`` (m), ``noise_position`` (m), ``noise_heading`` (rad), ``friction_law`` (kind or ``"constant"``); with
+            a law that the recording requires ``rise`` and ``rise_speed`` (m/s), see
+            :class:`vibgym.scene.friction_laws.Stribeck`. With several kinds of parts, the last three end in ``.<name>``, too.
         intervals: 95 % intervals (low, high) of all numbers but ``latency``.
         correlation: of the estimates, by pairs of names.
         surface: the table with fitted amplitude and frequency.
         actuators: setting of environments: prototype actuators with the fitted values.
-        parts: with the fitted friction.
+        parts: with the fitted friction, and with a friction law if the recording requires one.
         elements: (rows, columns, 2) relative gain and phase error (rad) of each element, shrunk towards 0.
         element_deviations: (rows, columns, 2) their standard deviations; those of elements without data equal the spreads.
         unidentified: what the recording does not determine, and which recording would.
         notes: gaps, assumptions and warnings.
         residuals: (n, 6) cycle, part, measured x and y (m), residual along x and y (m) of every image used.
-        alternatives: for latencies and forms of the dead zone that were tried, chi squared above the best.
+        alternatives: for latencies and forms of the dead zone that were tried, chi squared above the best; for constant
+            friction, chi squared above that of the best friction law.
     """
 
     values: dict[str, Any]
