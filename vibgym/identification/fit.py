@@ -166,7 +166,7 @@ class _Job(Task):
                 self.report(f"friction law: {old.law}, chi squared {found.gain:.2f} less by the next step")
                 if found.gain < SETTLED:
                     break
-            self.laws[kind] = old._replace(deviation=found.deviation)
+            self.laws[kind] = found._replace(rise=old.rise, speed=old.speed)
             self.remarks.append(f"{name}: a dependence on the speed of the slip is required, see its rise")
         return done, system
 
@@ -255,7 +255,8 @@ class _Job(Task):
         """Return chi squared (zones,) of dead zones (m) of a form, with all other unknowns fitted linearly."""
         parameters = replace(now.parameters, dead_zone_form=form)
         predicted = solver.plant.dead_zones(which, parameters, now.starts, zones)
-        return np.diag(solver.scan(which, now, predicted, system, [self.zone]))
+        products, _ = solver.scan(which, now, predicted, system, [self.zone])
+        return np.diag(products)
 
     def with_zone(self, solver: Solver, now: Estimate, which: Sequence[int], system: System) -> Estimate:
         """Return the estimate with the form and width of the dead zone that describe the recording best."""

@@ -17,8 +17,9 @@ from vibgym.scene.parts import Part
 SPEEDS = (0.05, 0.1, 0.2, 0.4)
 """m/s, speeds over which friction may fall, each tried; slip is at most 0.8 m/s on the prototype."""
 
-SIGNIFICANT = float(chi2.isf(0.01 / len(SPEEDS), 1))
-"""Decrease of chi squared from which on the best of them is required: at most 1 % false alarms."""
+SIGNIFICANT = float(chi2.isf(0.001 / len(SPEEDS), 1))
+"""Decrease of chi squared from which on the best of them is required: 0.1 % false alarms at most, since a law that is fitted
+needlessly makes friction, horizontal amplitude and gain less certain."""
 
 RISE_STEP, SPEED_STEP = 0.05, 1.05
 """Finite differences: added to the rise, and factor on the speed."""
@@ -33,14 +34,16 @@ class Rise(NamedTuple):
 
     Attributes:
         rise, speed: of the law (m/s).
-        deviation: (2,) standard deviations of the rise and of the logarithm of the speed (0: not fitted).
         gain: decrease of chi squared by this law, or by the last step of its parameters.
+        covariance: (2, 2) of the rise and the logarithm of the speed.
+        products: (unknowns, 2) products of the derivatives by these two with those by all other unknowns.
     """
 
     rise: float
     speed: float
-    deviation: np.ndarray
-    gain: float
+    gain: float = 0.0
+    covariance: np.ndarray = np.zeros((2, 2))
+    products: np.ndarray = np.zeros((0, 2))
 
     @property
     def law(self) -> dict[str, Any]:
@@ -58,12 +61,12 @@ def likeliest(
     solver: Solver, now: Estimate, which: Sequence[int], system: System, fixed: Sequence[int], kind: int
 ) -> Rise:
     """Return the best law near a constant coefficient: one speed of :data:`SPEEDS`, everything else fitted linearly."""
-    laws = [Rise(RISE_STEP, speed, np.zeros(2), 0.0).law for speed in SPEEDS]
-    slope, square = _products(solver, now, which, system, fixed, kind, laws, np.full(len(laws), RISE_STEP))
+    laws = [Rise(RISE_STEP, speed).law for speed in SPEEDS]
+    slope, square, _ = _products(solver, now, which, system, fixed, kind, laws, np.full(len(laws), RISE_STEP))
     rises, deviations = slope / np.diag(square), np.diag(square) ** -0.5
     k = int(np.argmax(np.abs(rises) / deviations))
     rise = float(np.clip(rises[k], SMALLEST_RISE, LARGEST_RISE))
-    return Rise(rise, SPEEDS[k], np.array([deviations[k], 0.0]), float((rises[k] / deviations[k]) ** 2))
+    return Rise(rise, SPEEDS[k], float((rises[k] / deviations[k]) ** 2))
 
 
 def improved(
@@ -72,12 +75,12 @@ def improved(
     """Return a law after a Gauss-Newton step from the law ``old`` of a kind, everything else fitted linearly."""
     steps = np.array([RISE_STEP, math.log(SPEED_STEP)])
     laws = [old._replace(rise=old.rise + RISE_STEP).law, old._replace(speed=old.speed * SPEED_STEP).law]
-    slope, square = _products(solver, now, which, system, fixed, kind, laws, steps)
+    slope, square, products = _products(solver, now, which, system, fixed, kind, laws, steps)
     covariance = np.linalg.inv(square)
     step = covariance @ slope
     rise = float(np.clip(old.rise + np.clip(step[0], -0.5, 0.5), SMALLEST_RISE, LARGEST_RISE))
     speed = float(np.clip(old.speed * math.exp(np.clip(step[1], -0.7, 0.7)), SLOWEST, FASTEST))
-    return Rise(rise, speed, np.sqrt(np.diag(covariance)), float(slope @ step))
+    return Rise(rise, speed, float(slope @ step), covariance, products)
 
 
 def _products(
@@ -89,17 +92,18 @@ def _products(
     kind: int,
     laws: Sequence[Mapping[str, Any]],
     steps: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return products of derivatives by the laws' parameters with the residuals (m,), and with one another (m, m).
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return products of derivatives by the laws' m parameters: with residuals (m,), one another (m, m) and other unknowns.
 
-    Both are of what all other unknowns cannot explain. Differences of laws are added to the predictions, so that summation over
-    contact points need not be as accurate as the series that these predictions use.
+    The first two are of what all other unknowns cannot explain, the last (unknowns, m) of what initial states cannot. Differences
+    of laws are added to the predictions, so that summation over contact points need not be as accurate as the series that these
+    predictions use.
     """
     changes = solver.plant.laws(which, now.parameters, now.starts, kind, laws)
     predicted = [
         solver.plant.segments[k].pose - residual + change
         for k, residual, change in zip(which, system.residuals, changes, strict=True)
     ]
-    gram = solver.scan(which, now, predicted, system, fixed)
+    gram, rights = solver.scan(which, now, predicted, system, fixed)
     turn = np.concatenate([np.ones((len(laws), 1)), -np.eye(len(laws))], axis=1) / steps[:, None]
-    return turn @ gram[:, 0], turn @ gram @ turn.T
+    return turn @ gram[:, 0], turn @ gram @ turn.T, rights @ turn.T

@@ -53,6 +53,9 @@ class Outcome:
         self.task, self.solver, self.now, self.which, self.system, self.zone = task, solver, now, which, system, zone
         self.fixed = task.fixed(now)
         _, self.covariance = solver.posterior(system, now, self.fixed)
+        for found in task.laws.values():  # laws of several kinds are independent, but for the other parameters
+            change = self.covariance @ found.products
+            self.covariance = self.covariance + change @ found.covariance @ change.T
         self.deviation = np.sqrt(np.diag(self.covariance))
 
     def fitted(self) -> Fitted:
@@ -110,7 +113,7 @@ class Outcome:
             given = self.task.kinds[kind].friction_law
             values[f"friction_law{label}"] = "constant" if given is None else str(given["kind"])
             if found is not None:
-                rise, speed = LEVEL * found.deviation
+                rise, speed = LEVEL * np.sqrt(np.diag(found.covariance))
                 values[f"rise{label}"], values[f"rise_speed{label}"] = found.rise, found.speed
                 intervals[f"rise{label}"] = found.rise - rise, found.rise + rise
                 intervals[f"rise_speed{label}"] = found.speed * math.exp(-speed), found.speed * math.exp(speed)

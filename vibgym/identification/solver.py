@@ -278,10 +278,10 @@ class Solver:
         predicted: Sequence[np.ndarray],
         system: System,
         fixed: Sequence[int],
-    ) -> np.ndarray:
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return products (m, m) of what all unknowns but ``fixed`` ones, fitted linearly, leave of m hypotheses' residuals.
 
-        Their diagonal is the least cost of each hypothesis.
+        Their diagonal is the least cost of each hypothesis. Also return the gradients (unknowns, m).
 
         Args:
             predicted: for each segment (m, n, 3) by each hypothesis.
@@ -298,7 +298,7 @@ class Solver:
             rights[own] += left.T @ rest
             squares += rest.T @ rest
         rights = (rights + gradient[:, None]) * free[:, None]
-        return squares - rights.T @ covariance @ rights
+        return squares - rights.T @ covariance @ rights, rights
 
 
 def _orthogonal(each: Derivatives, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
