@@ -22,6 +22,12 @@ def test_commands_are_valid_and_follow_from_the_seed():
         assert (amplitude >= 0.0).all() and (amplitude <= surface.max_amplitude).all()
 
 
+def test_commands_are_finite_when_the_first_image_is_lost():
+    excitation = Excitation(Surface(), [BLOCK, DISC], 4)
+    for pose in (np.full((2, 3), np.nan), excitation.start):
+        assert np.isfinite(excitation.command(pose)).all()
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_parts_stay_on_the_surface_and_apart(seed):
     actuators = {"kind": "prototype", "latency": 3, "phase": 0.6 * (-1) ** seed, "gain": 1.1}

@@ -105,7 +105,9 @@ class Excitation:
         """
         pose = checks.shaped("pose", pose, ((len(self.parts), 3),), "poses")
         seen = np.isfinite(pose[:, :2]).all(axis=1)
-        last = pose[:, :2] if self._last is None else self._last
+        last = self._last
+        if last is None:
+            last = np.where(seen[:, None], pose[:, :2], self.start[:, :2])
         now = np.where(seen[:, None], pose[:, :2], last + self._speed * self.surface.period)
         self._speed += 0.5 * ((now - last) / self.surface.period - self._speed)
         self._last = now

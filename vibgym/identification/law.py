@@ -95,9 +95,9 @@ def _products(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return products of derivatives by the laws' m parameters: with residuals (m,), one another (m, m) and other unknowns.
 
-    The first two are of what all other unknowns cannot explain, the last (unknowns, m) of what initial states cannot. Differences
-    of laws are added to the predictions, so that summation over contact points need not be as accurate as the series that these
-    predictions use.
+    The first two are of what all other unknowns cannot explain, the last (unknowns, m) of what initial states cannot.
+    Differences of laws are added to the predictions, so that summation over contact points need not be as accurate as the
+    series that these predictions use.
     """
     changes = solver.plant.laws(which, now.parameters, now.starts, kind, laws)
     predicted = [
