@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 from vibgym.identification.guess import wrapped
 from vibgym.identification.law import applied
@@ -78,8 +77,8 @@ class Outcome:
         self.add_laws(values, intervals)
         free = self.solver.freedom(self.which, self.system, self.covariance)
         for k, name in enumerate(("noise_position", "noise_heading")):
-            low, high = np.sqrt(free[k] / chi2.ppf([0.975, 0.025], free[k]))
-            values[name], intervals[name] = float(now.noise[k]), (float(now.noise[k] * low), float(now.noise[k] * high))
+            value, factor = float(now.noise[k]), math.exp(LEVEL / math.sqrt(2.0 * free[k]))
+            values[name], intervals[name] = value, (value / factor, value * factor)
         relative = deviation[:shared] / now.prior.deviation
         correlation = self.covariance[:shared, :shared] / np.maximum(
             np.outer(deviation[:shared], deviation[:shared]), 1e-300
