@@ -206,11 +206,12 @@ class _Job(Task):
         """Return a first estimate, with the latency that describes the recording best."""
         first = first_estimates(self.log, solver.plant.segments, self.surface, self.kinds, self.sheet)
         which, tried = _drawn(solver, FEW), []
+        amplitude = self.names.index("horizontal_amplitude")  # far from the solution friction and gain replace it
         for parameters in first:
             starts = starts_of(solver.plant.segments, parameters, self.surface, self.kinds)
             now = Estimate(parameters, starts, np.array([1e-3, 1e-2]), self.prior(parameters))
             for _ in range(TRIES):
-                done = solver.step(which, now, elements=False, fixed=self.fixed(now))
+                done = solver.step(which, now, elements=False, fixed=[*self.fixed(now), amplitude])
                 now, cost = done.estimate, done.after
                 if cost > NEARLY * done.before:
                     break
