@@ -194,9 +194,8 @@ def test_environments_load_the_settings_file(fitted):
     env = gym.make("vibgym/Align-v0", **settings)
     env.reset(seed=0)
     env.step(env.action_space.sample())
-    core = env.unwrapped
-    assert core.surface == fitted.surface
-    assert core.parts[0].friction == pytest.approx(fitted.values["friction"])
+    assert env.get_wrapper_attr("surface") == fitted.surface
+    assert env.get_wrapper_attr("parts")[0].friction == pytest.approx(fitted.values["friction"])
 
 
 @pytest.mark.full

@@ -113,6 +113,8 @@ class _Job(Task):
                 self.alternatives.pop(f"{form} dead zone", None)  # elements may decide otherwise
         # Long segments have several minima, so elements are fitted to short ones first.
         now = self.improve(solver, now, everything, ROUNDS, elements=True).estimate
+        now = self.with_zone(solver, now, everything, solver.linearize(everything, now, True))
+        now = self.improve(solver, now, everything, ROUNDS, elements=True).estimate
         self.report(f"short segments: {self.describe(now)}")
         known = {(each.part, each.first): start for each, start in zip(solver.plant.segments, now.starts, strict=True)}
         solver = self.solver(LONG)
@@ -120,12 +122,18 @@ class _Job(Task):
         starts = starts_of(segments, now.parameters, self.surface, self.kinds)
         for k, each in enumerate(segments):
             starts[k] = known.get((each.part, each.first), starts[k])
-        done = self.improve(solver, replace(now, starts=starts), everything, 2, elements=True)
+        done = self.improve(solver, replace(now, starts=starts), everything, ROUNDS, elements=True)
         self.report(f"long segments: {self.describe(done.estimate)}")
         system = solver.linearize(everything, done.estimate, True)
         for _ in range(2):  # a form that fits better once the elements' errors are known is tried in a second round
             now = self.with_zone(solver, done.estimate, everything, system)
-            done = self.improve(solver, now, everything, ROUNDS, elements=True)
+            tried = self.improve(solver, now, everything, ROUNDS, elements=True)
+            worse = sum(len(each.pose) for each in segments) * (misfit(tried.estimate) - misfit(done.estimate))
+            if worse >= 0.0:  # the choice was by linear fits, which mislead far from the solution
+                kept, form = (each.estimate.parameters.dead_zone_form for each in (done, tried))
+                self.alternatives[f"{form} dead zone"], self.alternatives[f"{kept} dead zone"] = worse, 0.0
+                break
+            done = tried
             now = done.estimate
             system = solver.linearize(everything, now, True, done.derivatives if done.moved < NEAR else None)
             if self.forms(solver, now, everything, system)[0][1] == now.parameters.dead_zone_form:
@@ -153,6 +161,9 @@ class _Job(Task):
             now = done.estimate
             found = law.likeliest(solver, now, which, system, self.fixed(now), kind)
             self.alternatives[f"constant {name}"] = found.gain
+            if not math.isfinite(found.gain):
+                self.remarks.append(f"{name}: whether it depends on the speed of the slip cannot be tested here")
+                continue
             if found.gain < law.SIGNIFICANT:
                 self.remarks.append(f"{name}: no dependence on the speed of the slip is required")
                 continue
@@ -285,6 +296,11 @@ class _Job(Task):
             if last - first > ZONES // 4:  # resolved
                 break
         return now, interval
+
+
+def misfit(now: Estimate) -> float:
+    """Return -2 log likelihood over the number of poses, but for a constant, of an estimate with its noise."""
+    return float(np.log(now.noise**2) @ [2.0, 1.0])
 
 
 def _drawn(solver: Solver, most: int) -> list[int]:
