@@ -161,9 +161,6 @@ class _Job(Task):
             now = done.estimate
             found = law.likeliest(solver, now, which, system, self.fixed(now), kind)
             self.alternatives[f"constant {name}"] = found.gain
-            if not math.isfinite(found.gain):
-                self.remarks.append(f"{name}: whether it depends on the speed of the slip cannot be tested here")
-                continue
             if found.gain < law.SIGNIFICANT:
                 self.remarks.append(f"{name}: no dependence on the speed of the slip is required")
                 continue

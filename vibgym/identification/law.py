@@ -20,6 +20,9 @@ SIGNIFICANT = 13.41
 """Decrease of chi squared from which on the best of them is required, the quantile of 1 - 0.001 / 4 for one degree of freedom:
 0.1 % false alarms at most, since a law that is fitted needlessly makes friction, horizontal amplitude and gain less certain."""
 
+UNSEEN = 1e-2
+"""Information on a rise, the reciprocal of its variance, up to which it has no effect: parts never slip that slowly."""
+
 RISE_STEP, SPEED_STEP = 0.05, 1.05
 """Finite differences: added to the rise, and factor on the speed."""
 
@@ -62,10 +65,11 @@ def likeliest(
     """Return the best law near a constant coefficient: one speed of :data:`SPEEDS`, everything else fitted linearly."""
     laws = [Rise(RISE_STEP, speed).law for speed in SPEEDS]
     slope, square, _ = _products(solver, now, which, system, fixed, kind, laws, np.full(len(laws), RISE_STEP))
-    rises, deviations = slope / np.diag(square), np.diag(square) ** -0.5
-    k = int(np.argmax(np.abs(rises) / deviations))
-    rise = float(np.clip(rises[k], SMALLEST_RISE, LARGEST_RISE))
-    return Rise(rise, SPEEDS[k], float((rises[k] / deviations[k]) ** 2))
+    information = np.diag(square)
+    gains = np.where(information > UNSEEN, slope**2 / np.maximum(information, UNSEEN), 0.0)
+    k = int(np.argmax(gains))
+    rise = float(np.clip(slope[k] / max(information[k], UNSEEN), SMALLEST_RISE, LARGEST_RISE))
+    return Rise(rise, SPEEDS[k], float(gains[k]))
 
 
 def improved(
