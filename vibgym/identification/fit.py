@@ -174,6 +174,8 @@ class _Job(Task):
                 self.report(f"friction law: {old.law}, chi squared {found.gain:.2f} less by the next step")
                 if found.gain < SETTLED:
                     break
+            else:
+                self.remarks.append(f"{name}: the fit of its rise has not converged, do not use these parameters")
             self.laws[kind] = found._replace(rise=old.rise, speed=old.speed)
             self.remarks.append(f"{name}: a dependence on the speed of the slip is required, see its rise")
         return done, system
