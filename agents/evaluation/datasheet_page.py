@@ -142,7 +142,7 @@ def _pulse(limits: Limits) -> str:
 def _gap(sheet: Sheet) -> str:
     """Return the gap that the part bridges."""
     gap, size = sheet.limits.gap, sheet.info.surface.element_size
-    return f"{'any' if gap >= size else f'up to {1e3 * gap:.1f} mm'}"
+    return "any" if gap >= size else f"up to {1e3 * gap:.1f} mm"
 
 
 def _variant(sheet: Sheet, name: str) -> Line:

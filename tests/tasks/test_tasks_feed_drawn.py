@@ -40,7 +40,7 @@ def arrivals(env, steps, seed):
 @pytest.mark.parametrize("slots", [(12, 12, 12), (3, 2, 1), (1, 1, 1)])
 @pytest.mark.parametrize("heap", [1, 2])
 def test_parts_arrive_in_the_drawn_sequence(slots, heap):
-    """In each world after n arrivals: as many of each part as among the first n draws, whatever slots and room there are."""
+    """In each world after n arrivals: as many of each part as among the first n draws, independent of slots and room."""
     slots = [max(each, heap) for each in slots]
     settings = {"probabilities": PROBABILITIES, "heap": heap}
     env = batch("Feed", 4, action="wrench", parts=parts(*slots), task_settings=settings)

@@ -14,10 +14,10 @@ from vibgym.identification.guess import CAMERA, LARGEST_ZONE, first_estimates, s
 from vibgym.identification.log import Log
 from vibgym.identification.outcome import Outcome
 from vibgym.identification.plant import Derivatives, Parameters, Plant
+from vibgym.identification.problem import Problem
 from vibgym.identification.result import Fitted
 from vibgym.identification.segments import LONG, SHORT, segments_of
 from vibgym.identification.solver import Estimate, Prior, Progress, Solver, System
-from vibgym.identification.task import Task
 from vibgym.physics.core.hardware import FORMS, HARD
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -32,7 +32,7 @@ FINER = 3
 """Most scans of a hard dead zone, each of the interval that the one before has left."""
 
 EXCLUDED = 300.0
-"""The same, above which a form is not tried again."""
+"""Chi squared above that of the best form of the dead zone, above which a form is not tried again."""
 
 TRIES, NEARLY = 15, 0.99
 """Most steps for a latency, and ratio of costs after and before a step from which on it has converged."""
@@ -86,7 +86,7 @@ def fit(
     return _Job(log, nominal, parts, report or (lambda line: None)).run()
 
 
-class _Job(Task):
+class _Job(Problem):
     """A fit in progress."""
 
     def __init__(self, log: Log, surface: Surface, parts: tuple[Part, ...], report: Callable[[str], object]) -> None:

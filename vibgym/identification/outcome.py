@@ -11,10 +11,10 @@ import numpy as np
 
 from vibgym.identification.guess import wrapped
 from vibgym.identification.law import applied
+from vibgym.identification.problem import Problem
 from vibgym.identification.result import ADVICE, Fitted
 from vibgym.identification.segments import LONG
 from vibgym.identification.solver import Estimate, Solver, System
-from vibgym.identification.task import Task
 from vibgym.physics.core.hardware import FORMS
 from vibgym.scene.parts import Part
 
@@ -35,42 +35,49 @@ class Outcome:
     """Values and intervals at an estimate.
 
     Args:
-        task: what was fitted.
+        problem: what was fitted.
         solver, now, which, system: estimate, segments, and the problem linearized there.
         zone: 95 % interval of a hard dead zone (m), which has no derivative; None for other forms.
     """
 
     def __init__(
         self,
-        task: Task,
+        problem: Problem,
         solver: Solver,
         now: Estimate,
         which: Sequence[int],
         system: System,
         zone: tuple[float, float] | None,
     ) -> None:
-        self.task, self.solver, self.now, self.which, self.system, self.zone = task, solver, now, which, system, zone
-        self.fixed = task.fixed(now)
+        self.problem, self.solver, self.now, self.which, self.system, self.zone = (
+            problem,
+            solver,
+            now,
+            which,
+            system,
+            zone,
+        )
+        self.fixed = problem.fixed(now)
         _, self.covariance = solver.posterior(system, now, self.fixed)
-        for found in task.laws.values():  # laws of several kinds are independent, but for the other parameters
+        for found in problem.laws.values():  # laws of several kinds are independent, but for the other parameters
             change = self.covariance @ found.products
             self.covariance = self.covariance + change @ found.covariance @ change.T
         self.deviation = np.sqrt(np.diag(self.covariance))
 
     def fitted(self) -> Fitted:
         """Return values, intervals and everything else."""
-        task, now, deviation = self.task, self.now, self.deviation
-        vector, shared = now.parameters.vector(), len(task.names)
+        problem, now, deviation = self.problem, self.now, self.deviation
+        vector, shared = now.parameters.vector(), len(problem.names)
         values: dict[str, Any] = {}
         intervals: dict[str, tuple[float, float]] = {}
-        for k, name in enumerate(task.names):
+        for k, name in enumerate(problem.names):
             ends = vector[k] + LEVEL * deviation[k] * np.array([-1.0, 0.0, 1.0])
             low, value, high = (_physical(name, each) for each in ends)
             values[name], intervals[name] = value, (low, high)
         if self.zone is not None:
             intervals["dead_zone"] = self.zone
-        values["frequency"] = 1.0 / task.timing.period
-        slack = LEVEL * task.timing.deviation / task.timing.period**2
+        values["frequency"] = 1.0 / problem.timing.period
+        slack = LEVEL * problem.timing.deviation / problem.timing.period**2
         intervals["frequency"] = values["frequency"] - slack, values["frequency"] + slack
         values["latency"], values["dead_zone_form"] = now.parameters.latency, now.parameters.dead_zone_form
         self.add_spreads(values, intervals)
@@ -83,21 +90,23 @@ class Outcome:
         correlation = self.covariance[:shared, :shared] / np.maximum(
             np.outer(deviation[:shared], deviation[:shared]), 1e-300
         )
-        pairs = {(a, b): float(correlation[i, j]) for i, a in enumerate(task.names) for j, b in enumerate(task.names)}
+        pairs = {
+            (a, b): float(correlation[i, j]) for i, a in enumerate(problem.names) for j, b in enumerate(problem.names)
+        }
         relation = np.array([1.0 / now.parameters.gain, 1.0])  # of gains, from absolute to relative errors
         elements = now.parameters.elements * relation
         element_deviations = deviation[shared:].reshape(elements.shape)
         unidentified = self.unidentified(relative, pairs, element_deviations)
         element_deviations = element_deviations * relation
-        fitted = replace(task.surface, horizontal_amplitude=now.parameters.horizontal_amplitude)
+        fitted = replace(problem.surface, horizontal_amplitude=now.parameters.horizontal_amplitude)
         return Fitted(
             values, intervals, pairs, fitted, self.actuators(), self.parts(), elements, element_deviations,
-            unidentified, self.notes(), self.residual_rows(), task.alternatives,
+            unidentified, self.notes(), self.residual_rows(), problem.alternatives,
         )  # fmt: skip
 
     def add_spreads(self, values: dict[str, Any], intervals: dict[str, Any]) -> None:
         """Add the standard deviations of the elements' errors; their effective number is the information of the recording."""
-        now, shared = self.now, len(self.task.names)
+        now, shared = self.now, len(self.problem.names)
         for k, name in enumerate(("gain_spread", "phase_spread")):
             spread = float(now.prior.spread[k])
             known = 1.0 - self.deviation[shared + k :: 2] ** 2 / spread**2
@@ -107,9 +116,9 @@ class Outcome:
 
     def add_laws(self, values: dict[str, Any], intervals: dict[str, Any]) -> None:
         """Add the friction laws, and their parameters where friction depends on speed."""
-        for kind, name in enumerate(self.task.names[: len(self.task.kinds)]):
-            label, found = name.removeprefix("friction"), self.task.laws.get(kind)
-            given = self.task.kinds[kind].friction_law
+        for kind, name in enumerate(self.problem.names[: len(self.problem.kinds)]):
+            label, found = name.removeprefix("friction"), self.problem.laws.get(kind)
+            given = self.problem.kinds[kind].friction_law
             values[f"friction_law{label}"] = "constant" if given is None else str(given["kind"])
             if found is not None:
                 rise, speed = LEVEL * np.sqrt(np.diag(found.covariance))
@@ -121,61 +130,61 @@ class Outcome:
         self, relative: np.ndarray, pairs: dict[tuple[str, str], float], deviations: np.ndarray
     ) -> dict[str, str]:
         """Return parameters, and pairs of them, that the recording does not determine, and which recording would."""
-        task, now, found = self.task, self.now, {}
-        for k, name in enumerate(task.names):
+        problem, now, found = self.problem, self.now, {}
+        for k, name in enumerate(problem.names):
             if relative[k] > UNKNOWN and k not in self.fixed:
                 found[name] = ADVICE[name.partition(".")[0]]
-        for i, a in enumerate(task.names):
-            for b in task.names[i + 1 :]:
+        for i, a in enumerate(problem.names):
+            for b in problem.names[i + 1 :]:
                 if abs(pairs[a, b]) > COUPLED and a not in found and b not in found:
                     found[f"{a} and {b}"] = f"only a combination is determined; {ADVICE[a.partition('.')[0]]}"
         missing = int((deviations[..., 0] > 0.8 * now.prior.spread[0]).sum())
         if missing:
             found[f"{missing} of {deviations[..., 0].size} elements"] = "a recording in which parts visit them longer"
         found["static friction"] = "none on this table: parts slide at all times" if all(
-            task.nominal.slides_permanently(kind.static_friction) for kind in task.kinds
+            problem.nominal.slides_permanently(kind.static_friction) for kind in problem.kinds
         ) else "a recording at a lower frequency, in which parts stick"  # fmt: skip
         found["gravity, element size, mass, limit"] = "none: they are taken as given"
         width = 0.0 if self.zone is None else self.zone[1] - self.zone[0]
-        if width > 2.0 * LEVEL * UNKNOWN * 1e-3 * now.prior.deviation[task.names.index("dead_zone")]:
+        if width > 2.0 * LEVEL * UNKNOWN * 1e-3 * now.prior.deviation[problem.names.index("dead_zone")]:
             found["dead_zone"] = ADVICE["dead_zone"]
-        if sum(task.alternatives[f"{form} dead zone"] < AMBIGUOUS for form in FORMS) > 1:
+        if sum(problem.alternatives[f"{form} dead zone"] < AMBIGUOUS for form in FORMS) > 1:
             found["dead_zone_form"] = ADVICE["dead_zone"]
         return found
 
     def actuators(self) -> dict[str, Any]:
         """Return prototype actuators with the fitted values, as a setting of environments."""
-        task, p = self.task, self.now.parameters
+        problem, p = self.problem, self.now.parameters
         elements = p.elements * np.array([1.0 / p.gain, 1.0]) + np.array([1.0, 0.0])
         elements[..., 0] = np.maximum(elements[..., 0], 0.0)
         return {
-            "kind": "prototype", "dead_zone": min(p.dead_zone, 0.99 * task.sheet.limit), "dead_zone_form": p.dead_zone_form,
-            "limit": min(task.sheet.limit, float(task.surface.max_amplitude or math.inf)), "latency": p.latency,
-            "gain_spread": 0.0, "phase_spread": 0.0, "resolution": task.sheet.resolution, "gain": p.gain,
+            "kind": "prototype", "dead_zone": min(p.dead_zone, 0.99 * problem.sheet.limit), "dead_zone_form": p.dead_zone_form,
+            "limit": min(problem.sheet.limit, float(problem.surface.max_amplitude or math.inf)), "latency": p.latency,
+            "gain_spread": 0.0, "phase_spread": 0.0, "resolution": problem.sheet.resolution, "gain": p.gain,
             "phase": wrapped(p.phase), "elements": elements.round(5).tolist(),
         }  # fmt: skip
 
     def parts(self) -> tuple[Part, ...]:
         """Return the parts with the fitted friction, and friction law."""
-        task = self.task
-        pairs = zip(self.now.parameters.friction, task.kinds, strict=True)
+        problem = self.problem
+        pairs = zip(self.now.parameters.friction, problem.kinds, strict=True)
         factors = [float(new) / kind.friction for new, kind in pairs]
         found = []
-        for part, k in zip(task.parts, task.kind_of, strict=True):
+        for part, k in zip(problem.parts, problem.kind_of, strict=True):
             friction, static = factors[k] * part.friction, factors[k] * part.static_friction
             part = replace(part, friction=friction, static_friction=static)
-            found.append(applied(part, task.laws[k].law) if k in task.laws else part)
+            found.append(applied(part, problem.laws[k].law) if k in problem.laws else part)
         return tuple(found)
 
     def notes(self) -> list[str]:
         """Return remarks about the recording."""
         used = sum(len(each.instant) for each in self.solver.plant.segments)
-        seen = int(np.isfinite(self.task.log.pose[..., 0]).sum())
+        seen = int(np.isfinite(self.problem.log.pose[..., 0]).sum())
         notes = [f"{used} of {seen} poses used, in {len(self.solver.plant.segments)} segments of up to {LONG} periods"]
-        notes += [f"gap of {lost} cycles after row {row}" for row, lost in self.task.timing.gaps.tolist()]
-        if self.task.sheet.bandwidth is not None:
+        notes += [f"gap of {lost} cycles after row {row}" for row, lost in self.problem.timing.gaps.tolist()]
+        if self.problem.sheet.bandwidth is not None:
             notes.append("the bandwidth of the actuators is not modelled")
-        return notes + self.task.remarks
+        return notes + self.problem.remarks
 
     def residual_rows(self) -> np.ndarray:
         """Return the rows of :attr:`Fitted.residuals`."""

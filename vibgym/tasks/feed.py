@@ -15,8 +15,6 @@ from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from
 from vibgym.physics.core.records import State
 from vibgym.scene import outlines
-from vibgym.scene.drawings.drawing import read
-from vibgym.scene.drawings.records import TOLERANCE
 from vibgym.scene.parts import PROTOTYPE, Part
 from vibgym.scene.sliding import LEAST_SPEED, sliding_of
 from vibgym.scene.surface import Surface
@@ -180,19 +178,8 @@ class FlowScoring(Scoring):
 
     def own_state(self) -> dict[str, np.ndarray]:
         names = (
-            "clock",
-            "key",
-            "tried",
-            "arrivals",
-            "pool",
-            "there",
-            "changed",
-            "age",
-            "last",
-            "tally",
-            "rate",
-            "idle",
-        )
+            "clock", "key", "tried", "arrivals", "pool", "there", "changed", "age", "last", "tally", "rate", "idle",
+        )  # fmt: skip
         return {f"flow_{name}": getattr(self._flow, name) for name in names}
 
     def facts(self) -> dict[str, np.ndarray]:
@@ -251,6 +238,10 @@ def in_stable_poses(
     Raises:
         ValueError: a file or property that :meth:`vibgym.Part.from_file` refuses, or the name of a pose that there is not.
     """
+    # Readers of drawings are loaded with the first drawing only, as by Part.from_file.
+    from vibgym.scene.drawings.drawing import read
+    from vibgym.scene.drawings.records import TOLERANCE
+
     units = properties.get("units")
     solid = read(path, properties.get("tolerance_mm", TOLERANCE), units, stable_pose=0, surface=surface).solid
     assert solid is not None  # only meshes have the option stable_pose

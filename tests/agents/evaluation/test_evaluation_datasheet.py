@@ -163,8 +163,8 @@ def test_a_part_on_an_identified_machine(tmp_path, capsys, monkeypatch):
     options = ["--part", "configs/datasheets/bracket.dxf", "--episodes", "8", "--output", str(tmp_path), "--quiet"]
     assert main(["datasheet", "--machine", str(machine), *options]) == 0
     assert len(reads) == 1
-    said = capsys.readouterr().out
-    assert "here 0.47" in said and "Align, rigid part: –; parts must be convex" in said
+    printed = capsys.readouterr().out
+    assert "here 0.47" in printed and "Align, rigid part: –; parts must be convex" in printed
     page = (tmp_path / "datasheet.html").read_text(encoding="utf-8")
     assert "24.6 Hz" in page and "gain 1.00 to 1.00, phase 6 to 6 deg" in page and "estimator model" in page
 

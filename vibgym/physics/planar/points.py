@@ -96,15 +96,9 @@ def slide_varying(table, body, cut, n, phase, h, motion):
         spin + h * bw - third * aw,
     )  # fmt: skip
     dx, dy, dw = varying_acceleration(
-        table,
-        body,
-        cut,
-        n,
-        phase + 3.0 * advance,
-        vx + h * (ax - bx + cx),
-        vy + h * (ay - by + cy),
+        table, body, cut, n, phase + 3.0 * advance, vx + h * (ax - bx + cx), vy + h * (ay - by + cy),
         spin + h * (aw - bw + cw),
-    )
+    )  # fmt: skip
     x += h * (vx + 0.125 * h * (ax + 2.0 * bx + cx))
     y += h * (vy + 0.125 * h * (ay + 2.0 * by + cy))
     heading += h * (spin + 0.125 * h * (aw + 2.0 * bw + cw))

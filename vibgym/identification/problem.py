@@ -19,7 +19,7 @@ from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 
 
-class Task:
+class Problem:
     """A recording, the nominal machine, and what a fit finds besides numbers.
 
     Args:
