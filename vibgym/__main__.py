@@ -44,6 +44,20 @@ def compile_all(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def capabilities(parser: argparse.ArgumentParser) -> Command:
+    """Show what this installation can do, and what it does without."""
+    return show_capabilities
+
+
+def show_capabilities(arguments: argparse.Namespace) -> int:
+    """Run ``capabilities``."""
+    from vibgym.capabilities import capabilities as found
+
+    for each in found():
+        print(f"{each.name}: {each.state}\n    {each.effect}; {each.switch}")
+    return 0
+
+
 def machine(parser: argparse.ArgumentParser) -> Command:
     """Simulate a machine in real time for control loops in other processes (docs/machine.md)."""
     parser.add_argument("task", help="id or short name of an environment, such as Align")
@@ -98,7 +112,9 @@ def run_identification(arguments: argparse.Namespace) -> int:
 
 
 COMMANDS: Registry[Callable[[argparse.ArgumentParser], Command]] = Registry(
-    "command", {"identify": identify, "machine": machine, "part": part, "warm": warm}, "vibgym.commands"
+    "command",
+    {"capabilities": capabilities, "identify": identify, "machine": machine, "part": part, "warm": warm},
+    "vibgym.commands",
 )
 """Commands by name: functions that add arguments to a parser and return the function to run. Their docstring is the help."""
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-PLAIN = {"VIBGYM_PLAIN_NUMBA": "1", "NUMBA_DISABLE_JIT": "1"}
+PLAIN = {"NUMBA_DISABLE_JIT": "1"}
 CASES = [(part, share, tilt) for part in ("steel_block", "disc") for share in (0.25, 1.0) for tilt in (1.0, 5.0)]
 PERIODS = 8
 RESTITUTION = (0.0, 0.2, 1.0)

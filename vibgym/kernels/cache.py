@@ -106,7 +106,8 @@ def _collect_kernel(function: Any, payload: Any) -> None:
 
 def _load_shipped(function: Any, arguments: Any, target_context: Any) -> Any:
     """Return a kernel compiled from the wheel's bitcode; None if there is none for these types of the arguments."""
-    if config.BOUNDSCHECK or config.DEBUGINFO_DEFAULT or function.__closure__ is not None or not SHIPPED.is_dir():
+    unsuitable = config.BOUNDSCHECK or config.DEBUGINFO_DEFAULT or function.__closure__ is not None
+    if not options.BITCODE or unsuitable or not SHIPPED.is_dir():
         return None
     path = SHIPPED / _file_name(function, arguments)
     try:

@@ -7,14 +7,18 @@ from __future__ import annotations
 
 from typing import Any
 
-from vibgym.kernels.options import PLAIN
+from vibgym.kernels.interfaces import INTERPRETED, MODE, PUBLIC
 
-if PLAIN:
-    from vibgym.kernels.plain import cache_folder, call_foreign, collect, foreign, kernel
+if MODE == INTERPRETED:
+    from vibgym.kernels.interpreted import cache_folder, call_foreign, collect, foreign, kernel
 else:
-    from vibgym.kernels.cache import collect
-    from vibgym.kernels.compiler import cache_folder, kernel
     from vibgym.kernels.pointers import call_foreign, foreign
+
+    if MODE == PUBLIC:
+        from vibgym.kernels.public import cache_folder, collect, kernel
+    else:
+        from vibgym.kernels.cache import collect
+        from vibgym.kernels.compiler import cache_folder, kernel
 
 
 def jit(function: Any) -> Any:

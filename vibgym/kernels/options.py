@@ -15,11 +15,11 @@ from typing import Any
 
 LOGGER = logging.getLogger("vibgym")
 
-PLAIN = os.environ.get("VIBGYM_PLAIN_NUMBA", "0") not in ("", "0")
-"""Whether kernels use numba's public interface alone (:mod:`vibgym.kernels.plain`): slower, for versions not yet supported."""
-
 CACHE = os.environ.get("VIBGYM_CACHE", "1") != "0"
 """Whether compiled kernels are cached on disk."""
+
+BITCODE = os.environ.get("VIBGYM_BITCODE", "1") != "0"
+"""Whether kernels come from the wheel's bitcode, if it has any for this Python, numba and platform."""
 
 OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz", "afn"}, "nogil": True}
 

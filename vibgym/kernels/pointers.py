@@ -1,4 +1,4 @@
-"""Pointers in kernels: references to records, records pinned in memory, functions of other libraries; not in plain mode.
+"""Pointers in kernels: references to records, records pinned in memory, functions of other libraries.
 
 See :mod:`vibgym.kernels.reference` and :mod:`vibgym.kernels.jit`. A reference is one pointer with the fields of a named tuple.
 Fields that are named tuples themselves are references, too.
@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba.core import cgutils, types
-from numba.core.datamodel import models
-from numba.core.datamodel.registry import register_default
-from numba.core.imputils import impl_ret_borrowed, lower_cast, lower_getattr_generic
-from numba.core.typing.templates import AttributeTemplate, infer_getattr
-from numba.core.typing.typeof import typeof
-from numba.extending import intrinsic
+from numba import typeof, types
+from numba.core import cgutils
+from numba.core.imputils import impl_ret_borrowed
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import infer_getattr, intrinsic, lower_cast, lower_getattr_generic, models, register_model
 
 # -- references --------------------------------------------------------------------------------------------------------
 
@@ -39,7 +37,7 @@ class Reference(types.Type):
         return Reference(kind) if isinstance(kind, types.BaseNamedTuple) else kind
 
 
-@register_default(Reference)
+@register_model(Reference)
 class _ReferenceModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(

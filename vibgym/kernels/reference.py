@@ -8,7 +8,7 @@ values for the working arrays of the friction stepper. Compiling that takes long
 - ``layout.at(address)`` in a kernel is a reference to that record; ``is_given(address)`` tests for ``layout.none(record)``.
 - :func:`bound` is a kernel with its first arguments.
 
-In plain mode (``VIBGYM_PLAIN_NUMBA=1``) a reference or address is the record itself.
+Without compilation (``NUMBA_DISABLE_JIT=1``) a reference or address is the record itself.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from typing import Any, Generic, TypeVar
 
 import numba
 
+from vibgym.kernels.interfaces import INTERPRETED, MODE
 from vibgym.kernels.jit import borrowing
-from vibgym.kernels.options import PLAIN
 
-if PLAIN:
-    from vibgym.kernels.plain import Memory, is_given, reader, reference
+if MODE == INTERPRETED:
+    from vibgym.kernels.interpreted import Memory, is_given, reader, reference
 else:
     from vibgym.kernels.pointers import Memory, reader, reference
 
@@ -53,8 +53,8 @@ class Layout(Generic[Record]):
         self.at: Any = reader(self)
 
     def none(self, record: Record) -> Any:
-        """Return the address that stands for no record; in plain mode a record whose first array is empty."""
-        return record if PLAIN else 0
+        """Return the address that stands for no record; without compilation a record whose first array is empty."""
+        return record if MODE == INTERPRETED else 0
 
     def __reduce__(self) -> str:
         return self.name

@@ -1,4 +1,4 @@
-"""Eight doubles as one value of a kernel, unless in plain mode; see :mod:`vibgym.kernels.vector`.
+"""Eight doubles as one value of a compiled kernel; see :mod:`vibgym.kernels.vector`.
 
 A value is ``<8 x double>`` in LLVM, which splits it for processors with narrower registers, or ``<WIDTH x double>``. Vector
 instructions follow by construction, independently of LLVM's vectorisation of loops.
@@ -14,14 +14,13 @@ import operator
 import os
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 from typing import Any
 
 from llvmlite import binding, ir
-from numba.core import cgutils, types
-from numba.core.datamodel import models
-from numba.core.datamodel.registry import register_default
-from numba.core.imputils import lower_builtin, lower_cast
-from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba import types
+from numba.core import cgutils
+from numba.extending import lower_builtin, models, register_model, type_callable
 
 LANES = 8
 """Doubles in a value."""
@@ -30,7 +29,18 @@ _REQUESTED = os.environ.get("VIBGYM_VECTOR", "")
 if _REQUESTED not in ("", "4", "8"):
     raise ValueError(f"VIBGYM_VECTOR: got {_REQUESTED!r}; allowed: 4 or 8")
 
-WIDTH = int(_REQUESTED or (8 if binding.get_host_cpu_features().get("avx512f") else 4))
+
+def _register_width() -> int:
+    """Return the doubles in a register of the processor, as far as kernels use it: 4 or 8."""
+    if _REQUESTED:
+        return int(_REQUESTED)
+    try:
+        return 8 if binding.get_host_cpu_features().get("avx512f") else 4
+    except RuntimeError:  # a processor that LLVM does not know
+        return 4
+
+
+WIDTH = _register_width()
 """Doubles in a register of the processor, 4 or 8."""
 
 _INDEX, _BYTE = ir.IntType(32), ir.IntType(8)
@@ -56,13 +66,13 @@ VEC = {lanes: Vec(lanes) for lanes in {WIDTH, LANES}}
 MASK = {lanes: Mask(lanes) for lanes in {WIDTH, LANES}}
 
 
-@register_default(Vec)
+@register_model(Vec)
 class _VecModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, ir.VectorType(ir.DoubleType(), kind.lanes))
 
 
-@register_default(Mask)
+@register_model(Mask)
 class _MaskModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
         super().__init__(manager, kind, ir.VectorType(ir.IntType(1), kind.lanes))
@@ -72,12 +82,6 @@ def _broadcast(builder: Any, number: Any, lanes: int) -> Any:
     undefined = ir.Constant(ir.VectorType(ir.DoubleType(), lanes), ir.Undefined)
     first = builder.insert_element(undefined, number, ir.Constant(_INDEX, 0))
     return builder.shuffle_vector(first, undefined, ir.Constant(ir.VectorType(_INDEX, lanes), [0] * lanes))
-
-
-@lower_cast(types.Float, Vec)
-@lower_cast(types.Integer, Vec)
-def _cast(context: Any, builder: Any, given: Any, kind: Any, value: Any) -> Any:
-    return _broadcast(builder, context.cast(builder, value, given, types.float64), kind.lanes)
 
 
 # -- registration with numba -------------------------------------------------------------------------------------------
@@ -101,34 +105,38 @@ def _register(function: Any, generate: Callable[..., Any], result: Any, kinds: t
     def of(kind: Any, lanes: int) -> Any:
         return _BY_LANES[kind][lanes] if kind in _BY_LANES else kind
 
-    class _Template(AbstractTemplate):
-        key = function
+    def typed(*args: Any) -> Any:
+        lanes = next((each.lanes for each in args if isinstance(each, (Vec, Mask))), 0)
+        wanted = [of(kind, lanes) for kind in kinds]
+        if (wide and not lanes) or not all(map(_fits, args, wanted)):
+            return None
+        # Arrays and numbers in place of vectors keep their types.
+        kept = (isinstance(k, Vec) or k == types.Array for k in wanted)
+        return of(result, lanes)(*(types.unliteral(a) if keep else k for a, k, keep in zip(args, wanted, kept)))
 
-        def generic(self, args: Any, kws: Any) -> Any:
-            lanes = next((each.lanes for each in args if isinstance(each, (Vec, Mask))), 0)
-            if kws or len(args) != len(kinds) or (wide and not lanes):
-                return None
-            wanted = [of(kind, lanes) for kind in kinds]
-            if not all(map(_fits, args, wanted)):
-                return None
-            return signature(of(result, lanes), *(a if k == types.Array else k for a, k in zip(args, wanted)))
-
-    infer: Any = infer_global
-    if function.__module__ == "_operator":
-        infer(function)(_Template)
-    else:
-        infer(function, types.Function(_Template))
+    # numba matches the number of arguments with the signature of this function.
+    typing: Any = (None, lambda a: typed(a), lambda a, b: typed(a, b), lambda a, b, c: typed(a, b, c))[len(kinds)]
+    type_callable(function)(lambda context: typing)
 
     def lower(context: Any, builder: Any, made: Any, values: Any) -> Any:
-        given = [
-            context.make_array(kind)(context, builder, value).data if isinstance(kind, types.Array) else value
-            for kind, value in zip(made.args, values)
-        ]
+        lanes = next((each.lanes for each in made.args if isinstance(each, (Vec, Mask))), 0)
+
+        def passed(kind: Any, given: Any, value: Any) -> Any:
+            if isinstance(given, types.Array):
+                return context.make_array(given)(context, builder, value).data
+            if kind == _ANY_VEC and isinstance(given, types.Number):
+                return _broadcast(builder, context.cast(builder, value, given, types.float64), lanes)
+            return value
+
+        given = map(passed, kinds, made.args, values)
         found = generate(builder, *given)
         return context.get_dummy_value() if result == types.none else found
 
     for lanes in VEC if wide else (LANES,):
-        lower_builtin(function, *(of(kind, lanes) for kind in kinds))(lower)
+        forms = ((of(kind, lanes), types.Number) if kind == _ANY_VEC else (of(kind, lanes),) for kind in kinds)
+        for form in product(*forms):
+            if not wide or any(isinstance(each, (Vec, Mask)) for each in form):
+                lower_builtin(function, *form)(lower)
 
 
 def _function(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:

@@ -8,16 +8,16 @@
 - ``lane_minimum``, ``lane_maximum`` and ``lane_sum`` return the smallest lane, the largest one, and the sum of all.
 - ``load_register``, ``broadcast_register`` and ``mask_register`` make values of ``WIDTH`` lanes, as many as a register holds.
 
-Kernels that use these functions are compiled by :func:`vibgym.kernels.jit.exact`. In plain mode there is one lane, and values
-are numbers.
+Kernels that use these functions are compiled by :func:`vibgym.kernels.jit.exact`. Without compilation there is one lane, and
+values are numbers.
 """
 
 from __future__ import annotations
 
-from vibgym.kernels.options import PLAIN
+from vibgym.kernels.interfaces import INTERPRETED, MODE
 
-if PLAIN:
-    from vibgym.kernels import plain as _form
+if MODE == INTERPRETED:
+    from vibgym.kernels import interpreted as _form
 else:
     from vibgym.kernels import vec8 as _form
 

@@ -9,13 +9,20 @@ are several spaces, for islands of different sizes.
 
 from __future__ import annotations
 
+import ctypes
+import functools
 import math
+import os
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pymunk
-from pymunk._chipmunk_cffi import ffi, lib
+
+try:
+    from pymunk._chipmunk_cffi import ffi, lib
+except ImportError:  # see solver_problem
+    ffi = lib = None
 
 from vibgym import checks
 from vibgym.kernels.jit import foreign
@@ -45,6 +52,15 @@ ROOM = 12
 """Shapes of the smallest space, about as many as the library's tables hold before they grow; each further one has four times
 as many."""
 
+FUNCTIONS = (
+    "cpSpaceStep", "cpSpaceEachBody", "pmSpaceBodySetIteratorFuncBatched", "pmSpaceBodyGetIteratorFuncBatched",
+    "cpBodyUpdatePosition", "cpSpaceAddBody", "cpSpaceRemoveBody", "cpSpaceAddShape", "cpSpaceRemoveShape",
+    "cpSpaceSetShapeIDCounter", "cpBodySetMass", "cpBodySetMoment", "cpSpaceSetIterations", "cpSpaceSetCollisionSlop",
+    "cpSpaceSetCurrentTimeStep",
+)  # fmt: skip
+CONSTANTS = "POSITION", "ANGLE", "VELOCITY", "ANGULAR_VELOCITY"
+"""Names of pymunk's library that kernels use."""
+
 MATERIALS = 31
 """Most different coefficients of friction with walls: bits of pymunk's shape filter."""
 
@@ -65,6 +81,11 @@ class ContactSpace:
     """
 
     def __init__(self, surface: Surface, parts: Sequence[Part], walls: Sequence[str]) -> None:
+        problem = solver_problem()
+        if problem:
+            raise checks.conflict(
+                f"several parts or walls, with certified contacts, require pymunk's solver: {problem}"
+            )
         self._made_of = (surface, tuple(parts), tuple(walls))
         materials = sorted({part.contact_friction for part in parts})
         if walls and len(materials) > MATERIALS:
@@ -149,6 +170,24 @@ class ContactSpace:
     def __reduce__(self) -> Any:
         """Construct copies anew: the solver's addresses point into this object."""
         return ContactSpace, self._made_of
+
+
+@functools.cache
+def solver_problem() -> str:
+    """Return why kernels cannot call pymunk's solver; "" if they can. ``VIBGYM_SOLVER=0`` switches it off.
+
+    pymunk's public interface has no substitute: without the ids of shapes and the length of the last step, results would depend
+    on the islands before.
+    """
+    if os.environ.get("VIBGYM_SOLVER", "1") == "0":
+        return "VIBGYM_SOLVER is 0"
+    lacking = [name for name in (*FUNCTIONS, *CONSTANTS) if not hasattr(lib, name)]
+    if lacking:
+        return f"pymunk {pymunk.version} lacks {', '.join(lacking)}"
+    body = pymunk.Body(1.0, 1.0)
+    set_mass = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_double)(_place("cpBodySetMass"))
+    set_mass(_address(body._body), 2.0)
+    return "" if body.mass == 2.0 else f"functions of pymunk {pymunk.version} cannot be called by their addresses"
 
 
 def check_parts(parts: Sequence[Part]) -> None:

@@ -1,0 +1,203 @@
+"""How kernels are compiled: the same results by private and public interfaces and without compilation."""
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+from llvmlite import binding
+
+from vibgym.kernels import interfaces, vec8
+
+SCENES = """
+import gymnasium, json, numpy as np, sys
+from vibgym import Part, Simulator, Surface
+
+BLOCK, DISC = Part.rectangle(0.05, 0.04, friction=0.6), Part.disc(0.02, friction=0.6)
+
+
+def simulated(parts, pose, velocity=None, walls=(), periods=3, **settings):
+    surface = Surface()
+    simulator = Simulator(surface, parts, walls=walls, threads=1, **settings)
+    simulator.reset(pose, velocity)
+    random = np.random.default_rng(0)
+    shape = surface.rows, surface.columns
+    simulator.advance(random.uniform(0.0, surface.max_amplitude, shape), random.uniform(-3.0, 3.0, shape), periods)
+    return [*simulator.pose.ravel().tolist(), *simulator.velocity.ravel().tolist(), simulator.statistics["contact"]]
+
+
+def played(name, steps=3, **settings):
+    env = gymnasium.make(name, **settings)
+    observation, _ = env.reset(seed=1)
+    env.action_space.seed(1)
+    numbers = []
+    for _ in range(steps):
+        observation, reward, *_ = env.step(env.action_space.sample())
+        numbers += [*np.ravel(observation).tolist(), float(reward)]
+    return numbers
+
+
+def sticking():
+    return simulated(Part.rectangle(0.06, 0.05, friction=1.5), [0.2, 0.1, 0.3])
+
+
+def planar():
+    return simulated(BLOCK, [0.2, 0.1, 0.1], [0.05, 0.0, 1.0])
+
+
+def averaged():
+    return simulated(Part.rectangle(0.05, 0.04, friction=0.3), [0.2, 0.1, 0.1], model="averaged")
+
+
+def contacts():
+    pose = [[[0.027, 0.1, 0.05], [0.0725, 0.11, 0.0]]]  # nothing in it hangs on the last bit
+    return simulated([BLOCK, DISC], pose, [[[-0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]]], ["left"])
+
+
+def foreign():
+    from vibgym.physics.contacts.solver import add_bodies
+    from vibgym.simulation.contact_space import ContactSpace, impact_properties_of
+
+    space = ContactSpace(Surface(), [BLOCK, DISC], [])
+    solver, factor = space.solver, np.array([2.0, 3.0])
+    add_bodies(solver, solver.spaces[0], impact_properties_of([BLOCK, DISC]), factor, np.arange(2), 2)
+    return [body.mass for body in space._bodies]
+
+
+def environment():
+    return played("vibgym/Align-v0")
+
+
+def several():
+    return played("vibgym/Sort-v0", action="phasor")
+
+
+def hardware():
+    return played("vibgym/Align-v0", actuators="prototype", sensor={"kind": "pose", "estimator": "kalman"})
+
+
+found = {name: globals()[name]() for name in sys.argv[1:]}
+print(json.dumps(found))
+"""
+
+SMALL = ["foreign", "planar"]
+ALL = ["sticking", "planar", "averaged", "contacts", "foreign", "environment", "several", "hardware"]
+
+
+def numbers_of(scenes, **environment):
+    """Return the result of each scene in a process with these environment variables, and its stderr."""
+    command = [sys.executable, "-W", "ignore", "-c", SCENES, *scenes]
+    done = subprocess.run(command, env={**os.environ, **environment}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout), done.stderr
+
+
+@pytest.fixture(scope="module")
+def expected():
+    return numbers_of(ALL)[0]
+
+
+def check(found, expected):
+    for name, numbers in found.items():
+        assert np.allclose(numbers, expected[name], rtol=0.0, atol=1e-9), name
+
+
+def test_without_compilation(expected):
+    found, messages = numbers_of(ALL, NUMBA_DISABLE_JIT="1")
+    check(found, expected)
+    assert expected["contacts"][-1] > 0 and len(messages.splitlines()) == 1 and "NUMBA_DISABLE_JIT" in messages
+
+
+@pytest.mark.parametrize(
+    "scenes, level", [pytest.param(SMALL, "1", id="small"), pytest.param(ALL, "3", id="all", marks=pytest.mark.full)]
+)
+def test_by_the_public_interface(expected, tmp_path, scenes, level):
+    settings = {"VIBGYM_PLAIN_NUMBA": "1", "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_OPT": level}
+    for _ in range(2):
+        found, messages = numbers_of(scenes, **settings)
+        check(found, expected)
+        assert len(messages.splitlines()) == 1 and "VIBGYM_PLAIN_NUMBA" in messages
+    kept = list(tmp_path.rglob("*.nbc"))
+    assert kept and all(path.relative_to(tmp_path).parts[0].startswith("public-") for path in kept)
+
+
+def test_the_private_modules_are_not_even_imported():
+    code = "import vibgym.simulation, sys; print([name for name in sys.modules if name.startswith('vibgym.kernels.')])"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "VIBGYM_PLAIN_NUMBA": "1"}, capture_output=True, text=True
+    )
+    for name in ("compiler", "cache", "libraries"):
+        assert f"'vibgym.kernels.{name}'" not in done.stdout
+    assert "'vibgym.kernels.public'" in done.stdout
+
+
+def test_missing_interfaces_are_named():
+    needed = {"numba.core.caching": ("FunctionCache.load_overload", "FunctionCache.gone"), "numba.gone": ("a",)}
+    assert interfaces.missing(needed) == ["numba.core.caching.FunctionCache.gone", "numba.gone"]
+    assert interfaces.missing() == []
+
+
+@pytest.mark.parametrize("version", [(0, 60), (0, 69), (1, 0)])
+def test_an_untested_numba_is_used_by_its_public_interface(monkeypatch, version):
+    monkeypatch.delenv("VIBGYM_PLAIN_NUMBA", raising=False)
+    monkeypatch.setattr(numba, "version_info", numba.version_info._replace(short=version))
+    mode, reason = interfaces.decide()
+    assert mode == interfaces.PUBLIC and numba.__version__ in reason
+    monkeypatch.setenv("VIBGYM_PLAIN_NUMBA", "0")
+    assert interfaces.decide() == (interfaces.PRIVATE, "")
+
+
+def test_the_tested_versions_are_those_of_the_package():
+    project = Path(interfaces.__file__).parents[2] / "pyproject.toml"
+    required = tomllib.loads(project.read_text())["project"]["dependencies"]
+    (bounds,) = (each for each in required if each.startswith("numba"))
+    first, beyond = (tuple(map(int, each.split("."))) for each in bounds.removeprefix("numba>=").split(",<"))
+    assert interfaces.TESTED[0] == first and interfaces.TESTED[1] < beyond
+
+
+def test_an_unknown_processor(monkeypatch):
+    def fail():
+        raise RuntimeError("failed to get host cpu features.")
+
+    monkeypatch.setattr(vec8, "_REQUESTED", "")
+    monkeypatch.setattr(binding, "get_host_cpu_features", fail)
+    assert vec8._register_width() == 4
+
+
+WITHOUT_SOLVER = """
+from vibgym import Part, Simulator, Surface
+BLOCK = Part.rectangle(0.05, 0.04, friction=0.6)
+Simulator(Surface(), BLOCK).advance(0.0, 0.0)
+Simulator(Surface(), [BLOCK, BLOCK], contacts="fast").advance(0.0, 0.0)
+try:
+    Simulator(Surface(), [BLOCK, BLOCK])
+except ValueError as error:
+    print(error)
+"""
+
+
+def test_without_the_solver_certified_contacts_are_refused():
+    environment = {**os.environ, "VIBGYM_SOLVER": "0"}
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_SOLVER], env=environment, capture_output=True, text=True, check=True
+    )
+    assert len(done.stdout.splitlines()) == 1 and "VIBGYM_SOLVER" in done.stdout
+
+
+@pytest.mark.parametrize("switch, name", [
+    ("VIBGYM_PLAIN_NUMBA=1", "fast compilation"), ("VIBGYM_CACHE=0", "kernel cache"),
+    ("VIBGYM_BITCODE=0", "kernels in the wheel"), ("VIBGYM_VECTOR=4", "wide registers"),
+    ("VIBGYM_SOLVER=0", "certified contacts"), ("VIBGYM_THREADS=1", "threads"),
+])  # fmt: skip
+def test_capabilities_that_are_switched_off(switch, name):
+    variable, value = switch.split("=")
+    command = [sys.executable, "-m", "vibgym", "capabilities"]
+    done = subprocess.run(command, env={**os.environ, variable: value}, capture_output=True, text=True, check=True)
+    lines = done.stdout.splitlines()
+    (at,) = (k for k, line in enumerate(lines) if line.startswith(f"{name}: "))
+    assert lines[at].startswith(f"{name}: no") and lines[at + 1].endswith(switch)
