@@ -107,8 +107,10 @@ def _register(function: Any, generate: Callable[..., Any], result: Any, kinds: t
 
     def typed(*args: Any) -> Any:
         lanes = next((each.lanes for each in args if isinstance(each, (Vec, Mask))), 0)
+        if wide and not lanes:
+            return None
         wanted = [of(kind, lanes) for kind in kinds]
-        if (wide and not lanes) or not all(map(_fits, args, wanted)):
+        if not all(map(_fits, args, wanted)):
             return None
         # Arrays and numbers in place of vectors keep their types.
         kept = (isinstance(k, Vec) or k == types.Array for k in wanted)

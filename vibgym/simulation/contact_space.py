@@ -19,11 +19,6 @@ from typing import Any
 import numpy as np
 import pymunk
 
-try:
-    from pymunk._chipmunk_cffi import ffi, lib
-except ImportError:  # see solver_problem
-    ffi = lib = None
-
 from vibgym import checks
 from vibgym.kernels.jit import foreign
 from vibgym.physics.contacts.impact import ImpactProperties
@@ -32,6 +27,13 @@ from vibgym.scene.hulls import WALLS, convex_pieces, rounding
 from vibgym.scene.outlines import narrowest_width
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
+
+ffi: Any
+lib: Any
+try:
+    from pymunk._chipmunk_cffi import ffi, lib
+except ImportError:  # see solver_problem
+    ffi = lib = None
 
 INSET = 1e-6
 """m, by which the solver's shapes are smaller all around, so that touching parts do not overlap by rounding."""
