@@ -85,7 +85,7 @@ found = {name: globals()[name]() for name in sys.argv[1:]}
 print(json.dumps(found))
 """
 
-SMALL = ["foreign", "planar"]
+SMALL, LARGE = ["foreign", "planar"], ["sticking", "contacts"]
 ALL = ["sticking", "planar", "averaged", "contacts", "foreign", "environment", "several", "hardware"]
 
 
@@ -114,7 +114,8 @@ def test_without_compilation(expected):
 
 
 @pytest.mark.parametrize(
-    "scenes, level", [pytest.param(SMALL, "1", id="small"), pytest.param(ALL, "3", id="all", marks=pytest.mark.full)]
+    "scenes, level",
+    [pytest.param(SMALL, "1", id="small"), pytest.param(LARGE, "3", id="large", marks=pytest.mark.full)],
 )
 def test_by_the_public_interface(expected, tmp_path, scenes, level):
     settings = {"VIBGYM_PLAIN_NUMBA": "1", "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_OPT": level}
