@@ -40,6 +40,17 @@ def thesis(arguments: argparse.Namespace) -> None:
     print(f"page: {write(arguments.output or DOCS / 'thesis', arguments.only)}")
 
 
+def site(arguments: argparse.Namespace) -> None:
+    """Build the documentation of several versions into one site."""
+    from studies.manual.site import build
+
+    print(f"site: {build(arguments.output or ROOT / 'runs' / 'site', arguments.refs)}")
+
+
+def _refs(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("refs", nargs="*", metavar="REF", help="branches or tags of Git (default: the checkout, as it is)")
+
+
 def _no_arguments(parser: argparse.ArgumentParser) -> None:
     pass
 
@@ -51,6 +62,7 @@ def _only(parser: argparse.ArgumentParser) -> None:
 COMMANDS = {
     "docs": Command(_no_arguments, docs, "directory of the pages (default: docs)"),
     "readme": Command(_no_arguments, readme, "directory of the README (default: the checkout)"),
+    "site": Command(_refs, site, "directory of the site (default: runs/site)"),
     "films": Command(_only, films, "directory of the films (default: docs/films)"),
     "thesis": Command(_only, thesis, "directory of page and pictures (default: docs/thesis)"),
 }
@@ -59,6 +71,7 @@ MODULE = "studies.manual.__main__"
 ENTRIES = {
     "docs": Entry(MODULE, "tables and pages of environments, which the documentation build writes"),
     "readme": Entry(MODULE, "the README's table of results"),
+    "site": Entry(MODULE, "the documentation of several versions with a list of them (a minute each)"),
     "films": Entry(MODULE, "one short film per environment (minutes)"),
     "thesis": Entry(MODULE, "the thesis's figures beside the simulated ones (minutes)"),
 }
