@@ -1,7 +1,8 @@
 """Execute notebooks and store their outputs: ``python -m studies.notebooks [NAME ...]``, or ``make notebooks``.
 
 Every notebook runs in a new kernel with the values of its parameters cell; tests set smaller values. Stored outputs are
-pictures and printed lines, without execution times, warnings and local paths.
+pictures and printed lines, without execution times, warnings and local paths. The first line of each notebook links to Colab
+if pyproject.toml names a public repository; ``--links`` writes these lines alone.
 """
 
 from __future__ import annotations
@@ -18,12 +19,15 @@ from typing import Any
 
 from agents import command_line
 from agents.command_line import Command
+from studies import project
 from vibgym import checks, files
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "notebooks"
 LARGEST = 400_000
 """Bytes, upper limit of a notebook with its pictures."""
+
+LINK = "[Open in Colab]"
 
 LOCAL_PATHS = (str(ROOT), str(Path.home()), sys.prefix, tempfile.gettempdir() + "/")
 """Paths of this host that outputs must not contain."""
@@ -83,8 +87,24 @@ def tidied(notebook: Any) -> Any:
     return result
 
 
-def update(name: str, folder: Path = FOLDER) -> int:
+def linked(notebook: Any, name: str, pyproject: Path = project.PYPROJECT) -> Any:
+    """Return a copy whose first cell begins with the link to Colab, or without one if there is no public repository."""
+    result = copy.deepcopy(notebook)
+    lines = result.cells[0].source.split("\n")
+    if lines[0].startswith(LINK):
+        lines = lines[2:]
+    address = project.colab(f"notebooks/{name}.ipynb", pyproject)
+    result.cells[0].source = "\n".join(lines if address is None else [f"{LINK}({address})", "", *lines])
+    return result
+
+
+def update(name: str, folder: Path = FOLDER, execute: bool = True) -> int:
     """Execute a notebook with its stored parameters and write it into ``folder``; return its size in bytes.
+
+    Args:
+        name: of the notebook.
+        folder: of the result.
+        execute: False: update its link to Colab only.
 
     Raises:
         Refused: its outputs are too large or contain a local path; the file is not changed.
@@ -92,7 +112,8 @@ def update(name: str, folder: Path = FOLDER) -> int:
     import nbformat
 
     path = FOLDER / f"{name}.ipynb"
-    text = nbformat.writes(tidied(executed(nbformat.read(path, as_version=4)))) + "\n"
+    notebook = linked(nbformat.read(path, as_version=4), name)
+    text = nbformat.writes(tidied(executed(notebook) if execute else notebook)) + "\n"
     for local in LOCAL_PATHS:
         if local in text:
             raise checks.refuse(f"notebooks/{path.name}", local, "free of local paths")
@@ -106,6 +127,7 @@ def update(name: str, folder: Path = FOLDER) -> int:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument("names", nargs="*", metavar="NAME", help="notebooks to execute (default: all)")
+    parser.add_argument("--links", action="store_true", help="write the links to Colab; execute nothing")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -118,7 +140,7 @@ def run(arguments: argparse.Namespace) -> int:
     for name in arguments.names or names():
         began = time.perf_counter()
         try:
-            size = update(name, folder)
+            size = update(name, folder, not arguments.links)
         except CellExecutionError as error:
             print(f"notebooks/{name}.ipynb: {error.ename}: {error.evalue}", file=sys.stderr)
             return 1

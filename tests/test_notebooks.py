@@ -2,11 +2,16 @@
 
 import base64
 import json
+import re
+import tomllib
+from types import SimpleNamespace
 
 import nbformat
 import pytest
+from IPython.core.inputtransformer2 import TransformerManager
 
 from studies import notebooks
+from studies.project import PYPROJECT
 
 SMALL = {
     "first_steps": {"EPISODES": 4, "WORLDS": 8, "FRAMES": 2},
@@ -92,6 +97,38 @@ def test_notebooks_report_a_missing_extra_in_one_line(name, package, extra, tmp_
     errors = [each for cell in found.cells for each in cell.get("outputs", ()) if each.output_type == "error"]
     line = f"{package} is not installed: pip install 'vibgym[{extra}]'"
     assert errors[0].traceback == [line] and errors[0].evalue == line
+
+
+def test_links_to_colab_follow_the_address_of_the_repository(tmp_path):
+    for name in SMALL:
+        assert read(name) == notebooks.linked(read(name), name)
+    pyproject = tmp_path / "pyproject.toml"
+    for urls, link in {
+        "[project.urls]\nRepository = 'https://github.com/a/b.git'": "https://colab.research.google.com/github/a/b/blob/main/",
+        "[project.urls]\nRepository = 'https://example.org/a/b'": None,
+        "": None,
+    }.items():
+        pyproject.write_text(f"[project]\nname = 'vibgym'\n{urls}\n")
+        plain = notebooks.linked(read("first_steps"), "first_steps", tmp_path / "pyproject.toml")
+        first = plain.cells[0].source.split("\n")[0]
+        assert first == ("# First steps" if link is None else f"[Open in Colab]({link}notebooks/first_steps.ipynb)")
+        assert notebooks.linked(plain, "first_steps", pyproject) == plain
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_notebooks_install_the_package_where_it_is_missing(name, monkeypatch):
+    first = next(cell.source for cell in read(name).cells if cell.cell_type == "code")
+    code = TransformerManager().transform_cell(first.partition("\n\nfrom vibgym")[0])
+    ran = []
+    shell = SimpleNamespace(run_line_magic=lambda magic, line: ran.append((magic, line)))
+    exec(code, {"get_ipython": lambda: shell})
+    assert ran == []  # it is installed
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    exec(code, {"get_ipython": lambda: shell})
+    ((magic, line),) = ran
+    extras = re.fullmatch(r"install --quiet 'vibgym\[([\w,]+)\]'", line)[1].split(",")
+    offered = tomllib.loads(PYPROJECT.read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert magic == "pip" and set(extras) <= set(offered)
 
 
 def test_unknown_parameters_are_rejected():

@@ -48,7 +48,9 @@ def site(arguments: argparse.Namespace) -> None:
 
 
 def _refs(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("refs", nargs="*", metavar="REF", help="branches or tags of Git (default: the checkout, as it is)")
+    parser.add_argument(
+        "refs", nargs="*", metavar="REF", help="branches or tags of Git (default: the checkout, as it is)"
+    )
 
 
 def _no_arguments(parser: argparse.ArgumentParser) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from studies import kept
+from studies import kept, notebooks, project
 from studies.manual import environments
+from studies.manual.figures_file import ROOT
 from studies.manual.published import TABLES, overview, provenance
 from vibgym import checks, files
 
@@ -23,9 +26,23 @@ def tables(docs: Path) -> dict[Path, str]:
     """Return the tables of published results and those in ``results/tables``: file -> content."""
     generated = docs / "generated"
     published = {generated / f"{name}.md": make() + "\n" for name, make in TABLES.items()}
+    published[generated / "notebooks.md"] = notebook_list()
     return published | {
         generated / "tables" / f"{name}.md": f"{each.markdown()}\n" for name, each in kept.tables().items()
     }
+
+
+def notebook_list() -> str:
+    """Return the list of notebooks, with links to Colab if the repository is public."""
+    lines = []
+    for name in notebooks.names():
+        path = f"notebooks/{name}.ipynb"
+        cells = json.loads((ROOT / path).read_text(encoding="utf-8"))["cells"]
+        title = re.search(r"^# (.+)$", "".join(cells[0]["source"]), re.M)
+        address = project.colab(path)
+        link = "" if address is None else f", [open in Colab]({address})"
+        lines.append(f"- {title[1] if title else name}: `{path}`{link}")
+    return "\n".join(lines) + "\n"
 
 
 def replace(contents: Mapping[Path, str]) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -34,7 +35,7 @@ def build(directory: Path, refs: Sequence[str] = ()) -> Path:
         refs: branches, tags or commits of Git. Empty: the checkout, with its changes, named as its branch.
 
     Raises:
-        ValueError: an unknown ref; nothing is built.  RuntimeError: a build fails; the list is not changed.
+        ValueError: an unknown ref; nothing is built.  RuntimeError: a build fails; its version and the list are not changed.
     """
     for ref in refs:
         if _git("rev-parse", "--verify", "--quiet", f"{ref}^{{commit}}") is None:
@@ -76,12 +77,15 @@ def _build(checkout: Path, directory: Path, name: str) -> None:
     """Build the pages of a checkout with its own code and settings."""
     environment = {**os.environ, "PYTHONPATH": str(checkout)}
     environment.setdefault("NUMBA_CACHE_DIR", str(ROOT / "vibgym" / "kernels" / "__pycache__"))  # keyed by sources
-    with tempfile.TemporaryDirectory() as doctrees:
-        command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "-d", doctrees]
-        command += ["-A", f"site_version={name}", "docs", str(directory / name)]
+    with tempfile.TemporaryDirectory(dir=directory) as folder:
+        pages = Path(folder) / "pages"
+        command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "-d", f"{folder}/doctrees"]
+        command += ["-A", f"site_version={name}", "docs", str(pages)]
         done = subprocess.run(command, cwd=checkout, env=environment, stderr=subprocess.PIPE, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(f"the pages of {name} could not be built:\n{done.stderr[-2000:]}")
+        if done.returncode:
+            raise RuntimeError(f"the pages of {name} could not be built:\n{done.stderr[-2000:]}")
+        shutil.rmtree(directory / name, ignore_errors=True)
+        pages.rename(directory / name)
 
 
 def _run(*command: str) -> None:
