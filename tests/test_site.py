@@ -1,13 +1,18 @@
 """The documentation site: built without warnings, no external resources, no dead links."""
 
+import subprocess
+import sys
 from html.parser import HTMLParser
+from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
 
+from studies.manual.site import write_list
 from tests.browser import chromium, faults_at_all_sizes, watch
 from vibgym.registration import ENVIRONMENTS
 
+ROOT = Path(__file__).parent.parent
 LOADS = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src", "video": "src"}
 """HTML elements that load a resource, and the attribute with its address."""
 
@@ -87,7 +92,7 @@ def test_private_names_are_left_out(pages):
     assert not private
 
 
-@pytest.mark.parametrize("page", ["index", "play", "rivals", "environments/Sort", "api/index"])
+@pytest.mark.parametrize("page", ["index", "play", "performance", "rivals", "environments/Sort", "api/index"])
 def test_pages_fit_and_are_accessible(page, site):
     """On desktop and phone, light and dark: no sideways scrolling, silent console, no serious accessibility violation."""
     with chromium() as browser:
@@ -95,3 +100,45 @@ def test_pages_fit_and_are_accessible(page, site):
         messages = watch(seen)
         seen.goto((site / f"{page}.html").as_uri())
         assert faults_at_all_sizes(seen) == [] and messages == []
+
+
+def test_films_stop_and_those_of_cards_move_under_the_pointer(site):
+    with chromium() as browser:
+        seen = browser.new_page()
+        seen.goto((site / "index.html").as_uri())
+        film, card = seen.locator("article .film").first, seen.locator(".cards.films > li").first
+        button, still = film.get_by_role("button"), film.locator("canvas")
+        assert button.inner_text() == "Stop film" and still.is_hidden()
+        button.press("Enter")
+        assert button.inner_text() == "Play film" and still.is_visible()
+        assert still.bounding_box() == film.locator("img").bounding_box()
+        assert card.locator("canvas").is_visible()
+        card.get_by_role("link").focus()
+        assert card.locator("canvas").is_hidden()
+        calm = browser.new_page(reduced_motion="reduce")
+        calm.goto((site / "index.html").as_uri())
+        assert calm.locator("article .film canvas").first.is_visible()
+        calm.locator(".cards.films > li").first.hover()
+        assert calm.locator(".cards.films canvas").first.is_visible()
+        calm.locator("article .film").first.get_by_role("button").click()
+        assert calm.locator("article .film canvas").first.is_hidden()
+
+
+def test_pages_of_a_version_lead_to_the_others(tmp_path):
+    (tmp_path / "pages").mkdir()
+    (tmp_path / "pages" / "index.md").write_text("# A page\n\n```{toctree}\n```\n", encoding="utf-8")
+    for name in ("main", "0.10.0", "0.9.0"):
+        command = [sys.executable, "-m", "sphinx", "-W", "-q", "-b", "html", "-c", "docs", "-A", f"site_version={name}"]
+        subprocess.run([*command, str(tmp_path / "pages"), str(tmp_path / "site" / name)], cwd=ROOT, check=True)
+    first = write_list(tmp_path / "site")
+    with chromium() as browser:
+        seen = browser.new_page()
+        messages = watch(seen)
+        seen.goto(first.as_uri())
+        seen.wait_for_url("**/0.10.0/index.html")
+        versions = seen.get_by_label("Version")
+        assert versions.input_value() == "0.10.0"
+        assert versions.locator("option").all_inner_texts() == ["main", "0.10.0", "0.9.0"]
+        assert faults_at_all_sizes(seen) == [] and messages == []
+        versions.select_option("main")
+        seen.wait_for_url("**/main/index.html")

@@ -5,7 +5,8 @@
   list.value = list.dataset.version;
   list.addEventListener("change", async () => {
     const other = `${root}../${list.value}/`, page = other + list.dataset.page;
-    const found = await fetch(page, { method: "HEAD" }).then((answer) => answer.ok, () => false); // false for local files too
+    const served = location.protocol !== "file:"; // local files cannot be looked for
+    const found = served && await fetch(page, { method: "HEAD" }).then((answer) => answer.ok, () => false);
     location.assign(found ? page : `${other}index.html`);
   });
 })();

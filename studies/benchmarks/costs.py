@@ -1,20 +1,19 @@
-"""Time per step: ``python -m studies.benchmarks.costs`` writes ``runs/costs/costs.html``.
+"""Time per step: ``python -m studies.benchmarks.costs`` prints the tables of docs/performance.md, in about four minutes.
 
-Time over worlds, parts and elements under a part, with one and two threads, and time per stage of a step
-(:mod:`vibgym.envs.step`). Every value is the minimum of several measurements, in a separate process per number of threads. The
-time of a nested stage is subtracted from the enclosing one, so that the shares add up; ``rest`` is the step outside all stages
-(resets, ``info``, Gymnasium).
+Time over worlds, parts and elements under a part, with one and two threads, time per stage of a step
+(:mod:`vibgym.envs.step`), and the kernel between the limits of a core (:mod:`studies.benchmarks.roofline`). Every value is the
+minimum of several measurements, in a separate process per number of threads; with one thread, of processor time, which other
+processes affect little. The time of a nested stage is subtracted from the enclosing one, so that the shares add up; ``rest`` is
+the step outside all stages (resets, ``info``, Gymnasium). ``--keep`` stores the figures in results/performance.json, from which
+the build of the documentation makes the page.
 """
 
 from __future__ import annotations
 
 import argparse
-import base64
 import json
 import math
 import os
-import platform
-import re
 import subprocess
 import sys
 import time
@@ -23,16 +22,14 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-import jinja2
-import markupsafe
 import numpy as np
-from matplotlib.figure import Figure
 
-from agents.evaluation.figures import png, style
-from studies.accuracy import figures
-from studies.benchmarks import common
+from agents.provenance import provenance
+from studies.benchmarks import common, roofline
+from studies.manual import performance
 from vibgym import Part, Simulator, Surface, files
 from vibgym.envs.core import Core
+from vibgym.simulation.threads import available_threads
 
 ROUNDS, WARM, ACTIONS = 60, 20, 8  # of the stages
 
@@ -46,22 +43,17 @@ SCENES: list[dict[str, Any]] = [
     {"name": "vibgym/SortCrowded-v0", "worlds": 64, "steps": 4, "action": "field"},
 ]
 
-AXES = {
-    "worlds": ("worlds in a batch", "us per world and step, Rotate-v0, element"),
-    "parts": (f"blocks {1e3 * PITCH:.0f} mm apart in one world, with walls", "us per part and period"),
-    "elements": ("elements under a square part", "us per world and period, 64 worlds"),
-}
 
-
-def fastest(work: Callable[[], Any], units: float, seconds: float = 1.0) -> float:
+def fastest(work: Callable[[], Any], units: float, seconds: float = 0.5) -> float:
     """Return us per unit: minimum of the calls within ``seconds``, at least three."""
     work()
+    clock = time.process_time if available_threads() == 1 else time.perf_counter
     found: list[float] = []
     began = time.perf_counter()
     while len(found) < 3 or time.perf_counter() - began < seconds:
-        start = time.perf_counter()
+        start = clock()
         work()
-        found.append(time.perf_counter() - start)
+        found.append(clock() - start)
     return 1e6 * min(found) / units
 
 
@@ -115,11 +107,11 @@ class StageClock:
     def __init__(self) -> None:
         self.spent: dict[str, float] = {}
         self.readings = 0
-        self._current, self._since = "rest", time.perf_counter()
+        self._current, self._since = "rest", time.thread_time()
 
     def switch(self, stage: str) -> str:
         """Attribute the time until now to the current stage and make ``stage`` current; return the previous one."""
-        now, before = time.perf_counter(), self._current
+        now, before = time.thread_time(), self._current
         self.spent[before] = self.spent.get(before, 0.0) + now - self._since
         self._current, self._since = stage, now
         self.readings += 1
@@ -190,73 +182,42 @@ def in_a_process(threads: int, *command: str) -> list[Any]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def drawn(curve: str, found: dict[int, list[Any]]) -> str:
-    """Return the plot of a curve for each number of threads, base64."""
-    figure = Figure(figsize=(7.2, 4.0), layout="constrained")
-    axes = figure.subplots()
-    for threads, points in found.items():
-        axes.loglog(*zip(*points, strict=True), marker="o", label=f"{threads} thread{'s' if threads > 1 else ''}")
-    axes.set_xlabel(AXES[curve][0])
-    axes.set_ylabel(AXES[curve][1].replace("us", "µs"))
-    axes.legend()
-    style(axes)
-    return base64.b64encode(png(figure)).decode("ascii")
-
-
-PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>vibgym: time per step</title><style>{{ style }}
-.bar { display: inline-block; height: .8em; background: var(--accent); border-radius: 2px; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; }
-</style></head><body><header><h1>Time per step</h1>
-<p class="soft">{{ machine }}. Minimum of several runs, µs.</p></header><main>
-{% for name, image in images.items() %}<h2>{{ axes[name][0] | capitalize }}</h2>
-<div class="card"><img alt="{{ axes[name][1] }}" src="data:image/png;base64,{{ image }}"></div>{% endfor %}
-{% for scene, found in shares %}<h2>{{ scene.name }}, {{ scene.action }}, {{ scene.worlds }} worlds, one thread</h2>
-<div class="card"><table>{% set all = found.stages.values() | sum %}
-<tr><th>stage</th><th>µs per world and step</th><th>share</th><th></th></tr>
-{% for stage, spent in found.stages.items() if spent > 0 %}<tr><td>{{ stage }}</td>
-<td class="number">{{ "%.3f" | format(spent) }}</td>
-<td class="number">{{ "%.1f" | format(100 * spent / all) }} %</td>
-<td><span class="bar" style="width: {{ (300 * spent / all) | round }}px"></span></td></tr>{% endfor %}
-<tr><td>all</td><td class="number">{{ "%.3f" | format(all) }}</td><td></td><td></td></tr></table>
-<p class="note">Of which {{ "%.3f" | format(found.clock) }} µs for reading the clock.</p></div>{% endfor %}
-</main></body></html>"""
-
-
 def main() -> None:
-    """Measure and write the page; with ``--curve`` or ``--stages``, print JSON."""
-    parser = common.parser(__doc__, keep=False)
+    """Measure, print and store the figures; with ``--curve`` or ``--stages``, print JSON."""
+    parser = common.parser(__doc__)
     parser.add_argument("--output", type=Path, default=Path("runs/costs"))
     parser.add_argument("--quick", action="store_true", help="a few sizes, to test the command")
     parser.add_argument("--curve", choices=CURVES, help=argparse.SUPPRESS)
     parser.add_argument("--stages", action="append", default=[], help=argparse.SUPPRESS)  # arguments of shares()
+    parser.add_argument("--roofline", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     for scene in arguments.stages:
         print(json.dumps(shares(**json.loads(scene))), flush=True)
     if arguments.curve:
         for point in CURVES[arguments.curve](arguments.quick):
             print(json.dumps(point), flush=True)
-    if arguments.curve or arguments.stages:
+    if arguments.roofline:
+        print(json.dumps(roofline.measure(*([2] if arguments.quick else []))))
+    if arguments.curve or arguments.stages or arguments.roofline:
         return
     quick = ["--quick"] if arguments.quick else []
-    curves = {
-        curve: {threads: in_a_process(threads, "--curve", curve, *quick) for threads in (1, 2)} for curve in CURVES
-    }
+    about = {"command": "python -m studies.benchmarks.costs", **provenance(), "load": os.getloadavg()[0]}
     scenes = SCENES[:1] if arguments.quick else SCENES
-    found = in_a_process(1, *(f"--stages={json.dumps(scene)}" for scene in scenes))
-    style = re.search(
-        r"<style>(.*?)</style>", Path(figures.__file__).with_name("page.html.j2").read_text("utf-8"), re.DOTALL
-    )
-    shared = list(zip(scenes, found, strict=True))
-    page = jinja2.Environment(autoescape=True).from_string(PAGE).render(
-        style=markupsafe.Markup(style[1] if style else ""), axes=AXES, shares=shared,
-        images={curve: drawn(curve, each) for curve, each in curves.items()},
-        machine=f"{platform.machine()}, {len(os.sched_getaffinity(0))} processors, Python {platform.python_version()}",
-    )  # fmt: skip
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    figures_as_json = json.dumps({"curves": curves, "shares": shared}, indent=1)
-    files.write_together({arguments.output / "costs.html": page, arguments.output / "costs.json": figures_as_json})
-    print(arguments.output / "costs.html")
+    shared = in_a_process(1, *(f"--stages={json.dumps(scene)}" for scene in scenes))
+    found = {
+        "about": about,
+        "roofline": in_a_process(1, "--roofline", *quick)[0],
+        "stages": [{**scene, **each} for scene, each in zip(scenes, shared, strict=True)],
+        "curves": {
+            curve: {threads: in_a_process(threads, "--curve", curve, *quick) for threads in (1, 2)} for curve in CURVES
+        },
+    }
+    figures = json.dumps(found, indent=1) + "\n"
+    for text in performance.tables(json.loads(figures)).values():
+        print(text, end="\n\n")
+    path = performance.STORED if arguments.keep else files.output_directory(arguments.output) / "costs.json"
+    files.write_atomically(path, figures)
+    print(path)
 
 
 if __name__ == "__main__":

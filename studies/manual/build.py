@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from studies import kept, notebooks, project
-from studies.manual import environments
+from studies.manual import environments, performance
 from studies.manual.figures_file import ROOT
 from studies.manual.published import TABLES, overview, provenance
 from vibgym import checks, files
@@ -27,6 +27,9 @@ def tables(docs: Path) -> dict[Path, str]:
     generated = docs / "generated"
     published = {generated / f"{name}.md": make() + "\n" for name, make in TABLES.items()}
     published[generated / "notebooks.md"] = notebook_list()
+    published |= {
+        generated / "performance" / f"{name}.md": f"{text}\n" for name, text in performance.generated().items()
+    }
     return published | {
         generated / "tables" / f"{name}.md": f"{each.markdown()}\n" for name, each in kept.tables().items()
     }

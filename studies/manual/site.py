@@ -51,6 +51,11 @@ def build(directory: Path, refs: Sequence[str] = ()) -> Path:
                 _build(checkout, directory, name_of(ref))
             finally:
                 _run("git", "-C", str(ROOT), "worktree", "remove", "--force", str(checkout))
+    return write_list(directory)
+
+
+def write_list(directory: Path) -> Path:
+    """Write the list of a site's versions and its first page; return the page."""
     found = versions(directory)
     items = "".join(f'<li><a href="{name}/index.html">{name}</a></li>' for name in found)
     listed = f"window.VIBGYM_VERSIONS = {json.dumps(found)};\n"

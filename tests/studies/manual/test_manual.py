@@ -2,9 +2,11 @@
 
 import csv
 import io
+import json
 import re
 import statistics
 from collections import Counter
+from xml.etree import ElementTree
 
 import gymnasium as gym
 import numpy as np
@@ -13,7 +15,7 @@ from docutils import nodes
 from docutils.core import publish_doctree
 from PIL import Image
 
-from studies.manual import build, environments, films, open_tasks, published, rest, thesis
+from studies.manual import build, environments, films, open_tasks, performance, published, rest, site, thesis
 from studies.manual.__main__ import main
 from studies.manual.figures_file import RESULTS, ROOT
 from studies.thesis.figure import Comparison, Figure, Picture, Table
@@ -188,3 +190,32 @@ def test_a_readme_without_its_marks_is_rejected_unchanged(tmp_path, capsys, text
 def test_unknown_names_are_rejected(tmp_path, capsys, command, known):
     message = refusal(capsys, main, command, "--only", "Nothing", "--output", tmp_path / "out")
     assert "'Nothing'" in message and known in message and not (tmp_path / "out").exists()
+
+
+def test_versions_are_listed_branches_first_then_the_newest_release(tmp_path):
+    for name in ("0.9.0", "0.10.0", "main", "0.2.0"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "index.html").touch()
+    (tmp_path / "other").mkdir()
+    assert site.versions(tmp_path) == ["main", "0.10.0", "0.9.0", "0.2.0"]
+    assert [site.name_of(ref) for ref in ("v1.2.3", "main", "a/b")] == ["1.2.3", "main", "a-b"]
+
+
+def test_unknown_versions_are_refused_before_anything_is_built(tmp_path):
+    with pytest.raises(ValueError, match="REF"):
+        site.build(tmp_path / "site", ["HEAD", "no such ref"])
+    assert not (tmp_path / "site").exists()
+
+
+def test_charts_are_inline_graphics_in_the_colour_of_the_page():
+    found = performance.generated()
+    for name in ("roofline", *performance.CURVES):
+        chart = found[f"{name}-chart"]
+        graphic = ElementTree.fromstring(chart)[0]
+        assert graphic.get("role") == "img" and graphic.get("aria-label") and graphic.get("width") is None
+        assert "currentColor" in chart and performance.INK not in chart and "\n" not in chart
+    ids = [each for text in found.values() for each in re.findall(r' id="([^"]+)"', text)]
+    assert ids and len(ids) == len(set(ids))  # all are on one page
+    stored = json.loads(performance.STORED.read_text(encoding="utf-8"))
+    for scene in stored["stages"]:
+        assert f"{sum(scene['stages'].values()):.2f}" in found["stages"]

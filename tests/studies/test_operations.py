@@ -1,0 +1,36 @@
+"""Counts of the kernel's operations."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from studies.benchmarks import operations
+
+RUN = """
+import json
+from studies.benchmarks import operations
+
+found, pose = operations.count()
+print(json.dumps([found, pose.tolist()]))
+"""
+
+
+def test_the_counted_kernel_moves_parts_as_the_compiled_one():
+    environment = {**os.environ, **operations.SETTINGS}
+    done = subprocess.run([sys.executable, "-c", RUN], env=environment, text=True, capture_output=True, check=True)
+    found, pose = json.loads(done.stdout)
+    simulator, amplitude, phase = operations.scene()
+    for _ in range(operations.PERIODS):
+        simulator.advance(amplitude, phase, 1)
+    # Without fused operations; the few parts that change between sticking and sliding differ more.
+    assert np.median(np.abs(simulator.pose - pose)) < 1e-12
+    # Five steps of four Runge-Kutta steps with four stages, each with one root.
+    assert found["sqrt"] == pytest.approx(80.0)
+    assert found["flops"] == sum(found[kind] for kind in operations.FLOATING)
+    assert 16 * (found["load"] + found["store"]) / 2 >= found["cache_bytes"] > 4 * (found["load"] + found["store"])
+    # A block of 50 x 40 mm lies on two or more rows of elements; a cache line holds eight elements of a row.
+    assert 2 * 2 * operations.LINE < found["memory_bytes"] < 2 * 8 * 256
