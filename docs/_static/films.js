@@ -21,7 +21,7 @@
       const button = document.createElement("button");
       button.type = "button";
       const set = (moving) => { move(moving); button.textContent = moving ? "Stop film" : "Play film"; };
-      button.addEventListener("click", () => set(cover.hidden));
+      button.addEventListener("click", () => set(!cover.hidden));
       film.append(button);
       set(!calm);
     } else {
