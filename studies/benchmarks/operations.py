@@ -24,7 +24,7 @@ LINE = 64
 """Bytes that a processor reads from memory at once."""
 
 FLOATING = ("add", "multiply", "divide", "sqrt")
-SETTINGS = {"VIBGYM_PLAIN_NUMBA": "1", "NUMBA_DISABLE_JIT": "1"}
+SETTINGS = {"NUMBA_DISABLE_JIT": "1"}
 
 counts: Counter[str] = Counter()
 
@@ -136,11 +136,11 @@ def count() -> tuple[dict[str, float], np.ndarray]:
     Returns:
         The counts of :func:`measured`, and the final poses (worlds, 1, 3), m and rad.
     """
-    from vibgym.kernels import plain
+    from vibgym.kernels import interpreted
 
     _operators()
     for name, function in _functions().items():
-        setattr(plain, name, function)
+        setattr(interpreted, name, function)
     from vibgym.physics.core import drive
 
     read, lines = drive.element_phasor, set()
