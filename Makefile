@@ -1,11 +1,11 @@
-# One virtual environment for everything. Requirements: Python 3.11, 3.12 or 3.13, and make.
+# One virtual environment for everything. Requirements: Python 3.11 to 3.14, and make.
 #   make PYTHON=/path/to/python    another interpreter
 #   make VENV=/path                another directory for the environment
 #   make test ARGS="-k rotate"     more arguments for pytest
 #   make fuzz SECONDS=600          shorter than an hour
 VENV ?= .venv
-PYTHON ?= $(shell for p in python3.11 python3 python3.12 python3.13; do \
-	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' >/dev/null 2>&1 && echo $$p && break; done)
+PYTHON ?= $(shell for p in python3.11 python3 python3.12 python3.13 python3.14; do \
+	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))' >/dev/null 2>&1 && echo $$p && break; done)
 ARGS ?=
 SECONDS ?= 3600
 
@@ -60,7 +60,7 @@ help:
 	@echo "make compare     learned against classical on the same seeds: runs/agents-compared/"
 	@echo "make train       train the shipped agents, three seeds each, and write their table: results/agents.csv"
 	@echo "make notebooks   execute the notebooks in place: notebooks/, or NOTEBOOKS=first_steps"
-	@echo "make release     build sdist and wheel and test both in empty environments, on 3.11, 3.12, 3.13: dist/"
+	@echo "make release     build sdist and wheel and test both in empty environments, on 3.11 to 3.14: dist/"
 	@echo "make venv        $(VENV) with everything for development"
 	@echo "make warm        compile all kernels, otherwise compiled on first use"
 	@echo "make learners    $(VENV)-benchmarl, -cleanrl, -lerobot, -rllib, -zoo: environments of other libraries, see docs/learners"
@@ -74,7 +74,7 @@ warm: $(DEV)
 	$(PY) -m vibgym warm
 
 $(VENV)/pyvenv.cfg:
-	@test -n "$(PYTHON)" || { echo "No Python 3.11, 3.12 or 3.13 found; name one with make PYTHON=..." >&2; exit 1; }
+	@test -n "$(PYTHON)" || { echo "No Python 3.11 to 3.14 found; name one with make PYTHON=..." >&2; exit 1; }
 	$(PYTHON) -m venv --clear $(VENV) || { rm -f $@; exit 1; }
 
 # The extra dev includes all others, so it satisfies every stamp.

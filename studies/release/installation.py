@@ -10,7 +10,7 @@ from pathlib import Path
 
 from studies.release.results import ROOT, Report, Row, require, run_command
 
-MINORS = ("3.11", "3.12", "3.13")
+MINORS = ("3.11", "3.12", "3.13", "3.14")
 """Supported versions of Python, as in pyproject.toml."""
 
 EXAMPLES = {
