@@ -3,9 +3,11 @@
 #   make VENV=/path                another directory for the environment
 #   make test ARGS="-k rotate"     more arguments for pytest
 #   make fuzz SECONDS=600          shorter than an hour
+#   make test-bounds NEWEST=/path/to/python    another interpreter for the highest versions
 VENV ?= .venv
 PYTHON ?= $(shell for p in python3.11 python3 python3.12 python3.13 python3.14; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))' >/dev/null 2>&1 && echo $$p && break; done)
+NEWEST ?= $(shell for p in python3.14 python3.13 python3.12 python3.11; do $$p -c '' >/dev/null 2>&1 && echo $$p && break; done)
 ARGS ?=
 SECONDS ?= 3600
 
@@ -21,8 +23,6 @@ ACCURACY := $(VENV)/.installed-accuracy
 PEERS := $(VENV)-peers/.installed
 LEARNERS := $(addprefix $(VENV)-,$(addsuffix /.installed,benchmarl cleanrl lerobot rllib zoo))
 CONFIG ?= configs/agents/ppo.yaml
-FAST := $(addprefix tests/,actuators adapters allocation bounds contracts envs fuzz identification physics plugins/camera plugins/tilting policies rendering scene sensing simulation tasks \
-	test_config.py test_examples.py test_fields.py test_files.py test_interrupts.py test_package.py test_renamed.py test_training.py)
 AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task)/ideal $(task)/prototype) Align/phasor
 # Those of the open tasks, each after the one it starts from; none if AGENTS is given.
 OPEN ?= $(if $(filter file,$(origin AGENTS)),Swap/taught Swap/first Swap/second Swap/ideal Swap/prototype SwapCrowded/taught SwapCrowded/first SwapCrowded/ideal \
@@ -43,12 +43,13 @@ define install
 endef
 
 .NOTPARALLEL:
-.PHONY: help venv warm learners peers test test-all fuzz report publish verify compare docs replicate accuracy benchmark train notebooks release \
+.PHONY: help venv warm learners peers test test-all test-bounds fuzz report publish verify compare docs replicate accuracy benchmark train notebooks release \
 	format clean
 
 help:
 	@echo "make test        lint, import contracts, types, tests of the core, in minutes"
 	@echo "make test-all    all tests: also pages in a browser, documentation, wheels, other libraries, studies"
+	@echo "make test-bounds tests of the core with the lowest supported versions of all packages, then with the highest"
 	@echo "make fuzz        random scenes, files and calls for an hour, or SECONDS=; prints what was tried"
 	@echo "make report      evaluate the shipped policies: runs/report/report.html"
 	@echo "make publish     copy the results of make report to results/report/"
@@ -115,11 +116,27 @@ endef
 
 # What every change must pass: python and make only, no browser, no other RL libraries.
 test: $(TEST)
-	@$(call checks,--level error) && $(PY) -m pytest -n 2 --dist worksteal -m "not full" $(ARGS) $(FAST)
+	@$(call checks,--level error) && $(PY) -m pytest -n 2 --dist worksteal -m "not full" $(ARGS) @tests/core.txt
 
 # All tests; CI runs this. Fuzzers run four times as many examples as in make test.
 test-all: $(DEV) $(LEARNERS)
 	@$(call checks,--warnings) && VIBGYM_FUZZ_FACTOR=4 $(PY) -m pytest -n 2 --dist worksteal $(ARGS)
+
+# Tests of the core, without torch, in environments of their own and without constraints.txt: with the lowest versions that
+# pyproject.toml allows, and with the highest ones on the newest Python.
+test-bounds: $(VENV)/.installed-uv
+	$(call bounds,lowest-direct,$(PYTHON))
+	$(call bounds,highest,$(NEWEST))
+
+$(VENV)/.installed-uv: $(VENV)/pyvenv.cfg constraints.txt
+	$(PIP) uv
+	@touch $@
+
+define bounds
+$(BIN)/uv venv --quiet --no-python-downloads --clear --python $(2) $(VENV)-$(1)
+$(BIN)/uv pip install --quiet --python $(VENV)-$(1)/bin/python --resolution $(1) --editable '.[bounds]'
+NUMBA_CACHE_DIR=$(abspath $(VENV)-$(1)/kernels) $(VENV)-$(1)/bin/python -m pytest -n 2 --dist worksteal -m "not full" $(ARGS) @tests/core.txt
+endef
 
 # Two processes run every fuzzer, each with its own seeds.
 fuzz: $(DEV)

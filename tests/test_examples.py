@@ -21,6 +21,9 @@ EXAMPLES = {
 }
 """Examples by name: argument, and part of the output."""
 
+LEARN = ("own_algorithm", "own_reward_sac", "train_ppo")
+"""Examples that require the extra ``learn``."""
+
 LINES = 70
 
 
@@ -32,6 +35,8 @@ def test_every_example_is_tested_and_short():
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_example_runs(name, tmp_path):
+    if name in LEARN:
+        pytest.importorskip("torch")
     argument, expected = EXAMPLES[name]
     picture = tmp_path / "picture.png"
     command = [sys.executable, str(ROOT / "examples" / f"{name}.py"), argument.replace("PICTURE", str(picture))]

@@ -9,6 +9,8 @@ from agents.__main__ import main
 from vibgym.envs import ACTIONS, Action, Wrench
 from vibgym.policies import rollout
 
+pytest.importorskip("torch")
+
 
 def test_ppo_trains_and_its_policy_acts(tmp_path, capsys):
     settings = {

@@ -62,7 +62,7 @@ def wheel(tmp_path_factory):
     directory = tmp_path_factory.mktemp("wheel")
     have = ["--no-build-isolation"] if importlib.util.find_spec("hatchling") else []
     pip("wheel", "--no-deps", *have, "--wheel-dir", directory, ROOT)
-    (path,) = directory.glob("vibgym-*.whl")
+    (path,) = directory.glob(f"vibgym-*-cp{sys.version_info[0]}{sys.version_info[1]}-none-*.whl")
     return path
 
 
@@ -114,6 +114,6 @@ def test_builds_that_cannot_compile_report_it(tmp_path):
     failed = subprocess.run(command, cwd=ROOT, env=pythons, capture_output=True, text=True)
     assert failed.returncode != 0 and "No module named numba" in failed.stderr and "VIBGYM_SHIP=0" in failed.stderr
     without = subprocess.run(command, cwd=ROOT, env={**pythons, "VIBGYM_SHIP": "0"}, capture_output=True, text=True)
-    (wheel,) = tmp_path.glob("*.whl")
+    (wheel,) = tmp_path.glob("*-py3-none-any.whl")
     assert without.returncode == 0 and "no kernels" in without.stderr
     assert not any(name.endswith(".bitcode") for name in zipfile.ZipFile(wheel).namelist())

@@ -1,4 +1,4 @@
-"""Command line: ``python -m studies.release`` builds sdist and wheel and tests them on every available Python."""
+"""Command line: ``python -m studies.release`` builds sdist and wheels and tests them on every available Python."""
 
 from __future__ import annotations
 
@@ -60,13 +60,16 @@ def run(arguments: argparse.Namespace) -> int:
         folder = Path(name)
         try:
             version = distributions.versions_agree(arguments.tag, report)
-            sdist, wheel = distributions.build(folder, report)
+            built = sdist, universal, compiled = distributions.build(folder, report)
             distributions.inspect_sdist(sdist, report)
-            distributions.inspect_wheel(wheel, version, report)
+            for wheel in (universal, compiled):
+                distributions.inspect_wheel(wheel, version, report)
             for minor in minors:
-                for distribution in (wheel, sdist):  # the wheel first, so that the kernel cache is empty
+                # The wheel that pip would select first, so that the kernel cache is empty.
+                here = minor == f"{sys.version_info[0]}.{sys.version_info[1]}"
+                for distribution in (compiled if here else universal, sdist):
                     installation.install(minor, distribution, version, arguments.extras, folder, report)
-            for path in (sdist, wheel):
+            for path in built:
                 shutil.copy(path, output)
         except Failed as error:
             failure = error
@@ -74,16 +77,16 @@ def run(arguments: argparse.Namespace) -> int:
     if failure is not None:
         print(failure, file=sys.stderr)
         return 1
-    print(f"\nreleased: {output / sdist.name}, {output / wheel.name}")
+    print(f"\nreleased: {', '.join(str(output / path.name) for path in built)}")
     return 0
 
 
-COMMAND = Command(add_arguments, run, "directory of sdist and wheel (default: dist)")
+COMMAND = Command(add_arguments, run, "directory of sdist and wheels (default: dist)")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    description = "Build sdist and wheel, inspect both, and run the examples with each on every available Python."
+    description = "Build sdist and wheels, inspect them, and run the examples with them on every available Python."
     return command_line.run("python -m studies.release", description, COMMAND, argv, extra="dev")
 
 

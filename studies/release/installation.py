@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+from studies.release.distributions import is_compiled
 from studies.release.results import ROOT, Report, Row, require, run_command
 
 MINORS = ("3.11", "3.12", "3.13", "3.14")
@@ -62,7 +63,7 @@ def install(minor: str, distribution: Path, version: str, extras: str, folder: P
 
     Args:
         minor: version of Python; if it is not installed, the row "not tested" is reported.
-        distribution: sdist or wheel. Only the wheel contains compiled kernels.
+        distribution: sdist or wheel. Only wheels for one Python contain compiled kernels.
         version: expected version.
         extras: comma-separated.
         folder: of environments and kernels. Kernels are reused by the next distribution on the same Python.
@@ -71,20 +72,20 @@ def install(minor: str, distribution: Path, version: str, extras: str, folder: P
     Raises:
         Failed: a check failed.
     """
-    kind = "wheel" if distribution.suffix == ".whl" else "sdist"
+    compiled = is_compiled(distribution)
+    kind = "compiled wheel" if compiled else "wheel" if distribution.suffix == ".whl" else "sdist"
     where = f"Python {minor}, {kind}"
     base = interpreter(minor)
     if base is None:
         report(Row("installation", where, "not tested: this Python is not installed"))
         return
-    home = folder / f"{minor}-{kind}"
+    home = folder / f"{minor}-{kind.replace(' ', '-')}"
     began = time.perf_counter()
     run_command(f"{where}: environment", [base, "-m", "venv", home], folder)
     python = home / "bin" / "python"
     pip = [python, "-m", "pip", "--disable-pip-version-check"]
     wanted = f"vibgym[{extras}] @ {distribution.resolve().as_uri()}"
-    # Only the wheel is tested with compiled kernels.
-    settings = {"VIBGYM_SHIP": "0"}
+    settings = {"VIBGYM_SHIP": "0"}  # builds from the sdist take long with kernels
     run_command(
         f"{where}: pip install", [*pip, "install", "--quiet", "-c", ROOT / "constraints.txt", wanted], folder, settings
     )
@@ -95,22 +96,21 @@ def install(minor: str, distribution: Path, version: str, extras: str, folder: P
     if (ROOT / "vibgym" / "plugins" / "play").exists():
         run_command(f"{where}: python -m vibgym play --help", [python, "-m", "vibgym", "play", "--help"], home)
         report(Row("python -m vibgym play", where, "runs"))
-    run_examples(python, where, minor, extras, folder, report)
+    run_examples(python, where, compiled, extras, folder / f"{minor}-kernels", report)
 
 
-def run_examples(python: Path, where: str, minor: str, extras: str, folder: Path, report: Report) -> None:
-    """Run copies of the examples at small size."""
+def run_examples(python: Path, where: str, compiled: bool, extras: str, kernels: Path, report: Report) -> None:
+    """Run copies of the examples at small size, with this folder of kernels; if ``compiled``, none may be compiled."""
     directory = python.parents[1] / "examples"
     shutil.copytree(ROOT / "examples", directory)
     able, others = examples_of(extras)
-    cache = {"NUMBA_CACHE_DIR": str(folder / f"{minor}-kernels")}
-    precompiled = where.endswith("wheel") and minor == f"{sys.version_info[0]}.{sys.version_info[1]}"
+    cache = {"NUMBA_CACHE_DIR": str(kernels)}
     for name in able:
         began = time.perf_counter()
         _, printed = run_command(
             f"{where}: examples/{name}.py", [python, f"{name}.py", EXAMPLES[name][0]], directory, cache
         )
-        if precompiled:
+        if compiled:
             require("compiling" not in printed, f"{where}: kernels of the wheel, in examples/{name}.py", printed)
         report(Row(f"examples/{name}.py", where, f"runs, {time.perf_counter() - began:.0f} s"))
     for name in others:

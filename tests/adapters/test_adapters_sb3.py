@@ -8,12 +8,16 @@ import pytest
 from gymnasium import spaces
 from gymnasium.vector import VectorRewardWrapper, VectorWrapper
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+from tests.envs.helpers import SMALL, batch, single
+
+pytest.importorskip("stable_baselines3")
+
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecVideoRecorder
 
-from tests.envs.helpers import SMALL, batch, single
 from vibgym.adapters.sb3 import VecEnv
 
 WORLDS = 3

@@ -11,7 +11,6 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from stable_baselines3.common.env_checker import check_env as check_sb3_env
 
 from tests.contracts.entries import ENTRIES, LIMIT, Entry, is_one_line, refusal, served
 from tests.envs.helpers import assert_same
@@ -53,18 +52,27 @@ def test_scenes_are_served_or_refused_in_one_line(entry):
 
 
 @everywhere
-def test_env_checkers_of_gymnasium_and_stable_baselines(entry, monkeypatch):
+def test_the_env_checker_of_gymnasium(entry, monkeypatch):
     """With warnings as errors; every id is rendered, also in a window."""
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     for scene in served(entry):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             check_env(scene.single().unwrapped, skip_render_check=entry.of != "id")
+
+
+@everywhere
+def test_the_env_checker_of_stable_baselines(entry):
+    """With warnings as errors."""
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    for scene in served(entry):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
             space = scene.single().observation_space
             shapes = [each.shape for each in getattr(space, "spaces", {"": space}).values()]
             # Stable-Baselines3 warns of spaces other than vectors and images of at least 36 pixels.
             known = all(len(shape) == 1 or (len(shape) == 3 and min(shape[:2]) >= 36) for shape in shapes)
-            check_sb3_env(scene.single().unwrapped, warn=known, skip_render_check=True)
+            checker.check_env(scene.single().unwrapped, warn=known, skip_render_check=True)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from stable_baselines3 import SAC, HerReplayBuffer
 
 from tests.envs.helpers import PIXEL, TASKS, batch, feature, goal, pixel, put, single, still
 
@@ -201,9 +200,10 @@ def test_goals_stay_in_their_space_at_any_heading():
 
 @pytest.mark.parametrize("copy_info", [False, True])
 def test_hindsight_replay_of_stable_baselines(copy_info):
+    sb3 = pytest.importorskip("stable_baselines3")
     env = single("Align", action="field", observation="goal", max_episode_steps=10)
-    model = SAC(
-        "MultiInputPolicy", env, replay_buffer_class=HerReplayBuffer, learning_starts=20, batch_size=16, seed=0,
+    model = sb3.SAC(
+        "MultiInputPolicy", env, replay_buffer_class=sb3.HerReplayBuffer, learning_starts=20, batch_size=16, seed=0,
         replay_buffer_kwargs={"copy_info_dict": copy_info}, policy_kwargs={"net_arch": [8]}, buffer_size=100,
     )  # fmt: skip
     model.learn(30)

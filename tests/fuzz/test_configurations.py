@@ -4,16 +4,20 @@ import copy
 import tempfile
 from pathlib import Path
 
+import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from agents import evaluation
-from agents.ppo import PPO
-from agents.training_file import load_settings
 from studies.accuracy import report
 from studies.accuracy import settings as accuracy_settings
 from tests.fuzz.campaign import count, fuzz, numpy_warns_of_nothing, places  # noqa: F401 - for this module
+
+pytest.importorskip("torch")
+
+from agents.ppo import PPO
+from agents.training_file import load_settings
 
 ENVIRONMENT = """
   surface: {rows: 8, columns: 32, element_size_mm: 26, horizontal_amplitude_mm: 2.7, frequency: 25, gravity: 9.81}

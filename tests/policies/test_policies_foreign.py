@@ -1,15 +1,14 @@
 """Models with ``predict`` only: action and observation follow from their spaces or from settings."""
 
+import importlib
 from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from stable_baselines3 import PPO, SAC, HerReplayBuffer
 
 from tests.envs.helpers import single
 from tests.policies.helpers import info_of
-from vibgym.adapters.sb3 import VecEnv
 from vibgym.policies import rollout
 from vibgym.policies.foreign import ModelPolicy
 from vibgym.policies.registry import make_policy
@@ -89,11 +88,16 @@ def test_models_that_do_not_fit_are_refused(policy, named):
 # -- models of Stable-Baselines3 ---------------------------------------------------------------------------------------
 
 
+def sb3_env(*arguments, **settings):
+    return importlib.import_module("vibgym.adapters.sb3").VecEnv(*arguments, **settings)
+
+
 def test_a_goal_conditioned_model_is_evaluated():
     """SAC with hindsight replay reads the goal dictionary."""
-    env = VecEnv("vibgym/Align-v0", num_envs=2, action="field", observation="goal", max_episode_steps=8)
-    model = SAC(
-        "MultiInputPolicy", env, replay_buffer_class=HerReplayBuffer, learning_starts=20, buffer_size=200, batch_size=8,
+    sb3 = pytest.importorskip("stable_baselines3")
+    env = sb3_env("vibgym/Align-v0", num_envs=2, action="field", observation="goal", max_episode_steps=8)
+    model = sb3.SAC(
+        "MultiInputPolicy", env, replay_buffer_class=sb3.HerReplayBuffer, learning_starts=20, buffer_size=200, batch_size=8,
         policy_kwargs={"net_arch": [8]}, device="cpu", seed=0,
     )  # fmt: skip
     model.learn(40)
@@ -109,11 +113,12 @@ def test_a_goal_conditioned_model_is_evaluated():
 
 @pytest.mark.parametrize("task, observation", [("Sort", "parts"), ("Align", "image")])
 def test_models_of_parts_and_of_images_are_evaluated(task, observation):
+    sb3 = pytest.importorskip("stable_baselines3")
     settings = {"action": "field", "observation": observation, "max_episode_steps": 4}
-    env = VecEnv(f"vibgym/{task}-v0", num_envs=2, **settings)
+    env = sb3_env(f"vibgym/{task}-v0", num_envs=2, **settings)
     kind = "CnnPolicy" if observation == "image" else "MultiInputPolicy"
     kwargs = {} if observation == "image" else {"net_arch": [8]}
-    model = PPO(kind, env, n_steps=4, batch_size=8, n_epochs=1, policy_kwargs=kwargs, device="cpu", seed=0)
+    model = sb3.PPO(kind, env, n_steps=4, batch_size=8, n_epochs=1, policy_kwargs=kwargs, device="cpu", seed=0)
     model.learn(8)
     found = rollout(model, f"vibgym/{task}-v0", seeds=range(2), **settings)
     assert found.steps.tolist() == [4, 4]

@@ -5,12 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
-from agents.networks import MAPS, PixelsActor, trained_tensors
-from agents.ppo import PPO
-from agents.train import train
-from agents.training_file import load_settings
 from tests.envs.helpers import batch, single
 from tests.policies.helpers import SURFACE, info_of
 from vibgym.config import part_from
@@ -18,6 +13,13 @@ from vibgym.policies.trained.coding import FRAMES, ImageCoding
 from vibgym.policies.trained.networks import CELL, occupied, pixels
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, VERSION, load_trained
+
+torch = pytest.importorskip("torch")
+
+from agents.networks import MAPS, PixelsActor, trained_tensors  # noqa: E402
+from agents.ppo import PPO  # noqa: E402
+from agents.train import train  # noqa: E402
+from agents.training_file import load_settings  # noqa: E402
 
 TEXT = """
 task: Transport

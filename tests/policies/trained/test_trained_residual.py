@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-import torch
 from gymnasium.vector import AutoresetMode
 
-from agents.networks import PartsActor, trained_tensors
-from agents.training_envs import ResidualEnv
 from tests.envs.helpers import batch
 from tests.policies.helpers import info_of
 from vibgym.policies.registry import make_policy
@@ -15,6 +12,11 @@ from vibgym.policies.trained.coding import Coding
 from vibgym.policies.trained.residual import Base, ResidualPolicy, with_base
 from vibgym.policies.trained.storage import save_set
 from vibgym.policies.trained.trained import KIND, VERSION, described
+
+torch = pytest.importorskip("torch")
+
+from agents.networks import PartsActor, trained_tensors  # noqa: E402
+from agents.training_envs import ResidualEnv  # noqa: E402
 
 POSE, PLANNER = {"kind": "pose", "action": "wrench"}, {"kind": "planner", "law": "pose", "action": "wrench"}
 HARDWARE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}

@@ -9,10 +9,6 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from agents.learning_curve import evaluation_environments
-from agents.tabulate import shipped_name
-from agents.training_file import agents_in, load_settings
-from agents.training_settings import TrainSettings
 from tests.policies.helpers import DISC, FRESH, episodes, info_of
 from vibgym import Surface
 from vibgym.envs.vector import environment_id
@@ -23,6 +19,13 @@ from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.catalogue import SHIPPED
 from vibgym.policies.trained.trained import RESIDUAL, described, serves_surface
+
+pytest.importorskip("torch")
+
+from agents.learning_curve import evaluation_environments
+from agents.tabulate import shipped_name
+from agents.training_file import agents_in, load_settings
+from agents.training_settings import TrainSettings
 
 ROOT = Path(__file__).parents[3]
 TABLE = ROOT / "results" / "agents.csv"

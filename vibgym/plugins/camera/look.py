@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -26,14 +25,10 @@ NO_PAIR = 60.0
 X, Y, M00, XX, XY, YY, JACOBIAN = 0, 1, 2, 3, 4, 5, 6
 """Columns of :class:`Seen`'s ``measure``."""
 
+MISHAPS = ("swaps", "merges", "losses")
+"""Errors of a sample, columns of :class:`Track`'s ``count``: parts mistaken for others, that appear as one object, lost."""
 
-class Mishap(IntEnum):
-    """Errors of a sample: columns of :class:`Track`'s ``count``."""
-
-    SWAPS = 0  # parts mistaken for others
-    MERGES = 1  # parts that appear as one object
-    LOSSES = 2
-
+SWAPS, MERGES, LOSSES = range(len(MISHAPS))
 
 COASTING = 2
 """Samples over which a part's velocity is extrapolated."""
@@ -87,7 +82,7 @@ class Track(NamedTuple):
     pose: np.ndarray  # (worlds, parts, 3) when it was last seen
     velocity: np.ndarray  # (worlds, parts, 3) then, m/s, m/s, rad/s
     missed: np.ndarray  # (worlds, parts) int64 samples since then
-    count: np.ndarray  # (worlds, 3) int64 errors of the last sample, see :class:`Mishap`
+    count: np.ndarray  # (worlds, 3) int64 errors of the last sample, see :data:`MISHAPS`
 
 
 def new_seen(shape: tuple[int, int], parts: int, background: np.ndarray) -> Seen:
@@ -279,7 +274,7 @@ def look_at(
                 track.missed[w, p] += 1
                 if shown[w, p]:
                     merged = _is_merged(known, p, shown[w], seen)
-                    track.count[w, Mishap.MERGES if merged else Mishap.LOSSES] += 1
+                    track.count[w, MERGES if merged else LOSSES] += 1
                 for axis in range(3):
                     read_pose[w, p, axis], read_velocity[w, p, axis] = track.pose[w, p, axis], 0.0
                 continue
@@ -298,7 +293,7 @@ def look_at(
                 track.velocity[w, p, axis] = read_velocity[w, p, axis]
             track.missed[w, p] = 0
             if _swapped(pose[w], x, y, p, shown[w]):
-                track.count[w, Mishap.SWAPS] += 1
+                track.count[w, SWAPS] += 1
         wipe(seen.boxes, rig.background, seen.canvas)
 
 

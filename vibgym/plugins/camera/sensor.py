@@ -13,7 +13,7 @@ from vibgym.physics.core.noise import KEY_DRAWS, keys_from
 from vibgym.physics.core.records import State
 from vibgym.plugins.camera.fitting import ErrorModel, fit_errors
 from vibgym.plugins.camera.image import whole_image
-from vibgym.plugins.camera.look import Mishap, Seen, look_at, new_seen, new_track
+from vibgym.plugins.camera.look import MISHAPS, Seen, look_at, new_seen, new_track
 from vibgym.plugins.camera.setup import Settings, Setup
 from vibgym.plugins.camera.statistical import Statistics, guess, normal_levels
 from vibgym.scene.parts import Part
@@ -96,7 +96,7 @@ class CameraSensor(Sensor):
         return np.sqrt(errors.mean**2 + errors.fixed**2 + errors.white**2)[kind]
 
     def facts(self) -> dict[str, np.ndarray]:
-        return {each.name.lower(): self.track.count[:, each] for each in Mishap}
+        return {name: self.track.count[:, k] for k, name in enumerate(MISHAPS)}
 
     def keep_pictures(self) -> None:
         """Store the data for :meth:`image` from the next start of an episode on, also in snapshots."""

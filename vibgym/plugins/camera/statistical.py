@@ -18,7 +18,7 @@ from vibgym.kernels.jit import borrowing, jit
 from vibgym.physics.core.noise import philox
 from vibgym.plugins.camera.fitting import ErrorModel
 from vibgym.plugins.camera.image import Shapes
-from vibgym.plugins.camera.look import Mishap, Track
+from vibgym.plugins.camera.look import LOSSES, MERGES, Track
 from vibgym.plugins.camera.shapes import Traits
 
 WHITE = 1
@@ -216,10 +216,10 @@ def guess(
             if seen:
                 outline = shapes.outline[shapes.first[kind] : shapes.first[kind + 1]]
                 if _clipped(pose[w, p], outline, traits.radius[kind], shapes.height[kind], known.frame, known.foot):
-                    track.count[w, Mishap.LOSSES] += 1
+                    track.count[w, LOSSES] += 1
                     seen = False
                 elif pose.shape[1] > 1 and _merged(pose[w], gone[w], p, shapes, traits.radius, known.pixel):
-                    track.count[w, Mishap.MERGES] += 1
+                    track.count[w, MERGES] += 1
                     seen = False
             read_seen[w, p] = seen
             if not seen:

@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,15 +45,8 @@ times that of white noise, ``sqrt((1 - m) / (1 + m))``. Neighbouring elements wi
 neither the model nor the commanded acceleration predicts."""
 
 
-class Triangle(IntEnum):
-    """Indices of a covariance (6,) of p, v and d: its upper triangle, row by row."""
-
-    PP = 0
-    PV = 1
-    PD = 2
-    VV = 3
-    VD = 4
-    DD = 5
+PP, PV, PD, VV, VD, DD = range(6)
+"""Indices of a covariance (6,) of p, v and d: its upper triangle, row by row."""
 
 
 class Filter(NamedTuple):
@@ -95,19 +87,17 @@ filter_at = FILTER.at
 @borrowing
 def spread(covariance, way, fall, left, noise, drift, result):
     """Write the propagated covariance, ``F P F' + G G' noise`` and the drift of ``d``, to ``result``; may be the same array."""
-    pp, pv, pd = covariance[Triangle.PP], covariance[Triangle.PV], covariance[Triangle.PD]
-    vv, vd, dd = covariance[Triangle.VV], covariance[Triangle.VD], covariance[Triangle.DD]
-    result[Triangle.PP] = (
-        pp + 2.0 * way * pv + 2.0 * fall * pd + way * way * vv + 2.0 * way * fall * vd + fall * fall * dd
-    )
-    result[Triangle.PV] = left * pv + way * pd + way * (left * vv + way * vd) + fall * (left * vd + way * dd)
-    result[Triangle.PD] = pd + way * vd + fall * dd
-    result[Triangle.VV] = left * left * vv + 2.0 * left * way * vd + way * way * dd
-    result[Triangle.VD] = left * vd + way * dd
-    result[Triangle.DD] = dd + drift
-    result[Triangle.PP] = max(result[Triangle.PP] + fall * fall * noise, 0.0)
-    result[Triangle.PV] += fall * way * noise
-    result[Triangle.VV] += way * way * noise
+    pp, pv, pd = covariance[PP], covariance[PV], covariance[PD]
+    vv, vd, dd = covariance[VV], covariance[VD], covariance[DD]
+    result[PP] = pp + 2.0 * way * pv + 2.0 * fall * pd + way * way * vv + 2.0 * way * fall * vd + fall * fall * dd
+    result[PV] = left * pv + way * pd + way * (left * vv + way * vd) + fall * (left * vd + way * dd)
+    result[PD] = pd + way * vd + fall * dd
+    result[VV] = left * left * vv + 2.0 * left * way * vd + way * way * dd
+    result[VD] = left * vd + way * dd
+    result[DD] = dd + drift
+    result[PP] = max(result[PP] + fall * fall * noise, 0.0)
+    result[PV] += fall * way * noise
+    result[VV] += way * way * noise
 
 
 @borrowing
@@ -120,20 +110,20 @@ def noise_of(all_of, step, w, p):
 @borrowing
 def kalman_update(covariance, innovation, variance):
     """Update a covariance by a reading; returns the corrections of p, v and d."""
-    total = covariance[Triangle.PP] + variance
+    total = covariance[PP] + variance
     if innovation * innovation > SURPRISE * SURPRISE * total:
         # The prediction is rejected: full weight for the reading, larger variance of the velocity.
-        covariance[Triangle.PP] += innovation * innovation
-        covariance[Triangle.VV] += innovation * innovation * 100.0
-        total = covariance[Triangle.PP] + variance
-    kp, kv, kd = covariance[Triangle.PP] / total, covariance[Triangle.PV] / total, covariance[Triangle.PD] / total
+        covariance[PP] += innovation * innovation
+        covariance[VV] += innovation * innovation * 100.0
+        total = covariance[PP] + variance
+    kp, kv, kd = covariance[PP] / total, covariance[PV] / total, covariance[PD] / total
     left = variance / total  # 1 - kp without cancellation
-    covariance[Triangle.VV] = max(covariance[Triangle.VV] - kv * covariance[Triangle.PV], 0.0)
-    covariance[Triangle.VD] = covariance[Triangle.VD] - kv * covariance[Triangle.PD]
-    covariance[Triangle.DD] = max(covariance[Triangle.DD] - kd * covariance[Triangle.PD], 0.0)
-    covariance[Triangle.PP] = left * covariance[Triangle.PP]
-    covariance[Triangle.PV] = left * covariance[Triangle.PV]
-    covariance[Triangle.PD] = left * covariance[Triangle.PD]
+    covariance[VV] = max(covariance[VV] - kv * covariance[PV], 0.0)
+    covariance[VD] = covariance[VD] - kv * covariance[PD]
+    covariance[DD] = max(covariance[DD] - kd * covariance[PD], 0.0)
+    covariance[PP] = left * covariance[PP]
+    covariance[PV] = left * covariance[PV]
+    covariance[PD] = left * covariance[PD]
     return kp * innovation, kv * innovation, kd * innovation
 
 
@@ -141,12 +131,12 @@ def kalman_update(covariance, innovation, variance):
 def inflate_covariance(all_of, w, p, k, innovation):
     """Increase the covariance of position and velocity where innovations have kept the same sign."""
     covariance = all_of.covariance[w, p, k]
-    total = covariance[Triangle.PP] + all_of.variance[p, k]
+    total = covariance[PP] + all_of.variance[p, k]
     trend = MEMORY * all_of.trend[w, p, k] + (1.0 - MEMORY) * innovation / math.sqrt(total)
     if abs(trend) > TREND:
         wrong = trend * trend * total
-        covariance[Triangle.PP] += wrong
-        covariance[Triangle.VV] += all_of.damping[p] * all_of.damping[p] * wrong
+        covariance[PP] += wrong
+        covariance[VV] += all_of.damping[p] * all_of.damping[p] * wrong
         trend = 0.0
     all_of.trend[w, p, k] = trend
 
@@ -192,9 +182,9 @@ def start_track(all_of, w, p, pose):
             all_of.kept[step, w, p, k] = pose[k]
         covariance = all_of.covariance[w, p, k]
         covariance[:] = 0.0
-        covariance[Triangle.PP] = all_of.variance[p, k]
-        covariance[Triangle.VV] = (START_SPEED / scale) ** 2
-        covariance[Triangle.DD] = (all_of.unknown / scale) ** 2
+        covariance[PP] = all_of.variance[p, k]
+        covariance[VV] = (START_SPEED / scale) ** 2
+        covariance[DD] = (all_of.unknown / scale) ** 2
 
 
 @borrowing
@@ -268,7 +258,7 @@ def correct_all(reading, delay, periods, address):
                     spread(scratch, way, fall, left, noise, 0.0, scratch)
                 noise = noise_of(all_of, steps - 1, w, p) / (scale * scale)
                 spread(scratch, rest_way, rest_fall, rest_left, noise, 0.0, scratch)
-                all_of.sigma[w, p, k] = math.sqrt(max(scratch[Triangle.PP], 0.0))
+                all_of.sigma[w, p, k] = math.sqrt(max(scratch[PP], 0.0))
         if all_of.diverged[w]:
             all_of.diverged[w] = False
 
