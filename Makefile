@@ -61,7 +61,7 @@ help:
 	@echo "make compare     learned against classical on the same seeds: runs/agents-compared/"
 	@echo "make train       train the shipped agents, three seeds each, and write their table: results/agents.csv"
 	@echo "make notebooks   execute the notebooks in place: notebooks/, or NOTEBOOKS=first_steps"
-	@echo "make release     build sdist and wheel and test both in empty environments, on 3.11 to 3.14: dist/"
+	@echo "make release     build sdist and wheels and test them in empty environments, on 3.11 to 3.14: dist/"
 	@echo "make venv        $(VENV) with everything for development"
 	@echo "make warm        compile all kernels, otherwise compiled on first use"
 	@echo "make learners    $(VENV)-benchmarl, -cleanrl, -lerobot, -rllib, -zoo: environments of other libraries, see docs/learners"
@@ -106,10 +106,12 @@ $(LEARN): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
 
 # Kernels are compiled on one core while the checks run on the other. The cache is keyed by the digests of the sources, so
 # only kernels that have changed are compiled again. Imports that cannot be found are warnings of the type checker: make test
-# runs without the optional libraries; make test-all, with all of them, fails on warnings.
+# runs without the optional libraries; make test-all, with all of them, fails on warnings. PLW1514: text files have an encoding,
+# which is not UTF-8 by default on Windows.
 define checks
 	{ $(PY) -m vibgym warm >$(VENV)/.warm.log 2>&1 & } && warm=$$! && \
 		$(BIN)/ruff check && $(BIN)/ruff format --check && $(BIN)/lint-imports && \
+		$(BIN)/ruff check --preview --select PLW1514 vibgym agents studies && \
 		$(BIN)/pyright $(1) --pythonpath $(PY) && \
 		{ wait $$warm || { cat $(VENV)/.warm.log; exit 1; }; }
 endef

@@ -143,7 +143,7 @@ class LearningCurve:
         """Start a run, or continue it from ``steps``: later rows are removed."""
         self.rows = []
         if steps and self.path.exists():
-            with self.path.open(newline="") as file:
+            with self.path.open(encoding="utf-8", newline="") as file:
                 self.rows = [row for row in csv.DictReader(file) if int(row["steps"]) <= steps]
         self._write()
         self._last = int(self.rows[-1]["steps"]) if self.rows else 0

@@ -233,7 +233,7 @@ def _played(policy: Any, task: str, scenes: Sequence[Mapping[str, Any]], episode
 def _read(path: Path) -> list[dict[str, Any]]:
     if not path.exists():
         return []
-    with path.open(newline="") as file:
+    with path.open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 

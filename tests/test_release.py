@@ -51,7 +51,7 @@ def test_missing_interpreters_are_reported_as_not_tested(tmp_path, monkeypatch):
     assert installation.interpreter(running) and installation.interpreter("2.1") is None
     rows = []
     monkeypatch.setattr(installation, "interpreter", lambda minor: None)
-    installation.install("3.12", tmp_path / "vibgym.whl", "1", "play", tmp_path, rows.append)
+    installation.install("3.12", tmp_path / "vibgym-1-py3-none-any.whl", "1", "play", tmp_path, rows.append)
     assert rows == [results.Row("installation", "Python 3.12, wheel", "not tested: this Python is not installed")]
 
 

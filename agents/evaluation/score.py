@@ -188,7 +188,7 @@ def _recorded(folder: Path, origin: str, run: Run, quiet: bool) -> Timed:
     key = json.dumps([run.place[1:], run.environment, run.seeds, content, origin, files], sort_keys=True, default=repr)
     path = folder / f"{digest(key)[:24]}.json"
     if content is not None and path.exists():
-        return Timed.of_json(path.read_text())
+        return Timed.of_json(path.read_text(encoding="utf-8"))
     found = run.play(quiet)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, found.to_json())

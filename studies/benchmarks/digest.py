@@ -238,7 +238,7 @@ def measure(chosen: str = "") -> dict[str, dict]:
 
 def machine() -> dict[str, str]:
     """Return processor and versions, on which the digests depend."""
-    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     model = next((line for line in lines if line.startswith("model name")), "").partition(":")[2].strip()
     return {"processor": model or platform.processor(), "numba": numba.__version__, "numpy": np.__version__}
 

@@ -338,7 +338,7 @@ def write(of: Case, path: Path, seed: int) -> Truth:
         as_dxf(of, draw).saveas(path)
         return truth(of)
     if of.kind == "svg":
-        path.write_text("\n".join(as_svg(of, draw)))
+        path.write_text("\n".join(as_svg(of, draw)), encoding="utf-8")
         found = truth(of)
         return found._replace(centre=found.centre * [1.0, -1.0])
     mesh = as_mesh(of)

@@ -66,7 +66,7 @@ def kinetic_energy(simulator: Simulator) -> float:
 
 def resident() -> float:
     """Return the memory of this process, MB."""
-    with open("/proc/self/statm") as file:
+    with open("/proc/self/statm", encoding="utf-8") as file:
         return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 

@@ -71,7 +71,7 @@ def drag(page: Any, seconds: float) -> None:
 
 def memory(process: subprocess.Popen, page: Any) -> tuple[float, float]:
     """Return the memory of the server and of the page's heap after garbage collection, MB."""
-    pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
+    pages = int(Path(f"/proc/{process.pid}/statm").read_text(encoding="utf-8").split()[1])
     link = page.context.new_cdp_session(page)
     link.send("HeapProfiler.collectGarbage")
     heap = page.evaluate("() => performance.memory.usedJSHeapSize")

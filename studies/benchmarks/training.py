@@ -120,7 +120,7 @@ def cleanrl(task: str, action: str, worlds: int) -> Callable[[], float]:
         with (
             tempfile.TemporaryDirectory() as logs,
             contextlib.chdir(logs),
-            open(os.devnull, "w") as nowhere,
+            open(os.devnull, "w", encoding="utf-8") as nowhere,
             contextlib.redirect_stdout(nowhere),
             mock.patch.object(sys, "argv", line),
             mock.patch.object(gym.vector, "SyncVectorEnv", lambda makers: batch),

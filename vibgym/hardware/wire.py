@@ -59,7 +59,7 @@ class Channel:
 
     def __init__(self, connection: socket.socket, peer: str) -> None:
         self._socket, self.peer = connection, peer
-        if connection.family != socket.AF_UNIX:
+        if connection.family in (socket.AF_INET, socket.AF_INET6):
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def send(self, kind: Kind, *payload: bytes) -> None:

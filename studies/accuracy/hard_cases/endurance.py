@@ -49,7 +49,7 @@ class LongRun(NamedTuple):
 def _resident() -> int:
     """Return the process's resident memory in bytes, 0 where the system has no /proc."""
     try:
-        with open("/proc/self/statm") as file:
+        with open("/proc/self/statm", encoding="utf-8") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
         return 0

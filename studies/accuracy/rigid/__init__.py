@@ -15,4 +15,4 @@ PLACE = Path(__file__).with_name("figures.json")
 
 def stored(place: Path = PLACE) -> dict[str, Any]:
     """Return all stored figures, by study; empty if there are none yet."""
-    return json.loads(place.read_text()) if place.exists() else {}
+    return json.loads(place.read_text(encoding="utf-8")) if place.exists() else {}
