@@ -7,7 +7,8 @@
 VENV ?= .venv
 PYTHON ?= $(shell for p in python3.11 python3 python3.12 python3.13 python3.14; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 14))' >/dev/null 2>&1 && echo $$p && break; done)
-NEWEST ?= $(shell for p in python3.14 python3.13 python3.12 python3.11; do $$p -c '' >/dev/null 2>&1 && echo $$p && break; done)
+NEWEST ?= $(shell for p in python3.14 ~/.pyenv/versions/3.14.*/bin/python python3.13 ~/.pyenv/versions/3.13.*/bin/python python3.12 python3.11; do \
+	$$p -c '' >/dev/null 2>&1 && echo $$p && break; done)
 ARGS ?=
 SECONDS ?= 3600
 
