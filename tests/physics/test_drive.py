@@ -233,7 +233,9 @@ def test_every_mode_has_one_compiled_type():
     shape = (WORLDS, ROWS, COLUMNS)
     drives = [
         polar_drive(np.zeros(shape), np.zeros(shape).transpose(0, 1, 2), OMEGA),
-        polar_drive(np.broadcast_to(np.zeros((ROWS, COLUMNS)), shape), np.zeros((WORLDS, COLUMNS, ROWS)).mT, 157),
+        polar_drive(
+            np.broadcast_to(np.zeros((ROWS, COLUMNS)), shape), np.zeros((WORLDS, COLUMNS, ROWS)).swapaxes(1, 2), 157
+        ),
         element_drive(action, COLUMNS, FULL),
         element_drive(locked, COLUMNS, np.float64(FULL)),
         phasor_drive(action[:, ::-1], np.int32(COLUMNS), 9),
