@@ -214,7 +214,9 @@ class Core(Pipeline):
         randomization = sensing + self.sensing.draws
         disturbances = randomization + self.randomization.draws
         total = disturbances + (0 if self.disturbances is None else self.disturbances.draws)
-        uniform = np.array([generator.random(total) for generator in generators])
+        uniform = np.empty((len(worlds), total))
+        for row, generator in zip(uniform, generators, strict=True):
+            generator.random(out=row)
         start = self.start_of(worlds, uniform[:, task:actuators], override)
         drawn = self.randomization.values(uniform[:, randomization:disturbances])
         idle = self.idle

@@ -358,8 +358,9 @@ class Program(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """Data of the kernels except the measurement, pinned in memory."""
+    """Data of the kernels, pinned in memory."""
 
+    measured: Measurement  # live
     relations: Relations  # of the measured poses
     present: np.ndarray  # (worlds, parts) bool
     arrived: np.ndarray  # (worlds, parts) bool
@@ -524,17 +525,17 @@ def write_neighbours(scene, pose, velocity, p, rows):
 
 
 @borrowing
-def write_rows(pinned, pose, mean_velocity, gone, age, sigma, pushed, worlds, out):
+def write_rows(pinned, worlds, out):
     """Write the blocks or rows of some worlds.
 
     Args:
         pinned: address of a pinned :class:`Scene`.
-        pose, mean_velocity, gone, age, sigma, pushed: measured, see :class:`vibgym.sensing.Measurement`.
         worlds: (n,) index.
         out: (worlds, slots, size) float32, overwritten; zeros for absent parts.
     """
     scene = scene_at(pinned)
-    present = scene.present
+    present, measured = scene.present, scene.measured
+    pose, mean_velocity, age, sigma = measured.pose, measured.mean_velocity, measured.age, measured.sigma
     for k in range(worlds.shape[0]):
         w = worlds[k]
         for slot in range(out.shape[1]):
@@ -545,10 +546,10 @@ def write_rows(pinned, pose, mean_velocity, gone, age, sigma, pushed, worlds, ou
             if present[w, p]:
                 compute_part(scene, pose[w], mean_velocity[w], age[w], sigma[w], w, p, scene.quantities[p])
                 if scene.touch == 1:
-                    compute_contact(scene, pose[w], pushed[w], w, p, scene.quantities[p])
+                    compute_contact(scene, pose[w], measured.pushed[w], w, p, scene.quantities[p])
                 encode(scene.program, scene.quantities[p], out[w, p])
         if scene.others.source.shape[0] > 0:
-            rank_neighbours(scene, pose, gone, w)
+            rank_neighbours(scene, pose, measured.gone, w)
             for p in range(pose.shape[1]):
                 write_neighbours(scene, pose[w], mean_velocity[w], p, out[w])
 
@@ -581,6 +582,7 @@ def row_writer(task: Task, layout: Layout, measurement: Measurement, relations: 
     coarse = next((row.start for row in layout.rows if row.name == "way_coarse"), -1)
     zones = np.zeros((len(parts), 4)) if task.zones is None else task.zones[task.kind]
     scene = Scene(
+        measured=measurement,
         relations=relations,
         present=episode.present,
         arrived=episode.arrived,
@@ -599,7 +601,7 @@ def row_writer(task: Task, layout: Layout, measurement: Measurement, relations: 
         nearest=np.full((len(parts), NEIGHBOURS), -1, dtype=np.int64),
         gap=np.zeros((len(parts), NEIGHBOURS)),
     )
-    return bound(write_rows, Pinned(SCENE, scene), *measurement)
+    return bound(write_rows, Pinned(SCENE, scene))
 
 
 def _program(features: Sequence[Feature], places: dict[str, int], surface: Surface) -> Program:

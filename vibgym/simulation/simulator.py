@@ -132,6 +132,7 @@ class Simulator:
         self._state.pose[...] = overlaps.apart(surface, self.parts)
         self._pinned = Pinned(STATE, self._state)
         self._drive: Pinned[Drive] | None = None  # the last one
+        self._varied = False  # whether conditions may differ from the defaults
         self._periods = 0
         self._counted = 0  # periods since the last reset; snapshots leave it alone
 
@@ -167,8 +168,9 @@ class Simulator:
         for flag in (state.sticking, state.doubtful, state.diverged):
             flag[worlds] = False
         state.pushed[worlds], state.fallen[worlds] = 0.0, fallen
-        for name, usual in CONDITIONS.items():
-            getattr(state, name)[worlds] = usual
+        if self._varied:
+            for name, usual in CONDITIONS.items():
+                getattr(state, name)[worlds] = usual
         self._model.begin(worlds)
 
     def __getattr__(self, name: str) -> Any:
@@ -245,6 +247,7 @@ class Simulator:
 
     def condition(self, worlds: Any, conditions: Mapping[str, np.ndarray]) -> None:
         """Set some conditions of worlds (index or mask), by name, to checked values."""
+        self._varied = self._varied or bool(conditions)
         for name, values in conditions.items():
             getattr(self._state, name)[worlds] = values
 
@@ -435,6 +438,7 @@ class Simulator:
             self.allocate_patches()
         put_back(self._state._asdict(), values)
         put_back(own, more)
+        self._varied = True
         self._periods = periods
 
 

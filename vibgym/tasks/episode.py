@@ -364,10 +364,27 @@ def reward_world(context, within, world):
     terms = episode.terms[world]
     for k in range(terms.shape[0]):
         terms[k] = rules.weight[k] * quantity[rules.term[k]]
+    now[REWARD] = sum_of(terms)
+
+
+@borrowing
+def sum_of(terms):
+    """Return the sum of reward terms."""
     total = 0.0
     for k in range(terms.shape[0]):
         total += terms[k]
-    now[REWARD] = total
+    return total
+
+
+@borrowing
+def reward_only_part(context, fallen, world):
+    """Compute the reward of a world with one part: its terms are that part's, whose hyperbolic tangents take the longest."""
+    episode = context.episode
+    reward_parts(context, fallen, False, world)
+    terms, only = episode.terms[world], episode.part_terms[world, 0]
+    for k in range(terms.shape[0]):
+        terms[k] = only[k]
+    episode.number[world, REWARD] = sum_of(terms)
 
 
 @borrowing
@@ -472,5 +489,8 @@ def score_worlds(state, address, starting, worlds):
         count[world, HELD] = count[world, HELD] + rules.periods if held else 0
         flag[world, SUCCEEDED] = count[world, HELD] >= rules.hold
         flag[world, ENDED] = flag[world, SUCCEEDED] or not sound
-        reward_world(context, within, world)
-        reward_parts(context, true.fallen, False, world)
+        if episode.present.shape[1] == 1 and episode.present[world, 0] and rules.asked[0]:
+            reward_only_part(context, true.fallen, world)
+        else:
+            reward_world(context, within, world)
+            reward_parts(context, true.fallen, False, world)

@@ -64,6 +64,8 @@ class PoseTask(Task):
 
     def __init__(self, surface: Surface, parts: Sequence[Part], *, hold: int = HOLD_PERIODS) -> None:
         super().__init__(surface, parts, hold=hold)
+        self._margin = self.parts[0].radius
+        self._room = np.array([surface.width - 2.0 * self._margin, surface.depth - 2.0 * self._margin])
         room = min(surface.width, surface.depth) / 2
         for part in self.parts:
             if part.radius > room:
@@ -84,13 +86,13 @@ class PoseTask(Task):
 
     def somewhere(self, uniform: np.ndarray) -> np.ndarray:
         """Return positions (n, 2) at which the part lies wholly on the surface, from ``uniform`` (n, 2)."""
-        margin = self.parts[0].radius
-        room = np.array([self.surface.width - 2.0 * margin, self.surface.depth - 2.0 * margin])
-        return margin + room * uniform
+        return self._margin + self._room * uniform
 
     def _anywhere(self, uniform: np.ndarray) -> np.ndarray:
         """Return poses (n, 3) at any position and heading at which the part lies wholly on the surface, from (n, 3)."""
-        return np.column_stack([self.somewhere(uniform[:, :2]), 2.0 * math.pi * uniform[:, 2] - math.pi])
+        pose = np.empty((len(uniform), 3))
+        pose[:, :2], pose[:, 2] = self.somewhere(uniform[:, :2]), 2.0 * math.pi * uniform[:, 2] - math.pi
+        return pose
 
     def goal_size(self) -> int:
         """Return the length of achieved and desired goals: position, and heading where it counts."""
@@ -177,5 +179,6 @@ class Rotate(PoseTask):
 
     def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         start = self._anywhere(uniform[:, 0:3])
-        turn = 4.0 * math.pi * uniform[:, 3] - 2.0 * math.pi
-        return start, start + np.column_stack([np.zeros((len(turn), 2)), turn])
+        goal = start.copy()
+        goal[:, 2] += 4.0 * math.pi * uniform[:, 3] - 2.0 * math.pi
+        return start, goal

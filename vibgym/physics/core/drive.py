@@ -334,7 +334,7 @@ class Phasors(NamedTuple):
     """
 
     coupling: np.ndarray  # (slots,) share of the elements' vertical motion that reaches the part
-    element: np.ndarray  # (slots, size, size) element of each entry, ``row << 32 | column``, -1: none
+    element: np.ndarray  # (slots, size * size) element of each entry, ``row << 32 | column``, -1: none
     c: np.ndarray  # (slots, size, size) m/s^2
     s: np.ndarray
 
@@ -343,26 +343,24 @@ def new_phasors(slots: int, across: int, coupling: float = 1.0) -> Phasors:
     """Allocate a cache for parts that extend over up to ``across`` elements along an axis."""
     size = 1 << max(across - 1, 0).bit_length()
     shape = slots, size, size
-    return Phasors(np.full(slots, coupling), np.full(shape, -1), np.zeros(shape), np.zeros(shape))
+    return Phasors(np.full(slots, coupling), np.full((slots, size * size), -1), np.zeros(shape), np.zeros(shape))
 
 
 @borrowing
 def clear_phasors(phasors, slot):
     """Clear the entries of a slot."""
-    size = phasors.element.shape[1]
-    for i in range(size):
-        for j in range(size):
-            phasors.element[slot, i, j] = -1
+    for k in range(phasors.element.shape[1]):  # one loop, which becomes one call of memset
+        phasors.element[slot, k] = -1
 
 
 @borrowing
 def phasor_under(phasors, slot, drive, world, row, column):
     """Return ``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``, times the coupling of a slot's part."""
-    mask = phasors.element.shape[1] - 1
-    i, j = row & mask, column & mask
-    element = row << 32 | column
-    if phasors.element[slot, i, j] != element:
-        phasors.element[slot, i, j] = element
+    size = phasors.c.shape[1]
+    i, j = row & (size - 1), column & (size - 1)
+    element, entry = row << 32 | column, i * size + j
+    if phasors.element[slot, entry] != element:
+        phasors.element[slot, entry] = element
         c, s = element_phasor(drive, world, row, column)
         phasors.c[slot, i, j], phasors.s[slot, i, j] = phasors.coupling[slot] * c, phasors.coupling[slot] * s
     return phasors.c[slot, i, j], phasors.s[slot, i, j]
