@@ -22,6 +22,7 @@ from numba.core.registry import CPUDispatcher
 
 from vibgym.kernels import options
 from vibgym.kernels.cache import Cache, version_mismatch
+from vibgym.kernels.faster import Passes, faster
 from vibgym.kernels.libraries import LinkedLibrary, UnlinkedLibrary
 from vibgym.kernels.pointers import argument_type
 
@@ -54,6 +55,13 @@ class _TypingContext:
         return self.known[key]
 
 
+def _quick(passes: Any) -> Any:
+    made = Passes(passes.pipeline_name)
+    made.passes = passes.passes
+    made.finalize()
+    return made
+
+
 class _KernelCompiler(compiler.Compiler):
     """Pipeline for a kernel that Python calls."""
 
@@ -64,7 +72,7 @@ class _KernelCompiler(compiler.Compiler):
         state.flags.no_cfunc_wrapper = True  # kernels are not called by the address of a C function
         state.typingctx = _TypingContext(state.typingctx)
         state.library = self.new_library(state.targetctx.codegen(), state.func_id.func_qualname)
-        return super().define_pipelines()
+        return [_quick(each) for each in super().define_pipelines()]
 
 
 class _CalleeCompiler(_KernelCompiler):
@@ -116,7 +124,8 @@ class _Kernel(CPUDispatcher):
         collecting = gc.isenabled()
         gc.disable()  # it would traverse all of numba's objects again and again
         try:
-            return super().compile(sig)
+            with faster(self.targetctx):
+                return super().compile(sig)
         finally:
             if collecting:
                 gc.enable()
