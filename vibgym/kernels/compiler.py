@@ -55,13 +55,6 @@ class _TypingContext:
         return self.known[key]
 
 
-def _quick(passes: Any) -> Any:
-    made = Passes(passes.pipeline_name)
-    made.passes = passes.passes
-    made.finalize()
-    return made
-
-
 class _KernelCompiler(compiler.Compiler):
     """Pipeline for a kernel that Python calls."""
 
@@ -72,7 +65,7 @@ class _KernelCompiler(compiler.Compiler):
         state.flags.no_cfunc_wrapper = True  # kernels are not called by the address of a C function
         state.typingctx = _TypingContext(state.typingctx)
         state.library = self.new_library(state.targetctx.codegen(), state.func_id.func_qualname)
-        return [_quick(each) for each in super().define_pipelines()]
+        return [Passes.of(each, allocating=bool(state.flags.nrt)) for each in super().define_pipelines()]
 
 
 class _CalleeCompiler(_KernelCompiler):
@@ -128,6 +121,9 @@ class _Kernel(CPUDispatcher):
                 return super().compile(sig)
         finally:
             if collecting:
+                if not gc.get_freeze_count():  # the next collection would traverse all objects of the compilation
+                    gc.freeze()
+                    gc.unfreeze()
                 gc.enable()
 
     def enable_caching(self) -> None:

@@ -8,6 +8,7 @@ them. The forms here return the same results, so the LLVM code is the same (``te
 from __future__ import annotations
 
 import contextlib
+import functools
 from collections.abc import Iterator
 from typing import Any
 
@@ -105,8 +106,23 @@ def _loaded(self: Any) -> None:
 # -- passes --------------------------------------------------------------------------------------------------------------
 
 
+_NEEDLESS = {
+    "WithLifting", "InlineClosureLikes", "MakeFunctionToJitFunction", "FindLiterallyCalls", "LiteralUnroll",
+    "LiteralPropagationSubPipelinePass", "NopythonRewrites", "DumpParforDiagnostics",
+}  # fmt: skip
+"""Passes for closures, comprehensions, array expressions and literals, which change nothing in kernels without arrays."""
+
+
 class Passes(compiler_machinery.PassManager):
     """Compiler passes in order, without the events, timings and checks of each."""
+
+    @classmethod
+    def of(cls, passes: Any, allocating: bool) -> Any:
+        """Return the same passes; those of a kernel that allocates no arrays without the ones for arrays and closures."""
+        made = cls(passes.pipeline_name)
+        made.passes = [each for each in passes.passes if allocating or each[0].__name__ not in _NEEDLESS]
+        made.finalize()
+        return made
 
     def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:
         pss.analysis = self._analysis
@@ -126,6 +142,7 @@ _REPLACED = (
     (postproc.PostProcessor, "run", _process_lazily),
     (functions.BaseFunction, "get_call_type", _resolve_once),
     (base.BaseContext, "get_abi_sizeof", _size_once),
+    (base, "_has_loc", functools.cache(base._has_loc)),
     (cpu.CPUContext, "load_additional_registries", _loaded),
 )
 
