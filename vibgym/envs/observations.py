@@ -17,7 +17,7 @@ from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.envs.features import CODINGS, NEIGHBOUR, NEIGHBOURS, TABLE, Feature, Layout, RowLayout
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import borrowing, prefetch
 from vibgym.kernels.reference import Layout as Memory
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.contacts.hulls import Hulls, part_contact, part_gap, place_hulls
@@ -601,7 +601,9 @@ def row_writer(task: Task, layout: Layout, measurement: Measurement, relations: 
         nearest=np.full((len(parts), NEIGHBOURS), -1, dtype=np.int64),
         gap=np.zeros((len(parts), NEIGHBOURS)),
     )
-    return bound(write_rows, Pinned(SCENE, scene))
+    pinned = Pinned(SCENE, scene)
+    prefetch(write_rows, 0, np.empty(0, dtype=np.int64), np.empty((0, 0, 0), dtype=np.float32))
+    return bound(write_rows, pinned)
 
 
 def _program(features: Sequence[Feature], places: dict[str, int], surface: Surface) -> Program:

@@ -28,7 +28,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
 from vibgym.kernels import options
-from vibgym.kernels.libraries import LinkedLibrary
+from vibgym.kernels.libraries import LinkedLibrary, is_unit
 from vibgym.kernels.sources import imported_files, sources
 from vibgym.kernels.vec8 import WIDTH
 
@@ -99,9 +99,9 @@ def _collect_kernel(function: Any, payload: Any) -> None:
     """Write a kernel's bitcode and numba's metadata to the folder of :func:`collect`, if any."""
     if _collected_in is None or function.__closure__ is not None:
         return
-    (name, _, bitcode, _), *more = payload
+    (name, _, bitcode, _, units), *more = payload
     more[5] = ""  # type annotations, which contain paths of the machine that builds the wheel
-    (_collected_in / _file_name(function, more[2].args)).write_bytes(with_digest(((name, bitcode), *more)))
+    (_collected_in / _file_name(function, more[2].args)).write_bytes(with_digest(((name, bitcode, units), *more)))
 
 
 def _load_shipped(function: Any, arguments: Any, target_context: Any) -> Any:
@@ -171,6 +171,26 @@ class Cache(caching.FunctionCache):
         if not self._current:  # the kernel may be older than the files that the digest is of
             self.disable()
 
+    def contains(self, arguments: Any, target_context: Any) -> bool:
+        """Return whether the kernel for arguments of these types is in the cache."""
+        if not self._enabled:
+            return False
+        try:
+            key = self._index_key(arguments, target_context.codegen())
+            name = self._cache_file._load_index().get(key)
+        except OSError:
+            return False
+        return name is not None and Path(self._cache_file._data_path(name)).exists()
+
+    def ships(self, arguments: Any) -> bool:
+        """Return whether the wheel contains the kernel for arguments of these types."""
+        return self._current and (SHIPPED / _file_name(self._function, arguments)).exists()
+
+    @property
+    def stores(self) -> bool:
+        """Whether compiled kernels are kept on disk."""
+        return self._enabled
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the kernel for arguments of these types; None if it has to be compiled."""
         found = None
@@ -229,8 +249,12 @@ class _RebuildContext:
         return self
 
     def unserialize_library(self, state: Any) -> Any:
-        load = LinkedLibrary.from_object if len(state) > 2 else LinkedLibrary.from_bitcode
+        load = LinkedLibrary.from_object if len(state) > 3 else LinkedLibrary.from_bitcode
         return load(self._context.codegen(), *state)
+
+    def get_executable(self, library: Any, fndesc: Any, env: Any) -> Any:
+        """Return the function for Python; for a unit, which Python does not call, an object that identifies it."""
+        return object() if is_unit(fndesc) else self._context.get_executable(library, fndesc, env)
 
 
 def _rebuild(target_context: Any, payload: Any) -> Any:

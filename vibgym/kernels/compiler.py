@@ -8,23 +8,25 @@ from __future__ import annotations
 
 import functools
 import gc
+import inspect
 import logging
 import math
 import os
 import time
 from typing import Any
 
-from llvmlite.binding import ffi
-from numba.core import compiler, event, types
+from llvmlite.binding import add_symbol, ffi
+from numba.core import compiler, funcdesc, types, typing
 from numba.core import config as numba_config
+from numba.core.caching import NullCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
-from vibgym.kernels import options
+from vibgym.kernels import helpers, options
 from vibgym.kernels.cache import Cache, version_mismatch
 from vibgym.kernels.faster import Passes, faster
-from vibgym.kernels.libraries import LinkedLibrary, UnlinkedLibrary
-from vibgym.kernels.pointers import argument_type
+from vibgym.kernels.libraries import LinkedLibrary, Unit, UnitLibrary, UnlinkedLibrary
+from vibgym.kernels.pointers import argument_type, known_layouts
 
 config: Any = numba_config
 
@@ -79,6 +81,22 @@ class _CalleeCompiler(_KernelCompiler):
         return super().define_pipelines()
 
 
+class _UnitCompiler(_KernelCompiler):
+    """Pipeline for a unit, whose function has the name of the unit's symbol."""
+
+    def define_pipelines(self) -> Any:
+        state: Any = self.state
+        state.flags.no_compile = state.flags.no_cpython_wrapper = True
+        function, mangler = state.func_id, state.targetctx.mangler
+        unit = Unit(function.modname, function.func_qualname, tuple(state.args))
+
+        def named(name: str, kinds: Any, **more: Any) -> str:
+            return unit.symbol if name == f"{function.modname}.{function.func_qualname}" else mangler(name, kinds, **more)
+
+        state.targetctx.mangler = named
+        return super().define_pipelines()
+
+
 class _Callee(CPUDispatcher):
     """Dispatcher of a kernel for other kernels."""
 
@@ -91,6 +109,30 @@ class _Callee(CPUDispatcher):
         cres = cres._replace(entry_point=object())
         self.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [cres.library])
         self.overloads[tuple(cres.signature.args)] = cres
+
+
+class _UnitCallee(_Callee):
+    """Dispatcher of a unit for kernels that call it: the call needs no more than the symbol and the types."""
+
+    kernel: Any
+
+    def compile(self, sig: Any) -> Any:
+        arguments = tuple(sig)
+        if arguments not in self.overloads:
+            unit = Unit(self.py_func.__module__, self.py_func.__qualname__, arguments)
+            self.kernel.prefetch(arguments)
+            library = UnitLibrary(self.targetctx.codegen(), unit.symbol)
+            library.unit = unit
+            names = tuple(inspect.signature(self.py_func).parameters)
+            described = funcdesc.FunctionDescriptor(
+                True, *unit.job[:2], unit.symbol, "", None, types.none, None, names, (),
+                mangler=lambda *_, **__: unit.symbol, argtypes=arguments,
+            )  # fmt: skip
+            signature = typing.signature(types.none, *arguments)
+            self.add_overload(
+                compiler.compile_result(signature=signature, fndesc=described, library=library, objectmode=False)
+            )
+        return self.overloads[arguments].entry_point
 
 
 class _Kernel(CPUDispatcher):
@@ -112,8 +154,11 @@ class _Kernel(CPUDispatcher):
 
     @global_compiler_lock  # a second thread must not read the cache before the first has set its version
     def compile(self, sig: Any) -> Any:
-        if not self.overloads:
-            self.enable_caching()
+        arguments = tuple(sig)
+        if arguments not in self.overloads and not self._cached(arguments):
+            helpers.claim(self._job(arguments), _compile_job)
+            if not self._cached(arguments) and not self._cache.ships(arguments):
+                _announce()
         collecting = gc.isenabled()
         gc.disable()  # it would traverse all of numba's objects again and again
         try:
@@ -126,16 +171,79 @@ class _Kernel(CPUDispatcher):
                     gc.unfreeze()
                 gc.enable()
 
+    @global_compiler_lock
+    def prefetch(self, arguments: tuple[Any, ...]) -> None:
+        """Have a helper process compile the kernel for arguments of these types, unless it is in the cache."""
+        if arguments not in self.overloads and not self._cached(arguments) and self._cache.stores:
+            helpers.submit(self._job(arguments), _size(self), known_layouts())
+
+    def _job(self, arguments: tuple[Any, ...]) -> helpers.Job:
+        return self.py_func.__module__, self.py_func.__qualname__, arguments
+
+    def _cached(self, arguments: tuple[Any, ...]) -> bool:
+        if isinstance(self._cache, NullCache):
+            self.enable_caching()
+        return self._cache.contains(arguments, self.targetctx)
+
     def enable_caching(self) -> None:
         self._cache = Cache(self.py_func, self.imported)
 
 
-def kernel(function: Any, **more: Any) -> Any:
-    """Compile a function in nopython mode with the project's options and more."""
+class _UnitKernel(_Kernel):
+    """Dispatcher of a unit: compiles and loads it."""
+
+    @functools.cached_property
+    def callee(self) -> _Callee:
+        made = _UnitCallee(py_func=self.py_func, targetoptions=self.targetoptions, pipeline_class=_CalleeCompiler)
+        made.kernel = self
+        return made
+
+    def add_overload(self, cres: Any) -> None:
+        if cres.signature.return_type != types.none:
+            raise TypeError(f"{self.py_func.__qualname__}: units return nothing, got {cres.signature.return_type}")
+        address = cres.library.get_pointer_to_function(cres.fndesc.mangled_name)
+        add_symbol(cres.fndesc.mangled_name, address)
+        self.overloads[tuple(cres.signature.args)] = cres
+
+
+@functools.cache
+def _called(function: _Kernel) -> frozenset[_Kernel]:
+    """Return a kernel and those that it calls, directly or indirectly, but none beyond units."""
+    found, todo = {function}, [function]
+    while todo:
+        called = todo.pop().py_func
+        names = map(called.__globals__.get, called.__code__.co_names)
+        new = {each for each in names if isinstance(each, _Kernel)} - found
+        found |= new
+        todo += [each for each in new if not isinstance(each, _UnitKernel)]
+    return frozenset(found)
+
+
+def _size(*functions: _Kernel) -> int:
+    """Return the bytes of Python code of kernels with all that they call, which determines how long they compile."""
+    return sum(len(each.py_func.__code__.co_code) for each in frozenset().union(*map(_called, functions)))
+
+
+def _compile_job(job: helpers.Job) -> None:
+    helpers.kernel_of(job).compile(job[2])
+
+
+def prefetch(function: Any, *arguments: Any) -> None:
+    """Have a helper process compile a kernel that will be called with such arguments, unless it is in the cache."""
+    if isinstance(function, _Kernel):
+        function.prefetch(tuple(function.typeof_pyval(each) for each in arguments))
+
+
+def kernel(function: Any, unit: bool = False, **more: Any) -> Any:
+    """Compile a function in nopython mode with the project's options and more; as a unit if ``unit``."""
     if config.DISABLE_JIT:
         return function
     settings = {"nopython": True, **options.OPTIONS, **more}
-    made = _Kernel(py_func=function, targetoptions=settings, pipeline_class=_KernelCompiler)
+    made = (
+        _UnitKernel(py_func=function, targetoptions=settings, pipeline_class=_UnitCompiler)
+        if unit
+        else _Kernel(py_func=function, targetoptions=settings, pipeline_class=_KernelCompiler)
+    )
     made.imported = time.time()
     return made
 
@@ -148,27 +256,15 @@ def cache_folder() -> str | None:
     return None if folder is None else config.CACHE_DIR or folder
 
 
-class _Announcer(event.Listener):
-    """Listener that warns on stderr, once per process, when a kernel is compiled, since that step takes long."""
-
-    announced = False
-
-    def on_start(self, event: Any) -> None:
-        if self.announced or not isinstance(event.data["dispatcher"], _Kernel):
-            return
-        self.announced = True
-        folder, reason = cache_folder(), version_mismatch()
-        # A warning, so that it appears without logging configuration and at level WARNING.
-        LOGGER.warning(
-            "vibgym: %scompiling kernels on first use, 10 to 40 s per kind of scene (%s); python -m vibgym warm compiles all",
-            f"{reason}: " if reason else "", "not kept" if folder is None else f"kept in {folder}",
-        )  # fmt: skip
-
-    def on_end(self, event: Any) -> None:
-        pass
-
-
-event.register("numba:compile", _Announcer())
+@functools.cache
+def _announce() -> None:
+    """Warn on stderr, once per process, that kernels are compiled, since that step takes long."""
+    folder, reason = cache_folder(), version_mismatch()
+    # A warning, so that it appears without logging configuration and at level WARNING.
+    LOGGER.warning(
+        "vibgym: %scompiling kernels on first use, 10 to 40 s per kind of scene (%s); python -m vibgym warm compiles all",
+        f"{reason}: " if reason else "", "not kept" if folder is None else f"kept in {folder}",
+    )  # fmt: skip
 
 
 # A process that forks waits until no other thread compiles. Otherwise the child would inherit numba's and llvmlite's locks in

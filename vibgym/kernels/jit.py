@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from vibgym.kernels.interfaces import INTERPRETED, MODE, PUBLIC
+from vibgym.kernels.interfaces import INTERPRETED, MODE, PRIVATE, PUBLIC
 
 if MODE == INTERPRETED:
     from vibgym.kernels.interpreted import cache_folder, call_foreign, collect, foreign, kernel
@@ -18,7 +18,12 @@ else:
         from vibgym.kernels.public import cache_folder, collect, kernel
     else:
         from vibgym.kernels.cache import collect
-        from vibgym.kernels.compiler import cache_folder, kernel
+        from vibgym.kernels.compiler import cache_folder, kernel, prefetch
+
+if MODE != PRIVATE:
+
+    def prefetch(function: Any, *arguments: Any) -> None:
+        """Do nothing: in this mode a kernel is compiled when it is called."""
 
 
 def jit(function: Any) -> Any:
@@ -49,6 +54,19 @@ def exact_inlined(function: Any) -> Any:
     return kernel(function, _nrt=False, fastmath=False, forceinline=True)
 
 
+def unit(function: Any) -> Any:
+    """Compile as :func:`borrowing`, by itself: kernels that call it share its machine code, and another process compiles it.
+
+    It returns nothing, and is not called from Python. For large kernels that several others call, or that one calls rarely.
+    """
+    return kernel(function, unit=True, _nrt=False)
+
+
+def exact_unit(function: Any) -> Any:
+    """Compile as :func:`exact`, by itself, see :func:`unit`."""
+    return kernel(function, unit=True, _nrt=False, fastmath=False)
+
+
 __all__ = [
     "borrowing",
     "cache_folder",
@@ -56,7 +74,10 @@ __all__ = [
     "collect",
     "exact",
     "exact_inlined",
+    "exact_unit",
     "foreign",
     "inlined",
     "jit",
+    "prefetch",
+    "unit",
 ]

@@ -13,10 +13,13 @@ back from its bitcode before it is optimised for the processor, so shipped and c
 from __future__ import annotations
 
 import functools
+import hashlib
 from typing import Any
 
 from llvmlite import binding as llvm
 from numba.core import codegen
+
+from vibgym.kernels.helpers import is_helper, kernel_of
 
 
 class _PortableCodegen(codegen.JITCPUCodegen):
@@ -50,16 +53,50 @@ class UnlinkedLibrary(codegen.JITCodeLibrary):
         self._finalized = True
 
 
+class Unit:
+    """A kernel that other kernels call by its symbol; its machine code is a library of its own.
+
+    Args:
+        module, name: where the kernel is defined.
+        arguments: types of its arguments.
+    """
+
+    def __init__(self, module: str, name: str, arguments: tuple[Any, ...]) -> None:
+        self.job = module, name, arguments
+        digest = hashlib.sha256(repr(self.job).encode()).hexdigest()[:20]
+        self.symbol = f"vibgym.{name}.{digest}"
+
+    def provide(self) -> None:
+        """Define the symbol, for code that is loaded after this."""
+        if is_helper():  # does not run what it compiles
+            llvm.add_symbol(self.symbol, 1)
+        else:
+            kernel_of(self.job).compile(self.job[2])
+
+
+def is_unit(descriptor: Any) -> bool:
+    """Return whether a function descriptor of numba is that of a unit."""
+    return descriptor.mangled_name.startswith("vibgym.")
+
+
+class UnitLibrary(UnlinkedLibrary):
+    """Placeholder for a unit in the list of libraries that a kernel calls."""
+
+    unit: Unit
+
+
 class LinkedLibrary(codegen.JITCodeLibrary):
-    """Machine code of a kernel that Python calls, with all direct and indirect callees.
+    """Machine code of a kernel that Python calls or of a unit, with all direct and indirect callees but units.
 
     Attributes:
         bitcode: of all of it, before the optimisation for this processor.
         symbols: names that the machine code defines.
+        units: the units that it calls.
     """
 
     bitcode: bytes
     symbols: frozenset[str]
+    units: tuple[Unit, ...]
 
     def finalize(self) -> None:
         # Callers precede callees: LLVM links only symbols that are referenced when it reaches a library.
@@ -74,7 +111,8 @@ class LinkedLibrary(codegen.JITCodeLibrary):
             else:
                 todo.append((following, iter(following._linking_libraries)))
         del order[self]
-        self._linking_libraries = list(reversed(order))
+        self._linking_libraries = [each for each in reversed(order) if not isinstance(each, UnitLibrary)]
+        self.units = tuple(each.unit for each in order if isinstance(each, UnitLibrary))
         super().finalize()
 
     def _optimize_final_module(self) -> None:
@@ -86,6 +124,11 @@ class LinkedLibrary(codegen.JITCodeLibrary):
         named = (*module.functions, *module.global_variables)
         self.symbols = frozenset(each.name for each in named if not each.is_declaration)
 
+    def _finalize_final_module(self) -> None:
+        for unit in self.units:
+            unit.provide()
+        super()._finalize_final_module()
+
     def _read(self, bitcode: bytes) -> None:
         self.bitcode = bitcode
         self._final_module = llvm.parse_bitcode(bitcode)
@@ -93,7 +136,12 @@ class LinkedLibrary(codegen.JITCodeLibrary):
 
     def serialize_using_object_code(self) -> Any:
         """Return the arguments of :meth:`from_object` after the first."""
-        return self.name, self._get_compiled_object(), self.bitcode, self.symbols
+        return self.name, self._get_compiled_object(), self.bitcode, self.symbols, self.unit_jobs
+
+    @property
+    def unit_jobs(self) -> tuple[Any, ...]:
+        """The arguments of :class:`Unit` for each unit."""
+        return tuple(each.job for each in self.units)
 
     @classmethod
     def empty(cls, generator: Any, name: str) -> LinkedLibrary:
@@ -103,9 +151,10 @@ class LinkedLibrary(codegen.JITCodeLibrary):
         return made
 
     @classmethod
-    def from_bitcode(cls, generator: Any, name: str, bitcode: bytes) -> LinkedLibrary:
+    def from_bitcode(cls, generator: Any, name: str, bitcode: bytes, units: tuple[Any, ...]) -> LinkedLibrary:
         """Optimise bitcode for this processor and generate machine code."""
         made: Any = cls.empty(generator, name)
+        made.units = tuple(Unit(*each) for each in units)
         made._read(bitcode)
         made._optimize_final_module()
         made._final_module.verify()
@@ -114,11 +163,11 @@ class LinkedLibrary(codegen.JITCodeLibrary):
 
     @classmethod
     def from_object(
-        cls, generator: Any, name: str, code: bytes, bitcode: bytes, symbols: frozenset[str]
+        cls, generator: Any, name: str, code: bytes, bitcode: bytes, symbols: frozenset[str], units: tuple[Any, ...]
     ) -> LinkedLibrary:
         """Load machine code for this processor."""
         made: Any = cls.empty(generator, name)
-        made.bitcode, made.symbols = bitcode, symbols
+        made.bitcode, made.symbols, made.units = bitcode, symbols, tuple(Unit(*each) for each in units)
         made._set_compiled_object(code)
         made._finalize_final_module()
         generator._engine._defined_symbols |= symbols

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
+from vibgym.kernels.jit import prefetch
 from vibgym.kernels.reference import Pinned
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.fast import (
@@ -23,7 +24,7 @@ from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspa
 from vibgym.scene.bodies import bodies_of
 from vibgym.scene.parts import kinds_of
 from vibgym.simulation.contact_space import check_parts, impact_properties_of, slop_of
-from vibgym.simulation.model import NO_PATHS, Setup
+from vibgym.simulation.model import NO_PATHS, NO_ROWS, Setup
 from vibgym.simulation.multibody import Multibody
 from vibgym.simulation.schemes import PlanarSchemes
 from vibgym.simulation.threads import Pool
@@ -54,6 +55,12 @@ class FastMultibody(Multibody):
             self._smallest_gap[start] = deepest[0]
 
         self._buffers.lend(work)
+
+    def prefetch(self) -> None:
+        self._buffers.lend(lambda buffers: buffers.rows(1))  # determines the types of its arrays
+        prefetch(slide_rows, NO_ROWS, 0, 0, 0, 1, NO_PATHS, 0)
+        prefetch(find_rows, 0, 0, 0, 0, 0)
+        prefetch(drive_together, 0, 0, 0, 0, 0, 0, self.counts)
 
 
 class FastBuffers:

@@ -133,6 +133,8 @@ class Simulator:
         self._pinned = Pinned(STATE, self._state)
         self._drive: Pinned[Drive] | None = None  # the last one
         self._varied = False  # whether conditions may differ from the defaults
+        Pinned(DRIVE, polar_drive(np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), 1.0))  # determines the types of its arrays
+        self._model.prefetch()
         self._periods = 0
         self._counted = 0  # periods since the last reset; snapshots leave it alone
 

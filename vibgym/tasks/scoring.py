@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from vibgym import checks
+from vibgym.kernels.jit import prefetch
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.core.records import STATE, State
 from vibgym.tasks.assignment import EXCHANGE, exchange_goals
@@ -64,6 +65,7 @@ class Scoring:
         self.changed = self.episode.arrived
         self._context = self.context(self.relations)
         self._everyone = np.arange(worlds)
+        prefetch(score_worlds, 0, 0, True, self._everyone)
 
     def context(self, relations: Relations) -> Pinned[Context]:
         """Return the kernels' arguments for such relations, with scratch memory for one thread."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing, exact, exact_inlined
+from vibgym.kernels.jit import borrowing, exact, exact_inlined, exact_unit, unit
 from vibgym.kernels.vector import (
     LANES,
     WIDTH,
@@ -280,7 +280,7 @@ def cut_lanes(scene, g, first, cutting):
     return bits(mask & pressure_moments(scene, g, first, x, y, smallest, box, mask))
 
 
-@exact
+@exact_unit
 def cut_group(scene, g, left, pushed):
     """Cut a group's stale parts at their poses after half of ``left`` s.
 
@@ -315,7 +315,7 @@ def cut_stale(scene, left, pushed):
         cut_group(scene, g, left, pushed)
 
 
-@borrowing
+@unit
 def step_by_points(scene, step, slot):
     """Take a step of one part by contact points."""
     state, workspace = scene.state, scene.workspace

@@ -1,0 +1,259 @@
+"""Processes that compile kernels while this one compiles others, into the same cache.
+
+A job is a kernel with types of arguments. :func:`submit` announces one that this process will need: kernels that a new scene
+calls (:func:`vibgym.kernels.jit.prefetch`), and units that a kernel under compilation calls. A helper process takes the first
+waiting job, compiles it and stores it in the cache; it reports units that the job calls, which become jobs themselves. A kernel
+that is called here before a helper has taken its job is compiled here. While a helper compiles it, this process works on
+other jobs.
+
+Helpers need the cache. There are as many as further processors, at most ``LIMIT``; none in processes that ``multiprocessing``
+has started, where others compile at the same time. They end with this process, or when it is killed. A job whose helper fails
+or dies is done here. ``VIBGYM_HELPERS=0`` disables them, another number sets the limit.
+"""
+
+from __future__ import annotations
+
+import atexit
+import bisect
+import contextlib
+import importlib
+import multiprocessing
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from numba.core.serialize import dumps
+
+Job = tuple[str, str, tuple[Any, ...]]
+"""Module and name of a kernel, and types of its arguments."""
+
+LIMIT = int(os.environ.get("VIBGYM_HELPERS") or 3)
+PATIENCE = 120.0
+"""s after which a job that a helper compiles is done here."""
+
+WAITING, RUNNING, DONE, HERE = "waiting", "running", "done", "here"
+
+_START = "import sys; sys.path[:] = {path!r}; from vibgym.kernels.helpers import serve; serve()"
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Helpers:
+    """The helper processes of this process, and the state of all jobs."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self._change = threading.Condition()
+        self._state: dict[Job, str] = {}
+        self._queue: list[tuple[int, Job, bytes]] = []  # smallest first
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self._idle = 0
+
+    def submit(self, job: Job, size: int, pickled: bytes) -> None:
+        """Add a job that is not known yet, and start a helper for it unless one is idle."""
+        with self._change:
+            if not self.limit or job in self._state:
+                return
+            self._state[job] = WAITING
+            bisect.insort(self._queue, (size, job, pickled), key=lambda each: each[0])
+            self._change.notify_all()
+            if len(self._queue) <= self._idle or len(self._processes) >= self.limit:
+                return
+            try:
+                process = _process()
+            except OSError:
+                self.limit = 0
+                return
+            self._processes.append(process)
+            self._idle += 1
+        threading.Thread(target=self._feed, args=(process,), daemon=True).start()
+
+    def waiting(self) -> list[Job]:
+        """Return the jobs that are not done."""
+        with self._change:
+            return [job for job, state in self._state.items() if state in (WAITING, RUNNING)]
+
+    def claim(self, job: Job, compile_here: Callable[[Job], None]) -> None:
+        """Return when this process should compile a job, or load it from the cache; do others while a helper compiles it."""
+        until = time.monotonic() + PATIENCE
+        while True:
+            with self._change:
+                state = self._state.get(job)
+                if state == RUNNING and not self._queue and time.monotonic() < until:
+                    self._change.wait(1.0)
+                    continue
+                if state != RUNNING or time.monotonic() >= until:
+                    if state != DONE:
+                        self._take(job)
+                    return
+                _, other, _ = self._queue.pop(0)
+                self._state[other] = HERE
+            compile_here(other)
+
+    def _take(self, job: Job) -> None:
+        self._state[job] = HERE
+        self._queue = [each for each in self._queue if each[1] != job]
+
+    def _feed(self, process: Any) -> None:
+        """Give jobs to a helper, the largest one first, as long as it lives."""
+        job = None
+        try:
+            _read(process.stdout)  # it has started
+            while True:
+                with self._change:
+                    while not self._queue:
+                        self._change.wait()
+                    _, job, pickled = self._queue.pop()
+                    self._state[job] = RUNNING
+                    self._idle -= 1
+                _write(process.stdin, pickled)
+                while (answer := _read(process.stdout)) is not None:
+                    self.submit(*pickle.loads(answer)[:2], answer)
+                with self._change:
+                    self._state[job] = DONE
+                    self._idle += 1
+                    job = None
+                    self._change.notify_all()
+        except (OSError, EOFError, ValueError):  # the helper is gone
+            with self._change:
+                if process in self._processes:
+                    self._processes.remove(process)
+                if job is not None:
+                    self._state.pop(job, None)
+                self.limit = 0 if not self._processes else self.limit
+                self._change.notify_all()
+
+    def stop(self) -> None:
+        """End all helpers."""
+        with self._change:
+            self.limit = 0
+            for process in self._processes:
+                process.kill()
+
+    def forget(self) -> None:
+        """After a fork: leave the helpers to the parent, which the child's copies of the pipes must not keep alive."""
+        for process in self._processes:
+            process.returncode = 0  # unknown here, and no reason to warn
+            for pipe in (process.stdin, process.stdout):
+                pipe.raw.close()  # type: ignore[union-attr]  # the pipe's own lock may be held by a thread of the parent
+
+
+def _process() -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-c", _START.format(path=sys.path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def _write(pipe: Any, content: bytes) -> None:
+    pipe.write(len(content).to_bytes(8, "little") + content)
+    pipe.flush()
+
+
+def _read(pipe: Any) -> bytes | None:
+    """Return what the other side has written; None if it was empty.
+
+    Raises:
+        EOFError: the other side is gone.
+    """
+    length = pipe.read(8)
+    if len(length) < 8:
+        raise EOFError
+    return pipe.read(int.from_bytes(length, "little")) or None
+
+
+# -- in this process -----------------------------------------------------------------------------------------------------
+
+
+def _new() -> Helpers:
+    allowed = multiprocessing.parent_process() is None and sys.executable
+    return Helpers(min(LIMIT, _processors() - 1) if allowed else 0)
+
+
+_helpers = _new()
+
+
+def _renew() -> None:
+    global _helpers
+    _helpers.forget()
+    _helpers = Helpers(0)
+
+
+atexit.register(lambda: _helpers.stop())
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_renew)
+
+_parent: Any = None
+"""In a helper: the pipe to the process it works for."""
+
+
+def is_helper() -> bool:
+    """Return whether this process is a helper."""
+    return _parent is not None
+
+
+def submit(job: Job, size: int, layouts: list[Any]) -> None:
+    """Announce a kernel that will be needed and is not in the cache.
+
+    Args:
+        job: the kernel.
+        size: of its code; helpers begin with the largest.
+        layouts: layouts of pinned records with their types, which types of arguments do not contain.
+    """
+    if job[0] == "__main__":  # a helper cannot import it
+        return
+    pickled = dumps((job, size, layouts))
+    if _parent is not None:
+        _write(_parent, pickled)
+    else:
+        _helpers.submit(job, size, pickled)
+
+
+def waiting() -> list[Job]:
+    """Return the announced jobs that are not done."""
+    return _helpers.waiting()
+
+
+def processes() -> int:
+    """Return how many processes compile at the same time."""
+    return 1 + _helpers.limit
+
+
+def claim(job: Job, compile_here: Callable[[Job], None]) -> None:
+    """Return when this process should load or compile a kernel; meanwhile compile others."""
+    if _parent is None:
+        _helpers.claim(job, compile_here)
+
+
+# -- in a helper ---------------------------------------------------------------------------------------------------------
+
+
+def kernel_of(job: Job) -> Any:
+    """Return the kernel of a job."""
+    return getattr(importlib.import_module(job[0]), job[1])
+
+
+def serve() -> None:
+    """Compile jobs from standard input until it ends."""
+    global _parent
+    jobs, _parent = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what imported modules print
+    _write(_parent, b"")
+    with contextlib.suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
+        while (pickled := _read(jobs)) is not None:
+            with contextlib.suppress(Exception):  # the other process compiles it, and raises the error
+                job, _, layouts = pickle.loads(pickled)
+                for module, name, record in layouts:
+                    layout = getattr(importlib.import_module(module), name)
+                    layout.record = layout.record or record
+                kernel_of(job).compile(job[2])
+            _write(_parent, b"")
