@@ -33,6 +33,10 @@ config: Any = numba_config
 LOGGER = logging.getLogger("vibgym")
 
 
+PACE = 0.084
+"""Time to compile a byte of Python code, over that of the loop in :func:`_announce`."""
+
+
 class _TypingContext:
     """A typing context that caches the types of operators: numba resolves each of them several times."""
 
@@ -58,7 +62,7 @@ class _TypingContext:
 
 
 class _KernelCompiler(compiler.Compiler):
-    """Pipeline for a kernel that Python calls."""
+    """Pipeline for a kernel."""
 
     new_library: Any = LinkedLibrary.empty
 
@@ -68,6 +72,14 @@ class _KernelCompiler(compiler.Compiler):
         state.typingctx = _TypingContext(state.typingctx)
         state.library = self.new_library(state.targetctx.codegen(), state.func_id.func_qualname)
         return [Passes.of(each, allocating=bool(state.flags.nrt)) for each in super().define_pipelines()]
+
+
+class _EntryCompiler(_KernelCompiler):
+    """Pipeline for a kernel that Python calls and whose file, in the wheel or the cache, is missing or damaged."""
+
+    def define_pipelines(self) -> Any:
+        _announce()
+        return super().define_pipelines()
 
 
 class _CalleeCompiler(_KernelCompiler):
@@ -156,9 +168,9 @@ class _Kernel(CPUDispatcher):
     def compile(self, sig: Any) -> Any:
         arguments = tuple(sig)
         if arguments not in self.overloads and not self._cached(arguments):
+            if not self._cache.ships(arguments):
+                _announce(self)
             helpers.claim(self._job(arguments), _compile_job)
-            if not self._cached(arguments) and not self._cache.ships(arguments):
-                _announce()
         collecting = gc.isenabled()
         gc.disable()  # it would traverse all of numba's objects again and again
         try:
@@ -242,7 +254,7 @@ def kernel(function: Any, unit: bool = False, **more: Any) -> Any:
     made = (
         _UnitKernel(py_func=function, targetoptions=settings, pipeline_class=_UnitCompiler)
         if unit
-        else _Kernel(py_func=function, targetoptions=settings, pipeline_class=_KernelCompiler)
+        else _Kernel(py_func=function, targetoptions=settings, pipeline_class=_EntryCompiler)
     )
     made.imported = time.time()
     return made
@@ -256,14 +268,25 @@ def cache_folder() -> str | None:
     return None if folder is None else config.CACHE_DIR or folder
 
 
-@functools.cache
-def _announce() -> None:
-    """Warn on stderr, once per process, that kernels are compiled, since that step takes long."""
+_announced = False
+
+
+def _announce(*functions: _Kernel) -> None:
+    """Warn on stderr, once per process, that kernels are compiled, and how long these and announced ones are expected to take."""
+    global _announced
+    if _announced or helpers.is_helper():
+        return
+    _announced = True
     folder, reason = cache_folder(), version_mismatch()
+    wanted = {*functions, *map(helpers.kernel_of, helpers.waiting())}
+    units = {each for one in wanted for each in _called(one) if isinstance(each, _UnitKernel)}
+    began = time.perf_counter()
+    sum(len(str(number)) for number in range(20_000))
+    seconds = PACE * _size(*wanted, *units) * (time.perf_counter() - began) / helpers.speedup()
     # A warning, so that it appears without logging configuration and at level WARNING.
     LOGGER.warning(
-        "vibgym: %scompiling kernels on first use, 10 to 40 s per kind of scene (%s); python -m vibgym warm compiles all",
-        f"{reason}: " if reason else "", "not kept" if folder is None else f"kept in {folder}",
+        "vibgym: %scompiling kernels on first use, about %.0f s (%s); python -m vibgym warm compiles all",
+        f"{reason}: " if reason else "", max(seconds, 1.0), "not kept" if folder is None else f"kept in {folder}",
     )  # fmt: skip
 
 
