@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import borrowing, unit
 from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import IN_TOUCH, circle_gap, pair_capacity, paths_cross
@@ -182,7 +182,7 @@ def scheme_of(fixed, part, parts):
     return Scheme(steps, substeps, base.pieces, base.cosine, base.sine)
 
 
-@borrowing
+@unit
 def run_island(islands, root, fixed, drive, state, world, pairs, paths):
     """Advance an island by a period.
 

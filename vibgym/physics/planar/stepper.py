@@ -378,7 +378,7 @@ def slide_group(scene, g, step):
     return bits(here & logical_not(by_series))
 
 
-@borrowing
+@unit
 def apply_friction(scene, step):
     """Move all parts by friction alone for a step."""
     for g in range(scene.groups):
