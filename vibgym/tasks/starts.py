@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.kernels.jit import jit
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.contacts.hulls import hull_gap, part_gap, place_hulls, wall_gap
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
@@ -76,7 +76,7 @@ class Room(NamedTuple):
     clear: float  # m, smallest distance between scattered parts
 
 
-@jit
+@borrowing
 def is_clear(hulls, placed, pose, order, count, clear):
     """Return whether the part ``order[count]`` is at least ``clear`` from those before it; all are placed."""
     part = order[count]
@@ -89,13 +89,14 @@ def is_clear(hulls, placed, pose, order, count, clear):
     return True
 
 
-@jit
-def scatter(hulls, room, order, count, numbers, placed, pose):
+@borrowing
+def scatter(hulls, room, order, count, numbers, placed, cells, pose):
     """Place the parts ``order[:count]`` at random, each wholly on the surface and clear of the others.
 
     Args:
         numbers: (parts, TRIES, 3) uniform.
         placed: scratch, as ``hulls.corner``.
+        cells: scratch, (cells of the room,) int64.
         pose: (parts, 3), overwritten for these parts.
     """
     for k in range(count):
@@ -110,14 +111,15 @@ def scatter(hulls, room, order, count, numbers, placed, pose):
                 found = True
                 break
         if not found:
-            spread(room, order, count, numbers, pose)
+            spread(room, order, count, numbers, cells, pose)
             return
 
 
-@jit
-def spread(room, order, count, numbers, pose):
+@borrowing
+def spread(room, order, count, numbers, cells, pose):
     """Place the parts in random cells of the lattice, with random headings."""
-    cells = np.arange(room.cells.shape[0])
+    for k in range(cells.shape[0]):
+        cells[k] = k
     for k in range(count):
         part = order[k]
         other = min(k + int(numbers[part, 0, 0] * (cells.shape[0] - k)), cells.shape[0] - 1)
@@ -126,7 +128,7 @@ def spread(room, order, count, numbers, pose):
         pose[part, 2] = math.pi * (2.0 * numbers[part, 0, 2] - 1.0)
 
 
-@jit
+@borrowing
 def slide(hulls, placed, pose, order, count, ux, uy, length):
     """Move the part ``order[count]`` along ``(ux, uy)`` until it touches one of those before it, ``length`` m at most.
 
@@ -157,7 +159,7 @@ def slide(hulls, placed, pose, order, count, ux, uy, length):
     return False
 
 
-@jit
+@borrowing
 def is_on_surface(hulls, placed, part, room):
     """Return whether a placed part lies wholly on the surface."""
     for wall in range(4):
@@ -166,7 +168,7 @@ def is_on_surface(hulls, placed, part, room):
     return True
 
 
-@jit
+@borrowing
 def heap(hulls, room, order, count, numbers, placed, pose):
     """Place the parts ``order[:count]`` in one heap: each moves towards the first from afar and stops where it touches.
 
@@ -201,7 +203,7 @@ def heap(hulls, room, order, count, numbers, placed, pose):
             return
 
 
-@jit
+@borrowing
 def push_together(hulls, room, order, count, numbers, placed, pose):
     """Place the parts in the first cells of the lattice and push each to the left, and at the border down, until it touches.
 
@@ -215,23 +217,29 @@ def push_together(hulls, room, order, count, numbers, placed, pose):
             slide(hulls, placed, pose, order, k, 0.0, -1.0, room.cells[k, 1] - room.cells[0, 1])
 
 
-@jit
-def draw_starts(hulls, room, heaped, order, count, tries, pose):
-    """Draw the poses of the present parts of n worlds.
+@borrowing
+def heap_starts(hulls, room, order, count, tries, placed, pose):
+    """Draw the poses of the present parts of n worlds, each in one heap.
 
     Args:
-        heaped: whether parts start in one heap; otherwise they are scattered.
         order: (n, parts) int64, the present parts first, in the order in which they are placed.
         count: (n,) number of present parts.
         tries: (n, parts, TRIES, numbers of a try) uniform.
+        placed: scratch, as ``hulls.corner``.
         pose: (n, parts, 3), overwritten for present parts.
     """
-    placed = np.empty_like(hulls.corner)
     for world in range(pose.shape[0]):
-        if heaped:
-            heap(hulls, room, order[world], count[world], tries[world], placed, pose[world])
-        else:
-            scatter(hulls, room, order[world], count[world], tries[world], placed, pose[world])
+        heap(hulls, room, order[world], count[world], tries[world], placed, pose[world])
+
+
+@borrowing
+def scatter_starts(hulls, room, order, count, tries, placed, cells, pose):
+    """Draw the poses of the present parts of n worlds, scattered.
+
+    Args: as for :func:`heap_starts`, and cells: scratch, (cells of the room,) int64.
+    """
+    for world in range(pose.shape[0]):
+        scatter(hulls, room, order[world], count[world], tries[world], placed, cells, pose[world])
 
 
 class Starts:
@@ -302,7 +310,11 @@ class Starts:
             return np.where(present[..., None], drawn, pose), present
         order = np.where(present, uniform[:, 1 : 1 + parts], 1.0).argsort(axis=1, kind="stable")
         tries = np.ascontiguousarray(uniform[:, 1 + parts :]).reshape(worlds, parts, TRIES, -1)
-        draw_starts(self._hulls, self._room, self.heaped, order, present.sum(axis=1), tries, pose)
+        drawn = self._hulls, self._room, order, present.sum(axis=1), tries, np.empty_like(self._hulls.corner)
+        if self.heaped:
+            heap_starts(*drawn, pose)
+        else:
+            scatter_starts(*drawn, np.empty(len(self._room.cells), dtype=np.int64), pose)
         return pose, present
 
     def draw_present(self, uniform: np.ndarray) -> np.ndarray:
