@@ -223,6 +223,12 @@ def waiting() -> list[Job]:
     return _helpers.waiting()
 
 
+def use_all_processors() -> None:
+    """Remove the limit on helpers but the number of processors, unless ``VIBGYM_HELPERS`` sets one."""
+    if "VIBGYM_HELPERS" not in os.environ and _helpers.limit:
+        _helpers.limit = _processors() - 1
+
+
 def speedup() -> float:
     """Return how many times as fast as alone this process and its helpers are expected to compile."""
     return 1.0 + 0.6 * _helpers.limit

@@ -19,11 +19,15 @@ else:
     else:
         from vibgym.kernels.cache import collect
         from vibgym.kernels.compiler import cache_folder, kernel, prefetch
+        from vibgym.kernels.helpers import use_all_processors
 
 if MODE != PRIVATE:
 
     def prefetch(function: Any, *arguments: Any) -> None:
         """Do nothing: in this mode a kernel is compiled when it is called."""
+
+    def use_all_processors() -> None:
+        """Do nothing: in this mode no other process compiles."""
 
 
 def jit(function: Any) -> Any:
@@ -80,4 +84,5 @@ __all__ = [
     "jit",
     "prefetch",
     "unit",
+    "use_all_processors",
 ]
