@@ -66,6 +66,10 @@ class Unit:
         digest = hashlib.sha256(repr(self.job).encode()).hexdigest()[:20]
         self.symbol = f"vibgym.{name}.{digest}"
 
+    def announce(self) -> None:
+        """Have a helper process compile the unit."""
+        kernel_of(self.job).prefetch(self.job[2])
+
     def provide(self) -> None:
         """Define the symbol, for code that is loaded after this."""
         if is_helper():  # does not run what it compiles
@@ -155,6 +159,8 @@ class LinkedLibrary(codegen.JITCodeLibrary):
         """Optimise bitcode for this processor and generate machine code."""
         made: Any = cls.empty(generator, name)
         made.units = tuple(Unit(*each) for each in units)
+        for each in made.units:
+            each.announce()
         made._read(bitcode)
         made._optimize_final_module()
         made._final_module.verify()
