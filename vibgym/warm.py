@@ -148,7 +148,10 @@ def jobs() -> Iterator[tuple[str, Job]]:
 
 
 def warm(report: Callable[[str], None]) -> float:
-    """Compile everything on all processors; returns the seconds taken. ``report`` is called with scenes that took over 0.5 s."""
+    """Compile everything on all processors; returns the seconds taken.
+
+    ``report`` is called with scenes that took over 0.5 s.
+    """
     began = time.perf_counter()
     use_all_processors()
     scenes = [(name, job() if isgeneratorfunction(job) else job) for name, job in jobs()]

@@ -184,7 +184,7 @@ class Cache(caching.FunctionCache):
 
     def ships(self, arguments: Any) -> bool:
         """Return whether the wheel contains the kernel for arguments of these types."""
-        return self._current and (SHIPPED / _file_name(self._function, arguments)).exists()
+        return options.BITCODE and self._current and (SHIPPED / _file_name(self._function, arguments)).exists()
 
     @property
     def stores(self) -> bool:

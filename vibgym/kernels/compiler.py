@@ -16,11 +16,11 @@ import time
 from typing import Any
 
 from llvmlite.binding import add_symbol, ffi
-from numba.core import compiler, funcdesc, types, typing
+from numba.core import compiler, funcdesc, types
 from numba.core import config as numba_config
-from numba.core.caching import NullCache
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
+from numba.core.typing.templates import signature
 
 from vibgym.kernels import helpers, options
 from vibgym.kernels.cache import Cache, version_mismatch
@@ -103,7 +103,9 @@ class _UnitCompiler(_KernelCompiler):
         unit = Unit(function.modname, function.func_qualname, tuple(state.args))
 
         def named(name: str, kinds: Any, **more: Any) -> str:
-            return unit.symbol if name == f"{function.modname}.{function.func_qualname}" else mangler(name, kinds, **more)
+            return (
+                unit.symbol if name == f"{function.modname}.{function.func_qualname}" else mangler(name, kinds, **more)
+            )
 
         state.targetctx.mangler = named
         return super().define_pipelines()
@@ -133,16 +135,17 @@ class _UnitCallee(_Callee):
         if arguments not in self.overloads:
             unit = Unit(self.py_func.__module__, self.py_func.__qualname__, arguments)
             self.kernel.prefetch(arguments)
-            library = UnitLibrary(self.targetctx.codegen(), unit.symbol)
+            target: Any = self.targetctx
+            library = UnitLibrary(target.codegen(), unit.symbol)
             library.unit = unit
             names = tuple(inspect.signature(self.py_func).parameters)
             described = funcdesc.FunctionDescriptor(
                 True, *unit.job[:2], unit.symbol, "", None, types.none, None, names, (),
                 mangler=lambda *_, **__: unit.symbol, argtypes=arguments,
             )  # fmt: skip
-            signature = typing.signature(types.none, *arguments)
+            kinds = signature(types.none, *arguments)
             self.add_overload(
-                compiler.compile_result(signature=signature, fndesc=described, library=library, objectmode=False)
+                compiler.compile_result(signature=kinds, fndesc=described, library=library, objectmode=False)
             )
         return self.overloads[arguments].entry_point
 
@@ -193,7 +196,7 @@ class _Kernel(CPUDispatcher):
         return self.py_func.__module__, self.py_func.__qualname__, arguments
 
     def _cached(self, arguments: tuple[Any, ...]) -> bool:
-        if isinstance(self._cache, NullCache):
+        if not isinstance(self._cache, Cache):
             self.enable_caching()
         return self._cache.contains(arguments, self.targetctx)
 
@@ -272,7 +275,7 @@ _announced = False
 
 
 def _announce(*functions: _Kernel) -> None:
-    """Warn on stderr, once per process, that kernels are compiled, and how long these and announced ones are expected to take."""
+    """Warn on stderr, once per process, that kernels are compiled, and how long these and announced ones may take."""
     global _announced
     if _announced or helpers.is_helper():
         return

@@ -115,7 +115,8 @@ class Helpers:
                     self._idle -= 1
                 _write(process.stdin, pickled)
                 while (answer := _read(process.stdout)) is not None:
-                    self.submit(*pickle.loads(answer)[:2], answer)
+                    found, size, _ = pickle.loads(answer)
+                    self.submit(found, size, answer)
                 with self._change:
                     self._state[job] = DONE
                     self._idle += 1

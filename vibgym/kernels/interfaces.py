@@ -29,10 +29,12 @@ TESTED = (0, 61), (0, 68)
 """First and last version of numba whose private interfaces have been tested."""
 
 NEEDED = {
+    "numba.core.base": ("BaseContext.get_abi_sizeof", "_has_loc"),
     "numba.core.caching": (
-        "CompileResultCacheImpl.reduce", "CompileResultCacheImpl.rebuild", "FunctionCache.load_overload",
-        "FunctionCache.save_overload", "IndexDataCacheFile._dump", "IndexDataCacheFile._load_data",
-        "IndexDataCacheFile._load_index", "IndexDataCacheFile.load", "IndexDataCacheFile.save",
+        "CompileResultCacheImpl.reduce", "CompileResultCacheImpl.rebuild", "FunctionCache._index_key",
+        "FunctionCache.load_overload", "FunctionCache.save_overload", "IndexDataCacheFile._data_path",
+        "IndexDataCacheFile._dump", "IndexDataCacheFile._load_data", "IndexDataCacheFile._load_index",
+        "IndexDataCacheFile.load", "IndexDataCacheFile.save",
     ),
     "numba.core.codegen": (
         "JITCPUCodegen._get_host_cpu_features", "JITCPUCodegen._get_host_cpu_name", "JITCPUCodegen._module_pass_manager",
@@ -41,15 +43,22 @@ NEEDED = {
         "JITCodeLibrary._set_compiled_object", "JITCodeLibrary.enable_object_caching", "JITCodeLibrary.finalize",
         "JITCodeLibrary.serialize_using_object_code",
     ),
-    "numba.core.compiler": ("CompileResult._rebuild", "Compiler.define_pipelines"),
+    "numba.core.compiler": ("CompileResult._rebuild", "Compiler.define_pipelines", "compile_result"),
     "numba.core.compiler_lock": ("global_compiler_lock.acquire", "global_compiler_lock.release"),
-    "numba.core.event": ("Listener", "register"),
+    "numba.core.compiler_machinery": ("PassManager._runPass", "_pass_registry.get"),
+    "numba.core.cpu": ("CPUContext.load_additional_registries",),
+    "numba.core.funcdesc": ("FunctionDescriptor",),
+    "numba.core.ir": ("Expr.list_vars", "Stmt.list_vars"),
+    "numba.core.postproc": ("PostProcessor._insert_var_dels", "PostProcessor.run", "VariableLifetime"),
     "numba.core.registry": (
         "CPUDispatcher.add_overload", "CPUDispatcher.compile", "CPUDispatcher.enable_caching",
         "CPUDispatcher.get_call_template",
     ),
     "numba.core.serialize": ("dumps",),
-    "llvmlite.binding": ("ffi.lib._lock._lock.acquire", "get_process_triple", "parse_bitcode"),
+    "numba.core.targetconfig": ("ConfigStack.top_or_none",),
+    "numba.core.transforms": ("canonicalize_cfg",),
+    "numba.core.types.functions": ("BaseFunction.get_call_type",),
+    "llvmlite.binding": ("add_symbol", "ffi.lib._lock._lock.acquire", "get_process_triple", "parse_bitcode"),
 }  # fmt: skip
 """Private names by module."""
 

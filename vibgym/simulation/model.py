@@ -129,8 +129,8 @@ class Model(ABC):
             state: ``state.record``: arrays (worlds, ...), changed in place; ``state.address`` likewise.
         """
 
-    def prefetch(self) -> None:
-        """Announce the kernels of :meth:`advance`, see :func:`vibgym.kernels.jit.prefetch`; others are compiled on first use."""
+    def prefetch(self) -> None:  # noqa: B027
+        """Announce kernels that :meth:`advance` calls, see :func:`vibgym.kernels.jit.prefetch`."""
 
     def check_parts(self) -> None:
         """Raise ValueError for parts that the model does not cover; the default refuses parts that friction alone tips."""
