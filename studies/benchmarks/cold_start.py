@@ -4,9 +4,9 @@
     python -m studies.benchmarks.cold_start ../base              # and another checkout, in turn, on the same host
     python -m studies.benchmarks.cold_start --wheel a.whl        # an existing wheel
 
-The wheel is installed with its dependencies, in the versions of constraints.txt, into an empty environment, in which the
+The wheel is installed with the extra ``play``, in the versions of constraints.txt, into an empty environment, in which the
 checkouts run as well. Each run is a process: with an empty cache, then again with that cache; medians. "further action" is a
-second environment in the first process. Processor time depends less on the load of the host than wall time.
+second environment in the first process. Processor time is that of the process itself, without its helpers.
 """
 
 from __future__ import annotations
@@ -23,29 +23,45 @@ from pathlib import Path
 from studies.benchmarks import common
 
 ROOT = Path(__file__).resolve().parents[2]
-TARGETS = {"Rotate": 2.5, "Sort": 5.0}
-"""s, from a wheel, on a host where the checkout of ace0233 takes BEFORE."""
-BEFORE = {"Rotate": 8.0, "Sort": 14.9}
+SCENES = {
+    "one part": "step('Rotate')",
+    "several parts": "step('Sort')",
+    "a rigid part": "step('Rotate', model='tilting')",
+    "rigid parts": "step('Sort', model='tilting')",
+    "play page": "play()",
+}
+"""First steps by name, see PROBE."""
 
 PROBE = """
 import json, sys, time
+from pathlib import Path
 sys.path[:0] = sys.argv[2:]
 import gymnasium, vibgym
 
-def first_step(action):
-    env = gymnasium.make(f"vibgym/{sys.argv[1]}-v0", action=action)
+action = "element"
+
+def step(task, **settings):
+    env = gymnasium.make(f"vibgym/{task}-v0", action=action, **settings)
     env.reset(seed=0)
     env.step(env.action_space.sample())
 
-first_step("element")
-finished, spent = time.time(), time.process_time()
-first_step("field")
-print(json.dumps([finished, spent, time.time() - finished, time.process_time() - spent]))
+def play():
+    from vibgym.plugins.play.choices import Settings
+    from vibgym.plugins.play.session import Session
+    session = Session(Settings("vibgym/Align-v0"), Path("."))
+    session.step()
+    session.shown()
+
+exec(sys.argv[1])
+finished, first = time.time(), time.process_time()
+action = "field"
+exec(sys.argv[1])
+print(json.dumps([finished, first, time.time() - finished, time.process_time() - first]))
 assert vibgym.__file__.startswith(sys.argv[2] if sys.argv[2:] else sys.prefix), vibgym.__file__
 """
 
 
-def probe(python: Path, task: str, cache: str, *tree: Path) -> list[list[float]]:
+def probe(python: Path, scene: str, cache: str, *tree: Path) -> list[list[float]]:
     """Return wall and processor time, s, of the first step and of that with a further action, in a new process."""
     hidden = ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "PYTHONHOME", "VIRTUAL_ENV")
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
@@ -54,7 +70,7 @@ def probe(python: Path, task: str, cache: str, *tree: Path) -> list[list[float]]
         environment["PYTHONPYCACHEPREFIX"] = f"{python.parent}/pyc"
     began = time.time()
     done = subprocess.run(
-        [python, "-c", PROBE, task, *map(str, tree)], cwd=cache, env=environment, text=True, check=True,
+        [python, "-c", PROBE, scene, *map(str, tree)], cwd=cache, env=environment, text=True, check=True,
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     finished, spent, *further = json.loads(done.stdout)
@@ -69,7 +85,7 @@ def installed(wheel: Path | None, folder: Path) -> Path:
         (wheel,) = folder.glob("*.whl")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder / "environment"], check=True)
     python = folder / "environment" / "bin" / "python"
-    subprocess.run([*pip, "--python", python, "install", "-c", ROOT / "constraints.txt", wheel], check=True)
+    subprocess.run([*pip, "--python", python, "install", "-c", ROOT / "constraints.txt", f"{wheel}[play]"], check=True)
     return python
 
 
@@ -83,23 +99,19 @@ def main() -> None:
     trees = [(), (ROOT,), *((each.resolve(),) for each in arguments.tree)]
     with tempfile.TemporaryDirectory() as folder:
         python = installed(arguments.wheel and arguments.wheel.resolve(), Path(folder))
-        print(f"{'':24}{'empty cache':>20}{'further action':>20}{'second process':>20}   wall (processor), s")
-        for task, target in TARGETS.items():
+        print(f"{'':30}{'empty cache':>20}{'further action':>20}{'second process':>20}   wall (processor), s")
+        for scene, code in SCENES.items():
             runs: dict[tuple[Path, ...], list[list[list[float]]]] = {tree: [] for tree in trees}
             for each in range(arguments.rounds + 1):
                 for tree in trees:
                     with tempfile.TemporaryDirectory() as cache:
-                        found = [*probe(python, task, cache, *tree), probe(python, task, cache, *tree)[0]]
+                        found = [*probe(python, code, cache, *tree), probe(python, code, cache, *tree)[0]]
                     if each:  # the first compiles bytecode, as pip has for the wheel
                         runs[tree].append(found)
             for tree, found in runs.items():
                 cells = [[statistics.median(run[k][m] for run in found) for m in (0, 1)] for k in range(3)]
-                name = f"{task} {tree[0].name if tree else 'wheel'}"
-                print(f"{name:24}" + "".join(f"{f'{wall:.2f} ({spent:.2f})':>20}" for wall, spent in cells), flush=True)
-            print(
-                f"{'':24}target {target} s on a host where the checkout of ace0233 takes {BEFORE[task]} s: "
-                f"ratio {target / BEFORE[task]:.2f}"
-            )
+                name = f"{scene}, {tree[0].name if tree else 'wheel'}"
+                print(f"{name:30}" + "".join(f"{f'{wall:.2f} ({spent:.2f})':>20}" for wall, spent in cells), flush=True)
 
 
 if __name__ == "__main__":
