@@ -223,14 +223,14 @@ class _UnitKernel(_Kernel):
 
 @functools.cache
 def _called(function: _Kernel) -> frozenset[_Kernel]:
-    """Return a kernel and those that it calls, directly or indirectly, but none beyond units."""
+    """Return a kernel and those that it calls, directly or indirectly."""
     found, todo = {function}, [function]
     while todo:
         called = todo.pop().py_func
         names = map(called.__globals__.get, called.__code__.co_names)
         new = {each for each in names if isinstance(each, _Kernel)} - found
         found |= new
-        todo += [each for each in new if not isinstance(each, _UnitKernel)]
+        todo += new
     return frozenset(found)
 
 
@@ -282,10 +282,9 @@ def _announce(*functions: _Kernel) -> None:
     _announced = True
     folder, reason = cache_folder(), version_mismatch()
     wanted = {*functions, *map(helpers.kernel_of, helpers.waiting())}
-    units = {each for one in wanted for each in _called(one) if isinstance(each, _UnitKernel)}
     began = time.perf_counter()
     sum(len(str(number)) for number in range(20_000))
-    seconds = PACE * _size(*wanted, *units) * (time.perf_counter() - began) / helpers.speedup()
+    seconds = PACE * _size(*wanted) * (time.perf_counter() - began) / helpers.speedup()
     # A warning, so that it appears without logging configuration and at level WARNING.
     LOGGER.warning(
         "vibgym: %scompiling kernels on first use, about %.0f s (%s); python -m vibgym warm compiles all",
