@@ -131,7 +131,9 @@ def test_helpers_end_with_this_process(probe):
 
 
 def test_units_return_nothing(probe):
-    code = "try:\n    mine.wrong.compile((mine.wrong.typeof_pyval(values),))\nexcept TypeError as error:\n    print(error)"
+    code = (
+        "try:\n    mine.wrong.compile((mine.wrong.typeof_pyval(values),))\nexcept TypeError as error:\n    print(error)"
+    )
     (line,) = probe(code)
     assert "units return nothing" in line
 
