@@ -7,8 +7,8 @@ that is called here before a helper has taken its job is compiled here. While a 
 other jobs.
 
 Helpers need the cache. There are as many as further processors, at most ``LIMIT``; none in processes that ``multiprocessing``
-has started, where others compile at the same time. They end with this process, or when it is killed. A job whose helper fails
-or dies is done here. ``VIBGYM_HELPERS=0`` disables them, another number sets the limit.
+has started, where others compile at the same time. They end after ``IDLE`` s without work, with this process, or when it is
+killed. A job whose helper fails or dies is done here. ``VIBGYM_HELPERS=0`` disables them, another number sets the limit.
 """
 
 from __future__ import annotations
@@ -35,6 +35,9 @@ Job = tuple[str, str, tuple[Any, ...]]
 LIMIT = int(os.environ.get("VIBGYM_HELPERS") or 3)
 PATIENCE = 120.0
 """s after which a job that a helper compiles is done here."""
+
+IDLE = 30.0
+"""s without a job after which a helper ends."""
 
 WAITING, RUNNING, DONE, HERE = "waiting", "running", "done", "here"
 
@@ -109,10 +112,18 @@ class Helpers:
             while True:
                 with self._change:
                     while not self._queue:
-                        self._change.wait()
-                    _, job, pickled = self._queue.pop()
-                    self._state[job] = RUNNING
-                    self._idle -= 1
+                        if not self._change.wait(IDLE) and not self._queue:
+                            self._processes.remove(process)
+                            self._idle -= 1
+                            break
+                    else:
+                        _, job, pickled = self._queue.pop()
+                        self._state[job] = RUNNING
+                        self._idle -= 1
+                if job is None:
+                    process.stdin.close()
+                    process.wait()
+                    return
                 _write(process.stdin, pickled)
                 while (answer := _read(process.stdout)) is not None:
                     found, size, _ = pickle.loads(answer)
@@ -126,8 +137,10 @@ class Helpers:
             with self._change:
                 if process in self._processes:
                     self._processes.remove(process)
-                if job is not None:
-                    self._state.pop(job, None)
+                if job is None:
+                    self._idle -= 1
+                else:
+                    self._state.pop(job)
                 self.limit = 0 if not self._processes else self.limit
                 self._change.notify_all()
 
@@ -152,6 +165,7 @@ def _process() -> subprocess.Popen[bytes]:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
+        creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
     )
 
 
@@ -176,7 +190,9 @@ def _read(pipe: Any) -> bytes | None:
 
 
 def _new() -> Helpers:
-    allowed = multiprocessing.parent_process() is None and sys.executable
+    # A program that embeds Python names itself as the executable.
+    python = "python" in os.path.basename(sys.executable or "").lower()
+    allowed = python and multiprocessing.parent_process() is None
     return Helpers(min(LIMIT, _processors() - 1) if allowed else 0)
 
 
