@@ -247,8 +247,9 @@ def use_all_processors() -> None:
 
 
 def speedup() -> float:
-    """Return how many times as fast as alone this process and its helpers are expected to compile."""
-    return 1.0 + 0.6 * _helpers.limit
+    """Return how many times as fast as alone on an idle host this process and its helpers are expected to compile."""
+    load = os.getloadavg()[0] / _processors() if hasattr(os, "getloadavg") else 0.0
+    return (1.0 + 0.6 * _helpers.limit) / max(1.0, load)
 
 
 def claim(job: Job, compile_here: Callable[[Job], None]) -> None:
