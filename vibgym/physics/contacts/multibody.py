@@ -199,8 +199,9 @@ def run_waiting_islands(world, w, fixed, drive, state, broad, paths):
     islands, kept, any_run = broad.islands, broad.kept, False
     gather_islands(islands)
     for root in range(state.pose.shape[1]):
-        if islands.waiting[root]:
-            islands.waiting[root], any_run = False, True
+        waiting, islands.waiting[root] = islands.waiting[root], False
+        if waiting and islands.first[root] >= 0:  # islands that were merged into another have no members
+            any_run = True
             part = islands.first[root]
             while part >= 0:
                 copy_part(kept, w, state, world, part)
