@@ -2,7 +2,7 @@
 
 numba's compiler is Python code. For our kernels a third of its time is repeated work: which variables a statement uses, which
 implementation an operator has for given types, the lifetimes of variables after every pass although only the last one needs
-them. The forms here return the same results, so the LLVM code is the same (``tests/kernels/test_faster.py``).
+them. The forms here return the same results, so the LLVM code is the same (``tests/kernels/test_helpers.py``).
 """
 
 from __future__ import annotations
