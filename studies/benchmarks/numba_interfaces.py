@@ -57,7 +57,8 @@ else:
 
 def environment(mode: str, cache: str) -> dict[str, str]:
     """Return the environment variables of a process."""
-    return {**os.environ, "VIBGYM_PLAIN_NUMBA": MODES[mode], "NUMBA_CACHE_DIR": cache, "VIBGYM_THREADS": "1"}
+    settings = {"VIBGYM_PLAIN_NUMBA": MODES[mode], "NUMBA_CACHE_DIR": cache, "VIBGYM_THREADS": "1", "VIBGYM_HELPERS": "0"}
+    return {**os.environ, **settings}
 
 
 def first_step(task: str, mode: str, cache: str) -> float:
