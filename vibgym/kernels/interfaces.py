@@ -99,7 +99,7 @@ MODE, REASON = decide()
 
 if MODE == PUBLIC:
     logging.getLogger("vibgym").warning(
-        "vibgym: %s: kernels are compiled by numba's public interface, which takes two to three times as long, once",
+        "vibgym: %s: kernels are compiled by numba's public interface, which takes four to five times as long, once",
         REASON,
     )
 elif MODE == INTERPRETED:
