@@ -57,7 +57,12 @@ else:
 
 def environment(mode: str, cache: str) -> dict[str, str]:
     """Return the environment variables of a process."""
-    settings = {"VIBGYM_PLAIN_NUMBA": MODES[mode], "NUMBA_CACHE_DIR": cache, "VIBGYM_THREADS": "1", "VIBGYM_HELPERS": "0"}
+    settings = {
+        "VIBGYM_PLAIN_NUMBA": MODES[mode],
+        "NUMBA_CACHE_DIR": cache,
+        "VIBGYM_THREADS": "1",
+        "VIBGYM_HELPERS": "0",
+    }
     return {**os.environ, **settings}
 
 

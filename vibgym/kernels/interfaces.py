@@ -3,7 +3,7 @@
 ====================  ================================================================================================
 ``PRIVATE``           by :mod:`vibgym.kernels.compiler`, which needs numba's private interfaces: fastest compilation, kernels in
                       wheels
-``PUBLIC``            by ``numba.njit`` (:mod:`vibgym.kernels.public`): as fast once compiled, but compilation takes longer
+``PUBLIC``            by ``numba.njit`` (:mod:`vibgym.kernels.public`): steps 4 % slower, four to five times the time to compile
 ``INTERPRETED``       not compiled (:mod:`vibgym.kernels.interpreted`): slow, for a debugger; ``NUMBA_DISABLE_JIT=1``
 ====================  ================================================================================================
 

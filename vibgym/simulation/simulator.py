@@ -132,7 +132,6 @@ class Simulator:
         self._state.pose[...] = overlaps.apart(surface, self.parts)
         self._pinned = Pinned(STATE, self._state)
         self._drive: Pinned[Drive] | None = None  # the last one
-        self._varied = False  # whether conditions may differ from the defaults
         Pinned(DRIVE, polar_drive(np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), 1.0))  # determines the types of its arrays
         self._model.prefetch()
         self._periods = 0
@@ -170,9 +169,8 @@ class Simulator:
         for flag in (state.sticking, state.doubtful, state.diverged):
             flag[worlds] = False
         state.pushed[worlds], state.fallen[worlds] = 0.0, fallen
-        if self._varied:
-            for name, usual in CONDITIONS.items():
-                getattr(state, name)[worlds] = usual
+        for name, usual in CONDITIONS.items():
+            getattr(state, name)[worlds] = usual
         self._model.begin(worlds)
 
     def __getattr__(self, name: str) -> Any:
@@ -249,7 +247,6 @@ class Simulator:
 
     def condition(self, worlds: Any, conditions: Mapping[str, np.ndarray]) -> None:
         """Set some conditions of worlds (index or mask), by name, to checked values."""
-        self._varied = self._varied or bool(conditions)
         for name, values in conditions.items():
             getattr(self._state, name)[worlds] = values
 
@@ -440,7 +437,6 @@ class Simulator:
             self.allocate_patches()
         put_back(self._state._asdict(), values)
         put_back(own, more)
-        self._varied = True
         self._periods = periods
 
 
