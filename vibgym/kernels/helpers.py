@@ -29,6 +29,8 @@ from typing import Any
 
 from numba.core.serialize import dumps
 
+from vibgym.kernels.options import processors
+
 Job = tuple[str, str, tuple[Any, ...]]
 """Module and name of a kernel, and types of its arguments."""
 
@@ -42,10 +44,6 @@ IDLE = 30.0
 WAITING, RUNNING, DONE, HERE = "waiting", "running", "done", "here"
 
 _START = "import sys; sys.path[:] = {path!r}; from vibgym.kernels.helpers import serve; serve()"
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Helpers:
@@ -193,7 +191,7 @@ def _new() -> Helpers:
     # A program that embeds Python names itself as the executable.
     python = "python" in os.path.basename(sys.executable or "").lower()
     allowed = python and multiprocessing.parent_process() is None
-    return Helpers(min(LIMIT, _processors() - 1) if allowed else 0)
+    return Helpers(min(LIMIT, processors() - 1) if allowed else 0)
 
 
 _helpers = _new()
@@ -243,12 +241,12 @@ def waiting() -> list[Job]:
 def use_all_processors() -> None:
     """Remove the limit on helpers but the number of processors, unless ``VIBGYM_HELPERS`` sets one."""
     if "VIBGYM_HELPERS" not in os.environ and _helpers.limit:
-        _helpers.limit = _processors() - 1
+        _helpers.limit = processors() - 1
 
 
 def speedup() -> float:
     """Return how many times as fast as alone on an idle host this process and its helpers are expected to compile."""
-    load = os.getloadavg()[0] / _processors() if hasattr(os, "getloadavg") else 0.0
+    load = os.getloadavg()[0] / processors() if hasattr(os, "getloadavg") else 0.0
     return (1.0 + 0.6 * _helpers.limit) / max(1.0, load)
 
 

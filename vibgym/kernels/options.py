@@ -24,6 +24,11 @@ BITCODE = os.environ.get("VIBGYM_BITCODE", "1") != "0"
 OPTIONS: Any = {"error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz", "afn"}, "nogil": True}
 
 
+def processors() -> int:
+    """Return the processors available to this process."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 @functools.cache
 def warn_about_cache(reason: str) -> None:
     """Warn that compiled kernels are not cached, once for each reason."""
