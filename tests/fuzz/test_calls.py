@@ -10,7 +10,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -241,14 +240,6 @@ def test_every_argument_with_extreme_values():
                 function(**{**base, argument: value})
             except ValueError as error:
                 refused(error, *((*base, "paths") if "value" not in base else ()))
-
-
-@pytest.fixture(autouse=True, scope="module")
-def none_outlives_the_tests():
-    """pymunk's spaces cannot be freed once Python takes itself apart."""
-    yield
-    live.cache_clear()
-    beginning.cache_clear()
 
 
 MACHINE = {

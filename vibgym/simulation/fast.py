@@ -23,7 +23,7 @@ from vibgym.physics.planar.friction import slide_rows
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.bodies import bodies_of
 from vibgym.scene.parts import kinds_of
-from vibgym.simulation.contact_space import check_parts, impact_properties_of, slop_of
+from vibgym.simulation.contact_parts import check_parts, impact_properties_of, slop_of
 from vibgym.simulation.model import NO_PATHS, NO_ROWS, Setup
 from vibgym.simulation.multibody import Multibody
 from vibgym.simulation.schemes import PlanarSchemes

@@ -131,11 +131,11 @@ def planar(
     if contacts == FAST:
         if contact_overlap != "auto":
             raise checks.conflict("contact_overlap requires contacts='certified'")
-        from vibgym.simulation.fast import FastMultibody  # imports pymunk
+        from vibgym.simulation.fast import FastMultibody
 
         schemes = fast_schemes(setup.surface, kinds, setup.walls, **resolution, contact_steps=contact_steps)
         return FastMultibody(setup, schemes)
-    from vibgym.simulation.multibody import Multibody  # imports pymunk
+    from vibgym.simulation.multibody import Multibody
 
     return Multibody(setup, planar_schemes(setup.surface, kinds, setup.walls, **resolution, **coupling))
 

@@ -22,13 +22,14 @@ from vibgym.physics.contacts.multibody import (
     new_broad_phase,
     resolve,
 )
+from vibgym.physics.contacts.solver import new_solver
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
 from vibgym.physics.planar.friction import slide_rows
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.bodies import bodies_of
 from vibgym.scene.parts import Part, kinds_of
-from vibgym.simulation.contact_space import ContactSpace, check_masses, impact_properties_of, slop_of
+from vibgym.simulation.contact_parts import check_masses, check_parts, impact_properties_of, slop_of
 from vibgym.simulation.model import NO_PATHS, NO_ROWS, Conditions, Model, Setup
 from vibgym.simulation.schemes import PlanarSchemes, check_contact_steps
 from vibgym.simulation.threads import Pool
@@ -137,13 +138,13 @@ class ContactBuffers:
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
         table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
         self.parts = len(setup.parts)
-        self._space = ContactSpace(setup.surface, setup.parts, setup.walls)  # kept, since the solver points into it
+        check_parts(setup.parts)
         most = max(schemes.alone, key=lambda scheme: scheme.substeps)  # for the size of the working arrays
         friction = FixedScene(table, bodies, most, new_workspace(table, bodies, most, self.parts))
         self.contacts = new_contacts(self.parts, setup.hulls)
         together = ContactScene(
-            friction, setup.hulls, self._space.solver, impact_properties_of(setup.parts), self.contacts,
-            coupling_of(kinds_of(setup.parts)[0], schemes), schemes.walls,
+            friction, setup.hulls, new_solver(self.parts, len(setup.hulls.rounding)), impact_properties_of(setup.parts),
+            self.contacts, coupling_of(kinds_of(setup.parts)[0], schemes), schemes.walls,
         )  # fmt: skip
         self.together = Pinned(CONTACT_SCENE, together)
         workspace = new_workspace(table, bodies, most, LANES)

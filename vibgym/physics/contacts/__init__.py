@@ -1,1 +1,1 @@
-"""Several parts: hulls, broad phase, impulses through pymunk."""
+"""Several parts: hulls, broad phase, impacts, impulses."""

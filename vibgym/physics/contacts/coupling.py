@@ -1,10 +1,10 @@
-"""Parts in contact: friction with the table coupled to a contact solver (pymunk) within the period.
+"""Parts in contact: friction with the table coupled to a contact solver within the period.
 
 Each coupling step moves the parts by friction alone, then corrects velocities by the contact impulses and positions by the
-overlap. The solver only detects contacts of outlines that overlap, so conservative advancement
-(:mod:`vibgym.physics.contacts.approach`) limits the step such that overlaps stay small. Fast parts therefore meet at the right
-time and place and cannot pass through each other; parts that rest against each other need no short steps. Steps in which
-nothing can touch skip the solver.
+overlap. The solver (:mod:`vibgym.physics.contacts.solver`) only detects contacts of outlines that overlap, so conservative
+advancement (:mod:`vibgym.physics.contacts.approach`) limits the step such that overlaps stay small. Fast parts therefore meet
+at the right time and place and cannot pass through each other; parts that rest against each other need no short steps. Steps
+in which nothing can touch skip the solver.
 
 The parts of an island (:mod:`vibgym.physics.contacts.islands`) advance together, independently of all others. The solver
 starts each island's period from poses and velocities alone, so that a state consists of these and results do not depend on its
@@ -21,19 +21,18 @@ import numpy as np
 from vibgym.kernels.jit import borrowing
 from vibgym.kernels.reference import Layout, reference
 from vibgym.kernels.vector import LANES
-from vibgym.physics.contacts.approach import conservative_step, invalidate_placement, place_slot
+from vibgym.physics.contacts.approach import conservative_step, invalidate_placement
 from vibgym.physics.contacts.broad_phase import (
     Circles,
     curvature_bound,
     near_pairs,
     new_circles,
     pair_capacity,
-    pair_gap,
     travel_bound,
 )
 from vibgym.physics.contacts.hulls import Hulls
 from vibgym.physics.contacts.impact import CONTACT_FROM, ImpactProperties, resolve_impacts, set_inverse_masses
-from vibgym.physics.contacts.solver import HIT_SPEED, Solver, add_walls, clear_impulses, remove_island, solve
+from vibgym.physics.contacts.solver import HIT_SPEED, Solver, begin_contacts, clear_impulses, find_contacts, solve
 from vibgym.physics.core.records import friction_in, incline_size
 from vibgym.physics.planar.stepper import apply_friction, cut_stale, load_part
 from vibgym.physics.planar.workspace import FixedScene, Scene, Step
@@ -134,25 +133,6 @@ class Island(NamedTuple):
     overlap: float  # m that an impact may add to the overlap of two parts
     slop: float  # m of overlap that the solver does not correct
     walls: int  # set of walls, a bit each
-
-
-@borrowing
-def smallest_gap(island, pairs, n):
-    """Return the smallest gap of the pairs that may touch, m; pairs with fallen parts no longer count."""
-    contacts, workspace, smallest = island.contacts, island.scene.workspace, math.inf
-    for pair in range(n):
-        i, j = pairs[pair, 0], pairs[pair, 1]
-        if workspace.away[i] or (j >= 0 and workspace.away[j]):
-            contacts.close[pair] = False
-        if contacts.close[pair]:
-            place_slot(island, i)
-            other = j
-            if j >= 0:
-                place_slot(island, j)
-                other = workspace.part[j]
-            gap = pair_gap(island.scene.table, island.hulls, contacts.placed, workspace.part[i], other)
-            smallest = min(smallest, gap)
-    return smallest
 
 
 @borrowing
@@ -329,14 +309,14 @@ def add_contact_velocity(island, sign):
 
 
 @borrowing
-def coupling_step(island, n, h, phase, in_solver):
+def coupling_step(island, n, h, phase, first):
     """Take a coupling step: friction alone, then contacts.
 
     Args:
         n: number of near pairs in ``contacts.pairs``.
         h: result of :func:`vibgym.physics.contacts.approach.conservative_step`.
         phase: w t at the start.
-        in_solver: whether the parts are in the solver's space already.
+        first: whether the solver has not been called in this period.
 
     Returns:
         Whether the solver was called, whether any part must be cut again, and the new number of near pairs.
@@ -347,23 +327,22 @@ def coupling_step(island, n, h, phase, in_solver):
     called, stale = False, False
     if h.touching:
         pairs = contacts.pairs
-        gap = smallest_gap(island, pairs, n)
+        found, gap = find_contacts(island, pairs, n, h.h)
         contacts.deepest[0] = min(contacts.deepest[0], gap)
         if gap < -CONTACT_FROM:
             undo = gap < -island.slop
             add_contact_velocity(island, -1.0)
             if h.impact:
                 hit, stale = resolve_impacts(island, pairs, n, HIT_SPEED)
-                if hit and in_solver:
+                if hit:
                     clear_impulses(island, contacts.hit)
-            stale = solve(island, n, h.h, in_solver, undo) or stale
+            stale = solve(island, found, h.h, undo) or stale
             called = True
             add_contact_velocity(island, 1.0)
             if undo:
                 invalidate_placement(island)
-            if not in_solver or pairs_outdated(island):
+            if first or pairs_outdated(island):
                 n = update_pairs(island)
-                add_walls(island, n)
             if stale:
                 clear_impulses(island, scene.workspace.stale)
     measure_travel(island)
@@ -387,6 +366,7 @@ def advance_island(island, n, paths):
     longest = span / island.couplings
     load_island(island)
     set_inverse_masses(island)
+    begin_contacts(island)
     invalidate_placement(island)
     record_paths(island, paths, 0, longest)
     calls = 0
@@ -402,11 +382,9 @@ def advance_island(island, n, paths):
             step = conservative_step(island, contacts.pairs, n, most, SHORTEST * longest)
             elapsed = span if step.h == left else elapsed + step.h
             phase = 2.0 * math.pi / scene.table.period * (turn * span + span - left)
-            called, stale, n = coupling_step(island, n, step, phase, calls > 0)
+            called, stale, n = coupling_step(island, n, step, phase, calls == 0)
             if called:
                 calls += 1
         record_paths(island, paths, turn + 1, longest)
-    if calls > 0:
-        remove_island(island)
     store_parts(scene, island.world, 0, island.parts, contacts.pushed)
     return calls

@@ -26,7 +26,7 @@ from vibgym.physics.contacts.impact import ImpactProperties
 from vibgym.physics.contacts.impulses import Points, add_point, new_points, solve_points
 from vibgym.physics.contacts.manifold import hull_manifold, wall_manifold
 from vibgym.physics.contacts.multibody import CALLS, find_pairs
-from vibgym.physics.contacts.solver import HIT_SPEED, rounds_needed
+from vibgym.physics.contacts.solver import HIT_SPEED, point_capacity, rounds_needed
 from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import state_at
 from vibgym.physics.planar.stepper import apply_friction, cut_stale, load_part
@@ -91,14 +91,12 @@ def new_rows(worlds: int, parts: int, kinds: int) -> Rows:
 
 def new_fast_contacts(parts: int, slots: int, hulls: Hulls) -> FastContacts:
     """Allocate working arrays for worlds with ``parts``, several of them in ``slots``."""
-    # Outlines that do not overlap touch at most three times as many others, since these pairs form a planar graph.
-    points = 2 * 6 * (len(hulls.rounding) + 4)
     return FastContacts(
         placed=np.zeros(hulls.corner.shape),
         fresh=np.zeros(parts, np.bool_),
         circles=new_circles(parts),
         found=np.empty((pair_capacity(parts), 2), np.int64),
-        points=new_points(parts + 1, points),
+        points=new_points(parts + 1, point_capacity(len(hulls.rounding))),
         before=np.zeros((slots, 3)),
         pushed=np.zeros((slots, 2)),
         first=np.zeros(slots + 1, np.int64),

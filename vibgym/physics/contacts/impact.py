@@ -193,7 +193,7 @@ def impact_impulse(mobility, approach, slip, turning, low, high, restitution, co
 
 
 CONTACT_FROM = 2e-6
-"""Overlap (m) from which on there is a contact; the solver's shapes of a pair are smaller by this."""
+"""Overlap (m) from which on there is a contact, so that touching parts do not overlap by rounding."""
 
 MOST_IMPACTS, IMPACTS_A_PAIR = 32, 8
 """Limit of impacts in a step: constant, plus this for each near pair."""

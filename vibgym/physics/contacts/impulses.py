@@ -126,8 +126,8 @@ def add_point(points, n, i, j, nx, ny, at_i, at_j, gap, friction, restitution, h
 
 
 @borrowing
-def iterate(points, n, rounds):
-    """Iterate over the velocities of all points until they change little, at most ``rounds`` times."""
+def iterate(points, n, rounds, still):
+    """Iterate over the velocities of all points until they change by less than ``still`` m/s, at most ``rounds`` times."""
     velocity, inverse = points.velocity, points.inverse
     for _ in range(rounds):
         most = 0.0
@@ -144,7 +144,7 @@ def iterate(points, n, rounds):
             apply(value, inverse, velocity, i, j, 0.0, later - earlier)
             value[NORMAL], value[TANGENTIAL] = new, later
             most = max(most, abs(new - old) / value[NORMAL_MASS], abs(later - earlier) / value[TANGENT_MASS])
-        if most < STILL_SPEED:
+        if most < still:
             break
 
 
@@ -235,7 +235,7 @@ def solve_points(points, n, bodies, rounds, slop):
     for k in range(n):
         impact = impact or points.value[k, RESTITUTION] > 0.0
     before = energy(points, bodies) if impact else 0.0
-    iterate(points, n, rounds)
+    iterate(points, n, rounds, STILL_SPEED)
     if impact:
         rebound(points, n, bodies, before)
     for k in range(n):
@@ -244,7 +244,7 @@ def solve_points(points, n, bodies, rounds, slop):
         value[MOVED], value[SLID] = share * value[NORMAL], share * value[TANGENTIAL]
         value[NORMAL] = value[TANGENTIAL] = 0.0
     if impact:  # parts that rebound may approach others
-        iterate(points, n, rounds)
+        iterate(points, n, rounds, STILL_SPEED)
         for k in range(n):
             value = points.value[k]
             value[MOVED], value[SLID] = value[MOVED] + value[NORMAL], value[SLID] + value[TANGENTIAL]

@@ -97,6 +97,12 @@ def hull_manifold(hulls, placed, a, b, dx, dy, margin):
     gap, nx, ny, owner = hull_contact(hulls, placed, a, b)
     if gap > margin:
         return no_contact()
+    return hull_points(hulls, placed, a, b, gap, nx, ny, owner, margin)
+
+
+@borrowing
+def hull_points(hulls, placed, a, b, gap, nx, ny, owner, margin):
+    """Return the contact points of two placed hulls, from the result of :func:`vibgym.physics.contacts.hulls.hull_contact`."""
     corners_a, corners_b = hulls.first[a + 1] - hulls.first[a], hulls.first[b + 1] - hulls.first[b]
     if owner == CORNERS or corners_a == 1 or corners_b == 1:
         # Through the disc's centre, or the nearest corners.

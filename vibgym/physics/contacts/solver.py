@@ -1,4 +1,11 @@
-"""A step of pymunk's contact solver, called by address; see :mod:`vibgym.physics.contacts.coupling`."""
+"""Contacts at rest: impulses at all contact points of an island after a step by friction alone.
+
+No point approaches, and friction at a point is at most ``mu`` times its normal impulse: projected Gauss-Seidel iteration
+(:mod:`vibgym.physics.contacts.impulses`), which starts from the impulses of the period's last step (E. Catto, Iterative
+Dynamics with Temporal Coherence, GDC 2005). A second iteration moves parts apart that overlap by more than the slop.
+
+Contacts do not rebound here: :mod:`vibgym.physics.contacts.impact` computes rebounds first.
+"""
 
 from __future__ import annotations
 
@@ -7,57 +14,92 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, call_foreign
+from vibgym.kernels.jit import borrowing
 from vibgym.kernels.vector import LANES
+from vibgym.physics.contacts.approach import part_motion, place_slot
+from vibgym.physics.contacts.hulls import hull_contact
+from vibgym.physics.contacts.impact import CONTACT_FROM
+from vibgym.physics.contacts.impulses import (
+    GAP,
+    MOVED,
+    NORMAL,
+    NORMAL_MASS,
+    TANGENTIAL,
+    Points,
+    add_point,
+    apply,
+    iterate,
+    new_points,
+    normal_speed,
+)
+from vibgym.physics.contacts.manifold import hull_points, wall_manifold
 
 HIT_SPEED = 0.1
-"""Change of velocity by contacts (m/s) above which a part was hit, not held: its contact area is cut again, and the solver does
-not start from the impulses of that impact."""
+"""Change of velocity by contacts (m/s) above which a part was hit, not held: its contact area is cut again, and the next step
+does not start from the impulses of that impact."""
 
 FEWEST_ROUNDS, MOST_ROUNDS = 10, 1000
-"""Limits of the solver's iterations over all contacts in a step."""
+"""Limits of the iterations over all contacts in a step."""
 
-FAR_AWAY = 1e3
-"""Coordinate (m) at which the solver's bodies of fallen parts are stored."""
+STILL_SPEED, STILL_MOVE = 1e-6, 1e-8
+"""Largest change (m/s; m) in an iteration at which it ends, for parts of equal mass. It is divided by the largest ratio of
+masses: the larger, the slower the convergence."""
+
+COLD = 4
+"""Most iterations over those needed from the impulses of the last step, for contacts without."""
+
+CORRECTION_RATE = 345.0
+"""Rate at which overlap beyond the slop decays, 1/s: half of it in 2 ms."""
 
 
 class Solver(NamedTuple):
-    """Addresses of the solver's functions and objects; see :mod:`vibgym.simulation.contact_space`."""
+    """Contact points of an island's step, and the impulses of the last one in the period."""
 
-    spaces: np.ndarray  # (spaces,) separate spaces by size: those that have contained many shapes are slower
-    capacity: np.ndarray  # (spaces,) largest number of shapes in each, ascending
-    step: int  # void(space, float64 h)
-    each: int  # void(space, function, batch): for every body in order
-    put: int  # function: body from batch
-    take: int  # function: body to batch
-    update: int  # void(body, float64 h): position by velocity and overlap correction
-    add_body: int  # (space, body)
-    remove_body: int  # (space, body)
-    add: int  # (space, shape)
-    remove: int  # (space, shape)
-    number_from: int  # void(space, int): id of the next shape
-    set_mass: int  # void(body, float64 kg)
-    set_moment: int  # void(body, float64 kg m^2)
-    set_rounds: int  # void(space, int): iterations in a step
-    set_slop: int  # void(space, float64 m): overlap that is not corrected
-    last_step: int  # void(space, float64 h): length of the last step, for its cached impulses
-    put_all: int  # batches: x, y, heading, vx, vy, spin
-    put_velocity: int
-    take_all: int  # as put_all
-    take_pose: int  # x, y, heading
-    data: np.ndarray  # (values,) float64, buffer of all batches
-    cursor: np.ndarray  # (1,) int32, start of the next batch
-    bodies: np.ndarray  # (parts,) int64
-    shapes: np.ndarray  # (shapes,) int64
-    owner: np.ndarray  # (parts + 1,) first shape of each part
-    material: np.ndarray  # (parts,) index of the wall material
-    wall_shapes: np.ndarray  # (spaces, 4, materials) shapes, 0: none
-    added_walls: np.ndarray  # (4, materials) bool: shapes in the space
+    points: Points
+    hull: np.ndarray  # (points, 2) hulls of a point, the second ``-1 - wall`` at a wall
+    place: np.ndarray  # (points, 2) m
+    last_body: np.ndarray  # (points, 2) bodies of the last step's points
+    last_hull: np.ndarray  # (points, 2)
+    last_place: np.ndarray  # (points, 2) m
+    last_impulse: np.ndarray  # (points, 2) N s, normal and tangential
+    last_count: np.ndarray  # (1,) number of the last step's points
+    last_span: np.ndarray  # (1,) s, its length
+
+
+def point_capacity(hulls: int) -> int:
+    """Return the largest number of contact points of ``hulls`` and the walls.
+
+    Outlines that do not overlap touch at most three times as many others, since these pairs form a planar graph.
+    """
+    return 2 * 6 * (hulls + 4)
+
+
+def new_solver(parts: int, hulls: int) -> Solver:
+    """Allocate working arrays for up to ``parts`` parts with ``hulls`` in all."""
+    capacity = point_capacity(hulls)
+
+    def indices() -> np.ndarray:
+        return np.zeros((capacity, 2), np.int64)
+
+    def numbers() -> np.ndarray:
+        return np.zeros((capacity, 2))
+
+    return Solver(
+        points=new_points(parts + 1, capacity),
+        hull=indices(),
+        place=numbers(),
+        last_body=indices(),
+        last_hull=indices(),
+        last_place=numbers(),
+        last_impulse=numbers(),
+        last_count=np.zeros(1, np.int64),
+        last_span=np.zeros(1),
+    )
 
 
 @borrowing
 def rounds_needed(parts, ratio):
-    """Return the solver's iterations: impulses must propagate through a heap, and from heavy to light parts.
+    """Return the largest number of iterations: impulses must propagate through a heap, and from heavy to light parts.
 
     A light part between a heavy one and a wall transmits a share ``light / heavy`` of the impulse in each iteration.
 
@@ -69,195 +111,206 @@ def rounds_needed(parts, ratio):
 
 
 @borrowing
-def space_index(island):
-    """Return the index of the smallest space with enough capacity for an island's shapes."""
-    solver, shapes, which = island.solver, 0, 0
+def begin_contacts(island):
+    """Load the inverse masses of an island's parts (the last body is the walls) and discard the last impulses."""
+    solver, properties, part = island.solver, island.properties, island.scene.workspace.part
+    inverse = solver.points.inverse
     for slot in range(island.parts):
-        part = island.scene.workspace.part[slot]
-        shapes += solver.owner[part + 1] - solver.owner[part]
-    while solver.capacity[which] < shapes:
-        which += 1
-    return which
+        inverse[slot, 0], inverse[slot, 1] = (
+            properties.inverse_mass[part[slot]], properties.inverse_inertia[part[slot]]
+        )  # fmt: skip
+    inverse[island.parts, 0] = inverse[island.parts, 1] = 0.0
+    solver.last_count[0] = 0
 
 
 @borrowing
-def add_bodies(solver, space, properties, factor, part, parts):
-    """Add the bodies of the first ``parts`` in ``part`` to a space; ``factor``: (all parts,) on mass."""
-    heaviest, lightest = 0.0, math.inf
-    for slot in range(parts):
-        p = part[slot]
-        mass = factor[p] * properties.mass[p]
-        heaviest, lightest = max(heaviest, mass), min(lightest, mass)
-        call_foreign(solver.add_body, (space, solver.bodies[p]))
-        call_foreign(solver.set_mass, (solver.bodies[p], mass))
-        call_foreign(solver.set_moment, (solver.bodies[p], mass * properties.gyration[p]))
-    call_foreign(solver.set_rounds, (space, rounds_needed(parts, heaviest / lightest)))
+def add_points(island, n, i, j, a, b, manifold, friction, h):
+    """Add the points of a manifold between two slots, or a slot and a wall (``j = -1 - wall``); return their new number."""
+    solver, place, wall = island.solver, island.solver.place, island.parts
+    x, y, _, _, _ = part_motion(island.scene.workspace, i)
+    u, w = x, y
+    if j >= 0:
+        u, w, _, _, _ = part_motion(island.scene.workspace, j)
+    for k in range(manifold.count):
+        if n >= solver.hull.shape[0]:
+            break
+        solver.hull[n, 0], solver.hull[n, 1] = a, b
+        place[n, 0], place[n, 1], gap = manifold.x, manifold.y, manifold.gap
+        if k == 1:
+            place[n, 0], place[n, 1], gap = manifold.other_x, manifold.other_y, manifold.other_gap
+        n = add_point(
+            solver.points, n, i, j if j >= 0 else wall, manifold.nx, manifold.ny, (place[n, 0] - x, place[n, 1] - y),
+            (place[n, 0] - u, place[n, 1] - w), gap, friction, 0.0, h,
+        )  # fmt: skip
+    return n
 
 
 @borrowing
-def add_shapes(island, space):
-    """Add the shapes of the island's parts at their bodies' poses; ids start at 0."""
-    solver = island.solver
-    call_foreign(solver.number_from, (space, 0))
-    for slot in range(island.parts):
-        p = island.scene.workspace.part[slot]
-        call_foreign(solver.update, (solver.bodies[p], 0.0))  # sets the transform at which shapes are added
-        for k in range(solver.owner[p], solver.owner[p + 1]):
-            call_foreign(solver.add, (space, solver.shapes[k]))
-
-
-@borrowing
-def add_walls(island, n):
-    """Add the walls in the first ``n`` pairs, for the materials of their parts."""
-    if island.walls == 0:
-        return
-    solver, pairs, which = island.solver, island.contacts.pairs, space_index(island)
-    materials = solver.wall_shapes.shape[2]
-    for pair in range(n):
-        if pairs[pair, 1] < 0:
-            wall, material = -1 - pairs[pair, 1], solver.material[island.scene.workspace.part[pairs[pair, 0]]]
-            if not solver.added_walls[wall, material]:
-                solver.added_walls[wall, material] = True
-                call_foreign(solver.number_from, (solver.spaces[which], wall * materials + material))
-                call_foreign(solver.add, (solver.spaces[which], solver.wall_shapes[which, wall, material]))
-
-
-@borrowing
-def undo_overlap(island, space, h):
-    """Move parts by the solver's overlap correction, a pseudo-velocity of this step.
+def find_contacts(island, pairs, n, h):
+    """Find the contact points of the pairs that may touch; pairs with fallen parts no longer count.
 
     Args:
-        island: after the solver's step, with zero velocities in the solver's data.
-        space: address.
+        pairs: (pairs, 2), of which the first ``n`` are near.
         h: s, the step's length.
+
+    Returns:
+        Number of points and the smallest gap, m.
     """
-    solver, uncorrected, workspace = island.solver, island.contacts.uncorrected, island.scene.workspace
-    data, pose = solver.data, workspace.pose
-    solver.cursor[0] = 0
-    call_foreign(solver.each, (space, solver.put, solver.put_velocity))
-    for slot in range(island.parts):
-        call_foreign(solver.update, (solver.bodies[workspace.part[slot]], h))
-    solver.cursor[0] = 0
-    call_foreign(solver.each, (space, solver.take, solver.take_pose))
-    for slot in range(island.parts):
-        g, lane = slot // LANES, slot % LANES
-        for k in range(3):
-            if not workspace.away[slot]:
-                pose[g, k * LANES + lane] += data[3 * slot + k] - uncorrected[slot, k]
+    scene, hulls, properties, contacts = island.scene, island.hulls, island.properties, island.contacts
+    workspace, placed, count, smallest = scene.workspace, contacts.placed, 0, math.inf
+    for pair in range(n):
+        i, j = pairs[pair, 0], pairs[pair, 1]
+        if workspace.away[i] or (j >= 0 and workspace.away[j]):
+            contacts.close[pair] = False
+        if not contacts.close[pair]:
+            continue
+        place_slot(island, i)
+        one = workspace.part[i]
+        if j < 0:
+            for a in range(hulls.owner[one], hulls.owner[one + 1]):
+                found = wall_manifold(scene.table, hulls, placed, a, -1 - j, -CONTACT_FROM)
+                smallest = min(smallest, found.gap)
+                count = add_points(island, count, i, j, a, j, found, properties.friction[one], h)
+            continue
+        place_slot(island, j)
+        other = workspace.part[j]
+        friction = math.sqrt(properties.friction[one] * properties.friction[other])
+        for a in range(hulls.owner[one], hulls.owner[one + 1]):
+            for b in range(hulls.owner[other], hulls.owner[other + 1]):
+                gap, nx, ny, owner = hull_contact(hulls, placed, a, b)
+                smallest = min(smallest, gap)
+                if gap < -CONTACT_FROM:
+                    found = hull_points(hulls, placed, a, b, gap, nx, ny, owner, -CONTACT_FROM)
+                    count = add_points(island, count, i, j, a, b, found, friction, h)
+    return count, smallest
 
 
 @borrowing
-def solve(island, n, h, in_solver, undo):
-    """Apply the solver's contact impulses to velocities, and its overlap correction to poses.
+def start_from_last(solver, n, h):
+    """Start the ``n`` points from the impulses of the nearest points of the last step between the same hulls.
+
+    Contact forces change little from step to step, so impulses grow with its length of ``h`` s.
+    """
+    points, last, share = solver.points, solver.last_count[0], h / solver.last_span[0]
+    for k in range(n if last > 0 else 0):
+        i, j, nearest, found = points.body[k, 0], points.body[k, 1], math.inf, -1
+        for old in range(last):
+            if (
+                solver.last_hull[old, 0] == solver.hull[k, 0] and solver.last_hull[old, 1] == solver.hull[k, 1]
+                and solver.last_body[old, 0] == i and solver.last_body[old, 1] == j
+            ):  # fmt: skip
+                dx = solver.last_place[old, 0] - solver.place[k, 0]
+                dy = solver.last_place[old, 1] - solver.place[k, 1]
+                if dx * dx + dy * dy < nearest:
+                    nearest, found = dx * dx + dy * dy, old
+        if found >= 0:
+            value = points.value[k]
+            value[NORMAL] = share * solver.last_impulse[found, 0]
+            value[TANGENTIAL] = share * solver.last_impulse[found, 1]
+            apply(value, points.inverse, points.velocity, i, j, value[NORMAL], value[TANGENTIAL])
+
+
+@borrowing
+def keep_impulses(solver, n, h):
+    """Store the ``n`` points and their impulses for the next step."""
+    points = solver.points
+    for k in range(n):
+        for end in range(2):
+            solver.last_body[k, end], solver.last_hull[k, end] = points.body[k, end], solver.hull[k, end]
+            solver.last_place[k, end] = solver.place[k, end]
+        solver.last_impulse[k, 0], solver.last_impulse[k, 1] = points.value[k, NORMAL], points.value[k, TANGENTIAL]
+    solver.last_count[0], solver.last_span[0] = n, h
+
+
+@borrowing
+def clear_impulses(island, hit):
+    """Clear the kept impulses of parts that were hit, which are no initial guess for the next step."""
+    solver = island.solver
+    for k in range(solver.last_count[0]):
+        i, j = solver.last_body[k, 0], solver.last_body[k, 1]
+        if hit[i] or (j < island.parts and hit[j]):
+            solver.last_impulse[k, 0] = solver.last_impulse[k, 1] = 0.0
+
+
+@borrowing
+def correct_overlap(points, n, rounds, still, slop, share):
+    """Compute ``points.move`` such that overlap beyond ``slop`` m decreases by ``share``; iterate until ``still``, m."""
+    move, inverse = points.move, points.inverse
+    for k in range(n):
+        points.value[k, MOVED] = 0.0
+    for _ in range(rounds):
+        most = 0.0
+        for k in range(n):
+            value, i, j = points.value[k], points.body[k, 0], points.body[k, 1]
+            wanted = share * max(-slop - value[GAP], 0.0)
+            new = max(value[MOVED] + (wanted - normal_speed(value, move, i, j)) * value[NORMAL_MASS], 0.0)
+            if new != value[MOVED]:
+                apply(value, inverse, move, i, j, new - value[MOVED], 0.0)
+                most = max(most, abs(new - value[MOVED]) / value[NORMAL_MASS])
+                value[MOVED] = new
+        if most < still:
+            break
+
+
+@borrowing
+def load_velocities(island):
+    """Load the velocities of an island's parts; return the largest ratio of their masses."""
+    workspace, points = island.scene.workspace, island.solver.points
+    least, most = math.inf, 0.0
+    for slot in range(island.parts):
+        velocity, lane = workspace.velocity[slot // LANES], slot % LANES
+        for k in range(3):
+            points.velocity[slot, k], points.move[slot, k] = velocity[k * LANES + lane], 0.0
+        least, most = min(least, points.inverse[slot, 0]), max(most, points.inverse[slot, 0])
+    for k in range(3):
+        points.velocity[island.parts, k] = points.move[island.parts, k] = 0.0
+    return most / least
+
+
+@borrowing
+def write_motion(island):
+    """Write velocities and displacements of the parts that contacts have changed; mark hit ones in ``workspace.stale``.
+
+    Returns:
+        Whether any part was hit.
+    """
+    workspace, points, any_hit = island.scene.workspace, island.solver.points, False
+    for slot in range(island.parts):
+        g, lane, part, change, moved = slot // LANES, slot % LANES, workspace.part[slot], 0.0, False
+        if workspace.away[slot]:
+            continue
+        for k in range(3):
+            at = k * LANES + lane
+            difference = abs(points.velocity[slot, k] - workspace.velocity[g, at])
+            change = max(change, difference * (1.0 if k < 2 else island.hulls.radius[part]))
+            moved = moved or points.velocity[slot, k] != workspace.velocity[g, at]
+            workspace.velocity[g, at] = points.velocity[slot, k]
+            workspace.pose[g, at] += points.move[slot, k]
+        if moved:
+            island.scene.state.sticking[island.world, part] = False  # a pushed part no longer sticks
+        if change > HIT_SPEED:
+            workspace.stale[slot] = any_hit = True
+    return any_hit
+
+
+@borrowing
+def solve(island, n, h, undo):
+    """Apply the impulses of the ``n`` points of :func:`find_contacts` to velocities, and correct overlap in poses.
 
     Args:
-        island: see :class:`vibgym.physics.contacts.coupling.Island`.
-        n: number of near pairs, for walls.
         h: s, the step's length.
-        in_solver: whether the parts are in the solver's space already.
         undo: whether any overlap is deep enough to be corrected.
 
     Returns:
         Whether any part's velocity has changed by more than ``HIT_SPEED``. Such parts are marked in ``workspace.stale``.
     """
-    solver, space = island.solver, island.solver.spaces[space_index(island)]
-    if not in_solver:
-        factor, part = island.scene.state.mass[island.world], island.scene.workspace.part
-        add_bodies(solver, space, island.properties, factor, part, island.parts)
-        call_foreign(solver.set_slop, (space, island.slop))
-    write_bodies(island, space, h)
-    if not in_solver:
-        add_shapes(island, space)
-        add_walls(island, n)
-    # The solver starts from the last step's impulses. It scales them with the step but not their stored sums, so that
-    # parts would stick together.
-    call_foreign(solver.last_step, (space, h))
-    call_foreign(solver.step, (space, h))
-    solver.cursor[0] = 0
-    call_foreign(solver.each, (space, solver.take, solver.take_all))
-    hit = read_bodies(island)
+    solver, points = island.solver, island.solver.points
+    ratio = load_velocities(island)
+    rounds = COLD * rounds_needed(island.parts, ratio)
+    start_from_last(solver, n, h)
+    iterate(points, n, rounds, STILL_SPEED / ratio)
+    keep_impulses(solver, n, h)
     if undo:
-        undo_overlap(island, space, h)
-    return hit
-
-
-@borrowing
-def write_bodies(island, space, h):
-    """Write poses and velocities of the parts to the solver's bodies."""
-    solver, workspace = island.solver, island.scene.workspace
-    data, pose, velocity, away = solver.data, workspace.pose, workspace.velocity, workspace.away
-    for slot in range(island.parts):
-        g, lane = slot // LANES, slot % LANES
-        for k in range(3):
-            speed = 0.0 if away[slot] else velocity[g, k * LANES + lane]
-            # The solver's step starts with a motion by velocity, which the friction step already contains.
-            data[6 * slot + k] = FAR_AWAY * (slot + 1) if away[slot] else pose[g, k * LANES + lane] - h * speed
-            data[6 * slot + 3 + k] = speed
-    for k in range(6):  # the last body is the walls'
-        data[6 * island.parts + k] = 0.0
-    solver.cursor[0] = 0
-    call_foreign(solver.each, (space, solver.put, solver.put_all))
-
-
-@borrowing
-def read_bodies(island):
-    """Read velocities from the solver's data and poses into ``contacts.uncorrected``; return whether any part was hit.
-
-    The data is left with zeros, for :func:`undo_overlap`.
-    """
-    solver, hulls, contacts = island.solver, island.hulls, island.contacts
-    workspace, sticking = island.scene.workspace, island.scene.state.sticking
-    data, velocity, away, hit = solver.data, workspace.velocity, workspace.away, False
-    for slot in range(island.parts):
-        g, lane, part = slot // LANES, slot % LANES, workspace.part[slot]
-        change = 0.0
-        for k in range(3):
-            at = k * LANES + lane
-            # Velocities of bodies without contacts remain bit-identical.
-            if not away[slot] and data[6 * slot + 3 + k] != velocity[g, at]:
-                arm = 1.0 if k < 2 else hulls.radius[part]
-                change = max(change, arm * abs(data[6 * slot + 3 + k] - velocity[g, at]))
-                velocity[g, at] = data[6 * slot + 3 + k]
-                sticking[island.world, part] = False  # a pushed part no longer sticks
-            contacts.uncorrected[slot, k] = data[6 * slot + k]
-            data[3 * slot + k] = 0.0
-        if change > HIT_SPEED:
-            workspace.stale[slot] = True
-            hit = True
-    for k in range(3):
-        data[3 * island.parts + k] = 0.0
-    return hit
-
-
-@borrowing
-def clear_impulses(island, hit):
-    """Clear the solver's cached impulses of parts that were hit, which are no initial guess for the next step.
-
-    Their shapes are removed and added again with the same ids, which determine the solver's order.
-    """
-    solver, space, number = island.solver, island.solver.spaces[space_index(island)], 0
-    for slot in range(island.parts):
-        p = island.scene.workspace.part[slot]
-        for k in range(solver.owner[p], solver.owner[p + 1]):
-            if hit[slot]:
-                call_foreign(solver.remove, (space, solver.shapes[k]))
-                call_foreign(solver.number_from, (space, number))
-                call_foreign(solver.add, (space, solver.shapes[k]))
-            number += 1
-
-
-@borrowing
-def remove_island(island):
-    """Remove the island's shapes, bodies and walls from the solver's space."""
-    solver, which = island.solver, space_index(island)
-    space = solver.spaces[which]
-    for slot in range(island.parts):
-        p = island.scene.workspace.part[slot]
-        for k in range(solver.owner[p], solver.owner[p + 1]):
-            call_foreign(solver.remove, (space, solver.shapes[k]))
-        call_foreign(solver.remove_body, (space, solver.bodies[p]))
-    for wall in range(solver.added_walls.shape[0]):
-        for material in range(solver.added_walls.shape[1]):
-            if solver.added_walls[wall, material]:
-                solver.added_walls[wall, material] = False
-                call_foreign(solver.remove, (space, solver.wall_shapes[which, wall, material]))
+        share = 1.0 - math.exp(-CORRECTION_RATE * h)
+        correct_overlap(points, n, rounds, STILL_MOVE / ratio, island.slop + CONTACT_FROM, share)
+    return write_motion(island)

@@ -28,7 +28,7 @@ def tilting(
     scheme = scheme_of(setup.surface, restitution=restitution, ramp_mm=ramp_mm, steps=steps)
     if not setup.multibody:
         return Tilting(setup, planar_scheme(setup.surface, setup.parts[0]), scheme)
-    from vibgym.plugins.tilting.multibody import TiltingMultibody  # imports pymunk
+    from vibgym.plugins.tilting.multibody import TiltingMultibody
 
     return TiltingMultibody(setup, planar_schemes(setup.surface, kinds_of(setup.parts)[0], setup.walls), scheme)
 

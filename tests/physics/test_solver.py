@@ -1,0 +1,74 @@
+"""Contacts at rest: velocities after a step of the solver, against those of pymunk, which shares nothing with it."""
+
+import math
+
+import numpy as np
+import pymunk
+import pytest
+
+from tests.physics.test_approach import enter, island_of
+from vibgym import Part
+from vibgym.kernels.jit import jit
+from vibgym.kernels.reference import reference
+from vibgym.physics.contacts.impact import set_inverse_masses
+from vibgym.physics.contacts.solver import begin_contacts, find_contacts, solve
+
+DISC = Part.disc(0.02, friction=0.0, contact_friction=0.3, mass=0.05)
+BLOCK = Part.rectangle(0.06, 0.04, friction=0.0, contact_friction=0.6, mass=0.2)
+OVERLAP, H = 4e-6, 1e-3
+SCALE = [1.0, 1.0, 0.02]  # velocities at the discs' rim, m/s
+
+
+@jit
+def solved(island, pairs, h):
+    """Take a step of the solver; return the number of points and the smallest gap."""
+    island = reference(island)
+    set_inverse_masses(island)
+    begin_contacts(island)
+    island.contacts.close[:] = True
+    found, gap = find_contacts(island, pairs, pairs.shape[0], h)
+    solve(island, found, h, False)
+    return found, gap
+
+
+def by_pymunk(parts, pose, velocity):
+    """Return the velocities (parts, 3) after a step of pymunk with many iterations."""
+    space = pymunk.Space(threaded=False)
+    space.iterations, space.collision_slop = 5000, 1.0
+    bodies = []
+    for part, (x, y, heading), (vx, vy, spin) in zip(parts, pose, velocity, strict=True):
+        body = pymunk.Body(part.mass, part.mass * part.gyration)
+        # A step of pymunk starts with a motion by velocity.
+        body.position, body.angle = (x - H * vx, y - H * vy), heading - H * spin
+        body.velocity, body.angular_velocity = (vx, vy), spin
+        round_one = part is DISC
+        shape = pymunk.Circle(body, 0.02) if round_one else pymunk.Poly(body, part.outline.tolist())
+        shape.friction = math.sqrt(part.contact_friction)
+        space.add(body, shape)
+        bodies.append(body)
+    space.step(H)
+    return np.array([[*body.velocity, body.angular_velocity] for body in bodies])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_velocities_agree_with_pymunk(seed):
+    """A block between three discs, one of which touches another: no rebound, dry friction at every contact."""
+    parts = [BLOCK, DISC, DISC, DISC]
+    random = np.random.default_rng(seed)
+    side, above = 0.03 + 0.02 - OVERLAP, 0.02 + 0.02 - OVERLAP
+    across = math.sqrt((0.04 - OVERLAP) ** 2 - (above - 0.01) ** 2)
+    pose = np.array([[0, 0, 0], [side, 0.01, 0], [-side, -0.01, 0], [side - across, above, 0]]) + [0.4, 0.4, 0.0]
+    velocity = random.uniform(-0.3, 0.3, (4, 3)) * [1.0, 1.0, 5.0]
+    velocity[1:, :2] -= 10.0 * (pose[1:, :2] - pose[0, :2])  # towards the block
+    island = island_of(parts, ())
+    enter(island, pose, velocity)
+    pairs = np.array([[0, 1], [0, 2], [0, 3], [1, 3]])
+    found, gap = solved(island, pairs, H)
+    lanes = island.scene.workspace.pose.shape[1] // 3
+    mine = island.scene.workspace.velocity[0].reshape(3, lanes)[:, :4].T
+    assert found == 4 and gap == pytest.approx(-OVERLAP, rel=1e-4)
+    # pymunk's lever arms end on either surface, 4 um apart, 2e-4 of a radius.
+    np.testing.assert_allclose(mine * SCALE, by_pymunk(parts, pose, velocity) * SCALE, atol=1e-4)
+    mass = np.array([part.mass for part in parts])
+    np.testing.assert_allclose(mass @ mine[:, :2], mass @ velocity[:, :2], atol=1e-15)
+    assert not np.allclose(mine, velocity, atol=0.05)

@@ -1,0 +1,62 @@
+"""Properties of parts that may touch one another or walls, and the limits of the contact solver."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.contacts.impact import ImpactProperties
+from vibgym.scene.outlines import narrowest_width
+from vibgym.scene.parts import Part, kinds_of
+
+SLOP = 3e-5
+"""m, overlap that the solver does not correct, so that contacts persist and it can warm-start."""
+
+LEAST_WIDTH = 1e-4
+"""m, least width of a part that may touch others: overlaps must be small against it."""
+
+MOST_MASS_RATIO = 2000.0
+"""Largest ratio of masses of parts that may touch, up to which the solver's iterations converge."""
+
+
+def check_parts(parts: Sequence[Part]) -> None:
+    """Raise ValueError for parts that are too thin, or much heavier than another, for reliable contacts."""
+    kinds, _ = kinds_of(parts)
+    width, thinnest = min(((narrowest_width(kind.outline), kind) for kind in kinds), key=lambda each: each[0])
+    if width < LEAST_WIDTH:
+        allowed = f"at least {1e3 * LEAST_WIDTH:g} mm wide where parts may touch one another or walls"
+        raise checks.refuse(
+            "parts", f"part {parts.index(thinnest)} ({thinnest.name!r}), {1e3 * width:.3g} mm wide", allowed
+        )
+    check_masses("parts", parts, np.array([part.mass for part in parts]))
+
+
+def slop_of(part: Part) -> float:
+    """Return the overlap of a part that the solver does not correct, m."""
+    return min(SLOP, 0.05 * narrowest_width(part.outline))
+
+
+def check_masses(argument: str, parts: Sequence[Part], masses: np.ndarray) -> None:
+    """Check that the ratio of ``masses`` (parts,), kg, is within the range of the solver."""
+    heavy, light = int(np.argmax(masses)), int(np.argmin(masses))
+    ratio = masses[heavy] / masses[light]
+    if ratio > MOST_MASS_RATIO:
+        names = parts[heavy].name, parts[light].name
+        got = f"part {heavy} ({names[0]!r}), {ratio:.3g} times as heavy as part {light} ({names[1]!r})"
+        allowed = f"masses with a ratio of at most {MOST_MASS_RATIO:g} where parts may touch one another"
+        raise checks.refuse(argument, got, allowed)
+
+
+def impact_properties_of(parts: Sequence[Part]) -> ImpactProperties:
+    """Return the properties of the parts of a world that determine impacts."""
+    n = len(parts)
+    return ImpactProperties(
+        mass=np.array([part.mass for part in parts]),
+        gyration=np.array([part.gyration for part in parts]),
+        inverse_mass=np.zeros(n),  # written for each world
+        inverse_inertia=np.zeros(n),
+        restitution=np.array([part.restitution for part in parts]),
+        friction=np.array([part.contact_friction for part in parts]),
+    )
