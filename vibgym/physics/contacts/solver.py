@@ -189,9 +189,10 @@ def find_contacts(island, pairs, n, h):
 def start_from_last(solver, n, h):
     """Start the ``n`` points from the impulses of the nearest points of the last step between the same hulls.
 
-    Contact forces change little from step to step, so impulses grow with its length of ``h`` s.
+    In a step of ``h`` s that is shorter than the last one, impulses are smaller in proportion. In a longer one they are not
+    enlarged: after a short step they may be those of an impact, not of a force.
     """
-    points, last, share = solver.points, solver.last_count[0], h / solver.last_span[0]
+    points, last, share = solver.points, solver.last_count[0], min(h / solver.last_span[0], 1.0)
     for k in range(n if last > 0 else 0):
         i, j, nearest, found = points.body[k, 0], points.body[k, 1], math.inf, -1
         for old in range(last):
