@@ -14,7 +14,6 @@ RENAMED: dict[str, str] = {
     "vibgym._numba": "vibgym.kernels",
     "vibgym.envs.layout": "vibgym.envs.features",
     "vibgym.envs.named": "vibgym.envs.vector",
-    "vibgym.kernels.foreign": "vibgym.kernels.jit",
     "vibgym.physics.averaged.contact": "vibgym.physics.averaged.integrator",
     "vibgym.physics.collision": "vibgym.physics.contacts",
     "vibgym.physics.planar.cut": "vibgym.physics.planar.contact_area",

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 from vibgym.kernels import interfaces, options
 from vibgym.kernels.jit import cache_folder
-from vibgym.simulation.contact_space import solver_problem
 from vibgym.simulation.threads import available_threads
 
 
@@ -26,7 +25,7 @@ class Capability(NamedTuple):
 
 def capabilities() -> list[Capability]:
     """Return all capabilities, as of this process."""
-    folder, problem = cache_folder(), solver_problem()
+    folder = cache_folder()
     private = interfaces.MODE == interfaces.PRIVATE
     return [
         Capability(
@@ -52,12 +51,6 @@ def capabilities() -> list[Capability]:
             _registers(),
             "without: half as many parts of a group at a time",
             "VIBGYM_VECTOR=4",
-        ),
-        Capability(
-            "certified contacts",
-            f"no: {problem}" if problem else "yes",
-            "without: several parts and walls need contacts='fast', else they are refused",
-            "VIBGYM_SOLVER=0",
         ),
         Capability(
             "forks while a kernel compiles",

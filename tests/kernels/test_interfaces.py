@@ -59,16 +59,6 @@ def contacts():
     return simulated([BLOCK, DISC], pose, [[[-0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]]], ["left"])
 
 
-def foreign():
-    from vibgym.physics.contacts.solver import add_bodies
-    from vibgym.simulation.contact_space import ContactSpace, impact_properties_of
-
-    space = ContactSpace(Surface(), [BLOCK, DISC], [])
-    solver, factor = space.solver, np.array([2.0, 3.0])
-    add_bodies(solver, solver.spaces[0], impact_properties_of([BLOCK, DISC]), factor, np.arange(2), 2)
-    return [body.mass for body in space._bodies]
-
-
 def environment():
     return played("vibgym/Align-v0")
 
@@ -85,8 +75,8 @@ found = {name: globals()[name]() for name in sys.argv[1:]}
 print(json.dumps(found))
 """
 
-SMALL, LARGE = ["foreign", "planar"], ["sticking", "contacts"]
-ALL = ["sticking", "planar", "averaged", "contacts", "foreign", "environment", "several", "hardware"]
+SMALL, LARGE = ["planar"], ["sticking", "contacts"]
+ALL = ["sticking", "planar", "averaged", "contacts", "environment", "several", "hardware"]
 
 
 def numbers_of(scenes, **environment):
@@ -170,30 +160,10 @@ def test_an_unknown_processor(monkeypatch):
     assert vec8._register_width() == 4
 
 
-WITHOUT_SOLVER = """
-from vibgym import Part, Simulator, Surface
-BLOCK = Part.rectangle(0.05, 0.04, friction=0.6)
-Simulator(Surface(), BLOCK).advance(0.0, 0.0)
-Simulator(Surface(), [BLOCK, BLOCK], contacts="fast").advance(0.0, 0.0)
-try:
-    Simulator(Surface(), [BLOCK, BLOCK])
-except ValueError as error:
-    print(error)
-"""
-
-
-def test_without_the_solver_certified_contacts_are_refused():
-    environment = {**os.environ, "VIBGYM_SOLVER": "0"}
-    done = subprocess.run(
-        [sys.executable, "-c", WITHOUT_SOLVER], env=environment, capture_output=True, text=True, check=True
-    )
-    assert len(done.stdout.splitlines()) == 1 and "VIBGYM_SOLVER" in done.stdout
-
-
 @pytest.mark.parametrize("switch, name", [
     ("VIBGYM_PLAIN_NUMBA=1", "fast compilation"), ("VIBGYM_CACHE=0", "kernel cache"),
     ("VIBGYM_BITCODE=0", "kernels in the wheel"), ("VIBGYM_VECTOR=4", "wide registers"),
-    ("VIBGYM_SOLVER=0", "certified contacts"), ("VIBGYM_THREADS=1", "threads"),
+    ("VIBGYM_THREADS=1", "threads"),
 ])  # fmt: skip
 def test_capabilities_that_are_switched_off(switch, name):
     variable, value = switch.split("=")

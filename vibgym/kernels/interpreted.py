@@ -5,7 +5,6 @@ Records are passed as they are, and a vector has one lane. Results agree with th
 
 from __future__ import annotations
 
-import ctypes
 import math
 import operator
 from pathlib import Path
@@ -58,20 +57,6 @@ class Memory:
     def replace(self, before: Any, record: Any) -> None:
         """Replace the record."""
         self.address = record
-
-
-# -- functions of other libraries --------------------------------------------------------------------------------------
-
-
-def foreign(address: int, *arguments: str) -> Any:
-    """Return what kernels take for a function of another library, with arguments ``"int64"`` and ``"float64"``."""
-    kinds = {"int64": ctypes.c_int64, "float64": ctypes.c_double}
-    return ctypes.CFUNCTYPE(None, *(kinds[each] for each in arguments))(address)
-
-
-def call_foreign(function: Any, arguments: tuple[Any, ...]) -> None:
-    """Call a function of another library and discard its result."""
-    function(*(each.item() if hasattr(each, "item") else each for each in arguments))
 
 
 # -- vectors of one lane, see vibgym.kernels.vector ---------------------------------------------------------------------

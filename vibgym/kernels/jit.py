@@ -1,4 +1,4 @@
-"""Decorators that compile kernels, and calls from kernels to other libraries.
+"""Decorators that compile kernels.
 
 ``VIBGYM_CACHE=0`` disables the cache of compiled kernels; ``NUMBA_CACHE_DIR`` sets its folder.
 """
@@ -10,16 +10,13 @@ from typing import Any
 from vibgym.kernels.interfaces import INTERPRETED, MODE, PRIVATE, PUBLIC
 
 if MODE == INTERPRETED:
-    from vibgym.kernels.interpreted import cache_folder, call_foreign, collect, foreign, kernel
+    from vibgym.kernels.interpreted import cache_folder, collect, kernel
+elif MODE == PUBLIC:
+    from vibgym.kernels.public import cache_folder, collect, kernel
 else:
-    from vibgym.kernels.pointers import call_foreign, foreign
-
-    if MODE == PUBLIC:
-        from vibgym.kernels.public import cache_folder, collect, kernel
-    else:
-        from vibgym.kernels.cache import collect
-        from vibgym.kernels.compiler import cache_folder, kernel, prefetch
-        from vibgym.kernels.helpers import use_all_processors
+    from vibgym.kernels.cache import collect
+    from vibgym.kernels.compiler import cache_folder, kernel, prefetch
+    from vibgym.kernels.helpers import use_all_processors
 
 if MODE != PRIVATE:
 
@@ -74,12 +71,10 @@ def exact_unit(function: Any) -> Any:
 __all__ = [
     "borrowing",
     "cache_folder",
-    "call_foreign",
     "collect",
     "exact",
     "exact_inlined",
     "exact_unit",
-    "foreign",
     "inlined",
     "jit",
     "prefetch",

@@ -173,30 +173,3 @@ def _packed(kind: Any, value: Any) -> bytes:
     if kind == types.float64:
         return struct.pack("=d", value)
     raise TypeError(f"pinned records hold int64, float64, arrays and records; got {kind}")
-
-
-# -- functions of other libraries --------------------------------------------------------------------------------------
-
-
-def _call_foreign(typingctx: Any, address: Any, arguments: Any) -> Any:
-    """``call_foreign(address, arguments)`` in a kernel, with a tuple of int64 (integers, pointers) and float64."""
-    kinds = getattr(arguments, "types", ())
-    if not kinds or not all(each in (types.int64, types.float64) for each in kinds):
-        return None
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        pointer, packed = values
-        passed = cgutils.unpack_tuple(builder, packed)
-        kind = ir.FunctionType(ir.VoidType(), [each.type for each in passed])
-        builder.call(builder.inttoptr(pointer, kind.as_pointer()), passed)
-        return context.get_dummy_value()
-
-    return types.none(types.int64, arguments), generate
-
-
-call_foreign: Any = intrinsic(_call_foreign)
-
-
-def foreign(address: int, *arguments: str) -> int:
-    """Return what kernels take for a function of another library: its address."""
-    return address
