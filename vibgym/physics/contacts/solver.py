@@ -48,8 +48,8 @@ masses: the larger, the slower the convergence."""
 COLD = 4
 """Most iterations over those needed from the impulses of the last step, for contacts without."""
 
-CORRECTION_RATE = 345.0
-"""Rate at which overlap beyond the slop decays, 1/s: half of it in 2 ms."""
+CORRECTION_RATE = 3450.0
+"""Rate at which overlap beyond the slop decays, 1/s: half of it in 0.2 ms. Positions alone change, so no energy is gained."""
 
 
 class Solver(NamedTuple):
