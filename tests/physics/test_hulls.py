@@ -242,6 +242,23 @@ def test_pieces_of_named_shapes():
         check_pieces(Part.polygon(np.array(corners[::-1]) * 0.01, friction=0.5))
 
 
+@given(seeds)
+def test_edges_of_pieces_are_whole(seed):
+    """Corners on an edge, also many, are in no piece, so that contact points of an edge are those of its whole length."""
+    random = np.random.default_rng(seed)
+    angles = np.sort(random.uniform(0.0, 2.0 * math.pi, 6))[:, None] + random.uniform(0.0, 1.0)
+    corners = 0.03 * np.hstack([np.cos(angles), np.sin(angles)])
+    extra = [
+        corner + share * (after - corner)
+        for corner, after in zip(corners, np.roll(corners, -1, axis=0), strict=True)
+        for share in [0.0, *np.sort(random.uniform(0.1, 0.9, random.integers(0, 4)))]
+    ]
+    part = Part.polygon(np.array(extra), friction=0.5)
+    (piece,) = convex_pieces(part)
+    assert len(piece) == len(corners)
+    check_pieces(part)
+
+
 def test_pieces_of_convex_parts():
     block, disc = Part.rectangle(0.06, 0.04, friction=0.5), Part.disc(0.02, friction=0.5)
     (piece,) = convex_pieces(block)

@@ -12,6 +12,7 @@ from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.physics.contacts.impact import set_inverse_masses
 from vibgym.physics.contacts.solver import begin_contacts, find_contacts, solve
+from vibgym.scene.hulls import gaps_between
 
 DISC = Part.disc(0.02, friction=0.0, contact_friction=0.3, mass=0.05)
 BLOCK = Part.rectangle(0.06, 0.04, friction=0.0, contact_friction=0.6, mass=0.2)
@@ -20,14 +21,14 @@ SCALE = [1.0, 1.0, 0.02]  # velocities at the discs' rim, m/s
 
 
 @jit
-def solved(island, pairs, h):
+def solved(island, pairs, h, undo):
     """Take a step of the solver; return the number of points and the smallest gap."""
     island = reference(island)
     set_inverse_masses(island)
     begin_contacts(island)
     island.contacts.close[:] = True
     found, gap = find_contacts(island, pairs, pairs.shape[0], h)
-    solve(island, found, h, False)
+    solve(island, found, h, undo)
     return found, gap
 
 
@@ -63,7 +64,7 @@ def test_velocities_agree_with_pymunk(seed):
     island = island_of(parts, ())
     enter(island, pose, velocity)
     pairs = np.array([[0, 1], [0, 2], [0, 3], [1, 3]])
-    found, gap = solved(island, pairs, H)
+    found, gap = solved(island, pairs, H, False)
     lanes = island.scene.workspace.pose.shape[1] // 3
     mine = island.scene.workspace.velocity[0].reshape(3, lanes)[:, :4].T
     assert found == 4 and gap == pytest.approx(-OVERLAP, rel=1e-4)
@@ -72,3 +73,27 @@ def test_velocities_agree_with_pymunk(seed):
     mass = np.array([part.mass for part in parts])
     np.testing.assert_allclose(mass @ mine[:, :2], mass @ velocity[:, :2], atol=1e-15)
     assert not np.allclose(mine, velocity, atol=0.05)
+
+
+@pytest.mark.filterwarnings("ignore:part .* implies a density")
+def test_correction_of_overlap_turns_no_corner_into_another_part():
+    """A light bar between heavy parts that press on it 1 mm apart: a turn by 2 degrees would separate both of these points."""
+    block, disc = Part.rectangle(0.1, 0.04, friction=0.0, mass=10.0), Part.disc(0.02, friction=0.0, mass=10.0)
+    bar = Part.rectangle(0.04, 0.01, friction=0.0, mass=0.01)
+    overlap, tilt = 5e-5, 2e-3
+    pose = np.array([
+        [0.4, 0.4 - 0.025 + overlap - 0.02 * tilt, 0.0],  # the bar's left end overlaps
+        [0.4, 0.4, tilt],
+        [0.4 - 0.019 - 0.025 * tilt, 0.4 + 0.025 - overlap - 0.019 * tilt, 0.0],
+    ])  # fmt: skip
+    island = island_of([block, bar, disc], ())
+    enter(island, pose, np.zeros((3, 3)))
+    before = gaps_between([block, bar, disc], pose[None])[0]
+    assert before[0, 1] == pytest.approx(-overlap, rel=0.1) and before[1, 2] == pytest.approx(-overlap, rel=0.1)
+    solved(island, np.array([[0, 1], [1, 2]]), H, True)
+    lanes = island.scene.workspace.pose.shape[1] // 3
+    after = gaps_between(
+        [block, bar, disc], island.scene.workspace.pose[0].reshape(3, lanes)[None, :, :3].swapaxes(1, 2)
+    )[0]
+    assert after.min() > -0.8 * overlap
+    assert after[0, 1] > before[0, 1] and after[1, 2] > before[1, 2]

@@ -20,6 +20,9 @@ from vibgym.scene.parts import Part
 STRAIGHT = 1e-12
 """Turn to the right, over the size squared, that counts as straight."""
 
+LEAST_TURN = 1e-10
+"""Turn to the left, over the size squared, below which a corner is left out of a hull: contact points need whole edges."""
+
 
 def convex_decomposition(outline: np.ndarray) -> list[np.ndarray]:
     """Return convex polygons (n, 2), counter-clockwise, into which a simple polygon (n, 2) is cut."""
@@ -73,8 +76,21 @@ def convex_pieces(part: Part) -> list[np.ndarray]:
     if part.symmetry == 0:
         return [np.zeros((1, 2))]
     if is_convex(part.rim):
-        return [np.array(part.rim)]
-    return convex_decomposition(part.rim)
+        return [_without_straight_corners(part.rim)]
+    return [_without_straight_corners(piece) for piece in convex_decomposition(part.rim)]
+
+
+def _without_straight_corners(piece: np.ndarray) -> np.ndarray:
+    """Return a convex polygon (n, 2) without corners at which it does not turn."""
+    least, kept = LEAST_TURN * float(np.abs(piece).max()) ** 2, list(range(len(piece)))
+    at = 0
+    while at < len(kept) and len(kept) > 3:
+        if _turns_left(piece, kept, at, -least):
+            at += 1
+        else:
+            del kept[at]
+            at = max(at - 1, 0)
+    return piece[kept]
 
 
 def rounding(part: Part) -> float:

@@ -20,11 +20,13 @@ from vibgym.physics.contacts.approach import part_motion, place_slot
 from vibgym.physics.contacts.hulls import hull_contact
 from vibgym.physics.contacts.impact import CONTACT_FROM
 from vibgym.physics.contacts.impulses import (
+    ALLOWED,
     GAP,
     MOVED,
     NORMAL,
     NORMAL_MASS,
     TANGENTIAL,
+    UNLIMITED,
     Points,
     add_point,
     apply,
@@ -41,7 +43,7 @@ does not start from the impulses of that impact."""
 FEWEST_ROUNDS, MOST_ROUNDS = 10, 1000
 """Limits of the iterations over all contacts in a step."""
 
-STILL_SPEED, STILL_MOVE = 1e-6, 1e-8
+STILL_SPEED, STILL_MOVE = 1e-4, 1e-6
 """Largest change (m/s; m) in an iteration at which it ends, for parts of equal mass. It is divided by the largest ratio of
 masses: the larger, the slower the convergence."""
 
@@ -50,6 +52,10 @@ COLD = 4
 
 CORRECTION_RATE = 3450.0
 """Rate at which overlap beyond the slop decays, 1/s: half of it in 0.2 ms. Positions alone change, so no energy is gained."""
+
+
+NEARBY = 2e-4
+"""Largest gap (m) of points that the correction of overlap includes: it may turn a part such that another corner overlaps."""
 
 
 class Solver(NamedTuple):
@@ -142,6 +148,8 @@ def add_points(island, n, i, j, a, b, manifold, friction, h):
             solver.points, n, i, j if j >= 0 else wall, manifold.nx, manifold.ny, (place[n, 0] - x, place[n, 1] - y),
             (place[n, 0] - u, place[n, 1] - w), gap, friction, 0.0, h,
         )  # fmt: skip
+        if gap > -CONTACT_FROM:
+            solver.points.value[n - 1, ALLOWED] = UNLIMITED
     return n
 
 
@@ -168,7 +176,7 @@ def find_contacts(island, pairs, n, h):
         one = workspace.part[i]
         if j < 0:
             for a in range(hulls.owner[one], hulls.owner[one + 1]):
-                found = wall_manifold(scene.table, hulls, placed, a, -1 - j, -CONTACT_FROM)
+                found = wall_manifold(scene.table, hulls, placed, a, -1 - j, NEARBY)
                 smallest = min(smallest, found.gap)
                 count = add_points(island, count, i, j, a, j, found, properties.friction[one], h)
             continue
@@ -179,8 +187,8 @@ def find_contacts(island, pairs, n, h):
             for b in range(hulls.owner[other], hulls.owner[other + 1]):
                 gap, nx, ny, owner = hull_contact(hulls, placed, a, b)
                 smallest = min(smallest, gap)
-                if gap < -CONTACT_FROM:
-                    found = hull_points(hulls, placed, a, b, gap, nx, ny, owner, -CONTACT_FROM)
+                if gap < NEARBY:
+                    found = hull_points(hulls, placed, a, b, gap, nx, ny, owner, NEARBY)
                     count = add_points(island, count, i, j, a, b, found, friction, h)
     return count, smallest
 
@@ -195,7 +203,7 @@ def start_from_last(solver, n, h):
     points, last, share = solver.points, solver.last_count[0], min(h / solver.last_span[0], 1.0)
     for k in range(n if last > 0 else 0):
         i, j, nearest, found = points.body[k, 0], points.body[k, 1], math.inf, -1
-        for old in range(last):
+        for old in range(last if points.value[k, ALLOWED] == 0.0 else 0):
             if (
                 solver.last_hull[old, 0] == solver.hull[k, 0] and solver.last_hull[old, 1] == solver.hull[k, 1]
                 and solver.last_body[old, 0] == i and solver.last_body[old, 1] == j
@@ -243,7 +251,7 @@ def correct_overlap(points, n, rounds, still, slop, share):
         most = 0.0
         for k in range(n):
             value, i, j = points.value[k], points.body[k, 0], points.body[k, 1]
-            wanted = share * max(-slop - value[GAP], 0.0)
+            wanted = share * max(-slop - value[GAP], 0.0) - max(value[GAP], 0.0)
             new = max(value[MOVED] + (wanted - normal_speed(value, move, i, j)) * value[NORMAL_MASS], 0.0)
             if new != value[MOVED]:
                 apply(value, inverse, move, i, j, new - value[MOVED], 0.0)
