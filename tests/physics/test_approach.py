@@ -18,7 +18,7 @@ from vibgym.physics.planar.workspace import FixedScene, Scene, new_workspace
 from vibgym.scene.bodies import bodies_of
 from vibgym.scene.hulls import gaps_between, hulls_of
 from vibgym.scene.parts import kinds_of
-from vibgym.simulation.contact_parts import impact_properties_of
+from vibgym.simulation.contact_parts import SLOP, impact_properties_of
 from vibgym.simulation.multibody import coupling_of
 from vibgym.simulation.schemes import planar_schemes
 
@@ -53,7 +53,7 @@ def island_of(parts, walls):
     )  # fmt: skip
     drive = polar_drive(np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), SURFACE.angular_frequency)
     scene = Scene(table, bodies, scheme, drive, state, workspace, 1)
-    return Island(scene, *fixed[1:5], 0, len(parts), 1, OVERLAP, 0.0, schemes.walls)
+    return Island(scene, *fixed[1:5], 0, len(parts), 1, OVERLAP, SLOP, schemes.walls)
 
 
 def enter(island, pose, velocity):

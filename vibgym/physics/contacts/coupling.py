@@ -40,7 +40,7 @@ from vibgym.physics.planar.workspace import FixedScene, Scene, Step
 REFRESH_SPEED = 0.1
 """Change of a part's velocity along x or y by contacts (m/s) from which on the list of near pairs is updated."""
 
-SHORTEST = 1.0 / 2048.0
+SHORTEST = 1.0 / 16384.0
 """Shortest coupling step over the longest."""
 
 

@@ -262,6 +262,20 @@ def correct_overlap(points, n, rounds, still, slop, share):
 
 
 @borrowing
+def limit_turns(island):
+    """Scale ``points.move`` of all parts such that none turns so far that its outline leaves its tangent by the slop."""
+    move, radius, scale = island.solver.points.move, island.hulls.radius, 1.0
+    for slot in range(island.parts):
+        turn = abs(move[slot, 2])
+        most = math.sqrt(2.0 * island.slop / radius[island.scene.workspace.part[slot]])
+        if turn * scale > most:
+            scale = most / turn
+    for slot in range(island.parts if scale < 1.0 else 0):
+        for k in range(3):
+            move[slot, k] *= scale
+
+
+@borrowing
 def load_velocities(island):
     """Load the velocities of an island's parts; return the largest ratio of their masses."""
     workspace, points = island.scene.workspace, island.solver.points
@@ -322,4 +336,5 @@ def solve(island, n, h, undo):
     if undo:
         share = 1.0 - math.exp(-CORRECTION_RATE * h)
         correct_overlap(points, n, rounds, STILL_MOVE / ratio, island.slop + CONTACT_FROM, share)
+        limit_turns(island)
     return write_motion(island)
