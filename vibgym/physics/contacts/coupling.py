@@ -49,7 +49,6 @@ class Contacts(NamedTuple):
 
     placed: np.ndarray  # (corners, 4)
     fresh: np.ndarray  # (slots,) bool: ``placed`` is up to date
-    uncorrected: np.ndarray  # (slots, 3) poses before the overlap correction
     step_start: np.ndarray  # (slots, 3) poses at the step's start
     pushed: np.ndarray  # (slots, 2) m/s, change of velocity by contacts since the period began
     speed: np.ndarray  # (slots, 3) velocities at the last update of ``pairs``
@@ -73,7 +72,6 @@ def new_contacts(parts: int, hulls: Hulls) -> Contacts:
     return Contacts(
         placed=np.zeros(hulls.corner.shape),
         fresh=np.zeros(parts, np.bool_),
-        uncorrected=np.zeros((parts, 3)),
         step_start=np.zeros((parts, 3)),
         pushed=np.zeros((parts, 2)),
         speed=np.zeros((parts, 3)),
