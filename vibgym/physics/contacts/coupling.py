@@ -113,7 +113,7 @@ class ContactScene(NamedTuple):
     walls: int
 
 
-CONTACT_SCENE: Layout[ContactScene] = Layout("FIXED_ENCOUNTER", __name__)
+CONTACT_SCENE: Layout[ContactScene] = Layout("CONTACT_SCENE", __name__)
 contact_scene_at = CONTACT_SCENE.at
 
 
