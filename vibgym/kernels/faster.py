@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib.util
+import sys
 from collections.abc import Iterator
 from typing import Any
 
 from numba.core import base, compiler_machinery, cpu, errors, ir, postproc, targetconfig, transforms
 from numba.core.types import functions
+from numba.np import linalg
 
 # -- variables of a statement --------------------------------------------------------------------------------------------
 
@@ -103,6 +106,22 @@ def _loaded(self: Any) -> None:
         self.install_registry(registry)
 
 
+def _find_blas() -> None:
+    """Raise ImportError without scipy; numba would import scipy.linalg here, which kernels do not need."""
+    if importlib.util.find_spec("scipy") is None:
+        raise ImportError("scipy is required for linear algebra")
+
+
+def _load_array_functions() -> None:
+    """Import numba's module that asks for BLAS; functions that use BLAS ask again."""
+    if "numba.np.arraymath" not in sys.modules:
+        before, linalg.ensure_blas = linalg.ensure_blas, _find_blas
+        try:
+            importlib.import_module("numba.np.arraymath")
+        finally:
+            linalg.ensure_blas = before
+
+
 # -- passes --------------------------------------------------------------------------------------------------------------
 
 
@@ -153,6 +172,7 @@ def faster(target_context: Any) -> Iterator[None]:
     if cpu.CPUContext.load_additional_registries is _loaded:  # a kernel that another one calls
         yield
         return
+    _load_array_functions()
     target_context.refresh()
     before = [getattr(owner, name) for owner, name, _ in _REPLACED]
     try:
