@@ -23,7 +23,7 @@ from vibgym.kernels.jit import borrowing, jit
 from vibgym.kernels.reference import Layout
 from vibgym.physics.contacts.fast import add_manifold
 from vibgym.physics.contacts.hulls import Hulls, place_hulls
-from vibgym.physics.contacts.impulses import GAP, MOVED, Points, iterate, move_apart
+from vibgym.physics.contacts.impulses import GAP, MOVED, STILL_SPEED, Points, iterate, move_apart
 from vibgym.physics.contacts.manifold import hull_manifold
 
 PROJECTED, DELAYED = 0, 1
@@ -131,7 +131,7 @@ def push_delayed(scene, pose, drift, px, py, vx, vy, h):
     n = find_points(scene, pose[0], pose[1], pose[2], px, py, 0.0)
     if n > 0:
         clear_motion(scene, vx, vy)
-        iterate(scene.points, n, ROUNDS)
+        iterate(scene.points, n, ROUNDS, STILL_SPEED)
         for k in range(n):
             value = scene.points.value[k]
             value[GAP], value[MOVED] = CORRECTED * min(value[GAP] + SLOP, 0.0), 0.0
