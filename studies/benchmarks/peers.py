@@ -130,10 +130,11 @@ OURS: dict[str, Callable[[], Rate]] = {
     **{name: partial(Batch, f"vibgym/{task}-v0", 256, 5, action=action) for name, (task, action) in CROWDS.items()},
 }
 ROWS = (
-    *(Row(ours, SYNC, 6.0) for ours in (ELEMENT, PATCH)),
+    Row(ELEMENT, SYNC, 6.0),
+    Row(PATCH, SYNC, 9.0),
     *(Row(ours, POOL, 0.8) for ours in (ELEMENT, PATCH)),
     Row(SINGLE, CARTPOLE, 3.0, cost=True),
-    *(Row(name, PUSHT, target) for name, target in zip(CROWDS, (None, None, 5.0, 4.0), strict=True)),
+    *(Row(name, PUSHT, target) for name, target in zip(CROWDS, (None, None, 5.0, 8.0), strict=True)),
 )
 
 

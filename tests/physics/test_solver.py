@@ -13,6 +13,7 @@ from vibgym.kernels.reference import reference
 from vibgym.physics.contacts.impact import set_inverse_masses
 from vibgym.physics.contacts.solver import begin_contacts, find_contacts, solve
 from vibgym.scene.hulls import gaps_between
+from vibgym.simulation.contact_parts import SLOP
 
 DISC = Part.disc(0.02, friction=0.0, contact_friction=0.3, mass=0.05)
 BLOCK = Part.rectangle(0.06, 0.04, friction=0.0, contact_friction=0.6, mass=0.2)
@@ -97,3 +98,18 @@ def test_correction_of_overlap_turns_no_corner_into_another_part():
     )[0]
     assert after.min() > -0.8 * overlap
     assert after[0, 1] > before[0, 1] and after[1, 2] > before[1, 2]
+
+
+@pytest.mark.filterwarnings("ignore:part .* implies a density")
+def test_correction_of_overlap_stays_within_its_linear_range():
+    """A light bar between heavy discs that press on it 1 mm apart: the linearised gaps ask for a turn by 10 degrees."""
+    disc, bar = Part.disc(0.02, friction=0.0, mass=10.0), Part.rectangle(0.04, 0.01, friction=0.0, mass=0.01)
+    overlap, parts = 1.2e-4, [disc, bar, disc]
+    away = 0.025 - overlap
+    pose = np.array([[0.3995, 0.4 - away, 0.0], [0.4, 0.4, 0.0], [0.4005, 0.4 + away, 0.0]])
+    island = island_of(parts, ())
+    enter(island, pose, np.zeros((3, 3)))
+    solved(island, np.array([[0, 1], [1, 2]]), H, True)
+    lanes = island.scene.workspace.pose.shape[1] // 3
+    after = gaps_between(parts, island.scene.workspace.pose[0].reshape(3, lanes)[None, :, :3].swapaxes(1, 2))[0]
+    assert min(after[0, 1], after[1, 2]) > -overlap - SLOP

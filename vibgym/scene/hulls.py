@@ -1,8 +1,7 @@
 """Parts as convex hulls, for distances and contacts; decomposition of outlines.
 
 A non-convex outline is cut into triangles (mapbox_earcut), which are merged across diagonals while they stay convex: at most
-four times as many pieces as the fewest possible (S. Hertel, K. Mehlhorn, 1983). pymunk's decomposition is not used: it reads
-beyond its memory for some outlines.
+four times as many pieces as the fewest possible (S. Hertel, K. Mehlhorn, 1983).
 """
 
 from __future__ import annotations

@@ -53,7 +53,6 @@ COLD = 4
 CORRECTION_RATE = 3450.0
 """Rate at which overlap beyond the slop decays, 1/s: half of it in 0.2 ms. Positions alone change, so no energy is gained."""
 
-
 NEARBY = 2e-4
 """Largest gap (m) of points that the correction of overlap includes: it may turn a part such that another corner overlaps."""
 
@@ -75,7 +74,8 @@ class Solver(NamedTuple):
 def point_capacity(hulls: int) -> int:
     """Return the largest number of contact points of ``hulls`` and the walls.
 
-    Outlines that do not overlap touch at most three times as many others, since these pairs form a planar graph.
+    Outlines that do not overlap touch at most three times as many others, since these pairs form a planar graph. There is
+    room for twice as many points, since some are only near.
     """
     return 2 * 6 * (hulls + 4)
 
