@@ -16,7 +16,6 @@ from typing import Any
 
 from numba.core import base, compiler_machinery, cpu, errors, ir, postproc, targetconfig, transforms
 from numba.core.types import functions
-from numba.np import linalg
 
 # -- variables of a statement --------------------------------------------------------------------------------------------
 
@@ -115,6 +114,8 @@ def _find_blas() -> None:
 def _load_array_functions() -> None:
     """Import numba's module that asks for BLAS; functions that use BLAS ask again."""
     if "numba.np.arraymath" not in sys.modules:
+        from numba.np import linalg
+
         before, linalg.ensure_blas = linalg.ensure_blas, _find_blas
         try:
             importlib.import_module("numba.np.arraymath")
