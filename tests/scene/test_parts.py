@@ -181,6 +181,16 @@ def test_simple_or_refused_as_shapely_says(corners):
             Part.polygon(scaled, friction=0.5)
 
 
+@given(st.floats(0.0, 2.0 * math.pi), st.floats(0.01, 0.3), st.integers(2, 40))
+def test_edges_on_one_line_do_not_cross(turn, height, pieces):
+    """Of edges on one line, rounding decides on which sides of one another they lie."""
+    share = np.arange(pieces)[:, None] / pieces
+    corners = np.array([[-0.5, -height], [0.5, -height], [0.5, height], [-0.5, height]])
+    split = np.concatenate([a + share * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
+    turned = split @ np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    assert Part.polygon(turned, friction=0.5, mass=1.0).area == pytest.approx(2.0 * height, rel=1e-12)
+
+
 def ragged(corners):
     """An outline with so many corners that no direction repeats."""
     turn = np.linspace(0.0, 2.0 * math.pi, corners, endpoint=False)

@@ -182,15 +182,18 @@ def faulty_edges(rings: Sequence[np.ndarray]) -> tuple[int, int, str] | None:
         off = point[None, :, :] - begin[:, None, :]
         return along[:, None, 0] * off[..., 1] - along[:, None, 1] * off[..., 0]
 
+    low, high = np.minimum(begin, end)[:, None, :], np.maximum(begin, end)[:, None, :]
+
     def within(point: np.ndarray) -> np.ndarray:
         """Return whether each point (columns) is in the bounding box of each edge (rows)."""
-        low, high = np.minimum(begin, end)[:, None, :], np.maximum(begin, end)[:, None, :]
         return np.all((low <= point[None]) & (point[None] <= high), axis=2)
 
     from_begin, from_end = side(begin), side(end)  # of the line of edge i, for both ends of edge j
     apart = (from_begin != 0.0) & (from_end != 0.0) & ((from_begin > 0.0) != (from_end > 0.0))
     on = ((from_begin == 0.0) & within(begin)) | ((from_end == 0.0) & within(end))
-    crossing = (apart & apart.T) | on | on.T
+    # Of separate edges on one line, rounding alone decides the sides: their boxes are apart.
+    meeting = np.all((low <= high[:, 0]) & (low[:, 0] <= high), axis=2)
+    crossing = (apart & apart.T & meeting) | on | on.T
     # Neighbours share a corner; they may not fold back onto each other.
     following = along[after]
     cross = along[:, 0] * following[:, 1] - along[:, 1] * following[:, 0]
