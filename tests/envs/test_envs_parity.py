@@ -77,8 +77,8 @@ def rows(result, chosen):
 
 
 @pytest.mark.parametrize("task, worlds, settings", [
-    ("Rotate", 70, {"action": "patch"}), ("SortCrowded", 40, {"action": "field", "randomize": {"parts": [2, 6]}}),
-    ("SortCrowded", 24, {"action": "velocity"}), ("SortCrowded", 24, {"action": "target"}),
+    ("Rotate", 250, {"action": "patch"}), ("SortCrowded", 40, {"action": "field", "randomize": {"parts": [2, 6]}}),
+    ("SortCrowded", 40, {"action": "velocity"}), ("SortCrowded", 40, {"action": "target"}),
 ])  # fmt: skip
 def test_results_depend_neither_on_batch_size_nor_on_order_nor_on_threads(task, worlds, settings, monkeypatch):
     made = lambda count: batch(task, count, max_episode_steps=4, **settings)  # noqa: E731
@@ -90,7 +90,9 @@ def test_results_depend_neither_on_batch_size_nor_on_order_nor_on_threads(task, 
         assert_same(rows(part, slice(None)), rows(whole, chosen))
     for threads in (1, 2, 5):
         monkeypatch.setattr(workers, "available_threads", lambda threads=threads: threads)
-        assert_same(trajectory(made(worlds), seeds, actions), whole)
+        env = made(worlds)
+        assert (len(env.core.simulator.blocks.edges) > 1) == (threads > 1)
+        assert_same(trajectory(env, seeds, actions), whole)
 
 
 @pytest.mark.parametrize("threads", [1, 2])

@@ -254,10 +254,11 @@ def test_calls_may_be_split():
 
 @pytest.mark.parametrize("knobs", [{}, {"order": 1}, {"stride": 2, "steps": 3}])
 def test_same_bits_for_threads_and_any_place_in_the_batch(knobs):
-    given = scene(80, seed=6, spin=8.0, margin=0.03)
+    given = scene(300, seed=6, spin=8.0, margin=0.03)
     one, two = averaged(given, 7, threads=1, **knobs), averaged(given, 7, threads=2, **knobs)
-    chosen = np.random.default_rng(0).permutation(80)[:33]
+    chosen = np.random.default_rng(0).permutation(300)[:33]
     few = averaged(tuple(values[chosen] for values in given), 7, threads=1, **knobs)
+    assert len(two.blocks.edges) > 1
     for name in one.get_state():
         assert np.array_equal(one.get_state()[name], two.get_state()[name])
         if name != "periods":

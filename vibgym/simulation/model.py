@@ -18,6 +18,7 @@ from vibgym.physics.core.records import State
 from vibgym.scene.outlines import rotation
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
+from vibgym.simulation.threads import USUAL_COST
 
 if TYPE_CHECKING:
     from vibgym.simulation.choice import Choice
@@ -104,6 +105,7 @@ class Model(ABC):
     Attributes:
         setup: the scene.
         choice: set by models that select another one, such as ``"auto"``; None: the model was named.
+        cost: us, rough time of a world and period; several threads are used where this saves time.
     """
 
     flat: ClassVar[bool] = True
@@ -116,6 +118,7 @@ class Model(ABC):
     def __init__(self, setup: Setup) -> None:
         self.setup = setup
         self.choice: Choice | None = None
+        self.cost = USUAL_COST
 
     @abstractmethod
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:

@@ -57,6 +57,7 @@ class Planar(Model):
         super().__init__(setup)
         self._setups = Pool(partial(planar_scene, setup, scheme))
         self._rows = np.arange(setup.worlds)
+        self.cost = 1.5 + 0.09 * setup.parts[0].area / setup.surface.element_size**2  # of docs/performance.md
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         rows = self._rows  # a local, since another thread may replace the attribute
@@ -82,6 +83,7 @@ class Averaged(Model):
     def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:
         super().__init__(setup)
         self._table, self._body, self._scheme = setup.surface.table(), body_of(setup.parts[0]), scheme
+        self.cost = 1.5
         self._workspaces = Pool(partial(integrator.new_workspace, self._table, self._body))
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:

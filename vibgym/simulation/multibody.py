@@ -49,6 +49,7 @@ class Multibody(Model):
 
     def __init__(self, setup: Setup, schemes: PlanarSchemes, buffers: Pool[Any] | None = None) -> None:
         super().__init__(setup)
+        self.cost = 7.0 * len(setup.parts)
         self._bend = min(schemes.bend)
         self._buffers = buffers or Pool(partial(ContactBuffers, setup, schemes))
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)

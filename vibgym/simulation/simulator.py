@@ -126,7 +126,7 @@ class Simulator:
         self.model = self.choice.model
         self._model.check_parts()
         threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
-        self.blocks = workers.Blocks(self.worlds, threads)
+        self.blocks = workers.Blocks(self.worlds, threads, self._model.cost)
         self._tipping: TippingMargin | None = None  # built on first use
         self._state = new_state(self.worlds, len(self.parts))
         self._state.pose[...] = overlaps.apart(surface, self.parts)

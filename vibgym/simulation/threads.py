@@ -6,6 +6,7 @@ assignment of blocks. The pool is created on first use and per process: a fork (
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections import deque
@@ -17,8 +18,11 @@ from vibgym import checks
 from vibgym.kernels.options import processors
 from vibgym.kernels.vector import LANES
 
-SMALLEST_BLOCK = 16
-"""Fewest worlds per thread; with fewer, a second thread costs more than it saves."""
+WORTH = 200.0
+"""us of work per thread; with less, a further thread costs more time than it saves."""
+
+USUAL_COST = 12.5
+"""us, time of a world where it is not known."""
 
 BLOCKS_PER_THREAD = 4
 """More blocks than threads, to balance the load when a thread is delayed."""
@@ -109,16 +113,17 @@ class Blocks:
     Args:
         worlds: how many.
         threads: most threads in use.
+        cost: us, rough time of a world in a call, by which the number of threads in use is chosen.
 
     Attributes:
         worlds: how many.
         edges: first world of each block, and the one after its last.
     """
 
-    def __init__(self, worlds: int, threads: int) -> None:
+    def __init__(self, worlds: int, threads: int, cost: float = USUAL_COST) -> None:
         self.worlds = worlds
-        self._threads = max(min(threads, worlds // SMALLEST_BLOCK), 1)
-        count = min(self._threads * BLOCKS_PER_THREAD, worlds // SMALLEST_BLOCK) if self._threads > 1 else 1
+        self._threads = max(min(threads, worlds // max(LANES, math.ceil(WORTH / cost))), 1)
+        count = min(self._threads * BLOCKS_PER_THREAD, worlds // LANES) if self._threads > 1 else 1
         # Multiples of LANES: other blocks would leave vector lanes empty.
         edges = [min(-(-worlds * k // count // LANES) * LANES, worlds) for k in range(count + 1)]
         self.edges = list(zip(edges, edges[1:]))

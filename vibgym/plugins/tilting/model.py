@@ -134,6 +134,7 @@ class AbovePlane(Model):
 
     def __init__(self, setup: Setup, scheme: TiltScheme) -> None:
         Model.__init__(self, setup)  # not super(): a subclass derives from Multibody as well
+        self.cost = 190.0 * len(setup.parts)
         self.step = setup.surface.period / scheme.steps
         self.attitudes = new_tilt(setup.worlds, len(setup.parts))
         self.pinned = Pinned(TILT, self.attitudes)
