@@ -117,6 +117,14 @@ def test_without_the_helper_this_process_compiles(probe, alone, harm):
     assert probe(f"{before}\n{ANNOUNCE}\n{after}\n{RESULT}") == [alone]
 
 
+def test_errors_of_helpers_are_logged(probe):
+    lines = probe(
+        "import logging\nlogging.basicConfig(level=10, stream=sys.stdout)\njit.prefetch(mine.wrong, values)\ndone()"
+    )
+    assert any("a helper could not compile mine.wrong" in each for each in lines)
+    assert any("units return nothing" in each for each in lines)
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="fork")
 def test_a_forked_process_leaves_the_helpers_to_its_parent(probe, alone):
     fork = "child = os.fork()\nif child == 0:\n    print(run(), flush=True)\n    os._exit(0)\nos.waitpid(child, 0)"

@@ -8,7 +8,8 @@ other jobs.
 
 Helpers need the cache. There are as many as further processors, at most ``LIMIT``; none in processes that ``multiprocessing``
 has started, where others compile at the same time. They end after ``IDLE`` s without work, with this process, or when it is
-killed. A job whose helper fails or dies is done here. ``VIBGYM_HELPERS=0`` disables them, another number sets the limit.
+killed. A job whose helper fails or dies is done here; the error of a helper is logged at level DEBUG. ``VIBGYM_HELPERS=0``
+disables them, another number sets the limit.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import atexit
 import bisect
 import contextlib
 import importlib
+import logging
 import multiprocessing
 import os
 import pickle
@@ -24,12 +26,15 @@ import subprocess
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from typing import Any
 
 from numba.core.serialize import dumps
 
 from vibgym.kernels.options import processors
+
+LOGGER = logging.getLogger("vibgym")
 
 Job = tuple[str, str, tuple[Any, ...]]
 """Module and name of a kernel, and types of its arguments."""
@@ -124,8 +129,11 @@ class Helpers:
                     return
                 _write(process.stdin, pickled)
                 while (answer := _read(process.stdout)) is not None:
-                    found, size, _ = pickle.loads(answer)
-                    self.submit(found, size, answer)
+                    found, size, more = pickle.loads(answer)
+                    if found is None:
+                        LOGGER.debug("vibgym: a helper could not compile %s:\n%s", ".".join(job[:2]), more)
+                    else:
+                        self.submit(found, size, answer)
                 with self._change:
                     self._state[job] = DONE
                     self._idle += 1
@@ -272,10 +280,12 @@ def serve() -> None:
     _write(_parent, b"")
     with contextlib.suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
         while (pickled := _read(jobs)) is not None:
-            with contextlib.suppress(Exception):  # the other process compiles it, and raises the error
+            try:
                 job, _, layouts = pickle.loads(pickled)
                 for module, name, record in layouts:
                     layout = getattr(importlib.import_module(module), name)
                     layout.record = layout.record or record
                 kernel_of(job).compile(job[2])
+            except Exception:  # the other process compiles it, and raises the error
+                _write(_parent, dumps((None, 0, traceback.format_exc())))
             _write(_parent, b"")
