@@ -34,7 +34,7 @@ from vibgym.sensing.measurement import new_measurement
 from vibgym.simulation import MODELS, Simulator
 from vibgym.snapshots import check_keys, copied, put_back, restored
 from vibgym.tasks import TASKS, Start, Task
-from vibgym.tasks.episode import new_relations
+from vibgym.tasks.episode import Relations
 from vibgym.tasks.scoring import OwnReward
 
 NONE = np.zeros(0, dtype=np.int64)
@@ -110,7 +110,7 @@ class Core(Pipeline):
         if self.sensing.exact:
             self.sensing.reset(NONE, state, np.zeros((0, 0)))
         else:
-            self._measured = new_relations(worlds, len(self.parts))
+            self._measured = Relations(*(values.copy() for values in self.relations))
         self.drive: Any = None
         self.costs: Costs | None = None
         if options.costs is not None:

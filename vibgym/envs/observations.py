@@ -410,13 +410,9 @@ def encode(program, quantities, row):
 
 
 @borrowing
-def compute_part(scene, pose, velocity, age, sigma, w, p, out):
-    """Compute the quantities of a part.
-
-    Args:
-        pose, velocity: (parts, 3) of the world.  age: (parts,).  sigma: (parts, 3).
-        out: (numbers,) of the part.
-    """
+def compute_part(scene, measured, w, p, out):
+    """Compute the quantities (numbers,) of a part."""
+    pose, velocity, age, sigma = measured.pose[w], measured.mean_velocity[w], measured.age[w], measured.sigma[w]
     relations, size, zones = scene.relations, scene.size, scene.zone[p]
     error, motion, turned = relations.error[w, p], scene.motion[w, p], scene.kind[p, 1] * pose[p, 2]
     out[HEADING], out[HEADING + 1] = math.cos(turned), math.sin(turned)
@@ -525,6 +521,16 @@ def write_neighbours(scene, pose, velocity, p, rows):
 
 
 @borrowing
+def clear_rows(scene, w, rows):
+    """Set rows (slots, size) of a world to 0 where nothing else is written."""
+    present = scene.present[w]
+    for slot in range(rows.shape[0]):
+        there = slot < present.shape[0] and present[slot]
+        for number in range(scene.program.source.shape[0] if there else 0, rows.shape[1]):
+            rows[slot, number] = 0.0
+
+
+@borrowing
 def write_rows(pinned, worlds, out):
     """Write the blocks or rows of some worlds.
 
@@ -534,24 +540,35 @@ def write_rows(pinned, worlds, out):
         out: (worlds, slots, size) float32, overwritten; zeros for absent parts.
     """
     scene = scene_at(pinned)
-    present, measured = scene.present, scene.measured
-    pose, mean_velocity, age, sigma = measured.pose, measured.mean_velocity, measured.age, measured.sigma
+    measured = scene.measured
     for k in range(worlds.shape[0]):
         w = worlds[k]
-        for slot in range(out.shape[1]):
-            there = slot < pose.shape[1] and present[w, slot]
-            for number in range(scene.program.source.shape[0] if there else 0, out.shape[2]):
-                out[w, slot, number] = 0.0
-        for p in range(pose.shape[1]):
-            if present[w, p]:
-                compute_part(scene, pose[w], mean_velocity[w], age[w], sigma[w], w, p, scene.quantities[p])
+        clear_rows(scene, w, out[w])
+        for p in range(scene.present.shape[1]):
+            if scene.present[w, p]:
+                compute_part(scene, measured, w, p, scene.quantities[p])
+                encode(scene.program, scene.quantities[p], out[w, p])
+
+
+@borrowing
+def write_rows_of_several(pinned, worlds, out):
+    """Write rows as :func:`write_rows`, with contacts and neighbours where the layout has them."""
+    scene = scene_at(pinned)
+    measured = scene.measured
+    pose = measured.pose
+    for k in range(worlds.shape[0]):
+        w = worlds[k]
+        clear_rows(scene, w, out[w])
+        for p in range(scene.present.shape[1]):
+            if scene.present[w, p]:
+                compute_part(scene, measured, w, p, scene.quantities[p])
                 if scene.touch == 1:
                     compute_contact(scene, pose[w], measured.pushed[w], w, p, scene.quantities[p])
                 encode(scene.program, scene.quantities[p], out[w, p])
         if scene.others.source.shape[0] > 0:
             rank_neighbours(scene, pose, measured.gone, w)
             for p in range(pose.shape[1]):
-                write_neighbours(scene, pose[w], mean_velocity[w], p, out[w])
+                write_neighbours(scene, pose[w], measured.mean_velocity[w], p, out[w])
 
 
 @borrowing
@@ -601,9 +618,9 @@ def row_writer(task: Task, layout: Layout, measurement: Measurement, relations: 
         nearest=np.full((len(parts), NEIGHBOURS), -1, dtype=np.int64),
         gap=np.zeros((len(parts), NEIGHBOURS)),
     )
-    pinned = Pinned(SCENE, scene)
-    prefetch(write_rows, 0, np.empty(0, dtype=np.int64), np.empty((0, 0, 0), dtype=np.float32))
-    return bound(write_rows, pinned)
+    pinned, write = Pinned(SCENE, scene), write_rows_of_several if scene.touch or len(others.source) else write_rows
+    prefetch(write, 0, np.empty(0, dtype=np.int64), np.empty((0, 0, 0), dtype=np.float32))
+    return bound(write, pinned)
 
 
 def _program(features: Sequence[Feature], places: dict[str, int], surface: Surface) -> Program:

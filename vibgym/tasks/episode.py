@@ -169,11 +169,11 @@ PARTS_DONE, IN_TOUCH, HELD = range(3)  # of Episode.count; HELD: consecutive per
 DOWN, SUCCEEDED, ENDED, BARRED = range(4)
 
 
-def new_relations(worlds: int, parts: int) -> Relations:
-    """Allocate relations."""
+def new_relations(worlds: int, parts: int, far: float) -> Relations:
+    """Allocate relations of parts at the goals and ``far`` m apart."""
     return Relations(
         error=np.zeros((worlds, parts, 3)),
-        gap=np.zeros((worlds, parts)),
+        gap=np.full((worlds, parts), far),
         neighbour=np.full((worlds, parts), -1, dtype=np.int64),
         reach=np.zeros((worlds, parts)),
     )
@@ -228,19 +228,15 @@ def misses_goal(difference, position_tolerance, heading_tolerance, heading_perio
 
 @borrowing
 def relate_gaps(context, pose, gone, world):
-    """Compute the nearest neighbours in one world; parts that are ``gone`` are ignored.
-
-    Returns:
-        The smallest gap, m, and the number of touching pairs.
-    """
+    """Compute gaps and nearest neighbours in one world, without parts that are ``gone``; return how many pairs touch."""
     parts, hulls, placed, far = pose.shape[1], context.hulls, context.placed, context.rules.far
     here, relations = context.episode.present[world], context.relations
     gap, neighbour = relations.gap[world], relations.neighbour[world]
     for i in range(parts):
         gap[i], neighbour[i] = far, -1
-        if parts > 1 and here[i] and not gone[world, i]:
+        if here[i] and not gone[world, i]:
             place_hulls(hulls, i, pose[world, i, 0], pose[world, i, 1], pose[world, i, 2], placed)
-    touching, clearance = 0, far
+    touching = 0
     for i in range(parts):
         if not here[i] or gone[world, i]:
             continue
@@ -256,16 +252,23 @@ def relate_gaps(context, pose, gone, world):
                 gap[i], neighbour[i] = between, j
             if between < gap[j]:
                 gap[j], neighbour[j] = between, i
-            clearance = min(clearance, between)
             touching += between < TOUCHING
-    return clearance, touching
+    return touching
 
 
 @borrowing
-def relate_world(context, pose, gone, world):
-    """Compute the relations of one world; returns the smallest gap, m, and the number of touching pairs."""
+def smallest_gap(relations, world):
+    """Return the smallest gap between parts of a world, m."""
+    smallest = math.inf
+    for i in range(relations.gap.shape[1]):
+        smallest = min(smallest, relations.gap[world, i])
+    return smallest
+
+
+@borrowing
+def relate_to_goals(context, pose, world):
+    """Compute errors to the goals, and what parts without a goal are to reach, in one world."""
     rules, goal, present, error = context.rules, context.episode.goal, context.episode.present, context.relations.error
-    clearance, touching = relate_gaps(context, pose, gone, world)
     for i in range(pose.shape[1]):
         ex, ey, turn = 0.0, 0.0, 0.0
         if present[world, i]:
@@ -277,7 +280,6 @@ def relate_world(context, pose, gone, world):
         error[world, i, 0], error[world, i, 1], error[world, i, 2] = ex, ey, turn
         if not rules.asked[i]:
             context.relations.reach[world, i] = reach_of(context, pose, world, i)
-    return clearance, touching
 
 
 @borrowing
@@ -292,17 +294,15 @@ def reach_of(context, pose, world, part):
 
 
 @borrowing
-def evaluate_world(context, mean_velocity, fallen, world, clearance, touching):
-    """Compute the errors of one world and which parts are done.
-
-    Args:
-        clearance, touching: from :func:`relate_world`.
+def evaluate_world(context, mean_velocity, fallen, world):
+    """Compute the errors of one world and which parts are done; its relations must be up to date.
 
     Returns:
         Whether all parts are done, and whether all are within their limits, fallen or not.
     """
     relations, episode, rules = context.relations, context.episode, context.rules
     number, apart = episode.number[world], rules.apart
+    clearance = smallest_gap(relations, world)
     error, clear = max(apart - clearance, 0.0), 0.0
     down, count, asked, done, fit, distance, turn, inside, most_turned = False, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0
     for i in range(mean_velocity.shape[1]):
@@ -333,7 +333,7 @@ def evaluate_world(context, mean_velocity, fallen, world, clearance, touching):
     number[MEAN_DISTANCE], number[MEAN_TURN] = distance / share, turn / share
     number[SHARE_INSIDE], number[SHARE_CLEAR] = inside / share, clear / share
     number[POSITION_ERROR], number[HEADING_ERROR], number[SMALLEST_GAP] = error, most_turned, clearance
-    episode.count[world, PARTS_DONE], episode.count[world, IN_TOUCH] = done, touching
+    episode.count[world, PARTS_DONE] = done
     episode.flag[world, DOWN] = down
     return done == count, fit == count
 
@@ -447,22 +447,41 @@ def reward_parts(context, fallen, starting, world):
 
 
 @borrowing
-def relate_worlds(address, worlds, pose, gone):
-    """Update the relations of some worlds.
+def relate_worlds(address, worlds, pose):
+    """Update the relations of some worlds, but not gaps and neighbours.
 
     Args:
         address: of a pinned :class:`Context`, whose relations are overwritten.
         worlds: (n,) index.
-        pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts to ignore.
+        pose: (worlds, parts, 3).
     """
     context = context_at(address)
     for k in range(worlds.shape[0]):
-        relate_world(context, pose, gone, worlds[k])
+        relate_to_goals(context, pose, worlds[k])
+
+
+@borrowing
+def relate_parts(address, true, pose, gone, worlds):
+    """Update gaps and neighbours of some worlds, for scenes with several parts.
+
+    Args:
+        address: of a pinned :class:`Context`, whose relations are overwritten.
+        true: whether poses are the true ones, whose touching pairs are counted.
+        pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts to ignore.
+        worlds: (n,) index.
+    """
+    context = context_at(address)
+    for k in range(worlds.shape[0]):
+        touching = relate_gaps(context, pose, gone, worlds[k])
+        if true:
+            context.episode.count[worlds[k], IN_TOUCH] = touching
 
 
 @borrowing
 def score_worlds(state, address, starting, worlds):
     """Score one step of some worlds relative to the previous one, or start their episodes, whose goals and parts are set.
+
+    Gaps between parts must be up to date, see :func:`relate_parts`; those of a single part never change.
 
     Args:
         state: address of the pinned true state.
@@ -477,8 +496,8 @@ def score_worlds(state, address, starting, worlds):
         number, count, flag = episode.number, episode.count, episode.flag
         for i in range(4):
             before[i] = number[world, i]
-        clearance, touching = relate_world(context, true.pose, true.fallen, world)
-        complete, within = evaluate_world(context, true.mean_velocity, true.fallen, world, clearance, touching)
+        relate_to_goals(context, true.pose, world)
+        complete, within = evaluate_world(context, true.mean_velocity, true.fallen, world)
         if starting:
             count[world, HELD], flag[world, SUCCEEDED], flag[world, ENDED] = 0, False, False
             number[world, REWARD], episode.terms[world] = 0.0, 0.0

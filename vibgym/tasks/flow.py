@@ -29,8 +29,10 @@ from vibgym.tasks.episode import (
     TURNED,
     WRONG,
     Context,
-    relate_world,
+    relate_gaps,
+    relate_to_goals,
     reward_part,
+    smallest_gap,
 )
 from vibgym.tasks.inlet import Inlet, draw_arrivals
 
@@ -228,9 +230,10 @@ def update_rates(flow, world):
 @borrowing
 def update_relations(flow, state, world):
     """Update the relations of a world, and the fields of ``info`` that depend on them."""
-    clearance, touching = relate_world(flow.context, state.pose, state.fallen, world)
-    episode = flow.context.episode
-    episode.number[world, SMALLEST_GAP], episode.count[world, IN_TOUCH] = clearance, touching
+    context, episode = flow.context, flow.context.episode
+    episode.count[world, IN_TOUCH] = relate_gaps(context, state.pose, state.fallen, world)
+    episode.number[world, SMALLEST_GAP] = smallest_gap(context.relations, world)
+    relate_to_goals(context, state.pose, world)
 
 
 @borrowing

@@ -28,6 +28,7 @@ from vibgym.tasks.episode import (
     Start,
     new_episode,
     new_relations,
+    relate_parts,
     relate_worlds,
     score_worlds,
 )
@@ -59,13 +60,15 @@ class Scoring:
     def __init__(self, task: Task, state: State, periods: int, motion: int = 0) -> None:
         worlds, parts = state.pose.shape[:2]
         self._task, self._rules, self._state = task, task.rules(periods), Pinned(STATE, state)
-        self.relations = new_relations(worlds, parts)
+        self.relations = new_relations(worlds, parts, self._rules.far)
         self.episode = new_episode(worlds, parts, len(self._rules.term), motion)
         self.players = self.rewarded = self.episode.present
         self.changed = self.episode.arrived
         self._context = self.context(self.relations)
         self._everyone = np.arange(worlds)
         prefetch(score_worlds, 0, 0, True, self._everyone)
+        if parts > 1:
+            prefetch(relate_parts, 0, True, state.pose, state.fallen, self._everyone)
 
     def context(self, relations: Relations) -> Pinned[Context]:
         """Return the kernels' arguments for such relations, with scratch memory for one thread."""
@@ -93,7 +96,14 @@ class Scoring:
     def begin(self, worlds: np.ndarray, start: Start) -> None:
         """Start the episodes of ``worlds`` (index array), whose parts have been placed."""
         self.episode.goal[worlds], self.episode.present[worlds] = start.goal, start.present
+        for stage in self._neighbours(self._context):
+            stage(worlds)
         score_worlds(self._state.address, self._context.address, True, worlds)
+
+    def _neighbours(self, context: Pinned[Context]) -> list[Stage]:
+        """Return the function that updates gaps and neighbours by the true state; none of a scene with one part."""
+        true = self._state.record
+        return [] if true.pose.shape[1] == 1 else [bound(relate_parts, context, True, true.pose, true.fallen)]
 
     def score(self) -> None:
         """Score one step of every world relative to the previous one."""
@@ -105,18 +115,28 @@ class Scoring:
 
         Each call allocates scratch memory: stages of several calls can run at the same time, on different worlds.
         """
-        score = bound(score_worlds, self._state, self.context(self.relations), False)
+        context = self.context(self.relations)
+        scores = [*self._neighbours(context), bound(score_worlds, self._state, context, False)]
         if not self._task.exchanges:
-            return [score]
+            return scores
         kind, pose, episode = np.ascontiguousarray(self._task.kind), self._state.record.pose, self.episode
-        return [bound(exchange_goals, kind, episode.present, pose, episode.goal, EXCHANGE), score]
+        return [bound(exchange_goals, kind, episode.present, pose, episode.goal, EXCHANGE), *scores]
 
     def relating(self, relations: Relations) -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
         """Return a function that updates relations by other poses than the true ones; scratch memory as for :meth:`stages`.
 
         Its arguments: index array of worlds, poses (worlds, parts, 3), and which parts to ignore (worlds, parts) bool.
         """
-        return bound(relate_worlds, self.context(relations))
+        context = self.context(relations)
+        to_goals, to_parts = bound(relate_worlds, context), bound(relate_parts, context, False)
+        if relations.gap.shape[1] == 1:
+            return lambda worlds, pose, gone: to_goals(worlds, pose)
+
+        def relate(worlds: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> None:
+            to_parts(pose, gone, worlds)
+            to_goals(worlds, pose)
+
+        return relate
 
 
 class FactScoring(Scoring):
