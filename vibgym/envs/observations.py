@@ -410,8 +410,9 @@ def encode(program, quantities, row):
 
 
 @borrowing
-def compute_part(scene, measured, w, p, out):
+def compute_part(scene, w, p, out):
     """Compute the quantities (numbers,) of a part."""
+    measured = scene.measured
     pose, velocity, age, sigma = measured.pose[w], measured.mean_velocity[w], measured.age[w], measured.sigma[w]
     relations, size, zones = scene.relations, scene.size, scene.zone[p]
     error, motion, turned = relations.error[w, p], scene.motion[w, p], scene.kind[p, 1] * pose[p, 2]
@@ -521,13 +522,17 @@ def write_neighbours(scene, pose, velocity, p, rows):
 
 
 @borrowing
-def clear_rows(scene, w, rows):
-    """Set rows (slots, size) of a world to 0 where nothing else is written."""
+def write_world(scene, w, rows):
+    """Write the blocks or rows (slots, size) of a world, without neighbours."""
     present = scene.present[w]
     for slot in range(rows.shape[0]):
         there = slot < present.shape[0] and present[slot]
         for number in range(scene.program.source.shape[0] if there else 0, rows.shape[1]):
             rows[slot, number] = 0.0
+    for p in range(present.shape[0]):
+        if present[p]:
+            compute_part(scene, w, p, scene.quantities[p])
+            encode(scene.program, scene.quantities[p], rows[p])
 
 
 @borrowing
@@ -540,14 +545,8 @@ def write_rows(pinned, worlds, out):
         out: (worlds, slots, size) float32, overwritten; zeros for absent parts.
     """
     scene = scene_at(pinned)
-    measured = scene.measured
     for k in range(worlds.shape[0]):
-        w = worlds[k]
-        clear_rows(scene, w, out[w])
-        for p in range(scene.present.shape[1]):
-            if scene.present[w, p]:
-                compute_part(scene, measured, w, p, scene.quantities[p])
-                encode(scene.program, scene.quantities[p], out[w, p])
+        write_world(scene, worlds[k], out[worlds[k]])
 
 
 @borrowing
@@ -555,20 +554,17 @@ def write_rows_of_several(pinned, worlds, out):
     """Write rows as :func:`write_rows`, with contacts and neighbours where the layout has them."""
     scene = scene_at(pinned)
     measured = scene.measured
-    pose = measured.pose
     for k in range(worlds.shape[0]):
         w = worlds[k]
-        clear_rows(scene, w, out[w])
-        for p in range(scene.present.shape[1]):
+        pose, velocity = measured.pose[w], measured.mean_velocity[w]
+        for p in range(pose.shape[0] if scene.touch == 1 else 0):
             if scene.present[w, p]:
-                compute_part(scene, measured, w, p, scene.quantities[p])
-                if scene.touch == 1:
-                    compute_contact(scene, pose[w], measured.pushed[w], w, p, scene.quantities[p])
-                encode(scene.program, scene.quantities[p], out[w, p])
+                compute_contact(scene, pose, measured.pushed[w], w, p, scene.quantities[p])
+        write_world(scene, w, out[w])
         if scene.others.source.shape[0] > 0:
-            rank_neighbours(scene, pose, measured.gone, w)
-            for p in range(pose.shape[1]):
-                write_neighbours(scene, pose[w], measured.mean_velocity[w], p, out[w])
+            rank_neighbours(scene, measured.pose, measured.gone, w)
+            for p in range(pose.shape[0]):
+                write_neighbours(scene, pose, velocity, p, out[w])
 
 
 @borrowing
