@@ -58,11 +58,11 @@ class Helpers:
         self.limit = limit
         self._change = threading.Condition()
         self._state: dict[Job, str] = {}
-        self._queue: list[tuple[int, Job, bytes]] = []  # smallest first
+        self._queue: list[tuple[float, Job, bytes]] = []  # smallest first
         self._processes: list[subprocess.Popen[bytes]] = []
         self._idle = 0
 
-    def submit(self, job: Job, size: int, pickled: bytes) -> None:
+    def submit(self, job: Job, size: float, pickled: bytes) -> None:
         """Add a job that is not known yet, and start a helper for it unless one is idle."""
         with self._change:
             if not self.limit or job in self._state:
@@ -224,12 +224,12 @@ def is_helper() -> bool:
     return _parent is not None
 
 
-def submit(job: Job, size: int, layouts: list[Any]) -> None:
+def submit(job: Job, size: float, layouts: list[Any]) -> None:
     """Announce a kernel that will be needed and is not in the cache.
 
     Args:
         job: the kernel.
-        size: of its code; helpers begin with the largest.
+        size: of its code, or infinity; helpers begin with the largest.
         layouts: layouts of pinned records with their types, which types of arguments do not contain.
     """
     if job[0] == "__main__":  # a helper cannot import it

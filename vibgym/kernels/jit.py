@@ -20,7 +20,7 @@ else:
 
 if MODE != PRIVATE:
 
-    def prefetch(function: Any, *arguments: Any) -> None:
+    def prefetch(function: Any, *arguments: Any, first: bool = False) -> None:
         """Do nothing: in this mode a kernel is compiled when it is called."""
 
     def use_all_processors() -> None:
