@@ -170,7 +170,7 @@ def test_faster_functions_of_numba_yield_the_same_code(probe):
 SCENE = """
 from vibgym.kernels import compiler
 announced, compiled = set(), set()
-def prefetch(self, arguments):
+def prefetch(self, arguments, first=False):
     announced.add(self.py_func.__name__)
 compiler._Kernel.prefetch, load = prefetch, compiler._Kernel.compile
 def compile(self, sig):
