@@ -78,7 +78,7 @@ class Multibody(Model):
     def prefetch(self) -> None:
         self._buffers.lend(lambda buffers: buffers.prospect(1))  # determines the types of its arrays
         prefetch(slide_rows, NO_ROWS, 0, 0, 0, 1, NO_PATHS, 0)
-        prefetch(broad_phase, 0, 0, 0, 0, 0, first=True)
+        prefetch(broad_phase, 0, 0, 0, 0, 0, first=True)  # shares functions with resolve
         prefetch(resolve, 0, 0, 0, 0, 0, 0, self.counts)
 
     def slide(

@@ -67,7 +67,8 @@ class Scoring:
         self._context = self.context(self.relations)
         self._everyone = np.arange(worlds)
         prefetch(score_worlds, 0, 0, True, self._everyone)
-        if parts > 1:
+        self._several = parts > 1  # the gap and neighbour of a single part never change
+        if self._several:
             prefetch(relate_parts, 0, True, state.pose, state.fallen, self._everyone)
 
     def context(self, relations: Relations) -> Pinned[Context]:
@@ -96,14 +97,10 @@ class Scoring:
     def begin(self, worlds: np.ndarray, start: Start) -> None:
         """Start the episodes of ``worlds`` (index array), whose parts have been placed."""
         self.episode.goal[worlds], self.episode.present[worlds] = start.goal, start.present
-        for stage in self._neighbours(self._context):
-            stage(worlds)
-        score_worlds(self._state.address, self._context.address, True, worlds)
-
-    def _neighbours(self, context: Pinned[Context]) -> list[Stage]:
-        """Return the function that updates gaps and neighbours by the true state; none of a scene with one part."""
-        true = self._state.record
-        return [] if true.pose.shape[1] == 1 else [bound(relate_parts, context, True, true.pose, true.fallen)]
+        state, context = self._state, self._context.address
+        if self._several:
+            relate_parts(context, True, state.record.pose, state.record.fallen, worlds)
+        score_worlds(state.address, context, True, worlds)
 
     def score(self) -> None:
         """Score one step of every world relative to the previous one."""
@@ -115,12 +112,14 @@ class Scoring:
 
         Each call allocates scratch memory: stages of several calls can run at the same time, on different worlds.
         """
-        context = self.context(self.relations)
-        scores = [*self._neighbours(context), bound(score_worlds, self._state, context, False)]
-        if not self._task.exchanges:
-            return scores
-        kind, pose, episode = np.ascontiguousarray(self._task.kind), self._state.record.pose, self.episode
-        return [bound(exchange_goals, kind, episode.present, pose, episode.goal, EXCHANGE), *scores]
+        context, true, episode = self.context(self.relations), self._state.record, self.episode
+        stages = [bound(score_worlds, self._state, context, False)]
+        if self._several:
+            stages.insert(0, bound(relate_parts, context, True, true.pose, true.fallen))
+        if self._task.exchanges:
+            kind = np.ascontiguousarray(self._task.kind)
+            stages.insert(0, bound(exchange_goals, kind, episode.present, true.pose, episode.goal, EXCHANGE))
+        return stages
 
     def relating(self, relations: Relations) -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
         """Return a function that updates relations by other poses than the true ones; scratch memory as for :meth:`stages`.
@@ -129,7 +128,7 @@ class Scoring:
         """
         context = self.context(relations)
         to_goals, to_parts = bound(relate_worlds, context), bound(relate_parts, context, False)
-        if relations.gap.shape[1] == 1:
+        if not self._several:
             return lambda worlds, pose, gone: to_goals(worlds, pose)
 
         def relate(worlds: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> None:
