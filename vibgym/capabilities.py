@@ -31,7 +31,7 @@ def capabilities() -> list[Capability]:
         Capability(
             "fast compilation",
             "yes" if private else f"no: {interfaces.REASON}",
-            "without: numba.njit compiles, four to five times as long, once",
+            "without: numba.njit compiles, four to six times as long, once",
             f"{interfaces.SWITCH}=1",
         ),
         Capability(

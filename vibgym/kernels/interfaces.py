@@ -3,7 +3,7 @@
 ====================  ================================================================================================
 ``PRIVATE``           by :mod:`vibgym.kernels.compiler`, which needs numba's private interfaces: fastest compilation, kernels in
                       wheels
-``PUBLIC``            by ``numba.njit`` (:mod:`vibgym.kernels.public`): steps 4 % slower, four to five times the time to compile
+``PUBLIC``            by ``numba.njit`` (:mod:`vibgym.kernels.public`): steps up to 4 % slower, four to six times the time to compile
 ``INTERPRETED``       not compiled (:mod:`vibgym.kernels.interpreted`): slow, for a debugger; ``NUMBA_DISABLE_JIT=1``
 ====================  ================================================================================================
 
@@ -99,7 +99,7 @@ MODE, REASON = decide()
 
 if MODE == PUBLIC:
     logging.getLogger("vibgym").warning(
-        "vibgym: %s: kernels are compiled by numba's public interface, which takes four to five times as long, once",
+        "vibgym: %s: kernels are compiled by numba's public interface, which takes four to six times as long, once",
         REASON,
     )
 elif MODE == INTERPRETED:
