@@ -3,7 +3,7 @@
 ====================  ================================================================================================
 ``PRIVATE``           by :mod:`vibgym.kernels.compiler`, which needs numba's private interfaces: fastest compilation, kernels in
                       wheels
-``PUBLIC``            by ``numba.njit`` (:mod:`vibgym.kernels.public`): steps up to 4 % slower, four to six times the time to compile
+``PUBLIC``            by ``numba.njit`` (:mod:`vibgym.kernels.public`): up to 4 % slower, compiles four to six times as long
 ``INTERPRETED``       not compiled (:mod:`vibgym.kernels.interpreted`): slow, for a debugger; ``NUMBA_DISABLE_JIT=1``
 ====================  ================================================================================================
 
