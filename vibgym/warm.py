@@ -130,6 +130,7 @@ def jobs() -> Iterator[tuple[str, Job]]:
     yield "averaged model", partial(simulator, parts=BLOCKS[0], model="averaged")
     yield "contacts", contacts
     yield "fast contacts", partial(contacts, contacts="fast")
+    yield "contacts by pymunk", partial(contacts, contacts="pymunk")
     yield from PLUGINS.items()
     yield "allocation", allocation
     yield "bounds", bounds

@@ -72,6 +72,10 @@ OTHERS: dict[str, tuple[str, dict[str, Any]]] = {
     "parts drawn too": (SEVERAL, {"randomize": {"parts": [2, 6], "mass": [0.5, 2.0], "incline": 0.02, "patches": [0.8, 1.2]}}),
     "disturbances": (ONE, {"randomize": {"disturbance": {"rate": 5.0, "tilt_deg": [1, 3]}}}),
     "disturbances with tilt": (SEVERAL, {"model": "tilting", "randomize": {"disturbance": {"rate": 5.0, "tilt_deg": [1, 3]}}}),
+    "contacts by pymunk": (
+        "vibgym/SortCrowded-v0",
+        {"model": {"kind": "planar", "contacts": "pymunk"}, "randomize": {"mass": [0.5, 2]}, "walls": ["top"]},
+    ),
     "contacts reported": ("vibgym/PushAny-v0", {"sensor": {"kind": "ideal", "tell": ["contacts"]}, "observation": "parts"}),
     "slots": (SEVERAL, {"slots": 7, "observation": "parts", "randomize": {"parts": [2, 6]}, "sensor": "pose"}),
     "a crowd in an image": ("vibgym/SortCrowded-v0", {"action": "patch", "observation": "image", "walls": ["top"]}),

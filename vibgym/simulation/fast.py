@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import ClassVar
 
 from vibgym.kernels.jit import prefetch
 from vibgym.kernels.reference import Pinned
@@ -36,9 +37,12 @@ SLOTS = 32
 class FastMultibody(Multibody):
     """Advances worlds with several parts or walls, with fast contacts."""
 
-    def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
+    WHOLE: ClassVar[bool] = False
+    """Whether all parts of a world advance with contacts where any of them are near, or those parts alone."""
+
+    def __init__(self, setup: Setup, schemes: PlanarSchemes, buffers: type[FastBuffers] | None = None) -> None:
         check_parts(setup.parts)
-        super().__init__(setup, schemes, Pool(partial(FastBuffers, setup, schemes)))
+        super().__init__(setup, schemes, Pool(partial(buffers or FastBuffers, setup, schemes)))
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         def work(buffers: FastBuffers) -> None:
@@ -47,19 +51,32 @@ class FastMultibody(Multibody):
             deepest[0] = self._smallest_gap[start]
             inputs = drive.address, state.address
             for _ in range(periods):
-                find_rows(start, stop, together, state.address, rows.address)
+                find_rows(start, stop, together, state.address, rows.address, self.WHOLE)
                 for kind, alone in enumerate(buffers.alone):
                     free = rows.record.rows[kind, : rows.record.count[kind]]
                     slide_rows(free, alone.address, *inputs, 1, NO_PATHS, 0)
-                drive_together(start, stop, together, *inputs, rows.address, self.counts)  # not diverged worlds
+                self.drive(start, stop, buffers, drive, state, rows)  # not diverged worlds
             self._smallest_gap[start] = deepest[0]
 
         self._buffers.lend(work)
 
+    def drive(
+        self,
+        start: int,
+        stop: int,
+        buffers: FastBuffers,
+        drive: Pinned[Drive],
+        state: Pinned[State],
+        rows: Pinned[Rows],
+    ) -> None:
+        """Advance the parts with near pairs of worlds ``start`` to ``stop`` by a period."""
+        together = buffers.together.address
+        drive_together(start, stop, together, drive.address, state.address, rows.address, self.counts)
+
     def prefetch(self) -> None:
         self._buffers.lend(lambda buffers: buffers.rows(1))  # determines the types of its arrays
         prefetch(slide_rows, NO_ROWS, 0, 0, 0, 1, NO_PATHS, 0)
-        prefetch(find_rows, 0, 0, 0, 0, 0)
+        prefetch(find_rows, 0, 0, 0, 0, 0, self.WHOLE)
         prefetch(drive_together, 0, 0, 0, 0, 0, 0, self.counts)
 
 

@@ -16,6 +16,7 @@ from vibgym.physics.contacts.hulls import Hulls
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
 from vibgym.scene.outlines import rotation
+from vibgym.scene.overlaps import IN_MOTION
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 from vibgym.simulation.threads import USUAL_COST
@@ -114,6 +115,9 @@ class Model(ABC):
     ADDS: ClassVar[tuple[str, ...]] = ()
     """Names of attributes and methods that simulators of this model have in addition to those of
     :class:`vibgym.Simulator`; methods take the simulator as their first argument."""
+
+    most_overlap: ClassVar[float] = IN_MOTION
+    """m, largest overlap of parts in a state of a simulation; infinite: no limit."""
 
     def __init__(self, setup: Setup) -> None:
         self.setup = setup

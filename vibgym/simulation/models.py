@@ -27,6 +27,7 @@ from vibgym.scene.parts import Part, kinds_of
 from vibgym.simulation.choice import DEFAULT_TOLERANCE, choose, choose_for
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
 from vibgym.simulation.schemes import (
+    CONTACT_STEPS,
     averaged_scheme,
     check_sliding,
     fast_schemes,
@@ -36,8 +37,8 @@ from vibgym.simulation.schemes import (
 )
 from vibgym.simulation.threads import Pool
 
-CERTIFIED, FAST = CONTACTS = "certified", "fast"
-"""Contacts of the planar model: with bounded overlap, and for training."""
+CERTIFIED, PYMUNK, FAST = CONTACTS = "certified", "pymunk", "fast"
+"""Contacts of the planar model: with bounded overlap, by pymunk, and for training."""
 
 
 def has_fast_contacts(model: str | Mapping[str, Any]) -> bool:
@@ -130,16 +131,20 @@ def planar(
         part = setup.parts[0]
         return Planar(setup, planar_scheme(setup.surface, part, **resolution, by_points=varies(part)))
     kinds, _ = kinds_of(setup.parts)
-    if contacts == FAST:
-        if contact_overlap != "auto":
-            raise checks.conflict("contact_overlap requires contacts='certified'")
-        from vibgym.simulation.fast import FastMultibody
+    if contacts == CERTIFIED:
+        from vibgym.simulation.multibody import Multibody
 
-        schemes = fast_schemes(setup.surface, kinds, setup.walls, **resolution, contact_steps=contact_steps)
-        return FastMultibody(setup, schemes)
-    from vibgym.simulation.multibody import Multibody
+        return Multibody(setup, planar_schemes(setup.surface, kinds, setup.walls, **resolution, **coupling))
+    if contact_overlap != "auto":
+        raise checks.conflict("contact_overlap requires contacts='certified'")
+    equal = partial(fast_schemes, setup.surface, kinds, setup.walls, **resolution, contact_steps=contact_steps)
+    if contacts == PYMUNK:
+        from vibgym.simulation.pymunk_contacts import PymunkMultibody
 
-    return Multibody(setup, planar_schemes(setup.surface, kinds, setup.walls, **resolution, **coupling))
+        return PymunkMultibody(setup, equal(fewest=CONTACT_STEPS))
+    from vibgym.simulation.fast import FastMultibody
+
+    return FastMultibody(setup, equal())
 
 
 def averaged(setup: Setup, *, order: int = 2, stride: int = 1, steps: int | str = "auto") -> Model:

@@ -136,8 +136,12 @@ def fast_schemes(
     substeps: int | str = "auto",
     pieces: int | str = "auto",
     contact_steps: int | str = "auto",
+    fewest: int = 1,
 ) -> PlanarSchemes:
-    """Return the schemes of the planar model with fast contacts; settings are those of :class:`vibgym.Simulator`."""
+    """Return the schemes of the planar model with equal contact steps; settings are those of :class:`vibgym.Simulator`.
+
+    ``fewest``: contact steps in a period where ``"auto"`` requires no more.
+    """
     settings = {"steps": steps, "substeps": substeps, "pieces": pieces, "by_points": any(map(varies, kinds))}
     alone = [planar_scheme(surface, part, **settings) for part in kinds]
     coupled, none = chosen("contact_steps", contact_steps, most=MOST_STEPS), (math.inf,) * len(kinds)
@@ -147,7 +151,7 @@ def fast_schemes(
         half_width = 0.5 * min(narrowest_width(kind.outline) for kind in kinds)
         by_friction = surface.period * math.sqrt(friction * surface.gravity / FAST_FRICTION_OVERLAP)
         by_speed = FAST_CLOSING * surface.table_speed * surface.period / half_width
-        coupled = max(math.ceil(max(by_friction, by_speed)), 1)
+        coupled = max(math.ceil(max(by_friction, by_speed)), fewest)
     walled = sum(1 << WALLS.index(name) for name in walls)
     return PlanarSchemes(alone=tuple(alone), fewest=coupled, bend=none, overlap=none, walls=walled)
 

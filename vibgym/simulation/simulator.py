@@ -60,12 +60,14 @@ class Simulator:
                   series over the whole contact area where slip varies little under the part, elsewhere as many cells as the
                   spin requires.
                 - contacts: with several parts or walls. ``"certified"``: impacts one by one at their times, overlaps below
-                  0.3 mm. ``"fast"``, for training: a few steps per period, impacts at the same time; parts may overlap by more
-                  within a step (:mod:`vibgym.physics.contacts.fast`).
+                  0.3 mm. ``"pymunk"``: by pymunk's solver, an independent check; impacts are found within a step, with overlaps
+                  of up to 2.4 mm at usual speeds (:mod:`vibgym.simulation.pymunk_contacts`). ``"fast"``, for training: a few
+                  steps per period, impacts at the same time; parts may overlap by more within a step
+                  (:mod:`vibgym.physics.contacts.fast`).
                 - contact_steps: with several parts or walls, fewest alternating steps of friction and contacts in a period;
                   ``"auto"``: 10, or as many as keep what friction adds to an overlap small (long periods, narrow parts).
-                  Steps are shorter where parts come together or spin fast. With fast contacts all steps are equal, and
-                  ``"auto"`` is 5, or as many as friction and narrow parts require.
+                  Steps are shorter where parts come together or spin fast. With other contacts all steps are equal, and
+                  ``"auto"`` is 10 (pymunk) or 5 (fast), or as many as friction and narrow parts require.
                 - contact_overlap: m, with certified contacts, overlap of two parts before contacts act; ``"auto"``: 5e-6,
                   or a fiftieth of half the narrowest part.
 
@@ -428,8 +430,9 @@ class Simulator:
         values = restored("state", live, {name: state[name] for name in live})
         more = restored("state", own, {name: state[name] for name in own})
         periods = checks.count("state['periods']", state["periods"], least=0, most=MOST_TIME)
-        where = (values["pose"], values["fallen"] | values["diverged"][:, None])
-        overlaps.check("state['pose']", self.hulls, self.surface, self.parts, self.walls, *where, overlaps.IN_MOTION)
+        if self._model.most_overlap < math.inf:
+            where = (values["pose"], values["fallen"] | values["diverged"][:, None], self._model.most_overlap)
+            overlaps.check("state['pose']", self.hulls, self.surface, self.parts, self.walls, *where)
         conditions = Conditions(*(values[name] for name in Conditions._fields))
         self.check_conditions(conditions, conditions._asdict(), "state['{}']")
         self._model.check_live(more)

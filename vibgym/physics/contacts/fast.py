@@ -23,7 +23,7 @@ from vibgym.physics.contacts.broad_phase import CONTACT, FREE, NEAR, Circles, ne
 from vibgym.physics.contacts.coupling import friction_step, store_parts
 from vibgym.physics.contacts.hulls import Hulls, place_hulls
 from vibgym.physics.contacts.impact import ImpactProperties
-from vibgym.physics.contacts.impulses import Points, add_point, new_points, solve_points
+from vibgym.physics.contacts.impulses import GAP, Points, add_point, new_points, solve_points
 from vibgym.physics.contacts.manifold import hull_manifold, wall_manifold
 from vibgym.physics.contacts.multibody import CALLS, find_pairs
 from vibgym.physics.contacts.solver import HIT_SPEED, point_capacity, rounds_needed
@@ -107,11 +107,12 @@ def new_fast_contacts(parts: int, slots: int, hulls: Hulls) -> FastContacts:
 
 
 @borrowing
-def find_rows(start, stop, fixed, state, rows):
+def find_rows(start, stop, fixed, state, rows, whole):
     """Find the parts with near pairs of worlds ``start`` to ``stop``, and list the others.
 
     Args:
         fixed, state, rows: addresses of pinned records.
+        whole: treat all parts on the table as near where any of them are.
     """
     fixed, state, rows = fast_scene_at(fixed), state_at(state), rows_at(rows)
     parts, kinds, found = state.pose.shape[1], fixed.friction.bodies.kind, fixed.contacts.found
@@ -129,6 +130,8 @@ def find_rows(start, stop, fixed, state, rows):
             if found[k, 1] >= 0:
                 driven[found[k, 1]] = True
         for part in range(parts):
+            if whole and n > 0:
+                driven[part] = not state.fallen[world, part]
             if not driven[part]:
                 kind = kinds[part]
                 rows.rows[kind, rows.count[kind]] = world * parts + part
@@ -256,6 +259,17 @@ def find_points(scene, fixed, first, parts, count, h):
 
 
 @borrowing
+def measure_overlap(scene, fixed):
+    """Return the largest overlap of the loaded parts with one another or with walls, m."""
+    contacts, overlap = fixed.contacts, 0.0
+    count, _ = load_bodies(scene, fixed, 0, contacts.first[1])
+    for k in range(find_points(scene, fixed, 0, contacts.first[1], count, 1.0)):
+        overlap = max(overlap, -contacts.points.value[k, GAP])
+    contacts.deepest[0] = min(contacts.deepest[0], -overlap)
+    return overlap
+
+
+@borrowing
 def write_bodies(scene, fixed, first, parts):
     """Write velocities and poses of a world's parts after contacts."""
     points, pushed, workspace = fixed.contacts.points, fixed.contacts.pushed, scene.workspace
@@ -296,23 +310,40 @@ def resolve_contacts(scene, fixed, index, h):
 
 
 @borrowing
+def slide_slots(scene, fixed, slots, step):
+    """Move the parts in the first ``slots`` by friction alone in contact step number ``step``; return its length, s."""
+    contacts, workspace, steps = fixed.contacts, scene.workspace, scene.scheme.steps
+    h, within = scene.table.period / (steps * fixed.couplings), step % fixed.couplings
+    if within == 0:
+        for slot in range(slots):
+            workspace.stale[slot] = True
+    cut_stale(scene, (fixed.couplings - within) * h, True)
+    for slot in range(slots):
+        for axis in range(3):
+            at = axis * LANES + slot % LANES
+            contacts.before[slot, axis] = workspace.velocity[slot // LANES, at]
+    apply_friction(scene, reference(friction_step(scene, 2.0 * math.pi / scene.table.period * h * step, h)))
+    return h
+
+
+@borrowing
 def advance_worlds(scene, fixed, count):
     """Advance the parts in all slots by a period."""
-    contacts, workspace, steps = fixed.contacts, scene.workspace, scene.scheme.steps
-    slots, h = contacts.first[count], scene.table.period / (steps * fixed.couplings)
-    for step in range(steps * fixed.couplings):
-        within = step % fixed.couplings
-        if within == 0:
-            for slot in range(slots):
-                workspace.stale[slot] = True
-        cut_stale(scene, (fixed.couplings - within) * h, True)
-        for slot in range(slots):
-            for axis in range(3):
-                at = axis * LANES + slot % LANES
-                contacts.before[slot, axis] = workspace.velocity[slot // LANES, at]
-        apply_friction(scene, reference(friction_step(scene, 2.0 * math.pi / scene.table.period * h * step, h)))
+    for step in range(scene.scheme.steps * fixed.couplings):
+        h = slide_slots(scene, fixed, fixed.contacts.first[count], step)
         for index in range(count):
             resolve_contacts(scene, fixed, index, h)
+
+
+@borrowing
+def store_worlds(scene, contacts, count, counts):
+    """Store the parts of the loaded worlds after a period, and count it; ``counts``: see :func:`drive_together`."""
+    for index in range(count):
+        at = contacts.world[index]
+        store_parts(scene, at, contacts.first[index], contacts.first[index + 1], contacts.pushed)
+        counts[at, FREE] -= 1
+        counts[at, CONTACT if contacts.touched[index] > 0 else NEAR] += 1
+        counts[at, CALLS] += contacts.touched[index]
 
 
 @borrowing
@@ -339,9 +370,4 @@ def drive_together(start, stop, fixed, drive, state, rows, counts):
             Scene(friction.table, friction.bodies, friction.scheme, drive, state, friction.workspace, groups)
         )
         advance_worlds(scene, fixed, count)
-        for index in range(count):
-            at = contacts.world[index]
-            store_parts(scene, at, contacts.first[index], contacts.first[index + 1], contacts.pushed)
-            counts[at, FREE] -= 1
-            counts[at, CONTACT if contacts.touched[index] > 0 else NEAR] += 1
-            counts[at, CALLS] += contacts.touched[index]
+        store_worlds(scene, contacts, count, counts)
