@@ -2,29 +2,38 @@
 
 1. Oblique impacts of two discs without friction on a table at rest: velocity and position, closed form.
 2. Newton's cradle in the plane.
-3. Two blocks driven together on the prototype for 12 periods, in 64 worlds: distance from a run with 640 coupling steps per
-   period. Friction and contacts alternate, so the error is of first order in the step.
-4. A part pressed against a wall by one of 1000 times its mass: largest overlap.
-5. Fast contacts: 12 blocks driven together on the prototype, by distance at the start: cost, overlap, energy, and deviation
+3. A part pressed against a wall by one of up to 2000 times its mass: largest overlap.
+4. Two blocks that meet head-on at up to 10 m/s: largest overlap, energy, and whether they pass through each other.
+5. Two blocks driven together on the prototype for 12 periods, in 64 worlds: distance from a run with 640 steps per period,
+   and the observed order from each number of steps to the next.
+6. Heaps of 12 blocks driven together on the prototype, by distance at the start: cost, overlap, energy, and deviation
    after a second from certified contacts with 160 steps per period, which certified contacts with fewer steps have as well.
+7. Success of controllers and shipped agents, and the cost of a step, by kind of contacts.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Iterable
+from functools import partial
+from itertools import pairwise
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
+from agents.evaluation.statistics import success_interval
 from studies.benchmarks import common
 from studies.benchmarks.pile import largest_overlap
 from studies.kept import show
 from vibgym import Part, Simulator, Surface
 from vibgym.fields import radial, uniform
+from vibgym.policies import rollout
 from vibgym.scene.hulls import WALLS, gaps_between
 from vibgym.scene.parts import shipped_part
+from vibgym.simulation import contact_parts
 
 RADIUS, SPEED, WORLDS = 0.02, 0.6, 64
 OFFSETS = (0.0, 0.5, 0.9, 0.99)
@@ -36,10 +45,10 @@ def disc(restitution: float) -> Part:
     return Part.disc(RADIUS, friction=0.0, restitution=restitution, contact_friction=0.0)
 
 
-def oblique(offset: float, restitution: float, periods: int = 10) -> tuple[float, float]:
+def oblique(offset: float, restitution: float, periods: int = 10, **knobs: Any) -> tuple[float, float]:
     """Return the errors of velocity (m/s) and position (m) after an impact at ``offset`` times the sum of radii."""
     aside = 2.0 * RADIUS * offset
-    simulator = Simulator(STILL, [disc(restitution)] * 2)
+    simulator = Simulator(STILL, [disc(restitution)] * 2, **knobs)
     simulator.reset([[0.3, 0.1, 0.0], [0.4, 0.1 + aside, 0.0]], [[SPEED, 0.0, 0.0], [0.0, 0.0, 0.0]])
     simulator.advance(0.0, 0.0, periods)
     along = math.sqrt(4.0 * RADIUS**2 - aside**2)
@@ -53,20 +62,20 @@ def oblique(offset: float, restitution: float, periods: int = 10) -> tuple[float
     return float(velocity), float(np.abs(simulator.pose[0, :, :2] - [first, second]).max())
 
 
-def cradle(gap: float, discs: int = 5) -> np.ndarray:
+def cradle(gap: float, discs: int = 5, **knobs: Any) -> np.ndarray:
     """Return velocities along x of a disc and the row of discs, ``gap`` m apart, that it hits, over its initial speed."""
-    simulator = Simulator(STILL, [disc(1.0)] * (discs + 1))
+    simulator = Simulator(STILL, [disc(1.0)] * (discs + 1), **knobs)
     row = [[0.2 + k * (2.0 * RADIUS + gap), 0.1, 0.0] for k in range(discs)]
     simulator.reset([[0.1, 0.1, 0.0], *row], [[SPEED, 0.0, 0.0]] + [[0.0, 0.0, 0.0]] * discs)
     simulator.advance(0.0, 0.0, 12)
     return simulator.velocity[0, :, 0] / SPEED
 
 
-def driven_together(steps: int) -> tuple[np.ndarray, float]:
+def driven_together(steps: int, **knobs: Any) -> tuple[np.ndarray, float]:
     """Return positions (worlds, 2, 2) of two blocks after 12 periods in a radial field, and us per world and period."""
     surface = Surface()
     parts = [shipped_part("aluminium_block"), shipped_part("steel_block")]
-    simulator = Simulator(surface, parts, worlds=WORLDS, threads=1, contact_steps=steps)
+    simulator = Simulator(surface, parts, worlds=WORLDS, threads=1, contact_steps=steps, **knobs)
     pose = np.tile([[0.35, 0.104, 0.2], [0.47, 0.104, -0.1]], (WORLDS, 1, 1))
     pose[:, :, 1] += np.linspace(-0.01, 0.01, WORLDS)[:, None] * [1.0, -1.0]
     pose[:, :, 2] += np.linspace(-1.0, 1.0, WORLDS)[:, None]
@@ -77,13 +86,13 @@ def driven_together(steps: int) -> tuple[np.ndarray, float]:
     return simulator.pose[..., :2], 1e6 * (time.perf_counter() - began) / (12 * WORLDS)
 
 
-def heavy_on_light(ratio: float) -> float:
+def heavy_on_light(ratio: float, **knobs: Any) -> float:
     """Return the largest overlap (m) of a heavy part that presses a light one against a wall, and in reverse order."""
     surface, deepest = Surface(), 0.0
     heavy = Part.rectangle(0.05, 0.04, friction=0.6, mass=0.01 * ratio)
     light = Part.rectangle(0.03, 0.03, friction=0.6, mass=0.01)
     for parts, x in (([light, heavy], (0.0151, 0.0553)), ([heavy, light], (0.0252, 0.0655))):
-        simulator = Simulator(surface, parts, walls=WALLS)
+        simulator = Simulator(surface, parts, walls=WALLS, **knobs)
         simulator.reset([[x[0], 0.1, 0.0], [x[1], 0.1, 0.0]])
         for _ in range(80):
             simulator.advance(*uniform(math.pi).drive(surface))
@@ -91,40 +100,87 @@ def heavy_on_light(ratio: float) -> float:
     return deepest
 
 
+def head_on(speed: float, **knobs: Any) -> tuple[float, float, int]:
+    """Return largest overlap (m), largest energy over that at the start, and the worlds in which a block passes the other."""
+    block = Part.rectangle(0.05, 0.035, friction=0.0, restitution=1.0, contact_friction=0.0)
+    simulator = Simulator(STILL, [block] * 2, worlds=WORLDS, threads=1, **knobs)
+    start = np.tile([[0.35, 0.104, 0.0], [0.45, 0.104, 0.0]], (WORLDS, 1, 1))
+    start[:, 0, 0] -= np.linspace(0.0, 0.05, WORLDS)
+    simulator.reset(start, [[0.5 * speed, 0.0, 0.0], [-0.5 * speed, 0.0, 0.0]])
+    simulator.advance(0.0, 0.0, math.ceil(0.12 / speed / simulator.surface.period))
+    energy = (simulator.velocity[..., 0] ** 2).sum(axis=1) / (0.5 * speed**2)
+    passed = simulator.pose[:, 0, 0] > simulator.pose[:, 1, 0]
+    return simulator.deepest_overlap, float(energy.max()), int(passed.sum())
+
+
 def joined(values: Iterable[float]) -> str:
     """Format values with two digits."""
     return ", ".join(f"{value:.2g}" for value in values)
 
 
+def listed(values: Iterable[object]) -> str:
+    """Return values as text."""
+    return ", ".join(map(str, values))
+
+
+KINDS: tuple[dict[str, Any], ...] = ({"contacts": "certified"}, {"contacts": "pymunk"}, {"contacts": "fast"})
+"""Settings of the columns of :func:`closed_forms` and the blocks of rows of :func:`shorter_steps`."""
+
+RATIOS, SPEEDS = (1, 10, 100, 1000, 2000), (0.5, 1, 2, 5, 10)
+"""Of masses; m/s, of impacts."""
+
+
 def closed_forms(keep: bool) -> None:
-    """Compare with closed forms."""
+    """Compare with closed forms, and show the limits of each kind of contacts."""
     lines = []
     for restitution in (1.0, 0.3):
         what = f"oblique impact of two discs, restitution {restitution:g}, at {joined(OFFSETS)} of the sum of radii"
-        wrong = 1e3 * np.array([oblique(offset, restitution) for offset in OFFSETS])
-        for name, errors, unit in zip(("velocity", "position 0.3 s later"), wrong.T, ("mm/s", "mm"), strict=True):
-            lines.append([f"{what}: error of the {name}", f"{joined(errors)} {unit}", ""])
+        wrong = 1e3 * np.array([[oblique(offset, restitution, **kind) for offset in OFFSETS] for kind in KINDS])
+        for name, errors, unit in zip(
+            ("velocity", "position 0.3 s later"), np.moveaxis(wrong, 2, 0), ("mm/s", "mm"), strict=True
+        ):
+            lines.append([f"{what}: error of the {name}, {unit}", *(joined(error) for error in errors)])
     for gap in (0.0, 1e-6, 1e-4):
-        *others, last = np.abs(cradle(gap))
-        what = f"Newton's cradle, five discs {1e3 * gap:g} mm apart: share of the velocity with the last, at most with others"
-        lines.append([what, f"{last:.6f}, {max(others):.6f}", "1, 0"])
-    deepest = heavy_on_light(1000.0)
+        shares = [np.abs(cradle(gap, **kind)) for kind in KINDS]
+        what = f"Newton's cradle, discs {1e3 * gap:g} mm apart: velocity of the last, at most of others (closed form: 1, 0)"
+        lines.append([what, *(f"{share[-1]:.6f}, {share[:-1].max():.6f}" for share in shares)])
+    deepest = [joined(1e3 * heavy_on_light(ratio, **kind) for ratio in RATIOS) for kind in KINDS]
+    lines.append([f"part of {listed(RATIOS)} times the mass behind a light part at a wall: overlap, mm", *deepest])
+    met = [[head_on(speed, **kind) for speed in SPEEDS] for kind in KINDS]
+    what = f"elastic blocks that meet at {listed(SPEEDS)} m/s"
     lines.append(
-        ["part of 1000 times the mass behind a light part at a wall: overlap", f"{1e3 * deepest:.3f} mm", "0.3 mm"]
+        [f"{what}: overlap within a period, mm", *(joined(1e3 * deep + 0.0 for deep, _, _ in row) for row in met)]
     )
-    show("contacts", ("contacts", "measured", "target"), lines, keep)
+    lines.append([f"{what}: energy over that before", *(", ".join(f"{gain:.4f}" for _, gain, _ in row) for row in met)])
+    lines.append([f"{what}: pass through each other, of 64", *(listed(n for _, _, n in row) for row in met)])
+    show("contacts", ("contacts", *(kind["contacts"] for kind in KINDS)), lines, keep)
+
+
+STEPS = (5, 10, 20, 40, 80, 160)
+"""Coupling steps per period."""
 
 
 def shorter_steps(keep: bool) -> None:
     """Compare numbers of coupling steps."""
     driven_together(10)  # compiles
     finest, _ = driven_together(640)
+    runs = [(kind["contacts"], [driven_together(steps, **kind) for steps in STEPS], finest) for kind in KINDS]
+    usual, contact_parts.SLOP = contact_parts.SLOP, contact_parts.SLOP / 16.0
+    try:
+        least, _ = driven_together(640)
+        runs.insert(1, ("certified, a 16th of the overlap", [driven_together(steps) for steps in STEPS], least))
+    finally:
+        contact_parts.SLOP = usual
     lines = []
-    for steps in (5, 10, 20, 40, 80, 160):
-        position, cost = driven_together(steps)
-        error = 1e3 * np.hypot(*np.moveaxis(position - finest, -1, 0))
-        lines.append([str(steps), f"{np.median(error):.3f} mm", f"{np.percentile(error, 95):.3f} mm", f"{cost:.0f} us"])
-    heads = ("coupling steps per period", "distance from 640 steps: median", "95 %", "per world and period")
+    for name, run, reference in runs:
+        errors = [1e3 * np.hypot(*np.moveaxis(position - reference, -1, 0)) for position, _ in run]
+        medians = [float(np.median(error)) for error in errors]
+        orders = ["", *(f"{math.log2(coarse / fine):.1f}" for coarse, fine in pairwise(medians))]
+        for steps, median, error, order, (_, cost) in zip(STEPS, medians, errors, orders, run, strict=True):
+            lines.append(
+                [name, str(steps), f"{median:.3f} mm", f"{np.percentile(error, 95):.3f} mm", order, f"{cost:.0f} us"]
+            )
+    heads = ("contacts", "steps per period", "distance: median", "95 %", "observed order", "per world and period")
     show("contacts-steps", heads, lines, keep)
 
 
@@ -134,6 +190,7 @@ BLOCKS, SECOND = 12, 25
 CONTACTS: dict[str, dict[str, Any]] = {
     "certified": {},
     "certified, `contact_overlap=1e-4`": {"contact_overlap": 1e-4},
+    "pymunk": {"contacts": "pymunk"},
     "fast": {"contacts": "fast"},
 }
 
@@ -167,8 +224,8 @@ def elastic_energy(pitch: float, **knobs: Any) -> str:
     return f"{share.min():.4f}, {share.max():.4f}"
 
 
-def fast_contacts(keep: bool) -> None:
-    """Compare fast with certified contacts."""
+def heaps(keep: bool) -> None:
+    """Compare the kinds of contacts in heaps."""
     drive, lines = radial(0.416, 0.104).drive(Surface()), []
     for pitch in (0.085, 0.074, 0.063):
         finest = together(pitch, contact_steps=160)
@@ -196,15 +253,60 @@ def fast_contacts(keep: bool) -> None:
         "distance", "contacts", "per part and period", "contact steps per period", "overlap: median, largest",
         "energy of elastic parts: lowest, highest", "deviation",
     )  # fmt: skip
-    show("contacts-fast", heads, lines, keep)
+    show("contacts-heaps", heads, lines, keep)
+
+
+TASKS = {
+    "Sort": ("pose", "planner", "learned"),
+    "SortCrowded": ("pose", "planner", "learned"),
+    "Swap": ("lanes", "learned"),
+}
+"""Tasks of :func:`tasks`, and policies."""
+
+SEEDS = range(100_000, 100_100)
+
+
+def tasks(keep: bool) -> None:
+    """Compare the success of policies by kind of contacts."""
+    lines = []
+    for task, policies in TASKS.items():
+        for policy in policies:
+            cells = []
+            for kind in KINDS[:2]:
+                found = rollout(policy, f"vibgym/{task}-v0", seeds=SEEDS, model={"kind": "planar", **kind})
+                share = success_interval(found.success, 0.95, 1000)
+                cells.append(
+                    f"{100 * found.success.mean():.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}], "
+                    f"{np.nanmedian(found.time_to_goal):.2f} s"
+                )
+            lines.append([task, policy, *cells])
+    show("contacts-tasks", ("task", "policy", *(kind["contacts"] for kind in KINDS[:2])), lines, keep)
+
+
+def costs(keep: bool) -> None:
+    """Compare the cost of steps and of ``gym.make`` by kind of contacts."""
+    lines = []
+    for task in TASKS:
+        models = {kind["contacts"]: {"kind": "planar", **kind} for kind in KINDS}
+        name = f"vibgym/{task}-v0"
+        envs = {kind: gym.make_vec(name, num_envs=WORLDS, model=model) for kind, model in models.items()}
+        steps = common.step_costs(envs, 60, 7, 1, time.thread_time)
+        calls = {kind: partial(gym.make, name, model=model) for kind, model in models.items()}
+        made = common.interleaved(calls, 7, 1, time.thread_time)
+        start = {kind: f"{np.median(times / made['certified']):.2f} x" for kind, times in made.items()}
+        lines += [[task, kind, steps[kind], start[kind]] for kind in models]
+    show("contacts-cost", ("task", "contacts", "step", "`gym.make`"), lines, keep)
 
 
 def main() -> None:
     """Measure everything."""
+    os.environ["VIBGYM_THREADS"] = "1"
     keep = common.parser(__doc__).parse_args().keep
     closed_forms(keep)
     shorter_steps(keep)
-    fast_contacts(keep)
+    heaps(keep)
+    tasks(keep)
+    costs(keep)
 
 
 if __name__ == "__main__":

@@ -55,13 +55,13 @@ def parts_of_a_size(draw, size):
 
 
 @st.composite
-def scenes(draw):
+def scenes(draw, **knobs):
     """Return a simulator of worlds in which parts approach one another, also closely or in a corner."""
     size = 10.0 ** draw(st.floats(-2.3, -1.3))
     parts = draw(st.lists(parts_of_a_size(size), min_size=1, max_size=6))
     walls = WALLS if len(parts) == 1 or draw(st.booleans()) else ()
     surface = Surface(16, 16, 0.05, 0.0, draw(st.sampled_from([10.0, 25.0, 25.0, 50.0])))
-    simulator = Simulator(surface, parts, walls=walls, worlds=WORLDS)
+    simulator = Simulator(surface, parts, walls=walls, worlds=WORLDS, **knobs)
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     pose = somewhere(rng, parts, in_corner=bool(walls) and draw(st.booleans()))
     assume(pose is not None)
@@ -107,3 +107,22 @@ def test_contacts_stay_shallow_and_lose_energy(simulator):
     assert not (simulator.walls and simulator.fallen.any())
     simulator.set_state(simulator.get_state())  # takes its own state
     count("steps with contacts", simulator.statistics["contact_steps"])
+
+
+@fuzz(examples=4, seconds_share=0.5)
+@given(scenes(contacts="pymunk"))
+def test_contacts_by_pymunk_go_on_from_a_state(simulator):
+    """Neither the batch nor what came before matters, whatever overlaps and spins there are."""
+    count("scenes with pymunk", WORLDS)
+    begun = kinetic_energy(simulator)
+    simulator.advance(0.0, 0.0, PERIODS // 2)
+    count("of them with over 1 % more energy", int((kinetic_energy(simulator) > 1.01 * begun).sum()))
+    state = simulator.get_state()
+    one = Simulator(simulator.surface, simulator.parts, walls=simulator.walls, contacts="pymunk")
+    one.set_state({name: value[3:4] if isinstance(value, np.ndarray) else value for name, value in state.items()})
+    simulator.advance(0.0, 0.0, PERIODS)
+    for _ in range(PERIODS):
+        one.advance(0.0, 0.0)
+    assert np.array_equal(one.pose, simulator.pose[3:4]) and np.array_equal(one.velocity, simulator.velocity[3:4])
+    assert np.isfinite(simulator.pose).all() and not simulator.diverged.any()
+    count("steps with pymunk", simulator.statistics["contact_steps"])
