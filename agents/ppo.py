@@ -167,8 +167,9 @@ class PPO(PartsLearner):
             self.episodes.clear()
 
     def _new_episodes(self) -> Any:
-        """Reset all worlds with seeds that no other reset of the run uses; return their observations."""
-        self.env.seed(training_seed(self.settings.seed, f"{self.steps} steps"))
+        """Reset all worlds with seeds that no other reset of the run has; return their observations."""
+        # The stage, since imitation may already have made all steps of one.
+        self.env.seed(training_seed(self.settings.seed, f"{self.steps} steps, stage {self.curriculum.stage}"))
         return self.env.reset()
 
     @contextmanager
