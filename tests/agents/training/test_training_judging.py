@@ -94,7 +94,7 @@ def test_episodes_are_dealt_out_to_scenes(tmp_path):
     judge.begin(0)
     judge.measure(Still(), 10, 1.0, "ppo")
     assert [(env.num_envs, env.unwrapped.max_episode_steps, first) for env, first in judge._envs] == [
-        (2, 10, 70), (2, 15, 72), (1, 20, 74),
+        (2, 10, 400_070), (2, 15, 400_072), (1, 20, 400_074),
     ]  # fmt: skip
 
 
