@@ -28,7 +28,7 @@ from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import Outcomes, rollout
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
-from vibgym.seeds import EVALUATION
+from vibgym.seeds import RANGES
 from vibgym.simulation.models import has_fast_contacts
 from vibgym.tasks.episode import EVENTS
 
@@ -69,7 +69,7 @@ def tabulate(
     Raises:
         ValueError: a policy is missing or does not load, or too many episodes; nothing is written.
     """
-    checks.count("--episodes", episodes, most=EVALUATION.stop - FIRST_SEED)
+    checks.count("--episodes", episodes, most=RANGES["evaluation"].stop - FIRST_SEED)
     rows: list[dict[str, Any]] = []
     best: dict[str, Path] = {}
     for name in names:

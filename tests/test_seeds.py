@@ -5,7 +5,7 @@ import itertools
 import gymnasium as gym
 import pytest
 
-from vibgym.seeds import RANGES, STREAM, TRAINING, check_seeds, range_of, training_seed
+from vibgym.seeds import RANGES, STREAM, check_seeds, range_of, training_seed
 
 PURPOSES = (
     "",
@@ -26,12 +26,12 @@ def test_streams_of_runs_and_purposes_share_no_seed():
     streams = [training_seed(run, purpose) for run in (*range(300), 900_000, 2**32 - 1) for purpose in PURPOSES]
     ordered = sorted(streams)
     assert all(second - first >= STREAM for first, second in itertools.pairwise(ordered))
-    assert ordered[0] >= TRAINING.start and ordered[-1] + STREAM <= TRAINING.stop
+    assert ordered[0] >= RANGES["training"].start and ordered[-1] + STREAM <= RANGES["training"].stop
     assert streams[:2] == [training_seed(0), training_seed(0, "imitation")]  # the same every time
 
 
 def test_environments_accept_the_largest_seeds():
-    last = TRAINING.stop - STREAM
+    last = RANGES["training"].stop - STREAM
     batch, alone = gym.make_vec("vibgym:vibgym/Align-v0", num_envs=2), gym.make("vibgym:vibgym/Align-v0")
     assert (batch.reset(seed=last)[0][1] == alone.reset(seed=last + 1)[0]).all()
 

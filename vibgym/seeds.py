@@ -6,33 +6,15 @@ import numpy as np
 
 from vibgym import checks
 
-OWN = range(100_000)
-"""Of users' tests and examples."""
-
-EVALUATION = range(100_000, 300_000)
-"""Of published figures of policies."""
-
-HELD_OUT = range(300_000, 400_000)
-"""Of scores of a suite."""
-
-SELECTION = range(400_000, 1_000_000)
-"""Of episodes that choose checkpoints or hyperparameters."""
-
-RECORDINGS = range(1_000_000, 2**32)
-"""Of recorded data sets, from which policies learn."""
-
-TRAINING = range(2**32, 2**63)
-"""Of training, see :func:`training_seed`."""
-
 RANGES = {
-    "own": OWN,
-    "evaluation": EVALUATION,
-    "held_out": HELD_OUT,
-    "selection": SELECTION,
-    "recordings": RECORDINGS,
-    "training": TRAINING,
+    "own": range(100_000),  # tests and examples of users
+    "evaluation": range(100_000, 300_000),  # published figures of policies
+    "held_out": range(300_000, 400_000),  # scores of suites
+    "selection": range(400_000, 1_000_000),  # choice of checkpoints and hyperparameters
+    "recordings": range(1_000_000, 2**32),  # data sets, from which policies learn
+    "training": range(2**32, 2**63),  # see training_seed
 }
-"""All ranges by name; together every seed below 2**63."""
+"""Seeds by name of the range; together every seed below 2**63."""
 
 STREAM = 2**20
 """Seeds of a training stream."""
@@ -76,4 +58,4 @@ def training_seed(run_seed: int, purpose: str = "") -> int:
         ValueError: a negative or no whole number.
     """
     sequence = np.random.SeedSequence(checks.count("run_seed", run_seed, least=0), spawn_key=tuple(purpose.encode()))
-    return TRAINING.start + STREAM * (int(sequence.generate_state(1, np.uint64)[0]) >> 22)
+    return RANGES["training"].start + STREAM * (int(sequence.generate_state(1, np.uint64)[0]) >> 22)

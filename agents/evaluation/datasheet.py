@@ -23,7 +23,7 @@ from vibgym.config import drawn_part, load_yaml, part_from, surface_from
 from vibgym.policies.applicable import tasks_with
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.drawings.records import StablePose
-from vibgym.seeds import EVALUATION, check_seeds
+from vibgym.seeds import RANGES, check_seeds
 
 TASKS = ("Transport", "Align", "Rotate")
 """Tasks that are measured."""
@@ -80,7 +80,7 @@ class DatasheetSettings(FileSettings):
     sensor: Any = {"kind": "pose", "estimator": "model"}
     policy: Any = "pose"
     episodes: int = Field(default=48, ge=8, le=10_000)
-    first_seed: Seed = EVALUATION.start
+    first_seed: Seed = RANGES["evaluation"].start
     output: str = Field(default="runs/datasheet", min_length=1)
 
     @classmethod

@@ -17,7 +17,7 @@ from studies.benchmarks import common
 from studies.kept import show
 from vibgym.policies import rollout
 from vibgym.policies.measures import MotionMeasured, MotionMeasures
-from vibgym.seeds import HELD_OUT
+from vibgym.seeds import RANGES
 
 TASK, LIMIT = "Swap", 0.2  # N s
 ENVIRONMENT: dict[str, Any] = {
@@ -33,7 +33,7 @@ POLICIES: dict[str, Any] = {
 
 def row(name: str, episodes: int) -> list[str]:
     """Run a policy and format its row."""
-    seeds = HELD_OUT[:episodes]
+    seeds = RANGES["held_out"][:episodes]
     found: MotionMeasured = rollout(POLICIES[name], TASK, seeds=seeds, keep=MotionMeasures, **ENVIRONMENT)
     within = found.cost <= LIMIT
     share = exact(int(within.sum()), episodes, 0.95)

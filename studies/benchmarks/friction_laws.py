@@ -19,7 +19,7 @@ from studies.benchmarks import common
 from studies.kept import show
 from vibgym import Part, Simulator, Surface
 from vibgym.policies import rollout
-from vibgym.seeds import HELD_OUT
+from vibgym.seeds import RANGES
 
 LAWS: dict[str, dict[str, Any] | None] = {
     "constant": None,
@@ -94,7 +94,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=15)
     asked = parser.parse_args()
     cost, lines = costs(asked.rounds), []
-    seeds = HELD_OUT[: asked.episodes]
+    seeds = RANGES["held_out"][: asked.episodes]
     for name, law in LAWS.items():
         cells = []
         for policy in POLICIES.values():

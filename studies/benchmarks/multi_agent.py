@@ -28,7 +28,7 @@ from vibgym.policies import rollout
 from vibgym.policies.rollout import Ends
 from vibgym.policies.trained.coding import TOUCHING
 from vibgym.policies.trained.symmetry import turned_rows
-from vibgym.seeds import EVALUATION, HELD_OUT
+from vibgym.seeds import RANGES
 
 
 class Case(NamedTuple):
@@ -245,7 +245,7 @@ def train(task: str, central: bool, steps: int, worlds: int, seed: int, blame: f
         if done - last >= steps // 8:
             last = done
             print(f"{done} steps, {time.perf_counter() - began:.0f} s: ", end="")
-            show("", task, learned, EVALUATION[:50], **case.training)
+            show("", task, learned, RANGES["evaluation"][:50], **case.training)
     batches.shutdown()
     return learned
 
@@ -306,7 +306,7 @@ def main() -> None:
     learned = train(
         asked.task, asked.algorithm == "mappo", asked.steps, asked.worlds, asked.seed, asked.blame, asked.touch
     )
-    seeds = HELD_OUT[: asked.episodes]
+    seeds = RANGES["held_out"][: asked.episodes]
     show(asked.algorithm, asked.task, learned, seeds)
     for name, controller in (*CASES[asked.task].controllers.items(), *((str(each), each) for each in asked.beside)):
         show(name, asked.task, controller, seeds)

@@ -22,7 +22,7 @@ from vibgym.policies import rollout
 from vibgym.policies.measures import Measured, Measures
 from vibgym.scene.library import FAMILIES, shapes
 from vibgym.scene.library import SPLITS as LIBRARY
-from vibgym.seeds import HELD_OUT
+from vibgym.seeds import RANGES
 
 SPLITS = ("train", "test", "held_out")
 LEVEL, RESAMPLES = 0.95, 9999
@@ -61,7 +61,7 @@ def interval(success: np.ndarray, shape: np.ndarray) -> Interval:
 
 def row(task: str, name: str, episodes: int) -> list[str]:
     """Run a policy on all splits and format its row."""
-    seeds, cells, rates = HELD_OUT[:episodes], [], {}
+    seeds, cells, rates = RANGES["held_out"][:episodes], [], {}
     for split in SPLITS:
         found: Measured = rollout(POLICIES[task][name], task, seeds=seeds, keep=Measures, split=split)
         shape = first_shapes(task, split, seeds)

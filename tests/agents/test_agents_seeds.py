@@ -16,7 +16,7 @@ from agents.training_file import load_settings, settings_from
 from tests.commands import refusal, saved
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.vector import seeds_from
-from vibgym.seeds import OWN, TRAINING
+from vibgym.seeds import RANGES
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -72,7 +72,7 @@ def test_trainings_share_no_start(kind, settings, count, tmp_path, resets):
     seeds, starts = zip(*(trained(kind, settings, seed, tmp_path, resets) for seed in (0, 1)), strict=True)
     assert [len(each) for each in seeds] == [8 * count] * 2
     assert len({*seeds[0], *seeds[1]}) == len({*starts[0], *starts[1]}) == 2 * 8 * count
-    assert all(each in TRAINING for run in seeds for each in run)
+    assert all(each in RANGES["training"] for run in seeds for each in run)
 
 
 @pytest.mark.parametrize("agent", ["Align/ideal", "Sort/ideal"])
@@ -153,5 +153,5 @@ def test_examples_evaluate_on_episodes_that_they_have_not_trained_on(name, steps
     runpy.run_path(str(ROOT / f"examples/{name}.py"))
     training = [seed for number, seeds, _ in resets if number == worlds for seed in seeds]
     played = [seed for number, seeds, _ in resets if number != worlds for seed in seeds]
-    assert len(set(training)) == worlds and all(seed in TRAINING for seed in training)
-    assert len(set(played)) in (100, 200) and all(seed in OWN for seed in played)
+    assert len(set(training)) == worlds and all(seed in RANGES["training"] for seed in training)
+    assert len(set(played)) in (100, 200) and all(seed in RANGES["own"] for seed in played)
