@@ -22,6 +22,7 @@ from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding, Inputs
 from vibgym.policies.trained.residual import CORRECTED
+from vibgym.seeds import training_seed
 
 STUDENT_SHARE = 0.8
 """Share of the worlds in which the network acts, after the first round."""
@@ -146,7 +147,7 @@ class Imitation:
         policy: its actor is trained.
         scenes: an expert and an environment each; all have the same rows and actions.
         settings: of the imitation.
-        seed: of the episodes, the noise and the minibatches.
+        seed: of the run, for the episodes, the noise and the minibatches.
 
     Attributes:
         steps: of all worlds so far.
@@ -172,7 +173,7 @@ class Imitation:
 
     def rounds(self) -> Iterator[float]:
         """Collect and train in rounds; yield the mean error of the last epoch after each."""
-        settings, first = self.settings, self.seed
+        settings, first = self.settings, training_seed(self.seed, "imitation")
         for scene in self.scenes:
             scene.begin(first)
             first += scene.env.num_envs

@@ -37,6 +37,7 @@ from vibgym.policies.measures import check_cost_limit
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Inputs
 from vibgym.policies.trained.residual import ResidualPolicy
+from vibgym.seeds import training_seed
 
 WINDOW = 100
 """Finished episodes over which the log averages."""
@@ -109,7 +110,9 @@ class PPO(PartsLearner):
         self.multiplier = 0.0  # of costs
         if own.cost_limit is not None:
             environment = {key: value for key, value in without_hold(settings)[0].items() if key != "action"}
-            check_cost_limit("ppo.cost_limit", own.cost_limit, settings.task, environment, settings.seed)
+            check_cost_limit(
+                "ppo.cost_limit", own.cost_limit, settings.task, environment, training_seed(settings.seed, "costs")
+            )
         self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
         self.episodes: deque[Episode] = deque(maxlen=WINDOW)
         self._observation: Any = None
@@ -134,8 +137,7 @@ class PPO(PartsLearner):
             Diverged: a loss or a weight is not finite.
         """
         if self._observation is None:
-            self.env.seed(self.settings.seed + self.steps)  # not the seeds of imitation
-            self._observation = self.env.reset()
+            self._observation = self._new_episodes()
         metrics: dict[str, float] = {}
         with ThreadPoolExecutor(1) as collector, self._threads():
             while self.steps < until:
@@ -160,10 +162,15 @@ class PPO(PartsLearner):
         if self.curriculum.advance(self.steps, self.episodes, limit * self.env.num_envs):
             self.env.close()
             self.env = self.curriculum.worlds()
-            self.env.seed(self.settings.seed + self.steps)
-            self._observation, self._inputs = self.env.reset(), None
+            self._observation, self._inputs = self._new_episodes(), None
             self._start = np.ones(self.env.num_envs, dtype=bool)
             self.episodes.clear()
+
+    def _new_episodes(self) -> Any:
+        """Reset all worlds with seeds that no other reset of the run has; return their observations."""
+        # The stage, since imitation may already have made all steps of one.
+        self.env.seed(training_seed(self.settings.seed, f"{self.steps} steps, stage {self.curriculum.stage}"))
+        return self.env.reset()
 
     @contextmanager
     def _threads(self) -> Iterator[None]:

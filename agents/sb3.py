@@ -30,6 +30,7 @@ from vibgym.files import write_atomically
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.storage import save_set
 from vibgym.policies.trained.trained import KIND, STATE, VERSION, columns_of, described
+from vibgym.seeds import training_seed
 
 CHECKPOINT, REPLAY = "checkpoint.zip", "replay.pkl"
 
@@ -84,6 +85,11 @@ class SB3:
         except (TypeError, ValueError, AssertionError) as error:
             self.env.close()
             raise checks.conflict(f"sb3: {error}") from None
+        self._seed_worlds()
+
+    def _seed_worlds(self) -> None:
+        """Replace the seed that Stable-Baselines3 gave to the worlds, that of its networks."""
+        self.env.seed(training_seed(self.settings.seed, f"{self.steps} steps"))
 
     @property
     def steps(self) -> int:
@@ -147,6 +153,7 @@ class SB3:
             hint = "remove it or choose another output"
             raise checks.conflict(f"{path}: not a checkpoint of these settings ({error}); {hint}") from None
         self.model = model
+        self._seed_worlds()
         return True
 
     def actor(self) -> dict[str, np.ndarray]:

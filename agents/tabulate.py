@@ -28,11 +28,12 @@ from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import Outcomes, rollout
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
+from vibgym.seeds import RANGES
 from vibgym.simulation.models import has_fast_contacts
 from vibgym.tasks.episode import EVENTS
 
 FIRST_SEED = 200_000
-"""First seed of the new episodes, which neither training nor learning curves use."""
+"""First seed of the new episodes, in the range "evaluation" of :mod:`vibgym.seeds`."""
 
 LEVEL, RESAMPLES = 0.95, 2000
 
@@ -66,8 +67,9 @@ def tabulate(
         ship: directory for the policies of the best seeds, ``align.json``, ``align-prototype.json`` and so on, or None.
 
     Raises:
-        ValueError: a policy is missing or does not load; nothing is written.
+        ValueError: a policy is missing or does not load, or too many episodes; nothing is written.
     """
+    checks.count("--episodes", episodes, most=RANGES["evaluation"].stop - FIRST_SEED)
     rows: list[dict[str, Any]] = []
     best: dict[str, Path] = {}
     for name in names:

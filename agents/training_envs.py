@@ -22,10 +22,11 @@ from vibgym.policies.registry import make_policy
 from vibgym.policies.simulated import rows_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.residual import SCALE, Base
+from vibgym.seeds import training_seed
 
 
 def make_worlds(settings: TrainSettings, observation: str) -> VecEnv:
-    """Return all worlds of a run as one batch; with ``residual`` in :class:`ResidualEnv`.
+    """Return all worlds of a run as one batch, seeded for the first reset; with ``residual`` in :class:`ResidualEnv`.
 
     Args:
         settings: of the run.
@@ -47,7 +48,9 @@ def make_worlds(settings: TrainSettings, observation: str) -> VecEnv:
                 base = make_policy(settings.residual.base, TaskInfo.of(env))
                 env = ResidualEnv(env, base, settings.residual.scale)
         envs.append(env)
-    return VecEnv(*envs)
+    worlds = VecEnv(*envs)
+    worlds.seed(training_seed(settings.seed))
+    return worlds
 
 
 class ResidualEnv(VectorWrapper):

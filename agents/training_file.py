@@ -21,6 +21,7 @@ from agents.training_settings import (
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
 from vibgym.envs.vector import environment_id
+from vibgym.seeds import check_seeds
 
 SECTIONS: dict[str, type[Settings]] = {
     "imitation": ImitationSettings,
@@ -91,6 +92,8 @@ def settings_from(data: Mapping[str, Any], where: str = "training") -> TrainSett
             data[each] = parse(model, data[each], f"{where}: {each}")
     settings = parse(TrainSettings, {**data, "own": own}, where)
     environment_id(settings.task, f"{where}.task")
+    if (judging := settings.judging) is not None:
+        check_seeds(f"{where}: judging.first_seed", judging.first_seed, judging.episodes, "selection")
     return settings
 
 

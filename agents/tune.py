@@ -33,7 +33,7 @@ from vibgym.files import csv_text, output_directory, write_atomically
 STUDY, TRIALS, NAME, SETTINGS = "study.db", "trials.csv", "tuning", "settings"
 
 SEED, FIRST_SEED = 900_000, 700_000
-"""Seed of trials' runs, and first seed of their evaluation; training, reports and tables use others."""
+"""Seed of trials' runs, and first seed of their evaluation, which is not that of other learning curves."""
 
 
 class TuningSettings(Settings):

@@ -12,6 +12,7 @@ from stable_baselines3 import PPO
 
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.policies import rollout
+from vibgym.seeds import training_seed
 
 ID = "vibgym/Align-v0"
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000  # of all worlds together
@@ -19,6 +20,7 @@ torch.set_num_threads(1)  # a small network is trained faster by one
 venv = VecEnv(ID, num_envs=128, action="velocity")
 settings = {"n_steps": 32, "batch_size": 2048, "n_epochs": 8, "learning_rate": lambda left: 1.5e-3 * left}
 model = PPO("MlpPolicy", venv, seed=0, device="cpu", policy_kwargs={"log_std_init": -0.7}, **settings)
+venv.seed(training_seed(0))  # instead of the model's seed: the worlds begin with seeds that no evaluation uses
 for when in ("untrained", "trained"):
     began = time.perf_counter()
     if when == "trained":

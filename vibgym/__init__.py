@@ -17,7 +17,7 @@ __all__ = ["Part", "Simulator", "Surface", "make_policy"]
 
 _ROOMS = (
     "actuators", "adapters", "allocation", "bounds", "config", "envs", "fields", "hardware", "identification", "policies",
-    "rendering", "scene", "sensing", "simulation", "tasks",
+    "rendering", "scene", "seeds", "sensing", "simulation", "tasks",
 )  # fmt: skip
 
 _PLACES = {

@@ -14,7 +14,7 @@ from pydantic import Field
 from agents.evaluation.films import Log, Rollout
 from agents.evaluation.part_limits import Limits, limits_of
 from agents.evaluation.run import Infos, Run
-from agents.evaluation.settings import DEFAULT_FIRST_SEED, FileSettings
+from agents.evaluation.settings import FileSettings
 from agents.evaluation.study_settings import Seed
 from agents.evaluation.table import Place
 from agents.provenance import provenance
@@ -23,6 +23,7 @@ from vibgym.config import drawn_part, load_yaml, part_from, surface_from
 from vibgym.policies.applicable import tasks_with
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.drawings.records import StablePose
+from vibgym.seeds import RANGES, check_seeds
 
 TASKS = ("Transport", "Align", "Rotate")
 """Tasks that are measured."""
@@ -79,7 +80,7 @@ class DatasheetSettings(FileSettings):
     sensor: Any = {"kind": "pose", "estimator": "model"}
     policy: Any = "pose"
     episodes: int = Field(default=48, ge=8, le=10_000)
-    first_seed: Seed = DEFAULT_FIRST_SEED
+    first_seed: Seed = RANGES["evaluation"].start
     output: str = Field(default="runs/datasheet", min_length=1)
 
     @classmethod
@@ -106,6 +107,10 @@ class DatasheetSettings(FileSettings):
     def seeds(self) -> list[int]:
         """Seeds of the episodes."""
         return list(range(self.first_seed, self.first_seed + self.episodes))
+
+    def check_ranges(self) -> None:
+        """Check that the seeds are in a range for evaluations."""
+        check_seeds(f"{self.where}.first_seed", self.first_seed, self.episodes, "evaluation", "own")
 
     def limited(self, episodes: int) -> dict[str, Any]:
         """Return the fields to change for another number of episodes, that of ``--episodes``."""

@@ -148,12 +148,12 @@ def load(directory: Path) -> Published:
     if not isinstance(record["digests"], dict) or not {"settings", "files", "policies"} <= set(record["digests"]):
         raise checks.missing("digests.settings, .files, .policies", f"of {path}")
     with checks.within(path):
-        settings = EvaluationSettings.checked(record["settings"])
+        settings = EvaluationSettings.stored(record["settings"])
     texts = {name: _text(directory / name) for name in (FIGURE_FILE, EPISODE_FILE)}
     path = directory / EPISODE_FILE
     episodes = _columns(path, texts[EPISODE_FILE], ("seed", *COLUMNS))
     binary = np.isin(episodes["success"], (0.0, 1.0)) & np.isin(episodes["fallen"], (0.0, 1.0))
-    wrong = np.flatnonzero(~(binary & np.isfinite(episodes["seed"])))
+    wrong = np.flatnonzero(~(binary & (episodes["seed"] >= 0) & (episodes["seed"] < 2**63)))
     if len(wrong):
         given = {name: float(episodes[name][wrong[0]]) for name in ("seed", "success", "fallen")}
         raise checks.refuse(f"{path}, line {wrong[0] + 2}", given, "a seed, and 0 or 1")
@@ -233,7 +233,7 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
     found = _record(path, (*kept, "policy_files", "settings", "episodes"))
     with checks.within(config):
         written = written_settings(settings)
-        main_runs(EvaluationSettings.checked(written))
+        main_runs(EvaluationSettings.stored(written))
         effects_runs(settings)
     wanted = json.loads(canonical(settings.as_written()))
     apart = [each for each in settings_apart(wanted, found["settings"]) if each != "output"]

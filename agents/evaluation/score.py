@@ -75,6 +75,11 @@ class SuiteSettings(RunSettings):
     cost_limit: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
     output: str = Field(default="runs/suite", min_length=1)
 
+    @property
+    def ranges(self) -> tuple[str, ...]:
+        """Names of the ranges of seeds."""
+        return ("held_out",)
+
     def entry(self, policy: Any, field: str) -> PolicyEntry:
         """Return one policy with its number of episodes."""
         entry = super().entry(policy, field)

@@ -30,9 +30,9 @@ from agents.training_settings import for_seed
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
 from vibgym.envs.vector import environment_id
+from vibgym.seeds import RANGES, check_seeds
 
 DEFAULT_EPISODES = 100
-DEFAULT_FIRST_SEED = 100_000
 
 SEED, TASK = "{seed}", "{task}"
 
@@ -115,12 +115,20 @@ class FileSettings(Settings):
         Raises:
             ValueError: the first fault, in one line.
         """
-        settings = parse(cls, data, cls.where)
-        settings.check()
+        settings = cls.stored(data)
         changes: dict[str, Any] = {} if output is None else {"output": output}
         if episodes is not None:
             changes |= settings.limited(episodes)
-        return settings.model_copy(update=changes)
+        settings = settings.model_copy(update=changes)
+        settings.check_ranges()
+        return settings
+
+    @classmethod
+    def stored(cls, data: Any) -> Self:
+        """Return checked settings of stored results, with seeds of any range."""
+        settings = parse(cls, data, cls.where)
+        settings.check()
+        return settings
 
     @classmethod
     def load(cls, path: Path | None, episodes: int | None = None, output: str | None = None) -> Self:
@@ -133,6 +141,10 @@ class FileSettings(Settings):
 
     def check(self) -> None:
         """Check the settings; raise ValueError at the first fault."""
+
+    def check_ranges(self) -> None:
+        """Check that the seeds are in a range of the command; raise ValueError at the first that is not."""
+        raise NotImplementedError
 
     def limited(self, episodes: int) -> dict[str, Any]:
         """Return the fields to change for another number of episodes, that of ``--episodes``."""
@@ -150,7 +162,7 @@ class RunSettings(FileSettings):
             directory. A mapping may have ``tasks`` and ``hardware``, lists of names; by default a policy runs on all it serves.
         episodes: number of episodes, with the seeds ``first_seed``, ``first_seed + 1``, ...
         task_episodes: other numbers of episodes for some tasks, by name.
-        first_seed: seed of the first episode.
+        first_seed: seed of the first episode, by default the first of :attr:`ranges`.
         seeds: explicit seeds, instead of ``episodes`` and ``first_seed``.
         environment: arguments of the environments, see :data:`ENVIRONMENT_KEYS`.
         hardware: hardware models: name -> arguments of the environments that replace those of ``environment`` (see
@@ -181,12 +193,25 @@ class RunSettings(FileSettings):
     output: str = Field(default="runs/report", min_length=1)
     processes: int = Field(default=1, ge=1, le=256)
 
+    @property
+    def ranges(self) -> tuple[str, ...]:
+        """Names of the ranges of seeds that the command uses, see :mod:`vibgym.seeds`."""
+        return "evaluation", "own"
+
+    def check_ranges(self) -> None:
+        """Check that all seeds are in one of :attr:`ranges`."""
+        if self.seeds is None:
+            longest = max((self.seed_list(task) for task in self.tasks), key=len)
+            check_seeds(f"{self.where}.first_seed", longest[0], len(longest), *self.ranges)
+        for seed in self.seeds or ():
+            check_seeds(f"{self.where}.seeds", seed, 1, *self.ranges)
+
     def seed_list(self, task: str | None = None, most: int | None = None) -> list[int]:
         """Return the seeds of a task's episodes, at most ``most``; for None, those of tasks without their own number."""
         own = None if task is None else self.task_episodes.get(task)
         if self.seeds is not None:
             return self.seeds[:own][:most]
-        first = DEFAULT_FIRST_SEED if self.first_seed is None else self.first_seed
+        first = RANGES[self.ranges[0]].start if self.first_seed is None else self.first_seed
         return list(range(first, first + (own or self.episodes or DEFAULT_EPISODES)))[:most]
 
     def named_hardware(self) -> dict[str, Any]:
@@ -253,7 +278,7 @@ class RunSettings(FileSettings):
     def as_written(self) -> dict[str, Any]:
         """Return all of it as JSON values: policies by name, without absolute paths and studies that are not set."""
         unset = {name for name in ("effects", "under_load") if getattr(self, name, None) is None}
-        given = self.model_dump(exclude={"policies", "processes", "hardware"} | unset)
+        given = self.model_dump(exclude={"policies", "processes", "hardware", "held_out"} | unset)
         policies = {
             entry.name: {"policy": entry.content, **entry.own} if entry.own else entry.content
             for entry in self.entries()
@@ -292,11 +317,18 @@ class EvaluationSettings(RunSettings):
         effects: study of hardware effects, see :class:`EffectsSettings`.
         under_load: study of throughput, see :class:`LoadSettings`.
         animations: whether the report has a film of each policy on each task.
+        held_out: whether the seeds are those of suites, for results that are published beside scores.
     """
 
     effects: EffectsSettings | None = None
     under_load: LoadSettings | None = None
     animations: bool = True
+    held_out: bool = False
+
+    @property
+    def ranges(self) -> tuple[str, ...]:
+        """Names of the ranges of seeds."""
+        return ("held_out",) if self.held_out else super().ranges
 
     def check(self) -> None:
         """Check the settings and the studies."""

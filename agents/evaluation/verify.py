@@ -35,6 +35,7 @@ from agents.evaluation.table import BY_NAME, QUANTITIES, Place, Quantity, Table,
 from agents.provenance import commit, digest, versions
 from vibgym import checks
 from vibgym.files import csv_text
+from vibgym.seeds import check_seeds, range_of
 
 ALPHA = 0.01
 """Probability that any figure is outside by chance; all have the same share of it (Bonferroni), as they may be dependent."""
@@ -58,7 +59,7 @@ class Sample:
     Attributes:
         episodes: new ones per policy, task and hardware.
         again: published ones, played again (the first ones).
-        first_seed: of the new episodes; None: the one after the last published.
+        first_seed: of the new episodes, in the range of the published ones; None: the one after the last of these.
         tasks, policies: only these; None: all.
     """
 
@@ -77,7 +78,7 @@ class Sample:
         checks.count("--episodes", self.episodes, most=MOST_EPISODES)
         checks.count("--again", self.again, least=0, most=MOST_EPISODES)
         first = published.last_seed + 1 if self.first_seed is None else self.first_seed
-        checks.count("--first-seed", first, least=0, most=2**63 - 1 - self.episodes)
+        check_seeds("--first-seed", first, self.episodes, range_of(published.last_seed))
         if first <= published.last_seed and first + self.episodes > int(published.table["seed"].min()):
             allowed = f"chosen so that no seed was published, e.g. {published.last_seed + 1}"
             raise checks.refuse("--first-seed", first, allowed)

@@ -33,6 +33,7 @@ from vibgym.files import WriteError, reason
 from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.trained import described
+from vibgym.seeds import check_seeds
 
 REFERENCE = 20
 """Episodes of the lower reference score."""
@@ -53,6 +54,7 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
         ValueError: invalid settings, or a data set of this name exists; it is unchanged. An episode that does not replay.
         WriteError: no space is left, for instance; nothing is left behind.
     """
+    check_seeds("first_seed", settings.first_seed, settings.episodes, "recordings")
     began = time.perf_counter()
     with kept_in(settings.directory):
         place = Path(get_dataset_path(settings.dataset))

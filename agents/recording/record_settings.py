@@ -11,6 +11,7 @@ from pydantic_core import PydanticCustomError
 
 from vibgym.config import Settings, load_yaml, parse
 from vibgym.envs.vector import environment_id
+from vibgym.seeds import RANGES
 
 NAME = re.compile(r"([\w-]+/)*[\w-]+-v\d+")
 
@@ -24,7 +25,7 @@ class RecordSettings(Settings):
     environment: dict[str, Any] = {}
     observation: str = "state"  # that is recorded; the policy has its own
     episodes: int = Field(1000, ge=1, le=10_000_000)
-    first_seed: int = Field(1_000_000, ge=0, le=2**31)  # episode k begins with this seed + k
+    first_seed: int = RANGES["recordings"].start  # episode k begins with this seed + k
     worlds: int = Field(250, ge=1, le=100_000)  # simulated together; no result depends on it
     noise: float = Field(0.0, ge=0, le=2)  # standard deviation, added to the actions that are executed and recorded
     directory: str | None = None  # of the data sets; None: that of Minari

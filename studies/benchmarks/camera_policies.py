@@ -18,6 +18,7 @@ from agents.evaluation.table import quantity
 from studies.benchmarks import common
 from studies.kept import show
 from vibgym.policies.rollout import Outcomes, rollout
+from vibgym.seeds import RANGES
 
 LEVEL, RESAMPLES = 0.95, 9999
 
@@ -108,7 +109,7 @@ def main() -> None:
     parser.add_argument("--tasks", nargs="+", default=list(POLICIES), choices=list(POLICIES))
     parser.add_argument("--cameras", nargs="+", default=list(CAMERAS), choices=list(CAMERAS))
     asked = parser.parse_args()
-    seeds = range(100_000, 100_000 + asked.episodes)
+    seeds = RANGES["evaluation"][: asked.episodes]
     lines, found = [], []
     for task in asked.tasks:
         for name, policy in POLICIES[task].items():

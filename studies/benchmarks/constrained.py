@@ -17,8 +17,8 @@ from studies.benchmarks import common
 from studies.kept import show
 from vibgym.policies import rollout
 from vibgym.policies.measures import MotionMeasured, MotionMeasures
+from vibgym.seeds import RANGES
 
-FIRST_SEED = 300_000
 TASK, LIMIT = "Swap", 0.2  # N s
 ENVIRONMENT: dict[str, Any] = {
     "costs": {"impulse": 1.0},
@@ -33,7 +33,7 @@ POLICIES: dict[str, Any] = {
 
 def row(name: str, episodes: int) -> list[str]:
     """Run a policy and format its row."""
-    seeds = range(FIRST_SEED, FIRST_SEED + episodes)
+    seeds = RANGES["held_out"][:episodes]
     found: MotionMeasured = rollout(POLICIES[name], TASK, seeds=seeds, keep=MotionMeasures, **ENVIRONMENT)
     within = found.cost <= LIMIT
     share = exact(int(within.sum()), episodes, 0.95)

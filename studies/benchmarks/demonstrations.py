@@ -25,10 +25,10 @@ from studies.benchmarks import common
 from studies.kept import show
 from vibgym.policies import rollout
 from vibgym.policies.rollout import Outcomes
+from vibgym.seeds import RANGES
 
 CONFIG = Path("configs/agents/demonstrations.yaml")
 RECORDINGS = {"Push": Path("configs/recordings/push.yaml"), "Transport": Path("configs/recordings/images.yaml")}
-FIRST_SEED = 300_000
 LEVEL, RESAMPLES = 0.95, 9999
 
 
@@ -66,7 +66,7 @@ def learn(task: str, method: str, count: int, seed: int, steps: int | None, epis
     settings = settings.model_copy(update={"own": own, "steps": steps or settings.steps, "judging": None})
     with Training(settings, output / f"{task}-{method}-{count}" / f"seed-{seed}", quiet=True) as training:
         path = training.run()
-    found = rollout({"kind": "trained", "path": str(path)}, task, seeds=range(FIRST_SEED, FIRST_SEED + episodes))
+    found = rollout({"kind": "trained", "path": str(path)}, task, seeds=RANGES["held_out"][:episodes])
     print(f"{task}, {method}, {count} demonstrations, seed {seed}: {cell([found])}", flush=True)
     return found
 
@@ -115,7 +115,7 @@ def main() -> None:
             of_seeds = [next(found) for _ in range(asked.seeds)]
             lines.append([METHODS[task][name].title, f"{count}", cell(of_seeds)])
         policy = record_settings.load_settings(RECORDINGS[task]).policy
-        expert = rollout(policy, task, seeds=range(FIRST_SEED, FIRST_SEED + asked.episodes))
+        expert = rollout(policy, task, seeds=RANGES["held_out"][: asked.episodes])
         lines.append([f"`{policy['kind']}`, which gave the demonstrations", "", cell([expert])])
         heads = (f"{task}: policy", "demonstrations", "success; time to goal")
         show(f"demonstrations-{task.lower()}", heads, lines, asked.keep)

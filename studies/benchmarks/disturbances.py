@@ -14,8 +14,8 @@ from studies import kept
 from studies.benchmarks import common
 from vibgym.policies.classical.observer import OBSERVERS
 from vibgym.policies.rollout import rollout
+from vibgym.seeds import RANGES
 
-FIRST_SEED = 300_000
 CASES: dict[str, dict[str, Any]] = {
     "struck, patches": {
         "model": "tilting",
@@ -41,7 +41,7 @@ def main() -> None:
                 for kind in POLICIES:
                     cells = []
                     for observer in OBSERVERS:
-                        seeds = range(FIRST_SEED, FIRST_SEED + asked.episodes)
+                        seeds = RANGES["held_out"][: asked.episodes]
                         settings = {**common.HARDWARE[hardware], **CASES[case]}
                         found = rollout({"kind": kind, "observer": observer}, task, seeds=seeds, **settings)
                         time = f"{found.time_to_goal[found.success].mean():.2f} s" if found.success.any() else "–"

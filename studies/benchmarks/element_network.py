@@ -16,9 +16,9 @@ from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import rollout
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import KIND, VERSION
+from vibgym.seeds import RANGES
 
 SURFACES = ((8, 8), (8, 32), (16, 64))
-FIRST_SEED = 300_000
 
 
 def main() -> None:
@@ -30,7 +30,7 @@ def main() -> None:
     found = sorted(
         path for kind in ("phasor", "element") for path in Path("results/policies").glob(f"align-{kind}-seed-*.json")
     )
-    seeds = range(FIRST_SEED, FIRST_SEED + asked.episodes)
+    seeds = RANGES["held_out"][: asked.episodes]
     for path in asked.policies or found:
         action = load_set(path, KIND, VERSION)[1]["action"]
         for rows, columns in SURFACES:

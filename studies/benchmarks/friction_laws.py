@@ -19,6 +19,7 @@ from studies.benchmarks import common
 from studies.kept import show
 from vibgym import Part, Simulator, Surface
 from vibgym.policies import rollout
+from vibgym.seeds import RANGES
 
 LAWS: dict[str, dict[str, Any] | None] = {
     "constant": None,
@@ -30,7 +31,7 @@ LAWS: dict[str, dict[str, Any] | None] = {
 """Speeds at which ``1 / e`` of the rise is left."""
 
 POLICIES: dict[str, Any] = {"pose": {"kind": "pose", "action": "velocity"}, "lqr": "lqr", "learned": "learned"}
-WORLDS, TESTED, FIRST_SEED, FRICTION = 256, 64, 300_000, 0.58
+WORLDS, TESTED, FRICTION = 256, 64, 0.58
 
 
 def block(law: dict[str, Any] | None) -> Part:
@@ -93,7 +94,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=15)
     asked = parser.parse_args()
     cost, lines = costs(asked.rounds), []
-    seeds = range(FIRST_SEED, FIRST_SEED + asked.episodes)
+    seeds = RANGES["held_out"][: asked.episodes]
     for name, law in LAWS.items():
         cells = []
         for policy in POLICIES.values():

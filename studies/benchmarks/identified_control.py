@@ -29,8 +29,7 @@ from vibgym.hardware import ControlLoop, MachineError, SimulatedDriver
 from vibgym.hardware.driver import Measurement
 from vibgym.identification import Camera, Fitted, fit
 from vibgym.scene.parts import shipped_part
-
-FIRST_SEED = 300_000
+from vibgym.seeds import RANGES
 
 LIMIT = 10.0
 """s, longest episode."""
@@ -180,7 +179,7 @@ def main() -> None:
     parser.add_argument(
         "--nominal", type=int, default=20, help="episodes with nominal parameters, of which many fail slowly"
     )
-    parser.add_argument("--first-seed", type=int, default=FIRST_SEED, help="of the episodes")
+    parser.add_argument("--first-seed", type=int, default=RANGES["held_out"].start, help="of the episodes")
     parser.add_argument("--output", type=Path, default=Path("runs/identified-control"), metavar="DIR")
     asked = parser.parse_args()
     output_directory(asked.output)

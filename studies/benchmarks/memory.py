@@ -28,8 +28,9 @@ from studies.benchmarks import common
 from studies.kept import show
 from vibgym.policies import rollout
 from vibgym.policies.rollout import Outcomes
+from vibgym.seeds import RANGES
 
-TASK, WORLDS, FIRST_SEED, FIRST_TRAINING = "Align", 128, 300_000, 10
+TASK, WORLDS, FIRST_TRAINING = "Align", 128, 10
 MISSED, LEVEL, RESAMPLES = 0.01, 0.95, 9999
 ACTION = {"action": "field"}
 LEARNING = {
@@ -92,7 +93,7 @@ def memory(name: str, condition: Condition) -> dict[str, Any]:
 
 def play(policy: Any, condition: Condition, estimator: str, episodes: int) -> Outcomes:
     """Run a policy on new seeds."""
-    seeds = range(FIRST_SEED, FIRST_SEED + episodes)
+    seeds = RANGES["held_out"][:episodes]
     environment = ACTION if policy != CONTROLLER else {}
     return rollout(policy, TASK, seeds=seeds, sensor=condition.sensor(estimator), **environment)
 

@@ -28,6 +28,7 @@ from vibgym.policies import rollout
 from vibgym.policies.rollout import Ends
 from vibgym.policies.trained.coding import TOUCHING
 from vibgym.policies.trained.symmetry import turned_rows
+from vibgym.seeds import RANGES
 
 
 class Case(NamedTuple):
@@ -64,8 +65,6 @@ LENGTH, CELLS = 32, 128
 GAMMA, LAMBDA, CLIP, EPOCHS, BATCH, RATE = 0.99, 0.95, 0.2, 2, 256, 5e-4
 SCALE = 0.1
 """Of rewards: errors of values then are of the order of 1, and their gradients do not crowd out those of the actor."""
-
-FIRST_SEED, JUDGED = 300_000, 100_000
 
 
 class View(nn.Module):
@@ -246,7 +245,7 @@ def train(task: str, central: bool, steps: int, worlds: int, seed: int, blame: f
         if done - last >= steps // 8:
             last = done
             print(f"{done} steps, {time.perf_counter() - began:.0f} s: ", end="")
-            show("", task, learned, range(JUDGED, JUDGED + 50), **case.training)
+            show("", task, learned, RANGES["evaluation"][:50], **case.training)
     batches.shutdown()
     return learned
 
@@ -307,7 +306,7 @@ def main() -> None:
     learned = train(
         asked.task, asked.algorithm == "mappo", asked.steps, asked.worlds, asked.seed, asked.blame, asked.touch
     )
-    seeds = range(FIRST_SEED, FIRST_SEED + asked.episodes)
+    seeds = RANGES["held_out"][: asked.episodes]
     show(asked.algorithm, asked.task, learned, seeds)
     for name, controller in (*CASES[asked.task].controllers.items(), *((str(each), each) for each in asked.beside)):
         show(name, asked.task, controller, seeds)

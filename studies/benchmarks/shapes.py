@@ -22,8 +22,8 @@ from vibgym.policies import rollout
 from vibgym.policies.measures import Measured, Measures
 from vibgym.scene.library import FAMILIES, shapes
 from vibgym.scene.library import SPLITS as LIBRARY
+from vibgym.seeds import RANGES
 
-FIRST_SEED = 300_000
 SPLITS = ("train", "test", "held_out")
 LEVEL, RESAMPLES = 0.95, 9999
 PITCH, ACROSS = 92.0, 16
@@ -61,7 +61,7 @@ def interval(success: np.ndarray, shape: np.ndarray) -> Interval:
 
 def row(task: str, name: str, episodes: int) -> list[str]:
     """Run a policy on all splits and format its row."""
-    seeds, cells, rates = range(FIRST_SEED, FIRST_SEED + episodes), [], {}
+    seeds, cells, rates = RANGES["held_out"][:episodes], [], {}
     for split in SPLITS:
         found: Measured = rollout(POLICIES[task][name], task, seeds=seeds, keep=Measures, split=split)
         shape = first_shapes(task, split, seeds)

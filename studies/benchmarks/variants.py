@@ -18,8 +18,8 @@ from studies.benchmarks.common import HARDWARE
 from studies.kept import show
 from vibgym.policies import rollout
 from vibgym.policies.measures import Measured, Measures
+from vibgym.seeds import RANGES
 
-FIRST_SEED = 300_000
 GAPS_MM = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 37.0)
 PACKERS: dict[str, Any] = {
     "two phases": "two_phases",
@@ -76,7 +76,7 @@ PLANS = (
 
 def played(case: Case, episodes: int) -> Measured:
     """Run the episodes of a case."""
-    seeds = range(FIRST_SEED, FIRST_SEED + max(1, round(case.share * episodes)))
+    seeds = RANGES["held_out"][: max(1, round(case.share * episodes))]
     return rollout(case.policy, f"vibgym/{case.task}-v0", seeds=seeds, keep=Measures, **case.environment)
 
 

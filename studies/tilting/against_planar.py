@@ -21,6 +21,7 @@ from vibgym import Part, Simulator, Surface
 from vibgym.envs import VibgymVectorEnv
 from vibgym.policies import make_policy
 from vibgym.scene.parts import shipped_part
+from vibgym.seeds import RANGES
 
 PARTS = ("aluminium_block", "steel_block")
 
@@ -117,7 +118,7 @@ def held(kind: str, model: Any, part: str, worlds: int) -> tuple[float, float]:
     policy = make_policy(kind, VibgymVectorEnv("Align", num_envs=1, **settings))
     spaces = {"action": policy.action, "observation": policy.observation}
     env = VibgymVectorEnv("Align", num_envs=worlds, model=model, **spaces, **settings)
-    observation, _ = env.reset(seed=list(range(300_000, 300_000 + worlds)))
+    observation, _ = env.reset(seed=list(RANGES["held_out"][:worlds]))
     state, start, errors = None, np.ones(worlds, dtype=bool), []
     for _ in range(STEPS):
         action, state = policy.predict(observation, state, start)

@@ -111,7 +111,7 @@ def reported(directory, *arguments):
 def test_frames_are_those_of_the_recording_and_rollouts_repeat_them(tmp_path):
     """Bit for bit: in LeRobot's reader, and in its rollout of the recorded actions from the recorded seeds."""
     given = {"dataset": NAME, "task": "Align", "policy": {"kind": "pose", "action": "wrench"}, "observation": "parts",
-             "episodes": 3, "worlds": 3, "first_seed": 7, "directory": str(tmp_path)}  # fmt: skip
+             "episodes": 3, "worlds": 3, "first_seed": 1_000_007, "directory": str(tmp_path)}  # fmt: skip
     record(RecordSettings.model_validate(given), quiet=True)
     with kept_in(str(tmp_path)):
         data = minari.load_dataset(NAME)
@@ -146,7 +146,7 @@ def test_frames_are_those_of_the_recording_and_rollouts_repeat_them(tmp_path):
     dtype, shape, names = found["features"]["observation.state"]
     assert (dtype, shape, names[0], len(set(names))) == ("float32", [width], "part_0.friction", width)
     origin = json.loads((output / "meta/vibgym.json").read_text())
-    assert origin["seeds"] == [7, 8, 9] and origin["ref_max_score"] == pytest.approx(
+    assert origin["seeds"] == [1_000_007, 1_000_008, 1_000_009] and origin["ref_max_score"] == pytest.approx(
         data.storage.metadata["ref_max_score"]
     )
     rolled = reported(tmp_path, "-c", ROLL, tmp_path / "columns.npz", json.dumps(origin["seeds"]))

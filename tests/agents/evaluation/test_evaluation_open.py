@@ -15,7 +15,7 @@ FEEDING = {
     "tasks": ["Feed"],
     "policies": ["zero", "lanes"],
     "episodes": 2,
-    "first_seed": 7_000_000,
+    "first_seed": 290_000,
     "resamples": 200,
     "animations": False,
     "under_load": {"task": "Feed", "policies": ["lanes"], "parts": [6, 2], "episodes": 1},

@@ -54,7 +54,7 @@ def writer(monkeypatch):
 
 def recorded(directory, **changes):
     given = {"dataset": NAME, "task": "Align", "policy": {"kind": "pose", "action": "wrench"}, "observation": "parts",
-             "episodes": 2, "worlds": 2, "first_seed": 7, "directory": str(directory)}  # fmt: skip
+             "episodes": 2, "worlds": 2, "first_seed": 1_000_007, "directory": str(directory)}  # fmt: skip
     settings = RecordSettings.model_validate({**given, **changes})
     record(settings, quiet=True)
     with kept_in(settings.directory):
@@ -93,7 +93,11 @@ def test_episodes_are_those_of_the_recording(tmp_path, kind):
         assert own["next.success"].tolist() == [False] * (steps - 1) + [bool(about["success"])]
         assert np.array_equal(own["timestamp"], np.arange(steps) / 25)
     origin = json.loads((tmp_path / "out" / ORIGIN).read_text())
-    assert origin["dataset"] == NAME and origin["seeds"] == [7, 8] and origin["vibgym_scene"]["observation"] == kind
+    assert (
+        origin["dataset"] == NAME
+        and origin["seeds"] == [1_000_007, 1_000_008]
+        and origin["vibgym_scene"]["observation"] == kind
+    )
 
 
 def test_names_of_the_state_follow_its_layout():
@@ -106,7 +110,7 @@ def test_names_of_the_state_follow_its_layout():
 
 
 @pytest.mark.parametrize("case, named", [
-    ("differs", "seed 8 does not replay"), ("exists", "output"), ("image", "observation"), ("rate", "12.5"),
+    ("differs", "seed 1000008 does not replay"), ("exists", "output"), ("image", "observation"), ("rate", "12.5"),
     ("name", "no/such-v0"),
 ])  # fmt: skip
 def test_refusals_leave_nothing_behind(tmp_path, capsys, case, named):

@@ -10,10 +10,11 @@ from agents.recording.record_settings import RecordSettings
 
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory):
-    """Directory with 200 episodes of the law "pose", a little disturbed, on Align, from seed 300."""
+    """Directory with 200 episodes of the law "pose", a little disturbed, on Align, from seed 1000300."""
     directory = tmp_path_factory.mktemp("recorded")
     made = {"dataset": "vibgym/align/pose-v0", "task": "Align", "policy": {"kind": "pose", "action": "wrench"},
-            "observation": "parts", "episodes": 200, "first_seed": 300, "noise": 0.1, "directory": str(directory)}  # fmt: skip
+            "observation": "parts", "episodes": 200, "first_seed": 1_000_300, "noise": 0.1,
+            "directory": str(directory)}  # fmt: skip
     record(RecordSettings.model_validate(made), quiet=True)
     return directory
 

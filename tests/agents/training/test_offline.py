@@ -125,7 +125,7 @@ def test_transitions_are_those_of_an_acting_network(recorded, memory):
     env = gym.make("vibgym/Align-v0", action="wrench", observation="parts")
     place = 0
     for episode in range(3):
-        observation, _ = env.reset(seed=300 + episode)
+        observation, _ = env.reset(seed=1_000_300 + episode)
         seen, ended = None, False
         while not ended:
             seen = coding.encode(observation, seen)
@@ -141,14 +141,14 @@ def test_transitions_are_those_of_an_acting_network(recorded, memory):
 def test_images_are_learned_from(tmp_path):
     """Rows are the planes that an acting network sees; cloning, and flow matching, reduce the error of the actions."""
     made = {"dataset": "vibgym/transport/image-v0", "task": "Transport", "observation": "image", "episodes": 4,
-            "first_seed": 300, "policy": {"kind": "pose", "action": "velocity"}, "directory": str(tmp_path)}  # fmt: skip
+            "first_seed": 1_000_300, "policy": {"kind": "pose", "action": "velocity"}, "directory": str(tmp_path)}  # fmt: skip
     record(RecordSettings.model_validate(made), quiet=True)
     own = {"dataset": made["dataset"], "network": "pixels", "turned": False, "remembers": False, "blind": []}
     given = settings_of(tmp_path, task="Transport", environment={"action": "velocity"}, steps=40, offline=own)
     data, coding = transitions(given)
     assert data.rows.dtype == torch.uint8 and len(data.rows) == len(data.at) + 4
     env = gym.make("vibgym/Transport-v0", action="velocity", observation="image")
-    observation, _ = env.reset(seed=300)
+    observation, _ = env.reset(seed=1_000_300)
     seen, ended, step = None, False, 0
     while not ended:
         seen = coding.encode(observation, seen)

@@ -119,7 +119,7 @@ def test_a_correction_of_zero_is_evaluated_as_the_base(learner, tmp_path):
     curve.begin(0)
     row = curve.measure(made.acting(), 0, 0.0, "ppo")
     alone = gym.make_vec("vibgym/Align-v0", num_envs=4, action="wrench", autoreset_mode="Disabled")
-    found = play(make_policy(POSE, info_of("Align", action="wrench")), alone, 100_000)
+    found = play(make_policy(POSE, info_of("Align", action="wrench")), alone, 500_000)
     seconds = alone.unwrapped.step_time * found.steps
     assert row["success"] == found.success.mean() == 1.0
     assert row["return_"] == round(float(np.median(found.returns)), 4)

@@ -1,0 +1,157 @@
+"""Episodes of training, selection and evaluation are different ones, and commands refuse the seeds of others."""
+
+import json
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from agents.__main__ import main
+from agents.evaluation.settings import EvaluationSettings
+from agents.ppo import PPO
+from agents.sb3 import SB3
+from agents.training_file import load_settings, settings_from
+from tests.commands import refusal, saved
+from vibgym.envs import VibgymVectorEnv
+from vibgym.envs.vector import seeds_from
+from vibgym.seeds import RANGES
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+ROOT = Path(__file__).parents[2]
+STAGED = {
+    "task": "Align", "environment": {"action": "wrench"}, "worlds": 8,
+    "scenes": [{"parts": ["steel_block"]}, {"parts": ["aluminium_block"]}], "steps": 8 * 4 * 4,
+    "imitation": {"expert": {"kind": "pose", "action": "wrench"}, "rounds": 1, "steps": 4, "epochs": 1},
+    "curriculum": [{"environment": {"max_episode_steps": 100}, "until": {"steps": k * 32}} for k in (1, 2)],
+    "ppo": {"n_steps": 4, "batch_size": 16, "n_epochs": 1, "net": [8], "critic_net": [8]},
+}  # fmt: skip
+FOREIGN = {
+    "task": "Align", "environment": {"action": "wrench"}, "worlds": 8, "steps": 64, "algorithm": "sb3.PPO",
+    "sb3": {"n_steps": 4, "batch_size": 16, "n_epochs": 1},
+}  # fmt: skip
+
+
+@pytest.fixture
+def resets(monkeypatch):
+    """All seeded resets of batches: number of worlds, seeds, and a digest of each start."""
+    found, reset = [], VibgymVectorEnv.reset
+
+    def recorded(self, *, seed=None, options=None):
+        observation, info = reset(self, seed=seed, options=options)
+        seeds = [each for each in seeds_from(seed, self.num_envs) if each is not None]
+        values = observation.values() if isinstance(observation, dict) else [observation]
+        rows = np.concatenate([np.reshape(each, (self.num_envs, -1)) for each in values], axis=1)
+        if seeds:
+            found.append((self.num_envs, seeds, [row.tobytes() for row in rows]))
+        return observation, info
+
+    monkeypatch.setattr(VibgymVectorEnv, "reset", recorded)
+    return found
+
+
+def trained(kind, settings, seed, folder, resets):
+    """Return seeds and starts of a training, with those of its continuation."""
+    resets.clear()
+    learner = kind(settings_from({**settings, "seed": seed}))
+    if learner.settings.imitation is not None:
+        list(learner.imitate(learner.settings.imitation))
+    learner.learn(settings["steps"], lambda metrics: None)
+    learner.save(folder)
+    assert learner.load(folder)
+    learner.learn(learner.steps + 32, lambda metrics: None)
+    learner.close()
+    return [[each for one in resets for each in one[k]] for k in (1, 2)]
+
+
+@pytest.mark.parametrize("kind, settings, count", [(PPO, STAGED, 4), (SB3, FOREIGN, 2)])
+def test_trainings_share_no_start(kind, settings, count, tmp_path, resets):
+    """Not between runs, and not between imitation, stages of a curriculum and continued runs."""
+    seeds, starts = zip(*(trained(kind, settings, seed, tmp_path, resets) for seed in (0, 1)), strict=True)
+    assert [len(each) for each in seeds] == [8 * count] * 2
+    assert len({*seeds[0], *seeds[1]}) == len({*starts[0], *starts[1]}) == 2 * 8 * count
+    assert all(each in RANGES["training"] for run in seeds for each in run)
+
+
+@pytest.mark.parametrize("agent", ["Align/ideal", "Sort/ideal"])
+def test_reports_by_default_have_no_episode_that_selected_a_checkpoint(agent):
+    judging = load_settings(ROOT / "configs/agents/ppo.yaml", agent, 0).judging
+    selected = range(judging.first_seed, judging.first_seed + judging.episodes)
+    reported = EvaluationSettings.load(ROOT / "configs/evaluations/report.yaml").seed_list(agent.partition("/")[0])
+    assert len(reported) >= 100 and not set(selected) & set(reported)
+    assert not set(selected) & set(EvaluationSettings.checked({"tasks": ["Align"], "policies": ["zero"]}).seed_list())
+
+
+PLAYED = {"tasks": ["Align"], "policies": ["zero"], "episodes": 10}
+RECORDED = {"dataset": "vibgym/align/pose-v0", "task": "Align", "policy": "pose", "episodes": 10}
+TUNED = {**STAGED, "tuning": {"space": {"ppo.n_epochs": [1, 2]}}}
+OUTSIDE = {
+    "train": (STAGED, {"judging": {"first_seed": 100_000}}, "judging.first_seed", "selection", "100000 (evaluation)"),
+    "tune": (TUNED, {"judging": {"first_seed": 300_000}}, "judging.first_seed", "selection", "300000 (held_out)"),
+    "evaluate": (PLAYED, {"first_seed": 300_000}, "evaluation.first_seed", "evaluation", "300000 (held_out)"),
+    "compare": (PLAYED, {"first_seed": 299_995}, "comparison.first_seed", "evaluation", "to 300004 (held_out)"),
+    "score": (PLAYED | {"training_steps": 1}, {"first_seed": 100_000}, "suite.first_seed", "held_out", "(evaluation)"),
+    "datasheet": ({}, {"first_seed": 500_000}, "datasheet.first_seed", "evaluation", "500000 (selection)"),
+    "record": (RECORDED, {"first_seed": 7}, "first_seed", "recordings", "7 (own)"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("command", OUTSIDE)
+def test_a_command_refuses_the_seeds_of_others(command, tmp_path, capsys):
+    content, changes, name, allowed, got = OUTSIDE[command]
+    path = saved(tmp_path, content, **changes)
+    if command == "record":
+        path.write_text(path.read_text().replace("output:", "directory:"))
+    line = refusal(capsys, main, command, path)
+    assert all(each in line for each in (str(path), f"{name}: seeds must be in", f"({allowed})", got))
+    assert list(tmp_path.iterdir()) == [path]  # nothing was written
+
+
+@pytest.mark.parametrize(
+    "seeds, held_out, got",
+    [
+        ([5, 100_000, 299_999], False, None),
+        ([300_000], True, None),
+        ([5, 400_000], False, "400000 (selection)"),
+        ([300_000, 5], True, "5 (own)"),
+    ],
+)
+def test_seeds_that_are_listed_are_checked_one_by_one(seeds, held_out, got):
+    settings = {"tasks": ["Align"], "policies": ["zero"], "seeds": seeds, "held_out": held_out}
+    if got is None:
+        assert EvaluationSettings.checked(settings).seed_list() == seeds
+        return
+    with pytest.raises(ValueError, match="evaluation.seeds: seeds must be in") as caught:
+        EvaluationSettings.checked(settings)
+    assert got in str(caught.value)
+
+
+def test_new_episodes_of_published_results_are_in_their_range(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    line = refusal(capsys, main, "verify", "results/report", "--first-seed", "500000", "--output", tmp_path / "out")
+    assert "--first-seed: seeds must be in 100000 to 299999 (evaluation), got 500000 (selection)" in line
+    line = refusal(capsys, main, "verify", "results/tilting", "--first-seed", "200000")
+    assert "--first-seed: seeds must be in 300000 to 399999 (held_out), got 200000 (evaluation)" in line
+    config = "configs/agents/ppo.yaml"
+    line = refusal(capsys, main, "tabulate", config, "--agent", "Align/ideal", "--episodes", "100001")
+    assert "--episodes must be a whole number >= 1 and <= 100000, got 100001" in line
+
+
+def test_results_of_any_seeds_are_read():
+    """They were published before there were ranges."""
+    record = json.loads((ROOT / "results/tilting/report.json").read_text())
+    assert "held_out" not in record["settings"]
+    for first in (record["settings"]["first_seed"], 700_000, 7_000_000):
+        assert EvaluationSettings.stored({**record["settings"], "first_seed": first}).seed_list()[0] == first
+
+
+@pytest.mark.parametrize("name, steps, worlds", [("train_ppo", 4096, 128), ("own_reward_sac", 320, 32)])
+def test_examples_evaluate_on_episodes_that_they_have_not_trained_on(name, steps, worlds, monkeypatch, resets):
+    monkeypatch.setattr(sys, "argv", [name, str(steps)])
+    runpy.run_path(str(ROOT / f"examples/{name}.py"))
+    training = [seed for number, seeds, _ in resets if number == worlds for seed in seeds]
+    played = [seed for number, seeds, _ in resets if number != worlds for seed in seeds]
+    assert len(set(training)) == worlds and all(seed in RANGES["training"] for seed in training)
+    assert len(set(played)) in (100, 200) and all(seed in RANGES["own"] for seed in played)
