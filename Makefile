@@ -35,11 +35,12 @@ OPEN_SEEDS ?= 1
 # Install the package, then its EXTRAS. Meanwhile the idle core compiles kernels; those not compiled by the end of the
 # installation are compiled on first use.
 define install
-	$(PIP) -e .
+	@echo "installing vibgym[$(EXTRAS)] in $(VENV)"
+	@$(PIP) -e .
 	@nice $(PY) -m vibgym warm >$(VENV)/.warm.log 2>&1 & warm=$$!; \
 		trap 'kill $$warm 2>/dev/null' EXIT; trap 'exit 130' INT TERM; \
 		$(PIP) -e '.[$(EXTRAS)]' || exit; \
-		if kill $$warm 2>/dev/null; then echo "some kernels are compiled, the others on first use (now: make warm)"; \
+		if kill $$warm 2>/dev/null; then echo "some kernels are compiled, the others on first use (now: $(PY) -m vibgym warm)"; \
 		else wait $$warm || { tail -n 5 $(VENV)/.warm.log; echo "kernels could not be compiled, see $(VENV)/.warm.log"; } >&2; fi
 endef
 
@@ -77,33 +78,21 @@ warm: $(DEV)
 
 $(VENV)/pyvenv.cfg:
 	@test -n "$(PYTHON)" || { echo "No Python 3.11 to 3.14 found; name one with make PYTHON=..." >&2; exit 1; }
-	$(PYTHON) -m venv --clear $(VENV) || { rm -f $@; exit 1; }
+	@echo "creating $(VENV) with $(PYTHON)"
+	@$(PYTHON) -m venv --clear $(VENV) || { rm -f $@; exit 1; }
 
-# The extra dev includes all others, so it satisfies every stamp.
-$(DEV): EXTRAS = dev
-$(DEV): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
-	$(install)
-	@touch $(DEV) $(TEST) $(REPORT) $(LEARN) $(ACCURACY)
-
-$(TEST): EXTRAS = test
-$(TEST): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
-	$(install)
-	@touch $(TEST)
-
+# Stamps of installed extras. ALSO: those whose extras are among them.
 $(REPORT): EXTRAS = render,report
-$(REPORT): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
-	$(install)
-	@touch $(REPORT)
-
 $(ACCURACY): EXTRAS = accuracy,mujoco
-$(ACCURACY): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
-	$(install)
-	@touch $(ACCURACY)
-
 $(LEARN): EXTRAS = learn,render,report
-$(LEARN): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
+$(LEARN): ALSO = $(REPORT)
+$(TEST): EXTRAS = test
+$(TEST): ALSO = $(LEARN) $(REPORT)
+$(DEV): EXTRAS = dev
+$(DEV): ALSO = $(TEST) $(LEARN) $(ACCURACY) $(REPORT)
+$(REPORT) $(ACCURACY) $(LEARN) $(TEST) $(DEV): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
 	$(install)
-	@touch $(LEARN) $(REPORT)
+	@touch $@ $(ALSO)
 
 # Kernels are compiled on one core while the checks run on the other. The cache is keyed by the digests of the sources, so
 # only kernels that have changed are compiled again. Imports that cannot be found are warnings of the type checker: make test
