@@ -16,6 +16,7 @@ BIN := $(VENV)/bin
 PY := $(BIN)/python
 # Without --no-compile, compiling all of torch takes longer than the installation.
 PIP := $(PY) -m pip --disable-pip-version-check install --quiet --no-compile -c constraints.txt
+DEMO := $(VENV)/.installed-demo
 DEV := $(VENV)/.installed-dev
 TEST := $(VENV)/.installed-test
 REPORT := $(VENV)/.installed-report
@@ -35,7 +36,7 @@ OPEN_SEEDS ?= 1
 # Install the package, then its EXTRAS. Meanwhile the idle core compiles kernels; those not compiled by the end of the
 # installation are compiled on first use.
 define install
-	@echo "installing vibgym[$(EXTRAS)] in $(VENV)"
+	@echo "installing vibgym[$(EXTRAS)] in $(VENV)$(TAKES)"
 	@$(PIP) -e .
 	@nice $(PY) -m vibgym warm >$(VENV)/.warm.log 2>&1 & warm=$$!; \
 		trap 'kill $$warm 2>/dev/null' EXIT; trap 'exit 130' INT TERM; \
@@ -45,10 +46,11 @@ define install
 endef
 
 .NOTPARALLEL:
-.PHONY: help venv warm learners peers test test-all test-bounds fuzz report publish verify compare docs replicate accuracy benchmark train notebooks release \
+.PHONY: help demo venv warm learners peers test test-all test-bounds fuzz report publish verify compare docs replicate accuracy benchmark train notebooks release \
 	format clean
 
 help:
+	@echo "make demo        policies align and sort parts: a table, and a picture in runs/demo, in a minute"
 	@echo "make test        lint, import contracts, types, tests of the core, in minutes"
 	@echo "make test-all    all tests: also pages in a browser, documentation, wheels, other libraries, studies"
 	@echo "make test-bounds tests of the core with the lowest supported versions of all packages, then with the highest"
@@ -82,15 +84,18 @@ $(VENV)/pyvenv.cfg:
 	@$(PYTHON) -m venv --clear $(VENV) || { rm -f $@; exit 1; }
 
 # Stamps of installed extras. ALSO: those whose extras are among them.
+$(DEMO): EXTRAS = policies,render
+$(DEMO): TAKES = : 130 MB of packages, about 15 s and the download
 $(REPORT): EXTRAS = render,report
+$(REPORT): ALSO = $(DEMO)
 $(ACCURACY): EXTRAS = accuracy,mujoco
 $(LEARN): EXTRAS = learn,render,report
-$(LEARN): ALSO = $(REPORT)
+$(LEARN): ALSO = $(REPORT) $(DEMO)
 $(TEST): EXTRAS = test
-$(TEST): ALSO = $(LEARN) $(REPORT)
+$(TEST): ALSO = $(LEARN) $(REPORT) $(DEMO)
 $(DEV): EXTRAS = dev
-$(DEV): ALSO = $(TEST) $(LEARN) $(ACCURACY) $(REPORT)
-$(REPORT) $(ACCURACY) $(LEARN) $(TEST) $(DEV): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
+$(DEV): ALSO = $(TEST) $(LEARN) $(ACCURACY) $(REPORT) $(DEMO)
+$(DEMO) $(REPORT) $(ACCURACY) $(LEARN) $(TEST) $(DEV): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
 	$(install)
 	@touch $@ $(ALSO)
 
@@ -105,6 +110,11 @@ define checks
 		$(BIN)/pyright $(1) --pythonpath $(PY) && \
 		{ wait $$warm || { cat $(VENV)/.warm.log; exit 1; }; }
 endef
+
+# Policies align and sort parts: a table, and a picture in runs/demo.
+demo: $(DEMO)
+	@echo "policies align and sort parts: about 20 s, 10 s once all kernels are compiled"
+	@$(PY) examples/demo.py
 
 # What every change must pass: python and make only, no browser, no other RL libraries.
 test: $(TEST)
