@@ -51,7 +51,7 @@ endef
 
 help:
 	@echo "make demo        policies align and sort parts: a table, and a picture in runs/demo, in a minute"
-	@echo "make test        lint, import contracts, types, tests of the core, in minutes"
+	@echo "make test        lint, import contracts, types, tests of the core, in about 8 minutes"
 	@echo "make test-all    all tests: also pages in a browser, documentation, wheels, other libraries, studies"
 	@echo "make test-bounds tests of the core with the lowest supported versions of all packages, then with the highest"
 	@echo "make fuzz        random scenes, files and calls for an hour, or SECONDS=; prints what was tried"
@@ -92,6 +92,7 @@ $(ACCURACY): EXTRAS = accuracy,mujoco
 $(LEARN): EXTRAS = learn,render,report
 $(LEARN): ALSO = $(REPORT) $(DEMO)
 $(TEST): EXTRAS = test
+$(TEST): TAKES = : 500 MB of packages, about 1 minute and the download
 $(TEST): ALSO = $(LEARN) $(REPORT) $(DEMO)
 $(DEV): EXTRAS = dev
 $(DEV): ALSO = $(TEST) $(LEARN) $(ACCURACY) $(REPORT) $(DEMO)
@@ -118,7 +119,10 @@ demo: $(DEMO)
 
 # What every change must pass: python and make only, no browser, no other RL libraries.
 test: $(TEST)
-	@$(call checks,--level error) && $(PY) -m pytest -n 2 --dist worksteal -m "not full" $(ARGS) @tests/core.txt
+	@echo "lint, import contracts and types; kernels are compiled meanwhile: about 2 minutes, or seconds once they are"
+	@$(call checks,--level error)
+	@echo "tests of the core: about 5 minutes on two idle cores"
+	@$(PY) -m pytest -n 2 --dist worksteal -m "not full" $(ARGS) @tests/core.txt
 
 # All tests; CI runs this. Fuzzers run four times as many examples as in make test.
 test-all: $(DEV) $(LEARNERS)
