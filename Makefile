@@ -16,6 +16,7 @@ BIN := $(VENV)/bin
 PY := $(BIN)/python
 # Without --no-compile, compiling all of torch takes longer than the installation.
 PIP := $(PY) -m pip --disable-pip-version-check install --quiet --no-compile -c constraints.txt
+DEMO := $(VENV)/.installed-demo
 DEV := $(VENV)/.installed-dev
 TEST := $(VENV)/.installed-test
 REPORT := $(VENV)/.installed-report
@@ -35,20 +36,22 @@ OPEN_SEEDS ?= 1
 # Install the package, then its EXTRAS. Meanwhile the idle core compiles kernels; those not compiled by the end of the
 # installation are compiled on first use.
 define install
-	$(PIP) -e .
+	@echo "installing vibgym[$(EXTRAS)] in $(VENV)$(TAKES)"
+	@$(PIP) -e .
 	@nice $(PY) -m vibgym warm >$(VENV)/.warm.log 2>&1 & warm=$$!; \
 		trap 'kill $$warm 2>/dev/null' EXIT; trap 'exit 130' INT TERM; \
 		$(PIP) -e '.[$(EXTRAS)]' || exit; \
-		if kill $$warm 2>/dev/null; then echo "some kernels are compiled, the others on first use (now: make warm)"; \
+		if kill $$warm 2>/dev/null; then echo "some kernels are compiled, the others on first use (now: $(PY) -m vibgym warm)"; \
 		else wait $$warm || { tail -n 5 $(VENV)/.warm.log; echo "kernels could not be compiled, see $(VENV)/.warm.log"; } >&2; fi
 endef
 
 .NOTPARALLEL:
-.PHONY: help venv warm learners peers test test-all test-bounds fuzz report publish verify compare docs replicate accuracy benchmark train notebooks release \
+.PHONY: help demo venv warm learners peers test test-all test-bounds fuzz report publish verify compare docs replicate accuracy benchmark train notebooks release \
 	format clean
 
 help:
-	@echo "make test        lint, import contracts, types, tests of the core, in minutes"
+	@echo "make demo        policies align and sort parts: a table, and a picture in runs/demo, in a minute"
+	@echo "make test        lint, import contracts, types, tests of the core, in about 8 minutes"
 	@echo "make test-all    all tests: also pages in a browser, documentation, wheels, other libraries, studies"
 	@echo "make test-bounds tests of the core with the lowest supported versions of all packages, then with the highest"
 	@echo "make fuzz        random scenes, files and calls for an hour, or SECONDS=; prints what was tried"
@@ -77,33 +80,25 @@ warm: $(DEV)
 
 $(VENV)/pyvenv.cfg:
 	@test -n "$(PYTHON)" || { echo "No Python 3.11 to 3.14 found; name one with make PYTHON=..." >&2; exit 1; }
-	$(PYTHON) -m venv --clear $(VENV) || { rm -f $@; exit 1; }
+	@echo "creating $(VENV) with $(PYTHON)"
+	@$(PYTHON) -m venv --clear $(VENV) || { rm -f $@; exit 1; }
 
-# The extra dev includes all others, so it satisfies every stamp.
-$(DEV): EXTRAS = dev
-$(DEV): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
-	$(install)
-	@touch $(DEV) $(TEST) $(REPORT) $(LEARN) $(ACCURACY)
-
-$(TEST): EXTRAS = test
-$(TEST): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
-	$(install)
-	@touch $(TEST)
-
+# Stamps of installed extras. ALSO: those whose extras are among them.
+$(DEMO): EXTRAS = policies,render
+$(DEMO): TAKES = : 130 MB of packages, about 15 s and the download
 $(REPORT): EXTRAS = render,report
-$(REPORT): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
-	$(install)
-	@touch $(REPORT)
-
+$(REPORT): ALSO = $(DEMO)
 $(ACCURACY): EXTRAS = accuracy,mujoco
-$(ACCURACY): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
-	$(install)
-	@touch $(ACCURACY)
-
 $(LEARN): EXTRAS = learn,render,report
-$(LEARN): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
+$(LEARN): ALSO = $(REPORT) $(DEMO)
+$(TEST): EXTRAS = test
+$(TEST): TAKES = : 500 MB of packages, about 1 minute and the download
+$(TEST): ALSO = $(LEARN) $(REPORT) $(DEMO)
+$(DEV): EXTRAS = dev
+$(DEV): ALSO = $(TEST) $(LEARN) $(ACCURACY) $(REPORT) $(DEMO)
+$(DEMO) $(REPORT) $(ACCURACY) $(LEARN) $(TEST) $(DEV): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
 	$(install)
-	@touch $(LEARN) $(REPORT)
+	@touch $@ $(ALSO)
 
 # Kernels are compiled on one core while the checks run on the other. The cache is keyed by the digests of the sources, so
 # only kernels that have changed are compiled again. Imports that cannot be found are warnings of the type checker: make test
@@ -117,9 +112,17 @@ define checks
 		{ wait $$warm || { cat $(VENV)/.warm.log; exit 1; }; }
 endef
 
+# Policies align and sort parts: a table, and a picture in runs/demo.
+demo: $(DEMO)
+	@echo "policies align and sort parts: about 20 s, 10 s once all kernels are compiled"
+	@$(PY) examples/demo.py
+
 # What every change must pass: python and make only, no browser, no other RL libraries.
 test: $(TEST)
-	@$(call checks,--level error) && $(PY) -m pytest -n 2 --dist worksteal -m "not full" $(ARGS) @tests/core.txt
+	@echo "lint, import contracts and types; kernels are compiled meanwhile: about 2 minutes, or seconds once they are"
+	@$(call checks,--level error)
+	@echo "tests of the core: about 5 minutes on two idle cores"
+	@$(PY) -m pytest -n 2 --dist worksteal -m "not full" $(ARGS) @tests/core.txt
 
 # All tests; CI runs this. Fuzzers run four times as many examples as in make test.
 test-all: $(DEV) $(LEARNERS)

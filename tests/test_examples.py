@@ -6,11 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = {
-    "first_steps": ("PICTURE", "learned      100 %"),
+    "demo": ("2", "Sort    learned        100.0 %"),
+    "first_steps": ("picture.png", "learned      100 %"),
     "own_algorithm": ("8000", "trained"),
     "own_law": ("4", "{'kind': 'pose'}                     in the plane                       100.0 %"),
     "own_reward_sac": ("320", "trained"),
@@ -23,6 +26,9 @@ EXAMPLES = {
 
 LEARN = ("own_algorithm", "own_reward_sac", "train_ppo")
 """Examples that require the extra ``learn``."""
+
+PICTURES = {"demo": ["runs/demo/demo.png"], "first_steps": ["picture.png"]}
+"""Pictures that examples write."""
 
 LINES = 70
 
@@ -38,14 +44,17 @@ def test_an_example_runs(name, tmp_path):
     if name in LEARN:
         pytest.importorskip("torch")
     argument, expected = EXAMPLES[name]
-    picture = tmp_path / "picture.png"
-    command = [sys.executable, str(ROOT / "examples" / f"{name}.py"), argument.replace("PICTURE", str(picture))]
+    command = [sys.executable, str(ROOT / "examples" / f"{name}.py"), argument]
     done = subprocess.run(
         command, cwd=tmp_path, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)}
     )
     assert done.returncode == 0, done.stderr[-2000:]
     assert expected in done.stdout
-    assert (name == "first_steps") == picture.exists()
+    pictures = list(tmp_path.rglob("*.png"))
+    assert [path.relative_to(tmp_path).as_posix() for path in pictures] == PICTURES.get(name, [])
+    assert all(np.asarray(Image.open(path).convert("L")).std() > 10.0 for path in pictures)  # not blank
+    if name == "demo":
+        assert re.findall(r"^(\w+) +random +0.0 %", done.stdout, re.M) == ["Align", "Sort"]
     if name == "train_ppo":
         shares = [float(each) for each in re.findall(r"success ([\d.]+) %", done.stdout)]
         assert len(shares) == 2 and shares[0] < 20.0 and shares[1] >= 90.0

@@ -33,6 +33,7 @@ from vibgym.fields import radial, uniform
 from vibgym.policies import rollout
 from vibgym.scene.hulls import WALLS, gaps_between
 from vibgym.scene.parts import shipped_part
+from vibgym.seeds import RANGES
 from vibgym.simulation import contact_parts
 
 RADIUS, SPEED, WORLDS = 0.02, 0.6, 64
@@ -263,7 +264,7 @@ TASKS = {
 }
 """Tasks of :func:`tasks`, and policies."""
 
-SEEDS = range(100_000, 100_100)
+SEEDS = RANGES["evaluation"][:100]
 
 
 def tasks(keep: bool) -> None:

@@ -15,6 +15,7 @@ MINORS = ("3.11", "3.12", "3.13", "3.14")
 """Supported versions of Python, as in pyproject.toml."""
 
 EXAMPLES = {
+    "demo": ("2", "play"),
     "first_steps": ("picture.png", "play"),
     "own_law": ("4", "play"),
     "own_sensor": ("10", "play"),
