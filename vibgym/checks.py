@@ -25,7 +25,14 @@ MOST_LABEL = 80
 
 
 class Refused(ValueError):
-    """Invalid input, described in one line. Any other ``ValueError`` is a fault of the program."""
+    """Invalid input, described in one line. Any other ``ValueError`` is a fault of the program.
+
+    Attributes:
+        faults, lines: of a drawing, see :func:`vibgym.scene.drawings.records.refusal`; else empty.
+    """
+
+    faults: tuple[Any, ...] = ()
+    lines: tuple[np.ndarray, ...] = ()
 
 
 @contextlib.contextmanager
@@ -37,7 +44,9 @@ def within(place: object, joint: str = ": ", kind: type[ValueError] = ValueError
     try:
         yield
     except kind as error:
-        raise Refused(f"{place}{joint}{error}") from None
+        named = Refused(f"{place}{joint}{error}")
+        vars(named).update(vars(error))
+        raise named from None
 
 
 def refuse(name: str, value: object, allowed: str) -> Refused:

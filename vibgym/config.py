@@ -28,6 +28,9 @@ UNITS = {"_mm": 1e-3, "_deg": math.pi / 180.0, "_g": 1e-3}
 """Suffixes of keys and the factors to SI."""
 
 
+FRICTION = 0.5
+"""Coefficient of sliding friction of a drawing that is given without one."""
+
 MOST_BYTES = 1_000_000
 """Largest settings file."""
 
@@ -80,14 +83,21 @@ class DrawingSettings(PartProperties):
     """A part from a drawing, see :meth:`vibgym.Part.from_file`; lengths in m."""
 
     file: str
-    friction: float
+    friction: float = FRICTION
     thickness: float | None = None
     density: float | None = None
     tolerance: float | None = None
     units: str | None = None
-    layer: str | None = None
+    scale: float | None = None
+    layer: str | list[str] | None = None
+    without_layers: str | list[str] | None = None
+    part: int | None = None
+    gap: float | None = None
     stable_pose: int | None = None
 
+
+READING = ("tolerance", "units", "scale", "layer", "without_layers", "part", "gap", "stable_pose")
+"""Fields of a drawing that are arguments of :func:`vibgym.scene.drawings.drawing.read`."""
 
 SHAPE_FIELDS = {"rectangle": ("length", "width"), "disc": ("radius",), "polygon": ("vertices",)}
 
@@ -234,25 +244,27 @@ def drawn_part(value: Any, where: str = "parts", surface: Surface | None = None)
     The part must fit on ``surface``, if it is given.
     """
     from vibgym.scene.drawings.drawing import read
-    from vibgym.scene.drawings.records import TOLERANCE
 
     settings = parse(DrawingSettings, value, where).model_dump(exclude_none=True)
     if "thickness" in settings:
         settings["thickness_mm"] = 1e3 * settings.pop("thickness")
-    path, tolerance = settings.pop("file"), settings.pop("tolerance", None)
-    reading = {name: settings.pop(name, None) for name in ("units", "layer", "stable_pose")}
+    reading = {name: settings.pop(name) for name in READING if name in settings}
+    reading |= {name: 1e3 * reading[name] for name in ("tolerance", "gap") if name in reading}
+    path = settings.pop("file")
     with checks.within(where):
-        drawing = read(path, TOLERANCE if tolerance is None else 1e3 * tolerance, **reading, surface=surface)
+        drawing = read(path, **reading, surface=surface)
         return Part.from_drawing(drawing, path, **settings), drawing
 
 
 def part_from(value: Any, where: str = "parts", surface: Surface | None = None) -> Part:
     """Return a part from the name of a shipped one, a mapping of :class:`PartSettings` or :class:`DrawingSettings`, or a Part.
 
-    A part from a file must fit on ``surface``, if it is given.
+    The path of a drawing stands for ``{"file": path}``. A part from a file must fit on ``surface``, if it is given.
     """
     if isinstance(value, Part):
         return value
+    if isinstance(value, str | Path) and Path(value).suffix:
+        value = {"file": str(value)}
     if isinstance(value, str):
         checks.choice(where, value, tuple(SHIPPED))
         return shipped_part(value)

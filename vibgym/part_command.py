@@ -45,7 +45,9 @@ def run(given: argparse.Namespace) -> int:
     if given.picture is not None and given.picture.suffix.lower() != ".png":
         raise checks.refuse("--picture", str(given.picture), "a .png file")
     surface = Surface()
-    drawing = read(given.file, given.tolerance_mm, given.units, given.layer, given.stable_pose, surface)
+    drawing = read(
+        given.file, given.tolerance_mm, given.units, layer=given.layer, stable_pose=given.stable_pose, surface=surface
+    )
     options = {"friction": given.friction, "thickness_mm": given.thickness_mm, "density": given.density}
     made = Part.from_drawing(drawing, given.file, **options)
     pose = centred(surface)

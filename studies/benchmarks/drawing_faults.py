@@ -26,11 +26,11 @@ def spoiled(of: Case, fault: str, seed: int) -> Fault:
 
 FAULTS = {
     "dxf": (
-        "open", "gap", "duplicate", "two parts", "crossing", "in a hole", "self-intersecting", "unknown units", "too large",
+        "open", "gap", "two parts", "crossing", "in a hole", "self-intersecting", "unknown units", "too large",
         "not an outline", "no length", "out of plane", "no outline",
     ),
     "svg": (
-        "open", "duplicate", "two parts", "crossing", "in a hole", "self-intersecting", "unknown units", "too large",
+        "open", "two parts", "crossing", "in a hole", "self-intersecting", "unknown units", "too large",
         "not an outline", "invalid path", "no outline",
     ),
     "stl": ("open", "inside out", "two parts", "too large", "does not stand"),
@@ -54,9 +54,6 @@ def _spoiled_dxf(of: Case, fault: str, draw: random.Random) -> Fault:
         one = draw.choice(arcs)
         expected = [one, *lines]
         one.dxf.end_angle -= draw.uniform(0.5, 5.0)
-    elif fault == "duplicate":
-        expected = [one.copy()]
-        space.add_entity(expected[0])
     elif fault == "two parts":
         expected = [space.add_circle((200.0, draw.uniform(0.0, 9.0)), 5.0)]
     elif fault == "crossing":
@@ -94,8 +91,6 @@ def _spoiled_svg(of: Case, fault: str, draw: random.Random) -> Fault:
     outline, hole, more = '<path d="M 0 0 H 50 V 40 C 40 60 20 60 0 40 Z"/>', '<circle cx="20" cy="20" r="5"/>', ""
     if fault == "open":
         outline = outline.replace("Z", "L 0 10")
-    elif fault == "duplicate":
-        more = outline
     elif fault == "two parts":
         more = '<rect x="80" y="0" width="5" height="5"/>'
     elif fault == "crossing":
@@ -119,8 +114,6 @@ def _spoiled_svg(of: Case, fault: str, draw: random.Random) -> Fault:
     lines = [f'<svg xmlns="http://www.w3.org/2000/svg" {size}>', hole, *blank, "<g>", outline, more, "</g>", "</svg>"]
     words = {"unknown units": ("units=",), "too large": ("smaller than the table",), "no outline": ("no outline",)}
     line = 1 + (lines.index(more) if more else lines.index(outline))
-    if fault == "duplicate":
-        line = len(lines) - 2
     return Fault("\n".join(lines).encode(), words.get(fault, (f"in line {line}",)))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -81,6 +81,7 @@ class Part:
             part presses evenly: friction brakes it, and only other parts can move it.
         friction_law: mapping of ``kind`` and settings, by which sliding friction is ``friction`` times a factor that depends on
             the slip speed (:mod:`vibgym.scene.friction_laws`); None: it is constant.
+        skipped: what the part's drawing contains and the part does not, such as text or hidden lines -> number.
     """
 
     outline: np.ndarray
@@ -100,6 +101,7 @@ class Part:
     centre_height: float = 0.0
     friction_law: Mapping[str, Any] | None = None
     holes: tuple[np.ndarray, ...] = ()
+    skipped: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
     def rectangle(cls, length: float, width: float, *, friction: float, **properties: Any) -> Part:
@@ -155,7 +157,11 @@ class Part:
         density: float | None = None,
         tolerance_mm: float = 0.05,
         units: str | None = None,
-        layer: str | None = None,
+        scale: float = 1.0,
+        layer: str | Sequence[str] | None = None,
+        without_layers: str | Sequence[str] = (),
+        part: int | None = None,
+        gap_mm: float | None = None,
         stable_pose: int | None = None,
         surface: Surface | None = PROTOTYPE,
         **properties: Any,
@@ -172,23 +178,31 @@ class Part:
             density: kg/m^3 (default: steel).
             tolerance_mm: largest distance of flattened curves from the drawn ones; flattening preserves area.
             units: of the drawing, ``"mm"``, ``"in"``, ... (:data:`vibgym.scene.drawings.records.UNITS`), if the file does not
-                name them; STL files are in mm by default.
-            layer: of a DXF file, whose other layers are not read.
+                name them, or wrong ones; STL files are in mm by default.
+            scale: factor of all lengths in the file.
+            layer: one or several, whose content alone is read; in SVG files ids, group labels or stroke colours.
+            without_layers: those whose content is not read.
+            part: number among several in a drawing, 0 for the largest; without it, several are an error that lists them.
+            gap_mm: largest gap between ends of lines that is closed, with a warning; by default a tenth of the tolerance.
             stable_pose: of a mesh, 0 for the most probable one; None: as modelled.
             surface: that the part must fit on; None: not checked.
             **properties: as for :meth:`polygon`; ``name`` is that of the file by default.
 
         Raises:
             ValueError: a file that does not describe exactly one part, or a value out of its range; the message names the file
-                and the entity by its handle (DXF), line (SVG, STL in text) or facet (STL).
+                and the entity by its handle (DXF), line (SVG, STL in text) or facet (STL). ``error.faults`` lists all faults.
             MissingExtra: the extra is not installed.
 
         Warns:
-            UserWarning: a mesh that is no prism, with its deviations.
+            UserWarning: a mesh that is no prism, with its deviations; ``units`` that are not those of the file; a drawing that
+                contains more than the part (:attr:`skipped`).
         """
         from vibgym.scene.drawings.drawing import read
 
-        drawing = read(path, tolerance_mm, units, layer, stable_pose, surface)
+        drawing = read(
+            path, tolerance_mm, units, scale=scale, layer=layer, without_layers=without_layers, part=part, gap=gap_mm,
+            stable_pose=stable_pose, surface=surface,
+        )  # fmt: skip
         return cls.from_drawing(
             drawing, path, friction=friction, thickness_mm=thickness_mm, density=density, **properties
         )
@@ -208,6 +222,8 @@ class Part:
 
         Arguments, errors and warnings are those of :meth:`from_file`.
         """
+        from vibgym.scene.drawings.records import summary
+
         properties = {"name": Path(path).stem, **properties}
         if density is not None:
             if properties.get("mass") is not None:
@@ -237,7 +253,9 @@ class Part:
             _warn_of_shape(part, solid)
         elif density is not None:
             part = replace(part, mass=density * part.area * part.height)
-        return part
+        if drawing.skipped:
+            warnings.warn(f"part {part.name!r}: skipped {summary(drawing.skipped)}", stacklevel=3)
+        return replace(part, skipped=drawing.skipped)
 
     @classmethod
     def _build(cls, shape: _Shape, friction: float, properties: dict[str, Any]) -> Part:

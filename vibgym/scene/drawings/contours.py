@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.scene import outlines
+from vibgym.scene.drawings.records import Fault, refusal
 
 SAMPLES = 1024
 """Samples of a full turn, or of a curve, before it is flattened."""
@@ -17,6 +20,18 @@ SAGITTA = 0.75
 
 SMOOTH, SHARP = 0.02, 1.0
 """rad: turns at joints of two curves that are still smooth, and from which on a corner of chords is not moved."""
+
+COINCIDENT = 0.01
+"""Ends of strokes that are closer than this share of the gap coincide."""
+
+BRIDGED = 1.0
+"""mm: open ends up to this distance apart get a hint to join them."""
+
+LISTED = 20
+"""Most parts of a file that an error lists."""
+
+FREE, LEFT_OUT, AT_FAULT = -1, -2, -3
+"""Instead of the partner of an end: none yet, that of a stroke without length, one of several."""
 
 
 class Stroke(NamedTuple):
@@ -45,88 +60,146 @@ class Contour(NamedTuple):
     labels: list[str]
 
 
-def outline_of(strokes: list[Stroke], tolerance: float, gap: float) -> list[np.ndarray]:
-    """Return the outline of a part (n, 2) mm, counter-clockwise, and then its holes, clockwise.
+def outline_of(
+    strokes: Sequence[Stroke],
+    tolerance: float,
+    gap: float,
+    bridge: float = 0.0,
+    part: int | None = None,
+    faults: Sequence[Fault] = (),
+) -> tuple[list[np.ndarray], Counter[str]]:
+    """Return the outline of a part (n, 2) mm, counter-clockwise, with its holes, clockwise; and notes with their numbers.
 
     Args:
         tolerance: mm, of flattened curves.
         gap: mm, between ends that are joined.
+        bridge: mm, between ends that a line joins, with a note.
+        part: number among several, largest first.
+        faults: that reading has found.
 
     Raises:
-        ValueError: no strokes, or not exactly one part.
+        ValueError: faults, all of them, or several parts of which none is selected.
     """
-    if not strokes:
-        raise checks.conflict("the drawing has no outline: no lines or curves")
-    contours = [flattened(loop, tolerance) for loop in loops(strokes, gap)]
+    joined, found, notes = loops(strokes, gap, bridge)
+    contours = [flattened(loop, tolerance) for loop in joined]
+    found = [*faults, *found]
     for contour in contours:
         if len(contour.points) > outlines.MOST_CORNERS:
-            raise checks.conflict(
-                f"the contour with {contour.labels[0]} has {len(contour.points)} corners, more than "
-                f"{outlines.MOST_CORNERS}: simplify it or give a larger tolerance_mm"
+            found.append(
+                Fault(
+                    f"the contour with {contour.labels[0]} has {len(contour.points)} corners, more than "
+                    f"{outlines.MOST_CORNERS}: simplify it or give a larger tolerance_mm",
+                    contour.points[0],
+                )
             )
-    _check_crossings(contours)
-    return _nested(contours)
+    found += _crossings([each for each in contours if len(each.points) <= outlines.MOST_CORNERS])
+    if found:
+        raise refusal(found, [each.points for each in strokes])
+    rings, others = _chosen(contours, part)
+    return rings, notes + Counter({"parts that are not selected": others})
 
 
-def loops(strokes: list[Stroke], gap: float) -> list[list[Stroke]]:
-    """Return the closed loops of strokes, each turned so that it begins where the one before ends.
+def loops(
+    strokes: Sequence[Stroke], gap: float, bridge: float = 0.0
+) -> tuple[list[list[Stroke]], list[Fault], Counter[str]]:
+    """Return the closed loops of strokes, each turned so that it begins where the one before ends; faults; and notes.
 
-    Raises:
-        ValueError: a stroke without length, duplicates, an open end, or more than two strokes that meet.
+    Ends are joined to the nearest first: those that coincide, those within ``gap``, and those within ``bridge``, between which
+    a line is inserted. Strokes shorter than ``gap`` are left out where their neighbours join. Faults are open ends, more than
+    two ends that meet, and contours without length. Notes are bridged gaps and strokes that are drawn twice.
     """
-    for stroke in strokes:
-        if np.hypot(*np.diff(stroke.points, axis=0).T).sum() <= gap:
-            raise checks.conflict(f"{stroke.label} has no length")
-    open_ones = [each for each in strokes if np.hypot(*(each.points[-1] - each.points[0])) > gap]
-    _check_duplicates(strokes, gap)
-    ends = np.array([point for each in open_ones for point in (each.points[0], each.points[-1])]).reshape(-1, 2)
-    partner = np.full(len(ends), -1)
-    for k, end in enumerate(ends):
-        away = np.hypot(*(ends - end).T)
-        near = np.flatnonzero(away <= gap)
-        if len(near) > 2:
-            names = ", ".join(dict.fromkeys(open_ones[j // 2].label for j in near))
-            raise checks.conflict(f"{len(near)} ends meet at {_place(end)}: {names}")
-        if len(near) < 2:
-            away[k] = np.inf
-            label, other = open_ones[k // 2].label, open_ones[int(away.argmin()) // 2].label
-            raise checks.conflict(
-                f"open contour: {label} ends at {_place(end)}, {away.min():.3g} mm from the next end, of {other}"
-            )
-        partner[k] = near[0] if near[1] == k else near[1]
-    found = [[each] for each in strokes if np.hypot(*(each.points[-1] - each.points[0])) <= gap]
-    left = set(range(len(open_ones)))
+    strokes, notes = _without_duplicates(strokes, gap)
+    faults: dict[str, Fault] = {}
+    ends = np.array([point for each in strokes for point in (each.points[0], each.points[-1])]).reshape(-1, 2)
+    length = [_length(each) for each in strokes]
+    partner = np.full(len(ends), FREE)
+    for reach in (COINCIDENT * gap, gap, bridge):
+        pairs = _pairs(ends, np.flatnonzero(partner == FREE), reach)
+        beside = pairs[pairs[:, 0] // 2 != pairs[:, 1] // 2] // 2
+        short = [k for k in np.unique(beside) if length[k] <= min(reach, gap)]
+        if short:
+            partner[[2 * k + end for k in short for end in (0, 1)]] = LEFT_OUT
+            pairs = _pairs(ends, np.flatnonzero(partner == FREE), reach)
+        count = np.bincount(pairs.ravel(), minlength=len(ends))
+        for a, b in pairs[(count[pairs] == 1).all(axis=1)]:
+            partner[a], partner[b] = b, a
+            if reach > gap:
+                away, names = np.hypot(*(ends[a] - ends[b])), f"{strokes[a // 2].label} and {strokes[b // 2].label}"
+                notes[f"gap of {away:.3g} mm between {names}"] += 1
+        for k in np.flatnonzero(count > 1):
+            near = sorted({int(k), *(int(j) for pair in pairs if k in pair for j in pair)})
+            names = ", ".join(dict.fromkeys(strokes[j // 2].label for j in near))
+            text = f"{len(near)} ends meet at {_place(ends[near[0]])}: {names}"
+            faults[text] = Fault(text, ends[k])
+            partner[near] = AT_FAULT
+    present = np.flatnonzero(partner != LEFT_OUT)
+    for k in np.flatnonzero(partner == FREE):
+        away = np.where(present == k, np.inf, np.hypot(*(ends[present] - ends[k]).T))
+        label, other = strokes[k // 2].label, strokes[present[away.argmin()] // 2].label
+        hint = " (gap_mm= joins them)" if bridge < away.min() <= BRIDGED else ""
+        faults[f"{k}"] = Fault(
+            f"open contour: {label} ends at {_place(ends[k])}, {away.min():.3g} mm from the next end, of {other}{hint}",
+            ends[k],
+        )
+    found, left = list[list[Stroke]](), {int(k) // 2 for k in present}
     while left:
         first = at = min(left)
         loop, end = list[Stroke](), 2 * at + 1
         while at in left:
             left.remove(at)
-            stroke = open_ones[at]
-            loop.append(stroke if end % 2 else stroke._replace(points=stroke.points[::-1]))
+            loop.append(strokes[at] if end % 2 else strokes[at]._replace(points=strokes[at].points[::-1]))
             begin = int(partner[end])
-            at, end = begin // 2, begin ^ 1
-        assert at == first  # every end has one partner
-        found.append(loop)
-    return found
+            if begin >= 0 and np.hypot(*(ends[begin] - ends[end])) > gap:
+                loop.append(Stroke(ends[[end, begin]], False, f"the gap after {strokes[at].label}"))
+            at, end = (-1, end) if begin < 0 else (begin // 2, begin ^ 1)
+        if at == first:
+            kept = _without_short(loop, gap)
+            if kept:
+                found.append(kept)
+            else:
+                faults[loop[0].label] = Fault(f"{loop[0].label} has no length", loop[0].points[0])
+    return found, list(faults.values()), notes
 
 
-def _check_duplicates(strokes: list[Stroke], gap: float) -> None:
-    boxes = np.array([[*each.points.min(axis=0), *each.points.max(axis=0)] for each in strokes])
+def _pairs(points: np.ndarray, which: np.ndarray, reach: float) -> np.ndarray:
+    """Return the pairs (n, 2) of points, among those with the numbers ``which``, that are within ``reach``."""
+    from scipy.spatial import cKDTree
+
+    if len(which) < 2 or reach <= 0.0:
+        return np.zeros((0, 2), dtype=int)
+    pairs = cKDTree(points[which]).query_pairs(reach, output_type="ndarray")
+    return which[pairs[np.lexsort(pairs.T)]]
+
+
+def _length(stroke: Stroke) -> float:
+    return float(np.hypot(*np.diff(stroke.points, axis=0).T).sum())
+
+
+def _without_short(loop: list[Stroke], gap: float) -> list[Stroke]:
+    """Return a loop without strokes shorter than the gap; the next one begins within the gap of the last one's end."""
+    kept, at = list[Stroke](), loop[0].points[0]
+    for stroke in loop:
+        if _length(stroke) > gap or np.hypot(*(stroke.points[-1] - at)) > gap:
+            kept.append(stroke)
+            at = stroke.points[-1]
+    return kept
+
+
+def _without_duplicates(strokes: Sequence[Stroke], gap: float) -> tuple[list[Stroke], Counter[str]]:
+    """Return strokes, each once, and notes on those that coincide with one before them."""
+    import shapely
+
+    boxes = np.array([[*each.points.min(axis=0), *each.points.max(axis=0)] for each in strokes]).reshape(-1, 4)
+    kept, notes = list[int](), Counter[str]()
     for k, stroke in enumerate(strokes):
-        for j in np.flatnonzero(np.abs(boxes[:k] - boxes[k]).max(axis=1) <= 10.0 * gap):
-            other = strokes[j].points
-            if _same(stroke.points, other, gap) or _same(stroke.points, other[::-1], gap):
-                same = stroke.label == strokes[j].label
-                what = "passes the same line twice" if same else f"duplicates {strokes[j].label}"
-                raise checks.conflict(f"{stroke.label} {what}")
-
-
-def _same(one: np.ndarray, other: np.ndarray, gap: float) -> bool:
-    """Return whether two curves coincide at their ends and quarters; a closed one may begin anywhere."""
-    picked = [each[np.linspace(0, len(each) - 1, 5).astype(int)] for each in (one, other)]
-    if np.hypot(*(one[-1] - one[0])) <= gap:
-        return all(np.hypot(*(other - point).T).min() <= 10.0 * gap for point in picked[0])
-    return bool(np.hypot(*(picked[0] - picked[1]).T).max() <= gap)
+        reach = min(gap, 0.1 * _length(stroke))
+        near = [kept[j] for j in np.flatnonzero(np.abs(boxes[kept] - boxes[k]).max(axis=1) <= reach)]
+        line = shapely.LineString(stroke.points)
+        if any(shapely.hausdorff_distance(line, shapely.LineString(strokes[j].points)) <= reach for j in near):
+            notes[f"{stroke.label.partition(' ')[0]} drawn twice"] += 1
+        else:
+            kept.append(k)
+    return [strokes[k] for k in kept], notes
 
 
 def flattened(loop: list[Stroke], tolerance: float) -> Contour:
@@ -186,36 +259,53 @@ def _bulge(points: np.ndarray) -> float:
     return float(np.hypot(*(off - share[:, None] * along).T).max())
 
 
-def _check_crossings(contours: list[Contour]) -> None:
+def _crossings(contours: list[Contour]) -> list[Fault]:
+    """Return the faults of contours that cross or touch themselves or one another."""
+    import shapely
+
+    alone = [_crossing([each]) for each in contours]
+    simple = [each for each, fault in zip(contours, alone, strict=True) if fault is None]
+    rings = np.array([shapely.LinearRing(each.points) for each in simple], dtype=object)
+    pairs = shapely.STRtree(rings).query(rings, "intersects").T
+    faults = [*alone, *(_crossing([simple[a], simple[b]]) for a, b in pairs if a < b)]
+    return [each for each in faults if each is not None]
+
+
+def _crossing(contours: list[Contour]) -> Fault | None:
+    """Return the first crossing of a contour, or of two that are simple."""
     fault = outlines.faulty_edges([each.points - contours[0].points[0] for each in contours])
     if fault is None:
-        return
+        return None
     labels = [label for each in contours for label in each.labels]
-    points = np.concatenate([each.points for each in contours])
+    place = np.concatenate([each.points for each in contours])[fault[1]]
     one, other = labels[fault[0]], labels[fault[1]]
     what = f"{one} intersects itself" if one == other else f"{one} and {other} intersect"
-    raise checks.conflict(f"self-intersecting outline: {what} near {_place(points[fault[1]])}")
+    return Fault(f"self-intersecting outline: {what} near {_place(place)}", place)
 
 
-def _nested(contours: list[Contour]) -> list[np.ndarray]:
-    """Return the outer contour, and those inside it.
+def _chosen(contours: list[Contour], part: int | None) -> tuple[list[np.ndarray], int]:
+    """Return the outer contour of a part and those inside it, and the number of other parts.
 
     Raises:
-        ValueError: several outer contours, or contours inside holes.
+        ValueError: several parts, or no part of this number.
     """
-    inside = [
-        [k for k, outer in enumerate(contours) if k != j and outlines.contains(outer.points, each.points[:1])[0]]
-        for j, each in enumerate(contours)
-    ]
-    depth = [len(each) for each in inside]
-    outer = [k for k, each in enumerate(depth) if each == 0]
-    if len(outer) > 1:
-        names = ", ".join(contours[k].labels[0] for k in outer[:5]) + (", ..." if len(outer) > 5 else "")
-        raise checks.conflict(f"{len(outer)} parts in one file, with {names}: one part a file")
-    if max(depth) > 1:
-        label = contours[depth.index(max(depth))].labels[0]
-        raise checks.conflict(f"the contour with {label} is inside a hole: one part a file")
-    return [contours[outer[0]].points, *(each.points[::-1] for k, each in enumerate(contours) if k != outer[0])]
+    import shapely
+
+    polygons = np.array([shapely.Polygon(each.points) for each in contours], dtype=object)
+    inner, outer = shapely.STRtree(polygons).query(polygons, "within")
+    inside = [set(outer[(inner == k) & (outer != k)].tolist()) for k in range(len(contours))]
+    rims = [k for k, each in enumerate(inside) if len(each) % 2 == 0]
+    rims.sort(key=lambda k: -polygons[k].area)
+    if part is None and len(rims) > 1:
+        listed = []
+        for number, k in enumerate(rims[:LISTED]):
+            low, size = contours[k].points.min(axis=0), np.ptp(contours[k].points, axis=0)
+            where = f"from {_place(low)}, with {contours[k].labels[0]}" + ", in a hole" * bool(inside[k])
+            listed.append(f"{number}: {size[0]:.4g} x {size[1]:.4g} mm, {polygons[k].area:.4g} mm^2, {where}")
+        raise checks.conflict(f"{len(rims)} parts in one file, select one by part=: {'; '.join(listed)}")
+    rim = rims[checks.count("part", 0 if part is None else part, least=0, most=len(rims) - 1)]
+    holes = [k for k, each in enumerate(inside) if each == inside[rim] | {rim}]
+    return [contours[rim].points, *(contours[k].points[::-1] for k in holes)], len(rims) - 1
 
 
 def _place(point: np.ndarray) -> str:

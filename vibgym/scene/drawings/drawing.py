@@ -7,17 +7,18 @@ lies (:mod:`.stl`). Nothing is guessed: a drawing that does not describe exactly
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vibgym import checks
+from vibgym import checks, extras
 from vibgym.files import reason
 from vibgym.scene import outlines
 from vibgym.scene.drawings import contours, dxf, stl, svg
-from vibgym.scene.drawings.records import GAP, TOLERANCE, UNITS, Drawing
+from vibgym.scene.drawings.records import GAP, TOLERANCE, UNITS, Drawing, summary
 from vibgym.scene.surface import Surface
 
 MOST_BYTES = 50_000_000
@@ -34,7 +35,12 @@ def read(
     path: str | Path,
     tolerance: float = TOLERANCE,
     units: str | None = None,
-    layer: str | None = None,
+    *,
+    scale: float = 1.0,
+    layer: str | Sequence[str] | None = None,
+    without_layers: str | Sequence[str] = (),
+    part: int | None = None,
+    gap: float | None = None,
     stable_pose: int | None = None,
     surface: Surface | None = None,
 ) -> Drawing:
@@ -43,29 +49,47 @@ def read(
     Args:
         path: a ``.dxf``, ``.svg`` or ``.stl`` file.
         tolerance: mm, of flattened curves.
-        units: a key of :data:`UNITS`, for files that do not name their unit; STL files are in mm by default.
-        layer: of a DXF file, whose other layers are not read.
+        units: a key of :data:`UNITS`, for files that do not name their unit or a wrong one; STL files are in mm by default.
+        scale: factor of all lengths in the file.
+        layer: names of layers (DXF), or of ids, group labels or stroke colours (SVG); others are not read.
+        without_layers: names that are not read.
+        part: number among several in a drawing, 0 for the largest.
+        gap: mm, between ends of lines that are joined; None: a tenth of the tolerance.
         stable_pose: number of a pose of an STL file, the most probable one is 0; None: as modelled.
         surface: on which the part must fit; None: not checked.
 
     Raises:
         ValueError: a file that cannot be read, or that does not describe exactly one part; the message begins with the path.
+            The attribute ``faults`` lists all faults of a drawing (:class:`vibgym.scene.drawings.records.Fault`).
         MissingExtra: the extra ``cad`` is not installed.
+
+    Warns:
+        UserWarning: ``units`` that differ from those in the file.
     """
     readers: dict[str, Callable[..., Any]] = {".dxf": dxf.read, ".svg": svg.read, ".stl": stl.read}
     if not isinstance(path, str | Path):
         raise checks.refuse("file", path, "a path")
     path = Path(path)
-    reader = readers.get(path.suffix.lower())
+    kind = path.suffix.lower()
+    reader = readers.get(kind)
     if reader is None:
         raise checks.refuse("file", str(path), "a drawing: " + ", ".join(readers))
     tolerance = checks.number("tolerance_mm", tolerance, least=LEAST_TOLERANCE)
+    scale = checks.number("scale", scale, above=0.0)
+    bridge = 0.0 if gap is None else checks.number("gap_mm", gap, least=0.0)
+    layers, without = None if layer is None else _names("layer", layer), _names("without_layers", without_layers)
     if units is not None:
         checks.choice("units", units, tuple(UNITS))
-    options = {"layer": (layer, ".dxf"), "stable_pose": (stable_pose, ".stl")}
-    for name, (value, kind) in options.items():
-        if value is not None and path.suffix.lower() != kind:
-            raise checks.conflict(f"{name} is an option of {kind} files, not of {path.name}")
+    options = {
+        "layer": layers,
+        "without_layers": without or None,
+        "part": part,
+        "gap_mm": gap,
+        "stable_pose": stable_pose,
+    }
+    for name, value in options.items():
+        if value is not None and (name == "stable_pose") != (kind == ".stl"):
+            raise checks.conflict(f"{name} is not an option of {kind} files, such as {path.name}")
     try:
         content = path.read_bytes()
     except (OSError, ValueError) as error:
@@ -73,16 +97,25 @@ def read(
     with checks.within(path, kind=checks.Refused):
         if len(content) > MOST_BYTES:
             raise checks.refuse("file", f"{len(content)} bytes", f"at most {MOST_BYTES} bytes")
-        mine = {name: value for name, (value, kind) in options.items() if path.suffix.lower() == kind}
-        if path.suffix.lower() == ".stl":
-            rings, solid = reader(content, tolerance, units, **mine)
-            skipped: Mapping[str, int] = {}
-            _check_size(rings[0], tolerance, surface)
+        skipped, solid = Counter[str](), None
+        if kind == ".stl":
+            rings, solid = reader(content, tolerance / scale, units, stable_pose)
+            rings, solid = [scale * ring for ring in rings], solid.scaled(scale)
         else:
-            strokes, skipped = reader(content, GAP * tolerance, units, **mine)
+            extras.require("cad", "scipy", "shapely")
+            strokes, skipped, *faults = reader(content, GAP * tolerance / scale, units, layers, without)
+            strokes = [each._replace(points=scale * each.points) for each in strokes]
+            if not strokes and not any(faults):
+                left = f" (skipped: {summary(skipped)})" if skipped else ""
+                raise checks.conflict(f"the drawing has no outline: no lines or curves{left}")
             if strokes:
-                _check_size(np.concatenate([each.points for each in strokes]), tolerance, surface)
-            rings, solid = contours.outline_of(strokes, tolerance, GAP * tolerance), None
+                _check_size(np.concatenate([each.points for each in strokes]), tolerance)
+                # Before anything else is wrong: the largest line alone, since a file may have several parts.
+                _check_fit(max((each.points for each in strokes), key=lambda each: np.ptp(each, axis=0).max()), surface)
+            rings, notes = contours.outline_of(strokes, tolerance, GAP * tolerance, bridge, part, *faults)
+            skipped = +(skipped + notes)
+        _check_size(rings[0], tolerance)
+        _check_fit(rings[0], surface)
         corners = sum(map(len, rings))
         if corners > outlines.MOST_CORNERS:
             most = outlines.MOST_CORNERS
@@ -91,18 +124,33 @@ def read(
     return Drawing(rings[0], tuple(rings[1:]), radius, dict(skipped), solid)
 
 
-def _check_size(points: np.ndarray, tolerance: float, surface: Surface | None) -> None:
+def _names(argument: str, value: str | Sequence[str]) -> tuple[str, ...]:
+    """Return one name or several as a tuple."""
+    names = (value,) if isinstance(value, str) else value
+    if not isinstance(names, list | tuple) or not all(isinstance(each, str) for each in names):
+        raise checks.refuse(argument, value, "a name or a list of names")
+    return tuple(names)
+
+
+def _check_size(points: np.ndarray, tolerance: float) -> None:
     extent = np.ptp(points, axis=0)
-    size, shown = float(extent.max()), f"{extent[0]:.4g} x {extent[1]:.4g} mm"
+    size = float(extent.max())
     if size < LEAST_SIZE:
-        raise checks.refuse("part", shown, f"larger than {LEAST_SIZE:g} mm: are the units right?")
+        raise checks.refuse("part", _extent(extent), f"larger than {LEAST_SIZE:g} mm: are the units right?")
     if tolerance > COARSEST * size:
         raise checks.refuse(
             "tolerance_mm", tolerance, f"at most {COARSEST:g} of the part's size, {COARSEST * size:.3g}"
         )
+
+
+def _check_fit(points: np.ndarray, surface: Surface | None) -> None:
     if surface is not None and not fits(points, 1e3 * surface.width, 1e3 * surface.depth):
-        table = f"{1e3 * surface.width:.4g} x {1e3 * surface.depth:.4g} mm"
-        raise checks.refuse("part", shown, f"smaller than the table of {table}: are the units right?")
+        table = f"table of {_extent(1e3 * np.array([surface.width, surface.depth]))}: are the units right?"
+        raise checks.refuse("part", _extent(np.ptp(points, axis=0)), f"smaller than the {table}")
+
+
+def _extent(size: np.ndarray) -> str:
+    return f"{size[0]:.4g} x {size[1]:.4g} mm"
 
 
 def fits(points: np.ndarray, width: float, depth: float) -> bool:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import io
 import math
+import re
 from collections import Counter
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from vibgym import checks, extras
 from vibgym.scene.drawings.contours import SAMPLES, Stroke
-from vibgym.scene.drawings.records import UNITS, factor_of
+from vibgym.scene.drawings.records import UNITS, Fault, factor_of, refusal
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document
@@ -27,6 +28,12 @@ NOTES = frozenset(
 )
 """Types of entities that are no outlines: annotations, fillings, frames."""
 
+HARMLESS = frozenset(
+    "INVALID_COLOR_INDEX INVALID_ELLIPSE_RATIO INVALID_LINEWEIGHT INVALID_TRANSPARENCY MISSING_REQUIRED_SEQEND "
+    "REMOVED_STANDALONE_ATTRIB_ENTITY UNDEFINED_DIMENSION_STYLE UNDEFINED_LINETYPE UNDEFINED_TEXT_STYLE".split()
+)
+"""Repairs by ezdxf (:class:`ezdxf.audit.AuditError`) of entities that do not change their outlines."""
+
 DEEPEST = 30
 """Most blocks inside one another."""
 
@@ -34,30 +41,45 @@ SPAN = 64
 """Samples of a spline between two knots, at least."""
 
 
-def read(content: bytes, flat: float, units: str | None, layer: str | None) -> tuple[list[Stroke], Counter[str]]:
-    """Return the strokes of the model space of a DXF file, and the numbers of other entities by type.
+def read(
+    content: bytes, flat: float, units: str | None, layers: tuple[str, ...] | None = None, without: tuple[str, ...] = ()
+) -> tuple[list[Stroke], Counter[str], list[Fault]]:
+    """Return the strokes of the model space of a DXF file, the numbers of other entities by type, and all faults.
 
     Args:
         content: of the file.
         flat: mm, largest distance from the plane of the drawing.
-        units, layer: see :func:`vibgym.scene.drawings.drawing.read`.
+        units: see :func:`vibgym.scene.drawings.drawing.read`.
+        layers: to read, in any case; None: all that are visible.
+        without: layers to leave out.
     """
     extras.require("cad", "ezdxf")
-    document = _document(content)
+    document, undefined = _document(content)
     code = document.header.get("$INSUNITS", 0)
-    if code and code not in CODES:
+    if code and code not in CODES and units is None:
         raise checks.refuse("$INSUNITS", code, f"one of {', '.join(f'{k} ({name})' for k, name in CODES.items())}")
     factor = factor_of(CODES.get(code), units, "$INSUNITS is 0 or missing")
-    if layer is not None and layer not in document.layers:
-        raise checks.unknown("layer", layer, sorted(each.dxf.name for each in document.layers))
-    skipped: Counter[str] = Counter()
-    reader = _Reader(factor, flat, layer, document, skipped)
-    strokes = [stroke for entity in document.modelspace() for stroke in reader.strokes(entity, _label(entity))]
-    return strokes, skipped
+    used = {each.dxf.layer for each in document.entitydb.values() if each.dxf.hasattr("layer")}
+    known = {name.lower(): name for name in (*used, *(each.dxf.name for each in document.layers))}
+    for name in (*(layers or ()), *without):
+        if name.lower() not in known:
+            raise checks.unknown("layer", name, sorted(known.values()))
+    reader = _Reader(factor, flat, layers, without, document, undefined)
+    strokes = list(reader.strokes(document.modelspace(), _Place()))
+    for layout in document.layouts:
+        for entity in () if layout.is_modelspace else layout:
+            reader.skipped[f"{entity.dxftype()} in paper space {layout.name!r}"] += entity.dxftype() != "VIEWPORT"
+    return strokes, +reader.skipped, reader.faults
 
 
-def _document(content: bytes) -> Document:
+def _document(content: bytes) -> tuple[Document, dict[str, str]]:
+    """Return the document, and the names of linetypes without a definition by the handles of their users.
+
+    Raises:
+        ValueError: not a DXF file, or one that lost geometry when ezdxf repaired it.
+    """
     from ezdxf import recover
+    from ezdxf.audit import AuditError
     from ezdxf.lldxf.const import DXFError
 
     if content.startswith(b"AutoCAD Binary DXF"):
@@ -66,15 +88,60 @@ def _document(content: bytes) -> Document:
         document, audit = recover.read(io.BytesIO(content))
     except (DXFError, OSError, ValueError, TypeError, IndexError, KeyError, AttributeError) as error:
         raise checks.refuse("file", str(error) or type(error).__name__, "a DXF file") from None
-    if audit.has_errors:
-        fault = audit.errors[0]
-        where = "" if fault.entity is None else f"{_label(fault.entity)}: "
-        raise checks.conflict(f"{where}{fault.message}")
-    return document
+    faults = [
+        Fault(("" if each.entity is None else f"{_label(each.entity)}: ") + each.message)
+        for each in audit.errors
+        if each.code != AuditError.INVALID_LAYER_NAME
+    ]
+    faults += [Fault(f"the file is damaged: {lost}") for each in audit.fixes if (lost := _lost(each))]
+    if faults:
+        raise refusal(faults)
+    undefined = [each for each in audit.fixes if each.code == AuditError.UNDEFINED_LINETYPE and each.entity is not None]
+    return document, {each.entity.dxf.handle: str(each.data or "") for each in undefined}
+
+
+def _lost(fix: Any) -> str | None:
+    """Return what a repair by ezdxf says if it may have changed an outline; else None."""
+    from ezdxf.audit import AuditError
+    from ezdxf.entities import DXFGraphic, factory
+
+    if fix.code in (
+        AuditError.MISSING_SECTION_TAG,
+        AuditError.MISSING_ENDSEC_TAG,
+        AuditError.FOUND_TAG_OUTSIDE_SECTION,
+    ):
+        return str(fix.message)
+    if fix.code.name in HARMLESS:
+        return None
+    text = re.sub(r"\b([A-Z0-9_]+)\(#([0-9A-Fa-f]+)\)", r"\1 \2", fix.message)
+    kinds = [
+        kind for kind in re.findall(r"\b[A-Z][A-Z0-9_]+\b", text) if kind in factory.ENTITY_CLASSES or kind == "VERTEX"
+    ]
+    shapes = (kind for kind in kinds if issubclass(factory.ENTITY_CLASSES.get(kind, DXFGraphic), DXFGraphic))
+    return text if any(kind not in NOTES for kind in shapes) else None
 
 
 def _label(entity: Any) -> str:
     return f"{entity.dxftype()} {entity.dxf.handle}"
+
+
+class _Place(NamedTuple):
+    """Where entities are: in the model space, or in a block at an insertion.
+
+    Attributes:
+        label: appended to theirs.
+        matrix: (4, 4), of rows, to the model space.
+        layer, linetype: of the insertion, which entities on layer 0 and with BYBLOCK have.
+        off: the insertion whose layer is off; None: none.
+        depth: of nested blocks.
+    """
+
+    label: str = ""
+    matrix: np.ndarray = np.eye(4)
+    layer: str | None = None
+    linetype: str = "CONTINUOUS"
+    off: str | None = None
+    depth: int = 0
 
 
 class _Reader:
@@ -83,67 +150,103 @@ class _Reader:
     Args:
         factor: mm per unit.
         flat: mm, largest deviation from a plane parallel to the page.
-        layer: to read; None: all that are visible.
-        skipped: counts entities by type.
+        layers, without: see :func:`read`.
+        undefined: linetypes without a definition.
+
+    Attributes:
+        skipped: number of entities that are not read, by type and reason.
+        faults: of entities that cannot be read.
     """
 
     def __init__(
-        self, factor: float, flat: float, layer: str | None, document: Document, skipped: Counter[str]
-    ) -> None:
-        self.factor, self.flat, self.layer, self.skipped = factor, flat, layer, skipped
-        self.hidden = {each.dxf.name for each in document.layers if each.is_off() or each.is_frozen()} | {"Defpoints"}
+        self, factor: float, flat: float, layers: tuple[str, ...] | None, without: tuple[str, ...], document: Document,
+        undefined: dict[str, str],
+    ) -> None:  # fmt: skip
+        from ezdxf.tools import standards
+
+        self.factor, self.flat, self.undefined = factor, flat, undefined
+        self.layers = None if layers is None else {name.lower() for name in layers}
+        self.without = {name.lower() for name in without}
+        table = {each.dxf.name.lower(): each for each in document.layers}
+        self.frozen = {name for name, each in table.items() if each.is_frozen()}
+        self.off = {name for name, each in table.items() if each.is_off()} | {"defpoints"}
+        self.linetype = {name: self._named(each) for name, each in table.items()}
+        self.broken = {each.dxf.name.lower() for each in document.linetypes if each.simplified_line_pattern()}
+        self.broken |= {name.lower() for name, _, pattern in standards.linetypes() if len(pattern) > 1}
+        self.skipped, self.faults = Counter[str](), list[Fault]()
         self.level: float | None = None
 
-    def strokes(self, entity: DXFGraphic, label: str, depth: int = 0, on: str | None = None) -> Iterator[Stroke]:
-        """Yield the strokes of an entity.
+    def _named(self, entity: Any) -> str:
+        return str(self.undefined.get(entity.dxf.handle, entity.dxf.linetype)).lower()
 
-        Args:
-            label: of it, with those of the blocks that contain it.
-            depth: of nested blocks.
-            on: layer of the insertion, which entities of a block on layer 0 have.
-
-        Raises:
-            ValueError: an entity that is no outline, or not parallel to the page.
-        """
-        kind, layer = entity.dxftype(), entity.dxf.layer
-        layer = on if layer == "0" and on is not None else layer
-        if kind == "INSERT":
-            yield from self._block(entity, label, depth, layer)
-            return
-        if layer in self.hidden or entity.dxf.get("invisible", 0) or self.layer not in (None, layer):
-            self.skipped[f"{kind} on a hidden or other layer"] += 1
-        elif kind in NOTES:
-            self.skipped[kind] += 1
-        elif kind in ("LWPOLYLINE", "POLYLINE"):
-            yield from self._polyline(entity, label)
-        else:
-            points = self._samples(entity, kind, label)
-            yield Stroke(self._flat(points, label), kind != "LINE", label)
-
-    def _block(self, insert: Any, label: str, depth: int, layer: str) -> Iterator[Stroke]:
-        if depth >= DEEPEST:
-            raise checks.conflict(f"{label}: blocks are nested more than {DEEPEST} deep")
-        if insert.block() is None:
-            raise checks.conflict(f"{label}: unknown block {insert.dxf.name!r}")
-        for one in insert.multi_insert() if insert.mcount > 1 else (insert,):
+    def strokes(self, entities: Iterable[DXFGraphic], at: _Place) -> Iterator[Stroke]:
+        """Yield the strokes of entities; add to :attr:`faults` for those that are no outlines, or not parallel to the page."""
+        for entity in entities:
+            label = _label(entity) + at.label
             try:
-                inner = list(one.virtual_entities(skipped_entity_callback=_refuse_in(label)))
-            except (ValueError, ZeroDivisionError, ArithmeticError) as error:
-                raise checks.conflict(f"{label}: {error}") from None
-            for entity in inner:
-                source = entity.source_of_copy
-                name = entity.dxftype() if source is None else _label(source)
-                yield from self.strokes(entity, f"{name} in {label}", depth + 1, layer)
+                yield from self._strokes(entity, label, at)
+            except checks.Refused as error:
+                self.faults.append(Fault(str(error)))
 
-    def _polyline(self, entity: Any, label: str) -> Iterator[Stroke]:
-        if entity.dxftype() == "POLYLINE" and not (entity.is_2d_polyline or entity.is_3d_polyline):
+    def _strokes(self, entity: Any, label: str, at: _Place) -> Iterator[Stroke]:
+        kind, layer = entity.dxftype(), entity.dxf.layer
+        layer = at.layer if layer == "0" and at.layer is not None else layer
+        linetype = self._named(entity)
+        linetype = self.linetype.get(layer.lower(), "") if linetype == "bylayer" else linetype
+        linetype = at.linetype if linetype == "byblock" else linetype
+        reason = self._reason(kind, layer.lower(), layer, linetype)
+        if entity.dxf.get("invisible", 0):
+            reason = "that is invisible"
+        if reason is not None:
+            self.skipped[f"{kind} {reason}".strip()] += 1
+        elif kind == "INSERT":
+            off = label if layer.lower() in self.off else at.off
+            yield from self._block(entity, label, at._replace(layer=layer, linetype=linetype, off=off))
+        elif at.off is not None and layer.lower() != (at.layer or "").lower():
+            raise checks.conflict(
+                f"{label}: the layer of {at.off} is off, that of the entity is not, and viewers differ in what they draw; "
+                "freeze that layer, turn it on, or leave it out by without_layers="
+            )
+        else:
+            for points, curved in self._samples_of(entity, kind, label):
+                yield Stroke(self._flat(points, at.matrix, label), curved, label)
+
+    def _reason(self, kind: str, key: str, layer: str, linetype: str) -> str | None:
+        """Return why an entity is not read, to follow its type; None if it is."""
+        if key in self.frozen or (key in self.off and kind != "INSERT"):
+            return f"on hidden layer {layer!r}"
+        if key in self.without or not (self.layers is None or key in self.layers or kind == "INSERT"):
+            return f"on layer {layer!r}, which is not selected"
+        if kind in NOTES:
+            return ""
+        return f"with linetype {linetype!r}" if linetype in self.broken and kind != "INSERT" else None
+
+    def _block(self, insert: Any, label: str, at: _Place) -> Iterator[Stroke]:
+        block = insert.block()
+        if at.depth >= DEEPEST:
+            raise checks.conflict(f"{label}: blocks are nested more than {DEEPEST} deep")
+        if block is None or block.block.is_xref:
+            what = "is in another file" if block is not None else "is unknown"
+            raise checks.conflict(f"{label}: block {insert.dxf.name!r} {what}")
+        if 0.0 in (insert.dxf.xscale, insert.dxf.yscale):
+            raise checks.conflict(f"{label} has a scale of 0 in the plane")
+        for one in insert.multi_insert() if insert.mcount > 1 else (insert,):
+            matrix = np.array(list(one.matrix44().rows())) @ at.matrix
+            yield from self.strokes(block, at._replace(label=f" in {label}", matrix=matrix, depth=at.depth + 1))
+
+    def _samples_of(self, entity: Any, kind: str, label: str) -> Iterator[tuple[np.ndarray, bool]]:
+        """Yield fine samples (n, 3) of lines and curves in units of the file, and whether it is a curve."""
+        if kind not in ("LWPOLYLINE", "POLYLINE"):
+            yield self._samples(entity, kind, label), kind != "LINE"
+            return
+        if kind == "POLYLINE" and not (entity.is_2d_polyline or entity.is_3d_polyline):
             raise checks.conflict(f"{label} is a mesh, not a polyline")
-        if entity.dxftype() == "POLYLINE" and entity.dxf.flags & 6:
+        if kind == "POLYLINE" and entity.dxf.flags & 6:
             raise checks.conflict(f"{label} is fitted by a curve or spline: explode it")
         for piece in entity.virtual_entities():
             points = self._samples(piece, piece.dxftype(), label)
-            if len(points) > 2 or np.hypot(*(points[1] - points[0])[:2]) * self.factor > self.flat:  # repeated corners
-                yield Stroke(self._flat(points, label), piece.dxftype() != "LINE", label)
+            if len(points) > 2 or (points[1] != points[0]).any():  # repeated corners
+                yield points, piece.dxftype() != "LINE"
 
     def _samples(self, entity: Any, kind: str, label: str) -> np.ndarray:
         """Return fine samples (n, 3) of a line or curve, in units of the file."""
@@ -172,28 +275,20 @@ class _Reader:
             raise checks.conflict(f"{label} is invalid: {error}") from None
         raise checks.conflict(f"{label}: entities of type {kind} are not outlines; remove it or select a layer")
 
-    def _flat(self, points: np.ndarray, label: str) -> np.ndarray:
+    def _flat(self, points: np.ndarray, matrix: np.ndarray, label: str) -> np.ndarray:
         """Return points (n, 2) in mm."""
-        points = points * self.factor
+        points = (points @ matrix[:3, :3] + matrix[3, :3]) * self.factor
         if not np.isfinite(points).all():
             raise checks.conflict(f"{label} has coordinates that are not finite")
-        if points.shape[1] > 2:
-            self.level = float(points[0, 2]) if self.level is None else self.level
-            if np.abs(points[:, 2] - self.level).max() > self.flat:
-                raise checks.conflict(f"{label} does not lie in the plane of the drawing, at z = {self.level:.6g} mm")
+        self.level = float(points[0, 2]) if self.level is None else self.level
+        if np.abs(points[:, 2] - self.level).max() > self.flat:
+            raise checks.conflict(f"{label} does not lie in the plane of the drawing, at z = {self.level:.6g} mm")
         return np.ascontiguousarray(points[:, :2])
 
 
 def _count(share: float) -> int:
     """Return the number of samples of a share of a full turn: one more than a power of two."""
     return 2 ** max(3, math.ceil(math.log2(SAMPLES * share))) + 1
-
-
-def _refuse_in(label: str) -> Any:
-    def refuse(entity: Any, why: str) -> None:
-        raise checks.conflict(f"{_label(entity)} in {label} cannot be transformed ({why}); explode the block")
-
-    return refuse
 
 
 assert set(CODES.values()) == set(UNITS)

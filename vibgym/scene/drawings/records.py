@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +19,31 @@ TOLERANCE = 0.05
 
 GAP = 0.1
 """Ends of strokes that are farther apart than this share of the tolerance are not joined."""
+
+
+class Fault(NamedTuple):
+    """A fault of a drawing.
+
+    Attributes:
+        text: one line.
+        place: (2,) mm, where a picture marks it; None if that is not known.
+    """
+
+    text: str
+    place: np.ndarray | None = None
+
+
+def refusal(faults: Sequence[Fault], lines: Sequence[np.ndarray] = ()) -> checks.Refused:
+    """Return the error for all faults of a drawing, whose line names the first one.
+
+    Args:
+        faults: at least one; the attribute ``faults`` of the error.
+        lines: (n, 2) mm each, what could be read; the attribute ``lines`` of the error.
+    """
+    others = f"; and {len(faults) - 1} other faults" if len(faults) > 2 else "; and another fault" * (len(faults) - 1)
+    error = checks.conflict(faults[0].text + others)
+    error.faults, error.lines = tuple(faults), tuple(lines)
+    return error
 
 
 @dataclass(frozen=True)
@@ -55,6 +82,17 @@ class Solid:
     gyration: float
     poses: tuple[StablePose, ...]
 
+    def scaled(self, by: float) -> Solid:
+        """Return the mesh with all lengths multiplied."""
+        poses = [
+            replace(each, height=by * each.height, centre_height=by * each.centre_height, area=by**2 * each.area)
+            for each in self.poses
+        ]
+        return Solid(
+            by * self.height, by * self.centre_height, by**3 * self.volume, self.resting, by * self.offset,
+            by**2 * self.gyration, tuple(poses),
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Drawing:
@@ -64,7 +102,7 @@ class Drawing:
         rim: (n, 2) mm, outer outline.
         holes: (n, 2) mm each.
         radius: mm, if the rim is a circle within the tolerance and there are no holes; else None.
-        skipped: type of entities without an outline, such as text -> their number.
+        skipped: what the drawing contains and the part does not, such as text, hidden lines or bridged gaps -> number.
         solid: of a mesh; None for flat drawings.
     """
 
@@ -80,15 +118,23 @@ def factor_of(named: str | None, given: str | None, missing: str) -> float:
 
     Args:
         named: unit in the file, a key of :data:`UNITS`, or None.
-        given: the argument ``units``.
+        given: the argument ``units``, which replaces it.
         missing: why the file does not name its unit, for the error.
 
     Raises:
-        ValueError: neither, or both and different.
+        ValueError: neither.
+
+    Warns:
+        UserWarning: both and different.
     """
-    unit = given if named is None else named
+    unit = named if given is None else given
     if unit is None:
         raise checks.conflict(f"unknown units: {missing}; give units=, one of {', '.join(UNITS)}")
-    if named is not None and given is not None and named != given:
-        raise checks.conflict(f"units={given!r}, but the file is in {named}")
+    if named is not None and named != unit:
+        warnings.warn(f"units={given!r} replaces {named!r}, the unit of the file", stacklevel=6)
     return UNITS[unit]
+
+
+def summary(skipped: Mapping[str, int]) -> str:
+    """Return a list of what a drawing contains and a part does not."""
+    return ", ".join(f"{count} {kind}" for kind, count in sorted(skipped.items()))

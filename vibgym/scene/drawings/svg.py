@@ -41,9 +41,13 @@ DEEPEST = 60
 """Most elements inside one another."""
 
 
-def read(content: bytes, flat: float, units: str | None) -> tuple[list[Stroke], Counter[str]]:
+def read(
+    content: bytes, flat: float, units: str | None, layers: tuple[str, ...] | None = None, without: tuple[str, ...] = ()
+) -> tuple[list[Stroke], Counter[str]]:
     """Return the strokes of an SVG file, whose y axis points down, and the numbers of other elements; see :mod:`.dxf`."""
     del flat  # a plane drawing
+    if layers is not None or without:
+        raise checks.conflict("layers of SVG files cannot be selected")
     extras.require("cad", "svgpathtools")
     root = _tree(content)
     reader = _Reader(root)
