@@ -20,7 +20,7 @@ def test_description_and_picture(capsys, tmp_path):
     options = ["--friction", "0.45", "--thickness-mm", "4", "--picture", str(path), "--no-tasks"]
     assert main(["part", BRACKET, *options]) == 0
     text = capsys.readouterr().out
-    assert "bracket: 70 x 56 mm, 4 mm high" in text and "3 holes" in text and "skipped: 1 TEXT" in text
+    assert "bracket: 70 x 56 mm, 4 mm high" in text and "3 holes" in text and "skipped 1 TEXT" in text
     picture = pygame.surfarray.array3d(pygame.image.load(path))
     orange = (np.abs(picture.astype(int) - [196, 90, 36]).max(axis=2) < 10).mean()
     assert orange > 0.0105  # the tags of ten elements, of which the part covers half
@@ -28,7 +28,7 @@ def test_description_and_picture(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(("options", "named"), [
-    (["missing.dxf"], "missing.dxf"), ([BRACKET, "--units", "in"], "units"), ([BRACKET, "--picture", "a.jpg"], "--picture"),
+    (["missing.dxf"], "missing.dxf"), ([BRACKET, "--units", "miles"], "units"), ([BRACKET, "--picture", "a.jpg"], "--picture"),
     ([BRACKET, "--friction", "-1"], "friction"),
 ])  # fmt: skip
 def test_bad_input_is_one_line(capsys, options, named):

@@ -5,6 +5,7 @@ A key may carry a unit: ``element_size_mm: 26`` is ``element_size: 0.026``. Ever
 
 from __future__ import annotations
 
+import json
 import math
 import numbers
 from collections.abc import Mapping
@@ -236,6 +237,18 @@ def surface_from(value: Any) -> Surface:
         checks.choice("surface", value, ("prototype",))
         return Surface()
     return Surface(**parse(SurfaceSettings, value, "surface").model_dump())
+
+
+def from_text(argument: str, text: str) -> Any:
+    """Return the value of an argument of a command: a mapping from JSON or a YAML file, or the name or path itself."""
+    if Path(text).suffix.lower() in (".yaml", ".yml"):
+        return load_yaml(text)
+    if not text.lstrip().startswith("{"):
+        return text
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise checks.refuse(argument, text, f"JSON ({error})") from None
 
 
 def drawn_part(value: Any, where: str = "parts", surface: Surface | None = None) -> tuple[Part, Drawing]:

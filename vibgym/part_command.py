@@ -5,12 +5,16 @@ from __future__ import annotations
 import argparse
 import io
 import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from vibgym import checks
+from vibgym.config import from_text, part_from, surface_from
 from vibgym.files import write_atomically
 from vibgym.scene import outlines
 from vibgym.scene.parts import Part
@@ -18,6 +22,9 @@ from vibgym.scene.surface import Surface
 
 PIXELS = 6000.0
 """Pixels per metre of the picture."""
+
+FAULTS, FAULT_MARGIN = 1000, 40
+"""Pixels of the longer side of a picture of faults, and around it."""
 
 LEAST_PIECE = 0.02
 """Share of the part's area of convex pieces whose borders the picture shows."""
@@ -30,10 +37,24 @@ def part(parser: argparse.ArgumentParser) -> Callable[[argparse.Namespace], int]
     parser.add_argument("--thickness-mm", type=float, help="of a drawing (10)")
     parser.add_argument("--density", type=float, help="kg/m^3 (7850, steel)")
     parser.add_argument("--tolerance-mm", type=float, default=0.05, help="of flattened curves (0.05)")
-    parser.add_argument("--units", help="of a file that does not name them, such as mm or in")
-    parser.add_argument("--layer", help="of a DXF file")
+    parser.add_argument("--units", help="of a file that names none or wrong ones, such as mm or in")
+    parser.add_argument("--scale", type=float, default=1.0, help="factor of all lengths in the file (1)")
+    parser.add_argument("--layer", action="append", help="to read, others are not; may be repeated")
+    parser.add_argument("--without-layer", action="append", default=[], help="not to read; may be repeated")
+    parser.add_argument("--part", type=int, metavar="N", help="among several in a drawing, 0 for the largest")
+    parser.add_argument(
+        "--gap-mm", type=float, help="largest gap between lines that is closed (a tenth of the tolerance)"
+    )
     parser.add_argument("--stable-pose", type=int, help="of an STL file, 0 for the most probable one")
-    parser.add_argument("--picture", type=Path, metavar="PNG", help="draw the part on the table there (extra 'render')")
+    parser.add_argument(
+        "--surface", default="prototype", help="a YAML file such as machine.yaml, or a JSON mapping (the prototype)"
+    )
+    parser.add_argument(
+        "--picture",
+        type=Path,
+        metavar="PNG",
+        help="draw the part on the table, or the drawing's faults (extra 'render')",
+    )
     parser.add_argument("--no-tasks", action="store_true", help="do not try tasks and policies")
     return run
 
@@ -44,14 +65,29 @@ def run(given: argparse.Namespace) -> int:
 
     if given.picture is not None and given.picture.suffix.lower() != ".png":
         raise checks.refuse("--picture", str(given.picture), "a .png file")
-    surface = Surface()
-    drawing = read(
-        given.file, given.tolerance_mm, given.units, layer=given.layer, stable_pose=given.stable_pose, surface=surface
-    )
+    surface = from_text("--surface", given.surface)
+    surface = surface_from(surface.get("surface", surface) if isinstance(surface, Mapping) else surface)
     options = {"friction": given.friction, "thickness_mm": given.thickness_mm, "density": given.density}
-    made = Part.from_drawing(drawing, given.file, **options)
+    with warnings.catch_warnings(record=True) as notes:
+        warnings.simplefilter("always")
+        try:
+            drawing = read(
+                given.file, given.tolerance_mm, given.units, scale=given.scale, layer=given.layer,
+                without_layers=given.without_layer, part=given.part, gap=given.gap_mm, stable_pose=given.stable_pose,
+                surface=surface,
+            )  # fmt: skip
+        except checks.Refused as error:
+            for k, fault in enumerate(error.faults):
+                print(f"fault {k}: {fault.text}")
+            if error.lines and given.picture is not None:
+                picture_of_faults(error, given.picture)
+                print(f"picture: {given.picture}")
+            raise
+        made = Part.from_drawing(drawing, given.file, **options)
+    for note in notes:
+        print(f"warning: {note.message}")
     pose = centred(surface)
-    for line in description(made, drawing.skipped, surface, pose):
+    for line in description(made, surface, pose):
         print(line)
     for k, each in enumerate(drawing.solid.poses if drawing.solid else ()):
         print(f"stable pose {k}: {100 * each.probability:.1f} %, {each.height:.4g} mm high, on {each.area:.4g} mm^2")
@@ -59,10 +95,15 @@ def run(given: argparse.Namespace) -> int:
         picture(made, surface, pose, given.picture)
         print(f"picture: {given.picture}")
     if not given.no_tasks:
-        from vibgym.policies.applicable import tasks_with
+        from vibgym.policies.applicable import tasks_with, usual_parts
 
-        for name, policies in tasks_with(made.to_dict()).items():
+        for name, policies in tasks_with(made.to_dict(), asdict(surface)).items():
             print(f"{name}: {policies if isinstance(policies, str) else ', '.join(policies)}")
+            trained_on = min((part_from(each).radius for each in usual_parts(f"vibgym/{name}-v0")), default=0.0)
+            if "learned" in policies and made.radius < trained_on:
+                print(
+                    f"{name}: 'learned' was trained on larger parts, of {1e3 * trained_on:.3g} mm radius: evaluate it first"
+                )
     return 0
 
 
@@ -72,15 +113,19 @@ def centred(surface: Surface) -> np.ndarray:
     return np.array([*(surface.element_size * middle), 0.0])
 
 
-def description(part: Part, skipped: Mapping[str, int], surface: Surface, pose: np.ndarray) -> list[str]:
+def description(part: Part, surface: Surface, pose: np.ndarray) -> list[str]:
     """Return lines about a part, and about the elements under it at a pose (3,)."""
     from vibgym.scene.hulls import convex_pieces
 
     size, holes = 1e3 * np.ptp(part.rim, axis=0), len(part.holes)
-    shape = f"disc of {size[0]:.4g} mm" if part.symmetry == 0 else f"{size[0]:.4g} x {size[1]:.4g} mm"
+    shape = (
+        f"disc of {2e3 * math.sqrt(part.area / math.pi):.4g} mm"
+        if part.symmetry == 0
+        else f"{size[0]:.4g} x {size[1]:.4g} mm"
+    )
     around = f"{len(part.rim)} corners, {holes} holes, {len(convex_pieces(part))} convex pieces"
-    orders = {0: "any angle", 1: "none"}
-    symmetry = orders.get(part.symmetry, f"{360.0 / part.symmetry:.4g} degrees")
+    turn = 360.0 / max(part.symmetry, 1)
+    symmetry = {0: "any angle", 1: "none"}.get(part.symmetry, f"{turn:.4g} degrees")
     rows, columns, share = elements_under(part, surface, pose)
     low = 1e3 * (part.rim.min(axis=0))
     lines = [
@@ -93,8 +138,8 @@ def description(part: Part, skipped: Mapping[str, int], surface: Surface, pose: 
         f"elements beneath, in the middle of one: {len(share)}, in rows {rows.min()} to {rows.max()} and columns "
         f"{columns.min()} to {columns.max()}; the most loaded one carries {100 * share.max():.0f} %",
     ]
-    if skipped:
-        lines.append("skipped: " + ", ".join(f"{count} {kind}" for kind, count in sorted(skipped.items())))
+    if size.max() < 1e3 * surface.element_size:
+        lines.append(f"smaller than an element of {1e3 * surface.element_size:.4g} mm")
     return lines
 
 
@@ -152,6 +197,46 @@ def picture(part: Part, surface: Surface, pose: np.ndarray, path: Path) -> None:
         canvas.tag(each, each + size, colours.PARTS[1], f"{100 * loaded:.0f} %")
     pixels = canvas.finish(f"{part.name}: {1e6 * part.area:.4g} mm², {1e3 * part.mass:.3g} g")
     image = pygame.image.frombuffer(pixels.tobytes(), pixels.shape[1::-1], "RGB")
+    _write(image, path)
+
+
+def picture_of_faults(error: checks.Refused, path: Path) -> None:
+    """Draw what could be read of a drawing, with a numbered circle at each fault whose place is known.
+
+    Raises:
+        ValueError: the file cannot be written.
+        ImportError: the extra ``render`` is not installed.
+    """
+    from vibgym.rendering.view import require_pygame
+
+    pygame = require_pygame()
+    from vibgym.rendering import colours
+    from vibgym.rendering.legend import render_text
+
+    places = [each.place for each in error.faults if each.place is not None]
+    points = np.concatenate([*error.lines, np.array(places).reshape(-1, 2)])
+    low, extent = (points.min(axis=0), np.ptp(points, axis=0)) if len(points) else (np.zeros(2), np.ones(2))
+    scale = FAULTS / max(float(extent.max()), 1e-9)
+    image = pygame.Surface(np.ceil(scale * extent + 2 * FAULT_MARGIN).astype(int).tolist(), 0, 32)
+    image.fill(colours.PAPER)
+
+    def pixels(at: np.ndarray) -> np.ndarray:
+        return FAULT_MARGIN + scale * ((at - low) * [1.0, -1.0] + [0.0, extent[1]])
+
+    for line in error.lines:
+        pygame.draw.aalines(image, colours.INK, False, pixels(line).tolist())
+    for k, fault in enumerate(error.faults):
+        if fault.place is not None:
+            centre = pixels(fault.place)
+            pygame.draw.circle(image, colours.PARTS[1], centre.tolist(), 12, 3)
+            image.blit(render_text(str(k), 24, colours.PARTS[1]), (centre + [12, -24]).tolist())
+    _write(image, path)
+
+
+def _write(image: Any, path: Path) -> None:
+    """Write a picture of pygame as PNG."""
+    import pygame
+
     stream = io.BytesIO()
     pygame.image.save(image, stream, "x.png")
     write_atomically(path, stream.getvalue())

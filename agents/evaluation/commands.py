@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 from agents import command_line
 from agents.command_line import Command
 from vibgym import checks
+from vibgym.config import from_text
 
 PUBLISHED = Path("results/report")
 SUITE = Path("configs/suite/open.yaml")
@@ -162,16 +162,6 @@ def _datasheet_arguments(parser: argparse.ArgumentParser) -> None:
     _episodes(parser, "episodes of each measurement")
 
 
-def _part(text: str) -> Any:
-    """Return the part of a command line: a mapping from JSON, or a name or path."""
-    if not text.lstrip().startswith("{"):
-        return text
-    try:
-        return json.loads(text)
-    except ValueError as error:
-        raise checks.refuse("--part", text, f"JSON ({error})") from None
-
-
 def datasheet(arguments: argparse.Namespace) -> None:
     """Measure a surface with a part, write the sheet and print its lines."""
     from agents.evaluation import datasheet, datasheet_page
@@ -179,7 +169,7 @@ def datasheet(arguments: argparse.Namespace) -> None:
 
     given = {name: getattr(arguments, name) for name in ("machine", "part") if getattr(arguments, name) is not None}
     if "part" in given:
-        given["part"] = _part(given["part"])
+        given["part"] = from_text("--part", given["part"])
     output = None if arguments.output is None else str(arguments.output)
     settings = datasheet.DatasheetSettings.given(arguments.config, given, arguments.episodes, output)
     field = "datasheet.output"

@@ -54,6 +54,12 @@ def _made(policy: Any, info: TaskInfo) -> Policy | None:
         return None
 
 
+def usual_parts(id: str) -> list[Any]:
+    """Return the parts of a registered environment: names or mappings."""
+    given = gym.spec(id).kwargs
+    return given.get("parts") or list(TASKS[given["task"]].DEFAULT_PARTS)
+
+
 def parts_with(id: str, part: Any) -> list[Any]:
     """Return the parts of an environment with some of them replaced: those that are pushed, or else those of the first kind.
 
@@ -61,8 +67,7 @@ def parts_with(id: str, part: Any) -> list[Any]:
         id: of a registered environment.
         part: a mapping, see :func:`vibgym.config.part_from`; one that is pushed has its ``coupling``.
     """
-    given = gym.spec(id).kwargs
-    usual = given.get("parts") or list(TASKS[given["task"]].DEFAULT_PARTS)
+    usual = usual_parts(id)
     pushed = [isinstance(each, Mapping) and each.get("coupling") == 0.0 for each in usual]
     ours = [here if any(pushed) else each == usual[0] for here, each in zip(pushed, usual, strict=True)]
     mine = {**part, "coupling": 0.0} if any(pushed) else part

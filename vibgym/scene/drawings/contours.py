@@ -163,11 +163,11 @@ def loops(
 
 def _pairs(points: np.ndarray, which: np.ndarray, reach: float) -> np.ndarray:
     """Return the pairs (n, 2) of points, among those with the numbers ``which``, that are within ``reach``."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     if len(which) < 2 or reach <= 0.0:
         return np.zeros((0, 2), dtype=int)
-    pairs = cKDTree(points[which]).query_pairs(reach, output_type="ndarray")
+    pairs = KDTree(points[which]).query_pairs(reach, output_type="ndarray")
     return which[pairs[np.lexsort(pairs.T)]]
 
 

@@ -109,13 +109,15 @@ def read(
                 left = f" (skipped: {summary(skipped)})" if skipped else ""
                 raise checks.conflict(f"the drawing has no outline: no lines or curves{left}")
             if strokes:
-                _check_size(np.concatenate([each.points for each in strokes]), tolerance)
                 # Before anything else is wrong: the largest line alone, since a file may have several parts.
-                _check_fit(max((each.points for each in strokes), key=lambda each: np.ptp(each, axis=0).max()), surface)
+                whole = np.concatenate([each.points for each in strokes])
+                _check_size(whole, tolerance)
+                largest = max((each.points for each in strokes), key=lambda each: np.ptp(each, axis=0).max())
+                _check_fit(largest, surface, whole)
             rings, notes = contours.outline_of(strokes, tolerance, GAP * tolerance, bridge, part, *faults)
             skipped = +(skipped + notes)
         _check_size(rings[0], tolerance)
-        _check_fit(rings[0], surface)
+        _check_fit(rings[0], surface, rings[0])
         corners = sum(map(len, rings))
         if corners > outlines.MOST_CORNERS:
             most = outlines.MOST_CORNERS
@@ -143,10 +145,10 @@ def _check_size(points: np.ndarray, tolerance: float) -> None:
         )
 
 
-def _check_fit(points: np.ndarray, surface: Surface | None) -> None:
+def _check_fit(points: np.ndarray, surface: Surface | None, whole: np.ndarray) -> None:
     if surface is not None and not fits(points, 1e3 * surface.width, 1e3 * surface.depth):
         table = f"table of {_extent(1e3 * np.array([surface.width, surface.depth]))}: are the units right?"
-        raise checks.refuse("part", _extent(np.ptp(points, axis=0)), f"smaller than the {table}")
+        raise checks.refuse("part", _extent(np.ptp(whole, axis=0)), f"smaller than the {table}")
 
 
 def _extent(size: np.ndarray) -> str:

@@ -186,7 +186,17 @@ class _Reader:
             try:
                 yield from self._strokes(entity, label, at)
             except checks.Refused as error:
-                self.faults.append(Fault(str(error)))
+                self.faults.append(Fault(str(error), self._centre(entity, at)))
+
+    def _centre(self, entity: DXFGraphic, at: _Place) -> np.ndarray | None:
+        """Return the centre (2,) mm of an entity at fault; None if ezdxf cannot find it."""
+        from ezdxf import bbox
+
+        try:
+            centre = np.array([*bbox.extents([entity]).center, 1.0])
+        except Exception:  # of an entity that may be invalid in any way
+            return None
+        return self.factor * (centre @ at.matrix)[:2]
 
     def _strokes(self, entity: Any, label: str, at: _Place) -> Iterator[Stroke]:
         kind, layer = entity.dxftype(), entity.dxf.layer
