@@ -96,6 +96,14 @@ def test_a_dropped_drawing_becomes_the_part(look):
     seen.page.evaluate(DROP, ["open.svg", square.replace("H0Z", "")])
     seen.page.wait_for_function("() => document.body.innerText.includes('open.svg')")
     assert seen.world.core.parts[0].name == "plate"
+    # The line of a refused file goes with the next one, whose units can be chosen.
+    seen.page.select_option("#units", "cm")
+    seen.page.evaluate(
+        DROP, ["small.svg", square.replace('width="40mm" height="30mm" ', "").replace("40", "4").replace("30", "3")]
+    )
+    seen.until(lambda: seen.world.core.parts[0].name == "small")
+    assert seen.world.core.parts[0].area == pytest.approx(1.2e-3)
+    assert "open.svg" not in seen.page.inner_text("body")
 
 
 def test_the_controller_moves_the_part_to_the_dragged_goal(look):

@@ -207,6 +207,10 @@ def test_a_dropped_drawing_becomes_the_part(align, tmp_path):
     code = next(answer["code"] for answer in align("share") if answer["kind"] == "start")
     assert starts.world_from(code).env.parts[0].same_as(part)
     assert not refused(align("switch", hardware="prototype")) and align.session.world.env.parts[0].same_as(part)
+    noted = base64.b64encode(lines.replace("</svg>", "<text>30</text></svg>").encode()).decode()
+    notes = [answer["text"] for answer in align("drop", name="ell.svg", content=noted) if answer["kind"] == "note"]
+    assert notes == ["ell.svg: skipped 1 text"]
+    align("undo")
     bad = base64.b64encode(lines.replace("z", "").encode()).decode()
     (text,) = refused(align("drop", name="ell.svg", content=bad))
     assert text.startswith("ell.svg: open contour: path in line 2")

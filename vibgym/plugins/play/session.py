@@ -22,6 +22,7 @@ from vibgym.plugins.play.picture import frame_of, scene_of
 from vibgym.plugins.play.recording import Recorder
 from vibgym.plugins.play.starts import code_of, world_from
 from vibgym.plugins.play.world import World
+from vibgym.scene.drawings.records import summary
 
 MOST_UNDONE = 60
 """Depth of the undo stack."""
@@ -146,7 +147,7 @@ class Session:
         self._note()
         self._go_to(world)
 
-    def _drop(self, message: messages.Drop) -> None:
+    def _drop(self, message: messages.Drop) -> list[Answer]:
         settings = self.world.settings
         friction = self.world.env.parts[0].friction
         with tempfile.TemporaryDirectory() as folder:
@@ -162,6 +163,7 @@ class Session:
         world = World(Settings(**{**vars(settings), "part": part.to_dict(), "policy": ""}))
         self._note()
         self._go_to(world)
+        return [{"kind": "note", "text": f"{path.name}: skipped {summary(part.skipped)}"}] if part.skipped else []
 
     def _go_to(self, world: World) -> None:
         self.world = world

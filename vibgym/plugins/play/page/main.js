@@ -42,6 +42,7 @@ const KINDS = {
     if (table.scene.side) drawSide($("side"), table.scene, frame);
   },
   refused: ({ text }) => panel.refused(text),
+  note: ({ text }) => panel.refused(text),
   kept: (message) => panel.kept(message),
   start: ({ code }) => panel.start(code),
 };
@@ -123,9 +124,10 @@ window.addEventListener("drop", async (event) => {
   event.preventDefault();
   const [file] = event.dataTransfer.files;
   if (!file) return;
+  panel.refused(""); // the line of the file before
   if (file.size > 2e6) return panel.refused(`${file.name} is larger than 2 MB`);
   const bytes = new Uint8Array(await file.arrayBuffer());
   let text = "";
   for (let k = 0; k < bytes.length; k += 8192) text += String.fromCharCode(...bytes.subarray(k, k + 8192));
-  link.send({ do: "drop", name: file.name, content: btoa(text) });
+  link.send({ do: "drop", name: file.name, content: btoa(text), units: $("units").value || null });
 });
