@@ -104,9 +104,9 @@ def loops(
 ) -> tuple[list[list[Stroke]], list[Fault], Counter[str]]:
     """Return the closed loops of strokes, each turned so that it begins where the one before ends; faults; and notes.
 
-    Ends are joined to the nearest first: those that coincide, those within ``gap``, and those within ``bridge``, between which
-    a line is inserted. Strokes shorter than ``gap`` are left out where their neighbours join. Faults are open ends, more than
-    two ends that meet, and contours without length. Notes are bridged gaps and strokes that are drawn twice.
+    Ends are joined to the nearest first: those that coincide, those within ``gap``, and those within ``bridge``. Strokes
+    shorter than ``gap`` are left out where their neighbours join. Faults are open ends, more than two ends that meet, and
+    contours without length. Notes are gaps beyond ``gap`` and strokes that are drawn twice.
     """
     strokes, notes = _without_duplicates(strokes, gap)
     faults: dict[str, Fault] = {}
@@ -149,13 +149,11 @@ def loops(
             left.remove(at)
             loop.append(strokes[at] if end % 2 else strokes[at]._replace(points=strokes[at].points[::-1]))
             begin = int(partner[end])
-            if begin >= 0 and np.hypot(*(ends[begin] - ends[end])) > gap:
-                loop.append(Stroke(ends[[end, begin]], False, f"the gap after {strokes[at].label}"))
             at, end = (-1, end) if begin < 0 else (begin // 2, begin ^ 1)
         if at == first:
             kept = _without_short(loop, gap)
             if kept:
-                found.append(kept)
+                found.append(_bridged(kept, gap, bridge))
             else:
                 faults[loop[0].label] = Fault(f"{loop[0].label} has no length", loop[0].points[0])
     return found, list(faults.values()), notes
@@ -183,6 +181,27 @@ def _without_short(loop: list[Stroke], gap: float) -> list[Stroke]:
             kept.append(stroke)
             at = stroke.points[-1]
     return kept
+
+
+def _bridged(loop: list[Stroke], gap: float, bridge: float) -> list[Stroke]:
+    """Return a loop whose gaps are closed: two lines at their intersection, if that is as near, others by a line."""
+    loop, found = [each._replace(points=each.points.copy()) for each in loop], list[Stroke]()
+    for stroke, after in zip(loop, [*loop[1:], *loop[:1]], strict=True):
+        found.append(stroke)
+        end, begin = stroke.points[-1], after.points[0]
+        if np.hypot(*(begin - end)) > gap:
+            (ax, ay), (bx, by), (x, y) = end - stroke.points[-2], after.points[1] - begin, begin - end
+            cross, along = ax * by - ay * bx, x * by - y * bx
+            corner = end + (along / cross if cross else np.inf) * np.array([ax, ay])
+            if (
+                not stroke.curved
+                and not after.curved
+                and np.hypot(*(np.array([end, begin]) - corner).T).max() <= bridge
+            ):
+                stroke.points[-1] = after.points[0] = corner
+            else:
+                found.append(Stroke(np.array([end, begin]), False, f"the gap after {stroke.label}"))
+    return found
 
 
 def _without_duplicates(strokes: Sequence[Stroke], gap: float) -> tuple[list[Stroke], Counter[str]]:

@@ -28,11 +28,20 @@ NOTES = frozenset(
 )
 """Types of entities that are no outlines: annotations, fillings, frames."""
 
+REQUIRED = {
+    "LINE": ("start", "end"), "CIRCLE": ("center", "radius"), "ARC": ("center", "radius", "start_angle", "end_angle"),
+    "ELLIPSE": ("center", "major_axis", "ratio"), "INSERT": ("insert",),
+}  # fmt: skip
+"""Attributes for which ezdxf has defaults, and a drawing has not."""
+
 HARMLESS = frozenset(
     "INVALID_COLOR_INDEX INVALID_ELLIPSE_RATIO INVALID_LINEWEIGHT INVALID_TRANSPARENCY MISSING_REQUIRED_SEQEND "
     "REMOVED_STANDALONE_ATTRIB_ENTITY UNDEFINED_DIMENSION_STYLE UNDEFINED_LINETYPE UNDEFINED_TEXT_STYLE".split()
 )
 """Repairs by ezdxf (:class:`ezdxf.audit.AuditError`) of entities that do not change their outlines."""
+
+BROKEN = ("acad_iso", "border", "cent", "dash", "divide", "dot", "hidden", "phantom")
+"""Beginnings of the names of broken linetypes, for files without their definitions."""
 
 DEEPEST = 30
 """Most blocks inside one another."""
@@ -162,8 +171,6 @@ class _Reader:
         self, factor: float, flat: float, layers: tuple[str, ...] | None, without: tuple[str, ...], document: Document,
         undefined: dict[str, str],
     ) -> None:  # fmt: skip
-        from ezdxf.tools import standards
-
         self.factor, self.flat, self.undefined = factor, flat, undefined
         self.layers = None if layers is None else {name.lower() for name in layers}
         self.without = {name.lower() for name in without}
@@ -172,7 +179,7 @@ class _Reader:
         self.off = {name for name, each in table.items() if each.is_off()} | {"defpoints"}
         self.linetype = {name: self._named(each) for name, each in table.items()}
         self.broken = {each.dxf.name.lower() for each in document.linetypes if each.simplified_line_pattern()}
-        self.broken |= {name.lower() for name, _, pattern in standards.linetypes() if len(pattern) > 1}
+        self.broken |= {name for name in map(str.lower, undefined.values()) if name.startswith(BROKEN)}
         self.skipped, self.faults = Counter[str](), list[Fault]()
         self.level: float | None = None
 
@@ -199,20 +206,20 @@ class _Reader:
         return self.factor * (centre @ at.matrix)[:2]
 
     def _strokes(self, entity: Any, label: str, at: _Place) -> Iterator[Stroke]:
-        kind, layer = entity.dxftype(), entity.dxf.layer
+        kind, (layer, linetype, hidden) = entity.dxftype(), self._properties(entity)
         layer = at.layer if layer == "0" and at.layer is not None else layer
-        linetype = self._named(entity)
         linetype = self.linetype.get(layer.lower(), "") if linetype == "bylayer" else linetype
         linetype = at.linetype if linetype == "byblock" else linetype
-        reason = self._reason(kind, layer.lower(), layer, linetype)
-        if entity.dxf.get("invisible", 0):
-            reason = "that is invisible"
+        reason = "that is invisible" if hidden else self._reason(kind, layer.lower(), layer, linetype)
+        absent = [name for name in REQUIRED.get(kind, ()) if not entity.dxf.hasattr(name)]
         if reason is not None:
             self.skipped[f"{kind} {reason}".strip()] += 1
+        elif absent:
+            raise checks.conflict(f"{label} has no {absent[0].replace('_', ' ')}")
         elif kind == "INSERT":
             off = label if layer.lower() in self.off else at.off
             yield from self._block(entity, label, at._replace(layer=layer, linetype=linetype, off=off))
-        elif at.off is not None and layer.lower() != (at.layer or "").lower():
+        elif at.off is not None:
             raise checks.conflict(
                 f"{label}: the layer of {at.off} is off, that of the entity is not, and viewers differ in what they draw; "
                 "freeze that layer, turn it on, or leave it out by without_layers="
@@ -220,6 +227,15 @@ class _Reader:
         else:
             for points, curved in self._samples_of(entity, kind, label):
                 yield Stroke(self._flat(points, at.matrix, label), curved, label)
+
+    def _properties(self, entity: Any) -> tuple[str, str, bool]:
+        """Return layer, linetype, and whether an entity is invisible."""
+        from ezdxf.entities import DXFTagStorage
+
+        if isinstance(entity, DXFTagStorage):  # of a type that ezdxf does not know
+            tags = (tag for each in entity.xtags.subclasses for tag in each)
+            return next((tag.value for tag in tags if tag.code == 8), "0"), "", False
+        return entity.dxf.layer, self._named(entity), bool(entity.dxf.get("invisible", 0))
 
     def _reason(self, kind: str, key: str, layer: str, linetype: str) -> str | None:
         """Return why an entity is not read, to follow its type; None if it is."""
@@ -238,8 +254,6 @@ class _Reader:
         if block is None or block.block.is_xref:
             what = "is in another file" if block is not None else "is unknown"
             raise checks.conflict(f"{label}: block {insert.dxf.name!r} {what}")
-        if 0.0 in (insert.dxf.xscale, insert.dxf.yscale):
-            raise checks.conflict(f"{label} has a scale of 0 in the plane")
         for one in insert.multi_insert() if insert.mcount > 1 else (insert,):
             matrix = np.array(list(one.matrix44().rows())) @ at.matrix
             yield from self.strokes(block, at._replace(label=f" in {label}", matrix=matrix, depth=at.depth + 1))
@@ -253,6 +267,7 @@ class _Reader:
             raise checks.conflict(f"{label} is a mesh, not a polyline")
         if kind == "POLYLINE" and entity.dxf.flags & 6:
             raise checks.conflict(f"{label} is fitted by a curve or spline: explode it")
+        self.skipped[f"{kind} with a width, of which the centre line is read"] += entity.has_width
         for piece in entity.virtual_entities():
             points = self._samples(piece, piece.dxftype(), label)
             if len(points) > 2 or (points[1] != points[0]).any():  # repeated corners
