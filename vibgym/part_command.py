@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,8 +22,8 @@ from vibgym.scene.surface import Surface
 PIXELS = 6000.0
 """Pixels per metre of the picture."""
 
-FAULTS, FAULT_MARGIN = 1000, 40
-"""Pixels of the longer side of a picture of faults, and around it."""
+FAULTS, MARK = 1000.0, 0.015
+"""Pixels of a side of a picture of faults, and half the side of a mark as a share of it."""
 
 LEAST_PIECE = 0.02
 """Share of the part's area of convex pieces whose borders the picture shows."""
@@ -38,7 +37,7 @@ def part(parser: argparse.ArgumentParser) -> Callable[[argparse.Namespace], int]
     parser.add_argument("--density", type=float, help="kg/m^3 (7850, steel)")
     parser.add_argument("--tolerance-mm", type=float, default=0.05, help="of flattened curves (0.05)")
     parser.add_argument("--units", help="of a file that names none or wrong ones, such as mm or in")
-    parser.add_argument("--scale", type=float, default=1.0, help="factor of all lengths in the file (1)")
+    parser.add_argument("--scale", type=float, help="of a drawing, factor of all lengths (1)")
     parser.add_argument("--layer", action="append", help="to read, others are not; may be repeated")
     parser.add_argument("--without-layer", action="append", default=[], help="not to read; may be repeated")
     parser.add_argument("--part", type=int, metavar="N", help="among several in a drawing, 0 for the largest")
@@ -175,7 +174,7 @@ def picture(part: Part, surface: Surface, pose: np.ndarray, path: Path) -> None:
     from vibgym.rendering.view import require_pygame
     from vibgym.scene.hulls import convex_pieces
 
-    pygame = require_pygame()
+    require_pygame()
     from vibgym.rendering import colours
     from vibgym.rendering.canvas import Canvas
 
@@ -196,47 +195,38 @@ def picture(part: Part, surface: Surface, pose: np.ndarray, path: Path) -> None:
     for each, loaded in zip(low, share, strict=True):
         canvas.tag(each, each + size, colours.PARTS[1], f"{100 * loaded:.0f} %")
     pixels = canvas.finish(f"{part.name}: {1e6 * part.area:.4g} mm², {1e3 * part.mass:.3g} g")
-    image = pygame.image.frombuffer(pixels.tobytes(), pixels.shape[1::-1], "RGB")
-    _write(image, path)
+    _write(pixels, path)
 
 
 def picture_of_faults(error: checks.Refused, path: Path) -> None:
-    """Draw what could be read of a drawing, with a numbered circle at each fault whose place is known.
+    """Draw what could be read of a drawing, with a numbered square at each fault whose place is known.
 
-    Raises:
-        ValueError: the file cannot be written.
-        ImportError: the extra ``render`` is not installed.
+    Raises: as :func:`picture`.
     """
     from vibgym.rendering.view import require_pygame
 
-    pygame = require_pygame()
+    require_pygame()
     from vibgym.rendering import colours
-    from vibgym.rendering.legend import render_text
+    from vibgym.rendering.canvas import Canvas
 
-    places = [each.place for each in error.faults if each.place is not None]
-    points = np.concatenate([*error.lines, np.array(places).reshape(-1, 2)])
-    low, extent = (points.min(axis=0), np.ptp(points, axis=0)) if len(points) else (np.zeros(2), np.ones(2))
-    scale = FAULTS / max(float(extent.max()), 1e-9)
-    image = pygame.Surface(np.ceil(scale * extent + 2 * FAULT_MARGIN).astype(int).tolist(), 0, 32)
-    image.fill(colours.PAPER)
-
-    def pixels(at: np.ndarray) -> np.ndarray:
-        return FAULT_MARGIN + scale * ((at - low) * [1.0, -1.0] + [0.0, extent[1]])
-
-    for line in error.lines:
-        pygame.draw.aalines(image, colours.INK, False, pixels(line).tolist())
-    for k, fault in enumerate(error.faults):
-        if fault.place is not None:
-            centre = pixels(fault.place)
-            pygame.draw.circle(image, colours.PARTS[1], centre.tolist(), 12, 3)
-            image.blit(render_text(str(k), 24, colours.PARTS[1]), (centre + [12, -24]).tolist())
-    _write(image, path)
+    places = {k: 1e-3 * each.place for k, each in enumerate(error.faults) if each.place is not None}
+    lines = [1e-3 * each for each in error.lines]
+    points = np.concatenate([*lines, *(each[None] for each in places.values())])
+    size = 1.1 * float(np.ptp(points, axis=0).max())
+    low = points.min(axis=0) - 0.05 * size
+    canvas = Canvas(1, 1, size, FAULTS / size)
+    canvas.begin(np.zeros((1, 1, 2)))
+    for line in lines:
+        canvas.path(line - low, colours.INK)
+    for k, place in places.items():
+        canvas.zone(place - low - MARK * size, place - low + MARK * size, colours.PARTS[1], str(k))
+    _write(canvas.finish(f"faults: {len(error.faults)}"), path)
 
 
-def _write(image: Any, path: Path) -> None:
-    """Write a picture of pygame as PNG."""
+def _write(pixels: np.ndarray, path: Path) -> None:
+    """Write a picture (height, width, 3) as PNG."""
     import pygame
 
     stream = io.BytesIO()
-    pygame.image.save(image, stream, "x.png")
+    pygame.image.save(pygame.image.frombuffer(pixels.tobytes(), pixels.shape[1::-1], "RGB"), stream, "x.png")
     write_atomically(path, stream.getvalue())

@@ -157,7 +157,7 @@ class Part:
         density: float | None = None,
         tolerance_mm: float = 0.05,
         units: str | None = None,
-        scale: float = 1.0,
+        scale: float | None = None,
         layer: str | Sequence[str] | None = None,
         without_layers: str | Sequence[str] = (),
         part: int | None = None,
@@ -179,7 +179,7 @@ class Part:
             tolerance_mm: largest distance of flattened curves from the drawn ones; flattening preserves area.
             units: of the drawing, ``"mm"``, ``"in"``, ... (:data:`vibgym.scene.drawings.records.UNITS`), if the file does not
                 name them, or wrong ones; STL files are in mm by default.
-            scale: factor of all lengths in the file.
+            scale: of a drawing, factor of all lengths.
             layer: one or several, whose content alone is read; in SVG files ids, group labels or stroke colours.
             without_layers: those whose content is not read.
             part: number among several in a drawing, 0 for the largest; without it, several are an error that lists them.

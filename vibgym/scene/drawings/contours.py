@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -151,9 +152,9 @@ def loops(
             begin = int(partner[end])
             at, end = (-1, end) if begin < 0 else (begin // 2, begin ^ 1)
         if at == first:
-            kept = _without_short(loop, gap)
-            if kept:
-                found.append(_bridged(kept, gap, bridge))
+            closed = _bridged(loop, gap, bridge)
+            if closed:
+                found.append(closed)
             else:
                 faults[loop[0].label] = Fault(f"{loop[0].label} has no length", loop[0].points[0])
     return found, list(faults.values()), notes
@@ -173,31 +174,26 @@ def _length(stroke: Stroke) -> float:
     return float(np.hypot(*np.diff(stroke.points, axis=0).T).sum())
 
 
-def _without_short(loop: list[Stroke], gap: float) -> list[Stroke]:
-    """Return a loop without strokes shorter than the gap; the next one begins within the gap of the last one's end."""
+def _bridged(loop: list[Stroke], gap: float, bridge: float) -> list[Stroke]:
+    """Return a loop without strokes shorter than ``gap``, whose gaps are closed.
+
+    Two lines are joined at their intersection if both ends are within ``bridge`` of it, other strokes by a line.
+    """
     kept, at = list[Stroke](), loop[0].points[0]
     for stroke in loop:
         if _length(stroke) > gap or np.hypot(*(stroke.points[-1] - at)) > gap:
-            kept.append(stroke)
+            kept.append(stroke._replace(points=stroke.points.copy()))
             at = stroke.points[-1]
-    return kept
-
-
-def _bridged(loop: list[Stroke], gap: float, bridge: float) -> list[Stroke]:
-    """Return a loop whose gaps are closed: two lines at their intersection, if that is as near, others by a line."""
-    loop, found = [each._replace(points=each.points.copy()) for each in loop], list[Stroke]()
-    for stroke, after in zip(loop, [*loop[1:], *loop[:1]], strict=True):
+    found = list[Stroke]()
+    for stroke, after in zip(kept, [*kept[1:], *kept[:1]], strict=True):
         found.append(stroke)
         end, begin = stroke.points[-1], after.points[0]
         if np.hypot(*(begin - end)) > gap:
             (ax, ay), (bx, by), (x, y) = end - stroke.points[-2], after.points[1] - begin, begin - end
-            cross, along = ax * by - ay * bx, x * by - y * bx
-            corner = end + (along / cross if cross else np.inf) * np.array([ax, ay])
-            if (
-                not stroke.curved
-                and not after.curved
-                and np.hypot(*(np.array([end, begin]) - corner).T).max() <= bridge
-            ):
+            cross = ax * by - ay * bx
+            corner = end + (x * by - y * bx) / (cross or math.inf) * np.array([ax, ay])
+            near = np.hypot(*(np.array([end, begin]) - corner).T).max() <= bridge
+            if cross and near and not (stroke.curved or after.curved):
                 stroke.points[-1] = after.points[0] = corner
             else:
                 found.append(Stroke(np.array([end, begin]), False, f"the gap after {stroke.label}"))
@@ -205,20 +201,14 @@ def _bridged(loop: list[Stroke], gap: float, bridge: float) -> list[Stroke]:
 
 
 def _without_duplicates(strokes: Sequence[Stroke], gap: float) -> tuple[list[Stroke], Counter[str]]:
-    """Return strokes, each once, and notes on those that coincide with one before them."""
-    import shapely
-
-    boxes = np.array([[*each.points.min(axis=0), *each.points.max(axis=0)] for each in strokes]).reshape(-1, 4)
-    kept, notes = list[int](), Counter[str]()
-    for k, stroke in enumerate(strokes):
-        reach = min(gap, 0.1 * _length(stroke))
-        near = [kept[j] for j in np.flatnonzero(np.abs(boxes[kept] - boxes[k]).max(axis=1) <= reach)]
-        line = shapely.LineString(stroke.points)
-        if any(shapely.hausdorff_distance(line, shapely.LineString(strokes[j].points)) <= reach for j in near):
+    """Return strokes, each once, and notes on those that coincide with one before them, in either sense."""
+    kept, notes = dict[bytes, Stroke](), Counter[str]()
+    for stroke in strokes:
+        points = np.rint(stroke.points / (COINCIDENT * gap)) + 0.0  # no negative zeros
+        key = min(points.tobytes(), points[::-1].tobytes())
+        if kept.setdefault(key, stroke) is not stroke:
             notes[f"{stroke.label.partition(' ')[0]} drawn twice"] += 1
-        else:
-            kept.append(k)
-    return [strokes[k] for k in kept], notes
+    return list(kept.values()), notes
 
 
 def flattened(loop: list[Stroke], tolerance: float) -> Contour:

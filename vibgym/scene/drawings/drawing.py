@@ -36,7 +36,7 @@ def read(
     tolerance: float = TOLERANCE,
     units: str | None = None,
     *,
-    scale: float = 1.0,
+    scale: float | None = None,
     layer: str | Sequence[str] | None = None,
     without_layers: str | Sequence[str] = (),
     part: int | None = None,
@@ -46,17 +46,7 @@ def read(
 ) -> Drawing:
     """Read a drawing of one part.
 
-    Args:
-        path: a ``.dxf``, ``.svg`` or ``.stl`` file.
-        tolerance: mm, of flattened curves.
-        units: a key of :data:`UNITS`, for files that do not name their unit or a wrong one; STL files are in mm by default.
-        scale: factor of all lengths in the file.
-        layer: names of layers (DXF), or of ids, group labels or stroke colours (SVG); others are not read.
-        without_layers: names that are not read.
-        part: number among several in a drawing, 0 for the largest.
-        gap: mm, between ends of lines that are joined; None: a tenth of the tolerance.
-        stable_pose: number of a pose of an STL file, the most probable one is 0; None: as modelled.
-        surface: on which the part must fit; None: not checked.
+    Arguments are those of :meth:`vibgym.Part.from_file`, with ``tolerance`` and ``gap`` in mm. ``surface``: None, not checked.
 
     Raises:
         ValueError: a file that cannot be read, or that does not describe exactly one part; the message begins with the path.
@@ -75,12 +65,13 @@ def read(
     if reader is None:
         raise checks.refuse("file", str(path), "a drawing: " + ", ".join(readers))
     tolerance = checks.number("tolerance_mm", tolerance, least=LEAST_TOLERANCE)
-    scale = checks.number("scale", scale, above=0.0)
     bridge = 0.0 if gap is None else checks.number("gap_mm", gap, least=0.0)
     layers, without = None if layer is None else _names("layer", layer), _names("without_layers", without_layers)
     if units is not None:
         checks.choice("units", units, tuple(UNITS))
+    factor = 1.0 if scale is None else checks.number("scale", scale, above=0.0)
     options = {
+        "scale": scale,
         "layer": layers,
         "without_layers": without or None,
         "part": part,
@@ -99,12 +90,11 @@ def read(
             raise checks.refuse("file", f"{len(content)} bytes", f"at most {MOST_BYTES} bytes")
         skipped, solid = Counter[str](), None
         if kind == ".stl":
-            rings, solid = reader(content, tolerance / scale, units, stable_pose)
-            rings, solid = [scale * ring for ring in rings], solid.scaled(scale)
+            rings, solid = reader(content, tolerance, units, stable_pose)
         else:
             extras.require("cad", "scipy", "shapely")
-            strokes, skipped, *faults = reader(content, GAP * tolerance / scale, units, layers, without)
-            strokes = [each._replace(points=scale * each.points) for each in strokes]
+            strokes, skipped, *faults = reader(content, GAP * tolerance / factor, units, layers, without)
+            strokes = [each._replace(points=factor * each.points) for each in strokes]
             if not strokes and not any(faults):
                 left = f" (skipped: {summary(skipped)})" if skipped else ""
                 raise checks.conflict(f"the drawing has no outline: no lines or curves{left}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -81,17 +81,6 @@ class Solid:
     offset: float
     gyration: float
     poses: tuple[StablePose, ...]
-
-    def scaled(self, by: float) -> Solid:
-        """Return the mesh with all lengths multiplied."""
-        poses = [
-            replace(each, height=by * each.height, centre_height=by * each.centre_height, area=by**2 * each.area)
-            for each in self.poses
-        ]
-        return Solid(
-            by * self.height, by * self.centre_height, by**3 * self.volume, self.resting, by * self.offset,
-            by**2 * self.gyration, tuple(poses),
-        )  # fmt: skip
 
 
 @dataclass(frozen=True)
