@@ -70,3 +70,50 @@ def test_the_pushed_part_is_replaced_or_the_first_kind():
     push, sort = parts_with("vibgym/Push-v0", part), parts_with("vibgym/Sort-v0", part)
     assert push[2] == {**part, "coupling": 0.0} and push[:2] == gym.spec("vibgym/Push-v0").kwargs["parts"][:2]
     assert sort.count(part) == 3 and len(sort) == 6
+
+
+def drawn(folder, *entities):
+    """Save a drawing in mm of entities: kinds and arguments."""
+    ezdxf = pytest.importorskip("ezdxf")
+    document = ezdxf.new(units=4)
+    for kind, *arguments in entities:
+        getattr(document.modelspace(), f"add_{kind}")(*arguments)
+    path = folder / "drawing.dxf"
+    document.saveas(path)
+    return path
+
+
+def test_a_small_disc_on_another_surface(capsys, tmp_path):
+    """A disc has no angle of symmetry; 'learned' was trained on larger parts; a surface is a mapping or a file."""
+    path = drawn(tmp_path, ("circle", (0, 0), 10.0))
+    assert main(["part", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert "disc of 20 mm" in text and "any angle" in text and "smaller than an element of 26 mm" in text
+    assert "Align: 'learned' was trained on larger parts" in text
+    (tmp_path / "machine.yaml").write_text("surface: {element_size_mm: 9, rows: 3, columns: 40}\n")
+    for surface in (str(tmp_path / "machine.yaml"), '{"element_size_mm": 9, "rows": 3, "columns": 40}'):
+        assert main(["part", str(path), "--no-tasks", "--surface", surface]) == 0
+        assert "beneath, in the middle of one: 9" in capsys.readouterr().out
+    assert main(["part", str(path), "--surface", '{"rowz": 1}']) == 2
+    assert "rowz" in said_in_one_line(capsys)
+
+
+def test_choice_and_faults(capsys, tmp_path):
+    pygame = pytest.importorskip("pygame")
+    path = drawn(tmp_path, ("circle", (0, 0), 10.0), ("circle", (50, 0), 20.0), ("text", "two discs"))
+    assert main(["part", str(path)]) == 2
+    assert "2 parts in one file" in said_in_one_line(capsys)
+    assert main(["part", str(path), "--part", "1", "--scale", "2", "--no-tasks"]) == 0
+    text = capsys.readouterr().out
+    assert "disc of 40 mm" in text and "skipped 1 TEXT, 1 parts that are not selected" in text
+    path = drawn(tmp_path, ("line", (0, 0), (30, 0)), ("line", (30, 1), (60, 20)))
+    picture = tmp_path / "faults.png"
+    assert main(["part", str(path), "--picture", str(picture)]) == 2
+    printed = capsys.readouterr()
+    assert [line.partition(":")[0] for line in printed.out.splitlines()] == [
+        *(f"fault {k}" for k in range(4)),
+        "picture",
+    ]
+    assert len(printed.err.splitlines()) == 1 and "and 3 other faults" in printed.err
+    marks = np.abs(pygame.surfarray.array3d(pygame.image.load(picture)).astype(int) - [196, 90, 36]).max(axis=2) < 10
+    assert marks[:300].any() and marks[400:600].any() and marks[800:].any() and not marks[300:400].any()

@@ -117,9 +117,10 @@ def loops(
     for reach in (COINCIDENT * gap, gap, bridge):
         pairs = _pairs(ends, np.flatnonzero(partner == FREE), reach)
         beside = pairs[pairs[:, 0] // 2 != pairs[:, 1] // 2] // 2
-        short = [k for k in np.unique(beside) if length[k] <= min(reach, gap)]
+        alone = (partner[0::2] == FREE) & (partner[1::2] == FREE)
+        short = [k for k in np.unique(beside) if length[k] <= min(reach, gap) and alone[k]]
         if short:
-            partner[[2 * k + end for k in short for end in (0, 1)]] = LEFT_OUT
+            partner.reshape(-1, 2)[short] = LEFT_OUT
             pairs = _pairs(ends, np.flatnonzero(partner == FREE), reach)
         count = np.bincount(pairs.ravel(), minlength=len(ends))
         for a, b in pairs[(count[pairs] == 1).all(axis=1)]:
@@ -177,7 +178,7 @@ def _length(stroke: Stroke) -> float:
 def _bridged(loop: list[Stroke], gap: float, bridge: float) -> list[Stroke]:
     """Return a loop without strokes shorter than ``gap``, whose gaps are closed.
 
-    Two lines are joined at their intersection if both ends are within ``bridge`` of it, other strokes by a line.
+    Two lines are joined at their intersection, or halfway if that is not within ``bridge`` of both ends; curves by a line.
     """
     kept, at = list[Stroke](), loop[0].points[0]
     for stroke in loop:
@@ -192,8 +193,9 @@ def _bridged(loop: list[Stroke], gap: float, bridge: float) -> list[Stroke]:
             (ax, ay), (bx, by), (x, y) = end - stroke.points[-2], after.points[1] - begin, begin - end
             cross = ax * by - ay * bx
             corner = end + (x * by - y * bx) / (cross or math.inf) * np.array([ax, ay])
-            near = np.hypot(*(np.array([end, begin]) - corner).T).max() <= bridge
-            if cross and near and not (stroke.curved or after.curved):
+            if not cross or np.hypot(*(np.array([end, begin]) - corner).T).max() > bridge:
+                corner = 0.5 * (end + begin)
+            if not (stroke.curved or after.curved):
                 stroke.points[-1] = after.points[0] = corner
             else:
                 found.append(Stroke(np.array([end, begin]), False, f"the gap after {stroke.label}"))

@@ -40,6 +40,9 @@ HARMLESS = frozenset(
 )
 """Repairs by ezdxf (:class:`ezdxf.audit.AuditError`) of entities that do not change their outlines."""
 
+STRUCTURE = frozenset(["FOUND_TAG_OUTSIDE_SECTION", "MISSING_ENDSEC_TAG", "MISSING_SECTION_TAG"])
+"""Repairs of a file that may have lost entities."""
+
 BROKEN = ("acad_iso", "border", "cent", "dash", "divide", "dot", "hidden", "phantom")
 """Beginnings of the names of broken linetypes, for files without their definitions."""
 
@@ -56,11 +59,8 @@ def read(
     """Return the strokes of the model space of a DXF file, the numbers of other entities by type, and all faults.
 
     Args:
-        content: of the file.
         flat: mm, largest distance from the plane of the drawing.
-        units: see :func:`vibgym.scene.drawings.drawing.read`.
-        layers: to read, in any case; None: all that are visible.
-        without: layers to leave out.
+        layers, without: names in any case; None: all that are visible.
     """
     extras.require("cad", "ezdxf")
     document, undefined = _document(content)
@@ -114,20 +114,11 @@ def _lost(fix: Any) -> str | None:
     from ezdxf.audit import AuditError
     from ezdxf.entities import DXFGraphic, factory
 
-    if fix.code in (
-        AuditError.MISSING_SECTION_TAG,
-        AuditError.MISSING_ENDSEC_TAG,
-        AuditError.FOUND_TAG_OUTSIDE_SECTION,
-    ):
-        return str(fix.message)
-    if fix.code.name in HARMLESS:
-        return None
     text = re.sub(r"\b([A-Z0-9_]+)\(#([0-9A-Fa-f]+)\)", r"\1 \2", fix.message)
-    kinds = [
-        kind for kind in re.findall(r"\b[A-Z][A-Z0-9_]+\b", text) if kind in factory.ENTITY_CLASSES or kind == "VERTEX"
-    ]
-    shapes = (kind for kind in kinds if issubclass(factory.ENTITY_CLASSES.get(kind, DXFGraphic), DXFGraphic))
-    return text if any(kind not in NOTES for kind in shapes) else None
+    words = set(re.findall(r"\b[A-Z][A-Z0-9_]+\b", text))
+    shapes = {each for each in words if issubclass(factory.ENTITY_CLASSES.get(each, object), DXFGraphic)} - NOTES
+    name = AuditError(fix.code).name
+    return text if name in STRUCTURE or (shapes and name not in HARMLESS) else None
 
 
 def _label(entity: Any) -> str:
@@ -316,4 +307,4 @@ def _count(share: float) -> int:
     return 2 ** max(3, math.ceil(math.log2(SAMPLES * share))) + 1
 
 
-assert set(CODES.values()) == set(UNITS)
+assert set(CODES.values()) <= set(UNITS)
