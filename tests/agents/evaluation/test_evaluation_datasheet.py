@@ -182,7 +182,7 @@ def test_settings_of_a_machine_and_of_the_sheet(tmp_path, capsys):
     for more, named in (
         (["--machine", str(machine)], "walls"),
         (["--part", "{"], "--part"),
-        (["--part", "a.dxf"], "friction"),
+        (["--part", "a.dxf"], "a.dxf"),
     ):
         assert main(["datasheet", "--output", str(tmp_path), "--quiet", *more]) == 2
         line = capsys.readouterr().err

@@ -92,8 +92,8 @@ def read(
         if kind == ".stl":
             rings, solid = reader(content, tolerance, units, stable_pose)
         else:
-            extras.require("cad", "scipy", "shapely")
             strokes, skipped, *faults = reader(content, GAP * tolerance / factor, units, layers, without)
+            extras.require("cad", "scipy", "shapely")
             strokes = [each._replace(points=factor * each.points) for each in strokes]
             if not strokes and not any(faults):
                 left = f" (skipped: {summary(skipped)})" if skipped else ""
