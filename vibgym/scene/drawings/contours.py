@@ -84,16 +84,14 @@ def outline_of(
     joined, found, notes = loops(strokes, gap, bridge)
     contours = [flattened(loop, tolerance) for loop in joined]
     found = [*faults, *found]
-    for contour in contours:
-        if len(contour.points) > outlines.MOST_CORNERS:
-            found.append(
-                Fault(
-                    f"the contour with {contour.labels[0]} has {len(contour.points)} corners, more than "
-                    f"{outlines.MOST_CORNERS}: simplify it or give a larger tolerance_mm",
-                    contour.points[0],
-                )
+    most = outlines.MOST_CORNERS
+    for points, labels in contours:
+        if len(points) > most:
+            text = (
+                f"the contour with {labels[0]} has {len(points)} corners, more than {most}: give a larger tolerance_mm"
             )
-    found += _crossings([each for each in contours if len(each.points) <= outlines.MOST_CORNERS])
+            found.append(Fault(text, points[0]))
+    found += _crossings([each for each in contours if len(each.points) <= most])
     if found:
         raise refusal(found, [each.points for each in strokes])
     rings, others = _chosen(contours, part)
@@ -109,19 +107,20 @@ def loops(
     shorter than ``gap`` are left out where their neighbours join. Faults are open ends, more than two ends that meet, and
     contours without length. Notes are gaps beyond ``gap`` and strokes that are drawn twice.
     """
+    from scipy.spatial import KDTree
+
     strokes, notes = _without_duplicates(strokes, gap)
     faults: dict[str, Fault] = {}
     ends = np.array([point for each in strokes for point in (each.points[0], each.points[-1])]).reshape(-1, 2)
     length = [_length(each) for each in strokes]
     partner = np.full(len(ends), FREE)
     for reach in (COINCIDENT * gap, gap, bridge):
-        pairs = _pairs(ends, np.flatnonzero(partner == FREE), reach)
-        beside = pairs[pairs[:, 0] // 2 != pairs[:, 1] // 2] // 2
-        alone = (partner[0::2] == FREE) & (partner[1::2] == FREE)
-        short = [k for k in np.unique(beside) if length[k] <= min(reach, gap) and alone[k]]
-        if short:
-            partner.reshape(-1, 2)[short] = LEFT_OUT
-            pairs = _pairs(ends, np.flatnonzero(partner == FREE), reach)
+        free = np.flatnonzero(partner == FREE)
+        pairs = free[KDTree(ends[free]).query_pairs(reach, output_type="ndarray")]
+        beside = np.unique(pairs[pairs[:, 0] // 2 != pairs[:, 1] // 2] // 2)
+        alone = (partner.reshape(-1, 2) == FREE).all(axis=1)
+        partner.reshape(-1, 2)[[k for k in beside if length[k] <= min(reach, gap) and alone[k]]] = LEFT_OUT
+        pairs = pairs[(partner[pairs] == FREE).all(axis=1)]
         count = np.bincount(pairs.ravel(), minlength=len(ends))
         for a, b in pairs[(count[pairs] == 1).all(axis=1)]:
             partner[a], partner[b] = b, a
@@ -159,16 +158,6 @@ def loops(
             else:
                 faults[loop[0].label] = Fault(f"{loop[0].label} has no length", loop[0].points[0])
     return found, list(faults.values()), notes
-
-
-def _pairs(points: np.ndarray, which: np.ndarray, reach: float) -> np.ndarray:
-    """Return the pairs (n, 2) of points, among those with the numbers ``which``, that are within ``reach``."""
-    from scipy.spatial import KDTree
-
-    if len(which) < 2 or reach <= 0.0:
-        return np.zeros((0, 2), dtype=int)
-    pairs = KDTree(points[which]).query_pairs(reach, output_type="ndarray")
-    return which[pairs[np.lexsort(pairs.T)]]
 
 
 def _length(stroke: Stroke) -> float:

@@ -199,16 +199,25 @@ class _Reader:
     def _strokes(self, entity: Any, label: str, at: _Place) -> Iterator[Stroke]:
         kind, (layer, linetype, hidden) = entity.dxftype(), self._properties(entity)
         layer = at.layer if layer == "0" and at.layer is not None else layer
-        linetype = self.linetype.get(layer.lower(), "") if linetype == "bylayer" else linetype
+        key = layer.lower()
+        linetype = self.linetype.get(key, "") if linetype == "bylayer" else linetype
         linetype = at.linetype if linetype == "byblock" else linetype
-        reason = "that is invisible" if hidden else self._reason(kind, layer.lower(), layer, linetype)
+        reason = "that is invisible" if hidden else None
+        if key in self.frozen or (key in self.off and kind != "INSERT"):
+            reason = f"on hidden layer {layer!r}"
+        elif key in self.without or not (self.layers is None or key in self.layers or kind == "INSERT"):
+            reason = f"on layer {layer!r}, which is not selected"
+        elif kind in NOTES:
+            reason = ""
+        elif linetype in self.broken and kind != "INSERT":
+            reason = f"with linetype {linetype!r}"
         absent = [name for name in REQUIRED.get(kind, ()) if not entity.dxf.hasattr(name)]
         if reason is not None:
             self.skipped[f"{kind} {reason}".strip()] += 1
         elif absent:
             raise checks.conflict(f"{label} has no {absent[0].replace('_', ' ')}")
         elif kind == "INSERT":
-            off = label if layer.lower() in self.off else at.off
+            off = label if key in self.off else at.off
             yield from self._block(entity, label, at._replace(layer=layer, linetype=linetype, off=off))
         elif at.off is not None:
             raise checks.conflict(
@@ -227,16 +236,6 @@ class _Reader:
             tags = (tag for each in entity.xtags.subclasses for tag in each)
             return next((tag.value for tag in tags if tag.code == 8), "0"), "", False
         return entity.dxf.layer, self._named(entity), bool(entity.dxf.get("invisible", 0))
-
-    def _reason(self, kind: str, key: str, layer: str, linetype: str) -> str | None:
-        """Return why an entity is not read, to follow its type; None if it is."""
-        if key in self.frozen or (key in self.off and kind != "INSERT"):
-            return f"on hidden layer {layer!r}"
-        if key in self.without or not (self.layers is None or key in self.layers or kind == "INSERT"):
-            return f"on layer {layer!r}, which is not selected"
-        if kind in NOTES:
-            return ""
-        return f"with linetype {linetype!r}" if linetype in self.broken and kind != "INSERT" else None
 
     def _block(self, insert: Any, label: str, at: _Place) -> Iterator[Stroke]:
         block = insert.block()
