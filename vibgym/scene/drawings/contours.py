@@ -110,7 +110,7 @@ def loops(
     from scipy.spatial import KDTree
 
     strokes, notes = _without_duplicates(strokes, gap)
-    faults: dict[str, Fault] = {}
+    faults = list[Fault]()
     ends = np.array([point for each in strokes for point in (each.points[0], each.points[-1])]).reshape(-1, 2)
     length = [_length(each) for each in strokes]
     partner = np.full(len(ends), FREE)
@@ -128,20 +128,18 @@ def loops(
                 away, names = np.hypot(*(ends[a] - ends[b])), f"{strokes[a // 2].label} and {strokes[b // 2].label}"
                 notes[f"gap of {away:.3g} mm between {names}"] += 1
         for k in np.flatnonzero(count > 1):
-            near = sorted({int(k), *(int(j) for pair in pairs if k in pair for j in pair)})
-            names = ", ".join(dict.fromkeys(strokes[j // 2].label for j in near))
-            text = f"{len(near)} ends meet at {_place(ends[near[0]])}: {names}"
-            faults[text] = Fault(text, ends[k])
-            partner[near] = AT_FAULT
+            if partner[k] == FREE:
+                near = np.unique(pairs[(pairs == k).any(axis=1)])
+                names = ", ".join(dict.fromkeys(strokes[j // 2].label for j in near))
+                faults.append(Fault(f"{len(near)} ends meet at {_place(ends[near[0]])}: {names}", ends[k]))
+                partner[near] = AT_FAULT
     present = np.flatnonzero(partner != LEFT_OUT)
     for k in np.flatnonzero(partner == FREE):
         away = np.where(present == k, np.inf, np.hypot(*(ends[present] - ends[k]).T))
         label, other = strokes[k // 2].label, strokes[present[away.argmin()] // 2].label
         hint = " (gap_mm= joins them)" if bridge < away.min() <= BRIDGED else ""
-        faults[f"{k}"] = Fault(
-            f"open contour: {label} ends at {_place(ends[k])}, {away.min():.3g} mm from the next end, of {other}{hint}",
-            ends[k],
-        )
+        text = f"{label} ends at {_place(ends[k])}, {away.min():.3g} mm from the next end, of {other}{hint}"
+        faults.append(Fault(f"open contour: {text}", ends[k]))
     found, left = list[list[Stroke]](), {int(k) // 2 for k in present}
     while left:
         first = at = min(left)
@@ -156,8 +154,8 @@ def loops(
             if closed:
                 found.append(closed)
             else:
-                faults[loop[0].label] = Fault(f"{loop[0].label} has no length", loop[0].points[0])
-    return found, list(faults.values()), notes
+                faults.append(Fault(f"{loop[0].label} has no length", loop[0].points[0]))
+    return found, faults, notes
 
 
 def _length(stroke: Stroke) -> float:
