@@ -130,9 +130,8 @@ def _check_size(points: np.ndarray, tolerance: float) -> None:
     if size < LEAST_SIZE:
         raise checks.refuse("part", _extent(extent), f"larger than {LEAST_SIZE:g} mm: are the units right?")
     if tolerance > COARSEST * size:
-        raise checks.refuse(
-            "tolerance_mm", tolerance, f"at most {COARSEST:g} of the part's size, {COARSEST * size:.3g}"
-        )
+        most = f"{COARSEST * size:.3g}, {COARSEST:g} of the part's size"
+        raise checks.refuse("tolerance_mm", tolerance, f"at most {most} ({_extent(extent)}: are the units right?)")
 
 
 def _check_fit(points: np.ndarray, surface: Surface | None, whole: np.ndarray) -> None:
