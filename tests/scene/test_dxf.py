@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 
-from vibgym import Part
+from vibgym import Part, checks
 from vibgym.config import part_from
 from vibgym.scene.drawings.drawing import read
 
@@ -295,7 +295,7 @@ def test_all_faults_of_a_file_are_reported_at_once(tmp_path):
     tilted = space.add_circle((20, 20, 5), 3)
     line = space.add_line((100, 20), (150, 20))
     crossing = space.add_circle((200, 50), 5)
-    with pytest.raises(ValueError, match=f"SOLID {solid.dxf.handle}.*; and 4 other faults") as error:
+    with pytest.raises(checks.Refused, match=f"SOLID {solid.dxf.handle}.*; and 4 other faults") as error:
         read(saved(document, tmp_path))
     texts = [each.text for each in error.value.faults]
     assert len(texts) == 5 and "\n" not in str(error.value)
