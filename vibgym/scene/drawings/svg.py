@@ -71,6 +71,7 @@ class _Clip(NamedTuple):
     width: float
     height: float
     label: str
+    certain: bool = True  # viewers differ where width and height are not given
 
 
 class _State(NamedTuple):
@@ -418,8 +419,9 @@ class _Reader:
             sizes = {name: value for name, value in element.attrib.items() if name in ("width", "height")}
             state = state._replace(matrix=state.matrix @ _shift(x, y), within=f" of {label}", used=sizes)
         elif kind == "switch":
-            children = [each for each in children if each.tag in SHAPES | NOTES | CONTAINERS and not _extended(each)]
-            if children and (children[0].tag == "foreignObject" or not TESTS.isdisjoint(children[0].keys())):
+            children = [each for each in children if "}" not in each.tag and not _extended(each)]
+            plain = CONTAINERS | SHAPES | {"image", "text"}
+            if children and (children[0].tag not in plain or not TESTS.isdisjoint(children[0].keys())):
                 state = state._replace(undecided=state.undecided or f"the choice of {label}")
             else:
                 children = children[:1]
@@ -442,7 +444,10 @@ class _Reader:
             return None
         inside, size = _into(sized, width, height)
         matrix = state.matrix @ _shift(x, y)
-        clip = _Clip(np.linalg.inv(matrix), width, height, label)
+        clip = _Clip(np.linalg.inv(matrix), width, height, label, {"width", "height"}.issubset(sized.keys()))
+        size = (
+            (math.nan, math.nan) if element.tag == "symbol" else size
+        )  # of which viewers take percentages differently
         visible = style.get("overflow") in ("visible", "auto")
         return state._replace(matrix=matrix @ inside, size=size, clips=state.clips + (() if visible else (clip,)))
 
@@ -474,20 +479,17 @@ class _Reader:
             why = f"stroke-dasharray of {label}, a line or an outline,"
         if why:
             raise checks.conflict(f"{label}: {why} is not supported: remove it, or draw it plainly")
-        paths = [
-            strokes
-            for path in _subpaths(element, state.size, label)
-            if (strokes := _samples(path, state.matrix, label))
-        ]
+        paths = [_samples(path, state.matrix, label) for path in _subpaths(element, state.size, label)]
+        paths = [path for path in paths if path and (stroke or _width(_points(path)) > self.flat)]
         if not paths:
             self.skipped[f"{kind} not drawn"] += 1
             return
-        points = [np.concatenate([each.points for each in path]) for path in paths]
+        points = [_points(path) for path in paths]
         for clip in state.clips:
             at = np.concatenate(points) @ clip.inverse[:2, :2].T + clip.inverse[:2, 2]
             margin = self.flat / GAP * math.sqrt(abs(np.linalg.det(clip.inverse)))
             low, high, size = at.min(axis=0) + margin, at.max(axis=0) - margin, np.array([clip.width, clip.height])
-            if (high < 0.0).any() or (low > size).any():
+            if clip.certain and ((high < 0.0).any() or (low > size).any()):
                 self.skipped[f"{kind} outside {clip.label}"] += 1
                 return
             if (low < 0.0).any() or (high > size).any():
@@ -506,6 +508,15 @@ class _Reader:
             around = sum(signs[j] for j, each in enumerate(rings) if j != k and outlines.contains(each, ring[:1])[0])
             if around and around + signs[k]:
                 raise checks.conflict(f"{label} fills a contour inside another (fill-rule nonzero): a hole, or none?")
+
+
+def _points(strokes: list[Stroke]) -> np.ndarray:
+    return np.concatenate([each.points for each in strokes])
+
+
+def _width(points: np.ndarray) -> float:
+    """Return a measure of the width of points (n, 2), 0 if they are on a line."""
+    return float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1])
 
 
 def _extended(element: ET.Element) -> bool:
