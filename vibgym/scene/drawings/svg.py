@@ -459,7 +459,7 @@ class _Reader:
         colour = _colour(style.get("stroke", "none"))
         if stroke:
             self.names.setdefault(colour)
-        if style.get("visibility", "visible") != "visible" or (fill is False and stroke is False):
+        if style.get("visibility") in ("hidden", "collapse") or (fill is False and stroke is False):
             self.skipped[f"{kind} not drawn"] += 1
             return
         if stroke and colour in map(_colour, self.without):
