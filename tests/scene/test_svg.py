@@ -48,7 +48,8 @@ def hidden(attributes="", style="", tag="g"):
     (hidden('class="a" style="display:inline"', ".a{display:none !important}"), 2400),
     # drawn
     *[(hidden(each, style), 2400 - DISC) for each, style in (
-        ('class="a" style="display:inline"', ".a{display:none}"), ('class="a"', "#b{display:none}"), ('class="A"', ".a{display:none}"),
+        ('class="a" style="display:inline"', ".a{display:none}"), ('class="a"', "#b{display:none}"),
+        ('class="A"', ".a{display:none}"),
         ('display="none" class="a"', ".a{display:inline}"), ('fill="none" stroke="red"', ""), ('opacity="0.5"', ""),
         ('stroke="none"', ""), ('class="a"', ".a text{font-size:3px}"), ('stroke-dasharray="2 1" stroke="red"', ""))],
     (f'{PLATE}<g visibility="hidden"><g visibility="visible">{HOLE}</g>{HOLE}</g>', 2400 - DISC),
@@ -58,7 +59,8 @@ def hidden(attributes="", style="", tag="g"):
     *[(PLATE + each, 2400) for each in (
         '<rect width="0" height="5"/>', '<circle r="0"/>', '<ellipse rx="0" ry="3"/>', '<path d=""/>', '<path d="M 30 30"/>',
         '<polygon points=""/>', '<path d="M 20 20 L 30 30 Z"/>', '<line x1="20" y1="20" x2="30" y2="20"/>',
-        '<rect x="200" width="5" height="5"/>', '<svg x="20" y="20" width="10" height="10"><circle cx="30" cy="5" r="3"/></svg>')],
+        '<rect x="200" width="5" height="5"/>',
+        '<svg x="20" y="20" width="10" height="10"><circle cx="30" cy="5" r="3"/></svg>')],
     # references and viewports
     (f'<defs><symbol id="s" overflow="visible"><circle r="5"/></symbol></defs>{PLATE}<use xlink:href="#s" x="30" y="30"/>'
      '<use href="#s" x="50" y="30"/>', 2400 - 2 * DISC),
@@ -88,19 +90,22 @@ def test_what_is_drawn_is_read(tmp_path, inner, expected):
         "transform:rotate(3deg)", "clip-path:circle()", "mask-image:url(a)", "display:var(--a)", "visibility:initial", "cx:3px",
         "opacity:calc(0)", "translate:3px")],
     *[(hidden('class="a"', each), "style in line 2") for each in (
-        "@media print{.a{display:none}}", "@import 'a.css';", "g circle{display:none}", "g>circle{fill:none}", ".a:hover{opacity:0}",
+        "@media print{.a{display:none}}", "@import 'a.css';", "g circle{display:none}", "g>circle{fill:none}",
+        ".a:hover{opacity:0}",
         "[class]{display:none}", ".a{display:none", r".\61{display:none}")],
     (hidden('class="a"', ".a{r:3px}"), "circle in line 2.*r: 3px"),
     ('<style media="print">rect{fill:none}</style>' + PLATE, "style in line 2"),
     (PLATE + '<circle cx="30" cy="30" r="3"><set attributeName="display" to="none"/></circle>', "set in line 2"),
     (PLATE + '<circle cx="30" cy="30" r="3" fill="url(#a)"/>', "circle in line 2.*fill"),
-    (PLATE + '<circle cx="30" cy="30" r="3" fill="none" stroke="red" stroke-dasharray="2,1"/>', "circle in line 2.*stroke-dasharray"),
+    (PLATE + '<circle cx="30" cy="30" r="3" fill="none" stroke="red" stroke-dasharray="2,1"/>',
+     "circle in line 2.*stroke-dasharray"),
     (PLATE + '<path d="M20 20h5v5z" marker-start="url(#a)"/>', "path in line 2.*marker-start"),
     (PLATE + '<path d="M20 20h5v5"/>', "path in line 2 is open"),
     ('<path d="M10 10h40v30H10zm5 5h5v5h-5z"/>', "path in line 2 fills"),
     ('<rect x="-5" y="5" width="20" height="20"/>', "rect in line 2 is clipped by the page"),
     (PLATE + f'<svg width="30" height="30">{HOLE}</svg>', "circle in line 2 is clipped by svg in line 2"),
-    (PLATE + '<symbol id="s"><circle r="3"/></symbol><use href="#s" x="30" y="30"/>', "circle in line 2 of use in line 2 is clipped"),
+    (PLATE + '<symbol id="s"><circle r="3"/></symbol><use href="#s" x="30" y="30"/>',
+     "circle in line 2 of use in line 2 is clipped"),
     (PLATE + '<symbol id="s" width="3"/><use href="#t"/>', "use in line 2"),
     (PLATE + f'<switch><foreignObject/><g>{HOLE}</g></switch>', "circle in line 2.*the choice of switch"),
     (PLATE + '<rect x="20" y="20" width="-3" height="5"/>', "rect in line 2"),
@@ -145,21 +150,20 @@ def test_units(tmp_path, size, units, expected):
 
 
 LAYERS = (
-    '<g inkscape:label="cut">{0}</g><g id="engrave"><rect x="12" y="12" width="50" height="30" stroke="#f00"/></g>'
+    f'<g inkscape:label="cut">{PLATE}</g><g id="engrave"><rect x="12" y="12" width="50" height="30" stroke="#f00"/></g>'
     '<g stroke="blue" fill="none"><circle cx="30" cy="30" r="5"/></g>'
-).format(PLATE)
+)
 
 
-@pytest.mark.parametrize(("layers", "without", "count"), [
-    (None, (), 3), (("cut",), (), 1), (("cut", "blue"), (), 2), (None, ("engrave",), 2), (None, ("#FF0000", "blue"), 1), (("plate",), (), 1),
+@pytest.mark.parametrize(("layers", "without", "lines", "arcs"), [
+    (None, (), 8, 2), (("cut",), (), 4, 0), (("cut", "blue"), (), 4, 2), (None, ("engrave",), 4, 2),
+    (None, ("#FF0000", "blue"), 4, 0), (("plate",), (), 4, 0),
 ])  # fmt: skip
-def test_layers(tmp_path, layers, without, count):
+def test_layers(tmp_path, layers, without, lines, arcs):
     content = page(tmp_path / "part.svg", LAYERS).read_bytes()
     strokes, skipped = svg.read(content, 0.005, None, layers, without)
-    assert (
-        len({each.label for each in strokes} | {len(each.points) for each in strokes})
-        and sum(skipped.values()) == 3 - count
-    )
+    assert [each.curved for each in strokes] == lines * [False] + arcs * [True]
+    assert sum(skipped.values()) == 3 - lines // 4 - arcs // 2
     for unknown in (("cutt",), ()), (None, ("greeen",)):
         with pytest.raises(ValueError, match="unknown layer.*cut"):
             svg.read(content, 0.005, None, *unknown)
@@ -206,7 +210,8 @@ def node(draw, depth, matrix, visible, shown, expected):
         )
     shift = np.array([[1, 0, x - 25], [0, 1, y - 25], [0, 0, 1]])
     inner = node(draw, depth + 1, matrix @ own @ shift, visible, shown, expected)
-    return f'<defs><g id="{name}">{inner}</g></defs><use xlink:href="#{name}" x="{x - 25}" y="{y - 25}" transform="{text}" {mark}/>'
+    use = f'<use xlink:href="#{name}" x="{x - 25}" y="{y - 25}" transform="{text}" {mark}/>'
+    return f'<defs><g id="{name}">{inner}</g></defs>{use}'
 
 
 @pytest.mark.parametrize("seed", range(60))

@@ -294,8 +294,8 @@ class _Reader:
             self.targets.setdefault(each.get("id", ""), []).append(each)
             if each.tag in ("animate", "animateMotion", "animateTransform", "discard", "set"):
                 raise checks.conflict(f"{_label(each)}: animations are not supported")
-        labels = [each.get("label") for each in root.iter("g")] + [each.get("id") for each in root.iter()]
-        self.names = dict.fromkeys(each for each in labels if each)
+        self.names = dict.fromkeys(each.get(name, "") for name in ("label", "id") for each in root.iter())
+        self.names.pop("", None)
 
     def page(self, root: ET.Element, units: str | None) -> Iterator[Stroke]:
         """Yield the strokes of the document, in mm; the origin is that of its coordinates."""
@@ -417,7 +417,7 @@ class _Reader:
                 raise checks.conflict(f"{label}: {len(children) or 'unknown'} elements {href!r}")
             x, y = (_length(element, *each)[0] for each in zip("xy", state.size, strict=True))
             sizes = {name: value for name, value in element.attrib.items() if name in ("width", "height")}
-            state = state._replace(matrix=state.matrix @ _shift(x, y), within=f" of {label}", used=sizes)
+            state = state._replace(matrix=state.matrix @ _shift(x, y), within=f" of {_label(element)}", used=sizes)
         elif kind == "switch":
             children = [each for each in children if "}" not in each.tag and not _extended(each)]
             plain = CONTAINERS | SHAPES | {"image", "text"}
