@@ -150,9 +150,7 @@ def _tree(content: bytes) -> ET.Element:
 
     def instruction(target: str, data: str) -> None:
         if target == "xml-stylesheet":
-            raise checks.conflict(
-                f"{target} in line {parser.CurrentLineNumber}: styles of other files are not supported"
-            )
+            raise checks.conflict(f"{target} in line {parser.CurrentLineNumber}: styles of other files")
 
     parser.StartElementHandler = start
     parser.EndElementHandler = lambda name: builder.end(_local(name)) and None
@@ -207,9 +205,7 @@ def _into(element: ET.Element, width: float, height: float) -> tuple[np.ndarray,
     aspect = element.get("preserveAspectRatio", "xMidYMid").strip()
     found = re.fullmatch(r"(?:none|x(Min|Mid|Max)Y(Min|Mid|Max))(?:\s+(meet|slice))?", aspect)
     if found is None:
-        raise checks.refuse(
-            f"{_label(element)}: preserveAspectRatio", aspect, "none or xMidYMid, ..., with meet or slice"
-        )
+        raise checks.refuse(f"{_label(element)}: preserveAspectRatio", aspect, "none or xMidYMid, ... meet or slice")
     scale = np.array([width, height]) / box[2:]
     if found[1]:
         scale[:] = scale.max() if found[3] == "slice" else scale.min()
@@ -240,10 +236,7 @@ def _rules(root: ET.Element) -> Iterator[tuple[tuple[int, int, int], str, list[s
     for sheet in root.iter("style"):
         text = re.sub(r"/\*.*?\*/|<!--|-->", "", "".join(sheet.itertext()), flags=re.S)
         text = re.sub(r"@(charset|namespace)\b[^;{}]*;|@(font-face|page)\b[^{}]*\{[^{}]*\}", "", text)
-        if sheet.get("type", "text/css").strip() != "text/css" or sheet.get("media", "all").strip() not in (
-            "all",
-            "screen",
-        ):
+        if sheet.get("type", "text/css") != "text/css" or sheet.get("media", "all") not in ("all", "screen"):
             raise checks.conflict(f"{_label(sheet)}: only text/css for all media is supported")
         if re.sub(r"[^@{}\\]*\{[^@{}\\]*\}", "", text).strip():
             what = re.search(r"@[\w-]+", text)
@@ -256,9 +249,7 @@ def _rules(root: ET.Element) -> Iterator[tuple[tuple[int, int, int], str, list[s
                     ids = sum(each[0] == "#" for each in names)
                     yield (ids, len(names) - ids, found[1] not in ("", "*")), found[1], names, block
                 elif any(name in INHERITED | OWN or CHANGES.fullmatch(name) for _, name, _ in _declarations(block)):
-                    raise checks.conflict(
-                        f"{_label(sheet)}: selector {selector!r} is not supported, only type, class and id"
-                    )
+                    raise checks.conflict(f"{_label(sheet)}: selector {selector!r}, other than type, class and id")
 
 
 def _colour(value: str) -> str:
@@ -342,7 +333,9 @@ class _Reader:
         names = {element.get("id"), element.get("label")} - {None}
         if names & set(self.without):
             self.skipped[f"{kind} left out"] += 1
-        elif _zero(style.get("opacity", "1")) or style.get("display") == "none" or _extended(element):
+        elif (
+            _zero(style.get("opacity", "1")) or style.get("display") == "none" or "requiredExtensions" in element.keys()
+        ):
             self.skipped[f"{kind} not drawn"] += 1
         elif kind in NOTES:
             self.skipped[kind] += 1
@@ -375,7 +368,7 @@ class _Reader:
                 word = own.get("color", inherited.get("color", "black")).lower()
             if (
                 (CHANGES.fullmatch(name) and word not in ("none", "auto", "normal"))
-                or (matters and re.search(r"\b(initial|unset|revert)\b|\b(var|env|calc)\(|\\", word))
+                or (matters and re.search(r"\b(initial|unset|revert|contents)\b|\b(var|env|calc)\(|\\", word))
                 or (name == "visibility" and word not in ("visible", "hidden", "collapse"))
                 or (matters and name.endswith("opacity") and not re.match(NUMBER, word))
             ):
@@ -419,7 +412,7 @@ class _Reader:
             sizes = {name: value for name, value in element.attrib.items() if name in ("width", "height")}
             state = state._replace(matrix=state.matrix @ _shift(x, y), within=f" of {_label(element)}", used=sizes)
         elif kind == "switch":
-            children = [each for each in children if "}" not in each.tag and not _extended(each)]
+            children = [each for each in children if "}" not in each.tag and "requiredExtensions" not in each.keys()]
             plain = CONTAINERS | SHAPES | {"image", "text"}
             if children and (children[0].tag not in plain or not TESTS.isdisjoint(children[0].keys())):
                 state = state._replace(undecided=state.undecided or f"the choice of {label}")
@@ -445,9 +438,8 @@ class _Reader:
         inside, size = _into(sized, width, height)
         matrix = state.matrix @ _shift(x, y)
         clip = _Clip(np.linalg.inv(matrix), width, height, label, {"width", "height"}.issubset(sized.keys()))
-        size = (
-            (math.nan, math.nan) if element.tag == "symbol" else size
-        )  # of which viewers take percentages differently
+        if element.tag == "symbol":  # of which viewers take percentages differently
+            size = (math.nan, math.nan)
         visible = style.get("overflow") in ("visible", "auto")
         return state._replace(matrix=matrix @ inside, size=size, clips=state.clips + (() if visible else (clip,)))
 
@@ -480,11 +472,11 @@ class _Reader:
         if why:
             raise checks.conflict(f"{label}: {why} is not supported: remove it, or draw it plainly")
         paths = [_samples(path, state.matrix, label) for path in _subpaths(element, state.size, label)]
-        paths = [path for path in paths if path and (stroke or _width(_points(path)) > self.flat)]
+        paths = [path for path in paths if path and (stroke or _width(path) > self.flat)]
         if not paths:
             self.skipped[f"{kind} not drawn"] += 1
             return
-        points = [_points(path) for path in paths]
+        points = [np.concatenate([each.points for each in path]) for path in paths]
         for clip in state.clips:
             at = np.concatenate(points) @ clip.inverse[:2, :2].T + clip.inverse[:2, 2]
             margin = self.flat / GAP * math.sqrt(abs(np.linalg.det(clip.inverse)))
@@ -510,24 +502,16 @@ class _Reader:
                 raise checks.conflict(f"{label} fills a contour inside another (fill-rule nonzero): a hole, or none?")
 
 
-def _points(strokes: list[Stroke]) -> np.ndarray:
-    return np.concatenate([each.points for each in strokes])
-
-
-def _width(points: np.ndarray) -> float:
-    """Return a measure of the width of points (n, 2), 0 if they are on a line."""
+def _width(strokes: list[Stroke]) -> float:
+    """Return a measure of the width of strokes, 0 if they are on a line."""
+    points = np.concatenate([each.points for each in strokes])
     return float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1])
-
-
-def _extended(element: ET.Element) -> bool:
-    """Return whether an element needs an extension of the viewer."""
-    return "requiredExtensions" in element.keys()
 
 
 def _painted(style: dict[str, str], name: str, default: str) -> bool | None:
     """Return whether a fill or stroke is visible; None if that depends on another element."""
     paint = style.get(name, default)
-    if paint.startswith("url("):
+    if re.match(r"context|(?!rgb|hsl)[a-z-]+\(", paint):
         return None
     channels = re.findall(NUMBER, paint) if paint.startswith(("rgb", "hsl")) else []
     clear = len(channels) == 4 and _zero(channels[3])
@@ -550,9 +534,7 @@ def _subpaths(element: ET.Element, size: tuple[float, float], label: str) -> Ite
             piece = f"M {begin.real!r} {begin.imag!r} {piece}"
         try:
             with warnings.catch_warnings(action="ignore"):  # arcs without a radius are lines
-                path: Any = parse_path(
-                    piece + " h 0", current_pos=end
-                )  # the last line ends where the next piece begins
+                path: Any = parse_path(piece + " h 0", current_pos=end)  # ends where the next piece begins
         except Exception as error:  # of a parser that expects valid data
             raise checks.refuse(f"{label}: d", str(error) or type(error).__name__, "path data") from None
         begin, end = path[0].start, path[-1].end
@@ -563,32 +545,26 @@ def _path(element: ET.Element, size: tuple[float, float], label: str) -> str:
     """Return the path data of a shape; empty if it has no extent."""
     from svgpathtools.svg_to_paths import ellipse2pathd, rect2pathd
 
-    width, height = size
+    (width, height), kind = size, element.tag
 
-    def user(name: str, extent: float, default: str = "0") -> float:
-        return _length(element, name, extent, default)[0]
+    def user(name: str, extent: float) -> float:
+        return _length(element, name, extent)[0]
 
-    kind = element.tag
     if kind == "path":
         return "" if element.get("d", "").strip() == "none" else element.get("d", "")
     if kind in ("polyline", "polygon"):
         numbers = _numbers(element.get("points", ""), f"{label}: points")
-        if not numbers:
-            return ""
-        if len(numbers) < 4 or len(numbers) % 2:
+        if len(numbers) == 2 or len(numbers) % 2:
             raise checks.refuse(f"{label}: points", element.get("points"), "at least two pairs of coordinates")
-        return f"M {' '.join(numbers)}" + (" Z" if kind == "polygon" else "")
+        return f"M {' '.join(numbers)}" + (" Z" if kind == "polygon" else "") if numbers else ""
     if kind == "line":
-        ends = (user("x1", width), user("y1", height), user("x2", width), user("y2", height))
-        return "M {!r} {!r} L {!r} {!r}".format(*ends)
+        return f"M {user('x1', width)} {user('y1', height)} L {user('x2', width)} {user('y2', height)}"
     if kind in ("circle", "ellipse"):
-        x, y = user("cx", width), user("cy", height)
+        x, y, a, b = user("cx", width), user("cy", height), user("rx", width), user("ry", height)
         if kind == "circle":
             a = b = user("r", math.hypot(width, height) / math.sqrt(2.0))
-        elif len({"rx", "ry"} & {each for each in element.keys() if element.get(each) != "auto"}) == 1:
+        elif len({"rx", "ry"}.intersection(element.keys())) == 1:
             raise checks.conflict(f"{label}: only one of rx and ry")
-        else:
-            a, b = user("rx", width), user("ry", height)
         if min(a, b) < 0.0:
             raise checks.refuse(f"{label}: radius", min(a, b), ">= 0")
         return ellipse2pathd({"cx": x, "cy": y, "rx": a, "ry": b}) if min(a, b) > 0.0 else ""
