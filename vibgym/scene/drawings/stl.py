@@ -90,7 +90,8 @@ def _mesh(content: bytes, factor: float) -> Any:
         raise checks.conflict("facets point inwards: their corners must be counter-clockwise, seen from outside")
     first, *others = sorted(mesh.split(only_watertight=False), key=lambda body: -body.volume)
     for body in others:  # a cavity is inside, and its facets point into it
-        inside = (_shares(first.triangles - corner).sum() > 0.5 for corner in body.vertices)
+        corners = body.vertices[:: 1 + len(body.vertices) // 100]
+        inside = (_shares(first.triangles - corner).sum() > 0.5 for corner in corners)
         if body.volume > 0.0 or not all(inside):
             facet = mesh.faces[:, 0] == int(np.flatnonzero((mesh.vertices == body.vertices[0]).all(axis=1))[0])
             where = _facet(content, int(number[facet.argmax()]))
@@ -143,7 +144,7 @@ def _shares(triangles: np.ndarray) -> np.ndarray:
 
 def _stable(mesh: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return the transforms (n, 4, 4) to the stable poses, and their probabilities (n,), the largest first."""
-    from scipy.spatial import ConvexHull
+    from scipy.spatial import ConvexHull, KDTree
 
     size = float(mesh.extents.max())
     hull = ConvexHull(mesh.vertices, qhull_options=f"Qt C-{MERGED * size:g}")  # vertices on edges would make needles
@@ -163,16 +164,17 @@ def _stable(mesh: Any) -> tuple[np.ndarray, np.ndarray]:
     shares = np.bincount(falls, shares, len(own))
     if not abs(shares[rests].sum() - 1.0) < MERGED:
         raise checks.conflict(f"the probabilities of the stable poses add up to {shares[rests].sum():.6g}, not 1")
-    found: dict[int, float] = {}
-    for k in sorted(np.flatnonzero(rests).tolist(), key=lambda k: -shares[k]):
-        same = next((j for j in found if np.abs(normals[j] - normals[k]).max() < SAME), k)
-        found[same] = found.get(same, 0.0) + float(shares[k])
-    poses = sorted(found, key=lambda k: (-round(found[k], 9), *np.round(normals[k], 6)))
+    rest = np.flatnonzero(rests)[np.argsort(-shares[rests], kind="stable")]
+    first = np.array([min(each) for each in KDTree(normals[rest]).query_ball_point(normals[rest], SAME)])
+    found = np.bincount(first[first], shares[rest], len(rest))  # of poses that differ by rounding only
+    poses = sorted(
+        np.unique(first[first]).tolist(), key=lambda k: (-float(found[k].round(9)), *np.round(normals[rest[k]], 6))
+    )
     transforms = np.tile(np.eye(4), (len(poses), 1, 1))
-    for turn, (x, y, z) in zip(transforms, normals[poses], strict=True):
+    for turn, (x, y, z) in zip(transforms, normals[rest[poses]], strict=True):
         across = np.array([y, -x, 0.0] if x or y else [1.0, 0.0, 0.0]) / (np.hypot(x, y) or 1.0)
         turn[:3, :3] = across, np.cross([-x, -y, -z], across), [-x, -y, -z]
-    return transforms, np.array([found[k] for k in poses])
+    return transforms, found[poses]
 
 
 def _resting_area(mesh: Any, up: np.ndarray, level: float) -> float:
