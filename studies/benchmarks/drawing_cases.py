@@ -288,7 +288,7 @@ def _add_ring(where: Any, ring: Ring, draw: random.Random, polylines: float) -> 
 def as_svg(of: Case, draw: random.Random) -> list[str]:
     """Return the lines of a case as SVG: an element each."""
     scale = draw.choice([1.0, 2.5])  # user units per unit
-    size = f'width="{100}{of.unit}" height="{100}{of.unit}" viewBox="0 0 {100 * scale} {100 * scale}"'
+    size = f'width="2000{of.unit}" viewBox="{-1000 * scale} {-1000 * scale} {2000 * scale} {2000 * scale}"'
     lines = [
         '<?xml version="1.0"?>',
         f'<svg xmlns="http://www.w3.org/2000/svg" {size}>',

@@ -11,7 +11,10 @@ import numpy as np
 
 from vibgym import checks
 
-UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1e3, "mil": 0.0254, "in": 25.4, "ft": 304.8}
+UNITS = {
+    "um": 1e-3, "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1e3,
+    "mil": 0.0254, "in": 25.4, "ft": 304.8, "px": 25.4 / 96.0, "pt": 25.4 / 72.0,
+}  # fmt: skip
 """Unit of a drawing -> mm."""
 
 TOLERANCE = 0.05

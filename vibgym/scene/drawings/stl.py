@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from functools import lru_cache
 from typing import Any
 
@@ -14,6 +15,13 @@ from vibgym.scene.drawings.records import GAP, UNITS, Solid, StablePose
 
 SIMPLIFIED = 0.05
 """Corners nearer to the line between their neighbours than this share of the tolerance are removed."""
+
+UPWARDS = 1e-6
+"""Upward components of normals up to this are of vertical facets."""
+
+MERGED, ROUNDING, SAME = 1e-6, 1e-9, 1e-3
+"""Over the size of the part: deviation of facets from a plane that are merged, and rounding; difference of the normals of poses
+that are one."""
 
 
 def read(
@@ -53,8 +61,11 @@ def _mesh(content: bytes, factor: float) -> Any:
     """
     import trimesh
 
+    plain = content
+    if _is_text(content):  # one body may have several sections, with names in any encoding
+        plain = b"solid\n" + re.sub(rb"(?m)^\s*(end)?solid\b.*$", b"", content.lower()) + b"\nendsolid\n"
     try:
-        mesh: Any = trimesh.load_mesh(io.BytesIO(content), file_type="stl")
+        mesh: Any = trimesh.load_mesh(io.BytesIO(plain), file_type="stl")
     except Exception as error:  # of a parser that expects valid data
         raise checks.refuse("file", str(error) or type(error).__name__, "an STL file") from None
     if not len(mesh.faces):
@@ -62,29 +73,42 @@ def _mesh(content: bytes, factor: float) -> Any:
     bad = ~np.isfinite(mesh.triangles).all(axis=(1, 2))
     if bad.any():
         raise checks.conflict(f"{_facet(content, int(bad.argmax()))} has coordinates that are not finite")
-    mesh.update_faces(mesh.nondegenerate_faces())
+    number = np.arange(len(mesh.faces))
+    # Facets without area may close the surface; those with a corner twice cannot.
+    for keep in (lambda: np.diff(np.sort(mesh.faces)).all(axis=1), mesh.nondegenerate_faces):
+        if not mesh.is_watertight:
+            kept = keep()
+            number = number[kept]
+            mesh.update_faces(kept)
     if not mesh.is_watertight:
         broken = trimesh.repair.broken_faces(mesh)
-        where = _facet(content, int(broken[0])) if len(broken) else "a facet"
+        where = _facet(content, int(number[broken[0]])) if len(broken) else "a facet"
         raise checks.conflict(
             f"the surface is not closed: {where} has an edge that it does not share with exactly one other"
         )
     if not mesh.is_winding_consistent or mesh.volume <= 0.0:
         raise checks.conflict("facets point inwards: their corners must be counter-clockwise, seen from outside")
-    bodies = mesh.split(only_watertight=False)
-    if len(bodies) > 1:
-        other = mesh.faces[:, 0] == int(np.flatnonzero((mesh.vertices == bodies[1].vertices[0]).all(axis=1))[0])
-        raise checks.conflict(
-            f"{len(bodies)} bodies in one file, one with {_facet(content, int(other.argmax()))}: one part a file"
-        )
+    first, *others = sorted(mesh.split(only_watertight=False), key=lambda body: -body.volume)
+    for body in others:  # a cavity is inside, and its facets point into it
+        corners = body.vertices[:: 1 + len(body.vertices) // 100]
+        inside = (_shares(first.triangles - corner).sum() > 0.5 for corner in corners)
+        if body.volume > 0.0 or not all(inside):
+            facet = mesh.faces[:, 0] == int(np.flatnonzero((mesh.vertices == body.vertices[0]).all(axis=1))[0])
+            where = _facet(content, int(number[facet.argmax()]))
+            raise checks.conflict(f"{1 + len(others)} bodies in one file, one with {where}: one part a file")
     mesh.apply_scale(factor)
     return mesh
 
 
+def _is_text(content: bytes) -> bool:
+    """Return whether a file has not the length of a binary one."""
+    return len(content) != 84 + 50 * int.from_bytes(content[80:84], "little")
+
+
 def _facet(content: bytes, number: int) -> str:
     """Return the number of a facet, and its line in a file in text."""
-    lines = content.splitlines() if content[:5] == b"solid" and b"facet" in content[:2000] else []
-    at = [k for k, line in enumerate(lines, 1) if line.split()[:1] == [b"facet"]]
+    lines = content.splitlines() if _is_text(content) else []
+    at = [k for k, line in enumerate(lines, 1) if line.lower().split()[:1] == [b"facet"]]
     return f"facet {number}" + (f" in line {at[number]}" if number < len(at) else "")
 
 
@@ -96,7 +120,7 @@ def _mesh_and_poses(content: bytes, factor: float, flat: float) -> tuple[Any, li
     hull from which the part rolls onto it (K. Goldberg et al., "Part pose statistics", 1999).
     """
     mesh = _mesh(content, factor)
-    transforms, shares = mesh.compute_stable_poses(sigma=0.0, n_samples=1, threshold=0.0)
+    transforms, shares = _stable(mesh)
     found = []
     for turn, share in zip(transforms, shares, strict=True):
         up = turn[2, :3]
@@ -105,6 +129,52 @@ def _mesh_and_poses(content: bytes, factor: float, flat: float) -> tuple[Any, li
         area = _resting_area(mesh, up, low + flat)
         found.append(StablePose(float(share), float(level.max()) - low, float(mesh.center_mass @ up) - low, area))
     return mesh, found, transforms
+
+
+def _shares(triangles: np.ndarray) -> np.ndarray:
+    """Return the solid angles of triangles (n, 3, 3) from the origin over 4 pi, positive from behind.
+
+    A. Van Oosterom, J. Strackee, "The solid angle of a plane triangle", 1983: also of needles, with an error of rounding.
+    """
+    a, b, c = triangles.transpose(1, 0, 2)
+    x, y, z = np.linalg.norm(triangles, axis=2).T
+    volume = (a * np.cross(b, c)).sum(axis=1)
+    return np.arctan2(volume, x * y * z + (a * b).sum(1) * z + (b * c).sum(1) * x + (c * a).sum(1) * y) / (2.0 * np.pi)
+
+
+def _stable(mesh: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return the transforms (n, 4, 4) to the stable poses, and their probabilities (n,), the largest first."""
+    from scipy.spatial import ConvexHull, KDTree
+
+    size = float(mesh.extents.max())
+    hull = ConvexHull(mesh.vertices, qhull_options=f"Qt C-{MERGED * size:g}")  # vertices on edges would make needles
+    corners, normals = (mesh.vertices - mesh.center_mass)[hull.simplices], hull.equations[:, :3]
+    shares = np.abs(_shares(corners))
+    # The part rolls over the side that its centre of mass is farthest beyond.
+    sides = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)  # each opposite to its corner
+    inwards = np.cross(normals[:, None], sides)
+    inwards *= np.sign((np.roll(sides, -1, axis=1) * inwards).sum(axis=2))[..., None]
+    foot = (normals * (normals * corners[:, 0]).sum(axis=1)[:, None])[:, None]
+    beyond = ((np.roll(corners, -1, axis=1) - foot) * inwards).sum(axis=2) / np.linalg.norm(sides, axis=2)
+    own = np.arange(len(corners))
+    falls = np.where(beyond.max(axis=1) > ROUNDING * size, hull.neighbors[own, beyond.argmax(axis=1)], own)
+    rests = falls == own
+    for _ in range(len(own).bit_length()):
+        falls = falls[falls]
+    shares = np.bincount(falls, shares, len(own))
+    if not abs(shares[rests].sum() - 1.0) < MERGED:
+        raise checks.conflict(f"the probabilities of the stable poses add up to {shares[rests].sum():.6g}, not 1")
+    rest = np.flatnonzero(rests)[np.argsort(-shares[rests], kind="stable")]
+    first = np.array([min(each) for each in KDTree(normals[rest]).query_ball_point(normals[rest], SAME)])
+    found = np.bincount(first[first], shares[rest], len(rest))  # of poses that differ by rounding only
+    poses = sorted(
+        np.unique(first[first]).tolist(), key=lambda k: (-float(found[k].round(9)), *np.round(normals[rest[k]], 6))
+    )
+    transforms = np.tile(np.eye(4), (len(poses), 1, 1))
+    for turn, (x, y, z) in zip(transforms, normals[rest[poses]], strict=True):
+        across = np.array([y, -x, 0.0] if x or y else [1.0, 0.0, 0.0]) / (np.hypot(x, y) or 1.0)
+        turn[:3, :3] = across, np.cross([-x, -y, -z], across), [-x, -y, -z]
+    return transforms, found[poses]
 
 
 def _resting_area(mesh: Any, up: np.ndarray, level: float) -> float:
@@ -124,8 +194,12 @@ def _projection(mesh: Any, tolerance: float) -> list[np.ndarray]:
     """Return the outline of the part from above, counter-clockwise, and its through holes, clockwise."""
     import shapely
 
-    triangles = mesh.triangles[mesh.face_normals[:, 2] > 1e-6][:, :, :2]
-    area = shapely.union_all(shapely.polygons(triangles)).simplify(SIMPLIFIED * tolerance)
+    triangles = mesh.triangles[mesh.face_normals[:, 2] > UPWARDS][:, :, :2]
+    gap = UPWARDS * mesh.extents[2]  # between facets above and below one that is left out
+    area = (
+        shapely.union_all(shapely.polygons(triangles)).buffer(gap, join_style="mitre").buffer(-gap, join_style="mitre")
+    )
+    area = area.simplify(SIMPLIFIED * tolerance)
     pieces = sorted(getattr(area, "geoms", [area]), key=lambda each: -each.area)
     if sum(each.area for each in pieces[1:]) > tolerance**2:  # rounding may cut off specks
         raise checks.conflict("the part touches itself at a corner or edge only, seen from above")
