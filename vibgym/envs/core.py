@@ -23,7 +23,6 @@ from vibgym.envs.options import (
     first_difference,
     longest_paths,
     parts_from,
-    step_limit,
     task_settings,
 )
 from vibgym.envs.randomization import Disturbances, Randomization
@@ -58,7 +57,7 @@ class Core(Pipeline):
         options, surface, parts: of the scene.
         identity: settings that a snapshot depends on, see :meth:`vibgym.envs.Options.identity`.
         idle: (parts, 3) velocities of parts that slide in place on elements at rest.
-        step_limit: steps after which episodes are truncated, or None.  longest: s, longest path of an episode.
+        longest: s, longest path of an episode.
         shape_draws: uniform numbers of an episode for its shapes, see :mod:`vibgym.envs.drawn`.
         began: whether an episode has begun.
 
@@ -126,7 +125,6 @@ class Core(Pipeline):
         few = len(self.simulator.blocks.edges) == 1
         self._kept_action = np.zeros((worlds, self.action.size), dtype=np.float32) if few else None
         self._bind()
-        self.step_limit = step_limit(self.periods, options.max_episode_periods)
         self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
         self.began = False
         self._checked = False  # the first batch of observations, against their space
