@@ -258,7 +258,7 @@ class PushBound:
             )
         self.position_tolerance = checks.number("position_tolerance", self.position_tolerance, above=0.0)
         amplitude = surface.full_scale / surface.angular_frequency**2 if self.amplitude is None else self.amplitude
-        self.instants = -(-self.hold // self.periods_per_step)
+        self.instants = Hold.of(self.hold, self.periods_per_step).instants
         power = sum(each.mass * most_power(surface, each.friction, amplitude) for each in self.pushers)
         drag = part.friction * surface.gravity / (2.0 * surface.table_speed)
         self.top_speed = math.sqrt((1.0 + MARGIN) * power / (drag * part.mass))

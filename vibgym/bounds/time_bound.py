@@ -79,7 +79,7 @@ class TimeBound:
         if part.friction == 0.0 or surface.horizontal_amplitude * surface.angular_frequency**2 <= strongest:
             allowed = "parts that slide all the time: mu > 0 and a_h w^2 > mu_0 (g + a_v w^2)"
             raise checks.refuse("part", f"friction {part.friction:g} (static: {part.static_friction:g})", allowed)
-        self._hold = Hold(-(-self.hold // self.stride), self.stride)
+        self._hold = Hold.of(self.hold, self.stride)
         end = FREE_END if checks.flag("stopped", self.stopped) else self.position_tolerance
         self._ways = way_reach(surface, part.friction, amplitude, end, self._hold)
         self._turns: tuple[Reach, Reach] | None = None
