@@ -18,7 +18,7 @@ from vibgym.adapters.credit import credits_parts
 from vibgym.envs.observations import PartsObservation
 from vibgym.envs.options import RESET_OPTIONS, Keywords
 from vibgym.envs.single import VibgymEnv
-from vibgym.envs.vector import registered_id
+from vibgym.envs.vector import creator, registered_id
 from vibgym.registration import ENVIRONMENTS
 
 
@@ -40,11 +40,10 @@ def parallel_env(
     if "observation" in options:
         raise checks.conflict("observation cannot be set for parallel_env: agents observe by parts")
     keywords = {"action": "wrench", **options, "observation": "parts", "render_mode": render_mode}
-    try:
-        made = gym.make(name, max_episode_steps=max_episode_steps, disable_env_checker=True, **keywords)
-    except TypeError as error:
-        raise checks.refuse("name", name, f"an environment of vibgym ({error})") from None
-    return PartsParallelEnv(made)
+    spec = gym.registry[name]
+    if (reason := checks.misfit(creator(spec.entry_point), **{**spec.kwargs, **keywords})) is not None:
+        raise checks.refuse("name", name, f"an environment of vibgym ({reason})")
+    return PartsParallelEnv(gym.make(name, max_episode_steps=max_episode_steps, disable_env_checker=True, **keywords))
 
 
 class PartsParallelEnv(ParallelEnv):

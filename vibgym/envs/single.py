@@ -76,7 +76,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     Drawn by the task from the seed; ``reset(options=...)`` sets poses, goals, paths or the parts that are present.
 
     ## Episode end
-    Termination: success (all parts done for 10 periods in a row, or ``hold``, and two steps), a fallen part, or a diverged simulation.
+    Termination: success (all parts done for 10 periods in a row, or ``hold``, and two steps), a fallen part, or a diverged
+    simulation.
     Truncation: the limit.
 
     ## Information

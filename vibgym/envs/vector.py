@@ -313,8 +313,7 @@ def environment_id(task: Any, field: str = "task") -> str:
     if isinstance(task, str) and task in TASKS and f"vibgym/{task}-v0" not in gym.registry:
         return task
     name = registered_id(task, field)
-    entry = gym.registry[name].vector_entry_point
-    made = load_env_creator(entry) if isinstance(entry, str) else entry
+    made = creator(gym.registry[name].vector_entry_point)
     if made is None or (isinstance(made, type) and not issubclass(made, VibgymVectorEnv)):
         raise checks.refuse(
             field, task, "the id of an environment with vector_entry_point='vibgym.envs:VibgymVectorEnv'"
@@ -333,7 +332,16 @@ def batch_of(task: str, **arguments: Any) -> Any:
         ValueError: an unknown environment or argument, or an invalid value.
     """
     name = environment_id(task)
-    try:
-        return gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(name, **arguments)
-    except TypeError as error:
-        raise checks.refuse("arguments", sorted(arguments), f"those of the environment ({error})") from None
+    if name not in gym.registry:
+        return VibgymVectorEnv(name, **arguments)
+    spec = gym.registry[name]
+    if (
+        reason := checks.misfit(creator(spec.vector_entry_point), **{"num_envs": 1, **spec.kwargs, **arguments})
+    ) is not None:
+        raise checks.refuse("arguments", sorted(arguments), f"those of the environment ({reason})")
+    return gym.make_vec(name, **arguments)
+
+
+def creator(entry: Any) -> Any:
+    """Return the class or function of an entry point."""
+    return load_env_creator(entry) if isinstance(entry, str) else entry
