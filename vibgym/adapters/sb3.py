@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common import vec_env
+from stable_baselines3.common.monitor import Monitor
 
 from vibgym import checks
 from vibgym.adapters.credit import credits_parts, keeps_rewards
@@ -23,9 +24,9 @@ class VecEnv(vec_env.VecEnv):
     Several environments may differ in their scene, such as the part or its friction, but not in their spaces. Worlds of an id
     with drawn shapes are divided among the shapes of its split.
 
-    The info of a finished world holds ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, ``fallen`` if the task
-    reports it, and ``episode`` (return, length, and with ``costs`` their sum ``"c"``), like SB3's Monitor. Infos of running
-    worlds are empty.
+    The info of a finished world holds that of the environment except ``parts``, ``terminal_observation``,
+    ``TimeLimit.truncated``, and ``episode`` (return, length, and with ``costs`` their sum ``"c"``), like SB3's Monitor, which
+    :meth:`env_is_wrapped` reports. Infos of running worlds are empty. ``reset_infos`` are those of the last resets.
 
     Rewards are those of the outermost wrapper. Wrappers with a state are part of :meth:`get_state` only if they define
     ``get_state`` and ``set_state``, which include the state of the environment.
@@ -78,6 +79,7 @@ class VecEnv(vec_env.VecEnv):
                 f"env: observation is {space}; allowed: a box, or a dictionary of boxes and binary arrays"
             )
         super().__init__(sum(env.num_envs for env in envs), space, actions)
+        self.metadata["render_fps"] = envs[0].metadata.get("render_fps", 30)  # SB3's default
         first = np.cumsum([0, *(env.num_envs for env in envs)])
         self._slices = [slice(a, b) for a, b in zip(first[:-1], first[1:], strict=True)]
         self._seed: int | None = None
@@ -92,12 +94,27 @@ class VecEnv(vec_env.VecEnv):
 
     def reset(self) -> Any:
         observations = []
-        for env, own in zip(self.envs, self._slices, strict=True):
-            observations.append(env.reset(seed=None if self._seed is None else self._seed + own.start)[0])
+        options = [_joint(self._options[own]) for own in self._slices]
+        for env, own, start in zip(self.envs, self._slices, options, strict=True):
+            seen, info = env.reset(seed=None if self._seed is None else self._seed + own.start, options=start)
+            observations.append(seen)
+            self.reset_infos[own] = [_of_world(info, k) for k in range(env.num_envs)]
         self._seed = None
+        self._reset_options()
         for values in (self._return, self._length, self._cost):
             values[:] = 0
         return _joined(observations)
+
+    def set_options(self, options: Any = None) -> None:
+        """Set options of the next reset: those of :meth:`vibgym.envs.VibgymEnv.reset` for all worlds, or a list with those of
+        each, which may differ in ``"pose"`` and ``"goal"``.
+
+        Raises:
+            ValueError: a list of another length.
+        """
+        if checks.listed(options) and len(options) != self.num_envs:
+            raise checks.refuse("options", f"{len(options)} mappings", f"one mapping, or {self.num_envs}")
+        super().set_options(options if options is None or isinstance(options, dict) else list(options))
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Seed world k with ``seed + k`` at the next reset."""
@@ -126,17 +143,16 @@ class VecEnv(vec_env.VecEnv):
                 world, final = own.start + k, info["final_info"]
                 if self.credits_parts:
                     self.part_reward[world] = final["parts"]["reward"][k]
+                self.reset_infos[world] = _of_world(info, k)
                 infos[world] = {
+                    **_of_world(final, k),
                     "terminal_observation": info["final_obs"][k],
                     "TimeLimit.truncated": bool(truncated[world] and not terminated[world]),
-                    "is_success": bool(final["is_success"][k]),
                     "episode": {"r": float(self._return[world]), "l": int(self._length[world]), "t": 0.0},
                 }
                 if self._costs:
                     self.part_cost[world] = final["parts"]["cost"][k]
                     infos[world]["episode"]["c"] = float(self._cost[world] + final["cost"][k])
-                if "fallen" in final:
-                    infos[world]["fallen"] = bool(final["fallen"][k])
         for values in (self._return, self._length, self._cost):
             values[done] = 0
         return _joined([each[0] for each in steps]), reward.astype(np.float32), done, infos
@@ -183,13 +199,40 @@ class VecEnv(vec_env.VecEnv):
         return [values[world] for world in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """Return whether each world has a wrapper of this class; SB3's ``Monitor`` wraps single environments only."""
-        wrapped = [has for env in self.envs for has in [_is_wrapped(env, wrapper_class)] * env.num_envs]
+        """Return whether each world has a wrapper of this class; true for SB3's ``Monitor``, whose infos the adapter has."""
+        monitored = wrapper_class is Monitor
+        wrapped = [has for env in self.envs for has in [monitored or _is_wrapped(env, wrapper_class)] * env.num_envs]
         return self._of(wrapped, indices)
 
     def get_images(self) -> Sequence[np.ndarray | None]:
         """Return an image (height, width, 3) of each world; the environments need ``render_mode="rgb_array"``."""
         return [image for env in self.envs for image in env.render() or [None] * env.num_envs]
+
+
+def _of_world(info: dict[str, Any], world: int) -> dict[str, Any]:
+    """Return the info of one world of a batch, except that of its parts and final values."""
+    of_world: dict[str, Any] = {}
+    for name, values in info.items():
+        if isinstance(values, dict) and name != "parts" and not name.startswith("final_"):
+            of_world[name] = _of_world(values, world)
+        elif isinstance(values, np.ndarray) and values.dtype != object and name[0] != "_":
+            of_world[name] = values[world].item() if values.ndim == 1 else values[world].copy()
+    return of_world
+
+
+def _joint(options: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """Return options of single worlds as those of their batch.
+
+    Raises:
+        ValueError: worlds with different options other than poses and goals.
+    """
+    shared, placed = options[0], {"pose", "goal"}
+    joint = {name: value for name, value in shared.items() if name not in placed}
+    for own in options:
+        if set(own) != set(shared) or any(not np.array_equal(own[name], joint[name]) for name in joint):
+            raise checks.refuse("options", own, f"those of the first world except 'pose' and 'goal': {shared}")
+    joint |= {name: np.stack([np.atleast_2d(own[name]) for own in options]) for name in placed & set(shared)}
+    return joint or None
 
 
 def _is_wrapped(env: Any, cls: Any) -> bool:
