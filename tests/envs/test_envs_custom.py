@@ -37,6 +37,24 @@ def test_an_observation_that_does_not_fit_its_space_is_refused(monkeypatch, wron
             env.reset(seed=0)
 
 
+@pytest.mark.parametrize("view", [
+    lambda measurement, relations, episode: measurement.pose[:, 0],
+    lambda measurement, relations, episode: relations.error.reshape(-1, 3),
+    lambda measurement, relations, episode: np.asarray(episode.goal)[:, 0, ::-1],
+])  # fmt: skip
+def test_an_observation_that_the_next_step_would_change_is_refused(monkeypatch, view):
+    class Custom(Observation):
+        space = gym.spaces.Box(-9.0, 9.0, (3,), np.float64)
+
+        def observe(self, *arguments):
+            return view(*arguments)
+
+    monkeypatch.setitem(OBSERVATIONS._items, "custom", Custom)
+    for sensor in ("ideal", "pose"):
+        with pytest.raises(ValueError, match="observation 'custom' must be a new array"):
+            batch("Align", 2, observation="custom", sensor=sensor).reset(seed=0)
+
+
 def test_a_dictionary_without_a_key_is_refused(monkeypatch):
     class Custom(seen(lambda worlds: {"a": np.zeros((worlds, 1), np.float32)})):
         space = gym.spaces.Dict({name: gym.spaces.Box(-1.0, 1.0, (1,), np.float32) for name in "ab"})

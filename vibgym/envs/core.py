@@ -290,7 +290,8 @@ class Core(Pipeline):
         self.refresh(self._now.worlds)
         if not self._checked:
             name, space = f"observation {self.options.observation!r}", self.observation.space
-            check_batch(name, space, self.observations, self.worlds)
+            live = (*self.sensing.measurement, *self._measured, *self.episode)
+            check_batch(name, space, self.observations, self.worlds, live)
             self._checked = True
 
     def observed(self, kind: str) -> Any:
