@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import assert_same, batch, single
+from vibgym.envs import VibgymEnv
 
 
 @pytest.mark.parametrize("settings, named", [
@@ -231,8 +232,11 @@ def test_the_limit_is_the_same_however_an_environment_is_made(made, settings, li
 
 
 @pytest.mark.parametrize("taken", [None, 2, 8])
-def test_a_restored_episode_ends_at_its_own_step(taken):
+@pytest.mark.parametrize("registered", [True, False])
+def test_a_restored_episode_ends_at_its_own_step(taken, registered):
     def made():
+        if not registered:
+            return gym.wrappers.TimeLimit(VibgymEnv("Align", action="field"), 10)
         return gym.wrappers.ClipAction(single("Align", action="field", max_episode_steps=10))
 
     env, other = made(), made()

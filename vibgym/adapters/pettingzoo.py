@@ -87,8 +87,7 @@ class PartsParallelEnv(ParallelEnv):
             kind = type(acting).__name__.lower()
             raise checks.conflict(f"action {kind!r} has no values per part, as 'wrench' has")
         self.env, self._base, self._credits_parts = env, base, credits_parts(env)
-        self._keep_absent = checks.flag("keep_absent", keep_absent)
-        self._playing = np.zeros(len(base.parts), dtype=bool)
+        self._keep_absent, self._playing = checks.flag("keep_absent", keep_absent), base.task.driven
         self._shape = acting.shape[1:]
         self._share = acting.size // len(base.parts)
         self.possible_agents = [f"part_{part}" for part in np.flatnonzero(base.task.driven)]

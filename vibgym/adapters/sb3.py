@@ -27,6 +27,7 @@ class VecEnv(vec_env.VecEnv):
     The info of a finished world holds that of the environment except ``parts``, ``terminal_observation``,
     ``TimeLimit.truncated``, and ``episode`` (return, length, and with ``costs`` their sum ``"c"``), like SB3's Monitor, which
     :meth:`env_is_wrapped` reports. Infos of running worlds are empty. ``reset_infos`` are those of the last resets.
+    ``set_options`` takes options of a single environment, or a list with those of each world, different poses and goals only.
 
     Rewards are those of the outermost wrapper. Wrappers with a state are part of :meth:`get_state` only if they define
     ``get_state`` and ``set_state``, which include the state of the environment.
@@ -94,6 +95,8 @@ class VecEnv(vec_env.VecEnv):
 
     def reset(self) -> Any:
         observations = []
+        if len(self._options) != self.num_envs:
+            raise checks.refuse("options", f"{len(self._options)} mappings", f"one mapping, or {self.num_envs}")
         options = [_joint(self._options[own]) for own in self._slices]
         for env, own, start in zip(self.envs, self._slices, options, strict=True):
             seen, info = env.reset(seed=None if self._seed is None else self._seed + own.start, options=start)
@@ -104,17 +107,6 @@ class VecEnv(vec_env.VecEnv):
         for values in (self._return, self._length, self._cost):
             values[:] = 0
         return _joined(observations)
-
-    def set_options(self, options: Any = None) -> None:
-        """Set options of the next reset: those of :meth:`vibgym.envs.VibgymEnv.reset` for all worlds, or a list with those of
-        each, which may differ in ``"pose"`` and ``"goal"``.
-
-        Raises:
-            ValueError: a list of another length.
-        """
-        if checks.listed(options) and len(options) != self.num_envs:
-            raise checks.refuse("options", f"{len(options)} mappings", f"one mapping, or {self.num_envs}")
-        super().set_options(options if options is None or isinstance(options, dict) else list(options))
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Seed world k with ``seed + k`` at the next reset."""
@@ -200,8 +192,11 @@ class VecEnv(vec_env.VecEnv):
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """Return whether each world has a wrapper of this class; true for SB3's ``Monitor``, whose infos the adapter has."""
-        monitored = wrapper_class is Monitor
-        wrapped = [has for env in self.envs for has in [monitored or _is_wrapped(env, wrapper_class)] * env.num_envs]
+        wrapped = [
+            wrapper_class is Monitor or _is_wrapped(env, wrapper_class)
+            for env in self.envs
+            for _ in range(env.num_envs)
+        ]
         return self._of(wrapped, indices)
 
     def get_images(self) -> Sequence[np.ndarray | None]:
@@ -221,11 +216,7 @@ def _of_world(info: dict[str, Any], world: int) -> dict[str, Any]:
 
 
 def _joint(options: list[dict[str, Any]]) -> dict[str, Any] | None:
-    """Return options of single worlds as those of their batch.
-
-    Raises:
-        ValueError: worlds with different options other than poses and goals.
-    """
+    """Return options of single worlds as those of their batch; raise ValueError unless all but poses and goals are equal."""
     shared, placed = options[0], {"pose", "goal"}
     joint = {name: value for name, value in shared.items() if name not in placed}
     for own in options:

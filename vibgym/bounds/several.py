@@ -158,8 +158,10 @@ class FlowBound:
     def __post_init__(self) -> None:
         checks.instance("surface", self.surface, Surface)
         check_parts("parts", self.parts)
-        stride = checks.count("periods_per_step", self.periods_per_step, most=checks.MOST_PERIODS)
-        number = len(self.parts)
+        number, stride = (
+            len(self.parts),
+            checks.count("periods_per_step", self.periods_per_step, most=checks.MOST_PERIODS),
+        )
         kind = checks.array("kind", self.kind, (number,), dtype=np.int64)
         way = checks.array("way", self.way, (number,), least=0.0)
         gate = _steps(checks.count("headway", self.headway, least=0), stride)

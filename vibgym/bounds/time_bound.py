@@ -130,11 +130,7 @@ class TimeBound:
 
 
 def check_arguments(bound: Any) -> None:
-    """Validate the arguments that bounds of a part with a goal share, and convert numbers to Python's.
-
-    Raises:
-        ValueError: names the first bad argument.
-    """
+    """Validate the arguments that bounds of a part with a goal share; raise ValueError for the first bad one."""
     surface = checks.instance("surface", bound.surface, Surface)
     checks.instance("part", bound.part, Part)
     bound.position_tolerance = checks.number("position_tolerance", bound.position_tolerance, above=0.0)

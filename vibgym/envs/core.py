@@ -38,8 +38,6 @@ from vibgym.tasks.scoring import OwnReward
 
 NONE = np.zeros(0, dtype=np.int64)
 
-LARGEST_HEADING = 1e9  # rad
-
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
 """Least memory of a world: its generator, arrays of the parts, and actions and drives of the elements."""
 
@@ -254,23 +252,16 @@ class Core(Pipeline):
         return np.array([np.append(self.surface.idle_velocity(each * part.friction), 0.0) for each, part in pairs])
 
     def start_of(self, worlds: np.ndarray, uniform: np.ndarray, override: StartOverride | None) -> Start:
-        """Return the start of a reset from uniform numbers (n, task.draws) and reset options.
-
-        Raises:
-            ValueError: an option that the task does not allow, or present parts or goals that are not on the surface.
-        """
+        """Return the checked start of a reset from uniform numbers (n, task.draws) and reset options."""
         task = self.task
         start = task.start(uniform) if override is None else override.start(task, self.simulator, worlds, uniform)
         shape, present = (len(worlds), len(self.parts)), start.present
         checks.shaped(f"{task.name}: present", present, (shape,), "booleans", kinds="b")
-        placed = None if task.flows else present  # parts that arrive later are beside the surface
-        most = (self.surface.width, self.surface.depth, LARGEST_HEADING)
-        goals = present & task.asked if task.has_goal else None
-        for name, poses, counted in (("pose", start.pose, placed), ("goal", start.goal, goals)):
+        placed, aimed = present & (not task.flows), present & task.asked & task.has_goal  # parts of a flow arrive later
+        least, most = (0.0, 0.0, -1e9), (self.surface.width, self.surface.depth, 1e9)
+        for name, poses, counted in (("pose", start.pose, placed), ("goal", start.goal, aimed)):
             poses = checks.shaped(f"{task.name}: {name}", poses, ((*shape, 3),), "an array")
-            if counted is None:
-                continue
-            off = ~((poses >= (0.0, 0.0, -LARGEST_HEADING)) & (poses <= most)).all(axis=-1) & counted
+            off = ~((poses >= least) & (poses <= most)).all(axis=-1) & counted
             if off.any():
                 allowed = f"on the surface, x in [0, {most[0]:g}] m and y in [0, {most[1]:g}] m, with a finite heading"
                 raise checks.refuse(f"{task.name}: {name}", poses[off][0].tolist(), allowed)

@@ -35,13 +35,11 @@ class Truth(NamedTuple):
 
 
 class Described:
-    """The specification of an environment.
-
-    Attributes:
-        max_episode_steps: steps after which the environment truncates episodes; None: it does not.
-    """
+    """The specification of an environment."""
 
     max_episode_steps: int | None
+    """Steps after which the environment truncates episodes; None: it does not."""
+
     _spec: EnvSpec | None = None
 
     @property

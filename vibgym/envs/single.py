@@ -76,8 +76,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     Drawn by the task from the seed; ``reset(options=...)`` sets poses, goals, paths or the parts that are present.
 
     ## Episode end
-    Termination: success (all parts done for 10 periods in a row, or ``hold``, and two steps), a fallen part, or a diverged
-    simulation.
+    Termination: success (all parts done for 10 periods, or ``hold``, and two steps in a row), a fallen part, or divergence.
     Truncation: the limit.
 
     ## Information
@@ -191,7 +190,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         self._steps, self._closed = 0, False
         if self._paused:
             self._set_time_limits()
-            self._paused = False
+        self._paused = False
         if self._viewer is not None:
             self._viewer.begin(0)
             self._draw()
@@ -270,12 +269,11 @@ class VibgymEnv(SharedInterface, gym.Env):
         super()._describe_limit(spec)
 
     def _set_time_limits(self) -> None:
-        """Set the limits of Gymnasium's wrappers TimeLimit around this environment, and the steps that they have counted.
+        """Set the limits of the TimeLimit wrappers that call this environment, and the steps that they have counted.
 
-        They are outside of a snapshot, and Gymnasium has no reference from an environment to its wrappers: these are found
-        among the callers.
+        Snapshots do not contain them, and Gymnasium gives an environment no reference to its wrappers.
         """
-        frame = None if self._spec is None else sys._getframe(1)
+        frame = sys._getframe(1)
         while frame is not None:
             wrapper = frame.f_locals.get("self")
             if isinstance(wrapper, gym.wrappers.TimeLimit) and wrapper.unwrapped is self:

@@ -335,9 +335,8 @@ def batch_of(task: str, **arguments: Any) -> Any:
     if name not in gym.registry:
         return VibgymVectorEnv(name, **arguments)
     spec = gym.registry[name]
-    if (
-        reason := checks.misfit(creator(spec.vector_entry_point), **{"num_envs": 1, **spec.kwargs, **arguments})
-    ) is not None:
+    reason = checks.misfit(creator(spec.vector_entry_point), **{"num_envs": 1, **spec.kwargs, **arguments})
+    if reason is not None:
         raise checks.refuse("arguments", sorted(arguments), f"those of the environment ({reason})")
     return gym.make_vec(name, **arguments)
 
