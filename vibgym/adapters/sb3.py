@@ -101,7 +101,7 @@ class VecEnv(vec_env.VecEnv):
         for env, own, start in zip(self.envs, self._slices, options, strict=True):
             seen, info = env.reset(seed=None if self._seed is None else self._seed + own.start, options=start)
             observations.append(seen)
-            self.reset_infos[own] = [_of_world(info, k) for k in range(env.num_envs)]
+            self.reset_infos[own] = _of_worlds(info, list(range(env.num_envs)))
         self._seed = None
         self._reset_options()
         for values in (self._return, self._length, self._cost):
@@ -131,13 +131,16 @@ class VecEnv(vec_env.VecEnv):
             for own, each in zip(self._slices, steps, strict=True):
                 self._cost[own] += np.where(done[own], 0.0, each[4]["cost"])
         for own, (_, _, _, _, info) in zip(self._slices, steps, strict=True):
-            for k in np.flatnonzero(done[own]).tolist():
-                world, final = own.start + k, info["final_info"]
+            ended = np.flatnonzero(done[own]).tolist()
+            if not ended:
+                continue
+            final, started = info["final_info"], _of_worlds(info, ended)
+            for k, last, self.reset_infos[own.start + k] in zip(ended, _of_worlds(final, ended), started, strict=True):
+                world = own.start + k
                 if self.credits_parts:
                     self.part_reward[world] = final["parts"]["reward"][k]
-                self.reset_infos[world] = _of_world(info, k)
                 infos[world] = {
-                    **_of_world(final, k),
+                    **last,
                     "terminal_observation": info["final_obs"][k],
                     "TimeLimit.truncated": bool(truncated[world] and not terminated[world]),
                     "episode": {"r": float(self._return[world]), "l": int(self._length[world]), "t": 0.0},
@@ -204,15 +207,15 @@ class VecEnv(vec_env.VecEnv):
         return [image for env in self.envs for image in env.render() or [None] * env.num_envs]
 
 
-def _of_world(info: dict[str, Any], world: int) -> dict[str, Any]:
-    """Return the info of one world of a batch, except that of its parts and final values."""
-    of_world: dict[str, Any] = {}
+def _of_worlds(info: dict[str, Any], worlds: list[int]) -> list[dict[str, Any]]:
+    """Return the info of some worlds of a batch, except that of their parts and final values."""
+    columns: dict[str, list[Any]] = {}
     for name, values in info.items():
         if isinstance(values, dict) and name != "parts" and not name.startswith("final_"):
-            of_world[name] = _of_world(values, world)
+            columns[name] = _of_worlds(values, worlds)
         elif isinstance(values, np.ndarray) and values.dtype != object and name[0] != "_":
-            of_world[name] = values[world].item() if values.ndim == 1 else values[world].copy()
-    return of_world
+            columns[name] = values[worlds].tolist() if values.ndim == 1 else list(values[worlds])
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)] or [{} for _ in worlds]
 
 
 def _joint(options: list[dict[str, Any]]) -> dict[str, Any] | None:
