@@ -305,6 +305,15 @@ def made(
     return make(*given, **settings)
 
 
+def misfit(make: Any, *given: Any, **settings: Any) -> str | None:
+    """Return why a class or function does not take these arguments, or None if it does."""
+    try:
+        inspect.signature(make).bind(*given, **settings)
+    except TypeError as error:
+        return str(error)
+    return None
+
+
 def keywords(make: Any) -> dict[str, Any]:
     """Return the keyword arguments of a class or function with their defaults, including those of its bases.
 

@@ -55,6 +55,10 @@ ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
 """Limit in oscillation periods (steps, with one period per step), and keyword arguments of each environment."""
 
 
+class Periods(int):
+    """Registered limit of an episode: oscillation periods, whereas any other ``max_episode_steps`` counts steps."""
+
+
 def register_environments() -> None:
     """Register ``vibgym/<name>-v0``; repeated calls have no effect."""
     for environment, (limit, settings) in ENVIRONMENTS.items():
@@ -64,7 +68,7 @@ def register_environments() -> None:
                 id=name,
                 entry_point="vibgym.envs:VibgymEnv",
                 vector_entry_point="vibgym.envs:make_vector" if "split" in settings else "vibgym.envs:VibgymVectorEnv",
-                max_episode_steps=limit,
+                max_episode_steps=Periods(limit),
                 kwargs={**settings, "max_episode_periods": limit},
                 # The environments check the order of calls themselves, and are tested with Gymnasium's checker.
                 disable_env_checker=True,

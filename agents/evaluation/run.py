@@ -231,12 +231,17 @@ def main_runs(
     tasks: dict[str, TaskInfo] = {}
     scenery: dict[str, Scenery] = {}
     runs: list[Run] = []
+    unserved: dict[str, str] = {}
     for task in settings.tasks:
         with checks.within(f"{where}.environment"):
             env = certified_world(task, settings.environment)
         tasks[task], scenery[task] = TaskInfo.of(env), scenery_of(env.unwrapped)  # type: ignore[arg-type]
         env.close()
-        serving = [each for each in entries if each.tasks is not None or serves(each.content, tasks[task])]
+        reasons = {
+            each.name: None if each.tasks is not None else refusal(each.content, tasks[task]) for each in entries
+        }
+        unserved |= {name: f": {reason}" for name, reason in reasons.items() if reason is not None}
+        serving = [each for each in entries if reasons[each.name] is None]
         for machine in hardware:
             environment, info = laid_over(settings.environment, machine.arguments), tasks[task]
             seeds = settings.seed_list(task, machine.episodes)
@@ -255,7 +260,9 @@ def main_runs(
             raise checks.conflict(f"{where}.tasks: no policy serves {task!r}")
     for entry in entries:
         if not any(run.place.policy == entry.name for run in runs):
-            raise checks.conflict(f"{where}.policies: {entry.name!r} serves none of {', '.join(tasks)}")
+            raise checks.conflict(
+                f"{where}.policies: {entry.name!r} serves none of {', '.join(tasks)}{unserved.get(entry.name, '')}"
+            )
     for machine in hardware:
         if not any(run.place.hardware == machine.name for run in runs):
             raise checks.conflict(f"{where}.hardware.{machine.name}: no policy runs on it")
@@ -345,17 +352,17 @@ def load_runs(settings: EvaluationSettings) -> list[Run]:
     return found
 
 
-def serves(content: Any, info: TaskInfo) -> bool:
-    """Return whether a policy without ``tasks`` runs on this one: a controller if it can be made with its defaults, any other
-    always (making it raises the error)."""
+def refusal(content: Any, info: TaskInfo) -> str | None:
+    """Return why a policy without ``tasks`` does not run on this one: a controller that cannot be made with its defaults. None
+    for any other (making it raises the error)."""
     kind = content.get("kind") if isinstance(content, Mapping) else content
     if not isinstance(kind, str) or kind not in CONTROLLERS or kind in NEED_MORE:
-        return True
+        return None
     try:
         make_policy(kind, info)
-    except ValueError:
-        return False
-    return True
+    except ValueError as error:
+        return str(error)
+    return None
 
 
 def described(prepared: Prepared) -> dict[str, str]:

@@ -91,6 +91,33 @@ def test_agents_get_their_rows_of_all_arrays(action):
     many.close()
 
 
+@pytest.mark.parametrize("credited", [True, False])
+def test_absent_parts_can_be_agents_that_do_nothing(credited):
+    settings = {"randomize": {"parts": [2, 5]}, "action": "wrench", **FEW}
+    single_env = single("Sort", observation="parts", **settings)
+    if not credited:
+        single_env = gym.wrappers.TransformReward(single_env, lambda reward: reward + 1.0)
+    kept, usual = PartsParallelEnv(single_env, keep_absent=True), vibgym.parallel_env("Sort", **settings)
+    for seed in range(3):
+        observations, infos = kept.reset(seed=seed)
+        usual.reset(seed=seed)
+        here = list(usual.agents)
+        absent = set(kept.possible_agents) - set(here)
+        assert kept.agents == kept.possible_agents and absent
+        for _ in range(3):
+            assert not any(observations[agent].any() or infos[agent]["present"] for agent in absent)
+            actions = {agent: kept.action_space(agent).sample() for agent in kept.agents}
+            observations, rewards, *_, infos = kept.step(actions)
+            expected, own, *_ = usual.step({agent: actions[agent] for agent in here})
+            assert_same({agent: observations[agent] for agent in here}, expected)
+            assert [rewards[agent] for agent in absent] == [0.0] * len(absent)
+            assert not credited or {agent: rewards[agent] for agent in here} == own
+            assert all(rewards[agent] != 0.0 for agent in here)
+    assert vibgym.parallel_env("Sort", keep_absent=True, **settings).reset(seed=0)[0].keys() == set(
+        kept.possible_agents
+    )
+
+
 def test_pettingzoo_makes_them_by_their_ids():
     made = pettingzoo.make("parallel", "vibgym/SortTwelve-v0", action="field")
     assert isinstance(made, PartsParallelEnv) and made.max_num_agents == 12

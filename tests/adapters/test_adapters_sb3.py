@@ -16,7 +16,7 @@ pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecVideoRecorder
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecVideoRecorder
 
 from vibgym.adapters.sb3 import VecEnv
 
@@ -73,9 +73,9 @@ def test_the_adapter_is_stable_baselines_own_batch_of_monitored_environments(set
             got, want = infos[world], their_infos[world]
             assert same(got["terminal_observation"], want["terminal_observation"])
             assert not same(got["terminal_observation"], of_world(observation, world))
-            assert got["fallen"] is want["fallen"]
-            assert got["TimeLimit.truncated"] is want["TimeLimit.truncated"]
-            assert got["is_success"] is want["is_success"]
+            for name in want.keys() - {"terminal_observation", "episode", "parts"}:
+                assert got[name] == want[name] and type(got[name]) is type(want[name]), name
+            assert mine.reset_infos[world] == {k: v for k, v in theirs.reset_infos[world].items() if k != "parts"}
             assert got["episode"]["r"] == pytest.approx(want["episode"]["r"], abs=1e-6)
             assert got["episode"]["l"] == want["episode"]["l"]
             truncated += got["TimeLimit.truncated"]
@@ -94,6 +94,37 @@ def test_seeds_and_resets():
     assert (env.reset() == first).all() and (second != first).any()
 
 
+def test_options_of_a_reset_apply_once():
+    env = adapter("Transport", action="field")
+    theirs = DummyVecEnv([lambda: single("Transport", action="field")] * WORLDS)
+    places = [{"pose": [0.1 * (k + 1), 0.1, 0.0], "goal": [0.3, 0.1]} for k in range(WORLDS)]
+    for options in ({"pose": [0.2, 0.1, 0.3]}, places, None):
+        env.seed(5), theirs.seed(5)
+        env.set_options(options), theirs.set_options(options)
+        assert (env.reset() == theirs.reset()).all() and env.reset_infos[0]["position_error"] > 0.0
+        assert [info["position_error"] for info in env.reset_infos] == [
+            info["position_error"] for info in theirs.reset_infos
+        ]
+    env.set_options({"poses": 1})
+    with pytest.raises(ValueError, match="poses"):
+        env.reset()
+    for bad in (places[:2], [*places[:2], {}], [{"parts": [0]}, {"parts": [0]}, {"parts": [1]}]):
+        with pytest.raises(ValueError, match="options"):
+            env.set_options(bad), env.reset()
+
+
+def test_the_adapter_reports_what_monitors_do():
+    env = adapter(action="field", max_episode_steps=3, periods_per_step=2)
+    assert env.metadata["render_fps"] == 12
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        evaluate_policy(PPO("MlpPolicy", env, n_steps=8, batch_size=8), env, n_eval_episodes=3)
+    monitored = VecMonitor(env, info_keywords=("position_error", "reward_terms"))
+    monitored.reset()
+    *_, infos = [monitored.step(np.zeros((WORLDS, 6)))[3] for _ in range(3)]
+    assert infos[0]["episode"]["position_error"] > 0.0 and "distance" in infos[0]["episode"]["reward_terms"]
+
+
 def test_a_reset_clears_returns():
     env = adapter(action="field", max_episode_steps=3)
     push = np.zeros((WORLDS, 6), dtype=np.float32)
@@ -109,10 +140,10 @@ def test_attributes_and_methods():
     assert env.get_attr("num_envs") == [3, 3, 3] and env.get_attr("num_envs", [1]) == [3]
     env.set_attr("note", "hello")
     assert env.env.note == "hello"
-    assert env.env_is_wrapped(Monitor) == [False] * 3
+    assert env.env_is_wrapped(Monitor) == [True] * 3
     wrapped = VecEnv("vibgym/Align-v0", num_envs=3, wrappers=[RecordEpisodeStatistics])
     assert wrapped.env_is_wrapped(RecordEpisodeStatistics, [0, 2]) == [True] * 2
-    assert wrapped.env_is_wrapped(Monitor) == [False] * 3
+    assert wrapped.env_is_wrapped(DummyVecEnv) == [False] * 3
 
 
 def test_worlds_are_rendered():

@@ -103,6 +103,7 @@ def test_flow_is_limited_by_slots_and_gates():
     ]
     assert 0.7 / 0.31 < 0.04 * min(transits) < 0.7 / 0.29
     passes = [1 + 1199 // (each + 1) for each in transits]
+    assert flow().transit == pytest.approx(0.04 * np.array(transits * 2))
     assert flow().most == 2 * sum(passes) and flow(8).most == 4 * sum(passes)
     assert flow().per_minute == pytest.approx(60.0 * flow().most / 48.0)
     assert flow(100).most == 2 * (1 + 1199 // 7)  # the gates'
@@ -138,6 +139,16 @@ def test_no_policy_is_faster(task, policy):
     (lambda: SeveralBound([TimeBound(SURFACE, STEEL, **ASKED), 3]), "bounds\\[1\\]"),
     (lambda: PushBound(SURFACE, STEEL, [], **ASKED), "pushers"),
     (lambda: PushBound(SURFACE, Part.disc(0.02, friction=0.0), [DISC], **ASKED), "part"),
+    *((lambda each=each: PushBound(SURFACE, ALUMINIUM, [DISC], **{**ASKED, **each}), next(iter(each))) for each in (
+        {"periods_per_step": 0}, {"latency": -1}, {"hold": 0}, {"heading_tolerance": -1.0}, {"heading_period": math.nan},
+        {"amplitude": 2.0 * MOST}, {"position_tolerance": 0.0},
+    )),
+    (lambda: PushBound(None, ALUMINIUM, [DISC], **ASKED), "surface"),
+    (lambda: PushBound(SURFACE, ALUMINIUM, [DISC, "disc"], **ASKED), "pushers\\[1\\]"),
+    (lambda: FlowBound(SURFACE, [], [], [], 7, 100), "parts"),
+    (lambda: FlowBound("prototype", [STEEL], [0], [0.1], 7, 100), "surface"),
+    (lambda: FlowBound(SURFACE, [3], [0], [0.1], 7, 100), "parts\\[0\\]"),
+    (lambda: flow(periods_per_step=0), "periods_per_step"),
     (lambda: flow(headway=-1), "headway"),
     (lambda: flow(way=[0.1]), None),
     (lambda: flow(kind=[0, 1]), "kind"),

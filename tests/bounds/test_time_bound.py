@@ -43,7 +43,7 @@ def test_every_period_of_a_long_way_adds_the_top_speed():
 
 def test_at_the_goal_only_the_hold_counts():
     inside = START + [[0.001, 0.001, math.radians(2.9)]]
-    for stride, steps in ((1, 10), (4, 3), (10, 1)):
+    for stride, steps in ((1, 10), (4, 3), (10, 2), (50, 2)):
         assert bound(periods_per_step=stride).steps(START, inside).tolist() == [steps]
     assert bound(latency=3).steps(START, inside).tolist() == [10]  # nothing has to move
 

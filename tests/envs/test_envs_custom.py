@@ -6,11 +6,12 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 
 import vibgym
-from tests.envs.helpers import batch, single
-from vibgym.envs import ACTIONS, OBSERVATIONS, Action, Observation
+from tests.envs.helpers import assert_same, batch, single
+from vibgym.envs import ACTIONS, OBSERVATIONS, Action, Observation, VibgymEnv, VibgymVectorEnv
 from vibgym.physics.core.drive import phasor_drive, polar_drive
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.tasks import TASKS
 
 
 def seen(array):
@@ -34,6 +35,24 @@ def test_an_observation_that_does_not_fit_its_space_is_refused(monkeypatch, wron
     for env in (single("Align", observation="custom"), batch("Align", 2, observation="custom")):
         with pytest.raises(ValueError, match="observation 'custom'"):
             env.reset(seed=0)
+
+
+@pytest.mark.parametrize("view", [
+    lambda measurement, relations, episode: measurement.pose[:, 0],
+    lambda measurement, relations, episode: relations.error.reshape(-1, 3),
+    lambda measurement, relations, episode: np.asarray(episode.goal)[:, 0, ::-1],
+])  # fmt: skip
+def test_an_observation_that_the_next_step_would_change_is_refused(monkeypatch, view):
+    class Custom(Observation):
+        space = gym.spaces.Box(-9.0, 9.0, (3,), np.float64)
+
+        def observe(self, *arguments):
+            return view(*arguments)
+
+    monkeypatch.setitem(OBSERVATIONS._items, "custom", Custom)
+    for sensor in ("ideal", "pose"):
+        with pytest.raises(ValueError, match="observation 'custom' must be a new array"):
+            batch("Align", 2, observation="custom", sensor=sensor).reset(seed=0)
 
 
 def test_a_dictionary_without_a_key_is_refused(monkeypatch):
@@ -127,3 +146,40 @@ def test_plausible_units_pass_without_a_warning(recwarn):
     single("Align", sensor={"kind": "pose", "noise": 0.001}, parts=["steel_block"])
     assert not [each for each in recwarn if issubclass(each.category, UserWarning)]
     assert vibgym.Part is Part
+
+
+@pytest.mark.parametrize("field, value", [
+    ("goal", [np.nan, 0.1, 0.0]), ("goal", [5.0, 0.1, 0.0]), ("goal", [0.1, 0.1, np.inf]), ("pose", [-0.1, 0.1, 0.0]),
+    ("pose", [0.1, np.nan, 0.0]),
+])  # fmt: skip
+def test_a_task_that_draws_what_is_not_on_the_surface_is_refused(monkeypatch, field, value):
+    class Stray(TASKS["Align"]):
+        def start(self, uniform, present=None):
+            start = super().start(uniform, present)
+            getattr(start, field)[uniform[:, 0] > 0.5] = value
+            return start
+
+    monkeypatch.setitem(TASKS._items, "Stray", Stray)
+    env = VibgymEnv("Stray", action="field")
+    seeds = {np.random.default_rng(seed).random() > 0.5: seed for seed in range(9)}  # one of each kind
+    env.reset(seed=seeds[False])
+    state = env.core.get_state()
+    with pytest.raises(ValueError, match=f"^Stray: {field} must be .*, got"):
+        env.reset(seed=seeds[True])
+    assert_same(env.core.get_state(), state)
+    env.reset(seed=seeds[True], options={"pose": [0.2, 0.1, 0.0], "goal": [0.3, 0.1, 0.0]})
+    with pytest.raises(ValueError, match=f"Stray: {field}"):
+        VibgymVectorEnv("Stray", 8, action="field").reset(seed=0)
+
+
+@pytest.mark.parametrize("start", [
+    lambda start: start._replace(pose=start.pose[:, 0]), lambda start: start._replace(present=np.ones((1, 1))),
+])  # fmt: skip
+def test_a_start_of_another_shape_is_refused(monkeypatch, start):
+    class Flat(TASKS["Align"]):
+        def start(self, uniform, present=None):
+            return start(super().start(uniform, present))
+
+    monkeypatch.setitem(TASKS._items, "Flat", Flat)
+    with pytest.raises(ValueError, match="Flat: p.* of shape"):
+        VibgymEnv("Flat", action="field").reset(seed=0)

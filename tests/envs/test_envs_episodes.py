@@ -197,3 +197,18 @@ def test_periods_per_step(periods):
         assert (seen == expected).all()
         assert slow.unwrapped.core.simulator.time == pytest.approx((step + 1) * periods * 0.04)
     assert slow.unwrapped.metadata["render_fps"] == round(25 / periods)
+
+
+@pytest.mark.parametrize("periods", [2, 3, 9, 10, 25])
+def test_the_hold_lasts_as_long_with_longer_steps(periods):
+    """Ten periods, and never a single instant in passing."""
+    env = single("Transport", action="velocity", periods_per_step=periods)
+    env.reset(seed=1)
+    put(env, goal(env))
+    ends = [env.step(still(env))[2] for _ in range(max(math.ceil(10 / periods), 2))]
+    assert ends == [False] * (len(ends) - 1) + [True]
+    env = single("Transport", action="velocity", periods_per_step=10)
+    env.reset(options={"pose": [0.2, 0.104, 0.0], "goal": [0.2818, 0.104]})
+    steps = [env.step(np.array([1.0, 0.0, 0.0])) for _ in range(3)]
+    assert steps[1][4]["position_error"] < 0.005 < steps[2][4]["position_error"]
+    assert not any(step[2] or step[4]["is_success"] for step in steps)

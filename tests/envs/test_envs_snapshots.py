@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import assert_same, batch, single
+from vibgym.envs import VibgymEnv
 
 
 @pytest.mark.parametrize("settings, named", [
@@ -199,22 +200,55 @@ def test_frames_per_second_follow_the_step():
         assert batch("Align", 2, **settings).metadata["render_fps"] == expected
 
 
-@pytest.mark.parametrize("task, limit", [("Align", 250), ("Sort", 750)])
-def test_the_limit_counts_periods(task, limit):
-    """A step of eight periods, and Gymnasium's limit in steps: whichever comes first."""
-    one = single(task, action="field", periods_per_step=8)
-    many = batch(task, 2, action="field", periods_per_step=8, autoreset_mode="SameStep")
-    one.reset(seed=7), many.reset(seed=7)
-    rest = np.zeros(one.action_space.shape, dtype=np.float32)
-    steps = -(-limit // 8)
-    for step in range(1, steps + 1):
-        assert one.step(rest)[3] == (step == steps)
-        assert (many.step(np.stack([rest, rest]))[3] == (step == steps)).all()
-    short = single(task, action="field", periods_per_step=8, max_episode_steps=3)
-    short.reset(seed=7)
-    assert [short.step(rest)[3] for _ in range(3)] == [False, False, True]
-    free = single(task, action="field", periods_per_step=8, max_episode_periods=16)
-    free.reset(seed=7)
-    assert [free.step(rest)[3] for _ in range(2)] == [False, True]
+LIMITS = [
+    ({}, 250), ({"max_episode_steps": None}, 250), ({"max_episode_steps": -1}, None), ({"max_episode_steps": 400}, 400),
+    ({"max_episode_periods": 100}, 100), ({"periods_per_step": 8}, 32), ({"periods_per_step": 8, "max_episode_steps": 3}, 3),
+    ({"periods_per_step": 8, "max_episode_steps": 50}, 50), ({"periods_per_step": 8, "max_episode_steps": -1}, None),
+    ({"periods_per_step": 8, "max_episode_periods": 16}, 2),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("settings, limit", LIMITS)
+@pytest.mark.parametrize("made", ["single", "batch", "sync", "drawn", "sb3", "respecified"])
+def test_the_limit_is_the_same_however_an_environment_is_made(made, settings, limit):
+    """A registered limit counts periods; ``max_episode_steps`` replaces it, and the specification has the result."""
+    settings = {"action": "velocity", **settings}
+    if made == "sb3":
+        worlds = pytest.importorskip("vibgym.adapters.sb3").VecEnv("vibgym/Align-v0", num_envs=2, **settings)
+        env, reset, step = worlds.envs[0], worlds.reset, lambda: worlds.step(np.zeros((2, 3)))[2]
+    else:
+        more = {"vectorization_mode": "sync"} if made == "sync" else {}
+        many = made not in ("single", "respecified")
+        name = "AlignShapes" if made == "drawn" else "Align"
+        env = batch(name, 2, **settings, **more) if many else single(name, **settings)
+        env = gym.make(env.spec) if made == "respecified" else env
+        reset, step = lambda: env.reset(seed=7), lambda: env.step(np.zeros(env.action_space.shape))[3]
+    reset()
+    ends = [np.all(step()) for _ in range(limit or 260)]
+    assert np.flatnonzero(ends).tolist() == ([] if limit is None else [limit - 1])
+    assert (env.envs[0] if made == "sync" else env).spec.max_episode_steps == limit
     with pytest.raises(ValueError, match="max_episode_periods"):
-        single(task, max_episode_periods=0)
+        single("Align", max_episode_periods=0)
+
+
+@pytest.mark.parametrize("taken", [None, 2, 8])
+@pytest.mark.parametrize("registered", [True, False])
+def test_a_restored_episode_ends_at_its_own_step(taken, registered):
+    def made():
+        if not registered:
+            return gym.wrappers.TimeLimit(VibgymEnv("Align", action="field"), 10)
+        return gym.wrappers.ClipAction(single("Align", action="field", max_episode_steps=10))
+
+    env, other = made(), made()
+    env.reset(seed=1)
+    rest = np.zeros(env.action_space.shape, dtype=np.float32)
+    for _ in range(4):
+        env.step(rest)
+    if taken is not None:
+        other.reset(seed=2)
+        for _ in range(taken):
+            other.step(rest)
+    other.unwrapped.set_state(env.unwrapped.get_state())
+    assert [other.step(rest)[3] for _ in range(6)] == [False] * 5 + [True]
+    other.reset()
+    assert [other.step(rest)[3] for _ in range(10)] == [False] * 9 + [True]

@@ -11,10 +11,12 @@ import pytest
 
 import vibgym
 from tests.policies.helpers import episodes, info_of
+from vibgym.envs.vector import batch_of
 from vibgym.policies.classical.law import Law, lead_of
 from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.classical.steering import LAWS, LocalFieldPolicy
 from vibgym.policies.registry import CONTROLLERS, make_policy
+from vibgym.tasks import TASKS
 
 NAMES = ("zero", "random", "open_loop", "local_field", "planner")
 
@@ -58,6 +60,23 @@ def test_custom_controllers_have_a_name(monkeypatch):
         make_policy({"kind": "mine", "colour": 1}, info)
     with pytest.raises(ValueError, match="controller name"):
         CONTROLLERS.register("planner", Mine)
+    with pytest.raises(ValueError, match="setting of policy 'mpc' 'colour'"):
+        make_policy({"kind": "mpc", "colour": 1}, info)
+    CONTROLLERS.register("faulty", lambda info: len(3))
+    with pytest.raises(TypeError, match="has no len"):
+        make_policy("faulty", info)
+
+
+def test_a_type_error_of_a_task_is_shown_as_such(monkeypatch):
+    class Faulty(TASKS["Align"]):
+        def reward(self, step):
+            return len(3)
+
+    monkeypatch.setattr(TASKS, "_items", {**TASKS, "Faulty": Faulty})
+    with pytest.raises(TypeError, match="has no len"):
+        batch_of("Faulty", num_envs=1)
+    with pytest.raises(ValueError, match="colour"):
+        batch_of("Align", num_envs=1, colour=1)
 
 
 @pytest.mark.parametrize("policy, named", [

@@ -9,6 +9,7 @@ from shapely.geometry import Point, Polygon, box
 from tests.simulation.helpers import same, snapshot
 from vibgym import Part, Simulator, Surface
 from vibgym.physics.core.records import State
+from vibgym.simulation.threads import Blocks
 
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.6)
 C_SHAPE = Part.polygon(
@@ -294,3 +295,18 @@ def test_a_diverged_world_is_flagged_and_keeps_its_last_finite_state():
     simulator.reset([0.4, 0.1, 0.0])
     simulator.advance(0.0, 0.0)
     assert not simulator.diverged.any()
+
+
+def test_every_block_is_run_once_and_its_errors_are_raised():
+    blocks = Blocks(4096, 4, cost=100.0)
+    for _ in range(200):
+        done = []
+        blocks.run(done.append)
+        assert sorted(done) == list(range(len(blocks.edges)))
+
+    def fail(k):
+        if k == 2:
+            raise IndexError("of the work, not of the blocks")
+
+    with pytest.raises(IndexError, match="of the work"):
+        blocks.run(fail)

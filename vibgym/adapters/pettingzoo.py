@@ -18,18 +18,24 @@ from vibgym.adapters.credit import credits_parts
 from vibgym.envs.observations import PartsObservation
 from vibgym.envs.options import RESET_OPTIONS, Keywords
 from vibgym.envs.single import VibgymEnv
-from vibgym.envs.vector import registered_id
+from vibgym.envs.vector import creator, registered_id
 from vibgym.registration import ENVIRONMENTS
 
 
 def parallel_env(
-    name: str, *, max_episode_steps: int | None = None, render_mode: str | None = None, **options: Unpack[Keywords]
+    name: str,
+    *,
+    max_episode_steps: int | None = None,
+    render_mode: str | None = None,
+    keep_absent: bool = False,
+    **options: Unpack[Keywords],
 ) -> PartsParallelEnv:
     """Create an environment whose agents are its parts.
 
     Args:
         name: id of a registered environment, such as ``"vibgym/Sort-v0"``, or its short name, ``"Sort"``.
-        max_episode_steps: step limit; None: that of the environment.
+        max_episode_steps: as for ``gym.make``.
+        keep_absent: see :class:`PartsParallelEnv`.
         render_mode, options: as for :class:`vibgym.envs.VibgymEnv`, except ``observation``. ``action`` has values per part:
             ``"wrench"`` (default), ``"velocity"``, ``"target"``, ``"patch"``, ``"field"``.
 
@@ -40,11 +46,11 @@ def parallel_env(
     if "observation" in options:
         raise checks.conflict("observation cannot be set for parallel_env: agents observe by parts")
     keywords = {"action": "wrench", **options, "observation": "parts", "render_mode": render_mode}
-    try:
-        made = gym.make(name, max_episode_steps=max_episode_steps, disable_env_checker=True, **keywords)
-    except TypeError as error:
-        raise checks.refuse("name", name, f"an environment of vibgym ({error})") from None
-    return PartsParallelEnv(made)
+    spec = gym.registry[name]
+    if (reason := checks.misfit(creator(spec.entry_point), **{**spec.kwargs, **keywords})) is not None:
+        raise checks.refuse("name", name, f"an environment of vibgym ({reason})")
+    made = gym.make(name, max_episode_steps=max_episode_steps, disable_env_checker=True, **keywords)
+    return PartsParallelEnv(made, keep_absent=keep_absent)
 
 
 class PartsParallelEnv(ParallelEnv):
@@ -56,11 +62,13 @@ class PartsParallelEnv(ParallelEnv):
       :func:`vibgym.adapters.credit.credits_parts`.
     - ``infos``: ``present``, ``done``, ``fallen`` and ``reward_terms`` of the part, ``is_success`` of the episode.
 
-    An episode ends for all agents at once. Parts that are absent in an episode have no agent in it. Parts that the task does
-    not drive have none at all. In tasks with parts that arrive and leave, the observation of an agent without a part is zero.
+    An episode ends for all agents at once. Parts that are absent in an episode have no agent in it, or with ``keep_absent`` one
+    with zero observations and rewards, whose actions have no effect. Parts that the task does not drive have none at all. In
+    tasks with parts that arrive and leave, the observation of an agent without a part is zero.
 
     Args:
         env: a single environment made with ``observation="parts"``, possibly wrapped.
+        keep_absent: whether parts that are absent in an episode are agents too, for libraries whose agents stay the same.
 
     Attributes:
         possible_agents: one for each driven part.  agents: those of the running episode; empty after its end.
@@ -70,7 +78,7 @@ class PartsParallelEnv(ParallelEnv):
         ValueError: another observation, or an action without values per part.
     """
 
-    def __init__(self, env: gym.Env) -> None:
+    def __init__(self, env: gym.Env, *, keep_absent: bool = False) -> None:
         base = env.unwrapped
         if not isinstance(base, VibgymEnv) or not isinstance(base.core.observation, PartsObservation):
             raise checks.refuse("env", env, "an environment of one world made with observation='parts'")
@@ -79,6 +87,7 @@ class PartsParallelEnv(ParallelEnv):
             kind = type(acting).__name__.lower()
             raise checks.conflict(f"action {kind!r} has no values per part, as 'wrench' has")
         self.env, self._base, self._credits_parts = env, base, credits_parts(env)
+        self._keep_absent, self._playing = checks.flag("keep_absent", keep_absent), base.task.driven
         self._shape = acting.shape[1:]
         self._share = acting.size // len(base.parts)
         self.possible_agents = [f"part_{part}" for part in np.flatnonzero(base.task.driven)]
@@ -124,8 +133,8 @@ class PartsParallelEnv(ParallelEnv):
                     f"reset(): options {', '.join(foreign)} are ignored; known are {', '.join(RESET_OPTIONS)}"
                 )
         seen, info = self.env.reset(seed=seed, options=known or None)
-        players = self._base.core.scoring.players[0]
-        self.agents = [agent for agent in self.possible_agents if players[self._part(agent)]]
+        self._playing = self._base.core.scoring.players[0].copy()
+        self.agents = [agent for agent in self.possible_agents if self._keep_absent or self._playing[self._part(agent)]]
         self._rows = seen["parts"]
         return self._observations(), self._infos(info)
 
@@ -148,7 +157,7 @@ class PartsParallelEnv(ParallelEnv):
             raise gym.error.ResetNeeded("call reset() before step(): no episode is running")
         seen, reward, terminated, truncated, info = self.env.step(self._action(actions))
         self._rows = seen["parts"]
-        rewards = info["parts"]["reward"] if self._credits_parts else [reward] * len(self._base.parts)
+        rewards = info["parts"]["reward"] if self._credits_parts else float(reward) * self._playing
         result = (
             self._observations(),
             {agent: float(rewards[self._part(agent)]) for agent in self.agents},
@@ -187,6 +196,7 @@ class PartsParallelEnv(ParallelEnv):
             if not np.isfinite(values).all():
                 raise checks.refuse(name, given, allowed)
             together[self._part(agent)] = np.clip(values, -1.0, 1.0).ravel()
+        together[~self._playing] = 0.0
         return together.ravel()
 
     def _observations(self) -> dict[str, np.ndarray]:

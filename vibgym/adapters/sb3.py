@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common import vec_env
+from stable_baselines3.common.monitor import Monitor
 
 from vibgym import checks
 from vibgym.adapters.credit import credits_parts, keeps_rewards
@@ -23,9 +24,10 @@ class VecEnv(vec_env.VecEnv):
     Several environments may differ in their scene, such as the part or its friction, but not in their spaces. Worlds of an id
     with drawn shapes are divided among the shapes of its split.
 
-    The info of a finished world holds ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, ``fallen`` if the task
-    reports it, and ``episode`` (return, length, and with ``costs`` their sum ``"c"``), like SB3's Monitor. Infos of running
-    worlds are empty.
+    The info of a finished world holds that of the environment except ``parts``, ``terminal_observation``,
+    ``TimeLimit.truncated``, and ``episode`` (return, length, and with ``costs`` their sum ``"c"``), like SB3's Monitor, which
+    :meth:`env_is_wrapped` reports. Infos of running worlds are empty. ``reset_infos`` are those of the last resets.
+    ``set_options`` takes options of a single environment, or a list with those of each world, different poses and goals only.
 
     Rewards are those of the outermost wrapper. Wrappers with a state are part of :meth:`get_state` only if they define
     ``get_state`` and ``set_state``, which include the state of the environment.
@@ -78,6 +80,7 @@ class VecEnv(vec_env.VecEnv):
                 f"env: observation is {space}; allowed: a box, or a dictionary of boxes and binary arrays"
             )
         super().__init__(sum(env.num_envs for env in envs), space, actions)
+        self.metadata["render_fps"] = envs[0].metadata.get("render_fps", 30)  # SB3's default
         first = np.cumsum([0, *(env.num_envs for env in envs)])
         self._slices = [slice(a, b) for a, b in zip(first[:-1], first[1:], strict=True)]
         self._seed: int | None = None
@@ -92,9 +95,15 @@ class VecEnv(vec_env.VecEnv):
 
     def reset(self) -> Any:
         observations = []
-        for env, own in zip(self.envs, self._slices, strict=True):
-            observations.append(env.reset(seed=None if self._seed is None else self._seed + own.start)[0])
+        if len(self._options) != self.num_envs:
+            raise checks.refuse("options", f"{len(self._options)} mappings", f"one mapping, or {self.num_envs}")
+        options = [_joint(self._options[own]) for own in self._slices]
+        for env, own, start in zip(self.envs, self._slices, options, strict=True):
+            seen, info = env.reset(seed=None if self._seed is None else self._seed + own.start, options=start)
+            observations.append(seen)
+            self.reset_infos[own] = _of_worlds(info, list(range(env.num_envs)))
         self._seed = None
+        self._reset_options()
         for values in (self._return, self._length, self._cost):
             values[:] = 0
         return _joined(observations)
@@ -122,21 +131,23 @@ class VecEnv(vec_env.VecEnv):
             for own, each in zip(self._slices, steps, strict=True):
                 self._cost[own] += np.where(done[own], 0.0, each[4]["cost"])
         for own, (_, _, _, _, info) in zip(self._slices, steps, strict=True):
-            for k in np.flatnonzero(done[own]).tolist():
-                world, final = own.start + k, info["final_info"]
+            ended = np.flatnonzero(done[own]).tolist()
+            if not ended:
+                continue
+            final, started = info["final_info"], _of_worlds(info, ended)
+            for k, last, self.reset_infos[own.start + k] in zip(ended, _of_worlds(final, ended), started, strict=True):
+                world = own.start + k
                 if self.credits_parts:
                     self.part_reward[world] = final["parts"]["reward"][k]
                 infos[world] = {
+                    **last,
                     "terminal_observation": info["final_obs"][k],
                     "TimeLimit.truncated": bool(truncated[world] and not terminated[world]),
-                    "is_success": bool(final["is_success"][k]),
                     "episode": {"r": float(self._return[world]), "l": int(self._length[world]), "t": 0.0},
                 }
                 if self._costs:
                     self.part_cost[world] = final["parts"]["cost"][k]
                     infos[world]["episode"]["c"] = float(self._cost[world] + final["cost"][k])
-                if "fallen" in final:
-                    infos[world]["fallen"] = bool(final["fallen"][k])
         for values in (self._return, self._length, self._cost):
             values[done] = 0
         return _joined([each[0] for each in steps]), reward.astype(np.float32), done, infos
@@ -183,13 +194,39 @@ class VecEnv(vec_env.VecEnv):
         return [values[world] for world in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """Return whether each world has a wrapper of this class; SB3's ``Monitor`` wraps single environments only."""
-        wrapped = [has for env in self.envs for has in [_is_wrapped(env, wrapper_class)] * env.num_envs]
+        """Return whether each world has a wrapper of this class; true for SB3's ``Monitor``, whose infos the adapter has."""
+        wrapped = [
+            wrapper_class is Monitor or _is_wrapped(env, wrapper_class)
+            for env in self.envs
+            for _ in range(env.num_envs)
+        ]
         return self._of(wrapped, indices)
 
     def get_images(self) -> Sequence[np.ndarray | None]:
         """Return an image (height, width, 3) of each world; the environments need ``render_mode="rgb_array"``."""
         return [image for env in self.envs for image in env.render() or [None] * env.num_envs]
+
+
+def _of_worlds(info: dict[str, Any], worlds: list[int]) -> list[dict[str, Any]]:
+    """Return the info of some worlds of a batch, except that of their parts and final values."""
+    columns: dict[str, list[Any]] = {}
+    for name, values in info.items():
+        if isinstance(values, dict) and name != "parts" and not name.startswith("final_"):
+            columns[name] = _of_worlds(values, worlds)
+        elif isinstance(values, np.ndarray) and values.dtype != object and name[0] != "_":
+            columns[name] = values[worlds].tolist() if values.ndim == 1 else list(values[worlds])
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)] or [{} for _ in worlds]
+
+
+def _joint(options: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """Return options of single worlds as those of their batch; raise ValueError unless all but poses and goals are equal."""
+    shared, placed = options[0], {"pose", "goal"}
+    joint = {name: value for name, value in shared.items() if name not in placed}
+    for own in options:
+        if set(own) != set(shared) or any(not np.array_equal(own[name], joint[name]) for name in joint):
+            raise checks.refuse("options", own, f"those of the first world except 'pose' and 'goal': {shared}")
+    joint |= {name: np.stack([np.atleast_2d(own[name]) for own in options]) for name in placed & set(shared)}
+    return joint or None
 
 
 def _is_wrapped(env: Any, cls: Any) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.bounds.tables import FREE_END, Hold, fewest_periods, way_reach
-from vibgym.bounds.time_bound import LARGEST, TimeBound
+from vibgym.bounds.time_bound import LARGEST, TimeBound, check_arguments, check_parts
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
@@ -156,20 +156,25 @@ class FlowBound:
     amplitude: float | None = None
 
     def __post_init__(self) -> None:
-        number, stride = len(self.parts), checks.count("periods_per_step", self.periods_per_step)
+        checks.instance("surface", self.surface, Surface)
+        check_parts("parts", self.parts)
+        number, stride = (
+            len(self.parts),
+            checks.count("periods_per_step", self.periods_per_step, most=checks.MOST_PERIODS),
+        )
         kind = checks.array("kind", self.kind, (number,), dtype=np.int64)
         way = checks.array("way", self.way, (number,), least=0.0)
         gate = _steps(checks.count("headway", self.headway, least=0), stride)
         moments = checks.count("periods", self.periods, least=0) // stride
         full = self.surface.full_scale / self.surface.angular_frequency**2
         amplitude = full if self.amplitude is None else checks.number("amplitude", self.amplitude, least=0.0, most=full)
-        passes = np.zeros(number, dtype=np.int64)
+        transit = np.zeros(number, dtype=np.int64)
         for k, part in enumerate(self.parts):
             reach = way_reach(self.surface, part.friction, amplitude, FREE_END, Hold(1, 1))
-            transit = _steps(int(fewest_periods(reach, way[k : k + 1])[0]), stride)
-            passes[k] = _fitting(moments, transit + 1)
+            transit[k] = _steps(int(fewest_periods(reach, way[k : k + 1])[0]), stride)
+        passes = np.array([_fitting(moments, steps + 1) for steps in transit.tolist()])
         self.transit = self.surface.period * stride * transit
-        """s, least time from arrival to leaving, of the last part."""
+        """(parts,) s, least time from arrival to leaving."""
         self.most = int(sum(min(passes[kind == one].sum(), _fitting(moments, gate)) for one in np.unique(kind)))
         """Parts in the counted time."""
 
@@ -231,7 +236,7 @@ class PushBound:
             :class:`vibgym.bounds.TimeBound`.
 
     Raises:
-        ValueError: if there are no pushers, or the part has no friction.
+        ValueError: a bad argument, no pushers, or a part without friction.
     """
 
     surface: Surface
@@ -247,18 +252,17 @@ class PushBound:
     latency: int = 0
 
     def __post_init__(self) -> None:
-        surface, part = self.surface, checks.instance("part", self.part, Part)
-        if not self.pushers:
-            raise checks.refuse("pushers", list(self.pushers), "at least one part that the elements drive")
+        check_arguments(self)
+        check_parts("pushers", self.pushers)
+        surface, part = self.surface, self.part
         if part.friction == 0.0:
             raise checks.refuse("part", "friction 0", "a part with friction")
         if any(each.friction_law is not None for each in (part, *self.pushers)):
             raise checks.refuse(
                 "part.friction_law", "a law", "None: a constant coefficient of friction, of the pushers too"
             )
-        self.position_tolerance = checks.number("position_tolerance", self.position_tolerance, above=0.0)
         amplitude = surface.full_scale / surface.angular_frequency**2 if self.amplitude is None else self.amplitude
-        self.instants = -(-self.hold // self.periods_per_step)
+        self.instants = Hold.of(self.hold, self.periods_per_step).instants
         power = sum(each.mass * most_power(surface, each.friction, amplitude) for each in self.pushers)
         drag = part.friction * surface.gravity / (2.0 * surface.table_speed)
         self.top_speed = math.sqrt((1.0 + MARGIN) * power / (drag * part.mass))

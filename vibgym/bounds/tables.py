@@ -61,6 +61,11 @@ class Hold(NamedTuple):
     instants: int
     stride: int
 
+    @classmethod
+    def of(cls, hold: int, stride: int) -> Hold:
+        """Return the instants of a hold of so many periods with steps of ``stride`` periods: at least two for more than one."""
+        return cls(max(-(-hold // stride), min(hold, 2)), stride)
+
 
 class Values(NamedTuple):
     """Value function over a grid of states.

@@ -55,18 +55,10 @@ class TimeBound:
     stopped: bool = False
 
     def __post_init__(self) -> None:
-        surface, part = checks.instance("surface", self.surface, Surface), checks.instance("part", self.part, Part)
-        self.position_tolerance = checks.number("position_tolerance", self.position_tolerance, above=0.0)
-        heading_tolerance = self.heading_tolerance
-        if not isinstance(heading_tolerance, float) or heading_tolerance != math.inf:
-            heading_tolerance = checks.number("heading_tolerance", heading_tolerance, above=0.0)
-        self.heading_tolerance = heading_tolerance
-        self.heading_period = checks.number("heading_period", self.heading_period, least=0.0)
-        self.hold = checks.count("hold", self.hold, most=MOST_HOLD)
-        self.stride = checks.count("periods_per_step", self.periods_per_step, most=checks.MOST_PERIODS)
-        amplitude = most = surface.max_amplitude
-        if self.amplitude is not None:
-            amplitude = checks.number("amplitude", self.amplitude, least=0.0, most=most)
+        check_arguments(self)
+        surface, part, heading_tolerance = self.surface, self.part, self.heading_tolerance
+        self.stride = self.periods_per_step
+        amplitude: Any = surface.max_amplitude if self.amplitude is None else self.amplitude
         if part.coupling == 0.0:
             raise checks.refuse("part.coupling", part.coupling, "> 0: parts that the elements move")
         if part.friction_law is not None:
@@ -74,12 +66,11 @@ class TimeBound:
                 "part.friction_law", dict(part.friction_law), "None: a constant coefficient of friction"
             )
         amplitude *= part.coupling  # as it reaches the part
-        self.latency = checks.count("latency", self.latency, least=0, most=MOST_LATENCY)
         strongest = part.static_friction * (surface.gravity + amplitude * surface.angular_frequency**2)
         if part.friction == 0.0 or surface.horizontal_amplitude * surface.angular_frequency**2 <= strongest:
             allowed = "parts that slide all the time: mu > 0 and a_h w^2 > mu_0 (g + a_v w^2)"
             raise checks.refuse("part", f"friction {part.friction:g} (static: {part.static_friction:g})", allowed)
-        self._hold = Hold(-(-self.hold // self.stride), self.stride)
+        self._hold = Hold.of(self.hold, self.stride)
         end = FREE_END if checks.flag("stopped", self.stopped) else self.position_tolerance
         self._ways = way_reach(surface, part.friction, amplitude, end, self._hold)
         self._turns: tuple[Reach, Reach] | None = None
@@ -136,6 +127,29 @@ class TimeBound:
             counter, clockwise = self._turns[0].periods(heading, left), self._turns[1].periods(-heading, left)
             found.append(np.where(each >= 0.0, counter, clockwise))
         return np.min(found, axis=0)
+
+
+def check_arguments(bound: Any) -> None:
+    """Validate the arguments that bounds of a part with a goal share; raise ValueError for the first bad one."""
+    surface = checks.instance("surface", bound.surface, Surface)
+    checks.instance("part", bound.part, Part)
+    bound.position_tolerance = checks.number("position_tolerance", bound.position_tolerance, above=0.0)
+    if not isinstance(bound.heading_tolerance, float) or bound.heading_tolerance != math.inf:
+        bound.heading_tolerance = checks.number("heading_tolerance", bound.heading_tolerance, above=0.0)
+    bound.heading_period = checks.number("heading_period", bound.heading_period, least=0.0)
+    bound.hold = checks.count("hold", bound.hold, most=MOST_HOLD)
+    bound.periods_per_step = checks.count("periods_per_step", bound.periods_per_step, most=checks.MOST_PERIODS)
+    if bound.amplitude is not None:
+        bound.amplitude = checks.number("amplitude", bound.amplitude, least=0.0, most=surface.max_amplitude)
+    bound.latency = checks.count("latency", bound.latency, least=0, most=MOST_LATENCY)
+
+
+def check_parts(name: str, parts: Any) -> None:
+    """Raise ValueError unless ``parts`` is a list of at least one :class:`vibgym.Part`."""
+    if not checks.listed(parts) or not len(parts):
+        raise checks.refuse(name, parts, "a list of at least one vibgym.Part")
+    for k, part in enumerate(parts):
+        checks.instance(f"{name}[{k}]", part, Part)
 
 
 def _rows(name: str, value: Any) -> np.ndarray:

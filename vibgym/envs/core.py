@@ -23,7 +23,6 @@ from vibgym.envs.options import (
     first_difference,
     longest_paths,
     parts_from,
-    step_limit,
     task_settings,
 )
 from vibgym.envs.randomization import Disturbances, Randomization
@@ -58,7 +57,7 @@ class Core(Pipeline):
         options, surface, parts: of the scene.
         identity: settings that a snapshot depends on, see :meth:`vibgym.envs.Options.identity`.
         idle: (parts, 3) velocities of parts that slide in place on elements at rest.
-        step_limit: steps after which episodes are truncated, or None.  longest: s, longest path of an episode.
+        longest: s, longest path of an episode.
         shape_draws: uniform numbers of an episode for its shapes, see :mod:`vibgym.envs.drawn`.
         began: whether an episode has begun.
 
@@ -126,7 +125,6 @@ class Core(Pipeline):
         few = len(self.simulator.blocks.edges) == 1
         self._kept_action = np.zeros((worlds, self.action.size), dtype=np.float32) if few else None
         self._bind()
-        self.step_limit = step_limit(self.periods, options.max_episode_periods)
         self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
         self.began = False
         self._checked = False  # the first batch of observations, against their space
@@ -254,10 +252,20 @@ class Core(Pipeline):
         return np.array([np.append(self.surface.idle_velocity(each * part.friction), 0.0) for each, part in pairs])
 
     def start_of(self, worlds: np.ndarray, uniform: np.ndarray, override: StartOverride | None) -> Start:
-        """Return the start of a reset from uniform numbers (n, task.draws) and reset options."""
-        if override is None:
-            return self.task.start(uniform)
-        return override.start(self.task, self.simulator, worlds, uniform)
+        """Return the checked start of a reset from uniform numbers (n, task.draws) and reset options."""
+        task = self.task
+        start = task.start(uniform) if override is None else override.start(task, self.simulator, worlds, uniform)
+        shape, present = (len(worlds), len(self.parts)), start.present
+        checks.shaped(f"{task.name}: present", present, (shape,), "booleans", kinds="b")
+        placed, aimed = present & (not task.flows), present & task.asked & task.has_goal  # parts of a flow arrive later
+        least, most = (0.0, 0.0, -1e9), (self.surface.width, self.surface.depth, 1e9)
+        for name, poses, counted in (("pose", start.pose, placed), ("goal", start.goal, aimed)):
+            poses = checks.shaped(f"{task.name}: {name}", poses, ((*shape, 3),), "an array")
+            off = ~((poses >= least) & (poses <= most)).all(axis=-1) & counted
+            if off.any():
+                allowed = f"on the surface, x in [0, {most[0]:g}] m and y in [0, {most[1]:g}] m, with a finite heading"
+                raise checks.refuse(f"{task.name}: {name}", poses[off][0].tolist(), allowed)
+        return start
 
     def check_start(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride
@@ -273,7 +281,8 @@ class Core(Pipeline):
         self.refresh(self._now.worlds)
         if not self._checked:
             name, space = f"observation {self.options.observation!r}", self.observation.space
-            check_batch(name, space, self.observations, self.worlds)
+            live = (*self.sensing.measurement, *self._measured, *self.episode)
+            check_batch(name, space, self.observations, self.worlds, live)
             self._checked = True
 
     def observed(self, kind: str) -> Any:

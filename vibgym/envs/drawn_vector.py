@@ -7,26 +7,26 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
 from vibgym import checks
 from vibgym.envs.features import Numbers
+from vibgym.envs.options import step_limit
+from vibgym.envs.shared import Described
 from vibgym.envs.single import VibgymEnv
 from vibgym.envs.vector import VibgymVectorEnv, autoreset_mode_from, seeds_from
 from vibgym.scene.parts import Part
 from vibgym.snapshots import check_keys, copied, put_back, restored
 
 
-class DrawnVectorEnv(SyncVectorEnv):
+class DrawnVectorEnv(Described, SyncVectorEnv):
     """Batch of single environments, each of which draws its shapes; bit-identical to them.
 
     Args:
         task, options: of :class:`vibgym.envs.VibgymEnv`.
         num_envs: number of environments.
-        max_episode_steps: step limit, which truncates; None for no limit.
-        autoreset_mode: as for :class:`vibgym.envs.VibgymVectorEnv`.
+        max_episode_steps, autoreset_mode: as for :class:`vibgym.envs.VibgymVectorEnv`.
 
     Raises:
         ValueError: an invalid setting.
@@ -44,12 +44,12 @@ class DrawnVectorEnv(SyncVectorEnv):
         count = checks.count("num_envs", num_envs)
         mode, single = autoreset_mode_from(autoreset_mode), partial(_single, task, max_episode_steps, options)
         super().__init__([single] * count, autoreset_mode=mode)
-        self.max_episode_steps = max_episode_steps
+        self.max_episode_steps = self.singles[0].max_episode_steps
 
     @property
     def singles(self) -> list[VibgymEnv]:
-        """The environments without their time limits."""
-        return [env.unwrapped for env in self.envs]  # type: ignore[misc]
+        """The environments."""
+        return list(self.envs)  # type: ignore[arg-type]
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -128,15 +128,14 @@ class DrawnVectorEnv(SyncVectorEnv):
         }  # fmt: skip
 
     def _set_states(self, states: Any) -> None:
-        for env, single, own in zip(self.envs, self.singles, states, strict=True):
+        for single, own in zip(self.singles, states, strict=True):
             single.set_state(own)
-            if isinstance(env, gym.wrappers.TimeLimit):
-                env._elapsed_steps = single.steps
 
 
-def _single(task: str, max_episode_steps: int | None, options: dict[str, Any]) -> gym.Env:
-    env: gym.Env = VibgymEnv(task, **copy.deepcopy(options))
-    return env if max_episode_steps is None else gym.wrappers.TimeLimit(env, max_episode_steps)
+def _single(task: str, max_episode_steps: int | None, options: dict[str, Any]) -> VibgymEnv:
+    env = VibgymEnv(task, **copy.deepcopy(options))
+    env.max_episode_steps = step_limit(max_episode_steps, env.periods_per_step, options.get("max_episode_periods"))
+    return env
 
 
 def make_vector(task: str, num_envs: int = 1, **options: Any) -> VectorEnv:

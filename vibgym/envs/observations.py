@@ -76,7 +76,7 @@ class Observation(ABC):
 
     @abstractmethod
     def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
-        """Return a new batch of observations, arrays (worlds, ...).
+        """Return a new batch of observations, arrays (worlds, ...); views of the arguments are refused.
 
         Args:
             measurement: of the parts.
@@ -299,24 +299,25 @@ OBSERVATIONS: Registry[type[Observation]] = Registry(
 """Observations by name; ``OBSERVATIONS.register(name, cls)`` or an entry point in group ``vibgym.observations`` adds one."""
 
 
-def check_batch(name: str, space: spaces.Space, batch: Any, worlds: int) -> None:
-    """Check shapes and types of a batch of observations.
+def check_batch(name: str, space: spaces.Space, batch: Any, worlds: int, live: Sequence[np.ndarray]) -> None:
+    """Check shapes, types and memory of a batch of observations.
 
     Args:
         name: of the observation, for errors.
         space: of one world.
         batch: array (worlds, ...), or a mapping of arrays for a ``Dict`` space.
         worlds: number of worlds.
+        live: arrays that the next step overwrites.
 
     Raises:
-        ValueError: a batch that does not fit.
+        ValueError: a batch that does not fit, or shares memory with a live array.
     """
     if isinstance(space, spaces.Dict):
         if not isinstance(batch, Mapping) or set(batch) != set(space.spaces):
             got = sorted(map(str, batch)) if isinstance(batch, Mapping) else type(batch).__name__
             raise checks.refuse(name, got, f"a dictionary with the keys of its space: {', '.join(space.spaces)}")
         for key, each in space.spaces.items():
-            check_batch(f"{name}, {key!r},", each, batch[key], worlds)
+            check_batch(f"{name}, {key!r},", each, batch[key], worlds, live)
     elif space.shape is not None:
         shape = (worlds, *space.shape)
         if not isinstance(batch, np.ndarray) or batch.shape != shape or batch.dtype != space.dtype:
@@ -324,6 +325,10 @@ def check_batch(name: str, space: spaces.Space, batch: Any, worlds: int) -> None
             if isinstance(batch, np.ndarray):
                 got = f"an array of shape {batch.shape} and type {batch.dtype}"
             raise checks.refuse(name, got, f"an array of shape {shape} and type {space.dtype}: (worlds, *space.shape)")
+        if any(np.may_share_memory(batch, each) for each in live):
+            raise checks.refuse(
+                name, "a view of an argument, which the next step overwrites", "a new array: return a copy"
+            )
 
 
 def _offsets(features: Sequence[Feature]) -> dict[str, int]:

@@ -13,6 +13,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.actuators.stage import ActuatorStage
 from vibgym.config import part_from
+from vibgym.registration import Periods
 from vibgym.scene import overlaps
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -129,16 +130,18 @@ def first_difference(theirs: Any, mine: str) -> tuple[str, str]:
         return checks.shown(theirs), "the description of an environment with these settings"
 
 
-def step_limit(periods_per_step: int, max_episode_periods: Any) -> int | None:
-    """Return the steps after which the environment truncates an episode, or None.
+def step_limit(max_episode_steps: Any, periods_per_step: int, max_episode_periods: int | None) -> int | None:
+    """Return the steps after which episodes are truncated, or None, with the meaning of ``gym.make``.
 
-    With one period per step, Gymnasium's ``max_episode_steps`` applies, which users may change. With longer steps the same
-    number of steps would be a longer time.
+    Args:
+        max_episode_steps: None or :class:`Periods`: the limit in periods; -1: no limit; else steps.
     """
-    if max_episode_periods is None:
+    if max_episode_steps is None or isinstance(max_episode_steps, Periods):
+        periods = max_episode_steps if max_episode_periods is None else max_episode_periods
+        return None if periods is None else math.ceil(periods / periods_per_step)
+    if isinstance(max_episode_steps, int) and max_episode_steps == -1:
         return None
-    limit = checks.count("max_episode_periods", max_episode_periods, most=MOST_EPISODE)
-    return None if periods_per_step == 1 else math.ceil(limit / periods_per_step)
+    return checks.count("max_episode_steps", max_episode_steps, most=MOST_EPISODE)
 
 
 def longest_paths(task: Task, actuators: ActuatorStage, sensor: Sensor, max_episode_periods: int | None) -> float:
@@ -149,6 +152,7 @@ def longest_paths(task: Task, actuators: ActuatorStage, sensor: Sensor, max_epis
     """
     if max_episode_periods is None:
         return math.inf
+    checks.count("max_episode_periods", max_episode_periods, most=MOST_EPISODE)
     latency = "randomize['latency']" if "latency" in actuators.drawn() else "actuators.latency"
     for name, periods in (("sensor.delay", sensor.delay), (latency, actuators.most_latency)):
         if periods >= max_episode_periods:

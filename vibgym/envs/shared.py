@@ -34,19 +34,18 @@ class Truth(NamedTuple):
     gap: np.ndarray  # (worlds, parts) m, distance to the nearest other part
 
 
-class SharedInterface:
-    """Properties of single and vector environments.
+class Described:
+    """The specification of an environment."""
 
-    Attributes:
-        core: the batched core.
-    """
+    max_episode_steps: int | None
+    """Steps after which the environment truncates episodes; None: it does not."""
 
-    core: Core
     _spec: EnvSpec | None = None
 
     @property
     def spec(self) -> EnvSpec | None:
         """Gymnasium's specification of the environment; its keyword arguments are JSON values."""
+        self._set_time_limits()
         return self._spec
 
     @spec.setter
@@ -54,7 +53,27 @@ class SharedInterface:
         if spec is not None:
             spec = copy.copy(spec)
             spec.kwargs = json_values(spec.kwargs)
+            self._describe_limit(spec)
         self._spec = spec
+
+    def _describe_limit(self, spec: EnvSpec) -> None:
+        """Set ``max_episode_steps`` of a specification to that of the environment."""
+        spec.max_episode_steps = self.max_episode_steps
+        if "max_episode_steps" in spec.kwargs:
+            spec.kwargs["max_episode_steps"] = -1 if self.max_episode_steps is None else self.max_episode_steps
+
+    def _set_time_limits(self) -> None:
+        """Set the limits of Gymnasium's wrappers around the environment; a batch has none."""
+
+
+class SharedInterface(Described):
+    """Properties of single and vector environments.
+
+    Attributes:
+        core: the batched core.
+    """
+
+    core: Core
 
     @property
     def surface(self) -> Surface:

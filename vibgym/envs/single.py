@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import copy
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple, Unpack
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import seeding
 
 from vibgym import checks
@@ -16,8 +18,9 @@ from vibgym.config import surface_from
 from vibgym.envs.core import Core
 from vibgym.envs.drawn import DrawnShapes
 from vibgym.envs.info import COUNTS, FLAGS, NUMBERS, InfoData
-from vibgym.envs.options import Keywords, Options
+from vibgym.envs.options import Keywords, Options, step_limit
 from vibgym.envs.shared import SharedInterface, frames_per_second
+from vibgym.registration import Periods
 from vibgym.snapshots import check_keys, generator_from, generator_state
 
 RENDER_MODES = ("rgb_array", "human")
@@ -73,7 +76,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     Drawn by the task from the seed; ``reset(options=...)`` sets poses, goals, paths or the parts that are present.
 
     ## Episode end
-    Termination: success (all parts done for 10 periods in a row, or ``hold``), a fallen part, or a diverged simulation.
+    Termination: success (all parts done for 10 periods, or ``hold``, and two steps in a row), a fallen part, or divergence.
     Truncation: the limit.
 
     ## Information
@@ -120,8 +123,8 @@ class VibgymEnv(SharedInterface, gym.Env):
             ``"clearance"``, ``"effort"`` or a registered name to a weight, or to a mapping with ``weight`` and settings.
         task_settings: further keyword arguments of the task, such as ``hold`` (periods) and ``weights``.
         periods_per_step: oscillation periods per step. Hold, time cost and limit count periods.
-        max_episode_periods: periods after which an episode is truncated, if ``periods_per_step`` > 1. With one period per
-            step, Gymnasium's ``max_episode_steps`` applies.
+        max_episode_periods: periods after which an episode is truncated, unless ``gym.make`` gets ``max_episode_steps``
+            (steps; -1: no limit).
         render_mode: None, ``"rgb_array"`` or ``"human"``.
 
     Raises:
@@ -151,8 +154,9 @@ class VibgymEnv(SharedInterface, gym.Env):
         self.action_space = self.core.action.space
         self.observation_space = self.core.observation.space
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": frames_per_second(self.core)}
+        self.max_episode_steps = step_limit(None, self.core.periods, known.max_episode_periods)
         self._steps = 0
-        self._closed = False
+        self._closed, self._paused = False, True  # paused: before the first reset, closed, or just restored
         self._viewer: Any = None
         if render_mode is not None:
             from vibgym.envs.viewer import Viewer  # pygame is an extra
@@ -184,6 +188,9 @@ class VibgymEnv(SharedInterface, gym.Env):
         self._use(core)
         core.reset(_FIRST, [self.np_random], override)
         self._steps, self._closed = 0, False
+        if self._paused:
+            self._set_time_limits()
+        self._paused = False
         if self._viewer is not None:
             self._viewer.begin(0)
             self._draw()
@@ -193,14 +200,16 @@ class VibgymEnv(SharedInterface, gym.Env):
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Advance by one step."""
         core = self.core
-        if self._closed or not core.began:
+        if self._paused:
             self._check_open(self._closed)
+            self._set_time_limits()
+            self._paused = False
         core.step(core.action.shaped(action, None), action)
         self._steps += 1
         if self._viewer is not None:
             self._viewer.follow(0)
             self._draw()
-        truncated = core.step_limit is not None and self._steps >= core.step_limit
+        truncated = self.max_episode_steps is not None and self._steps >= self.max_episode_steps
         batch = core.observations
         observation = batch[0] if isinstance(batch, np.ndarray) else self._own(batch)
         reward, ended, info = core.info.read()
@@ -233,7 +242,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         generator = generator_from("state['generator']", state["generator"])
         core.set_state({name: state[name] for name in Core.STATE})
         self._use(core)
-        self.np_random, self._steps, self._closed = generator, steps, False
+        self.np_random, self._steps, self._closed, self._paused = generator, steps, False, True
         if self._viewer is not None:
             self._viewer.begin(0)
 
@@ -249,9 +258,29 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     def close(self) -> None:
         """Close the window. Stepping requires a reset afterwards."""
-        self._closed = True
+        self._closed = self._paused = True
         if self._viewer is not None:
             self._viewer.close()
+
+    def _describe_limit(self, spec: EnvSpec) -> None:
+        registered = gym.registry.get(spec.id)
+        if registered is not None and registered.max_episode_steps is not None and spec.max_episode_steps is None:
+            self.max_episode_steps = None  # made by gym.make, which adds a TimeLimit unless max_episode_steps is -1
+        super()._describe_limit(spec)
+
+    def _set_time_limits(self) -> None:
+        """Set the limits of the TimeLimit wrappers that call this environment, and the steps that they have counted.
+
+        Snapshots do not contain them, and Gymnasium gives an environment no reference to its wrappers.
+        """
+        frame = sys._getframe(1)
+        while frame is not None:
+            wrapper = frame.f_locals.get("self")
+            if isinstance(wrapper, gym.wrappers.TimeLimit) and wrapper.unwrapped is self:
+                wrapper._elapsed_steps = self._steps
+                if isinstance(limit := wrapper._max_episode_steps, Periods):
+                    wrapper._max_episode_steps = step_limit(limit, self.core.periods, self._options.max_episode_periods)  # type: ignore[assignment]
+            frame = frame.f_back
 
     def _core_of(self, chosen: tuple[int, ...]) -> Core:
         """Return the core of a scene with these shapes; the last :data:`MOST_CORES` are kept."""

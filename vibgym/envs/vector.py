@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 
 from vibgym import checks
 from vibgym.envs.core import Core
-from vibgym.envs.options import MOST_EPISODE, Keywords, Options, StartOverride
+from vibgym.envs.options import Keywords, Options, StartOverride, step_limit
 from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.snapshots import check_keys, copied, generator_from, generator_state, put_back, restored
 from vibgym.tasks import TASKS
@@ -26,7 +26,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
     Args:
         task, surface ... max_episode_periods: as for :class:`vibgym.envs.VibgymEnv`.
         num_envs: number of worlds.
-        max_episode_steps: step limit, which truncates; None for no limit.
+        max_episode_steps: step limit, which truncates, as in ``gym.make``; None: ``max_episode_periods``; -1: no limit.
         autoreset_mode: NEXT_STEP (default), SAME_STEP (``final_obs`` and ``final_info`` in the info) or DISABLED (reset
             with ``options={"reset_mask": mask}``), as an ``AutoresetMode`` or its value.
         render_mode: None or ``"rgb_array"``.
@@ -54,14 +54,11 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         own = ("num_envs", "max_episode_steps", "autoreset_mode", "render_mode")
         known = Options.from_mapping("keyword arguments", {"task": task, **options}, own)
         self.num_envs = checks.count("num_envs", num_envs)
-        if max_episode_steps is not None:
-            checks.count("max_episode_steps", max_episode_steps, most=MOST_EPISODE)
         if render_mode is not None:
             checks.choice("render_mode", render_mode, ("rgb_array",))
         self.autoreset_mode = autoreset_mode_from(autoreset_mode)
         self.core = Core(known, self.num_envs)
-        limits = (max_episode_steps, self.core.step_limit)
-        self.max_episode_steps = min((each for each in limits if each is not None), default=None)
+        self.max_episode_steps = step_limit(max_episode_steps, self.core.periods, known.max_episode_periods)
         self.render_mode = render_mode
         self.metadata = {
             **self.metadata,
@@ -316,8 +313,7 @@ def environment_id(task: Any, field: str = "task") -> str:
     if isinstance(task, str) and task in TASKS and f"vibgym/{task}-v0" not in gym.registry:
         return task
     name = registered_id(task, field)
-    entry = gym.registry[name].vector_entry_point
-    made = load_env_creator(entry) if isinstance(entry, str) else entry
+    made = creator(gym.registry[name].vector_entry_point)
     if made is None or (isinstance(made, type) and not issubclass(made, VibgymVectorEnv)):
         raise checks.refuse(
             field, task, "the id of an environment with vector_entry_point='vibgym.envs:VibgymVectorEnv'"
@@ -336,7 +332,15 @@ def batch_of(task: str, **arguments: Any) -> Any:
         ValueError: an unknown environment or argument, or an invalid value.
     """
     name = environment_id(task)
-    try:
-        return gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(name, **arguments)
-    except TypeError as error:
-        raise checks.refuse("arguments", sorted(arguments), f"those of the environment ({error})") from None
+    if name not in gym.registry:
+        return VibgymVectorEnv(name, **arguments)
+    spec = gym.registry[name]
+    reason = checks.misfit(creator(spec.vector_entry_point), **{"num_envs": 1, **spec.kwargs, **arguments})
+    if reason is not None:
+        raise checks.refuse("arguments", sorted(arguments), f"those of the environment ({reason})")
+    return gym.make_vec(name, **arguments)
+
+
+def creator(entry: Any) -> Any:
+    """Return the class or function of an entry point."""
+    return load_env_creator(entry) if isinstance(entry, str) else entry

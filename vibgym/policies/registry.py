@@ -130,7 +130,7 @@ def mpc(info: TaskInfo, *, base: Any = None, action: str | None = None, seed: in
     """
     if base is not None:
         base = _policy(base, info, seed, action or "wrench")
-    return MPCPolicy(info, base=base, action=action, seed=seed, **settings)
+    return checks.made("policy 'mpc'", MPCPolicy, (info,), {"base": base, "action": action, "seed": seed, **settings})
 
 
 def parallel_rollout(
@@ -276,10 +276,10 @@ def _made(kind: str, arguments: dict[str, Any], info: TaskInfo, seed: int) -> Po
     make = CONTROLLERS[kind]
     if "seed" in inspect.signature(make).parameters:
         arguments.setdefault("seed", seed)
+    if (reason := checks.misfit(make, info, **arguments)) is not None:
+        raise checks.conflict(f"policy {kind!r}: {reason}, got {checks.shown(arguments)}")
     try:
         return make(info, **arguments)
-    except TypeError as error:
-        raise checks.conflict(f"policy {kind!r}: {error}, got {checks.shown(arguments)}") from error
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in EXTRA:
             raise

@@ -14,7 +14,6 @@ from vibgym import Part, Surface, checks
 from vibgym.actuators import DataSheet
 from vibgym.allocation.allocator import strongest
 from vibgym.envs.features import Layout
-from vibgym.envs.options import step_limit
 from vibgym.scene.sliding import Sliding, sliding_of
 
 SCENE = (
@@ -75,10 +74,7 @@ class TaskInfo:
         if not hasattr(base, "measurement_lead"):
             raise checks.refuse("env", env, "an environment of vibgym, single or vector, or its TaskInfo")
         task = base.task
-        limit = getattr(base, "max_episode_steps", None)  # the vector environment's own
-        if spec is not None and limit is None:
-            more = step_limit(base.periods_per_step, spec.kwargs.get("max_episode_periods"))
-            limit = min((each for each in (spec.max_episode_steps, more) if each is not None), default=None)
+        limit = base.max_episode_steps if spec is None else spec.max_episode_steps
         zones = None if task.zones is None else np.array(task.zones)
         if zones is not None:
             zones.setflags(write=False)

@@ -134,18 +134,23 @@ class Blocks:
         if self._threads == 1:
             work(0)
             return
-        blocks = iter(range(len(self.edges)))
+        blocks = deque(range(len(self.edges)))
 
         def run() -> None:
-            for k in blocks:  # the list iterator is atomic: each block goes to one thread
+            while True:
+                try:
+                    k = blocks.popleft()  # atomic, without the GIL too: each block goes to one thread
+                except IndexError:
+                    return
                 work(k)
 
-        if _crew.process != os.getpid():
-            _crew = _Crew()
-        _crew.grow(self._threads - 1)
+        crew = _crew
+        if crew.process != os.getpid():
+            crew = _crew = _Crew()
+        crew.grow(self._threads - 1)
         done: SimpleQueue[BaseException | None] = SimpleQueue()
         for _ in range(self._threads - 1):
-            _crew.jobs.put((run, done))
+            crew.jobs.put((run, done))
         try:
             run()  # this thread works too
         finally:  # wait for all threads

@@ -194,7 +194,7 @@ class Task(ABC):
             slow=float(self.speed_limit),
             apart=float(self.apart),
             far=math.hypot(self.surface.width, self.surface.depth),
-            hold=self.hold,
+            hold=max(self.hold, periods + 1) if self.hold > 1 else 1,  # a hold has a first and a last end of a step
             periods=periods,
             term=np.array([QUANTITIES.index(of) for of, _ in counted], dtype=np.int64),
             weight=np.array([w * (periods if of in PER_PERIOD else 1) for of, w in counted], dtype=np.float64),

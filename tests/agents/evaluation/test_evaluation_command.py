@@ -31,7 +31,10 @@ BAD = {
         {"tasks": ["Rotate", "Sort"], "policies": ["zero", {"kind": "open_loop", "tasks": ["Sort"]}]},
         ["policies (open_loop on Sort)"],
     ),
-    "policy that serves nothing": ({"tasks": ["Sort"], "policies": ["zero", "open_loop"]}, ["open_loop", "Sort"]),
+    "policy that serves nothing": (
+        {"tasks": ["Sort"], "policies": ["zero", "open_loop"]},
+        ["open_loop", "Sort: ", "one part"],
+    ),
     "task without a policy": (
         {"tasks": ["Rotate", "Sort"], "policies": [{"kind": "zero", "tasks": ["Rotate"]}]},
         ["evaluation.tasks", "Sort"],
