@@ -213,7 +213,7 @@ def test_a_dropped_drawing_becomes_the_part(align, tmp_path):
     align("undo")
     bad = base64.b64encode(lines.replace("z", "").encode()).decode()
     (text,) = refused(align("drop", name="ell.svg", content=bad))
-    assert text.startswith("ell.svg: open contour: path in line 2")
+    assert text == "ell.svg: path in line 2 is open, and filled without a stroke: close it"
     assert refused(align("drop", name="ell.svg", content="%%"))[0].startswith("content")
     align("undo")
     align("undo")

@@ -105,14 +105,15 @@ def _document(content: bytes) -> tuple[Document, dict[str, str]]:
     faults += [Fault(f"the file is damaged: {lost}") for each in audit.fixes if (lost := _lost(each))]
     if faults:
         raise refusal(faults)
-    undefined = [each for each in audit.fixes if each.code == AuditError.UNDEFINED_LINETYPE and each.entity is not None]
-    return document, {each.entity.dxf.handle: str(each.data or "") for each in undefined}
+    undefined = (each for each in audit.fixes if each.code == AuditError.UNDEFINED_LINETYPE)
+    return document, {each.entity.dxf.handle: str(each.data or "") for each in undefined if each.entity is not None}
 
 
 def _lost(fix: Any) -> str | None:
     """Return what a repair by ezdxf says if it may have changed an outline; else None."""
     from ezdxf.audit import AuditError
-    from ezdxf.entities import DXFGraphic, factory
+    from ezdxf.entities import factory
+    from ezdxf.entities.dxfgfx import DXFGraphic
 
     text = re.sub(r"\b([A-Z0-9_]+)\(#([0-9A-Fa-f]+)\)", r"\1 \2", fix.message)
     words = set(re.findall(r"\b[A-Z][A-Z0-9_]+\b", text))
@@ -230,7 +231,7 @@ class _Reader:
 
     def _properties(self, entity: Any) -> tuple[str, str, bool]:
         """Return layer, linetype, and whether an entity is invisible."""
-        from ezdxf.entities import DXFTagStorage
+        from ezdxf.entities.dxfentity import DXFTagStorage
 
         if isinstance(entity, DXFTagStorage):  # of a type that ezdxf does not know
             tags = (tag for each in entity.xtags.subclasses for tag in each)
