@@ -171,6 +171,26 @@ def test_of_several_measurements_the_last_one_counts():
     driver.close()
 
 
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"rows": 4, "columns": 4}, "driver.machine['rows'] must be 8, that of the environment, got 4"),
+        ({"columns": 31}, "driver.machine['columns'] must be 32"),
+        ({"parts": 3}, "driver.machine['parts'] must be 1"),
+        ({"step_time": 0.02}, "driver.machine['step_time'] must be 0.04, that of the environment, got 0.02"),
+        ({"step_time": float("nan")}, "driver.machine['step_time'] must be 0.04"),
+    ],
+)
+def test_a_machine_that_differs_from_the_environment_is_refused(changes, reason):
+    hello = message(Kind.HELLO, json.dumps({**HELLO, **changes}).encode())
+    port, thread = served(lambda connection: (greet(connection, hello), drained(connection)))
+    driver = SocketDriver("127.0.0.1", port, timeout=60.0)
+    with pytest.raises(ValueError, match=re.escape(reason)):
+        ControlLoop(driver, "Align", "pose", action="velocity")
+    driver.close()
+    thread.join(60.0)
+
+
 def test_a_machine_that_sends_faster_than_can_be_read_stops_the_control_loop():
     block = 500 * message(*pack_measurement(0.04, Measurement(np.zeros((1, 3)), 0.04)))
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import gymnasium as gym
@@ -36,6 +36,9 @@ Locate = Callable[[np.ndarray], Any]
 """Image -> (parts, 3) poses, nan where a part was not found."""
 
 Result = TypeVar("Result")
+
+CLOSE = 1e-2
+"""Relative difference to the step time that a machine may report: nominal and identified frequencies differ."""
 
 NO_NOISE = np.zeros(2)
 LATER = np.ones(1, dtype=np.int64)
@@ -284,7 +287,8 @@ class HardwareEnv(VibgymEnv):
     - After a :class:`MachineError` the elements stop until the next ``reset``.
 
     Args:
-        driver: of the machine.
+        driver: of the machine. If it has a mapping ``machine`` (:attr:`SocketDriver.machine`), its values must be those of the
+            environment.
         task: id or short name of an environment.
         watchdog: None: with its default limits.
         locate: computes poses from images, for drivers whose measurements are images.
@@ -293,7 +297,7 @@ class HardwareEnv(VibgymEnv):
             policies and estimators use the nominal limits, dead zone, latency, delay and noise.
 
     Raises:
-        ValueError: an unknown environment, or a setting that has no meaning on hardware.
+        ValueError: an unknown environment, another machine, or a setting that has no meaning on hardware.
     """
 
     core: HardwareCore
@@ -314,6 +318,13 @@ class HardwareEnv(VibgymEnv):
         self._environment = json_values(environment)
         if self.drawn is not None:
             raise checks.conflict("hardware requires shapes=[...], since it cannot draw them")
+        surface = self.surface
+        own = {"rows": surface.rows, "columns": surface.columns, "parts": len(self.parts), "step_time": self.step_time}
+        reported = getattr(driver, "machine", None)
+        for name, value in own.items() if isinstance(reported, Mapping) else ():
+            got = reported.get(name, value)
+            if not math.isclose(got, value, rel_tol=CLOSE if name == "step_time" else 0.0):
+                raise checks.refuse(f"driver.machine[{name!r}]", got, f"{value:g}, that of the environment")
         self.spec, core = spec, self.core
         core.driver, core.locate, core.clock = driver, locate, clock
         core.watchdog = watchdog or Watchdog()
