@@ -75,6 +75,16 @@ FAULTS = {
         "-10.0 mm from the bottom border",
         AT,
     ),
+    "jump": (
+        from_cycle(lambda k, m, now: (moved(m, x=m.pose[0, 0] + (0.3 if m.pose[0, 0] < 0.4 else -0.3)), now)),
+        "part 0 has moved by 3",  # 300 mm, and its own way
+        AT,
+    ),
+    "jump while unseen": (
+        from_cycle(lambda k, m, now: (moved(m, x=np.nan if k < AT + 3 else 0.15 if m.pose[0, 0] > 0.4 else 0.65), now)),
+        " mm are possible",
+        AT + 3,
+    ),
     "lost part": (
         from_cycle(lambda k, m, now: (moved(m, x=np.nan), now)),
         "part 0 has not been measured for 0.440 s",
@@ -198,7 +208,7 @@ def test_a_part_that_is_not_measured_at_the_start_is_an_error():
     assert not driver.sent
 
 
-@pytest.mark.parametrize("limit", [{"hold": -1}, {"stale": np.nan}, {"border": "near"}, {"lost": -0.1}])
+@pytest.mark.parametrize("limit", [{"hold": -1}, {"stale": np.nan}, {"border": "near"}, {"jump": -1}, {"lost": -0.1}])
 def test_bad_limits_are_refused(limit):
     with pytest.raises(ValueError, match=next(iter(limit))):
         Watchdog(**limit)
