@@ -354,7 +354,8 @@ class HardwareEnv(VibgymEnv):
         surface = self.surface
         own = {"rows": surface.rows, "columns": surface.columns, "parts": len(self.parts), "step_time": self.step_time}
         reported = getattr(driver, "machine", None)
-        for name, value in own.items() if isinstance(reported, Mapping) else ():
+        reported = reported if isinstance(reported, Mapping) else {}
+        for name, value in own.items():
             got = reported.get(name, value)
             if not math.isclose(got, value, rel_tol=CLOSE if name == "step_time" else 0.0):
                 raise checks.refuse(f"driver.machine[{name!r}]", got, f"{value:g}, that of the environment")
