@@ -170,6 +170,22 @@ def test_a_friction_law_is_found_where_there_is_one(fitted):
 
 
 @pytest.mark.full
+@pytest.mark.parametrize(("limit", "gain"), [(0.40e-3, 1.2), (0.34e-3, 1.2), (0.30e-3, 1.1)])
+def test_the_limit_of_the_elements_may_differ_from_that_of_commands(limit, gain):
+    nominal = replace(NOMINAL, max_amplitude=0.30e-3)
+    settings = {"surface": nominal, "actuators": "prototype", "parts": [PART]}
+    found = fit(record(replace(TRUE, max_amplitude=limit), TRUE_PART, machine(gain=gain, dead_zone=0.5e-4), CAMERA,
+                       seconds=32.0, seed=1, settings=settings, excitation=Excitation(nominal, PART, 1)))  # fmt: skip
+    assert found.values["friction_law"] == "constant"
+    for name, true in (("friction", 0.5), ("horizontal_amplitude", 2.5e-3), ("gain", gain)):
+        assert found.values[name] == pytest.approx(true, rel=0.03 if name == "gain" else 0.015), name
+    expected = Surface(frequency=found.surface.frequency).max_amplitude if limit == 0.40e-3 else limit  # lift-off
+    assert found.values["max_amplitude"] == found.surface.max_amplitude == pytest.approx(expected, rel=0.02)
+    assert found.actuators["limit"] == 0.30e-3
+    assert any("exceed the nominal" in each for each in found.notes) == (limit > 0.30e-3)
+
+
+@pytest.mark.full
 def test_parts_of_two_kinds_have_friction_of_their_own():
     surface = replace(NOMINAL, columns=14)
     actuators = {"kind": "prototype", "gain": 0.9, "latency": 1, "gain_spread": 0.0, "phase_spread": 0.0}

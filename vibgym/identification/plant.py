@@ -126,6 +126,9 @@ class Plant:
         kinds: different parts.
         limit, resolution: m, of the actuators' amplitudes.
         fine: predict with finer time steps than the derivatives'.
+
+    Attributes:
+        top: m, largest amplitude of the elements, after their gain.
     """
 
     def __init__(
@@ -144,7 +147,7 @@ class Plant:
         self._drive = polar_drive(log.amplitude, log.phase, surface.angular_frequency)
         self._rows = len(log)
         self._first = np.array([each.first for each in self.segments])
-        self._limit, self._resolution = limit, resolution
+        self._limit, self._resolution, self.top = limit, resolution, float(surface.max_amplitude or 0.0)
         self._finer = FINE if fine else {}
 
     def predict(self, which: Sequence[int], parameters: Parameters, starts: np.ndarray) -> list[np.ndarray]:
@@ -302,7 +305,7 @@ class Plant:
                 element=element,
                 number=number,
                 form=FORMS.index(parameters.dead_zone_form),
-                top=surface.full_scale,
+                top=self.top * scale,
             ),
         )
         drive = self._drive._replace(hardware=hardware.address)

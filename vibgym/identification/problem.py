@@ -18,6 +18,9 @@ from vibgym.physics.core.hardware import FORMS, HARD
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 
+KNOWN = 1.05
+"""Lift-off over the nominal limit up to which the elements' limit is the nominal one."""
+
 
 class Problem:
     """A recording, the nominal machine, and what a fit finds besides numbers.
@@ -27,7 +30,8 @@ class Problem:
         surface, parts: nominal ones.
 
     Attributes:
-        surface: with the frequency of the recording; ``nominal`` without.
+        surface: with the frequency of the recording, and lift-off as its largest amplitude; ``nominal`` without.
+        limit: m, largest amplitude of the elements; commands have that of ``nominal``, which need not be the same.
         kinds, kind_of: different parts, and the kind of each part.
         sheet: data sheet of the nominal actuators.
         names: of the shared parameters, in the order of :meth:`Parameters.vector`.
@@ -45,9 +49,9 @@ class Problem:
         self.timing = timing_of(log, surface.period)
         frequency = 1.0 / self.timing.period
         lift_off = surface.gravity / (2.0 * math.pi * frequency) ** 2
-        self.surface = replace(
-            surface, frequency=frequency, max_amplitude=min(surface.max_amplitude or math.inf, lift_off)
-        )
+        self.surface = replace(surface, frequency=frequency, max_amplitude=lift_off)
+        nominal_limit = min(surface.max_amplitude or math.inf, lift_off)
+        self.limit = lift_off if lift_off > KNOWN * nominal_limit else nominal_limit
         self.kinds, self.kind_of = kinds_of(parts, Part.same_as)
         self.sheet = actuators_from(log.settings["actuators"], surface, 1, 1).data_sheet
         self.latencies = latencies_of(self.sheet)
