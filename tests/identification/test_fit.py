@@ -217,7 +217,7 @@ def test_environments_load_the_settings_file(fitted):
 @pytest.mark.full
 def test_command_writes_page_and_settings(log, tmp_path, capsys, monkeypatch, fitted):
     monkeypatch.setattr(
-        "vibgym.identification.fit", lambda log, report: fitted
+        "vibgym.identification.fit", lambda log, report, force: fitted
     )  # fitted above, from the same recording
     log.save(tmp_path / "log.npz")
     assert main(["identify", str(tmp_path / "log.npz"), "--quiet"]) == 0
@@ -258,6 +258,41 @@ def some(log, rows, **changed):
     return Log(**{**parts, "settings": log.settings, **changed})
 
 
+def seen(log, change):
+    """Return a recording with other measurements."""
+    return some(log, slice(None), pose=np.stack(change(*np.moveaxis(log.pose, -1, 0)), axis=-1))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    "fault", ["the fit has not converged", "noise_heading is 4.17 rad", "noise_position is 0.031 m"]
+)
+def test_a_result_that_is_not_to_be_used_is_refused_unless_forced(log, fitted, monkeypatch, tmp_path, capsys, fault):
+    name, _, value = fault.partition(" is ")
+
+    def run(job):
+        if not value:
+            job.faults.append(fault)
+            return fitted
+        return replace(fitted, values={**fitted.values, name: float(value.split()[0])})
+
+    monkeypatch.setattr(_Job, "run", run)
+    with pytest.raises(ValueError, match=fault):
+        fit(log)
+    assert fault in fit(log, force=True).notes[-1]
+    log.save(tmp_path / "log.npz")
+    assert main(["identify", str(tmp_path / "log.npz"), "--quiet"]) == 2
+    assert fault in capsys.readouterr().err and not (tmp_path / "machine.yaml").exists()
+    assert main(["identify", str(tmp_path / "log.npz"), "--quiet", "--force"]) == 0
+    assert fault in capsys.readouterr().out and (tmp_path / "machine.yaml").exists()
+
+
+@pytest.mark.full
+def test_a_fit_that_leaves_the_range_of_the_model_names_units_and_axes(log):
+    with pytest.raises(ValueError, match="check units, axes and nominal settings"):
+        fit(seen(log, lambda x, y, h: (x, y, -h)))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -269,6 +304,21 @@ def some(log, rows, **changed):
         (lambda log: (some(log, slice(0, 100)), None, None), "record longer"),
         (lambda log: (some(log, slice(None), amplitude=0.0 * log.amplitude), None, None), "too little excitation"),
         (lambda log: (some(log, slice(None), pose=math.nan * log.pose), None, None), "stretches"),
+        (
+            lambda log: (seen(log, lambda x, y, h: (1e3 * x, 1e3 * y, h)), None, None),
+            "log.pose must be in m, on the table of",
+        ),
+        (
+            lambda log: (seen(log, lambda x, y, h: (x - 0.104, y - 0.065, h)), None, None),
+            "on the table of 0.208 x 0.13 m",
+        ),
+        (lambda log: (seen(log, lambda x, y, h: (x, y, np.degrees(h))), None, None), "headings in rad"),
+        (
+            lambda log: (some(log, slice(None), phase=np.degrees(log.phase)), None, None),
+            "log.phase must be in [-2 pi, 2 pi]",
+        ),
+        (lambda log: (seen(log, lambda x, y, h: (x, 0.13 - y, -h)), None, None), "if y is mirrored"),
+        (lambda log: (seen(log, lambda x, y, h: (0.208 - x, y, np.pi - h)), None, None), "if x is mirrored"),
     ],
 )
 def test_unsuitable_recordings_are_refused(log, change, message):

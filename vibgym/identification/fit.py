@@ -65,8 +65,11 @@ NEAR = 0.5
 SETTLED, ENOUGH = 0.02, 1.0
 """Step over standard deviation, of all shared parameters, and decrease of chi squared, below which the fit has converged."""
 
-UNSETTLED = 0.2
-"""Step over standard deviation above which it has not."""
+MOST_NOISE = 3e-3, 0.1
+"""Largest plausible standard deviations of measured positions (m) and headings (rad)."""
+
+UNSETTLED, ASTRAY = 0.2, 1.0
+"""Step over standard deviation above which it has not, and above which intervals have no meaning."""
 
 
 def fit(
@@ -75,6 +78,7 @@ def fit(
     parts: Part | Sequence[Part] | None = None,
     *,
     report: Callable[[str], object] | None = None,
+    force: bool = False,
 ) -> Fitted:
     """Estimate the parameters of a machine from a recording.
 
@@ -86,14 +90,27 @@ def fit(
         log: the recording.
         surface, parts: nominal ones; None: those of the recording.
         report: called with a line about each stage.
+        force: return a result that is not to be used, with the reason among its notes.
 
     Raises:
-        ValueError: commands for another surface, other parts, or too little data.
+        ValueError: commands for another surface, other parts, other units or axes, or too little data; without ``force`` also a
+            fit that has not converged, or has more noise than a camera.
     """
     checks.instance("log", log, Log)
     nominal: Surface = log.surface if surface is None else checks.instance("surface", surface, Surface)
     parts = log.parts if parts is None else (parts,) if isinstance(parts, Part) else tuple(parts)
-    return _Job(log, nominal, parts, report or (lambda line: None)).run()
+    job = _Job(log, nominal, parts, report or (lambda line: None))
+    fitted = job.run()
+    for k, (name, most, unit) in enumerate(
+        (("noise_position", MOST_NOISE[0], "m"), ("noise_heading", MOST_NOISE[1], "rad"))
+    ):
+        if fitted.values[name] > most:
+            job.faults.insert(k, f"{name} is {fitted.values[name]:.3g} {unit}, at most {most:g} {unit} are plausible")
+    if job.faults and not force:
+        raise checks.conflict(
+            f"log: {'; '.join(job.faults)}: check units, axes and nominal settings (force=True returns the result)"
+        )
+    return replace(fitted, notes=[*fitted.notes, *job.faults])
 
 
 class _Job(Problem):
@@ -153,7 +170,8 @@ class _Job(Problem):
         done, system = self.with_laws(solver, done, everything, system)
         now = done.estimate
         if done.moved > UNSETTLED:
-            self.remarks.append(f"the fit has not converged: its last step was {done.moved:.2g} standard deviations")
+            found = self.faults if done.moved > ASTRAY else self.remarks
+            found.append(f"the fit has not converged: its last step was {done.moved:.2g} standard deviations")
         self.report(f"final: {self.describe(now)}")
         zone = None
         if self.fixed(now):
@@ -187,7 +205,7 @@ class _Job(Problem):
                 if found.gain < SETTLED:
                     break
             else:
-                self.remarks.append(f"{name}: the fit of its rise has not converged, do not use these parameters")
+                self.faults.append(f"{name}: the fit of its rise has not converged, do not use these parameters")
             self.laws[kind] = found._replace(rise=old.rise, speed=old.speed)
             self.remarks.append(f"{name}: a dependence on the speed of the slip is required, see its rise")
         return done, system

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.identification.log import Log
 from vibgym.identification.machine import Camera
 from vibgym.identification.segments import Segment
@@ -292,7 +293,8 @@ class Plant:
         simulator = Simulator(surface, part, worlds=worlds, **knobs)
         start = batch.start[:, None]
         simulator.place(slice(None), start[..., :3], start[..., 3:], start[..., 3:])
-        simulator.condition(slice(None), {"friction": (batch.friction / part.friction)[:, None]})
+        with checks.within("log: the fit has diverged, check units, axes and nominal settings", kind=checks.Refused):
+            simulator.condition(slice(None), {"friction": (batch.friction / part.friction)[:, None]})
         number = np.zeros((worlds, len(NUMBERS)))
         number[:, DEAD_ZONE] = batch.dead_zone * scale
         number[:, LIMIT], number[:, RESOLUTION] = self._limit * scale, self._resolution * scale
