@@ -183,6 +183,8 @@ class Training:
             self.learner.load(self.directory)
         elif self.learner.load(self.directory):
             raise checks.conflict(f"{file}: missing beside a checkpoint; choose another output")
+        elif (foreign := self.directory / POLICY).exists():
+            raise checks.conflict(f"{foreign}: a policy of another run, without {RUN}; choose another output")
         self.saved_at = self.learner.steps
         self._write_run()
 
