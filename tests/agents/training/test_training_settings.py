@@ -5,7 +5,7 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 
-from agents.train import Training
+from agents.train import Training, train_seeds
 from agents.training_file import agents_in, load_settings
 
 MANY = """
@@ -163,3 +163,10 @@ def load_settings_of(folder):
     path = folder / "w.yaml"
     path.write_text("task: Align\nsteps: 64\nworlds: 2\nppo: {n_steps: 32, batch_size: 64, net: [8]}\n")
     return load_settings(path)
+
+
+def test_training_several_seeds_shows_the_progress_of_each(tmp_path, capfd):
+    load_settings_of(tmp_path)
+    train_seeds(tmp_path / "w.yaml", [3, 4], tmp_path / "out")
+    shown = capfd.readouterr().err
+    assert all(f"seed {seed}" in shown for seed in (3, 4))
