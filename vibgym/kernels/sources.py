@@ -51,9 +51,10 @@ image builds and shared folders may be ahead of it."""
 @functools.cache
 def note(file: str, module: str) -> None:
     """Note the files that a module may depend on, while it is imported."""
-    for name, folder in _roots(file, module).items():
-        _note_package(folder / name)
-    _note_file(Path(file))
+    if Path(file).is_file():  # not of text that was executed
+        for name, folder in _roots(file, module).items():
+            _note_package(folder / name)
+        _note_file(Path(file))
 
 
 @functools.cache
