@@ -222,7 +222,7 @@ benchmark: $(DEV) $(PEERS)
 define train
 @for agent in $(2); do for seed in $(3); do $(PY) -m agents train $(1) --agent $$agent --seed $$seed || exit; done; done; \
 	$(PY) -m agents tabulate $(1) $(patsubst %,--agent %,$(filter-out %/taught %/first %/second %/third %/tuned,$(2))) --seeds $(3) \
-	--ship vibgym/policies/trained/shipped --page docs/agents.md
+	--output results --ship vibgym/policies/trained/shipped --page docs/agents.md
 endef
 train: $(LEARN)
 	$(call train,$(CONFIG),$(AGENTS),$(SEEDS))

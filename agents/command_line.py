@@ -9,10 +9,11 @@ import argparse
 import contextlib
 import importlib
 import io
+import logging
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from agents.failures import TrainingError
 from vibgym import imports
@@ -91,11 +92,22 @@ def _run(command: Command, program: str, description: str, argv: Sequence[str] |
     return command.run(arguments) or 0
 
 
+class AboveBars(logging.StreamHandler[Any]):
+    """Writes log messages to stderr, above progress bars where tqdm draws some."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.stream, tqdm = sys.stderr, sys.modules.get("tqdm")
+        with contextlib.nullcontext() if tqdm is None else tqdm.tqdm.external_write_mode(file=sys.stderr):
+            super().emit(record)
+
+
 def guarded(name: str, work: Callable[[], int], extra: str | None = None) -> int:
     """Return the exit code of ``work``; invalid input, known failures and Ctrl-C print one line instead of a traceback."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a character that the terminal lacks must not fail a run
+    if not (logger := logging.getLogger("vibgym")).handlers:
+        logger.addHandler(AboveBars())
     try:
         return work()
     except KeyboardInterrupt as interrupt:  # a command may report what is saved

@@ -262,10 +262,12 @@ def command(given: argparse.Namespace) -> None:
     known = agents_in(given.config)
     for name in given.agent or ():
         checks.choice("--agent", name, tuple(known))
-    names, output = given.agent or list(known), given.output or Path("results")
+    names, output = given.agent or list(known), given.output or Path("runs/agents")
     for row in tabulate(given.config, names, given.seeds, given.episodes, output, given.page, given.ship):
         time = row["time_to_goal_median_s"]
         print(f"{row['agent']} seed {row['seed']}: success {100 * row['success']:.1f} %, median {time:.2f} s")
 
 
-COMMANDS = {"tabulate": Command(arguments, command, "directory of agents.csv, curves and policies, instead of results")}
+COMMANDS = {
+    "tabulate": Command(arguments, command, "directory of agents.csv, curves and policies, instead of runs/agents")
+}

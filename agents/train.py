@@ -40,6 +40,7 @@ def train(
     quiet: bool = False,
     agent: str | None = None,
     seed: int | None = None,
+    line: int = 0,
 ) -> Path:
     """Train as the file ``config`` specifies, from its last checkpoint if there is one; see :class:`Training`.
 
@@ -49,6 +50,7 @@ def train(
         quiet: no progress bar, no closing line.
         agent: name, in a file of many agents.
         seed: instead of the file's.
+        line: of the progress bar, for runs beside one another: below the first one, without a closing line.
 
     Returns:
         Path of the policy's file.
@@ -61,10 +63,10 @@ def train(
     settings = load_settings(config, agent, seed)
     directory = output or Path(settings.output or Path("runs") / config.stem)
     with checks.within(config):
-        training = Training(settings, directory, quiet)
+        training = Training(settings, directory, quiet, line)
     with training:
         path = training.run()
-    if not quiet:
+    if not quiet and not line:
         steps, seconds = training.learner.steps, training.seconds
         print(f"{path}: {steps} steps in {seconds:.0f} s, {steps / seconds:.0f} steps/s, everything included")
     return path
@@ -98,7 +100,11 @@ def train_seeds(
         default = Path(settings.output or Path("runs") / config.stem)
         own = agent is not None and settings.output is not None and output is None  # its default names the seed
         folders.append(default if own else (output or default) / f"seed-{seed}")
-    calls = [(config, folder, True, agent, seed) for seed, folder in zip(seeds, folders, strict=True)]
+    # Each run has a bar of its own, below that of all; not on a cluster, whose nodes write elsewhere.
+    calls = [
+        (config, folder, quiet or ray is not None, agent, seed, k % parallel.usable(processes) + 1)
+        for k, (seed, folder) in enumerate(zip(seeds, folders, strict=True))
+    ]
     with tqdm(total=len(seeds), desc="training seeds", disable=quiet) as bar:
         return parallel.run(train, calls, workers=processes, ray=ray, done=bar.update)
 
@@ -114,13 +120,17 @@ class Training:
         directory: output: ``run.json``, the checkpoint, ``progress.csv`` with metrics, ``curve.csv`` (learning curve, with
             ``judging``), and at the end the policy.
         quiet: no progress bar.
+        line: of the progress bar.
 
     Raises:
         ValueError: invalid settings.
     """
 
-    def __init__(self, settings: TrainSettings, directory: Path, quiet: bool = False) -> None:
+    def __init__(self, settings: TrainSettings, directory: Path, quiet: bool = False, line: int = 0) -> None:
         self.settings, self.directory, self.quiet = settings, directory, quiet
+        self._bar_options: dict[str, Any] = {"unit": "step", "unit_scale": True, "disable": quiet}
+        if line:  # it leaves when the run ends
+            self._bar_options |= {"desc": f"seed {settings.seed}", "position": line, "leave": False}
         self.learner: Any = ALGORITHMS[settings.algorithm.partition(".")[0]](settings)
         self.seconds, self.saved_at = 0.0, 0
         try:
@@ -157,7 +167,7 @@ class Training:
             self._listener, self._began = listener or (lambda row: None), time.perf_counter() - self.seconds
             try:
                 total, initial = self.settings.steps, self.learner.steps
-                with tqdm(total=total, initial=initial, unit="step", unit_scale=True, disable=self.quiet) as self._bar:
+                with tqdm(total=total, initial=initial, **self._bar_options) as self._bar:
                     self._train()
             except (Diverged, ValueError) as error:
                 raise self._failure(error) from error
@@ -183,6 +193,8 @@ class Training:
             self.learner.load(self.directory)
         elif self.learner.load(self.directory):
             raise checks.conflict(f"{file}: missing beside a checkpoint; choose another output")
+        elif (foreign := self.directory / POLICY).exists():
+            raise checks.conflict(f"{foreign}: a policy of another run, without {RUN}; choose another output")
         self.saved_at = self.learner.steps
         self._write_run()
 

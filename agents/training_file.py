@@ -92,6 +92,10 @@ def settings_from(data: Mapping[str, Any], where: str = "training") -> TrainSett
             data[each] = parse(model, data[each], f"{where}: {each}")
     settings = parse(TrainSettings, {**data, "own": own}, where)
     environment_id(settings.task, f"{where}.task")
+    named = {"environment": settings.environment, **{f"scenes[{k}]": each for k, each in enumerate(settings.scenes)}}
+    for place, given in named.items():
+        if "num_envs" in given:
+            raise checks.conflict(f"{where}: {place}.num_envs cannot be set for training: worlds is their number")
     if (judging := settings.judging) is not None:
         check_seeds(f"{where}: judging.first_seed", judging.first_seed, judging.episodes, "selection")
     return settings

@@ -7,6 +7,7 @@ import sys
 
 import gymnasium as gym
 import numpy as np
+import torch
 from stable_baselines3 import SAC
 
 from vibgym.adapters.sb3 import VecEnv
@@ -35,6 +36,7 @@ gym.register(
     kwargs={"task": "ThriftyTransport", "action": "field", "max_episode_periods": 250},
 )
 
+torch.set_num_threads(1)  # such small networks gain nothing from more, and other work loses them
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 60_000
 venv = VecEnv("mine/ThriftyTransport-v0", num_envs=32)
 settings = {"learning_rate": 1e-3, "batch_size": 256, "gradient_steps": 8, "learning_starts": min(2000, steps // 2)}
@@ -47,4 +49,4 @@ for when in ("untrained", "trained"):
     found = rollout(model, "mine/ThriftyTransport-v0", seeds=range(100), action="field")
     print(f"{when:10} {100 * found.success.mean():5.1f} %, mean return {found.returns.mean():.2f}", flush=True)
     if when == "untrained":
-        model.learn(steps)
+        model.learn(steps, progress_bar=True)

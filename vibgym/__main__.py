@@ -85,6 +85,7 @@ def identify(parser: argparse.ArgumentParser) -> Command:
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="for identified.html and machine.yaml; default: that of LOG"
     )
+    parser.add_argument("--force", action="store_true", help="write a result that is not to be used, with the reason")
     parser.add_argument("--quiet", action="store_true", help="print the result only")
     return run_identification
 
@@ -97,8 +98,9 @@ def run_identification(arguments: argparse.Namespace) -> int:
 
     log = Log.load(arguments.log)
     folder = output_directory(arguments.output or arguments.log.parent)
+    report = None if arguments.quiet else lambda line: print(line, file=sys.stderr, flush=True)
     with checks.within(arguments.log, kind=checks.Refused):
-        fitted = fit(log, report=None if arguments.quiet else lambda line: print(line, file=sys.stderr, flush=True))
+        fitted = fit(log, report=report, force=arguments.force)
     title = f"Identification of {arguments.log.name}"
     write_together({folder / "identified.html": page(fitted, title), folder / "machine.yaml": settings_text(fitted)})
     for name, value, between, unit in rows(fitted):

@@ -72,13 +72,18 @@ def missing(name: str, reason: str = "") -> Refused:
 
 
 def unknown(what: str, value: object, known: Iterable[object]) -> Refused:
-    """Return the error for a name that is not registered: ``unknown action 'fields'; did you mean 'field'? (element, ...)``."""
-    place, what = _split(what)
+    """Return the error for a name that is not registered: ``unknown action 'fields'; did you mean 'field'? (element, ...)``.
+
+    ``key of FILE: SECTION`` becomes ``FILE: unknown key 'gama' of SECTION``.
+    """
+    of_key = what.startswith("key of ")
+    place, what = _split(what.removeprefix("key of "))
+    what, owner = ("key", f" of {_shortened(what, 500)}") if of_key else (what, "")
     names = [str(each) for each in known]
     close = difflib.get_close_matches(str(value), names, n=1) if isinstance(value, str) else []
     hint = f"; did you mean {close[0]!r}?" if close else ""
     listed = _shortened(", ".join(names) or "there are none", 2000)
-    return _error(f"{place}unknown {_shortened(what, 500)} {_shortened(shown(value), 120)}{hint} ({listed})")
+    return _error(f"{place}unknown {_shortened(what, 500)} {_shortened(shown(value), 120)}{owner}{hint} ({listed})")
 
 
 def _split(name: str) -> tuple[str, str]:

@@ -141,7 +141,9 @@ def parse(model: type[Model], data: Any, where: str) -> Model:
         fault = error.errors()[0]
         field = ".".join([where, *(str(part) or "''" for part in fault["loc"])])
         if fault["type"] == "extra_forbidden":
-            raise checks.unknown(f"key of {where}", str(fault["loc"][-1]), model.model_fields) from None
+            raise checks.unknown(
+                f"key of {'.'.join([where, *map(str, fault['loc'][:-1])])}", str(fault["loc"][-1]), model.model_fields
+            ) from None
         if fault["type"] == "missing":
             raise checks.missing(field) from None
         kind, _, allowed = fault["msg"].partition(" should be ")

@@ -46,6 +46,7 @@ class Run:
         content: argument of :func:`vibgym.policies.registry.make_policy`.
         recorder: what is recorded, see :func:`vibgym.policies.rollout.rollout`.
         policy: None until :meth:`made`, and in transfer to a worker process.
+        line: of the progress bar; 0 for runs in this process.
     """
 
     place: Place
@@ -57,6 +58,7 @@ class Run:
     content: Any
     recorder: type[Ends] = Measures
     policy: Policy | None = None
+    line: int = 0
 
     def made(self) -> Run:
         """Return the run with its policy."""
@@ -65,7 +67,9 @@ class Run:
     def play(self, quiet: bool) -> Any:
         """Return what the recorder keeps of the episodes."""
         name = f"{self.task:>9} {self.place.policy:<12}"
-        with tqdm(total=len(self.seeds), desc=name, unit="ep", disable=quiet) as bar:
+        with tqdm(
+            total=len(self.seeds), desc=name, unit="ep", disable=quiet, position=self.line, leave=not self.line
+        ) as bar:
             asked = {"seeds": self.seeds, "keep": self.recorder, "progress": bar.update}
             return rollout(self.policy, self.task, **asked, **self.environment)
 
@@ -154,7 +158,11 @@ def run_all(
     alone = ray is None and parallel.usable(processes) == 1
     elsewhere = [] if alone else sorted((k for k, run in enumerate(runs) if run.plain), key=lambda k: runs[k].order)
     found: list[Any] = [None if k in elsewhere else play(run, quiet) for k, run in enumerate(runs)]
-    items = [(play, replace(runs[k], policy=None)) for k in elsewhere]
+    workers = parallel.usable(processes)
+    items = [
+        (play, replace(runs[k], policy=None, line=n % workers + 1), quiet or ray is not None)
+        for n, k in enumerate(elsewhere)
+    ]
     with tqdm(total=len(items), desc="running policies", unit="run", disable=quiet or alone) as bar:
         played = parallel.run(_made_and_played, items, workers=processes, ray=ray, done=bar.update)
     for k, each in zip(elsewhere, played, strict=True):
@@ -162,8 +170,8 @@ def run_all(
     return found
 
 
-def _made_and_played(play: Callable[[Run, bool], Any], run: Run) -> Any:
-    return play(run.made(), True)
+def _made_and_played(play: Callable[[Run, bool], Any], run: Run, quiet: bool) -> Any:
+    return play(run.made(), quiet)
 
 
 def evaluate(prepared: Prepared, quiet: bool = False, ray: str | None = None) -> Results:

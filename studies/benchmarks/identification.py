@@ -104,7 +104,7 @@ def result(seed: int, seconds: float, stribeck: bool = False) -> dict[str, Any]:
     machine = drawn(seed, stribeck)
     log = recorded(machine, seed, seconds)
     began = time.process_time()
-    fitted = fit(log)
+    fitted = fit(log, force=True)
     took = time.process_time() - began
     true = np.array(machine.actuators["elements"])
     gain = fitted.values["gain"] * (1.0 + fitted.elements[..., 0]) / (machine.truth["gain"] * true[..., 0]) - 1.0

@@ -138,7 +138,7 @@ def identified(seed: int, asked: Any) -> Fitted:
     """Return the fit of a machine, from its file if there is one."""
     path = asked.output / f"fit-{seed}-{asked.seconds:g}.pickle"
     if not path.exists():
-        write_atomically(path, pickle.dumps(fit(recorded(drawn(seed), seed, asked.seconds))))
+        write_atomically(path, pickle.dumps(fit(recorded(drawn(seed), seed, asked.seconds), force=True)))
     return pickle.loads(path.read_bytes())
 
 

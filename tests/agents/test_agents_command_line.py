@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
+
 import pytest
+from tqdm import tqdm
 
 from agents import command_line
 from vibgym import checks
@@ -40,3 +43,14 @@ def test_what_a_user_s_class_does_not_take_is_bad_input_of_the_file(capsys):
     assert capsys.readouterr().err == "mine.yaml: operands could not be broadcast together\n"
     with pytest.raises(ValueError, match="^operands"), checks.within("mine.yaml", kind=checks.Refused):
         faulty()
+
+
+def test_messages_of_the_library_do_not_break_progress_bars(capsys):
+    def work():
+        with tqdm(total=9) as bar:
+            bar.update(4)
+            logging.getLogger("vibgym").warning("compiling")
+        return 0
+
+    assert program(work) == 0
+    assert "compiling" in [line.rpartition("\r")[2] for line in capsys.readouterr().err.splitlines()]

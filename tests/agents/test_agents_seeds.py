@@ -155,3 +155,13 @@ def test_examples_evaluate_on_episodes_that_they_have_not_trained_on(name, steps
     played = [seed for number, seeds, _ in resets if number != worlds for seed in seeds]
     assert len(set(training)) == worlds and all(seed in RANGES["training"] for seed in training)
     assert len(set(played)) in (100, 200) and all(seed in RANGES["own"] for seed in played)
+
+
+def test_tables_are_written_below_runs_unless_a_directory_is_given(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "agents.tabulate.tabulate", lambda config, names, seeds, episodes, output, *_: written.append(output) or []
+    )
+    config, written = tmp_path / "many.yaml", []
+    config.write_text("vibgym/Align-v0: {ideal: {steps: 5}}")
+    assert main(["tabulate", str(config)]) == main(["tabulate", str(config), "--output", str(tmp_path)]) == 0
+    assert written == [Path("runs/agents"), tmp_path]

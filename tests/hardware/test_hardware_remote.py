@@ -138,6 +138,7 @@ def test_another_protocol_or_version_is_one_clear_error(hello, reason):
         (message(Kind.IMAGE, struct.pack("<ddII", 0.0, 0.0, 4, 5) + b"123"), "IMAGE has a payload of 27 bytes"),
         (message(Kind.COMMAND), "COMMAND instead of a measurement"),
         (message(Kind.FAULT, b"too\nhot"), "too hot"),
+        (message(Kind.FAULT, b"\x1b[2Jhot\x07\x00"), r"\x1b[2Jhot\x07\x00"),
     ],
 )
 def test_bad_messages_stop_the_control_loop(answer, reason):
@@ -145,7 +146,7 @@ def test_bad_messages_stop_the_control_loop(answer, reason):
     driver = SocketDriver("127.0.0.1", port, timeout=60.0)
     outcome = ControlLoop(driver, "Align", "pose", action="velocity").run(9)
     driver.close()
-    assert reason in outcome.reason
+    assert reason in outcome.reason and outcome.reason.isprintable()
     thread.join(60.0)
 
 
@@ -168,6 +169,44 @@ def test_of_several_measurements_the_last_one_counts():
         found = driver.receive()
     assert driver.now() == found.taken == 0.16 and found.pose.tolist() == [[4.0, 4.0, 4.0]]
     driver.close()
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"rows": 4, "columns": 4}, "driver.machine['rows'] must be 8, that of the environment, got 4"),
+        ({"columns": 31}, "driver.machine['columns'] must be 32"),
+        ({"parts": 3}, "driver.machine['parts'] must be 1"),
+        ({"step_time": 0.02}, "driver.machine['step_time'] must be 0.04, that of the environment, got 0.02"),
+        ({"step_time": float("nan")}, "driver.machine['step_time'] must be 0.04"),
+    ],
+)
+def test_a_machine_that_differs_from_the_environment_is_refused(changes, reason):
+    hello = message(Kind.HELLO, json.dumps({**HELLO, **changes}).encode())
+    port, thread = served(lambda connection: (greet(connection, hello), drained(connection)))
+    driver = SocketDriver("127.0.0.1", port, timeout=60.0)
+    with pytest.raises(ValueError, match=re.escape(reason)):
+        ControlLoop(driver, "Align", "pose", action="velocity")
+    driver.close()
+    thread.join(60.0)
+
+
+def test_a_machine_that_sends_faster_than_can_be_read_stops_the_control_loop():
+    block = 500 * message(*pack_measurement(0.04, Measurement(np.zeros((1, 3)), 0.04)))
+
+    def serve(connection):
+        greet(connection)
+        with contextlib.suppress(OSError):
+            for _ in range(2000):  # then it closes the connection
+                connection.sendall(block)
+
+    port, thread = served(serve)
+    driver = SocketDriver("127.0.0.1", port, timeout=60.0, clock=iter(np.arange(0.0, 1e6, 0.1)).__next__)
+    with pytest.raises(MachineError, match=r"faster than they can be read: \d+ in 0\.5 s, and more are waiting"):
+        for _ in range(10_000):  # the thread may be late with some blocks
+            driver.receive()
+    driver.close()
+    thread.join(60.0)
 
 
 def test_measurements_pass_unchanged():

@@ -6,6 +6,7 @@ import pytest
 from tests.hardware.helpers import PROTOTYPE, Faulty
 from vibgym.hardware import ControlLoop, HardwareEnv, Stopped, Watchdog
 from vibgym.identification import Log
+from vibgym.tasks import TASKS
 
 AT = 5
 """Cycle from which a machine is faulty."""
@@ -75,6 +76,16 @@ FAULTS = {
         "-10.0 mm from the bottom border",
         AT,
     ),
+    "jump": (
+        from_cycle(lambda k, m, now: (moved(m, x=m.pose[0, 0] + (0.3 if m.pose[0, 0] < 0.4 else -0.3)), now)),
+        "part 0 has moved by 3",  # 300 mm, and its own way
+        AT,
+    ),
+    "jump while unseen": (
+        from_cycle(lambda k, m, now: (moved(m, x=np.nan if k < AT + 3 else 0.15 if m.pose[0, 0] > 0.4 else 0.65), now)),
+        " mm are possible",
+        AT + 3,
+    ),
     "lost part": (
         from_cycle(lambda k, m, now: (moved(m, x=np.nan), now)),
         "part 0 has not been measured for 0.440 s",
@@ -139,6 +150,49 @@ def test_the_estimator_follows_the_held_command_through_missed_cycles(missed):
     np.testing.assert_allclose(core.sensing.measurement.pose, truth, atol=1e-9)
 
 
+def resting(steps, change=lambda k, m, now: (m, now), skip=None):
+    """Steps of a part that rests at its goal until success; returns the environment, rewards and infos."""
+    driver = Faulty(change, skip)
+    env = HardwareEnv(driver, "Align", action="field", watchdog=Watchdog(lost=9.0, stale=9.0))
+    env.reset(seed=5, options={"goal": driver.inner.env.truth.pose[0]})
+    found = []
+    while len(found) < steps and not (found and found[-1][-1]["is_success"]):
+        found.append(env.step(np.zeros(6, dtype=np.float32)))
+    return env, [each[1] for each in found], [each[-1] for each in found]
+
+
+UNSEEN = {
+    "missed": {"skip": {2: 3, 3: 3, 4: 3}},
+    "not measured": {"change": lambda k, m, now: (moved(m, x=np.nan) if 2 <= k < 11 else m, now)},
+    "repeated": {"change": lambda k, m, now: (m._replace(taken=min(m.taken, 0.04)) if k < 11 else m, now)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", UNSEEN)
+def test_cycles_that_measure_nothing_do_not_count_for_the_hold(name):
+    env, _, infos = resting(60, **UNSEEN[name])
+    assert infos[-1]["is_success"]
+    assert len(infos) == 10 + (0 if name == "missed" else 9)  # 10 cycles that measure the part
+
+
+@pytest.mark.parametrize("settings", [{}, {"observation": "goal"}, {"custom": True}])
+def test_rewards_of_missed_cycles_are_part_of_their_step(settings, monkeypatch):
+    if settings.pop("custom", False):
+        monkeypatch.setattr(TASKS["Align"], "reward", lambda task, step: {"time": step.quantities["time"]})
+
+    def total(cycles, skip):
+        driver = Faulty(skip=skip)
+        env = HardwareEnv(driver, "Align", action="field", **settings)
+        env.reset(seed=5)
+        steps = [env.step(np.zeros(6, dtype=np.float32)) for _ in range(cycles - sum(skip.values()))]
+        assert env.core.missed == sum(skip.values())
+        assert all(each[1] == pytest.approx(sum(each[-1]["reward_terms"].values())) for each in steps)
+        assert all(each[1] == pytest.approx(float(each[-1]["parts"]["reward"].sum())) for each in steps)
+        return sum(each[1] for each in steps)
+
+    assert total(9, {2: 3, 4: 1}) == pytest.approx(total(9, {}), abs=1e-9)
+
+
 def test_too_many_missed_cycles_stop_the_elements():
     driver = Faulty(skip={AT: 4})
     outcome = run(driver)
@@ -198,7 +252,7 @@ def test_a_part_that_is_not_measured_at_the_start_is_an_error():
     assert not driver.sent
 
 
-@pytest.mark.parametrize("limit", [{"hold": -1}, {"stale": np.nan}, {"border": "near"}, {"lost": -0.1}])
+@pytest.mark.parametrize("limit", [{"hold": -1}, {"stale": np.nan}, {"border": "near"}, {"jump": -1}, {"lost": -0.1}])
 def test_bad_limits_are_refused(limit):
     with pytest.raises(ValueError, match=next(iter(limit))):
         Watchdog(**limit)

@@ -170,6 +170,22 @@ def test_a_friction_law_is_found_where_there_is_one(fitted):
 
 
 @pytest.mark.full
+@pytest.mark.parametrize(("limit", "gain"), [(0.40e-3, 1.2), (0.34e-3, 1.2), (0.30e-3, 1.1)])
+def test_the_limit_of_the_elements_may_differ_from_that_of_commands(limit, gain):
+    nominal = replace(NOMINAL, max_amplitude=0.30e-3)
+    settings = {"surface": nominal, "actuators": "prototype", "parts": [PART]}
+    found = fit(record(replace(TRUE, max_amplitude=limit), TRUE_PART, machine(gain=gain, dead_zone=0.5e-4), CAMERA,
+                       seconds=32.0, seed=1, settings=settings, excitation=Excitation(nominal, PART, 1)))  # fmt: skip
+    assert found.values["friction_law"] == "constant"
+    for name, true in (("friction", 0.5), ("horizontal_amplitude", 2.5e-3), ("gain", gain)):
+        assert found.values[name] == pytest.approx(true, rel=0.03 if name == "gain" else 0.015), name
+    expected = Surface(frequency=found.surface.frequency).max_amplitude if limit == 0.40e-3 else limit  # lift-off
+    assert found.values["max_amplitude"] == found.surface.max_amplitude == pytest.approx(expected, rel=0.02)
+    assert found.actuators["limit"] == 0.30e-3
+    assert any("exceed the nominal" in each for each in found.notes) == (limit > 0.30e-3)
+
+
+@pytest.mark.full
 def test_parts_of_two_kinds_have_friction_of_their_own():
     surface = replace(NOMINAL, columns=14)
     actuators = {"kind": "prototype", "gain": 0.9, "latency": 1, "gain_spread": 0.0, "phase_spread": 0.0}
@@ -201,7 +217,7 @@ def test_environments_load_the_settings_file(fitted):
 @pytest.mark.full
 def test_command_writes_page_and_settings(log, tmp_path, capsys, monkeypatch, fitted):
     monkeypatch.setattr(
-        "vibgym.identification.fit", lambda log, report: fitted
+        "vibgym.identification.fit", lambda log, report, force: fitted
     )  # fitted above, from the same recording
     log.save(tmp_path / "log.npz")
     assert main(["identify", str(tmp_path / "log.npz"), "--quiet"]) == 0
@@ -242,6 +258,41 @@ def some(log, rows, **changed):
     return Log(**{**parts, "settings": log.settings, **changed})
 
 
+def seen(log, change):
+    """Return a recording with other measurements."""
+    return some(log, slice(None), pose=np.stack(change(*np.moveaxis(log.pose, -1, 0)), axis=-1))
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    "fault", ["the fit has not converged", "noise_heading is 4.17 rad", "noise_position is 0.031 m"]
+)
+def test_a_result_that_is_not_to_be_used_is_refused_unless_forced(log, fitted, monkeypatch, tmp_path, capsys, fault):
+    name, _, value = fault.partition(" is ")
+
+    def run(job):
+        if not value:
+            job.faults.append(fault)
+            return fitted
+        return replace(fitted, values={**fitted.values, name: float(value.split()[0])})
+
+    monkeypatch.setattr(_Job, "run", run)
+    with pytest.raises(ValueError, match=fault):
+        fit(log)
+    assert fault in fit(log, force=True).notes[-1]
+    log.save(tmp_path / "log.npz")
+    assert main(["identify", str(tmp_path / "log.npz"), "--quiet"]) == 2
+    assert fault in capsys.readouterr().err and not (tmp_path / "machine.yaml").exists()
+    assert main(["identify", str(tmp_path / "log.npz"), "--quiet", "--force"]) == 0
+    assert fault in capsys.readouterr().out and (tmp_path / "machine.yaml").exists()
+
+
+@pytest.mark.full
+def test_a_fit_that_leaves_the_range_of_the_model_names_units_and_axes(log):
+    with pytest.raises(ValueError, match="check units, axes and nominal settings"):
+        fit(seen(log, lambda x, y, h: (x, y, -h)))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -253,6 +304,21 @@ def some(log, rows, **changed):
         (lambda log: (some(log, slice(0, 100)), None, None), "record longer"),
         (lambda log: (some(log, slice(None), amplitude=0.0 * log.amplitude), None, None), "too little excitation"),
         (lambda log: (some(log, slice(None), pose=math.nan * log.pose), None, None), "stretches"),
+        (
+            lambda log: (seen(log, lambda x, y, h: (1e3 * x, 1e3 * y, h)), None, None),
+            "log.pose must be in m, on the table of",
+        ),
+        (
+            lambda log: (seen(log, lambda x, y, h: (x - 0.104, y - 0.065, h)), None, None),
+            "on the table of 0.208 x 0.13 m",
+        ),
+        (lambda log: (seen(log, lambda x, y, h: (x, y, np.degrees(h))), None, None), "headings in rad"),
+        (
+            lambda log: (some(log, slice(None), phase=np.degrees(log.phase)), None, None),
+            "log.phase must be in [-2 pi, 2 pi]",
+        ),
+        (lambda log: (seen(log, lambda x, y, h: (x, 0.13 - y, -h)), None, None), "if y is mirrored"),
+        (lambda log: (seen(log, lambda x, y, h: (0.208 - x, y, np.pi - h)), None, None), "if x is mirrored"),
     ],
 )
 def test_unsuitable_recordings_are_refused(log, change, message):

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import vibgym
+from vibgym.kernels import helpers
 
 KERNELS = """
 import numpy as np
@@ -196,3 +197,37 @@ FIRST = {"all_finite", "copy_finite", "scatter_starts", "report_worlds"}
 def test_scenes_announce_their_kernels(probe, name, settings):
     (names,) = probe(SCENE.format(name=name, settings=settings), NUMBA_CACHE_DIR=os.environ.get("NUMBA_CACHE_DIR", ""))
     assert set(eval(names)) - FIRST == set()
+
+
+def test_announced_kernels_count_for_the_expected_time_without_helpers():
+    alone, job = helpers.Helpers(0), ("mine", "roots", ())
+    alone.submit(job, 1.0, b"")
+    assert alone.waiting() == [job]
+    alone.claim(job, None)
+    assert alone.waiting() == []
+
+
+ANNOUNCED = """
+import os
+import gymnasium, vibgym
+from vibgym.kernels import compiler, helpers
+
+def stop(*functions):
+    print(len(helpers.waiting()), flush=True)
+    os._exit(0)
+
+compiler._announce = stop
+env = gymnasium.make("vibgym/Align-v0")
+env.reset(seed=0)
+env.step(env.action_space.sample())
+"""
+
+
+@pytest.mark.parametrize("alone", [{"VIBGYM_HELPERS": "0"}, {"VIBGYM_CACHE": "0"}])
+def test_the_expected_time_is_that_of_all_kernels_of_a_scene(alone, tmp_path):
+    """Not that of the first kernel, about 1 s, where no helper compiles the others."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), **alone}
+    done = subprocess.run(
+        [sys.executable, "-c", ANNOUNCED], text=True, env=environment, capture_output=True, check=True
+    )
+    assert int(done.stdout) >= 3

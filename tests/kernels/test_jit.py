@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -58,6 +59,15 @@ def test_an_edit_of_a_callee_in_another_file_is_detected(run):
     assert text.count(result) == 1
     file.write_text(text.replace(result, "return 2.0 * first * scale, second * scale"))
     assert abs(once()[0] - first) > 1e-6
+
+
+def test_files_newer_than_the_clock_are_cached(run):
+    """Those of image builds and of shared folders, whose clocks may be ahead."""
+    package, once = run
+    for path in package.rglob("*.py"):
+        os.utime(path, (time.time() + 86_400,) * 2)
+    first, _ = once()
+    assert len(list((package.parent / "cache").rglob("*.nbc"))) == 1 and once() == (first, [])
 
 
 def test_a_kernel_older_than_its_file_is_not_cached(run):

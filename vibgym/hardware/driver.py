@@ -6,6 +6,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from vibgym import checks
+
 
 class Measurement(NamedTuple):
     """The latest measurement of a machine: poses or an image.
@@ -22,7 +24,10 @@ class Measurement(NamedTuple):
 
 
 class MachineError(Exception):
-    """A machine that does not work as it should; the message is one line."""
+    """A machine that does not work as it should; the message is made one line of printable characters."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(checks.plain_text(" ".join(message.split())))
 
 
 class Driver(Protocol):

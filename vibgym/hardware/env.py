@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import gymnasium as gym
@@ -31,11 +31,16 @@ from vibgym.scene.surface import Surface
 from vibgym.sensing.effects import read_poses
 from vibgym.sensing.measurement import new_reading
 from vibgym.tasks import Start
+from vibgym.tasks.episode import HELD
+from vibgym.tasks.scoring import OwnReward
 
 Locate = Callable[[np.ndarray], Any]
 """Image -> (parts, 3) poses, nan where a part was not found."""
 
 Result = TypeVar("Result")
+
+CLOSE = 1e-2
+"""Relative difference to the step time that a machine may report: nominal and identified frequencies differ."""
 
 NO_NOISE = np.zeros(2)
 LATER = np.ones(1, dtype=np.int64)
@@ -101,6 +106,7 @@ class HardwareCore(Core):
     """Core of one world whose state is measured; see :class:`HardwareEnv`.
 
     The state has the last measured poses, not those that the estimator predicts: success and reward are of the measured parts.
+    Cycles in which a part is not measured do not count for the hold. Rewards of missed cycles are added to that of their step.
 
     Attributes:
         driver, watchdog, locate, clock: see :class:`HardwareEnv`.
@@ -132,6 +138,19 @@ class HardwareCore(Core):
         self._stopped = ""
         self._raw: tuple[float, np.ndarray, float] | None = None  # s, poses as measured and when, without a command yet
         self.missed, self.received, self.sent = 0, 0.0, 0.0
+        self._missed_rewards = [np.zeros_like(each) for each in self._rewards]
+
+    @property
+    def _rewards(self) -> tuple[np.ndarray, ...]:
+        """Live arrays of the rewards of a step, and of their terms."""
+        return self.episode.reward, self.episode.part_reward, self.terms, self.part_terms
+
+    def step(self, action: np.ndarray, given: Any = None) -> None:
+        for missed in self._missed_rewards:
+            missed[...] = 0.0
+        super().step(action, given)
+        for reward, missed in zip(self._rewards, self._missed_rewards, strict=True):
+            reward += missed
 
     def check_start(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride
@@ -213,6 +232,8 @@ class HardwareCore(Core):
         seen = reading.seen[0]
         state.pose[0, seen] = reading.pose[0, seen]
         state.mean_velocity[0, seen] = state.velocity[0, seen] = reading.mean_velocity[0, seen]
+        if not seen[self.episode.present[0]].all():
+            self._suspend_hold()
         for run in self._after_advance:
             run(0)
 
@@ -231,7 +252,7 @@ class HardwareCore(Core):
         self.received = self.clock()
         for _ in range(self.watchdog.check_clock(self.driver.now())):
             self.missed += 1
-            self._score(0)  # goals move on
+            self._score_missed()
             if not self.sensing.exact:
                 self.sensing.estimator.correct(self._readings.unseen)
             self._predict()  # the elements hold the command
@@ -242,6 +263,21 @@ class HardwareCore(Core):
             pose = np.full(pose.shape, np.nan)
         self.watchdog.check_parts(pose, self.episode.present[0])
         self._readings.add(pose, measurement.taken)
+
+    def _suspend_hold(self) -> None:
+        """Do not count the present cycle for the hold: a part is not measured in it."""
+        self.episode.count[:, HELD] -= self.periods
+
+    def _score_missed(self) -> None:
+        """Score a missed cycle with the last poses: goals move on, and its reward is part of this step's."""
+        self._suspend_hold()
+        self._score(0)
+        if self._reward is not None:
+            self._replace_reward()
+        for reward, missed in zip(self._rewards, self._missed_rewards, strict=True):
+            missed += reward
+        if isinstance(self._reward, OwnReward):
+            self._store_state()
 
     def _predict(self) -> None:
         """Run the estimator's model for a cycle, while the machine runs."""
@@ -280,11 +316,12 @@ class HardwareEnv(VibgymEnv):
     - ``reset`` begins an episode with the parts where they lie. Goals are drawn from the seed, or set by ``options``.
     - ``step`` sends a command and returns at the next cycle of the machine. If cycles have passed since the last call, the
       elements have held their command in them: the estimator predicts through them, and ``core.missed`` counts them.
-    - Reward, success and ``info`` are those of the measured parts.
+    - Reward, success and ``info`` are those of the measured parts. A hold counts the cycles in which all parts are measured.
     - After a :class:`MachineError` the elements stop until the next ``reset``.
 
     Args:
-        driver: of the machine.
+        driver: of the machine. If it has a mapping ``machine`` (:attr:`SocketDriver.machine`), its values must be those of the
+            environment.
         task: id or short name of an environment.
         watchdog: None: with its default limits.
         locate: computes poses from images, for drivers whose measurements are images.
@@ -293,7 +330,7 @@ class HardwareEnv(VibgymEnv):
             policies and estimators use the nominal limits, dead zone, latency, delay and noise.
 
     Raises:
-        ValueError: an unknown environment, or a setting that has no meaning on hardware.
+        ValueError: an unknown environment, another machine, or a setting that has no meaning on hardware.
     """
 
     core: HardwareCore
@@ -314,6 +351,14 @@ class HardwareEnv(VibgymEnv):
         self._environment = json_values(environment)
         if self.drawn is not None:
             raise checks.conflict("hardware requires shapes=[...], since it cannot draw them")
+        surface = self.surface
+        own = {"rows": surface.rows, "columns": surface.columns, "parts": len(self.parts), "step_time": self.step_time}
+        reported = getattr(driver, "machine", None)
+        reported = reported if isinstance(reported, Mapping) else {}
+        for name, value in own.items():
+            got = reported.get(name, value)
+            if not math.isclose(got, value, rel_tol=CLOSE if name == "step_time" else 0.0):
+                raise checks.refuse(f"driver.machine[{name!r}]", got, f"{value:g}, that of the environment")
         self.spec, core = spec, self.core
         core.driver, core.locate, core.clock = driver, locate, clock
         core.watchdog = watchdog or Watchdog()

@@ -19,6 +19,12 @@ from vibgym.hardware.wire import Channel, Kind, floats, pack_measurement, unpack
 GREETING = 5.0
 """s in which a control loop has to introduce itself."""
 
+LONGEST_REASON = 500
+"""Bytes of a fault's text that are reported."""
+
+CATCHING_UP = 0.5
+"""s of reading measurements that wait, after which the machine counts as too fast: long enough for those of a pause."""
+
 
 class SocketDriver:
     """A machine that is reached over TCP, see :mod:`vibgym.hardware.wire`.
@@ -26,6 +32,7 @@ class SocketDriver:
     Args:
         host, port: of the machine.
         timeout: s without any message after which the machine counts as dead.
+        clock: s, for the limit on reading measurements that have arrived.
 
     Attributes:
         machine: what the machine has reported: ``rows``, ``columns``, ``parts``, ``step_time`` (s).
@@ -34,8 +41,8 @@ class SocketDriver:
         MachineError: no connection, or another protocol or version.
     """
 
-    def __init__(self, host: str, port: int, timeout: float = 1.0) -> None:
-        self._timeout = checks.number("timeout", timeout, above=0.0)
+    def __init__(self, host: str, port: int, timeout: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:
+        self._timeout, self._clock = checks.number("timeout", timeout, above=0.0), clock
         peer = f"the machine at {host}:{port}"
         try:
             connection = socket.create_connection((host, port), timeout)
@@ -67,15 +74,20 @@ class SocketDriver:
 
     def receive(self) -> Measurement:
         """Wait for the next measurement; of several that have arrived, return the last one."""
+        number, first = 0, None
         while True:
             message = self._channel.receive(self._timeout)
             if message.kind is Kind.FAULT:
-                raise MachineError(" ".join(message.payload.decode(errors="replace").split()))
+                raise MachineError(message.payload[:LONGEST_REASON].decode(errors="replace"))
             if message.kind not in (Kind.POSES, Kind.IMAGE):
                 raise MachineError(f"{self._channel.peer} has sent {message.kind.name} instead of a measurement")
             if not self._channel.waiting():
                 self._now, measurement = unpack_measurement(message, self.machine["parts"])
                 return measurement
+            number, first = number + 1, self._clock() if first is None else first
+            if self._clock() - first > CATCHING_UP:
+                fast = "sends measurements faster than they can be read"
+                raise MachineError(f"{self._channel.peer} {fast}: {number} in {CATCHING_UP:g} s, and more are waiting")
 
     def now(self) -> float:
         return self._now

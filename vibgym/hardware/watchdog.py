@@ -27,16 +27,20 @@ class Watchdog:
         stale: s, largest time without a new measurement, in addition to the nominal age of the sensor's measurements.
         lost: s, largest time without a measurement of a part, likewise.
         border: m, least distance of a part's centre to a border without a wall.
+        jump: m, largest distance between two measurements of a part, in addition to the table's speed times their distance.
 
     Raises:
         ValueError: a bad limit.
     """
 
-    def __init__(self, *, hold: int = 3, stale: float = 0.2, lost: float = 0.4, border: float = 0.01) -> None:
+    def __init__(
+        self, *, hold: int = 3, stale: float = 0.2, lost: float = 0.4, border: float = 0.01, jump: float = 0.05
+    ) -> None:
         self.hold = checks.count("hold", hold, least=0)
         self.stale = checks.number("stale", stale, least=0.0)
         self.lost = checks.number("lost", lost, least=0.0)
         self.border = checks.number("border", border, least=0.0)
+        self.jump = checks.number("jump", jump, least=0.0)
         self._emergency, self._reason = Event(), ""
 
     def start(self, surface: Surface, walls: Sequence[str], sensor: Sensor, now: float, taken: float) -> None:
@@ -54,6 +58,7 @@ class Watchdog:
         sides = {"left": (0, -1.0, 0.0), "right": (0, 1.0, surface.width), "bottom": (1, -1.0, 0.0)}
         sides["top"] = (1, 1.0, surface.depth)
         self._open = {name: each for name, each in sides.items() if name not in walls}
+        self._speed = surface.horizontal_amplitude * surface.angular_frequency  # of the table; parts are slower
         self._step, self._delay = sensor.step, sensor.delay * surface.period
         self._oldest = self._delay + (sensor.every - 1) * sensor.step  # s, nominal age just before a new measurement
         self._now, self._fresh, self._taken = now, now, taken
@@ -139,18 +144,24 @@ class Watchdog:
             present: (parts,) bool, parts that are on the table.
 
         Raises:
-            Stopped: a part is near a border, or has not been measured for too long.
+            Stopped: a part is near a border, has jumped, or has not been measured for too long.
         """
         if self._seen is None:
-            self._seen = np.full(len(pose), self._now)
-        measured = np.isfinite(pose).all(axis=1)
-        self._seen[measured | ~present] = self._now
+            self._seen, self._place = np.full(len(pose), self._now), np.full((len(pose), 2), np.nan)
+        measured, elapsed = np.isfinite(pose).all(axis=1), self._now - self._seen
+        moved, most = np.hypot(*(pose[:, :2] - self._place).T), self.jump + self._speed * elapsed
+        jumped = np.flatnonzero(measured & present & (moved > most))
+        self._seen[measured | ~present], self._place[measured] = self._now, pose[measured, :2]
         for name, (axis, sign, edge) in self._open.items():
             away = sign * (edge - pose[:, axis])
             near = np.flatnonzero(measured & present & (away < self.border))
             if near.size:
                 part, least = int(near[0]), 1e3 * self.border
                 raise Stopped(f"part {part} is {1e3 * away[part]:.1f} mm from the {name} border, at least {least:g} mm")
+        if jumped.size:
+            k = int(jumped[0])
+            far = f"part {k} has moved by {1e3 * moved[k]:.1f} mm in {elapsed[k]:.3f} s"
+            raise Stopped(f"{far}, at most {1e3 * most[k]:.1f} mm are possible")
         unseen = self._now - self._seen
         if unseen.max() > self.lost + self._oldest:
             part = int(unseen.argmax())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -31,6 +32,15 @@ ZONES = 31
 FINER = 3
 """Most scans of a hard dead zone, each of the interval that the one before has left."""
 
+COARSE, HALVINGS = 4, 3
+"""Limits of the elements that are tried first, and times that the distance between them is halved."""
+
+REQUIRED = 13.41
+"""Decrease of chi squared from which on the elements' limit is not the nominal one, as of a friction law."""
+
+UNLIMITED = 0.9
+"""Share of the nominal limit below which elements do not reach it, whatever it is."""
+
 EXCLUDED = 300.0
 """Chi squared above that of the best form of the dead zone, above which a form is not tried again."""
 
@@ -55,8 +65,11 @@ NEAR = 0.5
 SETTLED, ENOUGH = 0.02, 1.0
 """Step over standard deviation, of all shared parameters, and decrease of chi squared, below which the fit has converged."""
 
-UNSETTLED = 0.2
-"""Step over standard deviation above which it has not."""
+MOST_NOISE = 3e-3, 0.1
+"""Largest plausible standard deviations of measured positions (m) and headings (rad)."""
+
+UNSETTLED, ASTRAY = 0.2, 1.0
+"""Step over standard deviation above which it has not, and above which intervals have no meaning."""
 
 
 def fit(
@@ -65,25 +78,39 @@ def fit(
     parts: Part | Sequence[Part] | None = None,
     *,
     report: Callable[[str], object] | None = None,
+    force: bool = False,
 ) -> Fitted:
     """Estimate the parameters of a machine from a recording.
 
     Least squares on the simulator by multiple shooting: the recording is cut into segments with free initial states, and all
     segments and finite differences are simulated in one batch. Known and not fitted: gravity, size of the elements, outlines of
-    the parts, and limit and resolution of the amplitudes. The table's period is that of the commands.
+    the parts, and limit and resolution of the commanded amplitudes. The table's period is that of the commands.
 
     Args:
         log: the recording.
         surface, parts: nominal ones; None: those of the recording.
         report: called with a line about each stage.
+        force: return a result that is not to be used, with the reason among its notes.
 
     Raises:
-        ValueError: commands for another surface, other parts, or too little data.
+        ValueError: commands for another surface, other parts, other units or axes, or too little data; without ``force`` also a
+            fit that has not converged, or has more noise than a camera.
     """
     checks.instance("log", log, Log)
     nominal: Surface = log.surface if surface is None else checks.instance("surface", surface, Surface)
     parts = log.parts if parts is None else (parts,) if isinstance(parts, Part) else tuple(parts)
-    return _Job(log, nominal, parts, report or (lambda line: None)).run()
+    job = _Job(log, nominal, parts, report or (lambda line: None))
+    fitted = job.run()
+    for k, (name, most, unit) in enumerate(
+        (("noise_position", MOST_NOISE[0], "m"), ("noise_heading", MOST_NOISE[1], "rad"))
+    ):
+        if fitted.values[name] > most:
+            job.faults.insert(k, f"{name} is {fitted.values[name]:.3g} {unit}, at most {most:g} {unit} are plausible")
+    if job.faults and not force:
+        raise checks.conflict(
+            f"log: {'; '.join(job.faults)}: check units, axes and nominal settings (force=True returns the result)"
+        )
+    return replace(fitted, notes=[*fitted.notes, *job.faults])
 
 
 class _Job(Problem):
@@ -99,6 +126,7 @@ class _Job(Problem):
         limit = self.sheet.limit
         resolution, fine = self.sheet.resolution, length == LONG
         plant = Plant(self.log, segments, length, self.surface, self.kinds, limit, resolution, fine=fine)
+        plant.top = self.limit
         return Solver(plant, [kind.symmetry != 0 for kind in self.kinds])
 
     def run(self) -> Fitted:
@@ -123,6 +151,7 @@ class _Job(Problem):
         for k, each in enumerate(segments):
             starts[k] = known.get((each.part, each.first), starts[k])
         done = self.improve(solver, replace(now, starts=starts), everything, ROUNDS, elements=True)
+        done = self.with_limit(solver, done, everything)
         self.report(f"long segments: {self.describe(done.estimate)}")
         system = solver.linearize(everything, done.estimate, True)
         for _ in range(2):  # a form that fits better once the elements' errors are known is tried in a second round
@@ -141,7 +170,8 @@ class _Job(Problem):
         done, system = self.with_laws(solver, done, everything, system)
         now = done.estimate
         if done.moved > UNSETTLED:
-            self.remarks.append(f"the fit has not converged: its last step was {done.moved:.2g} standard deviations")
+            found = self.faults if done.moved > ASTRAY else self.remarks
+            found.append(f"the fit has not converged: its last step was {done.moved:.2g} standard deviations")
         self.report(f"final: {self.describe(now)}")
         zone = None
         if self.fixed(now):
@@ -175,7 +205,7 @@ class _Job(Problem):
                 if found.gain < SETTLED:
                     break
             else:
-                self.remarks.append(f"{name}: the fit of its rise has not converged, do not use these parameters")
+                self.faults.append(f"{name}: the fit of its rise has not converged, do not use these parameters")
             self.laws[kind] = found._replace(rise=old.rise, speed=old.speed)
             self.remarks.append(f"{name}: a dependence on the speed of the slip is required, see its rise")
         return done, system
@@ -276,6 +306,41 @@ class _Job(Problem):
         if form == FORMS[HARD]:
             now, _ = self.hard_zone(solver, now, which, system)
         return now
+
+    def with_limit(self, solver: Solver, now: Progress, which: Sequence[int]) -> Progress:
+        """Return progress with the elements' limit that describes the recording best: :attr:`limit`, which is set.
+
+        It is the nominal one unless another is required: that of lift-off if it suffices, else one between. Each is fitted:
+        linear fits mislead, since the gain has no effect on commands that are cut.
+        """
+        nominal, highest = float(self.nominal.max_amplitude or 0.0), self.limit
+        poses, tried = sum(len(solver.plant.segments[k].pose) for k in which), {highest: now}
+
+        def costs(limits: Sequence[float]) -> dict[float, float]:
+            for self.limit in set(limits) - set(tried):
+                solver.plant.top = self.limit
+                tried[self.limit] = self.improve(solver, now.estimate, which, ROUNDS, elements=True)
+                self.report(f"limit {1e3 * self.limit:.4f} mm: {self.describe(tried[self.limit].estimate)}")
+            misfits = {limit: misfit(each.estimate) for limit, each in tried.items()}
+            return {limit: poses * (each - min(misfits.values())) for limit, each in misfits.items()}
+
+        gains = now.estimate.parameters.gain + now.estimate.parameters.elements[..., 0]
+        if highest <= nominal or (gains * self.log.amplitude.max(axis=0)).max() < UNLIMITED * nominal:
+            self.limit = solver.plant.top = min(nominal, highest)  # without effect
+            return now
+        found = costs(np.linspace(nominal, highest, COARSE).tolist())
+        for _ in range(HALVINGS if min(found[nominal], found[highest]) > REQUIRED else 0):
+            limits = sorted(found)
+            k = limits.index(min(found, key=found.__getitem__))
+            found = costs([0.5 * (a + b) for a, b in itertools.pairwise(limits[max(k - 1, 0) : k + 2])])
+        suffice = [each for each in (nominal, highest) if found[each] < REQUIRED]
+        self.limit = solver.plant.top = [*suffice, min(found, key=found.__getitem__)][0]
+        if self.limit > nominal:
+            own = (
+                "they reach no limit" if suffice else f"{1e3 * self.limit:.3g} mm, whose error is not in the intervals"
+            )
+            self.remarks.append(f"elements exceed the nominal max_amplitude, {1e3 * nominal:.3g} mm: {own}")
+        return tried[self.limit]
 
     def hard_zone(
         self, solver: Solver, now: Estimate, which: Sequence[int], system: System

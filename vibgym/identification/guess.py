@@ -25,6 +25,12 @@ CANDIDATES = 3
 LARGEST_ZONE = 2.5e-4
 """m, largest dead zone tried; the prototype has 0.1 mm."""
 
+MIRRORED = 0.95
+"""Sum of squares of the regression with mirrored axes, over that without, below which the camera's axes are mirrored."""
+
+AXES = {"no axis": (False, False), "x": (True, False), "y": (False, True), "x and y": (True, True)}
+"""Axes of positions that are tried mirrored."""
+
 CAMERA = np.array([1.0, 0.0, 0.0, 0.0])
 """Scale, turn and shift of an exact camera."""
 
@@ -50,19 +56,61 @@ def first_estimates(
         sheet: nominal actuators.
 
     Raises:
-        ValueError: too few images one period apart, or no commands under the parts.
+        ValueError: too few images one period apart, no commands under the parts, or mirrored axes.
+    """
+    tried = {axes: _regressions(log, segments, surface, kinds, sheet, np.array(each)) for axes, each in AXES.items()}
+    best, found = min(tried, key=lambda axes: tried[axes][0][0]), tried["no axis"]
+    if tried[best][0][0] < MIRRORED * found[0][0]:
+        got = f"positions that agree with the commands if {best} is mirrored (or if all phases are negated)"
+        raise checks.refuse(
+            "log.pose", got, "x to the right and y upwards on the table, as the commands' columns and rows"
+        )
+    estimates = []
+    for _, latency, factor in found[:CANDIDATES]:
+        response = factor / (-0.5j * surface.angular_frequency**2)
+        lead = lead_angle(surface, float(np.mean([kinds[each.kind].friction for each in segments])))
+        zone = min(sheet.dead_zone, LARGEST_ZONE)
+        estimates.append(
+            Parameters(
+                friction=np.array([kind.friction for kind in kinds]),
+                horizontal_amplitude=surface.horizontal_amplitude,
+                gain=float(np.clip(abs(response), 0.4, 1.6)),
+                phase=wrapped(lead - np.angle(response)),
+                dead_zone=zone,
+                dead_zone_form=sheet.dead_zone_form,
+                latency=latency,
+                camera=CAMERA,
+                elements=np.zeros((surface.rows, surface.columns, 2)),
+            )
+        )
+    return estimates
+
+
+def _regressions(
+    log: Log,
+    segments: Sequence[Segment],
+    surface: Surface,
+    kinds: Sequence[Part],
+    sheet: DataSheet,
+    mirrored: np.ndarray,
+) -> list[tuple[float, int, complex]]:
+    """Return sum of squares, latency and response of the regressions of :func:`first_estimates`, the best first.
+
+    Args:
+        mirrored: (2,) bool, axes of the positions to mirror.
     """
     commands = log.amplitude * np.exp(1j * log.phase)
     latencies = latencies_of(sheet)
     rows, accelerations, velocities, patches, frictions = [], [], [], [], []
     for each in segments:
-        x = each.pose[:, 0] + 1j * each.pose[:, 1]
+        position = np.where(mirrored, [surface.width, surface.depth] - each.pose[:, :2], each.pose[:, :2])
+        x = position[:, 0] + 1j * position[:, 1]
         regular = np.abs(np.diff(each.instant) - 1.0) < 0.2
         for k in np.flatnonzero(regular[:-1] & regular[1:]):
             rows.append(each.first + round(each.instant[k]))
             accelerations.append((x[k + 2] - 2.0 * x[k + 1] + x[k]) / surface.period**2)
             velocities.append((x[k + 2] - x[k]) / (2.0 * surface.period))
-            place = each.pose[k + 1, :2] // surface.element_size
+            place = position[k + 1] // surface.element_size
             row = int(np.clip(place[1], 0, surface.rows - 1))
             patches.append((row, int(np.clip(place[0], 0, surface.columns - 1))))
             frictions.append(kinds[each.kind].friction)
@@ -90,25 +138,7 @@ def first_estimates(
         design = np.column_stack([mu * near[latency].conj(), mu * v])
         solution, *_ = np.linalg.lstsq(design, a, rcond=None)
         found.append((float((np.abs(a - design @ solution) ** 2).sum()), latency, complex(solution[0])))
-    estimates = []
-    for _, latency, factor in sorted(found)[:CANDIDATES]:
-        response = factor / (-0.5j * surface.angular_frequency**2)
-        lead = lead_angle(surface, float(mu.mean()))
-        zone = min(sheet.dead_zone, LARGEST_ZONE)
-        estimates.append(
-            Parameters(
-                friction=np.array([kind.friction for kind in kinds]),
-                horizontal_amplitude=surface.horizontal_amplitude,
-                gain=float(np.clip(abs(response), 0.4, 1.6)),
-                phase=wrapped(lead - np.angle(response)),
-                dead_zone=zone,
-                dead_zone_form=sheet.dead_zone_form,
-                latency=latency,
-                camera=CAMERA,
-                elements=np.zeros((surface.rows, surface.columns, 2)),
-            )
-        )
-    return estimates
+    return sorted(found, key=lambda each: each[0])
 
 
 def starts_of(

@@ -98,7 +98,10 @@ class Outcome:
         element_deviations = deviation[shared:].reshape(elements.shape)
         unidentified = self.unidentified(relative, pairs, element_deviations)
         element_deviations = element_deviations * relation
-        fitted = replace(problem.surface, horizontal_amplitude=now.parameters.horizontal_amplitude)
+        fitted = replace(
+            problem.surface, horizontal_amplitude=now.parameters.horizontal_amplitude, max_amplitude=problem.limit
+        )
+        values["max_amplitude"] = problem.limit
         return Fitted(
             values, intervals, pairs, fitted, self.actuators(), self.parts(), elements, element_deviations,
             unidentified, self.notes(), self.residual_rows(), problem.alternatives,
@@ -144,7 +147,7 @@ class Outcome:
         found["static friction"] = "none on this table: parts slide at all times" if all(
             problem.nominal.slides_permanently(kind.static_friction) for kind in problem.kinds
         ) else "a recording at a lower frequency, in which parts stick"  # fmt: skip
-        found["gravity, element size, mass, limit"] = "none: they are taken as given"
+        found["gravity, element size, mass, limit of commands"] = "none: they are taken as given"
         width = 0.0 if self.zone is None else self.zone[1] - self.zone[0]
         if width > 2.0 * LEVEL * UNKNOWN * 1e-3 * now.prior.deviation[problem.names.index("dead_zone")]:
             found["dead_zone"] = ADVICE["dead_zone"]
@@ -159,7 +162,7 @@ class Outcome:
         elements[..., 0] = np.maximum(elements[..., 0], 0.0)
         return {
             "kind": "prototype", "dead_zone": min(p.dead_zone, 0.99 * problem.sheet.limit), "dead_zone_form": p.dead_zone_form,
-            "limit": min(problem.sheet.limit, float(problem.surface.max_amplitude or math.inf)), "latency": p.latency,
+            "limit": min(problem.sheet.limit, problem.limit), "latency": p.latency,
             "gain_spread": 0.0, "phase_spread": 0.0, "resolution": problem.sheet.resolution, "gain": p.gain,
             "phase": wrapped(p.phase), "elements": elements.round(5).tolist(),
         }  # fmt: skip

@@ -16,7 +16,7 @@ UNITS: dict[str, tuple[float, str]] = {
     "frequency": (1.0, "Hz"), "horizontal_amplitude": (1e3, "mm"), "dead_zone": (1e3, "mm"), "phase": (np.degrees(1.0), "deg"),
     "phase_spread": (np.degrees(1.0), "deg"), "camera_turn": (np.degrees(1.0), "deg"), "camera_x": (1e3, "mm"),
     "camera_y": (1e3, "mm"), "noise_position": (1e3, "mm"), "noise_heading": (np.degrees(1.0), "deg"),
-    "latency": (1.0, "periods"), "rise_speed": (1.0, "m/s"),
+    "max_amplitude": (1e3, "mm"), "latency": (1.0, "periods"), "rise_speed": (1.0, "m/s"),
 }  # fmt: skip
 """Factor and unit of printed values."""
 

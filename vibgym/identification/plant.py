@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.identification.log import Log
 from vibgym.identification.machine import Camera
 from vibgym.identification.segments import Segment
@@ -126,6 +127,9 @@ class Plant:
         kinds: different parts.
         limit, resolution: m, of the actuators' amplitudes.
         fine: predict with finer time steps than the derivatives'.
+
+    Attributes:
+        top: m, largest amplitude of the elements, after their gain.
     """
 
     def __init__(
@@ -144,7 +148,7 @@ class Plant:
         self._drive = polar_drive(log.amplitude, log.phase, surface.angular_frequency)
         self._rows = len(log)
         self._first = np.array([each.first for each in self.segments])
-        self._limit, self._resolution = limit, resolution
+        self._limit, self._resolution, self.top = limit, resolution, float(surface.max_amplitude or 0.0)
         self._finer = FINE if fine else {}
 
     def predict(self, which: Sequence[int], parameters: Parameters, starts: np.ndarray) -> list[np.ndarray]:
@@ -289,7 +293,8 @@ class Plant:
         simulator = Simulator(surface, part, worlds=worlds, **knobs)
         start = batch.start[:, None]
         simulator.place(slice(None), start[..., :3], start[..., 3:], start[..., 3:])
-        simulator.condition(slice(None), {"friction": (batch.friction / part.friction)[:, None]})
+        with checks.within("log: the fit has diverged, check units, axes and nominal settings", kind=checks.Refused):
+            simulator.condition(slice(None), {"friction": (batch.friction / part.friction)[:, None]})
         number = np.zeros((worlds, len(NUMBERS)))
         number[:, DEAD_ZONE] = batch.dead_zone * scale
         number[:, LIMIT], number[:, RESOLUTION] = self._limit * scale, self._resolution * scale
@@ -302,7 +307,7 @@ class Plant:
                 element=element,
                 number=number,
                 form=FORMS.index(parameters.dead_zone_form),
-                top=surface.full_scale,
+                top=self.top * scale,
             ),
         )
         drive = self._drive._replace(hardware=hardware.address)

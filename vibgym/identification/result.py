@@ -29,15 +29,17 @@ class Fitted:
     """Result of :func:`fit`.
 
     Attributes:
-        values: estimates by name: ``friction`` (one kind of part) or ``friction.<name>``, ``frequency`` (Hz),
+        values: estimates by name: ``friction``, ``frequency`` (Hz),
             ``horizontal_amplitude`` (m), ``gain``, ``phase`` (rad), ``dead_zone`` (m), ``dead_zone_form``, ``latency``
             (periods), ``gain_spread``, ``phase_spread`` (rad), ``camera_scale``, ``camera_turn`` (rad), ``camera_x``,
-            ``camera_y`` (m), ``noise_position`` (m), ``noise_heading`` (rad), ``friction_law`` (kind or ``"constant"``); with
-            a law that the recording requires ``rise`` and ``rise_speed`` (m/s), see
-            :class:`vibgym.scene.friction_laws.Stribeck`. With several kinds of parts, the last three end in ``.<name>``, too.
-        intervals: 95 % intervals (low, high) of all numbers but ``latency``.
+            ``camera_y`` (m), ``max_amplitude`` (m, of the elements), ``noise_position`` (m), ``noise_heading`` (rad),
+            ``friction_law`` (kind or ``"constant"``); with a law that the recording requires ``rise`` and ``rise_speed`` (m/s),
+            see :class:`vibgym.scene.friction_laws.Stribeck`. With several kinds of parts, these three and friction end in
+            ``.<name>``.
+        intervals: 95 % intervals (low, high) of all numbers but ``latency`` and ``max_amplitude``.
         correlation: of the estimates, by pairs of names.
-        surface: the table with fitted amplitude and frequency.
+        surface: the table with fitted amplitude and frequency; ``max_amplitude`` is that of the elements, which a gain above 1
+            lets exceed that of commands, ``actuators["limit"]``.
         actuators: setting of environments: prototype actuators with the fitted values.
         parts: with the fitted friction, and with a friction law if the recording requires one.
         elements: (rows, columns, 2) relative gain and phase error (rad) of each element, shrunk towards 0.

@@ -29,7 +29,7 @@ from numba.core.serialize import dumps
 
 from vibgym.kernels import options
 from vibgym.kernels.libraries import LinkedLibrary, is_unit
-from vibgym.kernels.sources import imported_files, sources
+from vibgym.kernels.sources import imported_files, sources, unchanged
 from vibgym.kernels.vec8 import WIDTH
 
 config: Any = numba_config
@@ -147,13 +147,12 @@ class Cache(caching.FunctionCache):
 
     Args:
         function: the kernel.
-        imported: time at which Python read its file and the files that it imports, s.
     """
 
     _cache_path: Any = None
     _enabled = False
 
-    def __init__(self, function: Any, imported: float) -> None:
+    def __init__(self, function: Any) -> None:
         self._function = function
         place = function.__code__.co_filename, function.__module__
         if options.CACHE:
@@ -167,7 +166,7 @@ class Cache(caching.FunctionCache):
                 files: Any = _Files(self._cache_path, self._impl.filename_base, source_stamp="")
                 files._version = f"{files._version} {state_of(*place)}"
                 self._cache_file = files
-        self._current = max(path.stat().st_mtime for path in imported_files(*place)) <= imported
+        self._current = unchanged(*place)
         if not self._current:  # the kernel may be older than the files that the digest is of
             self.disable()
 

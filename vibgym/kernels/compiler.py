@@ -12,7 +12,6 @@ import inspect
 import logging
 import math
 import os
-import time
 import timeit
 from typing import Any
 
@@ -28,6 +27,7 @@ from vibgym.kernels.cache import Cache, version_mismatch
 from vibgym.kernels.faster import Passes, faster
 from vibgym.kernels.libraries import LinkedLibrary, Unit, UnitLibrary, UnlinkedLibrary
 from vibgym.kernels.pointers import argument_type, known_layouts
+from vibgym.kernels.sources import note
 
 config: Any = numba_config
 
@@ -156,9 +156,6 @@ class _Kernel(CPUDispatcher):
 
     _cache: Any
 
-    imported = math.inf
-    """Time at which Python read the kernel's file and the files that it imports, s."""
-
     @functools.cached_property
     def callee(self) -> _Callee:
         """Dispatcher for other kernels."""
@@ -190,8 +187,9 @@ class _Kernel(CPUDispatcher):
     @global_compiler_lock
     def prefetch(self, arguments: tuple[Any, ...], first: bool = False) -> None:
         """Have a helper process compile the kernel for arguments of these types, unless it is in the cache."""
-        if arguments not in self.overloads and not self._cached(arguments) and self._cache.stores:
-            helpers.submit(self._job(arguments), math.inf if first else _size(self), known_layouts())
+        if arguments not in self.overloads and not self._cached(arguments):
+            layouts = known_layouts() if self._cache.stores else None
+            helpers.submit(self._job(arguments), math.inf if first else _size(self), layouts)
 
     def _job(self, arguments: tuple[Any, ...]) -> helpers.Job:
         return self.py_func.__module__, self.py_func.__qualname__, arguments
@@ -202,7 +200,7 @@ class _Kernel(CPUDispatcher):
         return self._cache.contains(arguments, self.targetctx)
 
     def enable_caching(self) -> None:
-        self._cache = Cache(self.py_func, self.imported)
+        self._cache = Cache(self.py_func)
 
 
 class _UnitKernel(_Kernel):
@@ -263,7 +261,7 @@ def kernel(function: Any, unit: bool = False, **more: Any) -> Any:
         if unit
         else _Kernel(py_func=function, targetoptions=settings, pipeline_class=_EntryCompiler)
     )
-    made.imported = time.time()
+    note(function.__code__.co_filename, function.__module__)
     return made
 
 
@@ -271,7 +269,7 @@ def cache_folder() -> str | None:
     """Return the folder of the kernel cache, by default next to the source files; None if kernels are not cached."""
     if not options.CACHE:
         return None
-    folder = Cache(cache_folder, math.inf).cache_path
+    folder = Cache(cache_folder).cache_path
     return None if folder is None else config.CACHE_DIR or folder
 
 

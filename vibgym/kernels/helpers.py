@@ -65,9 +65,11 @@ class Helpers:
     def submit(self, job: Job, size: float, pickled: bytes) -> None:
         """Add a job that is not known yet, and start a helper for it unless one is idle."""
         with self._change:
-            if not self.limit or job in self._state:
+            if job in self._state:
                 return
-            self._state[job] = WAITING
+            self._state[job] = WAITING  # counts for the announced time, with and without helpers
+            if not self.limit or not pickled:
+                return
             bisect.insort(self._queue, (size, job, pickled), key=lambda each: each[0])
             self._change.notify_all()
             if len(self._queue) <= self._idle or len(self._processes) >= self.limit:
@@ -224,18 +226,19 @@ def is_helper() -> bool:
     return _parent is not None
 
 
-def submit(job: Job, size: float, layouts: list[Any]) -> None:
+def submit(job: Job, size: float, layouts: list[Any] | None) -> None:
     """Announce a kernel that will be needed and is not in the cache.
 
     Args:
         job: the kernel.
         size: of its code, or infinity; helpers begin with the largest.
-        layouts: layouts of pinned records with their types, which types of arguments do not contain.
+        layouts: layouts of pinned records with their types, which types of arguments do not contain; None: no helper can store
+            the kernel, so that it is compiled here.
     """
     if job[0] == "__main__":  # a helper cannot import it
         return
-    pickled = dumps((job, size, layouts))
-    if _parent is not None:
+    pickled = b"" if layouts is None else dumps((job, size, layouts))
+    if _parent is not None and pickled:
         _write(_parent, pickled)
     else:
         _helpers.submit(job, size, pickled)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import os
 import re
 from pathlib import Path
 
@@ -20,9 +21,7 @@ _IMPORT = re.compile(r"^ *(?:from|import) ([\w.]+)(?: import (\([^)]*\)|.*))?", 
 @functools.cache
 def imported_files(file: str, module: str) -> tuple[Path, ...]:
     """Return a module's file and all files that it imports, directly or indirectly, sorted."""
-    own, name = Path(file), module.partition(".")[0]
-    depth = module.count(".") + (own.name == "__init__.py")
-    roots = {__name__.partition(".")[0]: Path(__file__).parents[__name__.count(".")], name: own.parents[depth]}
+    own, roots = Path(file), _roots(file, module)
     found, todo = {own}, [own]
     while todo:
         for imported, names in _IMPORT.findall(_TYPES.sub("", todo.pop().read_text(encoding="utf-8"))):
@@ -35,6 +34,51 @@ def imported_files(file: str, module: str) -> tuple[Path, ...]:
                 todo += [one for one in new if one.is_file()]
                 found |= new
     return tuple(path for path in sorted(found) if path.is_file())
+
+
+def _roots(file: str, module: str) -> dict[str, Path]:
+    """Return the folders of this package and of a module's, by the package's name."""
+    own, name = Path(file), module.partition(".")[0]
+    depth = module.count(".") + (own.name == "__init__.py")
+    return {__name__.partition(".")[0]: Path(__file__).parents[__name__.count(".")], name: own.parents[depth]}
+
+
+_stamps: dict[Path, tuple[int, int]] = {}
+"""Time and size of files when the first module of their package was imported. Nothing compares them with a clock: those of
+image builds and shared folders may be ahead of it."""
+
+
+@functools.cache
+def note(file: str, module: str) -> None:
+    """Note the files that a module may depend on, while it is imported."""
+    if Path(file).is_file():  # not of text that was executed
+        for name, folder in _roots(file, module).items():
+            _note_package(folder / name)
+        _note_file(Path(file))
+
+
+@functools.cache
+def _note_package(package: Path) -> None:
+    for folder, subfolders, names in os.walk(package):
+        subfolders[:] = [each for each in subfolders if each != "__pycache__"]
+        for name in names:
+            if name.endswith(".py"):
+                _note_file(Path(folder, name))
+
+
+def _note_file(path: Path) -> None:
+    if path not in _stamps and path.is_file():
+        _stamps[path] = _stamp(path)
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    found = path.stat()
+    return found.st_mtime_ns, found.st_size
+
+
+def unchanged(file: str, module: str) -> bool:
+    """Return whether the files that a module depends on are those that were imported."""
+    return all(_stamps.get(path) == _stamp(path) for path in imported_files(file, module))
 
 
 @functools.cache

@@ -5,6 +5,7 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 
+from agents.train import Training, train_seeds
 from agents.training_file import agents_in, load_settings
 
 MANY = """
@@ -130,3 +131,42 @@ def test_shipped_files_are_sound(path):
     else:
         for agent in agents_in(path):
             assert load_settings(path, agent).steps > 0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("ppo: {gama: 1}", "w.yaml: unknown key 'gama' of ppo; did you mean 'gamma'? ("),
+        ("judging: {bst: speed, episodes: 8}", "w.yaml: unknown key 'bst' of judging; did you mean 'best'? ("),
+        ("stps: 2", "unknown key 'stps' of "),
+        ("environment: {num_envs: 3}", "w.yaml: environment.num_envs cannot be set for training"),
+        ("scenes: [{}, {num_envs: 3}]", "w.yaml: scenes[1].num_envs cannot be set for training"),
+    ],
+)
+def test_faults_of_a_training_file_are_named_in_order(tmp_path, text, message):
+    path = tmp_path / "w.yaml"
+    path.write_text(f"task: Align\nsteps: 10\n{text}\n")
+    with pytest.raises(ValueError) as error:
+        load_settings(path)
+    assert message in str(error.value)
+
+
+def test_a_policy_of_another_run_is_not_overwritten(tmp_path):
+    path = tmp_path / "policy.json"
+    path.write_text("mine")
+    with pytest.raises(ValueError, match=r"policy\.json: a policy of another run, without run\.json"):
+        Training(load_settings_of(tmp_path), tmp_path, quiet=True).run()
+    assert path.read_text() == "mine" and not (tmp_path / "run.json").exists()
+
+
+def load_settings_of(folder):
+    path = folder / "w.yaml"
+    path.write_text("task: Align\nsteps: 64\nworlds: 2\nppo: {n_steps: 32, batch_size: 64, net: [8]}\n")
+    return load_settings(path)
+
+
+def test_training_several_seeds_shows_the_progress_of_each(tmp_path, capfd):
+    load_settings_of(tmp_path)
+    train_seeds(tmp_path / "w.yaml", [3, 4], tmp_path / "out")
+    shown = capfd.readouterr().err
+    assert all(f"seed {seed}" in shown for seed in (3, 4))
