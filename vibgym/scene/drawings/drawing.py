@@ -127,11 +127,11 @@ def _names(argument: str, value: str | Sequence[str]) -> tuple[str, ...]:
 def _check_size(points: np.ndarray, tolerance: float) -> None:
     extent = np.ptp(points, axis=0)
     size = float(extent.max())
-    if size < LEAST_SIZE:
-        raise checks.refuse("part", _extent(extent), f"larger than {LEAST_SIZE:g} mm: are the units right?")
-    if tolerance > COARSEST * size:
-        most = f"{COARSEST * size:.3g}, {COARSEST:g} of the part's size"
-        raise checks.refuse("tolerance_mm", tolerance, f"at most {most} ({_extent(extent)}: are the units right?)")
+    least = max(LEAST_SIZE, tolerance / COARSEST)
+    if size < least:
+        why = "" if least == LEAST_SIZE else f", {1.0 / COARSEST:g} times tolerance_mm={tolerance:g}"
+        allowed = f"larger than {least:g} mm{why}: are the units right (units=, such as 'in')?"
+        raise checks.refuse("part", _extent(extent), allowed)
 
 
 def _check_fit(points: np.ndarray, surface: Surface | None, whole: np.ndarray) -> None:
