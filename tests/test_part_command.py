@@ -89,7 +89,7 @@ def test_a_small_disc_on_another_surface(capsys, tmp_path):
     assert main(["part", str(path)]) == 0
     text = capsys.readouterr().out
     assert "disc of 20 mm" in text and "any angle" in text and "smaller than an element of 26 mm" in text
-    assert "Align: 'learned' was trained on larger parts" in text
+    assert "'learned' was trained on parts of larger radius" in text and "Align (30.5 mm)" in text
     (tmp_path / "machine.yaml").write_text("surface: {element_size_mm: 9, rows: 3, columns: 40}\n")
     for surface in (str(tmp_path / "machine.yaml"), '{"element_size_mm": 9, "rows": 3, "columns": 40}'):
         assert main(["part", str(path), "--no-tasks", "--surface", surface]) == 0

@@ -96,13 +96,17 @@ def run(given: argparse.Namespace) -> int:
     if not given.no_tasks:
         from vibgym.policies.applicable import tasks_with, usual_parts
 
+        larger = []
         for name, policies in tasks_with(made.to_dict(), asdict(surface)).items():
             print(f"{name}: {policies if isinstance(policies, str) else ', '.join(policies)}")
             trained_on = min((part_from(each).radius for each in usual_parts(f"vibgym/{name}-v0")), default=0.0)
             if "learned" in policies and made.radius < trained_on:
-                print(
-                    f"{name}: 'learned' was trained on larger parts, of {1e3 * trained_on:.3g} mm radius: evaluate it first"
-                )
+                larger.append(f"{name} ({1e3 * trained_on:.3g} mm)")
+        if larger:
+            tasks = ", ".join(larger)
+            print(
+                f"'learned' was trained on parts of larger radius than {1e3 * made.radius:.3g} mm: evaluate it first: {tasks}"
+            )
     return 0
 
 
