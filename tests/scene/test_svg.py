@@ -11,6 +11,7 @@ from vibgym.scene.drawings import svg
 from vibgym.scene.drawings.drawing import read
 
 pytest.importorskip("svgpathtools")
+pytest.importorskip("cssselect2")
 
 PAGE = 'width="100mm" height="80mm" viewBox="0 0 100 80"'
 PLATE = '<rect id="plate" x="10" y="10" width="60" height="40"/>'
@@ -46,10 +47,16 @@ def hidden(attributes="", style="", tag="g"):
         "/*x*/.a{display:none}", "<![CDATA[.a{display:none}]]>", "@font-face{font-family:x} .a{display:none}",
         "g{display:inline} .a{display:none}", "#c{display:none} g.a.b{display:inline}", ".a{display:none!important}")],
     (hidden('class="a" style="display:inline"', ".a{display:none !important}"), 2400),
+    *[(hidden('class="a" data-x="1"', style), 2400) for style in (
+        "g.a circle{display:none}", "svg > g > circle{fill:none}", "[data-x]{display:none}", "[data-x='1'] *{opacity:0}",
+        "rect + g{display:none}", "g:not(.b){display:none}", "circle:only-child{display:none}", "g:nth-child(3){opacity:0}",
+        "g circle{fill:none} circle{fill:red}", r".\61{display:none}", ".a{display:none", ".a{display none;fill:none}",
+        "@namespace 'x'; :is(.b, .a){display:none}")],
     # drawn
     *[(hidden(each, style), 2400 - DISC) for each, style in (
         ('class="a" style="display:inline"', ".a{display:none}"), ('class="a"', "#b{display:none}"),
-        ('class="A"', ".a{display:none}"),
+        ('class="A"', ".a{display:none}"), ("", "svg > circle, [line], g[class], svg + g, g:not(g){display:none}"),
+        ("", "g::before{display:none}"), ("", ".a:hover{font-size:3px}"), ("", "g{display:inline;display:}"),
         ('display="none" class="a"', ".a{display:inline}"), ('fill="none" stroke="red"', ""), ('opacity="0.5"', ""),
         ('stroke="none"', ""), ('class="a"', ".a text{font-size:3px}"), ('stroke-dasharray="2 1" stroke="red"', ""))],
     (f'{PLATE}<g visibility="hidden"><g visibility="visible">{HOLE}</g>{HOLE}</g>', 2400 - DISC),
@@ -90,9 +97,11 @@ def test_what_is_drawn_is_read(tmp_path, inner, expected):
         "transform:rotate(3deg)", "clip-path:circle()", "mask-image:url(a)", "display:var(--a)", "visibility:initial", "cx:3px",
         "opacity:calc(0)", "translate:3px")],
     *[(hidden('class="a"', each), "style in line 2") for each in (
-        "@media print{.a{display:none}}", "@import 'a.css';", "g circle{display:none}", "g>circle{fill:none}",
-        ".a:hover{opacity:0}",
-        "[class]{display:none}", ".a{display:none", r".\61{display:none}")],
+        "@media print{.a{display:none}}", "@import 'a.css';", ".a:hover{opacity:0}", "g:not(:hover){opacity:0}",
+        "g ~ g{fill:none}", "g:has(circle){fill:none}", "g:nth-child(1 of g){fill:none}", "a:link{fill:none}",
+        "..a{fill:none}", "x|g{fill:none}", "[*|a]{fill:none}", ".a{g circle{fill:none}}", "} .a{fill:none}")],
+    *[(f'<style>{style}</style><g class="a"><circle id="h" cx="30" cy="30" r="5"/></g>{PLATE}<use href="#h"/>',
+       "circle in line 2 of use in line 2: .* around") for style in (".a circle{display:none}", "circle:not(.a *){opacity:0}")],
     (hidden('class="a"', ".a{r:3px}"), "circle in line 2.*r: 3px"),
     ('<style media="print">rect{fill:none}</style>' + PLATE, "style in line 2"),
     (PLATE + '<circle cx="30" cy="30" r="3"><set attributeName="display" to="none"/></circle>', "set in line 2"),
@@ -111,6 +120,7 @@ def test_what_is_drawn_is_read(tmp_path, inner, expected):
     (PLATE + '<rect x="20" y="20" width="-3" height="5"/>', "rect in line 2"),
     (PLATE + '<path d="M20 20 q 5 X"/>', "path in line 2"),
     ("<g display='none'><rect/></g>", "no outline.*1 g not drawn"),
+    ("<style>g rect{fill:red}</style>" + 3000 * "<g>" + PLATE + 3000 * "</g>", "too deeply"),
 ])  # fmt: skip
 def test_what_is_undecided_is_refused_with_the_element(tmp_path, inner, named):
     with pytest.raises(ValueError, match=named):
@@ -229,3 +239,19 @@ def test_random_trees(tmp_path, seed):
     found = np.sort([complex(x, -y) for each in strokes for x, y in each.points[:1]])
     true = np.sort([complex(*corner) for each in expected for corner in each])
     assert found == pytest.approx(true, abs=1e-6)
+
+
+def test_elements_without_namespace_are_not_drawn(tmp_path):
+    path = tmp_path / "part.svg"
+    inner = PLATE.replace("<rect", "<s:rect") + HOLE
+    path.write_text(f'<s:svg xmlns:s="http://www.w3.org/2000/svg" {PAGE}>{inner}</s:svg>')
+    assert area(read(path)) == pytest.approx(2400)
+
+
+def test_exponential_references_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(svg, "MOST", 2000)
+    inner = '<g id="n0"><rect width="3" height="3"/></g>'
+    for k in range(20):
+        inner += f'<g id="n{k + 1}"><use href="#n{k}"/><use href="#n{k}"/></g>'
+    with pytest.raises(ValueError, match="in line 2 of use in line 2: more than 2000 elements"):
+        read(page(tmp_path / "part.svg", inner))

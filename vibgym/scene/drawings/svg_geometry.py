@@ -1,0 +1,183 @@
+"""Lengths, transforms, viewports and outlines of the elements of SVG drawings; svgpathtools parses paths and transforms."""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.scene.drawings.contours import SAMPLES, Stroke
+from vibgym.scene.drawings.records import UNITS
+
+USER = {unit: UNITS[unit] / UNITS["px"] for unit in ("px", "in", "cm", "mm", "pt")}
+USER |= {"": 1.0, "q": 0.25 * USER["mm"], "pc": 12.0 * USER["pt"]}
+"""Unit of a length -> user units (CSS Values and Units 3, section 6.2)."""
+
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+
+
+def label_of(element: ET.Element) -> str:
+    """Return the type and line of an element, for errors."""
+    return f"{element.tag} in line {element.get('}line')}"
+
+
+def _numbers(text: str, name: str) -> list[str]:
+    """Return the numbers of a list, which commas, spaces or signs separate."""
+    if re.sub(NUMBER, "", text).strip(", \t\r\n") or re.search(r",\s*,", text):
+        raise checks.refuse(name, text, "a list of numbers")
+    return re.findall(NUMBER, text)
+
+
+def length(element: ET.Element, name: str, extent: float = math.nan, default: str = "0") -> tuple[float, str]:
+    """Return a length in user units, and its unit.
+
+    Args:
+        element: with the attribute ``name``.
+        name: of the attribute.
+        extent: length of which percentages are.
+        default: without the attribute, or where it is ``auto``.
+    """
+    text = element.get(name, "auto").strip()
+    found = re.fullmatch(rf"({NUMBER})\s*(%|[a-zA-Z]*)", default if text == "auto" else text)
+    unit = found[2].lower() if found else "?"
+    scale = 0.01 * extent if unit == "%" else USER.get(unit, math.nan)
+    if found is None or not math.isfinite(float(found[1]) * scale):
+        raise checks.refuse(f"{label_of(element)}: {name}", text, "a length" + " of known size" * (unit == "%"))
+    return float(found[1]) * scale, unit
+
+
+def view_box(element: ET.Element) -> list[float]:
+    """Return x, y, width and height of the coordinates inside a viewport; empty if they are not given."""
+    text, name = element.get("viewBox", ""), f"{label_of(element)}: viewBox"
+    box = [float(each) for each in _numbers(text, name)]
+    if box and (len(box) != 4 or min(box[2:]) <= 0.0):
+        raise checks.refuse(name, text, "x, y, width > 0, height > 0")
+    return box
+
+
+def viewport(element: ET.Element, width: float, height: float) -> tuple[np.ndarray, tuple[float, float]]:
+    """Return the (3, 3) matrix from the coordinates inside a viewport to those of the viewport, and the size inside."""
+    box = view_box(element)
+    if not box:
+        return np.eye(3), (width, height)
+    aspect = element.get("preserveAspectRatio", "xMidYMid").strip()
+    found = re.fullmatch(r"(?:none|x(Min|Mid|Max)Y(Min|Mid|Max))(?:\s+(meet|slice))?", aspect)
+    if found is None:
+        raise checks.refuse(f"{label_of(element)}: preserveAspectRatio", aspect, "none or xMidYMid, ... meet or slice")
+    scale = np.array([width, height]) / box[2:]
+    if found[1]:
+        scale[:] = scale.max() if found[3] == "slice" else scale.min()
+    share = np.array([{"Min": 0.0, "Mid": 0.5, "Max": 1.0}[each or "Min"] for each in found.groups()[:2]])
+    move = share * ([width, height] - scale * box[2:]) - scale * box[:2]
+    return np.array([[scale[0], 0.0, move[0]], [0.0, scale[1], move[1]], [0.0, 0.0, 1.0]]), (box[2], box[3])
+
+
+def shift(x: float, y: float) -> np.ndarray:
+    """Return the (3, 3) matrix of a translation."""
+    return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
+
+
+def transform(element: ET.Element, label: str) -> np.ndarray:
+    """Return the (3, 3) matrix of the transform of an element."""
+    from svgpathtools.parser import parse_transform
+
+    text, name = element.get("transform", ""), f"{label}: transform"
+    spaced = re.sub(r"\(([^()]*)\)", lambda each: f"({' '.join(_numbers(each[1], name))})", text)
+    try:
+        matrix = np.asarray(parse_transform(spaced, strict=True), dtype=float)
+    except (ValueError, IndexError, TypeError, AssertionError):
+        matrix = np.full((3, 3), np.nan)
+    if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
+        raise checks.refuse(name, text, "an invertible transform")
+    return matrix
+
+
+def curves(element: ET.Element, size: tuple[float, float], matrix: np.ndarray, label: str) -> Iterator[list[Stroke]]:
+    """Yield the strokes of each subpath of a shape that has an extent.
+
+    Args:
+        element: the shape.
+        size: of the viewport.
+        matrix: (3, 3) to mm.
+        label: of the element.
+    """
+    from svgpathtools import parse_path
+
+    data, begin, end = _path(element, size, label), 0j, 0j
+    if re.sub(rf"{NUMBER}|[MmZzLlHhVvCcSsQqTtAa]", "", data).strip(", \t\r\n") or not re.match(r"\s*([Mm]|$)", data):
+        raise checks.refuse(f"{label}: d", data, "path data")
+    for piece in re.split(r"(?=[Mm])|(?<=[Zz])(?=[\s,]*[^Mm\s,])", data):
+        if not piece.strip():
+            continue
+        if piece.lstrip()[0] not in "Mm":
+            piece = f"M {begin.real!r} {begin.imag!r} {piece}"
+        try:
+            with warnings.catch_warnings(action="ignore"):  # arcs without a radius are lines
+                path: Any = parse_path(piece + " h 0", current_pos=end)  # ends where the next piece begins
+        except Exception as error:  # of a parser that expects valid data
+            raise checks.refuse(f"{label}: d", str(error) or type(error).__name__, "path data") from None
+        begin, end = path[0].start, path[-1].end
+        if strokes := _samples(path[:-1], matrix, label):
+            yield strokes
+
+
+def _path(element: ET.Element, size: tuple[float, float], label: str) -> str:
+    """Return the path data of a shape; empty if it has no extent."""
+    from svgpathtools.svg_to_paths import ellipse2pathd, rect2pathd
+
+    (width, height), kind = size, element.tag
+
+    def user(name: str, extent: float) -> float:
+        return length(element, name, extent)[0]
+
+    if kind == "path":
+        return "" if element.get("d", "").strip() == "none" else element.get("d", "")
+    if kind in ("polyline", "polygon"):
+        numbers = _numbers(element.get("points", ""), f"{label}: points")
+        if len(numbers) == 2 or len(numbers) % 2:
+            raise checks.refuse(f"{label}: points", element.get("points"), "at least two pairs of coordinates")
+        return f"M {' '.join(numbers)}" + (" Z" if kind == "polygon" else "") if numbers else ""
+    if kind == "line":
+        return f"M {user('x1', width)} {user('y1', height)} L {user('x2', width)} {user('y2', height)}"
+    if kind in ("circle", "ellipse"):
+        x, y, a, b = user("cx", width), user("cy", height), user("rx", width), user("ry", height)
+        if kind == "circle":
+            a = b = user("r", math.hypot(width, height) / math.sqrt(2.0))
+        elif len({"rx", "ry"}.intersection(element.keys())) == 1:
+            raise checks.conflict(f"{label}: only one of rx and ry")
+        if min(a, b) < 0.0:
+            raise checks.refuse(f"{label}: radius", min(a, b), ">= 0")
+        return ellipse2pathd({"cx": x, "cy": y, "rx": a, "ry": b}) if min(a, b) > 0.0 else ""
+    x, y, w, h = user("x", width), user("y", height), user("width", width), user("height", height)
+    given = [each for each in ("rx", "ry") if element.get(each, "auto").strip() != "auto"]
+    a, b = (user(each, width if each == "rx" else height) for each in (given * 2)[:2] or ("rx", "ry"))
+    if min(w, h, a, b) < 0.0:
+        raise checks.refuse(f"{label}: size", f"{w:g} x {h:g}", ">= 0, also of the radii")
+    if min(w, h) == 0.0:
+        return ""
+    rounded = {"rx": min(a, 0.5 * w), "ry": min(b, 0.5 * h)} if min(a, b) > 0.0 else {}
+    return rect2pathd({"x": x, "y": y, "width": w, "height": h} | rounded)
+
+
+def _samples(path: Iterable[Any], matrix: np.ndarray, label: str) -> list[Stroke]:
+    """Return the strokes of segments."""
+    from svgpathtools import Line
+
+    strokes = []
+    for segment in path:
+        straight = isinstance(segment, Line)
+        if straight and abs(segment.end - segment.start) <= 1e-12 * abs(segment.end):
+            continue  # closes a path at its beginning, or repeats a point
+        t = np.linspace(0.0, 1.0, 2 if straight else SAMPLES // 4 + 1)
+        z = np.asarray([segment.point(each) for each in t], dtype=np.complex128)
+        points = (np.column_stack([np.real(z), np.imag(z)]) @ matrix[:2, :2].T) + matrix[:2, 2]
+        if not np.isfinite(points).all():
+            raise checks.conflict(f"{label} has coordinates that are not finite")
+        strokes.append(Stroke(points, not straight, label))
+    return strokes
