@@ -37,7 +37,7 @@ LABEL = "http://www.inkscape.org/namespaces/inkscape}label"
 DEEPEST = 60
 """Most elements inside one another."""
 
-MOST = 100_000
+MOST = 20_000
 """Most elements that are drawn, with repetitions."""
 
 
