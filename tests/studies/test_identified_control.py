@@ -27,7 +27,7 @@ def test_rows_compare_episodes_that_both_solve():
 def test_a_small_run_prints_and_stores(monkeypatch, capsys, tmp_path):
     machine = study.drawn(1)
 
-    def fitted(log):
+    def fitted(log, force):
         zeros = np.zeros((8, 32, 2))
         names = ("camera_scale", "camera_turn", "camera_x", "camera_y", "noise_position", "noise_heading")
         values = {name: machine.truth[name] for name in names}

@@ -130,7 +130,7 @@ def test_bad_settings_are_refused_by_name(tmp_path, changes, named):
 def test_files_are_refused_by_name(tmp_path):
     path = tmp_path / "bad.yaml"
     path.write_text("dataset: a-v0\ntask: Align\npolicy: pose\nwish: 1\n")
-    with pytest.raises(ValueError, match="bad.yaml.*wish"):
+    with pytest.raises(ValueError, match="wish.*bad.yaml"):
         load_settings(path)
 
 
