@@ -112,7 +112,7 @@ def test_contacts_stay_shallow_and_lose_energy(simulator):
 @fuzz(examples=4, seconds_share=0.5)
 @given(scenes(contacts="pymunk"))
 def test_contacts_by_pymunk_go_on_from_a_state(simulator):
-    """Neither the batch nor what came before matters, whatever overlaps and spins there are."""
+    """Results depend on neither the batch nor the history, with any overlaps and spins."""
     count("scenes with pymunk", WORLDS)
     begun = kinetic_energy(simulator)
     simulator.advance(0.0, 0.0, PERIODS // 2)

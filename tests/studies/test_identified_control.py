@@ -42,7 +42,7 @@ def test_a_small_run_prints_and_stores(monkeypatch, capsys, tmp_path):
     (line,) = [each for each in capsys.readouterr().out.splitlines() if "`local_field`" in each]
     assert line.count("100 %") >= 2 and "+0.0 %" in line
     (path,) = tmp_path.glob("*.json")
-    assert set(json.loads(path.read_text())) == set(study.knowledge(machine, fitted(None)))
+    assert set(json.loads(path.read_text())) == set(study.knowledge(machine, fitted(None, force=True)))
     monkeypatch.setattr(study, "fit", None)  # stored results are reused
     study.main()
     assert line in capsys.readouterr().out
