@@ -39,7 +39,7 @@ REQUIRED = 13.41
 """Decrease of chi squared from which on the elements' limit is not the nominal one, as of a friction law."""
 
 UNLIMITED = 0.9
-"""Share of the nominal limit below which elements do not reach it, also with errors of their own."""
+"""Share of the nominal limit below which no element reaches its own limit."""
 
 EXCLUDED = 300.0
 """Chi squared above that of the best form of the dead zone, above which a form is not tried again."""
