@@ -60,8 +60,8 @@ class Simulator:
                   series over the whole contact area where slip varies little under the part, elsewhere as many cells as the
                   spin requires.
                 - contacts: with several parts or walls. ``"certified"``: impacts one by one at their times, overlaps below
-                  0.3 mm. ``"pymunk"``: by pymunk's solver, an independent check; impacts are found within a step, with overlaps
-                  of up to 2.4 mm at usual speeds (:mod:`vibgym.simulation.pymunk_contacts`). ``"fast"``, for training: a few
+                  0.3 mm. ``"pymunk"``: by pymunk's solver, an independent check; parts may overlap by the
+                  closing speed times a step (:mod:`vibgym.simulation.pymunk_contacts`). ``"fast"``, for training: a few
                   steps per period, impacts at the same time; parts may overlap by more within a step
                   (:mod:`vibgym.physics.contacts.fast`).
                 - contact_steps: with several parts or walls, fewest alternating steps of friction and contacts in a period;
