@@ -71,17 +71,19 @@ def missing(name: str, reason: str = "") -> Refused:
     return _error(f"{place}missing field {name!r}" + (f" ({reason})" if reason else ""))
 
 
-def unknown(what: str, value: object, known: Iterable[object]) -> Refused:
+def unknown(what: str, value: object, known: Iterable[object], of: str = "") -> Refused:
     """Return the error for a name that is not registered: ``unknown action 'fields'; did you mean 'field'? (element, ...)``.
 
-    ``key of FILE: SECTION`` becomes ``FILE: unknown key 'gama' of SECTION``.
+    ``of``: what should have it: "FILE: SECTION" becomes ``FILE: unknown key 'gama' of SECTION``.
     """
-    of_key = what.startswith("key of ")
-    place, what = _split(what.removeprefix("key of "))
-    what, owner = ("key", f" of {_shortened(what, 500)}") if of_key else (what, "")
+    place, of = _split(of)
+    if what.startswith("key of "):
+        place, of = _split(what.removeprefix("key of "))
+        what = "key"
     names = [str(each) for each in known]
     close = difflib.get_close_matches(str(value), names, n=1) if isinstance(value, str) else []
     hint = f"; did you mean {close[0]!r}?" if close else ""
+    owner = f" of {_shortened(of, 500)}" if of else ""
     listed = _shortened(", ".join(names) or "there are none", 2000)
     return _error(f"{place}unknown {_shortened(what, 500)} {_shortened(shown(value), 120)}{owner}{hint} ({listed})")
 

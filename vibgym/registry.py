@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import warnings
 from collections.abc import Container, Iterator, Mapping
 from importlib import metadata
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from vibgym import checks
+from vibgym.settings import read
 
 Item = TypeVar("Item")
 
@@ -63,6 +65,34 @@ class Registry(Mapping[str, Item], Generic[Item]):
             ValueError: unknown name, or a plug-in that cannot be imported.
         """
         return self[checks.choice(argument, name, self)]
+
+    def make(self, argument: str, given: Any, *context: Any) -> Any:
+        """Return ``item(*context, settings=...)`` for a name, or for a mapping with ``kind`` and settings.
+
+        The settings are an instance of the item's ``Settings``, a :class:`vibgym.settings.BaseSettings`. An item without this
+        attribute is called with the settings as keyword arguments.
+
+        Raises:
+            ValueError: an unknown name, or a bad setting; ``argument`` is the name of both in errors.
+        """
+        kind, settings = self.split(argument, given)
+        item: Any = self[kind]
+        if hasattr(item, "Settings"):
+            return item(*context, settings=read(item.Settings, settings, argument))
+        try:
+            inspect.signature(item).bind(*context, **settings)
+        except TypeError as error:
+            raise checks.conflict(f"{argument} {kind!r}: {error}") from None
+        return item(*context, **settings)
+
+    def split(self, argument: str, given: Any) -> tuple[str, dict[str, Any]]:
+        """Return the registered name and the settings of a name, or of a mapping with ``kind`` and settings."""
+        if not isinstance(given, Mapping):
+            return checks.choice(argument, given, self), {}
+        if "kind" not in given:
+            raise checks.missing(f"{argument}.kind", f"one of {', '.join(map(repr, self))}")
+        settings = dict(given)
+        return checks.choice(f"{argument}.kind", settings.pop("kind"), self), settings
 
     def __getitem__(self, name: str) -> Item:
         if name not in self._items:

@@ -81,7 +81,7 @@ class Machine:
         if self.rise == 0.0:
             return replace(block, friction=self.friction, static_friction=self.friction)
         law = {"rise": self.rise, "speed": self.speed, "shape": self.shape}
-        fast = self.friction / float(Stribeck(**law)(np.array(REFERENCE_SLIP)))
+        fast = self.friction / float(Stribeck(Stribeck.Settings(**law))(np.array(REFERENCE_SLIP)))
         rest = fast * (1.0 + self.rise)
         return replace(block, friction=fast, static_friction=rest, friction_law={"kind": "stribeck", **law})
 

@@ -24,7 +24,7 @@ FALLING = {"kind": "stribeck", "rise": 1.0, "speed": 0.4}
 
 
 def test_stress_follows_the_law():
-    table, law = law_table(STRIBECK), Stribeck(rise=0.5, speed=0.3, viscous=0.1)
+    table, law = law_table(STRIBECK), Stribeck(Stribeck.Settings(rise=0.5, speed=0.3, viscous=0.1))
     for speed in (0.0005, 0.013, 0.31, 1.7):
         rows = np.zeros((5, 8))
         rows[0, 0] = 1.0
@@ -48,7 +48,7 @@ def test_slow_parts_are_braked_by_the_mean_of_both_slopes(law):
     part = Part.disc(0.02, friction=mu, friction_law=law)
     simulator = Simulator(ONE, part, worlds=2, substeps=16)
     simulator.reset(np.tile([4.0, 4.0, 0.0], (2, 1, 1)), np.array([[[0.0, 0.0, 0.0]], [[v, 0.0, 0.0]]]))
-    made = Stribeck(**{} if law is None else {name: value for name, value in law.items() if name != "kind"})
+    made = FRICTION_LAWS.make("law", law or "stribeck")
     slope = (made(np.array(speed + step)) - made(np.array(speed - step))) / (2.0 * step)
     rate = 0.5 * mu * G * (made(np.array(speed)) / speed + slope)
     assert (rate < 0.0) == (law is not None and law["rise"] == 5.0)
@@ -61,7 +61,7 @@ def test_slow_parts_are_braked_by_the_mean_of_both_slopes(law):
 
 @pytest.mark.parametrize("law", [STRIBECK, FALLING])
 def test_motion_is_that_of_an_independent_integration(law):
-    made, mu, amplitude, phase = Stribeck(**{k: x for k, x in law.items() if k != "kind"}), 0.3, 3e-4, 0.7
+    made, mu, amplitude, phase = FRICTION_LAWS.make("law", law), 0.3, 3e-4, 0.7
     part, periods = Part.disc(0.003, friction=mu, friction_law=law), 12
 
     def rates(t, y):

@@ -1,0 +1,264 @@
+"""Settings: what can be set, stated once as a pydantic model: names, types, units, ranges and defaults.
+
+Every registered class has a ``Settings``, and :meth:`vibgym.registry.Registry.make` constructs it with one::
+
+    class Clearance(Cost):
+        class Settings(BaseSettings):
+            below: Length = Field(0.005, gt=0.0)
+            \"\"\"Distance below which a part is too near.\"\"\"
+
+Values are SI and radians. A key may carry a unit instead: ``below_mm: 5`` is ``below: 0.005``, for fields of :data:`Length`,
+:data:`Angle` and :data:`Mass` and what is derived from them. Sequences are tuples; lists and arrays are converted. Nothing else
+is: ``"5"`` is no number, and ``True`` is none either.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+import itertools
+import math
+import numbers
+import textwrap
+import types
+from collections.abc import Mapping, Sequence
+from enum import Enum
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
+
+from vibgym import checks
+
+
+class Unit(NamedTuple):
+    """Unit of a field, part of its annotation."""
+
+    symbol: str
+
+
+Length = Annotated[float, Unit("m")]
+Angle = Annotated[float, Unit("rad")]
+Mass = Annotated[float, Unit("kg")]
+Speed = Annotated[float, Unit("m/s")]
+Acceleration = Annotated[float, Unit("m/s^2")]
+
+SUFFIXES = {"m": ("mm", 1e-3), "rad": ("deg", math.pi / 180.0), "kg": ("g", 1e-3)}
+"""Unit -> the one that a key may carry, and its factor to SI; ``speed_mm`` is in mm/s."""
+
+
+class BaseSettings(BaseModel):
+    """Base of all settings: no unknown names, no silent conversions, finite numbers, frozen."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_si(cls, given: Any) -> Any:
+        """Return the given values in SI units without suffixes."""
+        if not isinstance(given, Mapping):
+            return given
+        suffixed, result = with_unit(cls), {}
+        for key, value in given.items():
+            name, factor = suffixed.get(key, (key, 1.0))
+            if name in result:
+                raise PydanticCustomError("twice", "{name} is given twice, in two units", {"name": repr(name)})
+            result[name] = plain(value) if factor == 1.0 else _scaled(plain(value), factor)
+        return result
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def read(model: type[Model], given: Any, where: str) -> Model:
+    """Return settings from a mapping, or those that are given; raise one line that names argument, value and range.
+
+    Args:
+        where: the argument that holds them, for errors.
+    """
+    if isinstance(given, model):
+        return given
+    if not isinstance(given, Mapping):
+        raise checks.refuse(where, given, f"a mapping with keys among {', '.join(model.model_fields)}")
+    try:
+        return model.model_validate(given)
+    except RecursionError:
+        raise checks.refuse(where, given, "a mapping that does not contain itself") from None
+    except ValidationError as error:
+        raise refusal(error, model, given, where) from None
+
+
+def refusal(error: ValidationError, model: type[BaseModel], given: Any, where: str) -> checks.Refused:
+    """Return the one-line error for values that a model does not take."""
+    # An unknown name first: a field may be missing because its name is misspelt.
+    faults = sorted(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
+    # One fault for each member of a union: the member that fits best fails deepest.
+    same = [each for each in faults if each["loc"][:1] == faults[0]["loc"][:1]]
+    fault = max(same, key=lambda each: len(each["loc"]))
+    place, owner, field, factor = where, model, None, 1.0
+    for part in fault["loc"]:
+        if isinstance(given, Mapping):
+            if part in owner.model_fields:
+                names = {name: (key, scale) for key, (name, scale) in with_unit(owner).items() if key in given}
+                key, factor = names.get(part, (part, 1.0))
+                field = owner.model_fields[part]
+                owner = _model_of(field.annotation, fault["loc"]) or owner
+            elif part in given:
+                key, field = part, None
+            else:
+                continue  # the name of a member of a union
+            place, given = f"{place}.{key}", given.get(key)
+        elif isinstance(part, int) and checks.listed(given) and part < len(given):
+            place, given, field = f"{place}[{part}]", given[part], None
+    kind = fault["type"]
+    if kind == "extra_forbidden":
+        return checks.unknown("setting", fault["loc"][-1], owner.model_fields, of=place.rpartition(".")[0])
+    if kind == "missing" and not checks.listed(given):
+        return checks.missing(place)
+    if kind == "value_error":
+        return checks.conflict(f"{place}: {fault.get('ctx', {}).get('error')}")
+    if kind == "twice":
+        return checks.conflict(f"{place}: {fault['msg']}")
+    if field is not None:
+        return checks.refuse(place, given, allowed(field, factor))
+    what, _, values = fault["msg"].partition(" should be ")
+    if not values:  # "List should have at least 1 item after validation, not 0"
+        return checks.conflict(f"{place}: {what[0].lower()}{what[1:]}, got {checks.shown(given)}")
+    return checks.refuse(place, given, values)
+
+
+def _model_of(kind: Any, location: tuple[Any, ...]) -> type[BaseModel] | None:
+    """Return the model in an annotation, of several the one that the location of a fault names."""
+    found = [each for each in _nested(kind) if isinstance(each, type) and issubclass(each, BaseModel)]
+    return next((each for each in found if each.__name__ in location), found[0] if found else None)
+
+
+def _nested(kind: Any) -> list[Any]:
+    """Return the types in an annotation, without containers."""
+    inner = [each for argument in get_args(kind) for each in _nested(argument)]
+    return inner or [kind]
+
+
+# -- units -------------------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def with_unit(model: type[BaseModel]) -> dict[str, tuple[str, float]]:
+    """Return the keys with a unit that a model takes: name of the field, and factor to SI."""
+    keys = {}
+    for name, field in model.model_fields.items():
+        symbol = unit_of(field)
+        if symbol is not None:
+            suffix, factor = SUFFIXES[symbol.partition("/")[0]]
+            keys[f"{name}_{suffix}"] = name, factor
+    return keys
+
+
+def unit_of(field: FieldInfo) -> str | None:
+    """Return the unit of a field, None without one."""
+    found = [each for each in (*field.metadata, *_metadata(field.annotation)) if isinstance(each, Unit)]
+    return found[0].symbol if found else None
+
+
+def _metadata(kind: Any) -> list[Any]:
+    """Return all metadata in an annotation, of items of containers too."""
+    own = list(kind.__metadata__) if get_origin(kind) is Annotated else []
+    return own + [each for argument in get_args(kind) if not isinstance(argument, Unit) for each in _metadata(argument)]
+
+
+def plain(value: Any) -> Any:
+    """Return a value with Python's numbers instead of NumPy's, and tuples instead of lists and arrays."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Enum):
+        return value.value
+    return tuple(map(plain, value)) if type(value) in (list, tuple) else value
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    """Return numbers times the factor; other values as they are, for the validation to refuse."""
+    if isinstance(value, tuple):
+        return tuple(_scaled(each, factor) for each in value)
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return value
+    try:
+        return float(value) * factor
+    except OverflowError:
+        return math.inf
+
+
+# -- descriptions ------------------------------------------------------------------------------------------------------
+
+_WORDS = {float: "a finite number", int: "a whole number", bool: "True or False", str: "a string", type(None): "None"}
+
+_SIGNS = {Gt: (">", "gt"), Ge: (">=", "ge"), Lt: ("<", "lt"), Le: ("<=", "le")}
+
+
+def allowed(field: FieldInfo, factor: float = 1.0) -> str:
+    """Return what a field may be, in words: "a finite number > 0 and <= 0.01, in m".
+
+    Args:
+        factor: of the unit to SI in which the range is wanted.
+    """
+    unit = unit_of(field)
+    text = _words(field.annotation, field.metadata, factor)
+    if unit is None:
+        return text
+    symbol, _, rest = unit.partition("/")
+    return f"{text}, in {SUFFIXES[symbol][0] if factor != 1.0 else symbol}{'/' + rest if rest else ''}"
+
+
+def _words(kind: Any, metadata: Sequence[Any], factor: float) -> str:
+    if get_origin(kind) is Annotated:
+        return _words(kind.__origin__, (*kind.__metadata__, *metadata), factor)
+    origin, arguments = get_origin(kind), get_args(kind)
+    lengths = [f"at least {each.min_length}" for each in metadata if isinstance(each, MinLen)]
+    size = " and ".join(lengths + [f"at most {each.max_length}" for each in metadata if isinstance(each, MaxLen)])
+    if origin in (Union, types.UnionType):
+        return " or ".join(_words(each, metadata if each is not type(None) else (), factor) for each in arguments)
+    if origin is Literal:
+        return "one of " + ", ".join(map(repr, arguments))
+    if origin is tuple:
+        if arguments[-1] is not ...:
+            kinds = dict.fromkeys(_words(each, (), factor) for each in arguments)
+            return f"a list of {len(arguments)}: {', '.join(kinds)}"
+        return f"a list of {size + ': ' if size else ''}{_words(arguments[0], (), factor)}"
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return f"a mapping with keys among {', '.join(kind.model_fields)}"
+    bounds = [
+        f"{_SIGNS[type(each)][0]} {getattr(each, _SIGNS[type(each)][1]) / factor:.10g}"
+        for each in metadata
+        if type(each) in _SIGNS
+    ]
+    word = "a mapping" if origin in (dict, Mapping) or kind in (dict, Mapping) else _WORDS.get(kind, "a valid value")
+    if size:
+        word += f" of {size} characters"
+    return f"{word}{' ' if bounds else ''}{' and '.join(bounds)}"
+
+
+def table(model: type[BaseModel]) -> str:
+    """Return the Markdown table of a model's settings for the documentation: name, default, allowed values, meaning."""
+    meanings = _meanings(model)
+    lines = ["| setting | default | allowed | meaning |", "|---|---|---|---|"]
+    for name, field in model.model_fields.items():
+        default = "required" if field.is_required() else f"`{field.get_default()!r}`"
+        lines.append(f"| `{name}` | {default} | {allowed(field)} | {meanings.get(name, '')} |".replace("||", "|"))
+    return "\n".join(lines)
+
+
+def _meanings(model: type[BaseModel]) -> dict[str, str]:
+    """Return the docstrings of a model's fields: the strings below them in the source, of its bases too."""
+    found: dict[str, str] = {}
+    for each in reversed(model.__mro__):
+        if not issubclass(each, BaseSettings) or each is BaseSettings:
+            continue
+        (source,) = ast.parse(textwrap.dedent(inspect.getsource(each))).body
+        body = source.body  # type: ignore[attr-defined]
+        for field, text in itertools.pairwise(body):
+            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
+                found[field.target.id] = " ".join(str(text.value.value).split())  # type: ignore[union-attr]
+    return found
