@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from studies import kept, notebooks, project
-from studies.manual import environments, performance
+from studies.manual import environments, performance, settings
 from studies.manual.figures_file import ROOT
 from studies.manual.published import TABLES, overview, provenance
 from vibgym import checks, files
@@ -17,9 +17,9 @@ BEGIN, END = "<!-- results: written by python -m studies.manual readme -->", "<!
 
 
 def write(docs: Path) -> int:
-    """Write tables and pages of environments into the directory of pages; return the number of changed files."""
+    """Write tables, the page of settings and pages of environments into the directory of pages; return the number of changed files."""
     pages = {docs / "environments" / f"{name}.md": text for name, text in environments.pages().items()}
-    return replace({**tables(docs), **pages})
+    return replace({**tables(docs), **pages, docs / "settings.md": settings.page()})
 
 
 def tables(docs: Path) -> dict[Path, str]:
