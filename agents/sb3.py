@@ -27,9 +27,6 @@ from agents.training_settings import TrainSettings
 from vibgym import checks
 from vibgym.config import Settings
 from vibgym.files import write_atomically
-from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.storage import save_set
-from vibgym.policies.trained.trained import KIND, STATE, VERSION, columns_of, described
 from vibgym.seeds import training_seed
 
 CHECKPOINT, REPLAY = "checkpoint.zip", "replay.pkl"
@@ -165,50 +162,15 @@ class SB3:
         self.model.policy.load_state_dict({name: torch.from_numpy(each.copy()) for name, each in tensors.items()})
 
     def save_policy(self, path: Path, training: dict[str, Any]) -> Path:
-        """Write the policy; return the path of its file.
-
-        SAC with ``MlpPolicy`` on the flat state becomes a policy file that needs no torch, see
-        :class:`vibgym.policies.trained.trained.StatePolicy`. Others are written as Stable-Baselines3's ``.zip`` beside
-        ``path``.
+        """Write the policy as Stable-Baselines3's ``.zip`` beside ``path``; return its path.
 
         Raises:
             Diverged: a weight is not finite.
         """
         self.check_finite()
-        tensors = self._state_tensors()
-        if tensors is None:
-            path = path.with_suffix(".zip")
-            write_atomically(path, _bytes(self.model.save))
-            return path
-        info = TaskInfo.of(self.env.env)
-        record = {
-            "network": STATE,
-            "tasks": [info.name],
-            "surface": described(info.surface),
-            "parts": len(info.parts),
-            "action": self.action,
-            "columns": columns_of(info),
-            "training": training,
-        }
-        save_set(path, KIND, tensors, record, VERSION)
+        path = path.with_suffix(".zip")
+        write_atomically(path, _bytes(self.model.save))
         return path
-
-    def _state_tensors(self) -> dict[str, np.ndarray] | None:
-        """Return SAC's actor under the names of policy files; None if it has no such form."""
-        if not isinstance(self.model, stable_baselines3.SAC) or self.observation != "state":
-            return None
-        actor = self.model.actor
-        layers = list(actor.latent_pi)
-        if not all(isinstance(each, torch.nn.Linear | torch.nn.ReLU) for each in layers) or self.model.use_sde:
-            return None
-        linear = [each for each in layers if isinstance(each, torch.nn.Linear)]
-        named: dict[str, Any] = {f"layer{k}": each for k, each in enumerate(linear)}
-        named |= {"mean": actor.mu, "log_std": actor.log_std}
-        return {
-            f"{name}.{kind}": value.detach().numpy().copy()
-            for name, layer in named.items()
-            for kind, value in layer.state_dict().items()
-        }
 
     def close(self) -> None:
         """Close the environment."""

@@ -42,22 +42,6 @@ def test_plug_ins_are_listed_and_imported_on_use(installed):
     assert "ordered" not in Registry("thing", {"own": dict})
 
 
-def test_a_checkout_with_older_metadata_warns_and_reads_its_own_entry_points(monkeypatch, tmp_path):
-    project = tmp_path / "pyproject.toml"
-    project.write_text(
-        f'[project]\nname = "vibgym"\n[project.entry-points."{GROUP}"]\nnew = "collections:OrderedDict"\n'
-    )
-    monkeypatch.setattr(registry, "PROJECT", project)
-    registry._entry_points.cache_clear()
-    names = Registry("thing", {}, GROUP)
-    with pytest.warns(UserWarning, match="pip install -e"):
-        assert "new" in names
-    project.write_text('[project]\nname = "another"\n')
-    registry._entry_points.cache_clear()
-    assert list(names) == []
-    registry._entry_points.cache_clear()
-
-
 def test_environments_without_plug_ins_read_no_metadata_and_import_none():
     code = """
 import sys

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from vibgym import _renamed, registration
+from vibgym import registration
 
 if TYPE_CHECKING:
     from vibgym.policies import make_policy
@@ -29,7 +29,6 @@ _PLACES = {
 }
 """Modules of names that are imported on first use."""
 
-_renamed.install()
 registration.register_environments()
 
 

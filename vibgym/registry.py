@@ -4,24 +4,14 @@ from __future__ import annotations
 
 import functools
 import inspect
-import warnings
 from collections.abc import Container, Iterator, Mapping
 from importlib import metadata
-from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from vibgym import checks
 from vibgym.settings import read
 
 Item = TypeVar("Item")
-
-PROJECT = Path(__file__).parents[1] / "pyproject.toml"
-"""Project file of a checkout; an installed package has none."""
-
-REINSTALL = (
-    "the installed metadata of vibgym differ from this checkout, so plug-ins are read from its pyproject.toml: "
-    "run pip install -e . again"
-)
 
 
 class Registry(Mapping[str, Item], Generic[Item]):
@@ -115,27 +105,7 @@ class Registry(Mapping[str, Item], Generic[Item]):
 @functools.cache
 def _entry_points(group: str) -> dict[str, metadata.EntryPoint]:
     """Return the entry points of a group in all installed packages, by name."""
-    found = {point.name: point for point in metadata.entry_points(group=group)}
-    missing = {
-        name: point for name, point in _declared(group).items() if name not in found or found[name].value != point.value
-    }
-    if missing:
-        warnings.warn(REINSTALL, UserWarning, stacklevel=2)
-    return found | missing
-
-
-def _declared(group: str) -> dict[str, metadata.EntryPoint]:
-    """Return the entry points in the checkout's ``pyproject.toml``: installed metadata can be older than the checkout."""
-    import tomllib  # 6 ms, for plug-ins alone
-
-    try:
-        project: dict[str, Any] = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
-    except (OSError, KeyError, ValueError):
-        return {}
-    if project.get("name") != "vibgym":
-        return {}
-    points: Mapping[str, str] = project.get("entry-points", {}).get(group, {})
-    return {name: metadata.EntryPoint(name, value, group) for name, value in points.items()}
+    return {point.name: point for point in metadata.entry_points(group=group)}
 
 
 def _loaded(what: str, point: metadata.EntryPoint) -> Any:

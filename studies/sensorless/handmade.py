@@ -7,13 +7,14 @@ On this table no squeeze field aligns a part with its line: friction rotates the
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from studies.sensorless.play import Trials, cost, errors_of, play
+from studies.sensorless.schedule import Schedule
 from studies.sensorless.settings import SensorlessSettings
 from vibgym import Part, Surface
-from vibgym.policies.trained.schedule import Schedule
 
 Rows = list[tuple[float, float, float]]
 
@@ -49,7 +50,7 @@ def shifted(schedule: Schedule, by: np.ndarray) -> Schedule:
     """Return the schedule with all centres shifted by ``by`` (2,) m."""
     fields = schedule.fields.copy()
     fields[:, :2] += by
-    return Schedule(fields, schedule.seconds, schedule.goal, schedule.friction)
+    return replace(schedule, fields=fields)
 
 
 def as_drawn(family: str, part: Part, settings: SensorlessSettings) -> Schedule:

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from agents.evaluation.table import markdown
+from studies.sensorless.schedule import Schedule
 from studies.sensorless.settings import SensorlessSettings
 from vibgym import Surface
-from vibgym.policies.trained.schedule import Schedule
 
 AFTER = 1.25
 """Duration of the evaluation over the longest duration of a learned schedule."""
@@ -48,7 +48,7 @@ class Case(NamedTuple):
     part: str
     hardware: str
     entries: Sequence[Entry]
-    shipped: str  # name of the shipped entry
+    stored: str  # name of the stored entry
     searches: str  # sentence about the searches
 
 
@@ -113,7 +113,7 @@ def _ends(case: Case) -> str:
     for entry in case.entries:
         (near, far), (little, much) = entry.varied.distance, np.degrees(entry.varied.heading)
         lines.append([
-            f"**{entry.name}** (shipped)" if entry.name == case.shipped else entry.name,
+            f"**{entry.name}** (stored)" if entry.name == case.stored else entry.name,
             *_shares(entry.nominal),
             *_shares(entry.varied),
             f"{1e3 * near:.2f} mm, {1e3 * far:.2f} mm",

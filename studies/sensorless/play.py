@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from studies.sensorless.schedule import Schedule
 from vibgym import Part, Simulator, Surface
 from vibgym.actuators import actuators_from
 from vibgym.physics.core.drive import phasor_drive
-from vibgym.policies.trained.schedule import Schedule
 
 MOST_WORLDS = 4096
 """Largest batch: the commands of a world take 2 kB."""

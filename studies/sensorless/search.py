@@ -11,10 +11,10 @@ import numpy as np
 from tqdm import tqdm
 
 from studies.sensorless.play import Trials, cost, draw_trials, errors_of, play
+from studies.sensorless.schedule import LEAST_REACH, MOST_REACH, Schedule
 from studies.sensorless.settings import SensorlessSettings
 from vibgym import Part, Surface
 from vibgym.fields import DEFAULT_REACH
-from vibgym.policies.trained.schedule import LEAST_REACH, MOST_REACH, Schedule
 
 CENTRE_UNITS = (0.05, 0.025)  # m along x and y per unit of the search
 ANGLE_UNIT = 0.5  # rad

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import time
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -18,13 +19,13 @@ from agents.provenance import processor
 from studies.sensorless.handmade import FAMILIES, PLACING, as_drawn, tuned
 from studies.sensorless.page import AFTER, Case, Entry, Evaluation, section, text
 from studies.sensorless.play import COARSE, FINE, draw_trials, errors_of, play
+from studies.sensorless.schedule import Schedule, SchedulePolicy, save_schedule
 from studies.sensorless.search import SearchResult, costs, search, validation_trials
 from studies.sensorless.settings import SensorlessSettings
 from vibgym import Part, Surface
 from vibgym.files import write_atomically
 from vibgym.policies.rollout import run, worlds_of
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.schedule import Schedule, SchedulePolicy, save_schedule
 from vibgym.scene.parts import shipped_part
 
 FRESH = 7_100_000
@@ -72,9 +73,9 @@ def _case(name: str, hardware: str, surface: Surface, settings: SensorlessSettin
         f"learned, seed {seed}": search(part, surface, settings, hardware, by_hand[best], seed, quiet=True)
         for seed in settings.seeds
     }
-    shipped = min(found, key=lambda each: found[each].validation)
-    training = _training(found[shipped], name, hardware, settings)
-    save_schedule(output / f"{name}-{hardware}.json", found[shipped].schedule, surface, training)
+    stored = min(found, key=lambda each: found[each].validation)
+    training = _training(found[stored], name, hardware, settings)
+    save_schedule(output / f"{name}-{hardware}.json", found[stored].schedule, surface, training)
     schedules = {**by_hand, **{each: one.schedule for each, one in found.items()}}
     # Hand-made schedules continue with their last field until the end of the evaluation.
     seconds = AFTER * settings.seconds
@@ -90,7 +91,7 @@ def _case(name: str, hardware: str, surface: Surface, settings: SensorlessSettin
             ends, median = episodes(extended[key], name, hardware, settings.friction_range, settings.judged)
             success = float(ends.mean())
         entries.append(Entry(key, schedules[key], nominal.get(key), evaluation, success, median))
-    case = Case(name, hardware, entries, shipped, _searches(found, best, float(values.min())))
+    case = Case(name, hardware, entries, stored, _searches(found, best, float(values.min())))
     write_atomically(output / f"{name}-{hardware}.md", section(case, surface))
     return case
 
@@ -99,7 +100,7 @@ def _extended(schedule: Schedule, seconds: float) -> Schedule:
     """Return the schedule with its last field extended until ``seconds``."""
     lasts = schedule.seconds.copy()
     lasts[-1] = max(seconds - float(lasts[:-1].sum()), 0.0)
-    return Schedule(schedule.fields, lasts, schedule.goal, schedule.friction)
+    return replace(schedule, seconds=lasts)
 
 
 def _training(found: SearchResult, part: str, hardware: str, settings: SensorlessSettings) -> dict[str, Any]:

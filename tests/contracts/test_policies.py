@@ -22,7 +22,6 @@ WORLDS, STEPS = 4, 5
 SHIPPED = Path("vibgym/policies/trained/shipped")
 FILES = {
     "trained": SHIPPED / "{task}.json",
-    "schedule": SHIPPED / "schedules/aluminium_block-ideal.json",
     "residual": "{folder}/{{task}}.json",
 }
 """Files of the policies that are loaded from one."""

@@ -98,7 +98,7 @@ def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
     job = _Job(log, NOMINAL, (PART,), print)
     solver = job.solver(12)
     parameters = first_estimates(log, solver.plant.segments, job.surface, job.kinds, job.sheet)[0]
-    starts = starts_of(solver.plant.segments, parameters, job.surface, job.kinds)
+    starts = starts_of(solver.plant.segments, parameters, job.surface)
     now = Estimate(parameters, starts, np.array([3e-4, 4e-3]), job.prior(parameters))
     which = [3, 7, 20, 31]
     system = solver.linearize(which, now, True)
@@ -138,7 +138,7 @@ def test_common_gain_and_phase_can_be_exchanged_with_those_of_the_elements(log):
     job = _Job(log, NOMINAL, (PART,), print)
     solver = job.solver(40)
     parameters = first_estimates(log, solver.plant.segments, job.surface, job.kinds, job.sheet)[0]
-    starts = starts_of(solver.plant.segments, parameters, job.surface, job.kinds)
+    starts = starts_of(solver.plant.segments, parameters, job.surface)
     each = solver.plant.differentiate([3], parameters, starts, elements=True)[0]
     own = each.elements.sum(axis=2)
     np.testing.assert_allclose(each.shared[..., job.names.index("gain")], parameters.gain * own[..., 0])

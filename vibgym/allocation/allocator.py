@@ -19,7 +19,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.actuators import DataSheet
-from vibgym.allocation.cut import Pieces, effects, new_pieces, outlines_of, reaches, spread_fields
+from vibgym.allocation.cut import Pieces, effects, new_pieces, outlines_of, reaches
 from vibgym.allocation.projections import SPREAD, Limits, Problem, Scratch, allocate, new_scratch, start_table
 from vibgym.kernels.jit import borrowing
 from vibgym.scene.parts import Part
@@ -48,8 +48,6 @@ class Allocator:
         surface, parts: the scene.
         sheet: largest amplitude, dead zone and resolution of the elements.
         threads: None uses all processors of this process; results do not depend on it.
-        apron: m around a part within which free elements continue the field under it (:mod:`vibgym.allocation.cut`); at most
-            an element.
 
     Attributes:
         most: largest amplitude, over the surface's.
@@ -57,18 +55,8 @@ class Allocator:
         gyration: (parts,) radii, m.
     """
 
-    def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        sheet: DataSheet,
-        threads: int | None = None,
-        apron: float = 0.0,
-    ) -> None:
+    def __init__(self, surface: Surface, parts: Sequence[Part], sheet: DataSheet, threads: int | None = None) -> None:
         self.surface, self.parts = surface, tuple(parts)
-        self._apron = checks.number("apron", apron, least=0.0, most=surface.element_size)
-        self._grown = outlines_of(surface, self.parts, self._apron)
-        self._around = workers.Pool(partial(_around, surface, self.parts, self._apron))
         self.outlines = outlines_of(surface, self.parts)
         self.gyration = self.outlines.gyration
         largest = surface.max_amplitude
@@ -127,13 +115,10 @@ class Allocator:
         gain, spread = usual[0] if gain is None else gain, usual[1] if spread is None else spread
         given = (np.ascontiguousarray(each) for each in (pose, present, wanted, gain, spread))
         problem = Problem(self.outlines, self._limits, *given)
-        scene = self.outlines, self._grown, self.least, self.most, problem.pose, problem.present
         by_element = push.reshape(len(push), -1, 2)
 
         def work(start: int, stop: int) -> None:
             self._scratch.lend(lambda scratch: allocate(start, stop, problem, *scratch, by_element, as_phasors))
-            if self._apron > 0.0:
-                self._around.lend(lambda scratch: spread_fields(start, stop, *scene, *scratch, push))
 
         workers.share(work, len(push), self._threads)
 
@@ -178,7 +163,7 @@ class Allocator:
         """
         if out is None:
             out = np.empty((len(pose), 2 * self.surface.rows * self.surface.columns), dtype=np.float32)
-        if self._made_up is None and self._apron == 0.0:
+        if self._made_up is None:
             self._allocate(out, pose, present, wanted, gain, as_phasors=True)
         else:
             out[...] = self.commands(self.pushes(pose, present, wanted, gain))
@@ -202,12 +187,6 @@ def turn_round(push, action):
     """Write pushes (n,) x, y, x, y, ... as phasors ``-(y, x)``, float32, into ``action``."""
     for k in range(0, push.shape[0], 2):
         action[k], action[k + 1] = -push[k + 1], -push[k]
-
-
-def _around(surface: Surface, parts: tuple[Part, ...], apron: float) -> tuple[Pieces, Pieces, np.ndarray]:
-    """Return scratch memory of one thread for aprons."""
-    mark = np.zeros(surface.rows * surface.columns, dtype=np.bool_)
-    return new_pieces(surface, parts), new_pieces(surface, parts, apron), mark
 
 
 def _scratch(surface: Surface, parts: tuple[Part, ...]) -> tuple[Pieces, Scratch]:

@@ -1,9 +1,4 @@
-"""Exact contact areas of parts on elements: outlines cut by the element grid; and aprons.
-
-Plates circle with the table and parts travel within a step, so a part reaches elements that do not carry it yet. If these
-rested, a rigid part would meet a step in height. Elements in the apron around a part therefore continue the field under it, a
-uniform push and a rotation.
-"""
+"""Exact contact areas of parts on elements: outlines cut by the element grid."""
 
 from __future__ import annotations
 
@@ -43,24 +38,23 @@ class Pieces(NamedTuple):
     box: np.ndarray
 
 
-def outlines_of(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -> Outlines:
-    """Return the parts' outlines for :func:`cut_parts`, moved ``apron`` m away from the centre of mass."""
-    shapes = [part.rim if apron > 0.0 else part.outline for part in parts]  # an apron covers holes
-    reach = [np.hypot(*shape.T)[:, None] for shape in shapes]
-    vertex = np.concatenate([shape * (1.0 + apron / far) for shape, far in zip(shapes, reach, strict=True)])
+def outlines_of(surface: Surface, parts: tuple[Part, ...]) -> Outlines:
+    """Return the parts' outlines for :func:`cut_parts`."""
+    shapes = [part.outline for part in parts]
+    vertex = np.concatenate(shapes)
     first = np.cumsum([0, *(len(shape) for shape in shapes)])
     area = np.empty(len(parts))
     for p, part in enumerate(parts):
         x, y = part.outline.T
         area[p] = 0.5 * (x * np.roll(y, -1) - np.roll(x, -1) * y).sum()
     gyration = np.sqrt([part.gyration for part in parts])
-    radius = np.array([part.radius for part in parts]) + apron
+    radius = np.array([part.radius for part in parts])
     return Outlines(vertex, first, area, gyration, radius, surface.rows, surface.columns, surface.element_size)
 
 
-def new_pieces(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -> Pieces:
-    """Allocate the pieces of one world, for outlines with such an apron."""
-    across = [math.floor(2.0 * (part.radius + apron) / surface.element_size) + 2 for part in parts]
+def new_pieces(surface: Surface, parts: tuple[Part, ...]) -> Pieces:
+    """Allocate the pieces of one world."""
+    across = [math.floor(2.0 * part.radius / surface.element_size) + 2 for part in parts]
     room, corners = sum(each**2 for each in across), max(len(part.outline) for part in parts)
     # Rounding may place the outline in one more row and column.
     cells, box = np.zeros(((max(across) + 1) ** 2, MOMENTS)), np.zeros(4, dtype=np.int64)
@@ -100,68 +94,6 @@ def cut_parts(outlines, pose, present, pieces):
                 height += cell[6]
                 height_y += cell[7]
     return count
-
-
-@borrowing
-def field_under(pieces, first, last, columns, push):
-    """Fit a uniform push and a turn to the elements' pushes (rows, columns, 2) under one part.
-
-    Args:
-        pieces, first, last: pieces of the part.
-
-    Returns:
-        Push x and y, and turn; an element at ``r`` radii of gyration gets ``turn z^ x r``.
-    """
-    area, x, y, torque, square = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(first, last):
-        e, share, ax, ay = pieces.element[i], pieces.share[i], pieces.lever[i, 0], pieces.lever[i, 1]
-        px, py = push[e // columns, e % columns, 0], push[e // columns, e % columns, 1]
-        area, x, y = area + share, x + share * px, y + share * py
-        torque += ax * py - ay * px
-        square += (ax * ax + ay * ay) / share
-    return x / area, y / area, torque / max(square, 1e-300)
-
-
-@borrowing
-def spread_fields(start, stop, outlines, grown, least, most, pose, present, pieces, around, mark, push):
-    """Continue the parts' fields on the free elements around them.
-
-    Args:
-        start, stop: worlds.
-        outlines, grown: of :func:`vibgym.allocation.cut.outlines_of`, of the parts and of parts as large as their aprons.
-        least, most: amplitudes of elements that move, over the surface's largest.
-        pose: (worlds, parts, 3).  present: (worlds, parts) bool.
-        pieces, around: scratch, for parts and for aprons.
-        mark: (elements,) bool scratch, False, and left so.
-        push: (worlds, rows, columns, 2), changed in place.
-    """
-    columns = outlines.columns
-    for w in range(start, stop):
-        count, beside = cut_parts(outlines, pose[w], present[w], pieces), cut_parts(grown, pose[w], present[w], around)
-        for i in range(count):
-            mark[pieces.element[i]] = True
-        first, at = 0, 0
-        while first < count:  # pieces are in the order of the parts
-            part, last = pieces.part[first], first
-            while last < count and pieces.part[last] == part:
-                last += 1
-            x, y, turn = field_under(pieces, first, last, columns, push[w])
-            first = last
-            while at < beside and around.part[at] <= part:
-                e, share, mine = around.element[at], around.share[at], around.part[at] == part
-                ax, ay = around.lever[at, 0] / share, around.lever[at, 1] / share
-                at += 1
-                if mark[e] or not mine:
-                    continue
-                px, py = x - turn * ay, y + turn * ax
-                size = math.sqrt(px * px + py * py)
-                scale = min(size, most) / size if size > 0.0 and size >= least else 0.0
-                push[w, e // columns, e % columns, 0], push[w, e // columns, e % columns, 1] = scale * px, scale * py
-                mark[e] = True  # belongs to the first part
-        for j in range(beside):
-            mark[around.element[j]] = False
-        for i in range(count):
-            mark[pieces.element[i]] = False
 
 
 @borrowing

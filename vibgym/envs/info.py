@@ -36,7 +36,7 @@ GROUPS = (NUMBERS, COUNTS, (*FLAGS, "diverged"))
 ROWS = {name: (group, row) for group, names in enumerate(GROUPS) for row, name in enumerate(names)}
 """Location of each field in a :class:`Report`: index of the array, and row."""
 
-NUMBER, COUNT, FLAG = (tuple(each.values()) for each in (NUMBERS, COUNTS, FLAGS))
+NUMBER = tuple(NUMBERS.values())
 TERMS, DIVERGED = len(NUMBERS), len(FLAGS)
 PART_FLAGS = ("done", "fallen", "present")
 

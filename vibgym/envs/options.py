@@ -124,8 +124,10 @@ def first_difference(theirs: Any, mine: str) -> tuple[str, str]:
     """Return the first setting that differs in two identities, as given in a snapshot and as required, for errors."""
     try:
         other, own = json.loads(theirs), json.loads(mine)
-        name = next(key for key in own if other.get(key) != own[key])
-        return f"a state of another environment, with {name}={other.get(name)!r}", f"{name}={own[name]!r}"
+        if missing := [key for key in own if key not in other]:
+            return f"a state of another version, without {', '.join(missing)}", "one of this version"
+        name = next(key for key in own if other[key] != own[key])
+        return f"a state of another environment, with {name}={other[name]!r}", f"{name}={own[name]!r}"
     except (TypeError, ValueError, AttributeError, StopIteration, RecursionError):
         return checks.shown(theirs), "the description of an environment with these settings"
 

@@ -147,7 +147,7 @@ class _Job(Problem):
         known = {(each.part, each.first): start for each, start in zip(solver.plant.segments, now.starts, strict=True)}
         solver = self.solver(LONG)
         segments, everything = solver.plant.segments, range(len(solver.plant.segments))
-        starts = starts_of(segments, now.parameters, self.surface, self.kinds)
+        starts = starts_of(segments, now.parameters, self.surface)
         for k, each in enumerate(segments):
             starts[k] = known.get((each.part, each.first), starts[k])
         done = self.improve(solver, replace(now, starts=starts), everything, ROUNDS, elements=True)
@@ -248,7 +248,7 @@ class _Job(Problem):
         which, tried = _drawn(solver, FEW), []
         amplitude = self.names.index("horizontal_amplitude")  # far from the solution friction and gain replace it
         for parameters in first:
-            starts = starts_of(solver.plant.segments, parameters, self.surface, self.kinds)
+            starts = starts_of(solver.plant.segments, parameters, self.surface)
             now = Estimate(parameters, starts, np.array([1e-3, 1e-2]), self.prior(parameters))
             for _ in range(TRIES):
                 done = solver.step(which, now, elements=False, fixed=[*self.fixed(now), amplitude])

@@ -141,9 +141,7 @@ def _regressions(
     return sorted(found, key=lambda each: each[0])
 
 
-def starts_of(
-    segments: Sequence[Segment], parameters: Parameters, surface: Surface, kinds: Sequence[Part]
-) -> np.ndarray:
+def starts_of(segments: Sequence[Segment], parameters: Parameters, surface: Surface) -> np.ndarray:
     """Return initial states (segments, LOCAL) from parabolas through the first images.
 
     The velocity at the start of a period differs from the mean one by that of a part on elements at rest.

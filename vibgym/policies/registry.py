@@ -29,7 +29,7 @@ Maker = Callable[..., Policy]
 EXTRA = ("safetensors", "scipy")  # modules of the extra ``policies``
 STEERED = ("local_field", "planner", "lanes", "two_phases", "push")  # with a law, and any action of steering.OUTPUTS
 FILES = ("trained", "residual", "learned")  # loaded from files, with the action that they were trained with only
-NEED_MORE = ("trained", "residual", "schedule", "by_task", "parallel_rollout")  # with arguments only, such as a file
+NEED_MORE = ("trained", "residual", "by_task", "parallel_rollout")  # with arguments only, such as a file
 DEFAULT = "element"  # the environment's default action, which requires no action of the policy
 
 
@@ -99,13 +99,6 @@ def learned(
 
     agent = shipped_agent(info, action=action, hardware=hardware, variant=variant)
     return CONTROLLERS[agent.kind](info, path=str(agent.path))
-
-
-def schedule(info: TaskInfo, *, path: str) -> Policy:
-    """Load the sensorless schedule in a JSON file."""
-    from vibgym.policies.trained.schedule import load_schedule
-
-    return load_schedule(file_of(path, info), info)
 
 
 def by_task(info: TaskInfo, **policies: Any) -> Policy:
@@ -188,7 +181,6 @@ CONTROLLERS = Controllers(
         "learned": learned,
         "trained": trained,
         "residual": residual,
-        "schedule": schedule,
     },
 )
 """Policies by name; ``CONTROLLERS.register(name, cls)`` adds a custom one, made as ``cls(info, **arguments)``.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -75,14 +74,6 @@ def _reported(value: Any) -> tuple[str, ...]:
     ):
         raise checks.refuse("sensor.tell", value, f"a list of different names among {', '.join(MEASUREMENT_FEATURES)}")
     return tuple(each for each in MEASUREMENT_FEATURES if each in value)
-
-
-def __getattr__(name: str) -> Any:
-    """Return the value of a renamed constant, with a DeprecationWarning."""
-    if name == "TOLD":
-        warnings.warn("vibgym.sensing.TOLD is now MEASUREMENT_FEATURES", DeprecationWarning, stacklevel=2)
-        return MEASUREMENT_FEATURES
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 __all__ = [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -197,11 +196,6 @@ class Simulator:
     def part_info(self) -> dict[str, np.ndarray]:
         """Return live arrays (worlds, parts) of the model that environments report in ``info["parts"]``, by name."""
         return self._model.part_info()
-
-    def part_facts(self) -> dict[str, np.ndarray]:
-        """Return :meth:`part_info`; deprecated name, removed in the next release."""
-        warnings.warn("Simulator.part_facts is now part_info", DeprecationWarning, stacklevel=2)
-        return self.part_info()
 
     def renew(self, changed: np.ndarray) -> None:
         """Reset the model's live arrays of some parts, (worlds, parts) bool, which have been replaced."""

@@ -21,9 +21,6 @@ from vibgym.tasks.pose import PoseTask, pose_caption
 from vibgym.tasks.scoring import FactScoring, Stage
 from vibgym.tasks.starts import pose_of_absent
 
-NEAR, NEAR_DEG = 0.150, 60.0
-"""m and degrees, how far goals lie from the starts at most, unless they may lie anywhere."""
-
 MARGIN = 0.025
 """m between the circle of a pushed part or its goal and the borders, so that pushers can get behind it."""
 

@@ -2,7 +2,6 @@
 
 import json
 
-import gymnasium as gym
 import numpy as np
 import pytest
 import yaml
@@ -17,8 +16,6 @@ from agents.training_envs import make_worlds
 from agents.training_file import load_settings
 from vibgym.config import Settings
 from vibgym.envs.actions import ACTIONS, Field
-from vibgym.policies.registry import make_policy
-from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.networks import ACTING
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import CODINGS
@@ -109,11 +106,7 @@ def test_algorithms_of_stable_baselines3_run_by_name(tmp_path, algorithm):
     settings = {"algorithm": f"sb3.{algorithm}", "environment": {"action": "field"}, "sb3": own, "steps": 256}
     path = run(tmp_path, settings)
     assert len((path.parent / "curve.csv").read_text().splitlines()) >= 2
-    assert (path if algorithm == "SAC" else path.with_suffix(".zip")).exists()
-    if algorithm == "SAC":
-        env = gym.make_vec("vibgym/Align-v0", num_envs=2, action="field", observation="state")
-        policy = make_policy(str(path), TaskInfo.of(env))
-        assert env.action_space.contains(policy.predict(env.reset(seed=0)[0])[0])
+    assert path.with_suffix(".zip").exists()
     assert json.loads((path.parent / "run.json").read_text())["settings"]["algorithm"] == f"sb3.{algorithm}"
     run(tmp_path, {**settings, "steps": 512})  # continues
 

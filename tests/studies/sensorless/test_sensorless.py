@@ -8,11 +8,11 @@ import pytest
 from studies.sensorless.__main__ import main
 from studies.sensorless.handmade import FAMILIES, as_drawn, schedule_of, shifted
 from studies.sensorless.play import COARSE, FINE, Trials, cost, draw_trials, errors_of, play
+from studies.sensorless.schedule import Schedule, SchedulePolicy, read_schedule
 from studies.sensorless.search import costs, decoded, encoded, search
 from studies.sensorless.settings import SensorlessSettings
 from tests.envs.helpers import batch
 from tests.policies.helpers import ALUMINIUM, DISC, SURFACE, info_of
-from vibgym.policies.trained.schedule import Schedule, SchedulePolicy, read_schedule
 
 GOAL = np.array([0.416, 0.104, 0.0])
 QUICK = SensorlessSettings(seconds=2.0, segments=2, starts=6, generations=12, population=8, judged=8)
@@ -133,7 +133,7 @@ def test_the_command_writes_schedules_and_a_page(tmp_path):
     assert main([str(config), "--output", str(tmp_path / "out"), "--quiet"]) == 0
     page = (tmp_path / "out" / "sensorless.md").read_text()
     assert "## Aluminium block, ideal hardware" in page and "| learned, seed 1 |" in page.replace("**", "").replace(
-        " (shipped)", ""
+        " (stored)", ""
     )
     schedule, record = read_schedule(tmp_path / "out" / "aluminium_block-ideal.json")
     assert schedule.total <= 1.6 + 1e-9 and (schedule.goal == GOAL).all()

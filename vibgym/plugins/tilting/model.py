@@ -320,5 +320,5 @@ def rigid_buffers(setup: Setup, scheme: TiltScheme) -> Pinned[FixedTilting]:
     table = setup.surface.table(setup.walls)
     kinds, _ = kinds_of(setup.parts, Part.same_as)
     bodies = bodies_of(setup.parts, setup.surface.element_size, Part.same_as)
-    work = new_work(table, bodies, scheme.ramp)
+    work = new_work(table, bodies)
     return Pinned(FIXED_TILTING, FixedTilting(table, bodies, solids_of(kinds), scheme, work))

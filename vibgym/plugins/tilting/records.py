@@ -149,7 +149,7 @@ class Rigid(NamedTuple):
     tilt: Tilt
 
 
-def new_work(table: Table, bodies: Bodies, ramp: float) -> Work:
+def new_work(table: Table, bodies: Bodies) -> Work:
     """Return working arrays for any part of these kinds."""
     corners = max(int(np.diff(bodies.first).max()), RIM_POINTS)
     across = (

@@ -40,15 +40,14 @@ class PhasorOutput:
         info: task, scene and step time.
         process: the frictional process, with the limit of the hardware.
         learn: whether to estimate gains and phases of elements, see :class:`Steering`.
-        apron: m, of :class:`vibgym.allocation.Allocator`.
 
     Attributes:
         learner: estimator of the elements' gains, None: not used.
     """
 
-    def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float) -> None:
+    def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool) -> None:
         self.learner = GainLearner(info) if learn and info.hard_dead_zone and info.has_goal else None
-        self.allocator = Allocator(info.surface, info.parts, info.hardware, apron=apron)
+        self.allocator = Allocator(info.surface, info.parts, info.hardware)
         self.half = 0.5 * info.surface.period  # s
 
     def begin(self, batch: int) -> Any:
@@ -101,19 +100,11 @@ class MotionOutput:
         action: class of the environment's action.
         info, process: see :class:`PhasorOutput`.
         learn: no effect.
-        apron: must be 0.
-
-    Raises:
-        ValueError: an apron.
     """
 
     learner = None
 
-    def __init__(
-        self, action: type[Wrench], info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float
-    ) -> None:
-        if apron != 0.0:
-            raise checks.refuse("apron", apron, "0 unless action='phasor': the environment allocates")
+    def __init__(self, action: type[Wrench], info: TaskInfo, process: FrictionalInverse, learn: bool) -> None:
         self.process = process
         self.mapping = action(info.surface, info.parts)
         self.mapping.step_time = info.step_time
@@ -156,7 +147,7 @@ OUTPUTS: Mapping[str, Any] = {
     "phasor": PhasorOutput,
     **{name: partial(MotionOutput, action) for name, action in MOTIONS.items()},
 }
-"""Outputs by the environment's ``action=``, made as ``cls(info, process, learn, apron)``."""
+"""Outputs by the environment's ``action=``, made as ``cls(info, process, learn)``."""
 
 TURN_ROOM = 0.010  # m, distance to the nearest other part below which a part turns more slowly
 SPIN_LIMIT = (1.0 - 1e-6) * SPIN  # rad/s, range of observations; faster spins are predicted
@@ -183,8 +174,6 @@ class Steering:
         learn: whether to estimate gains and phases of elements (:mod:`.gains`), where they have a hard dead zone and parts
             have goal poses, and ``action`` is ``"phasor"``.
         action: the environment's ``action=``, among :data:`OUTPUTS`.
-        apron: m around parts within which elements move as those under them, for rigid parts
-            (:mod:`vibgym.allocation.cut`); with ``action="phasor"`` only.
         observer: among :data:`.observer.OBSERVERS`: ``"disturbance"`` estimates the acceleration of each part that elements and
             nominal friction do not explain, and rejects it. None: that for one part that can tilt, on elements without a hard
             dead zone; else ``"none"``, since elsewhere it was measured not to help.
@@ -207,7 +196,6 @@ class Steering:
         law: str = "local",
         learn: bool = True,
         action: str = "phasor",
-        apron: float = 0.0,
         observer: str | None = None,
         **settings: Any,
     ) -> None:
@@ -223,7 +211,7 @@ class Steering:
         # s, of the same, by the end of the step.
         self.gained = info.surface.period + 2.0 * self.ahead * np.exp(-self.ahead * info.plant.drag)
         self.action = checks.choice("action", action, tuple(OUTPUTS))
-        self.output = OUTPUTS[action](info, self.process, learn, apron)
+        self.output = OUTPUTS[action](info, self.process, learn)
         self.learner = self.output.learner
         usual = "none" if info.flat or info.hard_dead_zone or len(info.parts) > 1 else "disturbance"
         kind = checks.choice("observer", usual if observer is None else observer, tuple(OBSERVERS))

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import Surface, checks
-from vibgym.envs.actions import ACTIONS, actions_by_part
-from vibgym.policies.classical.measured import check_state
+from vibgym.envs.actions import actions_by_part
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import CODES, Coding, ImageCoding
 from vibgym.policies.trained.flow import FlowPolicy
@@ -32,9 +31,6 @@ exactly the nominal one. Tests of shipped agents at 24 and 26 Hz are in tests/po
 RESIDUAL = "residual"
 """Key of a policy file that names the base policy and the scale of a correction."""
 
-STATE = "state"
-"""Value of ``network`` in the file of a :class:`StatePolicy`."""
-
 FLOW = "flow"
 """Key of a policy file with the settings of a :class:`.flow.FlowPolicy`."""
 
@@ -45,9 +41,6 @@ CODINGS: dict[str, type[Coding]] = {
     "pixels": ImageCoding,
 }
 """Conversion by the name of a network."""
-
-LOG_STD_LIMITS = (-20.0, 2.0)
-"""Of Stable-Baselines3's SAC actor."""
 
 
 class TrainedPolicy:
@@ -85,68 +78,6 @@ class TrainedPolicy:
         return (actions[0] if self.coding.single(observation) else actions), inputs
 
 
-class StatePolicy:
-    """An actor that SAC trained on the flat state: hidden layers with rectifiers, then mean and log std before a tanh.
-
-    Args:
-        tensors: float32 weights (out, in) and biases (out,) of ``layer0``, ``layer1``, ..., ``mean`` and ``log_std``.
-        info: of the task.
-        action: the environment's ``action=``.
-        seed: of the exploration.
-        name: of the file, for errors.
-
-    Raises:
-        ValueError: missing tensors, or another size of observation or action.
-    """
-
-    observation = "state"
-
-    def __init__(
-        self, tensors: dict[str, np.ndarray], info: TaskInfo, action: str, seed: int = 0, name: str = "policy"
-    ) -> None:
-        self.layout, self.action, self.generator = info.layout, action, np.random.default_rng(seed)
-        self.hidden: list[tuple[np.ndarray, np.ndarray]] = []
-        width = info.layout.size
-        while f"layer{len(self.hidden)}.weight" in tensors:
-            self.hidden.append(_layer(name, tensors, f"layer{len(self.hidden)}", width))
-            width = len(self.hidden[-1][1])
-        if not self.hidden:
-            raise checks.refuse(f"{name}: tensors", sorted(tensors), "layer0.weight, layer0.bias and so on")
-        size = ACTIONS[action](info.surface, info.parts).size
-        self.mean, self.log_std = (_layer(name, tensors, last, width, size) for last in ("mean", "log_std"))
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Return actions in [-1, 1] for one observation or a batch; no memory."""
-        x = check_state(observation, self.layout).astype(np.float32)
-        for weight, bias in self.hidden:
-            x = np.maximum(x @ weight.T + bias, 0.0, dtype=np.float32)
-        before = x @ self.mean[0].T + self.mean[1]
-        if not deterministic:
-            spread = np.exp(np.clip(x @ self.log_std[0].T + self.log_std[1], *LOG_STD_LIMITS))
-            before = before + spread * self.generator.standard_normal(before.shape, dtype=np.float32)
-        return np.tanh(before), state
-
-
-def _layer(
-    name: str, tensors: dict[str, np.ndarray], layer: str, width: int, size: int | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return weight and bias of a layer with ``width`` inputs and ``size`` outputs (None: any number)."""
-    weight, bias = (tensors.get(f"{layer}.{each}", np.zeros(0)) for each in ("weight", "bias"))
-    outputs = len(bias) if size is None and bias.ndim else size
-    if weight.shape != (outputs, width) or bias.shape != (outputs,):
-        raise checks.refuse(
-            f"{name}: {layer}", f"weight of shape {weight.shape}", f"shape ({size or 'n'}, {width}) and a bias"
-        )
-    return weight, bias
-
-
-def columns_of(info: TaskInfo) -> list[list[Any]]:
-    """Return names and widths of the state's columns, as policy files have them."""
-    return [[row.name, row.width] for row in info.layout.rows]
-
-
 def described(surface: Surface) -> dict[str, Any]:
     """Return a surface as policy files have it."""
     return {name: getattr(surface, name) for name in ("rows", "columns", "element_size", "frequency")}
@@ -171,7 +102,7 @@ def serves_surface(record: Any, surface: Surface) -> bool:
     )
 
 
-def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | FlowPolicy | StatePolicy:
+def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | FlowPolicy:
     """Load a policy file and check that it fits.
 
     Raises:
@@ -186,7 +117,7 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | FlowPolicy | Sta
 
 def network_of(
     name: str, tensors: dict[str, np.ndarray], record: dict[str, Any], info: TaskInfo
-) -> TrainedPolicy | FlowPolicy | StatePolicy:
+) -> TrainedPolicy | FlowPolicy:
     """Return the network of a policy file.
 
     Args:
@@ -205,15 +136,10 @@ def network_of(
         raise checks.refuse(f"{name}: surface", surface, f"{described(info.surface)!r}, as this scene has it")
     if parts not in (ANY, len(info.parts)) or isinstance(parts, bool):  # True would be 1 part
         raise checks.refuse(f"{name}: parts", parts, f"{len(info.parts)!r}, as this scene has it")
-    network = checks.choice(f"{name}: network", record.get("network"), (STATE, *ACTING))
-    actions = ACTIONS if network == STATE else (*actions_by_part(), *CODES)
-    action = checks.choice(f"{name}: action", record.get("action"), tuple(actions))
+    network = checks.choice(f"{name}: network", record.get("network"), tuple(ACTING))
+    action = checks.choice(f"{name}: action", record.get("action"), (*actions_by_part(), *CODES))
     columns = record.get("columns")
-    if network == STATE and columns != columns_of(info):
-        raise checks.refuse(f"{name}: columns", columns, f"{columns_of(info)!r}, as this task has them")
     tensors = as_float32(name, tensors)
-    if network == STATE:
-        return StatePolicy(tensors, info, action, name=name)
     activation = checks.choice(f"{name}: activation", record.get("activation"), tuple(ACTIVATIONS))
     if not isinstance(columns, list) or not all(isinstance(each, list) and len(each) == 2 for each in columns):
         raise checks.refuse(f"{name}: columns", columns, "a list of names and widths")

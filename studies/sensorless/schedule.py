@@ -3,7 +3,7 @@
 Programmable force fields can bring a part of unknown pose to a known one without a sensor (Boehringer, Donald, MacDonald,
 "Programmable force fields for distributed manipulation", 1999; Kavraki 1997 for one elliptic field): each field of a sequence
 leaves fewer poses possible, up to the part's symmetry. The thesis (sections 4.2, 7.2.2) tried one squeeze field. Here every
-field is two squeezes at right angles and a swirl about one centre; :mod:`studies.sensorless` finds the values.
+field is two squeezes at right angles and a swirl about one centre; :mod:`.search` finds the values.
 
 The policy depends on time only. The goal is part of the schedule: ``reset(options={"goal": schedule.goal})``.
 """

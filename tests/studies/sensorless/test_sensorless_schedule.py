@@ -2,16 +2,12 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.envs.helpers import single
-from tests.policies.classical.test_classical_open_loop import observations
-from tests.policies.helpers import SURFACE, info_of
-from vibgym import Surface
-from vibgym.policies.registry import make_policy
-from vibgym.policies.trained.schedule import (
+from studies.sensorless.schedule import (
     COLUMNS,
     Schedule,
     SchedulePolicy,
@@ -19,6 +15,10 @@ from vibgym.policies.trained.schedule import (
     read_schedule,
     save_schedule,
 )
+from tests.envs.helpers import single
+from tests.policies.classical.test_classical_open_loop import observations
+from tests.policies.helpers import SURFACE, info_of
+from vibgym import Surface
 
 GOAL = np.array([0.416, 0.104, 0.0])
 FIELD = [0.416, 0.104, 0.0, 1.0, 0.5, 0.0, 0.026]
@@ -92,9 +92,13 @@ def test_a_file_gives_back_what_was_saved(tmp_path):
     assert (found.fields == schedule().fields).all() and (found.seconds == schedule().seconds).all()
     assert (found.goal == GOAL).all() and found.friction == 0.58 and record["training"] == {"seed": 3}
     seen = observations("Align", worlds=2, steps=1)[0]
-    by_name = make_policy({"kind": "schedule", "path": str(path)}, info_of("Align"))
-    direct = SchedulePolicy(info_of("Align"), schedule())
-    assert (by_name.predict(seen)[0] == direct.predict(seen)[0]).all()
+    loaded, direct = load_schedule(path, info_of("Align")), SchedulePolicy(info_of("Align"), schedule())
+    assert (loaded.predict(seen)[0] == direct.predict(seen)[0]).all()
+
+
+def test_stored_schedules_fit_the_table():
+    files = sorted(Path("studies/sensorless/schedules").glob("*.json"))
+    assert len(files) == 4 and all(load_schedule(path, info_of("Align")).schedule.total <= 4.0 for path in files)
 
 
 def test_unsuitable_files_are_refused(tmp_path):
