@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 
 from vibgym.policies import rollout
+from vibgym.settings import Length
 from vibgym.tasks import TASKS, PoseTask
 
 
@@ -16,14 +17,14 @@ class Park(PoseTask):
     FACTS = ("is_success", "position_error", "fallen", "diverged")
     draws = 3  # uniform numbers that a start needs
 
-    def __init__(self, surface, parts, *, column=0.05):
-        super().__init__(surface, parts)
-        self.column = column  # m from the left border
+    class Settings(PoseTask.Settings):
+        column: Length = 0.05
+        """Distance of the goal from the left border."""
 
     def draw(self, uniform):
         """Return starts and goals of n worlds, (n, 3) each, from ``uniform`` (n, draws)."""
         start = np.column_stack([self.somewhere(uniform[:, :2]), 2.0 * np.pi * uniform[:, 2] - np.pi])
-        goal = np.tile([self.column, 0.5 * self.surface.depth, 0.0], (len(uniform), 1))
+        goal = np.tile([self.settings.column, 0.5 * self.surface.depth, 0.0], (len(uniform), 1))
         return start, goal
 
 
@@ -33,7 +34,7 @@ gym.register(
     entry_point="vibgym.envs:VibgymEnv",
     vector_entry_point="vibgym.envs:VibgymVectorEnv",
     max_episode_steps=250,
-    kwargs={"task": "Park", "task_settings": {"column": 0.06}, "max_episode_periods": 250},
+    kwargs={"task": "Park", "task_settings": {"column_mm": 60}, "max_episode_periods": 250},
 )
 
 episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 100

@@ -112,7 +112,7 @@ def refusal(error: ValidationError, model: type[BaseModel], given: Any, where: s
             else:
                 continue  # the name of a member of a union
             place, given = f"{place}.{key}", given.get(key)
-        elif isinstance(part, int) and checks.listed(given) and part < len(given):
+        elif isinstance(part, int) and checks.listed(given) and part < len(given) and factor == 1.0:
             place, given, field = f"{place}[{part}]", given[part], None
     kind = fault["type"]
     if kind == "extra_forbidden":
@@ -125,6 +125,8 @@ def refusal(error: ValidationError, model: type[BaseModel], given: Any, where: s
         return checks.conflict(f"{place}: {fault['msg']}")
     if field is not None:
         return checks.refuse(place, given, allowed(field, factor))
+    if kind == "missing":
+        return checks.conflict(f"{place} has too few items, got {checks.shown(given)}")
     what, _, values = fault["msg"].partition(" should be ")
     if not values:  # "List should have at least 1 item after validation, not 0"
         return checks.conflict(f"{place}: {what[0].lower()}{what[1:]}, got {checks.shown(given)}")
@@ -176,6 +178,8 @@ def plain(value: Any) -> Any:
         value = value.tolist()
     if isinstance(value, Enum):
         return value.value
+    if isinstance(value, Mapping):
+        return {key: plain(each) for key, each in value.items()}
     return tuple(map(plain, value)) if type(value) in (list, tuple) else value
 
 
@@ -214,7 +218,8 @@ def allowed(field: FieldInfo, factor: float = 1.0) -> str:
 
 def _words(kind: Any, metadata: Sequence[Any], factor: float) -> str:
     if get_origin(kind) is Annotated:
-        return _words(kind.__origin__, (*kind.__metadata__, *metadata), factor)
+        own = [one for each in kind.__metadata__ for one in getattr(each, "metadata", [each])]  # of Field(...)
+        return _words(kind.__origin__, (*own, *metadata), factor)
     origin, arguments = get_origin(kind), get_args(kind)
     lengths = [f"at least {each.min_length}" for each in metadata if isinstance(each, MinLen)]
     size = " and ".join(lengths + [f"at most {each.max_length}" for each in metadata if isinstance(each, MaxLen)])

@@ -84,13 +84,12 @@ def test_a_toppled_part_ends_the_episode_as_a_fallen_one():
 @pytest.mark.parametrize(
     ("value", "message"),
     [
-        (0.3, "randomize['disturbance']"),
-        ({"rate": 1.0}, "randomize['disturbance']"),
-        ({"rate": -1.0, "tilt": 0.1}, "randomize['disturbance']['rate']"),
-        ({"rate": 1.0, "tilt_deg": [3, 1]}, "randomize['disturbance']['tilt'][1]"),
-        ({"rate": 1.0, "tilt_deg": [1, 50]}, "randomize['disturbance']['tilt'][1]"),
-        ({"rate": 1.0, "tilt_deg": "much"}, "randomize['disturbance'].tilt_deg"),
-        ({"rate": 1.0, "tilt_deg": 3, "spin": 1}, "randomize['disturbance']"),
+        (0.3, "randomize.disturbance"),
+        ({"rate": 1.0}, "missing field 'randomize.disturbance.tilt'"),
+        ({"rate": -1.0, "tilt": 0.1}, "randomize.disturbance.rate"),
+        ({"rate": 1.0, "tilt_deg": [3, 1]}, "randomize.disturbance: tilt"),
+        ({"rate": 1.0, "tilt_deg": [1, 50]}, "randomize.disturbance.tilt_deg"),
+        ({"rate": 1.0, "tilt_deg": 3, "spin": 1}, "unknown setting 'spin' of randomize.disturbance"),
     ],
 )
 def test_bad_settings(value, message):
@@ -101,5 +100,5 @@ def test_bad_settings(value, message):
 
 def test_tilts_that_topple_are_refused():
     tall = {"shape": "rectangle", "length": 0.02, "width": 0.02, "friction": 0.2, "height": 0.09, "name": "tall"}
-    with pytest.raises(ValueError, match=r"randomize\['disturbance'\]\['tilt'\]"):
+    with pytest.raises(ValueError, match=r"randomize\.disturbance\.tilt"):
         batch("tilting", 1, parts=[tall], randomize={"disturbance": {"rate": 1, "tilt_deg": [1, 30]}})

@@ -91,13 +91,12 @@ STEEL, LIGHT = "steel_block", {"shape": "disc", "radius": 0.02, "friction": 0.5,
 
 BAD = [
     ("Align", {"randomize": {"gravity": [1, 2]}}, r"randomize"),
-    ("Align", {"randomize": {"friction": 1.5}}, r"randomize\['friction'\]"),
-    ("Align", {"randomize": {"friction": [1.5, 0.5]}}, r"randomize\['friction'\]\[1\]"),
-    ("Align", {"randomize": {"mass": [1, 101]}}, r"randomize\['mass'\]\[1\]"),
-    ("Align", {"randomize": {"patches": 0.7}}, r"randomize\['patches'\]"),
+    ("Align", {"randomize": {"friction": 1.5}}, r"randomize\.friction"),
+    ("Align", {"randomize": {"friction": [1.5, 0.5]}}, r"randomize: friction"),
+    ("Align", {"randomize": {"mass": [1, 101]}}, r"randomize\.mass"),
     ("Align", {"randomize": {"patches": [1, 6]}, "model": "averaged"}, r"randomize\['patches'\]"),
-    ("Align", {"randomize": {"incline": 0.3}}, r"randomize\['incline'\]"),
-    ("Align", {"randomize": {"incline": [0.1, 0.05]}}, r"randomize\['incline'\]\[1\]"),
+    ("Align", {"randomize": {"incline_deg": 20}}, r"randomize\.incline_deg.*deg"),
+    ("Align", {"randomize": {"incline": [0.1, 0.05]}}, r"randomize: incline"),
     ("Align", {"randomize": {"friction": [1, 6]}, "model": "averaged"}, r"randomize\['friction'\]"),
     ("Sort", {"randomize": {"mass": [0.1, 1]}, "parts": [STEEL, LIGHT]}, r"randomize\['mass'\]"),
 ]  # fmt: skip

@@ -5,8 +5,14 @@ from typing import Any
 import numpy as np
 
 from vibgym.physics.core.records import new_state
+from vibgym.settings import read
 from vibgym.tasks.base import Start
 from vibgym.tasks.scoring import Scoring
+
+
+def made(cls: Any, surface: Any, parts: Any, **settings: Any) -> Any:
+    """Return a task, or a pattern, with settings as an environment takes them."""
+    return cls(surface, parts, settings=read(cls.Settings, settings, "task_settings"))
 
 
 class Scorer:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.tasks.helpers import Scorer
+from tests.tasks.helpers import Scorer, made
 from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, MIXED, SIX, STEEL, SURFACE, distances
 from vibgym.tasks import TASKS, Singulate, Sort
 
@@ -85,8 +85,8 @@ def settled(task, generator, worlds):
 def test_score_kernel(name, parts):
     worlds, steps = 30, 40
     generator = np.random.default_rng(2)
-    task = ARRANGED[name](SURFACE, parts, randomize={"parts": [1, len(parts)]})
-    whole = Sort(SURFACE, parts, start="crowded") if name == "Sort" else Singulate(SURFACE, parts)
+    task = made(ARRANGED[name], SURFACE, parts, randomize={"parts": [1, len(parts)]})
+    whole = made(Sort, SURFACE, parts, start="crowded") if name == "Sort" else Singulate(SURFACE, parts)
     start = task.start(generator.random((worlds, task.draws)))
     scorer = Scorer(task, worlds)
     scorer.begin(start)

@@ -203,9 +203,8 @@ def test_a_reset_sets_the_parts_that_may_arrive():
 @pytest.mark.parametrize("settings, words", [
     ({"zones": {"steel_block": [0.7, 0, 0.8, 0.1]}}, r"zones"),
     ({"zones": {"brass": [0.7, 0, 0.8, 0.1]}}, r"zones"),
-    ({"task_settings": {"heap": 13}}, r"task_settings\['heap'\]"),
-    ({"task_settings": {"heap": 12}}, r"task_settings\['heap'\]"),
-    ({"task_settings": {"warm_up": -1.0}}, r"task_settings\['warm_up'\]"),
+    ({"task_settings": {"heap": 13}}, r"task_settings\.heap"),
+    ({"task_settings": {"heap": 12}}, r"task_settings\.heap"),
     ({"sensor": "camera"}, r"sensor"),
     ({"surface": {"columns": 3}}, r"zones"),
     ({"task_settings": {"hold": 5}}, r"task_settings"),

@@ -134,9 +134,6 @@ def test_coverage_of_a_tee_agrees_with_counting_points():
     ({"parts": [TEE]}, "parts"),
     ({"parts": [PUSHER] * 5 + [TEE]}, "parts"),
     ({"parts": [PUSHER, {**TEE, "coupling": 2.0}]}, "coupling"),
-    ({"task_settings": {"near": 0.0}}, r"task_settings\['near'\]"),
-    ({"task_settings": {"near": 0.1, "near_mm": 100.0}}, "near_mm"),
-    ({"task_settings": {"near_deg": 200.0}}, r"task_settings\['near_deg'\]"),
 ])  # fmt: skip
 def test_bad_settings_are_refused(settings, words):
     with pytest.raises(ValueError, match=words):

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
+from tests.tasks.helpers import made
 from vibgym import Part, Surface
 from vibgym.physics.contacts.hulls import all_gaps
 from vibgym.tasks import ArrangedTask, Singulate, Sort
@@ -87,8 +88,8 @@ def linked(gaps):
 @pytest.mark.parametrize("parts", [SIX, MIXED, SIX * 2], ids=["six", "mixed", "twelve"])
 @pytest.mark.parametrize("task", ["Sort", "Singulate"])
 def test_crowded_parts_are_in_touch(task, parts):
-    made = Sort(SURFACE, parts, start="crowded") if task == "Sort" else Singulate(SURFACE, parts)
-    start = starts(made, 30)
+    crowd = made(Sort, SURFACE, parts, start="crowded") if task == "Sort" else Singulate(SURFACE, parts)
+    start = starts(crowd, 30)
     gaps = np.empty((30, len(parts), len(parts)))
     all_gaps(made.hulls, start.pose, gaps)
     for pose, between in zip(start.pose, gaps, strict=True):
@@ -101,7 +102,7 @@ def test_crowded_parts_are_in_touch(task, parts):
 
 
 def test_crowds_have_different_parts_in_the_middle():
-    pose = starts(Sort(SURFACE, SIX, start="crowded"), 60).pose
+    pose = starts(made(Sort, SURFACE, SIX, start="crowded"), 60).pose
     centre = pose[..., :2].mean(axis=1, keepdims=True)
     inner = np.hypot(*np.moveaxis(pose[..., :2] - centre, -1, 0)).argmin(axis=1)
     assert set(inner.tolist()) == set(range(6))
@@ -120,7 +121,7 @@ TIGHT = Surface(rows=7, columns=7)
 def test_the_lattice_is_the_fallback(way, parts, value):
     """With equal random numbers every part tries the same poses or directions repeatedly."""
     for surface in (SURFACE, TIGHT):
-        task = Anywhere(surface, parts, start=way)
+        task = made(Anywhere, surface, parts, start=way)
         start = starts(task, uniform=np.full((1, task.draws), value))
         between = distances(parts, start.pose[0])
         assert on_surface(parts, start.pose[0], surface)
@@ -148,7 +149,7 @@ def test_the_lattice_is_used_if_random_placement_fails():
 def test_pushing_together_gives_a_crowd_in_the_corner():
     parts = MIXED * 2
     surface = Surface(rows=10, columns=17)
-    task = Anywhere(surface, parts, start="crowded")
+    task = made(Anywhere, surface, parts, start="crowded")
     uniform = np.random.default_rng(0).random((20, task.draws))
     tries = uniform[:, 1 + len(parts) :].reshape(20, len(parts), TRIES, 2)
     tries[:, :, :, 0] = 0.25  # all from below, so the column of parts soon overhangs
@@ -168,7 +169,7 @@ number = st.one_of(st.sampled_from([0.0, 0.25, 0.5, BELOW_ONE]), st.floats(0.0, 
 @given(data=st.data())
 def test_any_numbers_give_a_valid_start(way, data):
     parts = MIXED
-    task = Sort(SURFACE, parts, start=way, randomize={"parts": [1, 6]})
+    task = made(Sort, SURFACE, parts, start=way, randomize={"parts": [1, 6]})
     uniform = np.random.default_rng(data.draw(st.integers(0, 999))).random((1, task.draws))
     for index, value in data.draw(st.dictionaries(st.integers(0, task.draws - 1), number, max_size=40)).items():
         uniform[0, index] = value
@@ -201,7 +202,7 @@ def test_numbers_of_parts(task):
 
 def test_starts_of_worlds_are_independent():
     for way in WAYS:
-        task = Sort(SURFACE, MIXED, start=way, randomize={"parts": [3, 6]})
+        task = made(Sort, SURFACE, MIXED, start=way, randomize={"parts": [3, 6]})
         uniform = np.random.default_rng(3).random((9, task.draws))
         together = task.start(uniform)
         for k in range(9):

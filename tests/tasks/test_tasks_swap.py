@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import assert_same, batch, single
+from tests.tasks.helpers import made
 from vibgym import Surface
 from vibgym.scene.hulls import gaps_between
 from vibgym.scene.parts import shipped_part
@@ -17,7 +18,7 @@ END = 13 * 0.026
 
 @pytest.mark.parametrize("pairs, settings, apart", [(8, {}, 0.005), (12, {}, 0.005), (4, {"apart_mm": 20.0}, 0.020)])
 def test_kinds_start_at_one_end_and_have_their_goals_at_the_other(pairs, settings, apart):
-    task = Swap(SURFACE, BLOCKS * pairs, **settings)
+    task = made(Swap, SURFACE, BLOCKS * pairs, **settings)
     start = task.start(np.random.default_rng(1).random((200, task.draws)))
     for k in range(2):
         own = task.kind == k
@@ -31,7 +32,7 @@ def test_kinds_start_at_one_end_and_have_their_goals_at_the_other(pairs, setting
 
 def test_free_goals_are_a_permutation_with_least_cubed_distances():
     uniform = np.random.default_rng(2).random((50, Swap(SURFACE, BLOCKS * 4).draws))
-    free, own = (Swap(SURFACE, BLOCKS * 4, free=each).start(uniform) for each in (True, False))
+    free, own = (made(Swap, SURFACE, BLOCKS * 4, free=each).start(uniform) for each in (True, False))
     assert (free.pose == own.pose).all()
     assert (np.sort(free.goal, axis=1) == np.sort(own.goal, axis=1)).all() and (free.goal != own.goal).any()
     ways = [(np.hypot(*np.moveaxis(each.goal - each.pose, -1, 0)[:2]) ** 3).sum(axis=1) for each in (free, own)]
@@ -72,11 +73,8 @@ def test_snapshots_contain_exchanged_goals():
 
 @pytest.mark.parametrize("settings, words", [
     ({"parts": ["steel_block"] * 4}, "parts"),
-    ({"task_settings": {"columns": 17}}, r"task_settings\['columns'\]"),
+    ({"task_settings": {"columns": 17}}, r"task_settings\.columns"),
     ({"task_settings": {"columns": 4}}, "parts"),
-    ({"task_settings": {"apart": -1.0}}, r"task_settings\['apart'\]"),
-    ({"task_settings": {"apart": 0.01, "apart_mm": 10}}, "apart_mm"),
-    ({"task_settings": {"free": 1}}, r"task_settings\['free'\]"),
 ])  # fmt: skip
 def test_bad_settings_are_refused(settings, words):
     with pytest.raises(ValueError, match=words):

@@ -80,9 +80,8 @@ class Core(Pipeline):
         names = cls.RANDOMIZED, self.actuators.VARIED
         self.randomization = Randomization(options.randomize, *names, self.surface, self.parts)
         self.actuators.vary(self.randomization.actuators)
-        settings, weights = task_settings(options, cls, self.randomization.task)
-        self.task: Task = checks.made("task", cls, (self.surface, self.parts), settings)
-        self.task.weigh(weights)
+        settings = task_settings(options, cls, self.randomization.task)
+        self.task: Task = cls(self.surface, self.parts, settings=settings)
         self.action = self._new_action()
         self.action.step_time = self.periods * self.surface.period
         self.simulator = self._new_simulator()
@@ -115,7 +114,7 @@ class Core(Pipeline):
         if options.costs is not None:
             world = self.simulator, self.episode, self.relations, self.periods
             self.costs = Costs(options.costs, *world, self._all_phasors)
-        self._reward = self._reward_from(weights)
+        self._reward = self._new_reward()
         self.term_names: tuple[str, ...] = tuple(self.task.made_of) if self._reward is None else self._reward.names
         rewarded = self.episode if self._reward is None else self._reward
         self.terms, self.part_terms = rewarded.terms, rewarded.part_terms
@@ -179,20 +178,18 @@ class Core(Pipeline):
             )
         return sensing
 
-    def _reward_from(self, weights: Mapping[str, Any]) -> OwnReward | GoalReward | None:
-        """Return the reward source that replaces the kernels': the task's method or the goal observation; None: the kernels.
+    def _new_reward(self) -> OwnReward | GoalReward | None:
+        """Create the reward source that replaces the kernels': the task's method or the goal observation; None: the kernels.
 
         Raises:
             ValueError: reward terms without a weight, or weights with a goal reward.
         """
         if self.observation.goal_reward:
-            if weights:
-                raise checks.conflict(
-                    "task_settings['weights'] cannot be set with observation='goal': see compute_reward"
-                )
+            if self.task.settings.weights:
+                raise checks.conflict("task_settings.weights cannot be set with observation='goal': see compute_reward")
             return GoalReward(self.observation, self.simulator.state, self.episode)
         if self.task.has_own_reward:
-            return OwnReward(self.scoring, self._all_phasors, weights)
+            return OwnReward(self.scoring, self._all_phasors)
         return None
 
     def reset(

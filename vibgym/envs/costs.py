@@ -12,12 +12,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.physics.core.drive import Drive
 from vibgym.registry import Registry
+from vibgym.settings import BaseSettings, Length, read
 from vibgym.simulation import Simulator
-from vibgym.tasks.base import setting_in_si
 from vibgym.tasks.episode import Episode, Relations
 
 
@@ -48,7 +49,7 @@ class CostStep:
 
 
 class Cost(ABC):
-    """A cost, registered by ``COSTS.register(name, cls)``; settings are keyword arguments.
+    """A cost, registered by ``COSTS.register(name, cls)``; settings are the fields of its ``Settings``.
 
     Attributes:
         by_part: whether :meth:`measure` returns a value for every part. If not, parts share the value of their world equally.
@@ -57,6 +58,17 @@ class Cost(ABC):
 
     by_part: ClassVar[bool] = True
     needs_impulse: ClassVar[bool] = False
+
+    class Settings(BaseSettings):
+        """Settings of every cost."""
+
+        weight: float = Field(default=1.0, ge=0.0)
+        """Weight in the sum of the costs."""
+
+    settings: Settings
+
+    def __init__(self, settings: Settings | None = None) -> None:
+        self.settings = type(self).Settings() if settings is None else settings
 
     @abstractmethod
     def measure(self, now: CostStep) -> np.ndarray:
@@ -80,17 +92,18 @@ class Fallen(Cost):
 
 
 class Clearance(Cost):
-    """Number of parts nearer to another one than a limit, times the periods of the step.
+    """Number of parts nearer to another one than a limit, times the periods of the step."""
 
-    Args:
-        below: m, the limit; ``below_mm`` in mm.
-    """
+    class Settings(Cost.Settings):
+        """Settings of the clearance."""
 
-    def __init__(self, *, below: float | None = None, below_mm: float | None = None) -> None:
-        self.below = setting_in_si("costs['clearance']", "below", below, below_mm, default=0.005, above=0.0)
+        below: Length = Field(default=0.005, gt=0.0)
+        """Limit of the distance."""
+
+    settings: Settings
 
     def measure(self, now: CostStep) -> np.ndarray:
-        return now.periods * (now.gap < self.below).astype(np.float64)
+        return now.periods * (now.gap < self.settings.below).astype(np.float64)
 
 
 class Effort(Cost):
@@ -109,20 +122,19 @@ COSTS: Registry[type[Cost]] = Registry(
 """Costs by name."""
 
 
-def costs_from(value: Any) -> dict[str, tuple[Cost, float]]:
-    """Return costs and their weights from the setting: a mapping from names to a weight, or to ``weight`` and settings.
+def costs_from(value: Any) -> dict[str, Cost]:
+    """Return costs by name from the option: a mapping from names to a weight, or to a mapping of settings.
 
     Raises:
-        ValueError: another value, an unknown name, a bad setting, or a negative weight.
+        ValueError: another value, an unknown name, or a bad setting.
     """
     if not isinstance(value, Mapping) or not value:
         raise checks.refuse("costs", value, f"a mapping with names among {', '.join(COSTS)}")
     found = {}
     for name, given in value.items():
         cls = COSTS.choose("costs", name)
-        settings = {"weight": given} if not isinstance(given, Mapping) else dict(given)
-        weight = checks.number(f"costs[{name!r}]['weight']", settings.pop("weight", 1.0), least=0.0)
-        found[name] = (checks.made(f"costs[{name!r}]", cls, (), settings), weight)
+        settings = given if isinstance(given, Mapping) else {"weight": given}
+        found[name] = cls(settings=read(cls.Settings, settings, f"costs[{name!r}]"))
     return found
 
 
@@ -157,7 +169,7 @@ class Costs:
         self._costs, self._simulator = costs_from(value), simulator
         self._mass = np.array([part.mass for part in simulator.parts])
         touches = len(simulator.parts) > 1 or bool(simulator.walls)
-        self.needs_impulse = touches and any(cost.needs_impulse for cost, _ in self._costs.values())
+        self.needs_impulse = touches and any(cost.needs_impulse for cost in self._costs.values())
         worlds, parts = self._shape = episode.present.shape
         impulse = np.zeros(self._shape)
         self._step = CostStep(episode.present, episode.part_fallen, relations.gap, impulse, periods, elements)
@@ -189,7 +201,8 @@ class Costs:
         """
         step, parts = self._step, self._shape[1]
         self.total[:], self.part[:] = 0.0, 0.0
-        for name, (cost, weight) in self._costs.items():
+        for name, cost in self._costs.items():
+            weight = cost.settings.weight
             shape = self._shape if cost.by_part else self._shape[:1]
             values = checks.shaped(f"cost {name!r}", cost.measure(step), (shape,), "an array of numbers", kinds="bfiu")
             if not np.isfinite(values).all():

@@ -18,6 +18,7 @@ from vibgym.scene import overlaps
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Sensor
+from vibgym.settings import read
 from vibgym.simulation.simulator import Simulator
 from vibgym.tasks import Start, Task
 
@@ -178,31 +179,34 @@ def parts_from(parts: Any, task: type[Task], surface: Surface) -> tuple[Part, ..
     return tuple(part_from(part, "parts" if one else f"parts[{k}]", surface) for k, part in enumerate(parts))
 
 
-def task_settings(
-    options: Options, cls: type[Task], randomize: Mapping[str, Any]
-) -> tuple[dict[str, Any], Mapping[str, Any]]:
-    """Return the keyword arguments of the task, and the weights of its reward terms.
+def task_settings(options: Options, cls: type[Task], randomize: Mapping[str, Any]) -> Task.Settings:
+    """Return the settings of the task.
 
     Args:
-        options: of the environment; those in :data:`NAMED` go to tasks that have them.
+        options: of the environment; those in :data:`NAMED` are settings of tasks that have them.
         cls: of the task.
         randomize: the entries of ``randomize`` that the task draws.
+
+    Raises:
+        ValueError: an option that the task does not have, one that is given twice, or a bad value.
     """
-    settings = {name: getattr(options, name) for name in NAMED if name != "randomize"}
-    settings = {
-        name: value for name, value in {**settings, "randomize": randomize or None}.items() if value is not None
-    }
-    known = checks.keywords(cls)
-    for name in settings:
+    named = {name: getattr(options, name) for name in NAMED if name != "randomize"}
+    named = {name: value for name, value in {**named, "randomize": randomize or None}.items() if value is not None}
+    known = cls.Settings.model_fields
+    for name in named:
         if name not in known:
             own = ", ".join(each for each in known if each in NAMED)
             raise checks.conflict(f"{name} cannot be set for task {options.task!r} (its settings: {own or 'none'})")
     more = {} if options.task_settings is None else options.task_settings
-    known = tuple(dict.fromkeys((*known, "weights")))
-    if not isinstance(more, Mapping) or any(name not in known or name in settings for name in more):
+    if not isinstance(more, Mapping) or any(name in named for name in more):
         raise checks.refuse("task_settings", more, f"a mapping with keys among {', '.join(known)}, not set elsewhere")
-    own = {name: value for name, value in more.items() if name != "weights"}
-    return {**settings, **own}, more.get("weights", {})
+    try:
+        return read(cls.Settings, {**named, **more}, "task_settings")
+    except checks.Refused as error:  # name options of the environment without the prefix
+        message = str(error)
+        for name in named:
+            message = message.replace(f"task_settings.{name}", name)
+        raise checks.Refused(message) from None
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from vibgym import checks
 from vibgym.config import to_si
@@ -17,6 +18,7 @@ from vibgym.physics.core.noise import KEY_DRAWS, keys_from
 from vibgym.physics.planar.kick import begin_waiting, disturb_parts
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.settings import Angle, BaseSettings, read, with_unit
 from vibgym.simulation import Conditions, Simulator
 from vibgym.simulation.model import LEAST_FACTOR, MOST_FACTOR
 
@@ -29,8 +31,36 @@ MOST_RATE, MOST_TILT = 100.0, math.radians(45.0)
 EFFECTS = ("friction", "mass", "incline", "patches")
 """Conditions by their name in ``randomize=`` and in :meth:`vibgym.Simulator.set_conditions`, in the order of drawing."""
 
-DISTURBANCE = "disturbance"
-"""Key of impulse disturbances."""
+
+Factor = Annotated[float, Field(ge=LEAST_FACTOR, le=MOST_FACTOR)]
+Incline = Annotated[Angle, Field(ge=0.0, le=STEEPEST)]
+Tilt = Annotated[Angle, Field(ge=0.0, le=MOST_TILT)]
+
+
+class Ranges(BaseSettings):
+    """Settings whose pairs of numbers are ranges [low, high]."""
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Ranges:
+        for name, value in self:
+            if isinstance(value, tuple) and value[0] > value[1]:
+                raise checks.refuse(name, list(value), "[low, high] with low <= high")
+        return self
+
+
+class Disturbance(Ranges):
+    """Settings of impulse disturbances."""
+
+    rate: float = Field(ge=0.0, le=MOST_RATE)
+    """Mean number of disturbances of each part, 1/s."""
+
+    tilt: Tilt | tuple[Tilt, Tilt]
+    """Tilt of a part that is disturbed, or its range [low, high]."""
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Smallest and largest tilt, rad."""
+        return self.tilt if isinstance(self.tilt, tuple) else (self.tilt, self.tilt)
 
 
 class Randomization:
@@ -44,30 +74,55 @@ class Randomization:
 
     Attributes:
         task, actuators: settings of these keys.
-        disturbance: setting of impulse disturbances, or None.
+        disturbance: settings of impulse disturbances, or None.
         ranges: lowest and highest value of every effect, in the order of :data:`EFFECTS`.
         draws: uniform numbers per episode.
 
     Raises:
-        ValueError: an unknown key, or an invalid range.
+        ValueError: an unknown key, an invalid range, or a tilt that topples a part.
     """
+
+    class Settings(Ranges):
+        """Conditions of every task; a setting that is not given is not drawn."""
+
+        friction: tuple[Factor, Factor] | None = None
+        """Range of the factor on each part's friction."""
+
+        mass: tuple[Factor, Factor] | None = None
+        """Range of the factor on each part's mass."""
+
+        incline: Incline | tuple[Incline, Incline] | None = None
+        """Range of the angle to the horizontal, in a random direction; one angle is the upper end."""
+
+        patches: tuple[Factor, Factor] | None = None
+        """Range of the factor on the friction of each element."""
+
+        disturbance: Disturbance | None = None
+        """Impulse disturbances during an episode."""
 
     def __init__(
         self, setting: Any, of_task: Sequence[str], of_actuators: Sequence[str], surface: Surface, parts: Sequence[Part]
     ) -> None:
-        known = (*EFFECTS, DISTURBANCE, *of_actuators, *of_task)
+        known = (*self.Settings.model_fields, *of_actuators, *of_task)
         setting = {} if setting is None else setting
         if not isinstance(setting, Mapping):
             raise checks.refuse("randomize", setting, f"None, or a mapping with keys among {', '.join(known)}")
-        setting = to_si(setting, "randomize")
-        for name in setting:
+        here = {*self.Settings.model_fields, *with_unit(self.Settings)}
+        own = read(self.Settings, {name: value for name, value in setting.items() if name in here}, "randomize")
+        others = to_si({name: value for name, value in setting.items() if name not in here}, "randomize")
+        for name in others:
             if name not in known:
                 raise checks.unknown("key of randomize", name, known)
         self._surface, self._parts = surface, len(parts)
-        self.task = {name: setting[name] for name in of_task if name in setting}
-        self.actuators = {name: setting[name] for name in of_actuators if name in setting}
-        self.ranges = {name: _range(name, setting[name]) for name in EFFECTS if name in setting}
-        self.disturbance = disturbance_from(setting[DISTURBANCE], parts) if DISTURBANCE in setting else None
+        self.task = {name: others[name] for name in of_task if name in others}
+        self.actuators = {name: others[name] for name in of_actuators if name in others}
+        ranges = {name: getattr(own, name) for name in EFFECTS}
+        self.ranges: dict[str, tuple[float, float]] = {
+            name: ends if isinstance(ends, tuple) else (0.0, ends) for name, ends in ranges.items() if ends is not None
+        }
+        self.disturbance = own.disturbance
+        if own.disturbance is not None:
+            check_tilt(own.disturbance.range[1], parts)
         draws = dict.fromkeys(EFFECTS, self._parts) | {"incline": 2, "patches": surface.rows * surface.columns}
         self._draws = {name: draws[name] for name in self.ranges}
         self.draws = sum(self._draws.values())
@@ -100,46 +155,13 @@ class Randomization:
         )
 
 
-def _range(name: str, value: Any) -> tuple[float, float]:
-    """Return the range of an effect: factors, or angles from the horizontal; a single angle a is the range [0, a]."""
-    where = f"randomize[{name!r}]"
-    if name != "incline":
-        return checks.interval(where, value, LEAST_FACTOR, MOST_FACTOR)
-    if checks.listed(value):
-        return checks.interval(where, value, 0.0, STEEPEST)
-    return 0.0, checks.number(where, value, least=0.0, most=STEEPEST)
-
-
-class Disturbance(NamedTuple):
-    """Setting of impulse disturbances."""
-
-    rate: float  # 1/s, for each part
-    low: float  # rad, range of the tilt
-    high: float
-
-
-def disturbance_from(value: Any, parts: Sequence[Part]) -> Disturbance:
-    """Return the setting ``{"rate": 1/s, "tilt_deg": [low, high]}``; one number is both ends of the range.
-
-    Raises:
-        ValueError: an invalid setting, or a tilt that topples a part.
-    """
-    where = "randomize['disturbance']"
-    allowed = "a mapping with exactly the keys rate (1/s) and tilt (rad, or tilt_deg): a number, or [low, high]"
-    if not isinstance(value, Mapping):
-        raise checks.refuse(where, value, allowed)
-    given = to_si(value, where)
-    if set(given) != {"rate", "tilt"}:
-        raise checks.refuse(where, sorted(map(str, value)), allowed)
-    rate = checks.number(f"{where}['rate']", given["rate"], least=0.0, most=MOST_RATE)
-    tilt = given["tilt"] if checks.listed(given["tilt"]) else [given["tilt"], given["tilt"]]
-    low, high = checks.interval(f"{where}['tilt']", tilt, 0.0, MOST_TILT)
+def check_tilt(tilt: float, parts: Sequence[Part]) -> None:
+    """Check that a tilt of disturbances, rad, topples no part."""
     for part in parts:
         steepest = math.atan(1.0 / part.slenderness) if part.slenderness > 0.0 else math.inf
-        if high >= steepest:
+        if tilt >= steepest:
             most = f"less than {math.degrees(steepest):.3g} deg, which topples {part.name!r}"
-            raise checks.refuse(f"{where}['tilt']", f"{math.degrees(high):.3g} deg", most)
-    return Disturbance(rate, low, high)
+            raise checks.refuse("randomize.disturbance.tilt", f"{math.degrees(tilt):.3g} deg", most)
 
 
 class Disturbances:
@@ -149,7 +171,7 @@ class Disturbances:
     (:mod:`vibgym.physics.planar.kick`).
 
     Args:
-        setting: rate and tilt.
+        settings: rate and tilt.
         simulator: of the parts.
         span: s, of a step.
 
@@ -159,8 +181,8 @@ class Disturbances:
 
     draws = KEY_DRAWS
 
-    def __init__(self, setting: Disturbance, simulator: Simulator, span: float) -> None:
-        self._setting, self._simulator, self._span = setting, simulator, span
+    def __init__(self, settings: Disturbance, simulator: Simulator, span: float) -> None:
+        self._settings, self._simulator, self._span = settings, simulator, span
         shape = simulator.worlds, len(simulator.parts)
         self._key = np.zeros((shape[0], KEY_DRAWS), dtype=np.int64)
         self._count = np.zeros(shape, dtype=np.int64)
@@ -176,14 +198,14 @@ class Disturbances:
     def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
         """Begin episodes in ``worlds`` (index array), with uniform numbers (n, draws) in [0, 1)."""
         self._key[worlds], self.struck[worlds] = keys_from(uniform), 0.0
-        begin_waiting(worlds, self._key, self._setting.rate, self._wait, self._count)
+        begin_waiting(worlds, self._key, self._settings.rate, self._wait, self._count)
 
     def strike(self, present: np.ndarray) -> None:
         """Disturb the parts whose waiting time ends in this step; ``present``: (worlds, parts) bool."""
-        state, setting = self._simulator.state, self._setting
+        state, settings = self._simulator.state, self._settings
         away = state.fallen | state.diverged[:, None] | ~present
         if disturb_parts(
-            self._key, setting.rate, setting.low, setting.high, self._span, away, self._wait, self._count, self._lean,
+            self._key, settings.rate, *settings.range, self._span, away, self._wait, self._count, self._lean,
             self._kick,
         ):  # fmt: skip
             self._simulator.disturb(self._lean, self._kick)

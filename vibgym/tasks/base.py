@@ -8,20 +8,21 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
-from vibgym.config import UNITS
 from vibgym.physics.core.records import State
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.settings import BaseSettings
 from vibgym.tasks.episode import QUANTITIES, Episode, Relations, Rules, Start
 from vibgym.tasks.scoring import Scoring, Step, terms_of
 
 HOLD_PERIODS = 10
 """Default number of consecutive oscillation periods with all parts done that count as success: 0.4 s at 25 Hz."""
 
-MOST_HOLD = 10**9
+MOST_HOLD, MOST_SLOTS = 10**9, 10_000
 
 MOST_KINDS = 3
 """Largest number of kinds of parts that observations have room for."""
@@ -36,13 +37,13 @@ ANYWHERE = (-math.inf, -math.inf, math.inf, math.inf)
 class Task(ABC):
     """Draws starts from uniform numbers and defines goals, tolerances and reward; :mod:`vibgym.tasks.episode` scores it.
 
-    A custom task is a subclass with a ``start`` and the class attributes below; ``vibgym.tasks.TASKS.register`` names it.
+    A custom task is a subclass with a ``start`` and the class attributes below; ``vibgym.tasks.TASKS.register`` names it. Its
+    settings are the fields of a nested ``Settings``; it reads them from :attr:`settings`.
 
     Args:
         surface: the table.
         parts: the parts of every world.
-        hold: consecutive oscillation periods with all parts done that count as success.
-        slots: blocks of the state observation, at least the number of parts, which is the default.
+        settings: of the task; None: the defaults.
 
     Attributes:
         kinds: names of the parts' kinds.  kind: (parts,) index of each part's.
@@ -56,8 +57,22 @@ class Task(ABC):
         made_of: quantity of each reward term that has one.  weights: of all terms.
 
     Raises:
-        ValueError: too many kinds or parts, a hold or slots out of range, or reward terms without a quantity.
+        ValueError: too many kinds or parts, too few slots, reward terms without a quantity, or weights of unknown terms.
     """
+
+    class Settings(BaseSettings):
+        """Settings of every task. A task that does not take one of them declares it as a class variable with its value."""
+
+        hold: int = Field(default=HOLD_PERIODS, ge=1, le=MOST_HOLD)
+        """Consecutive oscillation periods with all parts done that count as success."""
+
+        slots: int | None = Field(default=None, ge=1, le=MOST_SLOTS)
+        """Blocks of the state observation, at least the number of parts, which is the default."""
+
+        weights: dict[str, float] = {}
+        """Weights of reward terms, in place of those in ``TERMS``; with an overridden ``reward`` also of other terms."""
+
+    settings: Settings
 
     DEFAULT_PARTS: ClassVar[tuple[str, ...]] = ("aluminium_block",)
     MOST_PARTS: ClassVar[int | None] = None
@@ -76,7 +91,7 @@ class Task(ABC):
     """Features of a part in the state observation, among :data:`vibgym.envs.features.FEATURES`."""
 
     RANDOMIZED: ClassVar[tuple[str, ...]] = ()
-    """Keys of ``randomize=`` that the task draws itself; its argument ``randomize`` is a mapping with those that are set."""
+    """Keys of ``randomize=`` that the task draws itself; its setting ``randomize`` is a model with these fields."""
 
     HAS_WALLS: ClassVar[bool] = True
     """Whether borders may have walls."""
@@ -103,15 +118,16 @@ class Task(ABC):
     draws: int
     """Uniform numbers per episode."""
 
-    def __init__(
-        self, surface: Surface, parts: Sequence[Part], *, hold: int = HOLD_PERIODS, slots: int | None = None
-    ) -> None:
+    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
+        self.settings = type(self).Settings() if settings is None else settings
         if self.MOST_PARTS is not None and len(parts) > self.MOST_PARTS:
             raise checks.refuse("parts", f"{len(parts)} parts", f"at most {self.MOST_PARTS} for {self.name}")
-        self.hold = checks.count("task_settings['hold']", hold, most=MOST_HOLD)
+        self.hold = self.settings.hold
         self.surface, self.parts, self.features = surface, tuple(parts), tuple(self.FEATURES)
         self.kinds, self.kind = kinds_by_name(self.parts)
-        self.slots = len(parts) if slots is None else checks.count("slots", slots, least=len(parts), most=10_000)
+        self.slots = len(parts) if self.settings.slots is None else self.settings.slots
+        if self.slots < len(parts):
+            raise checks.refuse("slots", self.slots, f"a whole number >= {len(parts)}, the number of parts")
         self.zones: np.ndarray | None = None
         self.goal_gap: float | None = None
         self.apart, self.lasts = -math.inf, 0.0
@@ -119,6 +135,10 @@ class Task(ABC):
         self.asked = np.ones(len(self.parts), dtype=bool)
         self.hulls = hulls_of(self.parts)
         self.made_of, self.weights = terms_of(self.name, self.TERMS, self.has_own_reward)
+        for term in self.settings.weights:
+            if not (term in self.weights or self.has_own_reward):
+                raise checks.unknown("term", term, self.weights, of="task_settings.weights")
+        self.weights |= self.settings.weights
 
     @property
     def name(self) -> str:
@@ -215,25 +235,6 @@ class Task(ABC):
         """Whether :meth:`reward` is overridden."""
         return getattr(self.reward, "__func__", None) is not Task.reward
 
-    def weigh(self, weights: Any) -> None:
-        """Set the weights of some reward terms.
-
-        Args:
-            weights: a mapping from terms to finite numbers. With an overridden :meth:`reward` it may include terms that are
-                not in :attr:`TERMS`.
-
-        Raises:
-            ValueError: another value, or an unknown term; nothing has changed.
-        """
-        name = "task_settings['weights']"
-        known = ", ".join(self.weights)
-        if not isinstance(weights, Mapping):
-            raise checks.refuse(name, weights, f"a mapping from terms to numbers; terms: {known}")
-        for term in weights:
-            if not isinstance(term, str) or not (term in self.weights or self.has_own_reward):
-                raise checks.refuse(f"{name}[{checks.shown(term)}]", weights[term], f"weights of the terms {known}")
-        self.weights |= {term: checks.number(f"{name}[{term!r}]", weight) for term, weight in weights.items()}
-
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
         """Return one line of text for a picture of a world."""
         done, present = episode.parts_done[world], episode.present[world].sum()
@@ -259,23 +260,3 @@ def kinds_by_name(parts: Sequence[Part]) -> tuple[tuple[str, ...], np.ndarray]:
     if len(names) > MOST_KINDS:
         raise checks.refuse("parts", f"{len(names)} kinds: {', '.join(names)}", f"at most {MOST_KINDS} kinds (names)")
     return names, np.array([names.index(part.name) for part in parts])
-
-
-def setting_in_si(
-    owner: str, key: str, value: Any, other: Any, *, unit: str = "_mm", default: float = 0.0, **limits: float
-) -> float:
-    """Return a setting in SI units that may be given under its key, or in another unit under the key with a suffix.
-
-    Args:
-        owner: the argument that holds the setting, for errors.
-        value, other: given under ``key``, and under ``key`` with the suffix ``unit``; None: not given.
-        limits: of :func:`vibgym.checks.number`.
-
-    Raises:
-        ValueError: both are given, or the one that is given is out of range.
-    """
-    if value is not None and other is not None:
-        raise checks.conflict(f"{owner}: {key!r} and {key + unit!r} exclude each other")
-    if other is not None:
-        return UNITS[unit] * checks.number(f"{owner}[{key + unit!r}]", other, **limits)
-    return default if value is None else checks.number(f"{owner}[{key!r}]", value, **limits)

@@ -6,9 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.kernels.reference import Pinned, bound
@@ -18,12 +19,12 @@ from vibgym.scene import outlines
 from vibgym.scene.parts import PROTOTYPE, Part
 from vibgym.scene.sliding import LEAST_SPEED, sliding_of
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import Task
+from vibgym.tasks.base import HOLD_PERIODS, Task
 from vibgym.tasks.episode import EVENTS, STAYS, Episode, Relations, Start
 from vibgym.tasks.flow import FLOW, MEAN_LOAD, MEAN_TRANSIT, STEPS, Flow, begin_flow, score_flow
 from vibgym.tasks.inlet import INLET, check_slots, new_inlet
 from vibgym.tasks.scoring import Scoring, Stage
-from vibgym.tasks.sort import zones_from
+from vibgym.tasks.sort import Zones, zones_from
 from vibgym.tasks.starts import pose_of_absent
 
 GATE = 0.050
@@ -60,19 +61,38 @@ class Feed(Task):
     Args:
         surface: the table.
         parts: one per slot; parts with the same name are of one kind; at most three kinds.
-        zones: gates, a mapping from kind to [x_low, y_low, x_high, y_high], m; None: strips across the last 50 mm.
-        heap: parts that arrive at once, in a heap in which they touch, when the first 0.2 m of the table are free;
-            1: parts arrive one at a time, with centres 20 to 55 mm from the left border.
-        warm_up: s that rates exclude.
-        probabilities: of each different part (by name or properties), in order of appearance. The part that arrives next is
-            drawn with them; it waits until a slot of an equal part is empty and there is room, and no other part arrives
-            before it. The sequence of parts is therefore independent of slots and room. None: any empty slot may be next.
-        most: parts on the table at once; None: one per slot.
+        settings: of the task.
 
     Raises:
         ValueError: a gate for no kind or none for a kind, gates that overlap, a heap of more parts than there are or than fit,
             probabilities whose sum is not 1.
     """
+
+    class Settings(Task.Settings):
+        """Settings of Feed."""
+
+        hold: ClassVar[int] = HOLD_PERIODS
+        slots: ClassVar[None] = None
+
+        zones: Zones | None = None
+        """Gate of each kind: [x_low, y_low, x_high, y_high], m; None: strips across the last 50 mm."""
+
+        heap: int = Field(default=1, ge=1)
+        """Parts that arrive at once, in a heap in which they touch, when the first 0.2 m of the table are free; 1: parts arrive
+        one at a time, with centres 20 to 55 mm from the left border."""
+
+        warm_up: float = Field(default=WARM_UP, ge=0.0, le=1e9)
+        """Time that rates exclude, s."""
+
+        probabilities: tuple[Annotated[float, Field(gt=0.0, le=1.0)], ...] | None = None
+        """Probability of each different part (by name or properties), in order of appearance. The part that arrives next is
+        drawn with them; it waits until a slot of an equal part is empty and there is room, and no other part arrives before it.
+        The sequence of parts is therefore independent of slots and room. None: any empty slot may be next."""
+
+        most: int | None = Field(default=None, ge=1)
+        """Parts on the table at once; None: one per slot."""
+
+    settings: Settings
 
     DEFAULT_PARTS = ("steel_block", "aluminium_block") * 6
     TERMS = {
@@ -93,21 +113,13 @@ class Feed(Task):
     modulo_symmetry = True
     draws = KEY_DRAWS
 
-    def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        *,
-        zones: Mapping[str, Sequence[float]] | None = None,
-        heap: int = 1,
-        warm_up: float = WARM_UP,
-        probabilities: Sequence[float] | None = None,
-        most: int | None = None,
-    ) -> None:
-        super().__init__(surface, parts)
-        self.zones = zones_from(default_gates(surface, self.kinds) if zones is None else zones, surface, self.kinds)
-        self.inlet = new_inlet(surface, self.parts, heap, probabilities, most)
-        self.warm_up = round(checks.number("task_settings['warm_up']", warm_up, least=0.0, most=1e9) / surface.period)
+    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
+        super().__init__(surface, parts, settings)
+        own = self.settings
+        gates = default_gates(surface, self.kinds) if own.zones is None else own.zones
+        self.zones = zones_from(gates, surface, self.kinds)
+        self.inlet = new_inlet(surface, self.parts, own.heap, own.probabilities, own.most)
+        self.warm_up = round(own.warm_up / surface.period)
         self.spacing = math.sqrt(2.0) * surface.element_size
         shortest = min(float(np.ptp(part.outline[:, 0])) for part in self.parts)
         top = max(sliding_of(surface, self.parts).top_speed, LEAST_SPEED)
@@ -129,7 +141,7 @@ class Feed(Task):
         return f"{self.name}   {on_table} parts on the table, {episode.parts_done[world]} of them straight and apart"
 
 
-def default_gates(surface: Surface, names: Sequence[str]) -> dict[str, Any]:
+def default_gates(surface: Surface, names: Sequence[str]) -> Zones:
     """Return strips of equal width across the last 50 mm, the first kind's at the bottom.
 
     Raises:
@@ -140,7 +152,7 @@ def default_gates(surface: Surface, names: Sequence[str]) -> dict[str, Any]:
         raise checks.refuse("zones", f"the default on a surface {surface.width:g} m long", allowed)
     edges = np.linspace(0.0, surface.depth, len(names) + 1).tolist()
     low = surface.width - GATE
-    return {name: [low, edges[k], surface.width, edges[k + 1]] for k, name in enumerate(names)}
+    return {name: (low, edges[k], surface.width, edges[k + 1]) for k, name in enumerate(names)}
 
 
 class FlowScoring(Scoring):

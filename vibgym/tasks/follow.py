@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks import route
-from vibgym.tasks.base import HOLD_PERIODS, Task
+from vibgym.tasks.base import Task
 from vibgym.tasks.episode import AWAY, BARRED, MOTION, PREVIEW, TURNED, Episode, Relations, Rules, Start
 from vibgym.tasks.paths import DrawnPaths, GivenPaths, with_headings
 from vibgym.tasks.pose import PoseTask
@@ -54,13 +54,22 @@ class Follow(Task):
     Args:
         surface: the table.
         parts: the parts.
-        paths: see above.
-        hold: see :class:`vibgym.tasks.Task`; at the end of the path.
+        settings: of the task; the hold is at the end of the path.
 
     Raises:
-        ValueError: a bad setting; a path that leaves the surface, or that its part cannot follow with 90 % of the largest
-            amplitude (:class:`vibgym.tasks.paths.Reach`); parts that would come too near; no room for drawn paths.
+        ValueError: a bad setting of a path; a path that leaves the surface, or that its part cannot follow with 90 % of the
+            largest amplitude (:class:`vibgym.tasks.paths.Reach`); parts that would come too near; no room for drawn paths.
     """
+
+    class Settings(Task.Settings):
+        """Settings of Follow."""
+
+        slots: ClassVar[None] = None
+
+        paths: tuple[dict[str, Any], ...] | dict[str, Any] = {}
+        """A mapping for the path of each part, or one for paths that are drawn."""
+
+    settings: Settings
 
     TERMS = {**PoseTask.TERMS, "time": ("time", 0.005)}  # a whole episode of it costs less than a fall
     FEATURES = (
@@ -74,17 +83,14 @@ class Follow(Task):
     heading_tolerance = math.radians(5.0)
     modulo_symmetry = True
 
-    def __init__(self, surface: Surface, parts: Sequence[Part], *, paths: Any = None, hold: int = HOLD_PERIODS) -> None:
-        super().__init__(surface, parts, hold=hold)
-        apart = self._apart = math.sqrt(2.0) * surface.element_size
-        if paths is None or isinstance(paths, Mapping):
-            most = apart + 2.0 * self.position_tolerance
-            self.paths: DrawnPaths | GivenPaths = DrawnPaths(surface, parts, paths or {}, most)
-        elif checks.listed(paths):
-            self.paths = GivenPaths(surface, parts, paths, apart)
+    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
+        super().__init__(surface, parts, settings)
+        paths, apart = self.settings.paths, math.sqrt(2.0) * surface.element_size
+        if isinstance(paths, tuple):
+            self.paths: DrawnPaths | GivenPaths = GivenPaths(surface, parts, paths, apart)
         else:
-            allowed = "a list with a mapping for each part, or a mapping for paths that are drawn"
-            raise checks.refuse("paths", paths, allowed)
+            self.paths = DrawnPaths(surface, parts, paths, apart + 2.0 * self.position_tolerance)
+        self._apart = apart
         self.draws, self.lasts = self.paths.draws, self.paths.lasts
 
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:

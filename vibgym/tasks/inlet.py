@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -161,21 +161,25 @@ def draw_arrivals(inlet, hulls, placed, key, tried, arrivals, waiting, present, 
 
 
 def new_inlet(
-    surface: Surface, parts: Sequence[Part], together: int, probabilities: Any = None, most: Any = None
+    surface: Surface, parts: Sequence[Part], together: int, probabilities: Sequence[float] | None, most: int | None
 ) -> Inlet:
-    """Return an inlet at the left border for heaps of so many parts; other arguments as for :class:`vibgym.tasks.Feed`.
+    """Return an inlet at the left border for heaps of so many parts; other arguments are settings of Feed.
 
     Raises:
         ValueError: a heap of more parts than there are, than there is certainly room for, or than a part has slots if it is
             drawn; no probabilities of the different parts.
     """
-    together = checks.count("task_settings['heap']", together, most=len(parts))
     count, radius, length = len(parts), max(part.radius for part in parts), HEAP_LENGTH
-    most = count if most is None else checks.count("task_settings['most']", most, least=together, most=count)
+    if together > count:
+        raise checks.refuse("task_settings.heap", together, f"a whole number <= {count}, the number of parts")
+    most = count if most is None else most
+    if not together <= most <= count:
+        allowed = f"a whole number >= {together} and <= {count}, the number of parts"
+        raise checks.refuse("task_settings.most", most, allowed)
     cells = lattice(np.zeros(2), np.array([length, surface.depth]), radius, 0.0)
     if together > 1 and len(cells) < together:
         allowed = f"at most {len(cells)} parts of radius {radius:.4g} m on {length:g} x {surface.depth:g} m at the left border"
-        raise checks.refuse("task_settings['heap']", together, allowed)
+        raise checks.refuse("task_settings.heap", together, allowed)
     if 2.0 * radius > surface.depth:
         got = f"a part of radius {radius:.4g} m"
         raise checks.refuse("parts", got, f"at most {surface.depth / 2:g} m on this surface")
@@ -188,17 +192,17 @@ def new_inlet(
     return inlet
 
 
-def _cumulative(probabilities: Any, kinds: Sequence[Part]) -> np.ndarray:
+def _cumulative(probabilities: Sequence[float] | None, kinds: Sequence[Part]) -> np.ndarray:
     """Return the sums of the probabilities of different parts, (kinds,); empty for None."""
     if probabilities is None:
         return np.zeros(0)
-    name, names = "task_settings['probabilities']", ", ".join(part.name for part in kinds)
-    if not checks.listed(probabilities) or len(probabilities) != len(kinds):
+    name, names = "task_settings.probabilities", ", ".join(part.name for part in kinds)
+    if len(probabilities) != len(kinds):
         raise checks.refuse(name, probabilities, f"{len(kinds)} numbers, one for each different part: {names}")
-    each = [checks.number(f"{name}[{k}]", value, above=0.0, most=1.0) for k, value in enumerate(probabilities)]
-    if abs(sum(each) - 1.0) > ROUNDED:
-        raise checks.refuse(name, f"a sum of {sum(each):.6g}", f"a sum of 1, within {ROUNDED:g}")
-    return np.cumsum(each) / sum(each)
+    total = sum(probabilities)
+    if abs(total - 1.0) > ROUNDED:
+        raise checks.refuse(name, f"a sum of {total:.6g}", f"a sum of 1, within {ROUNDED:g}")
+    return np.cumsum(probabilities) / total
 
 
 def check_slots(name: str, inlet: Inlet, there: np.ndarray) -> None:

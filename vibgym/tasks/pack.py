@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
-from vibgym import checks
 from vibgym.kernels.jit import borrowing
 from vibgym.kernels.reference import bound
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import HOLD_PERIODS, Start, Task
+from vibgym.tasks.base import Start, Task
 from vibgym.tasks.patterns import Pattern
 from vibgym.tasks.pose import PATIENT_TERMS, PoseTask
 from vibgym.tasks.scoring import FactScoring, Stage
@@ -24,15 +22,18 @@ from vibgym.tasks.sort import ArrangedTask
 class Pack(ArrangedTask):
     """Every part in its place of a pattern, within 1 mm and 3 degrees, all of them at once for ten periods; none has fallen.
 
-    By default the pattern is a lattice with gaps of 2 mm at a drawn place. Headings count modulo a part's symmetry.
-
-    Args:
-        free: parts of a kind are interchangeable, see :class:`vibgym.tasks.Swap`. False: each part has the goal of its number
-            among its kind's.
-        pattern, rows, columns, gap, gap_mm, heading, heading_deg, place, place_mm: of the
-            :class:`vibgym.tasks.patterns.Pattern`.
-        start, randomize, slots, hold: see :class:`ArrangedTask`. With fewer parts the last goals of each kind stay open.
+    By default the pattern is a lattice with gaps of 2 mm at a drawn place. Headings count modulo a part's symmetry. With fewer
+    parts than goals the last goals of each kind stay open.
     """
+
+    class Settings(ArrangedTask.Settings, Pattern.Settings):
+        """Settings of Pack, among them those of its pattern."""
+
+        free: bool = True
+        """Whether parts of a kind are interchangeable, as in Swap. If not, each part has the goal of its number among its
+        kind's."""
+
+    settings: Settings
 
     DEFAULT_PARTS = ("aluminium_block",) * 12
     TERMS = PATIENT_TERMS
@@ -43,43 +44,21 @@ class Pack(ArrangedTask):
     heading_tolerance = math.radians(3.0)
     modulo_symmetry = True
 
-    def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        *,
-        start: str | Mapping[str, Any] = "scattered",
-        free: bool = True,
-        pattern: Any = None,
-        rows: int | None = None,
-        columns: int | None = None,
-        gap: float | None = None,
-        gap_mm: float | None = None,
-        heading: float | None = None,
-        heading_deg: float | None = None,
-        place: Any = None,
-        place_mm: Any = None,
-        randomize: Any = None,
-        slots: int | None = None,
-        hold: int = HOLD_PERIODS,
-    ) -> None:
-        super().__init__(surface, parts, start=start, randomize=randomize, slots=slots, hold=hold)
-        self.free = self.exchanges = checks.flag("task_settings['free']", free)
-        self.pattern = Pattern(
-            surface, self.parts, pattern=pattern, rows=rows, columns=columns, gap=gap, gap_mm=gap_mm,
-            heading=heading, heading_deg=heading_deg, place=place, place_mm=place_mm,
-        )  # fmt: skip
+    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
+        super().__init__(surface, parts, settings)
+        self.exchanges = self.settings.free
+        self.pattern = Pattern(surface, self.parts, self.settings)
         self.draws, self.goal_gap = self.starts.draws + self.pattern.draws, self.pattern.gap
 
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
         pose, there = self.starts.draw(uniform[:, : self.starts.draws], present)
         goals = self.pattern.draw(uniform[:, self.starts.draws :])
-        if self.free:
+        if self.settings.free:
             return Start(pose, there, self.pattern.free(goals, there, pose))
         return Start(pose, there, self.pattern.own(goals, there))
 
     def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
-        return self.pattern.again(start.goal, start.present, pose) if self.free else start.goal
+        return self.pattern.again(start.goal, start.present, pose) if self.settings.free else start.goal
 
     def scoring(self, state: State, periods: int) -> PatternScoring:
         return PatternScoring(self, state, periods)

@@ -11,10 +11,10 @@ import numpy as np
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.config import parse
 from vibgym.scene.bodies import body_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.settings import read
 from vibgym.tasks import route
 from vibgym.tasks.route import PathSettings, Shape, shape_from
 
@@ -143,7 +143,7 @@ AROUND = {"circle": 2.0 * math.pi, "square": 8.0, "figure_eight": 4.0 * math.pi}
 class DrawnSettings(PathSettings):
     """Settings of drawn paths."""
 
-    shapes: list[Name] = Field(default=["circle", "square", "figure_eight"], min_length=1)
+    shapes: tuple[Name, ...] = Field(default=("circle", "square", "figure_eight"), min_length=1)
 
 
 class DrawnPaths:
@@ -162,7 +162,7 @@ class DrawnPaths:
     """
 
     def __init__(self, surface: Surface, parts: Sequence[Part], settings: Any, apart: float) -> None:
-        known = parse(DrawnSettings, settings, "paths")
+        known = read(DrawnSettings, settings, "paths")
         self.parts, self._shapes = tuple(parts), list(dict.fromkeys(known.shapes))
         reach = [Reach(surface, part) for part in parts]
         fastest, hardest = (min(getattr(each, name) for each in reach) for name in ("fastest", "acceleration"))

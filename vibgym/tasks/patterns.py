@@ -12,16 +12,20 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from vibgym import checks
 from vibgym.scene.hulls import gaps_between
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.settings import Angle, BaseSettings, Length
 from vibgym.tasks.assignment import give_out
-from vibgym.tasks.base import kinds_by_name, setting_in_si
+from vibgym.tasks.base import kinds_by_name
 
-GAP = 0.002
-"""m between the parts of a lattice, unless it says another."""
+Goals = tuple[tuple[float, float, float], ...]
+"""Poses x, y, heading; m, m, rad."""
+
+MOST_ROWS = 10_000
 
 ROUNDING = 1e-9  # m, by which a pattern may stick out, or overlap: its places are sums and products
 
@@ -31,14 +35,8 @@ class Pattern:
 
     Args:
         surface, parts: the scene.
+        settings: of the pattern; None: the defaults.
         name: of the argument whose settings these are, for errors.
-        pattern: poses [x, y, heading], m and rad, in place of a lattice: a list with one for each part; or a mapping from kind
-            to a list with at least one for each of its parts.
-        rows, columns: of the lattice, across and along the table. By default as many rows as the square root of the number of
-            parts, rounded down, or what there is room for; and as many columns as these need.
-        gap: m between neighbours; ``gap_mm`` in mm.
-        heading: rad, of the lattice and of each part in it; ``heading_deg`` in degrees.
-        place: [x, y] of the lattice's middle, m; ``place_mm`` in mm; None: drawn wherever the lattice lies on the surface.
 
     Attributes:
         pose: (goals, 3) m, m, rad, about the place.
@@ -49,47 +47,58 @@ class Pattern:
         shuffles: whether any part fits into any place: in a lattice.
 
     Raises:
-        ValueError: a bad setting; a pattern that does not fit on the surface or overlaps; fewer goals than parts.
+        ValueError: a pattern that does not fit on the surface or overlaps; fewer goals than parts.
     """
 
+    class Settings(BaseSettings):
+        """Settings of a pattern."""
+
+        pattern: Goals | dict[str, Goals] | None = None
+        """Poses [x, y, heading], m and rad, in place of a lattice: a list with one for each part; or a mapping from kind to a
+        list with at least one for each of its parts."""
+
+        rows: int | None = Field(default=None, ge=1, le=MOST_ROWS)
+        """Rows of the lattice, across the table. By default the square root of the number of parts, rounded down, or what there
+        is room for."""
+
+        columns: int | None = Field(default=None, ge=1, le=MOST_ROWS)
+        """Columns of the lattice, along the table; by default as many as the rows need."""
+
+        gap: Length = Field(default=0.002, ge=0.0)
+        """Distance between neighbours in the lattice."""
+
+        heading: Angle = 0.0
+        """Heading of the lattice and of each part in it."""
+
+        place: tuple[Length, Length] | None = None
+        """Position [x, y] of the lattice's middle; None: drawn wherever the lattice lies on the surface."""
+
+        @model_validator(mode="after")
+        def _one_or_the_other(self) -> Pattern.Settings:
+            for name in ("rows", "columns", "gap", "heading", "place"):
+                if self.pattern is not None and name in self.model_fields_set and getattr(self, name) is not None:
+                    raise checks.conflict(f"{name!r} and 'pattern' exclude each other")
+            return self
+
     def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        name: str = "task_settings",
-        *,
-        pattern: Any = None,
-        rows: int | None = None,
-        columns: int | None = None,
-        gap: float | None = None,
-        gap_mm: float | None = None,
-        heading: float | None = None,
-        heading_deg: float | None = None,
-        place: Any = None,
-        place_mm: Any = None,
+        self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None, name: str = "task_settings"
     ) -> None:
+        self.settings = own = Pattern.Settings() if settings is None else settings
         self._name, self._surface, self._parts = name, surface, tuple(parts)
         self._kinds, self._kind = kinds_by_name(parts)
         # How many parts of the same kind stand before each part: it has the goal of that number among its kind's.
         self._rank = np.array([(self._kind[:k] == kind).sum() for k, kind in enumerate(self._kind)])
-        distance = setting_in_si(name, "gap", gap, gap_mm, default=GAP, least=0.0)
-        turn = setting_in_si(name, "heading", heading, heading_deg, unit="_deg")
-        if pattern is not None:
-            others = {"rows": rows, "columns": columns, "gap": gap, "gap_mm": gap_mm, "heading": heading,
-                      "heading_deg": heading_deg, "place": place, "place_mm": place_mm}  # fmt: skip
-            for key, value in others.items():
-                if value is not None:
-                    raise checks.conflict(f"{name}: {key!r} and 'pattern' exclude each other")
-            self.pose, self.of_kind = self._given(pattern)
+        if own.pattern is not None:
+            self.pose, self.of_kind = self._given(own.pattern)
             self.low = self.high = np.zeros(2)
-            self._check(self.pose, f"{name}['pattern']", pattern)
+            self._check(self.pose, f"{name}.pattern", own.pattern)
         else:
-            self.pose, self.of_kind = self._lattice(rows, columns, distance, turn)
-            self.low, self.high = self._places(place, place_mm)
+            self.pose, self.of_kind = self._lattice(own)
+            self.low, self.high = self._places(own.place)
         gap = float(gaps_between(self._bodies(), self.pose[None]).min())
         self.gap = gap if math.isfinite(gap) else None
-        self.shuffles = pattern is None
-        self.drawn = pattern is None and place is None and place_mm is None
+        self.shuffles = own.pattern is None
+        self.drawn = own.pattern is None and own.place is None
         self.draws = 2 if self.drawn else 0
 
     def draw(self, uniform: np.ndarray) -> np.ndarray:
@@ -128,24 +137,22 @@ class Pattern:
         give_out(self._kind, present, np.ascontiguousarray(pose), result)
         return result
 
-    def _lattice(self, rows: Any, columns: Any, gap: float, heading: float) -> tuple[np.ndarray, np.ndarray]:
+    def _lattice(self, settings: Settings) -> tuple[np.ndarray, np.ndarray]:
         """Poses about the lattice's middle, and their kinds."""
-        parts, name = self._parts, self._name
+        parts, rows, columns = self._parts, settings.rows, settings.columns
+        gap, heading = settings.gap, settings.heading
         size = np.max([2.0 * np.abs(part.outline).max(axis=0) for part in parts], axis=0)
         pitch = size + gap
         if rows is None and columns is not None:
-            rows = -(-len(parts) // checks.count(f"{name}['columns']", columns, most=10_000))
+            rows = -(-len(parts) // columns)
         if rows is None:
             reach = abs(math.sin(heading)) * self._surface.width + abs(math.cos(heading)) * self._surface.depth
             room = math.floor((reach + gap + ROUNDING) / pitch[1])
             rows = max(min(math.isqrt(len(parts)), room), 1)
-        rows = checks.count(f"{name}['rows']", rows, most=10_000)
-        columns = -(-len(parts) // rows) if columns is None else columns
-        columns = checks.count(f"{name}['columns']", columns, most=10_000)
-        if rows * columns < len(parts):
-            raise checks.refuse(
-                f"{name}['columns']", columns, f"at least {-(-len(parts) // rows)}: {len(parts)} parts in {rows} rows"
-            )
+        needed = -(-len(parts) // rows)
+        if columns is not None and columns < needed:
+            allowed = f"at least {needed}: {len(parts)} parts in {rows} rows"
+            raise checks.refuse(f"{self._name}.columns", columns, allowed)
         index = np.arange(len(parts))
         at = np.column_stack([index // rows, index % rows]) * pitch
         at -= 0.5 * (at.min(axis=0) + at.max(axis=0))
@@ -153,39 +160,31 @@ class Pattern:
         turned = at @ np.array([[cosine, sine], [-sine, cosine]])
         return np.column_stack([turned, np.full(len(parts), heading)]), np.sort(self._kind)
 
-    def _given(self, pattern: Any) -> tuple[np.ndarray, np.ndarray]:
+    def _given(self, pattern: Goals | Mapping[str, Goals]) -> tuple[np.ndarray, np.ndarray]:
         """Poses that are given, and their kinds."""
-        name = f"{self._name}['pattern']"
+        name = f"{self._name}.pattern"
         if isinstance(pattern, Mapping):
             for kind in pattern:
                 if kind not in self._kinds:
                     raise checks.unknown(f"kind in {name}", kind, self._kinds)
-            lists = [(f"{name}[{kind!r}]", pattern.get(kind, [])) for kind in self._kinds]
+            lists = [(f"{name}.{kind}", pattern.get(kind, ())) for kind in self._kinds]
             needed = [int((self._kind == k).sum()) for k in range(len(self._kinds))]
-        elif checks.listed(pattern):
-            lists, needed = [(name, pattern)], [len(self._parts)]
         else:
-            raise checks.refuse(name, pattern, "a list of poses [x, y, heading], or a mapping from kind to such lists")
-        poses = []
-        for (where, given), count in zip(lists, needed, strict=True):
-            if not checks.listed(given) or len(given) < count:
-                got = f"{len(given)} goals" if checks.listed(given) else given
-                raise checks.refuse(where, got, f"at least {count} goals [x, y, heading], as many as there are parts")
-            poses.append(np.array(checks.array(where, given, (len(given), 3))))
+            lists, needed = [(name, pattern)], [len(self._parts)]
+        for (where, goals), count in zip(lists, needed, strict=True):
+            if len(goals) < count:
+                allowed = f"at least {count} goals [x, y, heading], as many as there are parts"
+                raise checks.refuse(where, f"{len(goals)} goals", allowed)
+        poses = [np.array(goals, dtype=np.float64) for _, goals in lists]
         if isinstance(pattern, Mapping):
             return np.concatenate(poses), np.repeat(np.arange(len(poses)), [len(each) for each in poses])
         return poses[0][: len(self._parts)], self._kind.copy()
 
-    def _places(self, place: Any, place_mm: Any) -> tuple[np.ndarray, np.ndarray]:
+    def _places(self, place: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray]:
         """Where the lattice's middle may lie."""
-        name = self._name
-        if place is not None and place_mm is not None:
-            raise checks.conflict(f"{name}: 'place' and 'place_mm' exclude each other")
-        if place is not None or place_mm is not None:
-            key, value, unit = ("place", place, 1.0) if place_mm is None else ("place_mm", place_mm, 1e-3)
-            middle = unit * np.array(checks.array(f"{name}[{key!r}]", value, (2,)))
-            self._check(self.pose + [*middle, 0.0], f"{name}[{key!r}]", value)
-            return middle, middle
+        if place is not None:
+            self._check(self.pose + [*place, 0.0], f"{self._name}.place", place)
+            return np.array(place), np.array(place)
         corners = self._corners(self.pose)
         low, high = -corners.min(axis=0), np.array([self._surface.width, self._surface.depth]) - corners.max(axis=0)
         middle = 0.5 * (low + high)

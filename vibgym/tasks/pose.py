@@ -12,7 +12,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import HOLD_PERIODS, Start, Task, rounded
+from vibgym.tasks.base import Start, Task, rounded
 from vibgym.tasks.episode import Episode, Relations, misses_goal
 
 PATIENT_TERMS = {
@@ -34,11 +34,18 @@ class PoseTask(Task):
     Args:
         surface: the table.
         parts: the part to move.
-        hold: see :class:`vibgym.tasks.Task`.
+        settings: of the task.
 
     Raises:
         ValueError: the part is too large to start on the surface without overhang.
     """
+
+    class Settings(Task.Settings):
+        """Settings of tasks with one part."""
+
+        slots: ClassVar[None] = None
+
+    settings: Settings
 
     MOST_PARTS = 1
     TERMS = {
@@ -62,8 +69,8 @@ class PoseTask(Task):
     FALL_REWARD: ClassVar[float] = -50.0
     """Goal reward of a fall: worse than a discounted episode (0.98) of steps outside the tolerances."""
 
-    def __init__(self, surface: Surface, parts: Sequence[Part], *, hold: int = HOLD_PERIODS) -> None:
-        super().__init__(surface, parts, hold=hold)
+    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
+        super().__init__(surface, parts, settings)
         self._margin = self.parts[0].radius
         self._room = np.array([surface.width - 2.0 * self._margin, surface.depth - 2.0 * self._margin])
         room = min(surface.width, surface.depth) / 2

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.kernels.jit import borrowing, jit
@@ -15,7 +16,8 @@ from vibgym.physics.contacts.hulls import place_hulls
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import HOLD_PERIODS, Start, Task, setting_in_si
+from vibgym.settings import Length
+from vibgym.tasks.base import Start, Task
 from vibgym.tasks.episode import Episode, Relations
 from vibgym.tasks.pose import PoseTask, pose_caption
 from vibgym.tasks.scoring import FactScoring, Stage
@@ -42,13 +44,24 @@ class Push(Task):
     Args:
         surface: the table.
         parts: one at least that is pushed (``coupling`` 0), and one that is not.
-        near, near_mm: m or mm, largest distance of a goal from its part's start; None: it may be anywhere.
-        near_deg: degrees, largest turn from there; None: any.
-        hold: see :class:`vibgym.tasks.Task`.
+        settings: of the task.
 
     Raises:
         ValueError: if there are no pushers, or not exactly one part to push, or a part does not fit on the surface.
     """
+
+    class Settings(Task.Settings):
+        """Settings of Push."""
+
+        slots: ClassVar[None] = None
+
+        near: Length | None = Field(default=None, gt=0.0)
+        """Largest distance of a goal from its part's start; None: it may be anywhere."""
+
+        near_deg: float | None = Field(default=None, gt=0.0, le=180.0)
+        """Largest turn of a goal from its part's start, degrees; None: any."""
+
+    settings: Settings
 
     TERMS = {
         **PoseTask.TERMS,
@@ -62,25 +75,15 @@ class Push(Task):
     heading_tolerance = math.radians(5.0)
     modulo_symmetry = True
 
-    def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        *,
-        near: float | None = None,
-        near_mm: float | None = None,
-        near_deg: float | None = None,
-        hold: int = HOLD_PERIODS,
-    ) -> None:
-        super().__init__(surface, parts, hold=hold)
+    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
+        super().__init__(surface, parts, settings)
         self.asked = ~self.driven
         if self.asked.sum() != 1 or not self.driven.any():
             got = f"{int(self.asked.sum())} parts with coupling 0, and {int(self.driven.sum())} others"
             raise checks.refuse("parts", got, "one part with coupling 0, which is pushed, and at least one that pushes")
-        far = math.hypot(surface.width, surface.depth)
-        self.near = setting_in_si("task_settings", "near", near, near_mm, default=far, above=0.0)
-        near_deg = 180.0 if near_deg is None else near_deg
-        self.turn = math.radians(checks.number("task_settings['near_deg']", near_deg, above=0.0, most=180.0))
+        near, turn = self.settings.near, self.settings.near_deg
+        self.near = math.hypot(surface.width, surface.depth) if near is None else near
+        self.turn = math.radians(180.0 if turn is None else turn)
         self.pushed, self.pushers = int(np.flatnonzero(self.asked)[0]), np.flatnonzero(self.driven)
         size, radius = np.array([surface.width, surface.depth]), self.parts[self.pushed].radius
         if 2.0 * radius > size.min():

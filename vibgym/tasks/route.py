@@ -21,8 +21,8 @@ import numpy as np
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.config import Settings, parse
 from vibgym.kernels.jit import borrowing
+from vibgym.settings import Acceleration, Angle, BaseSettings, Length, Speed, read
 
 HEADER = ("length", "speed", "acceleration", "window", "heading", "along")
 """- length: m, of the whole path; speed: m/s; acceleration: m/s^2; window: m
@@ -193,12 +193,12 @@ LEAST_SPEED = 1e-3
 SHARPEST = math.radians(170.0)
 """Largest turn at a corner."""
 
-Coordinate = Annotated[float, Field(ge=-MOST_SIZE, le=MOST_SIZE)]
+Coordinate = Annotated[Length, Field(ge=-MOST_SIZE, le=MOST_SIZE)]
 
-Place = list[Coordinate]
+Place = tuple[Coordinate, Coordinate]
 
 
-class PathSettings(Settings):
+class PathSettings(BaseSettings):
     """Settings of all shapes, see :class:`vibgym.tasks.Follow`.
 
     Attributes:
@@ -208,8 +208,8 @@ class PathSettings(Settings):
     PLACE: ClassVar[str] = "centre"
     SIZE: ClassVar[str] = "radius"
 
-    speed: float | None = Field(default=None, ge=LEAST_SPEED)
-    acceleration: float | None = Field(default=None, ge=LEAST_SPEED)
+    speed: Speed | None = Field(default=None, ge=LEAST_SPEED)
+    acceleration: Acceleration | None = Field(default=None, ge=LEAST_SPEED)
     heading: Literal["kept", "along"] = "kept"
 
 
@@ -224,9 +224,9 @@ class CircleSettings(ClosedSettings):
     """A circle; ``start``: rad, where the path begins, 0: at the largest x."""
 
     shape: Literal["circle"]
-    centre: Place = Field(min_length=2, max_length=2)
-    radius: float = Field(ge=LEAST_SIZE, le=MOST_SIZE)
-    start: float = Field(default=0.0, ge=-MOST_TURN, le=MOST_TURN)
+    centre: Place
+    radius: Length = Field(ge=LEAST_SIZE, le=MOST_SIZE)
+    start: Angle = Field(default=0.0, ge=-MOST_TURN, le=MOST_TURN)
 
     def course(self, corner: float) -> Course:
         """Return the pieces."""
@@ -241,9 +241,9 @@ class EightSettings(ClosedSettings):
     """Two circles that touch at ``centre``, where the path begins; ``clockwise``: the first of them."""
 
     shape: Literal["figure_eight"]
-    centre: Place = Field(min_length=2, max_length=2)
-    radius: float = Field(ge=LEAST_SIZE, le=MOST_SIZE)
-    turn: float = Field(default=0.0, ge=-MOST_TURN, le=MOST_TURN)
+    centre: Place
+    radius: Length = Field(ge=LEAST_SIZE, le=MOST_SIZE)
+    turn: Angle = Field(default=0.0, ge=-MOST_TURN, le=MOST_TURN)
 
     def course(self, corner: float) -> Course:
         """Return the pieces."""
@@ -259,10 +259,10 @@ class SquareSettings(ClosedSettings):
     SIZE: ClassVar[str] = "side"
 
     shape: Literal["square"]
-    centre: Place = Field(min_length=2, max_length=2)
-    side: float = Field(ge=LEAST_SIZE, le=MOST_SIZE)
-    turn: float = Field(default=0.0, ge=-MOST_TURN, le=MOST_TURN)
-    corner: float | None = Field(default=None, ge=LEAST_SIZE, le=MOST_SIZE)
+    centre: Place
+    side: Length = Field(ge=LEAST_SIZE, le=MOST_SIZE)
+    turn: Angle = Field(default=0.0, ge=-MOST_TURN, le=MOST_TURN)
+    corner: Length | None = Field(default=None, ge=LEAST_SIZE, le=MOST_SIZE)
 
     def course(self, corner: float) -> Course:
         """Return the pieces."""
@@ -279,10 +279,10 @@ class PolylineSettings(PathSettings):
     SIZE: ClassVar[str] = "points"
 
     shape: Literal["polyline"]
-    points: list[tuple[Coordinate, Coordinate]] = Field(min_length=2, max_length=MOST_POINTS)
+    points: tuple[Place, ...] = Field(min_length=2, max_length=MOST_POINTS)
     closed: bool = False
     laps: int = Field(default=1, ge=1, le=MOST_LAPS)
-    corner: float | None = Field(default=None, ge=LEAST_SIZE, le=MOST_SIZE)
+    corner: Length | None = Field(default=None, ge=LEAST_SIZE, le=MOST_SIZE)
 
     def course(self, corner: float) -> Course:
         """Return the pieces."""
@@ -312,7 +312,7 @@ def shape_from(value: Any, where: str) -> Shape:
     """
     if not isinstance(value, Mapping) or "shape" not in value:
         raise checks.refuse(where, value, f"a mapping with 'shape', one of {', '.join(map(repr, SHAPES))}")
-    return parse(SHAPES[checks.choice(f"{where}.shape", value["shape"], tuple(SHAPES))], value, where)
+    return read(SHAPES[checks.choice(f"{where}.shape", value["shape"], tuple(SHAPES))], value, where)
 
 
 def rounded(points: np.ndarray, corner: float, laps: int, name: str) -> Course:

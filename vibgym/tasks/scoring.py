@@ -245,7 +245,6 @@ class OwnReward:
     Args:
         scoring: of a task with its own reward, called once at construction with a step in which nothing happens.
         elements: computes :attr:`Step.phasors`.
-        weights: those set in addition to the task's own.
 
     Attributes:
         names: of the terms.
@@ -255,7 +254,7 @@ class OwnReward:
         ValueError: the task returns no mapping, a term of a wrong shape or one without a weight; a weight of no term.
     """
 
-    def __init__(self, scoring: Scoring, elements: Callable[[], np.ndarray], weights: Mapping[str, float]) -> None:
+    def __init__(self, scoring: Scoring, elements: Callable[[], np.ndarray]) -> None:
         self._scoring, self._elements, self._task = scoring, elements, scoring._task
         worlds, parts = self._shape = scoring.episode.present.shape
         self.names: tuple[str, ...] = ()
@@ -263,12 +262,9 @@ class OwnReward:
         with np.errstate(all="ignore"):
             first = self._asked(np.ones(self._shape, dtype=bool))
         self.names = tuple(first)
-        for name in weights:
+        for name in self._task.settings.weights:
             if name not in self.names:
-                allowed = (
-                    f"weights of what the reward of {self._task.name} returns: {', '.join(self.names) or 'nothing'}"
-                )
-                raise checks.refuse(f"task_settings['weights'][{name!r}]", weights[name], allowed)
+                raise checks.unknown("term", name, self.names, of="task_settings.weights")
         self.terms, self.part_terms = np.zeros((worlds, len(first))), np.zeros((worlds, parts, len(first)))
 
     def begin_step(self) -> None:
@@ -326,7 +322,7 @@ class OwnReward:
         """Return a term as an array of numbers, if it has a weight."""
         known = self._task.weights
         if not isinstance(name, str) or name not in known:
-            allowed = f"those with a weight, in TERMS or task_settings['weights']: {', '.join(known) or 'none'}"
+            allowed = f"those with a weight, in TERMS or task_settings.weights: {', '.join(known) or 'none'}"
             raise checks.refuse(f"terms of the reward of {self._task.name}", name, allowed)
         where, meaning = f"reward of {self._task.name}, term {name!r}", ": (worlds, parts)"
         return checks.shaped(where, values, (self._shape,), "an array of numbers", meaning, "bfiu").astype(np.float64)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import HOLD_PERIODS, Start, Task
-from vibgym.tasks.starts import Starts, lattice
+from vibgym.tasks.base import Start, Task
+from vibgym.tasks.starts import STARTS, DrawnParts, Starts, lattice
+
+Zones = dict[str, tuple[float, float, float, float]]
+"""Zone of each kind: x_low, y_low, x_high, y_high; m."""
 
 
 class ArrangedTask(Task):
@@ -21,14 +24,23 @@ class ArrangedTask(Task):
     Args:
         surface: the table.
         parts: the parts; those with the same name are of one kind, and there are at most three kinds.
-        start: see :data:`vibgym.tasks.starts.STARTS`.
-        randomize: ``{"parts": [low, high]}``, the number of parts present in an episode, which are drawn.
+        settings: of the task.
         apart: m, distance to the nearest other part above which a part is done; None: it does not count.
-        slots, hold: see :class:`vibgym.tasks.Task`.
 
     Raises:
-        ValueError: a bad setting, or too little room on the surface.
+        ValueError: a bad start, or too little room on the surface.
     """
+
+    class Settings(Task.Settings):
+        """Settings of tasks whose starts are drawn."""
+
+        start: str | dict[str, Any] = "scattered"
+        """Name of a start in ``vibgym.tasks.starts.STARTS``, or a mapping with ``kind`` and its settings."""
+
+        randomize: DrawnParts = DrawnParts()
+        """Number of parts in an episode."""
+
+    settings: Settings
 
     DEFAULT_PARTS = ("steel_block", "aluminium_block") * 3
     TERMS = {
@@ -47,20 +59,13 @@ class ArrangedTask(Task):
     RANDOMIZED = ("parts",)
 
     def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        *,
-        start: str | Mapping[str, Any] = "scattered",
-        randomize: Any = None,
-        slots: int | None = None,
-        apart: float | None = None,
-        hold: int = HOLD_PERIODS,
+        self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None, apart: float | None = None
     ) -> None:
-        super().__init__(surface, parts, hold=hold, slots=slots)
+        super().__init__(surface, parts, settings)
         if apart is not None:
             self.apart = apart
-        self.starts = Starts(surface, self.parts, start, randomize, self.apart)
+        scene = surface, self.parts, self.settings.randomize.parts, self.apart
+        self.starts: Starts = STARTS.make("start", self.settings.start, *scene)
         self.draws = self.starts.draws
 
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
@@ -72,27 +77,21 @@ class Sort(ArrangedTask):
     """Every present part's centre inside its kind's zone and slower than 20 mm/s; none has fallen.
 
     The speed is that of the mean velocity over the last period: a part that slides in place circles at 37 mm/s.
-
-    Args:
-        zones: a mapping from kind to [x_low, y_low, x_high, y_high], m; None for end zones.
-        start, randomize, slots, hold: see :class:`ArrangedTask`.
     """
 
+    class Settings(ArrangedTask.Settings):
+        """Settings of Sort."""
+
+        zones: Zones | None = None
+        """Goal zone of each kind: [x_low, y_low, x_high, y_high], m; None: zones at the ends."""
+
+    settings: Settings
     speed_limit = 0.020
 
-    def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        *,
-        start: str | Mapping[str, Any] = "scattered",
-        zones: Mapping[str, Sequence[float]] | None = None,
-        randomize: Any = None,
-        slots: int | None = None,
-        hold: int = HOLD_PERIODS,
-    ) -> None:
-        super().__init__(surface, parts, start=start, randomize=randomize, slots=slots, hold=hold)
-        self.zones = zones_from(zones, surface, self.kinds)
+    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
+        super().__init__(surface, parts, settings)
+        zones = self.settings.zones
+        self.zones = zones_from(default_zones(surface, self.kinds) if zones is None else zones, surface, self.kinds)
         check_room(self.zones, self.parts, self.kinds, self.kind, self.starts.most)
 
 
@@ -100,22 +99,17 @@ class Singulate(ArrangedTask):
     """All distances between present parts above the largest dimension of an element, sqrt(2) x element_size; none has fallen.
 
     Then no two parts touch the same element (thesis, section 4.1). Parts start in one heap, in touch.
-
-    Args:
-        randomize, slots, hold: see :class:`ArrangedTask`.
     """
 
-    def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        *,
-        randomize: Any = None,
-        slots: int | None = None,
-        hold: int = HOLD_PERIODS,
-    ) -> None:
-        apart = math.sqrt(2.0) * surface.element_size
-        super().__init__(surface, parts, start="crowded", randomize=randomize, slots=slots, apart=apart, hold=hold)
+    class Settings(ArrangedTask.Settings):
+        """Settings of Singulate."""
+
+        start: ClassVar[str] = "crowded"
+
+    settings: Settings
+
+    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
+        super().__init__(surface, parts, settings, apart=math.sqrt(2.0) * surface.element_size)
 
 
 ZONE_COLUMNS = 6
@@ -124,7 +118,7 @@ ZONE_COLUMNS = 6
 ROUNDING = 1e-9  # m, that a zone may stick out: borders are products of a size and a number of elements
 
 
-def default_zones(surface: Surface, names: Sequence[str]) -> dict[str, tuple[float, float, float, float]]:
+def default_zones(surface: Surface, names: Sequence[str]) -> Zones:
     """Return zones of six columns: the first kind's at the left, the second's at the right, the third's in the middle.
 
     Raises:
@@ -143,44 +137,31 @@ def default_zones(surface: Surface, names: Sequence[str]) -> dict[str, tuple[flo
     }
 
 
-def zones_from(value: Any, surface: Surface, names: Sequence[str]) -> np.ndarray:
+def zones_from(value: Zones, surface: Surface, names: Sequence[str]) -> np.ndarray:
     """Return the zones of all kinds, (kinds, 4): x_low, y_low, x_high, y_high, m.
-
-    Args:
-        value: a mapping from kind to these four numbers; None for the default.
 
     Raises:
         ValueError: a kind is unknown or has no zone, or a zone is empty, not on the surface or overlaps another one.
     """
-    value = default_zones(surface, names) if value is None else value
-    if not isinstance(value, Mapping):
-        raise checks.refuse("zones", value, "a mapping from kind to [x_low, y_low, x_high, y_high] in m")
     for name in value:
         if name not in names:
             raise checks.unknown("kind in zones", name, names)
     for name in names:
         if name not in value:
-            raise checks.missing(f"zones[{name!r}]", "every kind of part requires a zone")
-    zones = np.array([_rectangle(f"zones[{name!r}]", value[name], surface) for name in names])
+            raise checks.missing(f"zones.{name}", "every kind of part requires a zone")
+    zones = np.array([value[name] for name in names], dtype=np.float64)
+    for name, zone in zip(names, zones, strict=True):
+        if not (zone[:2] < zone[2:]).all():
+            raise checks.refuse(f"zones.{name}", zone.tolist(), "a rectangle with x_low < x_high and y_low < y_high")
+        if (zone[:2] < -ROUNDING).any() or zone[2] > surface.width + ROUNDING or zone[3] > surface.depth + ROUNDING:
+            allowed = f"on the surface, x in [0, {surface.width:g}] m and y in [0, {surface.depth:g}] m"
+            raise checks.refuse(f"zones.{name}", zone.tolist(), allowed)
     for k, name in enumerate(names):
         for j in range(k):
             low, high = np.maximum(zones[k, :2], zones[j, :2]), np.minimum(zones[k, 2:], zones[j, 2:])
             if (high - low > ROUNDING).all():
-                raise checks.conflict(f"zones[{name!r}] overlaps zones[{names[j]!r}]")
+                raise checks.conflict(f"zones.{name} overlaps zones.{names[j]}")
     return zones
-
-
-def _rectangle(name: str, value: Any, surface: Surface) -> np.ndarray:
-    allowed = f"[x_low, y_low, x_high, y_high] in m on the surface, {surface.width:g} x {surface.depth:g} m"
-    four = getattr(value, "shape", None) == (4,) or (isinstance(value, Sequence) and len(value) == 4)
-    if isinstance(value, str) or not four:
-        raise checks.refuse(name, value, allowed)
-    zone = np.array(checks.array(name, value, (4,)))
-    if not (zone[:2] < zone[2:]).all():
-        raise checks.refuse(name, list(value), "a rectangle with x_low < x_high and y_low < y_high")
-    if (zone[:2] < -ROUNDING).any() or zone[2] > surface.width + ROUNDING or zone[3] > surface.depth + ROUNDING:
-        raise checks.refuse(name, list(value), allowed)
-    return zone
 
 
 def check_room(zones: np.ndarray, parts: Sequence[Part], names: Sequence[str], kind: np.ndarray, most: int) -> None:
@@ -198,4 +179,4 @@ def check_room(zones: np.ndarray, parts: Sequence[Part], names: Sequence[str], k
         fit = len(lattice(zones[k, :2], zones[k, 2:], radius, 0.0))
         if fit < number:
             got = f"{number} parts of radius {radius:.4g} m in {zones[k].round(6).tolist()}"
-            raise checks.refuse(f"zones[{name!r}]", got, f"at most {fit} parts in this zone")
+            raise checks.refuse(f"zones.{name}", got, f"at most {fit} parts in this zone")

@@ -7,17 +7,21 @@ parts are placed on a lattice, for which there is room.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.kernels.jit import borrowing
 from vibgym.physics.contacts.hulls import hull_gap, part_gap, place_hulls, wall_gap
+from vibgym.registry import Registry
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.settings import BaseSettings
 from vibgym.tasks.patterns import Pattern
 
 
@@ -52,18 +56,6 @@ TOUCH = 1e-6
 
 MOST_STEPS = 200
 """Of one approach; a handful is usual."""
-
-START_NUMBERS = {"scattered": 3, "crowded": 2}
-"""Uniform numbers of one try."""
-
-STARTS = (*START_NUMBERS, "pattern")
-"""Values of ``start=``, a name or a mapping with ``kind`` and settings:
-
-- ``"scattered"``: random poses at least 2 mm apart
-- ``"crowded"``: one heap, in touch
-- ``"pattern"``, with the settings of :class:`vibgym.tasks.patterns.Pattern`: ``{"kind": "pattern", "gap_mm": 5.0,
-  "rows": 2}``. The places of parts in a lattice are drawn; given poses belong to their parts.
-"""
 
 
 class Room(NamedTuple):
@@ -242,53 +234,54 @@ def scatter_starts(hulls, room, order, count, tries, placed, cells, pose):
         scatter(hulls, room, order[world], count[world], tries[world], placed, cells, pose[world])
 
 
-class Starts:
-    """Draws which parts are present in an episode, and where they start.
+class DrawnParts(BaseSettings):
+    """What tasks with several parts draw for every episode."""
+
+    parts: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] | None = None
+    """Smallest and largest number of parts present, which are drawn; None: all."""
+
+
+class Starts(ABC):
+    """Draws which parts are present in an episode, and where they start. Subclasses draw the poses.
 
     Args:
         surface, parts: the scene.
-        arrangement: one of :data:`STARTS`, or a mapping with ``kind`` and its settings.
-        randomize: ``{"parts": [low, high]}``, the number of parts present, which are drawn; None: all.
+        number: smallest and largest number of parts present, which are drawn; None: all.
         apart: m, distance between parts for which the surface must have room.
-        clear: m, smallest distance between scattered parts.
+        settings: of the start.
 
     Attributes:
         most: largest number of parts in an episode.
         draws: uniform numbers per episode.
 
     Raises:
-        ValueError: a bad setting, or too little room.
+        ValueError: a bad number, or too little room.
     """
+
+    class Settings(BaseSettings):
+        """Settings of starts; none."""
+
+    settings: Settings
+    draws: int
 
     def __init__(
         self,
         surface: Surface,
         parts: Sequence[Part],
-        arrangement: str | Mapping[str, Any],
-        randomize: Any = None,
+        number: tuple[int, int] | None = None,
         apart: float = 0.0,
-        clear: float = CLEAR,
+        settings: Settings | None = None,
     ) -> None:
-        kind, settings = checks.named("start", arrangement, STARTS)
-        self.parts, self.heaped, self.pattern = tuple(parts), kind == "crowded", None
-        self.fewest, self.most = _number_present(randomize, len(parts))
-        if kind == "pattern":
-            self.pattern = checks.made("start", Pattern, (surface, self.parts, "start"), settings)
-            self.draws = 1 + 2 * len(parts) + self.pattern.draws
-        elif settings:
-            raise checks.unknown(f"setting of start {kind!r}", next(iter(settings)), ())
-        else:
-            self.draws = 1 + len(parts) * (1 + TRIES * START_NUMBERS[kind])
-        gap = max(0.0 if self.heaped else clear, apart)
-        radius = max(part.radius for part in parts)
-        cells = lattice(np.zeros(2), np.array([surface.width, surface.depth]), radius, gap)
-        if self.pattern is None and len(cells) < self.most:
-            names = ", ".join(dict.fromkeys(part.name for part in parts))
-            got = f"{self.most} parts ({names}) of radius up to {radius:.4g} m, {1e3 * gap:.3g} mm apart"
-            allowed = f"at most {len(cells)} on this surface, {surface.width:g} x {surface.depth:g} m"
-            raise checks.refuse("parts", got, allowed)
-        self._hulls, self._absent = hulls_of(parts), pose_of_absent(surface)
-        self._room = Room(surface.width, surface.depth, cells, clear)
+        self.settings = type(self).Settings() if settings is None else settings
+        self.surface, self.parts = surface, tuple(parts)
+        self.fewest, self.most = (len(parts), len(parts)) if number is None else number
+        if not self.fewest <= self.most <= len(parts):
+            allowed = f"[low, high] with whole numbers 1 <= low <= high <= {len(parts)}"
+            raise checks.refuse("randomize.parts", [self.fewest, self.most], allowed)
+
+    @abstractmethod
+    def poses(self, uniform: np.ndarray, present: np.ndarray) -> np.ndarray:
+        """Return poses (n, parts, 3) of the parts that are present (n, parts), from ``uniform`` (n, draws) in [0, 1)."""
 
     def draw(self, uniform: np.ndarray, present: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return poses (n, parts, 3) and the parts that are present (n, parts), from ``uniform`` (n, draws) in [0, 1).
@@ -296,26 +289,8 @@ class Starts:
         Args:
             present: (n, parts) bool; None: drawn.
         """
-        worlds, parts = len(uniform), len(self.parts)
         present = self.draw_present(uniform) if present is None else np.array(present)
-        pose = np.empty((worlds, parts, 3))
-        pose[...] = self._absent
-        if self.pattern is not None:
-            goals = self.pattern.draw(uniform[:, 1 + 2 * parts :])
-            if self.pattern.shuffles:
-                mixed = uniform[:, 1 + parts : 1 + 2 * parts].argsort(axis=1, kind="stable")
-                drawn = goals[np.arange(worlds)[:, None], mixed]
-            else:
-                drawn = self.pattern.own(goals, present)
-            return np.where(present[..., None], drawn, pose), present
-        order = np.where(present, uniform[:, 1 : 1 + parts], 1.0).argsort(axis=1, kind="stable")
-        tries = np.ascontiguousarray(uniform[:, 1 + parts :]).reshape(worlds, parts, TRIES, -1)
-        drawn = self._hulls, self._room, order, present.sum(axis=1), tries, np.empty_like(self._hulls.corner)
-        if self.heaped:
-            heap_starts(*drawn, pose)
-        else:
-            scatter_starts(*drawn, np.empty(len(self._room.cells), dtype=np.int64), pose)
-        return pose, present
+        return np.where(present[..., None], self.poses(uniform, present), pose_of_absent(self.surface)), present
 
     def draw_present(self, uniform: np.ndarray) -> np.ndarray:
         """Return the parts of each episode (n, parts), drawn from the first ``1 + parts`` columns of ``uniform``."""
@@ -326,15 +301,99 @@ class Starts:
         return rank < np.minimum(count, self.most)[:, None]
 
 
-def _number_present(randomize: Any, parts: int) -> tuple[int, int]:
-    """Return the smallest and largest number of parts in an episode."""
-    allowed = f"None, or {{'parts': [low, high]}} with whole numbers 1 <= low <= high <= {parts}"
-    if randomize is None or (isinstance(randomize, Mapping) and not randomize):
-        return parts, parts
-    if not isinstance(randomize, Mapping) or set(randomize) != {"parts"}:
-        raise checks.refuse("randomize", randomize, allowed)
-    bounds = randomize["parts"]
-    if isinstance(bounds, str) or not isinstance(bounds, Sequence) or len(bounds) != 2:
-        raise checks.refuse("randomize['parts']", bounds, allowed)
-    low = checks.count("randomize['parts'][0]", bounds[0], most=parts)
-    return low, checks.count("randomize['parts'][1]", bounds[1], least=low, most=parts)
+class Scattered(Starts):
+    """Random poses, 2 mm apart or more.
+
+    Args:
+        clear: m, smallest distance between parts; None: that of the class.
+    """
+
+    NUMBERS: ClassVar[int] = 3
+    """Uniform numbers of one try."""
+
+    CLEAR: ClassVar[float] = CLEAR
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        number: tuple[int, int] | None = None,
+        apart: float = 0.0,
+        settings: Starts.Settings | None = None,
+        clear: float | None = None,
+    ) -> None:
+        super().__init__(surface, parts, number, apart, settings)
+        self.draws = 1 + len(parts) * (1 + TRIES * self.NUMBERS)
+        clear = self.CLEAR if clear is None else clear
+        gap = max(clear, apart)
+        radius = max(part.radius for part in parts)
+        cells = lattice(np.zeros(2), np.array([surface.width, surface.depth]), radius, gap)
+        if len(cells) < self.most:
+            names = ", ".join(dict.fromkeys(part.name for part in parts))
+            got = f"{self.most} parts ({names}) of radius up to {radius:.4g} m, {1e3 * gap:.3g} mm apart"
+            allowed = f"at most {len(cells)} on this surface, {surface.width:g} x {surface.depth:g} m"
+            raise checks.refuse("parts", got, allowed)
+        self._hulls, self._room = hulls_of(parts), Room(surface.width, surface.depth, cells, clear)
+
+    def poses(self, uniform: np.ndarray, present: np.ndarray) -> np.ndarray:
+        worlds, parts = present.shape
+        pose = np.zeros((worlds, parts, 3))
+        order = np.where(present, uniform[:, 1 : 1 + parts], 1.0).argsort(axis=1, kind="stable")
+        tries = np.ascontiguousarray(uniform[:, 1 + parts :]).reshape(worlds, parts, TRIES, self.NUMBERS)
+        self.place(order, present.sum(axis=1), tries, np.empty_like(self._hulls.corner), pose)
+        return pose
+
+    def place(
+        self, order: np.ndarray, count: np.ndarray, tries: np.ndarray, placed: np.ndarray, pose: np.ndarray
+    ) -> None:
+        """Write the poses; arguments as for :func:`scatter_starts`."""
+        cells = np.empty(len(self._room.cells), dtype=np.int64)
+        scatter_starts(self._hulls, self._room, order, count, tries, placed, cells, pose)
+
+
+class Crowded(Scattered):
+    """One heap, in touch."""
+
+    NUMBERS = 2
+    CLEAR = 0.0
+
+    def place(
+        self, order: np.ndarray, count: np.ndarray, tries: np.ndarray, placed: np.ndarray, pose: np.ndarray
+    ) -> None:
+        heap_starts(self._hulls, self._room, order, count, tries, placed, pose)
+
+
+class Arranged(Starts):
+    """A pattern, such as ``{"kind": "pattern", "gap_mm": 5.0, "rows": 2}``.
+
+    The places of parts in a lattice are drawn; given poses belong to their parts.
+    """
+
+    class Settings(Pattern.Settings, Starts.Settings):
+        """Settings of the pattern."""
+
+    settings: Settings
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        number: tuple[int, int] | None = None,
+        apart: float = 0.0,
+        settings: Settings | None = None,
+    ) -> None:
+        super().__init__(surface, parts, number, apart, settings)
+        self.pattern = Pattern(surface, self.parts, self.settings, "start")
+        self.draws = 1 + 2 * len(parts) + self.pattern.draws
+
+    def poses(self, uniform: np.ndarray, present: np.ndarray) -> np.ndarray:
+        worlds, parts = present.shape
+        goals = self.pattern.draw(uniform[:, 1 + 2 * parts :])
+        if not self.pattern.shuffles:
+            return self.pattern.own(goals, present)
+        mixed = uniform[:, 1 + parts : 1 + 2 * parts].argsort(axis=1, kind="stable")
+        return goals[np.arange(worlds)[:, None], mixed]
+
+
+STARTS: Registry[type[Starts]] = Registry("start", {"scattered": Scattered, "crowded": Crowded, "pattern": Arranged})
+"""Values of ``start=``: a name, or a mapping with ``kind`` and settings."""

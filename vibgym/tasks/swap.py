@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.settings import Length
 from vibgym.tasks.assignment import give_out
-from vibgym.tasks.base import HOLD_PERIODS, Start, Task, setting_in_si
+from vibgym.tasks.base import Start, Task
 from vibgym.tasks.pose import PATIENT_TERMS, PoseTask
-from vibgym.tasks.starts import Starts, pose_of_absent
+from vibgym.tasks.starts import DrawnParts, Scattered, pose_of_absent
 
 APART = 0.005
 """m, least distance between goals, and between starts."""
@@ -33,18 +34,29 @@ class Swap(Task):
     Args:
         surface: the table.
         parts: of two kinds, by their names, in any order.
-        free: parts of a kind are interchangeable. Goals are assigned at the start with the least sum of cubed distances, and
-            two parts exchange theirs after a step where that shortens their distances. False: each part keeps the goal drawn
-            for it.
-        apart: m, least distance between goals, and between starts (5 mm); ``apart_mm`` in mm.
-        columns: elements along x of each end.
-        randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there.
-        slots: blocks of the state observation, at least the number of parts, which is the default.
-        hold: see :class:`vibgym.tasks.Task`.
+        settings: of the task.
 
     Raises:
-        ValueError: another number of kinds, ends that overlap or are too small, or another bad setting.
+        ValueError: another number of kinds, or ends that overlap or are too small.
     """
+
+    class Settings(Task.Settings):
+        """Settings of Swap."""
+
+        free: bool = True
+        """Whether parts of a kind are interchangeable. If so, goals are assigned at the start with the least sum of cubed
+        distances, and two parts exchange theirs after a step where that shortens their distances."""
+
+        apart: Length = Field(default=APART, ge=0.0)
+        """Least distance between goals, and between starts."""
+
+        columns: int = Field(default=END_COLUMNS, ge=1)
+        """Elements along x of each end; at most half of the surface's."""
+
+        randomize: DrawnParts = DrawnParts()
+        """Number of parts in an episode."""
+
+    settings: Settings
 
     DEFAULT_PARTS = ("steel_block", "aluminium_block") * 8
     TERMS = PATIENT_TERMS
@@ -55,31 +67,22 @@ class Swap(Task):
     heading_tolerance = math.radians(5.0)
     modulo_symmetry = True
 
-    def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        *,
-        free: bool = True,
-        apart: float | None = None,
-        apart_mm: float | None = None,
-        columns: int = END_COLUMNS,
-        randomize: Any = None,
-        slots: int | None = None,
-        hold: int = HOLD_PERIODS,
-    ) -> None:
-        super().__init__(surface, parts, hold=hold, slots=slots)
+    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
+        super().__init__(surface, parts, settings)
         if len(self.kinds) != 2:
             kinds = f"{len(self.kinds)} kinds: {', '.join(self.kinds)}"
             raise checks.refuse("parts", kinds, "parts of two kinds (names)")
-        self.free = self.exchanges = checks.flag("task_settings['free']", free)
-        least = setting_in_si("task_settings", "apart", apart, apart_mm, default=APART, least=0.0)
-        columns = checks.count("task_settings['columns']", columns, most=surface.columns // 2)
-        self._whole = Starts(surface, self.parts, "scattered", randomize)
-        end = replace(surface, columns=columns)
+        own, most = self.settings, surface.columns // 2
+        if own.columns > most:
+            raise checks.refuse(
+                "task_settings.columns", own.columns, f"a whole number <= {most}, half of the surface's"
+            )
+        self.exchanges = own.free
+        self._whole = Scattered(surface, self.parts, own.randomize.parts)
+        end = replace(surface, columns=own.columns)
         self._own = [self.kind == k for k in range(2)]
-        own = ([part for part, its in zip(self.parts, mine, strict=True) if its] for mine in self._own)
-        self._ends = [Starts(end, of_kind, "scattered", apart=least, clear=least) for of_kind in own]
+        kinds = ([part for part, its in zip(self.parts, mine, strict=True) if its] for mine in self._own)
+        self._ends = [Scattered(end, each, apart=own.apart, clear=own.apart) for each in kinds]
         self._far = surface.width - end.width
         self.draws = 1 + len(self.parts) + 2 * sum(each.draws for each in self._ends)
 
@@ -101,7 +104,7 @@ class Swap(Task):
         return start._replace(goal=self.goal_from(start, pose))
 
     def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
-        if not self.free:
+        if not self.settings.free:
             return start.goal
         goal = start.goal.copy()
         give_out(self.kind, start.present, np.ascontiguousarray(pose), goal)

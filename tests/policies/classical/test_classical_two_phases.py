@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.policies.helpers import ALUMINIUM, STEEL, SURFACE, info_of
+from tests.tasks.helpers import made
 from vibgym.policies.classical.two_phases import EDGE, TwoPhasesPolicy, drawn_apart
 from vibgym.scene.hulls import gaps_between
 from vibgym.tasks import Pattern
@@ -17,7 +18,7 @@ from vibgym.tasks import Pattern
 @pytest.mark.parametrize("settings", [{}, {"heading_deg": 8, "rows": 2}, {"gap_mm": 20, "rows": 2}])
 def test_patterns_are_expanded_on_the_table(parts, settings):
     """Expanded patterns fit, keep the distance or use the width, and paths to the goals do not cross."""
-    pattern = Pattern(SURFACE, parts, **settings)
+    pattern = made(Pattern, SURFACE, parts, **settings)
     of = [parts[int(np.flatnonzero(pattern._kind == kind)[0])] for kind in pattern.of_kind]
     for uniform in np.random.default_rng(0).random((10, 2)):
         goal = pattern.draw(uniform[None])[0]
@@ -34,7 +35,7 @@ def test_patterns_are_expanded_on_the_table(parts, settings):
 
 
 def test_a_pattern_that_fills_the_width_is_slanted():
-    goal = Pattern(SURFACE, [ALUMINIUM] * 12, heading_deg=90, place_mm=[416, 104]).draw(np.zeros((1, 0)))[0]
+    goal = made(Pattern, SURFACE, [ALUMINIUM] * 12, heading_deg=90, place_mm=[416, 104]).draw(np.zeros((1, 0)))[0]
     place = drawn_apart(SURFACE, [ALUMINIUM] * 12, goal[:, :2], goal[:, 2], 0.036)
     assert gaps_between([ALUMINIUM] * 12, np.c_[place, goal[:, 2]][None])[0].min() > 0.01
     assert drawn_apart(SURFACE, [ALUMINIUM], goal[:1, :2], goal[:1, 2], 0.036) == pytest.approx(goal[:1, :2])
