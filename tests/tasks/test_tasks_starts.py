@@ -91,7 +91,7 @@ def test_crowded_parts_are_in_touch(task, parts):
     crowd = made(Sort, SURFACE, parts, start="crowded") if task == "Sort" else Singulate(SURFACE, parts)
     start = starts(crowd, 30)
     gaps = np.empty((30, len(parts), len(parts)))
-    all_gaps(made.hulls, start.pose, gaps)
+    all_gaps(crowd.hulls, start.pose, gaps)
     for pose, between in zip(start.pose, gaps, strict=True):
         assert distances(parts, pose) == pytest.approx(between, abs=1e-9)  # of which none is negative
         assert between.min() > 0.0
@@ -187,8 +187,7 @@ def test_any_numbers_give_a_valid_start(way, data):
 
 @pytest.mark.parametrize("task", ARRANGED)
 def test_numbers_of_parts(task):
-    made = ARRANGED[task](SURFACE, SIX, randomize={"parts": [2, 5]})
-    start = starts(made, 4000)
+    start = starts(made(ARRANGED[task], SURFACE, SIX, randomize={"parts": [2, 5]}), 4000)
     count = start.present.sum(axis=1)
     assert np.bincount(count, minlength=7)[2:6] / 4000 == pytest.approx(0.25, abs=0.04)  # 6 standard deviations
     assert count.min() == 2 and count.max() == 5
