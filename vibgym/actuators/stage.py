@@ -61,7 +61,7 @@ class ActuatorStage(Live, ABC):
 
     def __init__(self, surface: Surface, worlds: int, periods: int, settings: Settings | None = None) -> None:
         self.surface, self.worlds, self.periods = surface, worlds, periods
-        self.settings = type(self).Settings() if settings is None else settings
+        self.settings = type(self).Settings.model_validate({}) if settings is None else settings
 
     @property
     def data_sheet(self) -> DataSheet:
