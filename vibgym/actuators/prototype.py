@@ -126,13 +126,10 @@ class PrototypeActuators(ActuatorStage):
         if {*map(tuple, dead[:, :2])} & {*map(tuple, stuck[:, :2])}:
             raise checks.conflict("actuators.stuck and actuators.dead must name different elements")
         self._numbers = {
-            "dead_zone": given.dead_zone,
+            **{name: getattr(given, name) for name in self.VARIED},
             "limit": most if given.limit is None else given.limit,
             "latency": float(given.latency),
-            "gain_spread": given.gain_spread,
-            "phase_spread": given.phase_spread,
             "bandwidth": math.inf if given.bandwidth is None else given.bandwidth,
-            "resolution": given.resolution,
             "dead": 0.0 if isinstance(given.dead, tuple) else given.dead,
             "stuck": 0.0 if isinstance(given.stuck, tuple) else given.stuck,
         }

@@ -192,13 +192,7 @@ class Setup:
         surface, settings = self.surface, self.settings
         middle = (0.5 * surface.width, 0.5 * surface.depth)
         place, height = middle if settings.position is None else settings.position, settings.height
-        given: dict[str, Any] = {
-            "tilt": settings.tilt,
-            "lens": settings.lens,
-            "chip": settings.chip,
-            "pixels": settings.pixels,
-            "pitch": self.pitch,
-        }
+        given = {**settings.model_dump(include={"tilt", "lens", "chip", "pixels"}), "pitch": self.pitch}
         self.shape = (settings.pixels[1] // self.pitch, settings.pixels[0])
         return optics_of(place, height, distortion=settings.distortion, **given), optics_of(place, height, **given)
 

@@ -390,16 +390,11 @@ class ModelEstimator(FilterEstimator):
     """The simulator as a model of the hardware, corrected by a Kalman filter."""
 
     class Settings(FilterEstimator.Settings):
-        """Settings of the filter with a model of the hardware."""
+        """Settings of the filter with a model of the hardware: smaller accelerations are not modelled."""
 
         acceleration: Acceleration = Field(0.001, gt=0.0, le=1e3)
-        """Standard deviation of the unmodelled acceleration at rest."""
-
         unknown: Acceleration = Field(0.01, ge=0.0, le=1e3)
-        """Standard deviation of an unmodelled acceleration that is constant in the episode."""
-
         drift: float = Field(0.005, ge=0.0, le=1e3)
-        """m/s^2 per square root of a second, rate at which that changes."""
 
         model: Literal["planar", "averaged", "auto"] = "planar"
         """Of the simulator; planar ones only, since sensors do not measure tilts."""
