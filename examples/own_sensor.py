@@ -3,24 +3,31 @@
 import sys
 
 import numpy as np
+from pydantic import Field
 
 from vibgym.policies import rollout
 from vibgym.sensing import SENSORS, Sensor
+from vibgym.settings import Length
 
 
 class Biased(Sensor):
     """Pose sensor with a constant error of the position, drawn for each episode."""
 
+    class Settings(Sensor.Settings):
+        """Settings in the sensor's mapping, beside those of every sensor."""
+
+        bias: Length = Field(0.001, ge=0.0)
+        """Largest error along x and y."""
+
     draws = 2  # uniform numbers that an episode needs
 
-    def __init__(self, *scene, bias=0.001, **base):
+    def __init__(self, *scene, **base):
         super().__init__(*scene, **base)
-        self.bias = bias  # m, largest
         self.offset = np.zeros((self.worlds, 2))
 
     def begin(self, worlds, uniform):
         """Start episodes in some worlds."""
-        self.offset[worlds] = self.bias * (2.0 * uniform - 1.0)
+        self.offset[worlds] = self.settings.bias * (2.0 * uniform - 1.0)
 
     def measure(self, state, reading):
         """Write the measurement of the true state; the base class applies delay, dropout and noise afterwards."""
@@ -32,7 +39,7 @@ class Biased(Sensor):
     @property
     def sigma(self):
         """Return the standard deviation of a reading (parts, 3), m and rad, for estimators."""
-        return np.tile([0.6 * self.bias, 0.6 * self.bias, 0.0], (len(self.parts), 1))
+        return np.tile(0.6 * self.settings.bias * np.array([1.0, 1.0, 0.0]), (len(self.parts), 1))
 
     def own_state(self):
         """Return the arrays of a snapshot."""

@@ -18,13 +18,14 @@ from studies.kept import show
 from studies.thesis.centroid_error import centre_errors, chain_errors
 from vibgym import Part, Surface
 from vibgym.physics.core.records import new_state
-from vibgym.plugins.camera import CameraSensor, Settings, Setup
+from vibgym.plugins.camera import CameraSensor, Setup
 from vibgym.plugins.camera.fitting import fit_errors
 from vibgym.scene.parts import shipped_part
 
 SPACING = 0.0368
 """m, smallest distance between parts by the spacing rule."""
 
+Settings = CameraSensor.Settings
 LINES = {"half": "half of the lines", "all": "all lines"}
 EDGES = {"grey": "grey-level edges", "threshold": "whole pixels"}
 
@@ -129,7 +130,7 @@ def identities(lines: str, edge: str, frames: int = 1000) -> list[Row]:
     """Return errors of tracking for blocks whose paths cross."""
     parts = [shipped_part("aluminium_block")] * 3 + [shipped_part("steel_block")] * 3
     poses = wandering(frames, parts, 7)
-    sensor = CameraSensor(Surface(), parts, 1, 1, lines=lines, edge=edge)
+    sensor = CameraSensor(Surface(), parts, 1, 1, Settings(lines=lines, edge=edge))
     sensor.reset(np.array([0]), state_of(poses[0], None), np.array([[0.1, 0.2]]))
     total, crossings, worst = np.zeros(3, dtype=int), 0, 0.0
     for before, now in zip(poses[:-1], poses[1:], strict=True):
@@ -167,7 +168,7 @@ def speed() -> list[Row]:
     rows = []
     for lines in LINES:
         for edge in EDGES:
-            sensor = CameraSensor(Surface(), parts, 1, 1, lines=lines, edge=edge)
+            sensor = CameraSensor(Surface(), parts, 1, 1, Settings(lines=lines, edge=edge))
             state = state_of(pose, None)
             sensor.reset(np.array([0]), state, np.array([[0.1, 0.2]]))
             assert sensor.due.seen.all()
@@ -179,7 +180,7 @@ def speed() -> list[Row]:
 def statistical(worlds: int = 4096) -> list[Row]:
     """Return the time of a sample of the statistical sensor."""
     block = shipped_part("aluminium_block")
-    sensor = CameraSensor(Surface(), [block], worlds, 1, statistical=True)
+    sensor = CameraSensor(Surface(), [block], worlds, 1, Settings(statistical=True))
     state = new_state(worlds, 1)
     random = np.random.default_rng(1)
     state.pose[:] = random.uniform([0.05, 0.05, -3.0], [0.75, 0.15, 3.0], (worlds, 1, 3))

@@ -10,7 +10,7 @@ import numpy as np
 
 from studies.sensorless.schedule import Schedule
 from vibgym import Part, Simulator, Surface
-from vibgym.actuators import actuators_from
+from vibgym.actuators import ACTUATORS
 from vibgym.physics.core.drive import phasor_drive
 
 MOST_WORLDS = 4096
@@ -40,7 +40,7 @@ def draw_trials(
     position = part.radius + room * random.random((trials, 2))
     pose = np.column_stack([position, random.uniform(-math.pi, math.pi, trials)])
     factors = random.uniform(*friction, trials)
-    return Trials(pose, factors, random.random((trials, actuators_from(hardware, surface, 1, 1).draws)))
+    return Trials(pose, factors, random.random((trials, ACTUATORS.make("hardware", hardware, surface, 1, 1).draws)))
 
 
 def play(
@@ -76,7 +76,7 @@ def play(
     worlds, size = count * many, 2 * surface.rows * surface.columns
     settings: dict[str, Any] = {"stride": periods} if model == "averaged" else {}
     simulator = Simulator(surface, part, worlds=worlds, model=model, threads=threads, **settings)
-    actuators = actuators_from(hardware, surface, worlds, periods)
+    actuators = ACTUATORS.make("hardware", hardware, surface, worlds, periods)
     actuators.prepare(phasor_drive(np.zeros((worlds, size), np.float32), surface.columns, surface.full_scale))
     actuators.reset(np.arange(worlds), np.tile(trials.uniform, (count, 1)))
     idle = np.array([[*surface.idle_velocity(part.friction * factor), 0.0] for factor in trials.friction.tolist()])

@@ -13,11 +13,11 @@ from agents.evaluation.figures import FAILURE, MUTED, SUCCESS, new_figure, png
 from studies.thesis.figure import Comparison, Figure, Picture
 from vibgym import Part, Surface
 from vibgym.physics.core.records import new_state
-from vibgym.plugins.camera import CameraSensor
 from vibgym.plugins.camera.look import M00, XX, XY, YY, X, measure_object
 from vibgym.plugins.camera.objects import boundary, find_objects, new_found
 from vibgym.plugins.camera.optics import projected
 from vibgym.scene.parts import shipped_part
+from vibgym.sensing import SENSORS
 
 
 class Scene:
@@ -32,7 +32,9 @@ class Scene:
             row, column = divmod(p, 6)
             x = 0.07 + 0.138 * column + 0.07 * row * 0.9
             self.pose[p] = x, 0.055 + 0.1 * row, random.uniform(-math.pi, math.pi)
-        self.sensor = CameraSensor(surface, parts, 1, 1, lines="all", edge="threshold")
+        self.sensor = SENSORS.make(
+            "sensor", {"kind": "camera", "lines": "all", "edge": "threshold"}, surface, parts, 1, 1
+        )
         state = new_state(1, len(parts))
         state.pose[0], state.fallen[:] = self.pose, False
         self.sensor.keep_pictures()

@@ -16,7 +16,7 @@ import numpy as np
 
 from studies.thesis.state_feedback import Estimate, Observer, feedback
 from vibgym import Part, Simulator, Surface
-from vibgym.actuators import PrototypeActuators
+from vibgym.actuators import ACTUATORS
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.physics.core.drive import polar_drive
 from vibgym.policies.classical.pid import Pid, PidMemory
@@ -113,7 +113,8 @@ class RealPlant:
         self.scale = known.max_amplitude  # m, of pushes
         self.inverse = FrictionalInverse(known, part, limit=limit)
         ideal = {"dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
-        self.actuators = PrototypeActuators(surface, worlds, 1, limit=limit, **{**ideal, **actuators})
+        hardware = {"kind": "prototype", "limit": limit, **ideal, **actuators}
+        self.actuators = ACTUATORS.make("actuators", hardware, surface, worlds, 1)
         self.generator = np.random.default_rng(seed)
         self.simulator = Simulator(surface, actual, worlds=worlds, threads=1)
         self.simulator.reset([*START, 0.0], [*surface.idle_velocity(actual.friction), 0.0])

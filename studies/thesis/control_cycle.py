@@ -17,10 +17,10 @@ from vibgym.actuators import DataSheet
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.physics.core.records import new_state
-from vibgym.plugins.camera import CameraSensor
 from vibgym.plugins.camera.look import measure_object
 from vibgym.plugins.camera.objects import find_objects, new_found
 from vibgym.scene.parts import shipped_part
+from vibgym.sensing import SENSORS
 
 OBJECTS = (1, 2, 4, 6, 8)
 REPEATS = 200
@@ -58,7 +58,7 @@ def cycle(objects: int) -> Cycle:
     )
     pose, present = start[None], np.ones((1, objects), dtype=bool)
 
-    camera = CameraSensor(surface, parts, 1, 1, lines="half", edge="threshold")
+    camera = SENSORS.make("sensor", {"kind": "camera", "lines": "half", "edge": "threshold"}, surface, parts, 1, 1)
     state = new_state(1, objects)
     state.pose[0], state.fallen[:] = start, False
     camera.keep_pictures()

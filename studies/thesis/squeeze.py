@@ -12,7 +12,7 @@ import numpy as np
 from agents.evaluation.figures import FAILURE, INK, MUTED, new_figure, png, style
 from studies.thesis.figure import Comparison, Figure, Picture, Table, of_range
 from vibgym import Part, Simulator, Surface
-from vibgym.actuators import actuators_from
+from vibgym.actuators import ACTUATORS
 from vibgym.fields import squeeze
 from vibgym.physics.core.drive import polar_drive
 from vibgym.scene.parts import shipped_part
@@ -99,7 +99,7 @@ def squeezed(
     shape = (worlds, surface.rows, surface.columns)
     amplitude, phase = squeeze(START, LINE, 0.0, 1.0, REACH).drive(surface)
     command = polar_drive(np.broadcast_to(amplitude, shape), np.broadcast_to(phase, shape), surface.angular_frequency)
-    stage = actuators_from(hardware, surface, worlds, 1)
+    stage = ACTUATORS.make("hardware", hardware, surface, worlds, 1)
     random = np.random.default_rng(74)
     stage.prepare(command)
     pose = np.zeros((worlds, 1, 3))

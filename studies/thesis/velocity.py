@@ -10,7 +10,7 @@ import numpy as np
 from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, png, style
 from studies.thesis.figure import Comparison, Figure, Picture, Table, of_number, of_range
 from vibgym import Part, Simulator, Surface
-from vibgym.actuators import PrototypeActuators
+from vibgym.actuators import ACTUATORS
 from vibgym.physics.core.drive import polar_drive
 from vibgym.physics.core.hardware import FORMS
 from vibgym.scene.parts import shipped_part
@@ -48,10 +48,9 @@ def steady_velocity(
     command = polar_drive(
         np.broadcast_to(commanded[:, None, None], shape), np.full(shape, PHASE), surface.angular_frequency
     )
-    actuators = PrototypeActuators(
-        surface, len(commanded), 1, dead_zone=dead_zone, dead_zone_form=form, latency=0, gain_spread=0.0, phase_spread=0.0,
-        seed=0, gain=gain,
-    )  # fmt: skip
+    settings = {"dead_zone": dead_zone, "dead_zone_form": form, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
+    hardware = {"kind": "prototype", **settings, "seed": 0, "gain": gain}
+    actuators = ACTUATORS.make("hardware", hardware, surface, len(commanded), 1)
     actuators.prepare(command)
     actuators.reset(np.arange(len(commanded)), np.zeros((len(commanded), 0)))
     simulator = Simulator(surface, part, worlds=len(commanded))

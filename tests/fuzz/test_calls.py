@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from tests.envs.helpers import assert_same
 from tests.fuzz.campaign import count, fuzz, numpy_warns_of_nothing, places  # noqa: F401 - for this module
 from vibgym import Part, Simulator, Surface, checks, config, fields
-from vibgym.actuators import actuators_from
+from vibgym.actuators import ACTUATORS
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.bounds import TimeBound
 
@@ -151,7 +151,7 @@ CALLS = {
              max_episode_periods=10, max_episode_steps=10, autoreset_mode="NextStep"),
     ),
     "prototype": (
-        lambda **settings: actuators_from({"kind": "prototype", **settings}, SURFACE, 2, 3),
+        lambda **settings: ACTUATORS.make("actuators", {"kind": "prototype", **settings}, SURFACE, 2, 3),
         dict(dead_zone=1e-4, dead_zone_form="soft", limit=2e-4, latency=2, gain_spread=0.1, phase_spread=0.1, bandwidth=5.0,
              resolution=1e-6, dead=[[0, 1]], stuck=0.1, seed=3),
     ),

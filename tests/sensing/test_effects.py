@@ -6,9 +6,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from vibgym import Part, Surface, checks
+from vibgym import Part, Surface
 from vibgym.physics.core.records import new_state
-from vibgym.sensing import EFFECTS, SENSORS, Effect, Sensor, sensor_from
+from vibgym.sensing import EFFECTS, SENSORS, Effect, Sensor
+from vibgym.settings import Speed
 
 SURFACE, PARTS = Surface(), (Part.disc(0.02, friction=0.5), Part.rectangle(0.05, 0.035, friction=0.5))
 PLACES = np.array([[0.3, 0.1, 0.4], [0.5, 0.1, 0.7]])
@@ -31,13 +32,15 @@ class Drift(Effect):
 
     draws = 1
 
-    def __init__(self, sensor, where, value):
-        super().__init__(sensor, where)
-        self.speed = checks.number(where, value, least=0.0)  # m/s
+    class Settings(Effect.Settings):
+        speed: Speed = 0.0
+
+    def __init__(self, sensor, settings=None):
+        super().__init__(sensor, settings)
         self.velocity = np.zeros((sensor.worlds, 1))
 
     def begin(self, worlds, uniform):
-        self.velocity[worlds] = self.speed * uniform
+        self.velocity[worlds] = self.settings.speed * uniform
 
     def apply(self, reading):
         reading.pose[..., 0] += self.velocity * self.sensor.looks[:, None] * self.sensor.step
@@ -49,16 +52,15 @@ class Drift(Effect):
 class Jitter(Effect):
     """User-defined noise."""
 
-    def __init__(self, sensor, where, value):
-        super().__init__(sensor, where)
-        self.value = value
+    class Settings(Effect.Settings):
+        size: float = 0.0
 
     @property
     def sigma(self):
-        return np.full(3, self.value)
+        return np.full(3, self.settings.size)
 
     def apply(self, reading):
-        reading.pose[...] += self.value * self.normals()
+        reading.pose[...] += self.settings.size * self.normals()
 
 
 @pytest.fixture(autouse=True)
@@ -84,7 +86,7 @@ def read(kind, effects, worlds=200, looks=40, **timing):
     for more in (effects, {}):
         own = {"effects": more} if KINDS[kind]["kind"] == "camera" else more  # has a setting of this name
         settings = {**KINDS[kind], **timing, **own}
-        sensor = sensor_from(settings, SURFACE, PARTS, worlds, 1)
+        sensor = SENSORS.make("sensor", settings, SURFACE, PARTS, worlds, 1)
         state, uniform = new_state(worlds, 2), np.random.default_rng(1).random((worlds, sensor.all_draws))
         state.pose[:] = PLACES
         if KINDS[kind]["kind"] == "camera":  # key of the sensor, the same with effects and without
@@ -160,9 +162,9 @@ def test_random_numbers_of_effects_are_normal_and_independent():
 
 
 def test_estimators_see_the_sigma_of_sensor_and_effects():
-    sensor = sensor_from({"kind": "plain", "noise": [4e-4, 0.0], "bias": 1.0}, SURFACE, PARTS, 1, 1)
+    sensor = SENSORS.make("sensor", {"kind": "plain", "noise": [4e-4, 0.0], "bias": 1.0}, SURFACE, PARTS, 1, 1)
     assert sensor.all_sigma == pytest.approx(np.tile([5e-4, 5e-4, 3e-4], (2, 1)))
-    sensor = sensor_from({"kind": "ideal", "noise": [4e-4, 0.1], "jitter": 3e-4}, SURFACE, PARTS, 1, 1)
+    sensor = SENSORS.make("sensor", {"kind": "ideal", "noise": [4e-4, 0.1], "jitter": 3e-4}, SURFACE, PARTS, 1, 1)
     assert sensor.all_sigma[:, 0] == pytest.approx(5e-4)
     env = gym.make("vibgym/Align-v0", sensor={"kind": "plain", "noise": 4e-4}).unwrapped
     env.reset(seed=0)
@@ -172,10 +174,12 @@ def test_estimators_see_the_sigma_of_sensor_and_effects():
 @pytest.mark.parametrize("settings, message", [
     ({"kind": "camera", "effects": {"fog": 1}}, r"sensor\.effects"),
     ({"kind": "plain", "fog": 1}, r"sensor"),
-    ({"kind": "plain", "effects": 3}, r"sensor\.effects"),
-    ({"kind": "plain", "bias": 1e-4, "effects": {"bias": 1e-4}}, r"sensor\.effects"),
-    ({"kind": "camera", "effects": {"noise": -1}}, r"sensor\.effects\.noise \(position\)"),
-    ({"kind": "plain", "drift": "fast"}, r"sensor\.drift"),
+    ({"kind": "plain", "bias": 1e-4, "effects": {"bias": 1e-4}}, r"effects\.bias excludes bias"),
+    ({"kind": "camera", "effects": {"noise": -1}}, r"sensor\.effects\.noise\.position"),
+    ({"kind": "plain", "noise": [1e-4]}, r"sensor\.noise\.position"),
+    ({"kind": "plain", "noise": 2.0}, r"sensor\.noise: position"),
+    ({"kind": "plain", "bias": [1e-4, 9.0]}, r"sensor\.bias\.heading"),
+    ({"kind": "plain", "drift": "fast"}, r"sensor\.drift\.speed"),
 ])  # fmt: skip
 def test_bad_effects_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):

@@ -9,9 +9,7 @@ import pytest
 from vibgym import Part, Surface
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
-from vibgym.sensing import Reading
-from vibgym.sensing.estimation import estimator_from
-from vibgym.sensing.pose import PoseSensor
+from vibgym.sensing import ESTIMATORS, SENSORS, Reading
 
 EXACT = {"kind": "prototype", "gain_spread": 0.0, "phase_spread": 0.0}
 
@@ -53,8 +51,8 @@ class Still:
 def test_the_filter_equals_the_textbook_filter(delay, latency):
     """Compare with matrices: x' = F x with white acceleration, readings of x[0], and F of the lead for the measurement."""
     surface, part = Surface(), Part.rectangle(0.05, 0.035, friction=0.58)
-    sensor = PoseSensor(surface, [part], 1, 1, noise=[1e-4, 3e-3], delay=delay)
-    own = estimator_from({"kind": "kalman", "drift": 0.1}, sensor, Still(), latency, ())
+    sensor = SENSORS.make("sensor", {"kind": "pose", "noise": [1e-4, 3e-3], "delay": delay}, surface, [part], 1, 1)
+    own = ESTIMATORS.make("estimator", {"kind": "kalman", "drift": 0.1}, sensor, Still(), latency, ())
     c, t = 0.5 * part.friction * surface.gravity / surface.table_speed, surface.period
     floor, drift = 1.5, 0.1
 
@@ -98,10 +96,9 @@ def test_variances_stay_positive_for_any_readings():
     """With jumping readings and exact sensor and model, rounding must not cause negative variances."""
     surface, part, random = Surface(), Part.rectangle(0.05, 0.035, friction=0.0), np.random.default_rng(0)
     for noise in ([0.0, 0.0], [1e-9, 1.0]):
-        sensor = PoseSensor(surface, [part], 4, 1, noise=noise)
-        own = estimator_from(
-            {"kind": "kalman", "acceleration": 1e-12, "unknown": 0.0, "drift": 0.0}, sensor, Still(), 0, ()
-        )
+        sensor = SENSORS.make("sensor", {"kind": "pose", "noise": noise}, surface, [part], 4, 1)
+        settings = {"kind": "kalman", "acceleration": 1e-12, "unknown": 0.0, "drift": 0.0}
+        own = ESTIMATORS.make("estimator", settings, sensor, Still(), 0, ())
         reading = Reading(np.zeros((4, 1, 3)), np.zeros((4, 1, 3)), np.zeros((4, 1), bool), np.ones((4, 1), bool))
         own.reset(np.arange(4), reading)
         for k in range(200):

@@ -8,11 +8,13 @@ assumptions; each is a setting.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Le
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.actuators.commands import Commands, inverse_of
@@ -33,6 +35,7 @@ from vibgym.physics.core.hardware import (
 )
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from
 from vibgym.scene.surface import Surface
+from vibgym.settings import Angle, Length
 
 MOST_LATENCY = 1000
 """Periods: 40 s, longer than any episode."""
@@ -42,49 +45,10 @@ MOST_SPREAD = 0.5
 MOST_GAIN = 10.0
 
 
-@dataclass(frozen=True)
-class PrototypeSettings:
-    """Settings of the prototype's actuators.
-
-    Args:
-        dead_zone: m, amplitude below which commands are not fully realised.
-        dead_zone_form: response to a smaller amplitude ``a``: ``"hard"``: 0, ``"soft"``: a^2 / dead_zone, ``"cubic"``:
-            a^3 / dead_zone^2.
-        limit: m, largest amplitude; None: that of the surface.
-        latency: periods between a command and its effect; elements rest until the first one takes effect. Data sheet and
-            estimators use this value, also where ``randomize`` draws others.
-        gain_spread, phase_spread: standard deviations of the elements' gains (1) and phase errors (rad), normal.
-        bandwidth: Hz, of a first-order lag; None: no lag. With a lag every step reads all elements.
-        resolution: m, of amplitudes; 0: continuous.
-        dead: elements that never move: their share, drawn at random, or a list of [row, column].
-        stuck: elements with a fixed amplitude and phase: their share, or a list of [row, column, amplitude, phase].
-        seed: of one hardware instance, the same in all worlds and episodes; None: drawn for every episode.
-        gain, phase: factor (1) and phase (rad) that all elements have in common, as identified on a machine.
-        elements: (rows, columns, 2) further factor and phase of each element of one machine, in addition to what the
-            spreads draw (usually 0 then); None: 1 and 0.
-        compensate: commands are divided by ``gain``, ``phase`` and ``elements`` before the elements get them, so that an
-            identified machine moves as commanded where its elements can. The data sheet has the limits of what results.
-    """
-
-    dead_zone: float = 1e-4
-    dead_zone_form: str = "hard"
-    limit: float | None = None
-    latency: int = 1
-    gain_spread: float = 0.05
-    phase_spread: float = math.radians(5.0)
-    bandwidth: float | None = None
-    resolution: float = 0.0
-    dead: float | Sequence[Sequence[int]] = 0.0
-    stuck: float | Sequence[Sequence[float]] = 0.0
-    seed: int | None = None
-    gain: float = 1.0
-    phase: float = 0.0
-    elements: Sequence[Sequence[Sequence[float]]] | None = None
-    compensate: bool = False
-
-
 FIXED = ("dead_zone_form", "seed", "gain", "phase", "elements", "compensate")
 """Settings without ranges."""
+
+Share = Annotated[float, Ge(0.0), Le(1.0)]
 
 
 class PrototypeActuators(ActuatorStage):
@@ -93,55 +57,88 @@ class PrototypeActuators(ActuatorStage):
     A commanded amplitude passes resolution, limit, dead zone, the gain and phase error of the element, and the largest
     amplitude of the surface, in this order.
 
-    Args:
-        surface, worlds, periods: see :class:`vibgym.actuators.stage.ActuatorStage`.
-        **settings: of :class:`PrototypeSettings`.
-
     Raises:
-        ValueError: a bad setting.
+        ValueError: settings that do not fit this surface.
     """
 
-    VARIED = tuple(each.name for each in fields(PrototypeSettings) if each.name not in FIXED)
+    class Settings(ActuatorStage.Settings):
+        """Settings of the prototype's actuators."""
 
-    SETTINGS = PrototypeSettings
+        dead_zone: Length = Field(1e-4, ge=0.0)
+        """Amplitude below which commands are not fully realised."""
 
-    def __init__(self, surface: Surface, worlds: int, periods: int, **settings: Any) -> None:
-        super().__init__(surface, worlds, periods)
+        dead_zone_form: Literal["hard", "soft", "cubic"] = "hard"
+        """Response to a smaller amplitude ``a``: ``"hard"``: 0, ``"soft"``: a^2 / dead_zone, ``"cubic"``: a^3 / dead_zone^2."""
+
+        limit: Length | None = Field(None, gt=0.0)
+        """Largest amplitude; None: that of the surface."""
+
+        latency: int = Field(1, ge=0, le=MOST_LATENCY)
+        """Periods between a command and its effect; elements rest until the first one takes effect. Data sheet and estimators
+        use this value, also where ``randomize`` draws others."""
+
+        gain_spread: float = Field(0.05, ge=0.0, le=MOST_SPREAD)
+        """Standard deviation of the elements' gains, normal."""
+
+        phase_spread: Angle = Field(math.radians(5.0), ge=0.0, le=math.pi)
+        """Standard deviation of the elements' phase errors, normal."""
+
+        bandwidth: float | None = Field(None, gt=0.0, le=1e6)
+        """Hz, of a first-order lag; None: no lag. With a lag every step reads all elements."""
+
+        resolution: Length = Field(0.0, ge=0.0)
+        """Of amplitudes; 0: continuous."""
+
+        dead: Share | tuple[tuple[float, float], ...] = 0.0
+        """Elements that never move: their share, drawn at random, or a list of [row, column]."""
+
+        stuck: Share | tuple[tuple[float, float, float, float], ...] = 0.0
+        """Elements with a fixed amplitude and phase: their share, or a list of [row, column, amplitude in m, phase in rad]."""
+
+        seed: int | None = Field(None, ge=0, le=2**63 - 1)
+        """Of one hardware instance, the same in all worlds and episodes; None: drawn for every episode."""
+
+        gain: float = Field(1.0, ge=0.0, le=MOST_GAIN)
+        """Factor that all elements have in common, as identified on a machine."""
+
+        phase: Angle = Field(0.0, ge=-2.0 * math.pi, le=2.0 * math.pi)
+        """Phase error that all elements have in common, as identified on a machine."""
+
+        elements: tuple[tuple[tuple[Annotated[float, Ge(0.0), Le(MOST_GAIN)], float], ...], ...] | None = None
+        """(rows, columns, 2) further factor and phase (rad) of each element of one machine, in addition to what the spreads
+        draw (usually 0 then); None: 1 and 0."""
+
+        compensate: bool = False
+        """Whether commands are divided by ``gain``, ``phase`` and ``elements`` before the elements get them, so that an
+        identified machine moves as commanded where its elements can. The data sheet has the limits of what results."""
+
+    settings: Settings
+
+    VARIED = tuple(name for name in Settings.model_fields if name not in FIXED)
+
+    def __init__(self, surface: Surface, worlds: int, periods: int, settings: Settings | None = None) -> None:
+        super().__init__(surface, worlds, periods, settings)
         assert surface.max_amplitude is not None
-        given = PrototypeSettings(**settings)
+        given = self.settings
         self.most = most = surface.max_amplitude
-        self.form = checks.choice("actuators.dead_zone_form", given.dead_zone_form, FORMS)
-        self.latency = checks.count("actuators.latency", given.latency, least=0, most=MOST_LATENCY)
-        self._faults = dead, stuck = _places("dead", given.dead, surface, 2), _places("stuck", given.stuck, surface, 4)
+        self.latency = given.latency
+        self._faults = dead, stuck = _places("dead", given.dead, surface), _places("stuck", given.stuck, surface)
         if {*map(tuple, dead[:, :2])} & {*map(tuple, stuck[:, :2])}:
             raise checks.conflict("actuators.stuck and actuators.dead must name different elements")
-
-        def number(name: str, value: Any, **bounds: float) -> float:
-            return checks.number(f"actuators.{name}", value, **bounds)
-
-        limit, bandwidth = given.limit, given.bandwidth
         self._numbers = {
-            "dead_zone": number("dead_zone", given.dead_zone, least=0.0, most=most),
-            "limit": most if limit is None else number("limit", limit, above=0.0, most=most),
-            "latency": float(self.latency),
-            "gain_spread": number("gain_spread", given.gain_spread, least=0.0, most=MOST_SPREAD),
-            "phase_spread": number("phase_spread", given.phase_spread, least=0.0, most=math.pi),
-            "bandwidth": math.inf if bandwidth is None else number("bandwidth", bandwidth, above=0.0, most=1e6),
-            "resolution": number("resolution", given.resolution, least=0.0, most=most),
-            "dead": 0.0 if len(dead) else number("dead", _share(given.dead), least=0.0, most=1.0),
-            "stuck": 0.0 if len(stuck) else number("stuck", _share(given.stuck), least=0.0, most=1.0),
+            **{name: getattr(given, name) for name in self.VARIED},
+            "limit": most if given.limit is None else given.limit,
+            "latency": float(given.latency),
+            "bandwidth": math.inf if given.bandwidth is None else given.bandwidth,
+            "dead": 0.0 if isinstance(given.dead, tuple) else given.dead,
+            "stuck": 0.0 if isinstance(given.stuck, tuple) else given.stuck,
         }
+        for name in ("dead_zone", "limit", "resolution"):
+            checks.number(f"actuators.{name}", self._numbers[name], most=most)
         _check_dead_zone("actuators.dead_zone", self._numbers["dead_zone"], self._numbers["limit"])
         _check_shares("actuators.stuck", self._numbers["stuck"], self._numbers["dead"])
-        self.seed = None if given.seed is None else checks.count("actuators.seed", given.seed, least=0, most=2**63 - 1)
-        self.response = {
-            "gain": number("gain", given.gain, least=0.0, most=MOST_GAIN),
-            "phase": number("phase", given.phase, least=-2.0 * math.pi, most=2.0 * math.pi),
-            "elements": given.elements,
-            "compensate": checks.flag("actuators.compensate", given.compensate),
-        }
         self._response = self._complex_response()
-        compensated = self.response["compensate"] and self._response is not None
+        compensated = given.compensate and self._response is not None
         self._inverse = inverse_of(self._response, (surface.rows, surface.columns)) if compensated else None
         self._ranges: dict[str, tuple[float, float]] = {}
         self._own = {name: np.full(worlds, value) for name, value in self._numbers.items()}
@@ -149,13 +146,11 @@ class PrototypeActuators(ActuatorStage):
 
     def _complex_response(self) -> np.ndarray | None:
         """Return the complex factor of every element in addition to the drawn ones, (rows, columns); None: 1."""
-        gain, phase, elements = self.response["gain"], self.response["phase"], self.response["elements"]
+        gain, phase, elements = self.settings.gain, self.settings.phase, self.settings.elements
         if elements is None:
             return None if gain == 1.0 and phase == 0.0 else np.array(gain * np.exp(1j * phase))
         shape = (self.surface.rows, self.surface.columns, 2)
         each = checks.shaped("actuators.elements", elements, (shape,), "an array", " (rows, columns, gain and phase)")
-        each = checks.array("actuators.elements", each, shape)
-        checks.array("actuators.elements (gain)", each[..., 0], shape[:2], least=0.0, most=MOST_GAIN)
         return gain * each[..., 0] * np.exp(1j * (phase + each[..., 1]))
 
     @property
@@ -169,7 +164,7 @@ class PrototypeActuators(ActuatorStage):
         phasors, (zone, moving) = self._phasors, self._edge
         all_phasors(command, phasors)
         sent = (phasors[..., 0] + 1j * phasors[..., 1]) * self._inverse
-        if self.form == FORMS[HARD] and zone > 0.0:
+        if self.settings.dead_zone_form == FORMS[HARD] and zone > 0.0:
             # A strong element must not fall into its dead zone where the one of the data sheet moves.
             size, asked = np.abs(sent), np.hypot(phasors[..., 0], phasors[..., 1])
             short = (asked >= (1.0 - ROUNDING) * zone * self._scale) & (size > 0.0) & (size < moving)
@@ -208,9 +203,11 @@ class PrototypeActuators(ActuatorStage):
         # rounding of the averaged model depends on the splits, and a world's result must not depend on other worlds.
         self._edges = sorted({0, self.periods, *(each % self.periods for each in range(least, most + 1))})
         self._lagging = math.isfinite(self._numbers["bandwidth"]) or "bandwidth" in self._ranges
-        keyed = self.seed is None
+        keyed = self.settings.seed is None
         self.draws = (KEY_DRAWS if keyed else 0) + len(self._ranges)
-        self._fixed_key = None if keyed else np.random.SeedSequence(self.seed).generate_state(2).astype(np.int64)
+        self._fixed_key = (
+            None if keyed else np.random.SeedSequence(self.settings.seed).generate_state(2).astype(np.int64)
+        )
         shape = (worlds, surface.rows, surface.columns)
         self._hardware = Pinned(
             HARDWARE,
@@ -218,7 +215,7 @@ class PrototypeActuators(ActuatorStage):
                 source=np.full(worlds, -1),
                 element=np.zeros((*shape, 4)),
                 number=np.zeros((worlds, len(NUMBERS))),
-                form=FORMS.index(self.form),
+                form=FORMS.index(self.settings.dead_zone_form),
                 top=surface.full_scale,
             ),
         )
@@ -250,13 +247,13 @@ class PrototypeActuators(ActuatorStage):
     @property
     def _own_sheet(self) -> DataSheet:
         """Data sheet of the elements without compensation."""
-        own = dict(self._numbers)
+        own, form = dict(self._numbers), self.settings.dead_zone_form
         if "dead_zone" in self._ranges:  # values that hold in every episode
             own["dead_zone"] = self._ranges["dead_zone"][1]
         if "limit" in self._ranges:
             own["limit"] = self._ranges["limit"][0]
         bandwidth = own["bandwidth"] if math.isfinite(own["bandwidth"]) else None
-        return DataSheet(own["limit"], own["dead_zone"], self.form, self.latency, own["resolution"], bandwidth)
+        return DataSheet(own["limit"], own["dead_zone"], form, self.latency, own["resolution"], bandwidth)
 
     @property
     def most_amplitude(self) -> float:
@@ -278,11 +275,15 @@ class PrototypeActuators(ActuatorStage):
 
     def nominal(self) -> PrototypeActuators:
         sheet = self._own_sheet
-        return PrototypeActuators(
-            self.surface, self.worlds, self.periods, dead_zone=sheet.dead_zone, dead_zone_form=sheet.dead_zone_form,
-            limit=sheet.limit, latency=0, gain_spread=0.0, phase_spread=0.0, bandwidth=sheet.bandwidth,
-            resolution=sheet.resolution, seed=0, **self.response,
-        )  # fmt: skip
+        own = {
+            "dead_zone": sheet.dead_zone,
+            "limit": sheet.limit,
+            "latency": 0,
+            "gain_spread": 0.0,
+            "phase_spread": 0.0,
+        }
+        settings = self.settings.model_copy(update={**own, "dead": 0.0, "stuck": 0.0, "seed": 0})
+        return PrototypeActuators(self.surface, self.worlds, self.periods, settings)
 
     def drawn(self) -> dict[str, np.ndarray]:
         return {name: self._own[name] for name in self._ranges}
@@ -360,28 +361,18 @@ class PrototypeActuators(ActuatorStage):
         return {**self._commands.state(), **drawn, **own, "reached": self._reached}
 
 
-def _share(value: Any) -> Any:
-    """Return a share; an empty list is zero."""
-    return 0.0 if checks.listed(value) and not len(value) else value
-
-
-def _places(name: str, value: Any, surface: Surface, width: int) -> np.ndarray:
-    """Return listed faults (n, width): row, column, and for stuck elements amplitude (m) and phase (rad)."""
-    if not checks.listed(value) or not len(value):
-        return np.zeros((0, width))
-    where = f"actuators.{name}"
-    faults = np.array(checks.array(where, value, (len(value), width)))
-    rows, columns = faults[:, 0], faults[:, 1]
-    whole = (faults[:, :2] == np.floor(faults[:, :2])).all()
-    inside = (
-        (rows >= 0).all() and (rows < surface.rows).all() and (columns >= 0).all() and (columns < surface.columns).all()
-    )
-    twice = len(np.unique(faults[:, :2], axis=0)) < len(faults)
-    if not whole or not inside or twice:
+def _places(name: str, value: float | tuple[tuple[float, ...], ...], surface: Surface) -> np.ndarray:
+    """Return listed faults (n, 2 or 4): row, column, and for stuck elements amplitude (m) and phase (rad)."""
+    if not isinstance(value, tuple) or not value:
+        return np.zeros((0, 4))
+    faults = np.array(value)
+    places, most = faults[:, :2], [surface.rows, surface.columns]
+    twice = len(np.unique(places, axis=0)) < len(faults)
+    if twice or not ((places == np.floor(places)) & (places >= 0) & (places < most)).all():
         allowed = f"a list of different elements, rows 0 to {surface.rows - 1}, columns 0 to {surface.columns - 1}"
-        raise checks.refuse(where, value, allowed)
-    if width == 4:
-        checks.array(f"{where} (amplitude)", faults[:, 2], (len(faults),), least=0.0, most=surface.max_amplitude)  # type: ignore[arg-type]
+        raise checks.refuse(f"actuators.{name}", value, allowed)
+    if name == "stuck":
+        checks.array("actuators.stuck (amplitude)", faults[:, 2], (len(faults),), least=0.0, most=surface.max_amplitude)  # type: ignore[arg-type]
     return faults
 
 

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.physics.core.drive import Drive, all_phasors, cartesian_drive, limit_phasors
 from vibgym.scene.surface import Surface
+from vibgym.settings import BaseSettings
 from vibgym.snapshots import Live
 
 
@@ -34,6 +36,7 @@ class ActuatorStage(Live, ABC):
         surface: the table.
         worlds: number of worlds.
         periods: oscillation periods of a step.
+        settings: None: the defaults.
 
     Attributes:
         latency: nominal periods between a command and its effect.
@@ -41,6 +44,11 @@ class ActuatorStage(Live, ABC):
     """
 
     SNAPSHOT = "actuators"
+
+    class Settings(BaseSettings):
+        """Settings of actuators."""
+
+    settings: Settings
 
     latency: int = 0
     most_latency: int = 0
@@ -51,8 +59,9 @@ class ActuatorStage(Live, ABC):
     VARIED: ClassVar[tuple[str, ...]] = ()
     """Settings with optional ranges in ``randomize=``, see :meth:`vary`."""
 
-    def __init__(self, surface: Surface, worlds: int, periods: int) -> None:
+    def __init__(self, surface: Surface, worlds: int, periods: int, settings: Settings | None = None) -> None:
         self.surface, self.worlds, self.periods = surface, worlds, periods
+        self.settings = type(self).Settings.model_validate({}) if settings is None else settings
 
     @property
     def data_sheet(self) -> DataSheet:
@@ -128,22 +137,24 @@ class Actuators(ActuatorStage):
 
     Custom actuators are a subclass with :meth:`realise`, registered by ``vibgym.actuators.ACTUATORS.register``.
 
-    Args:
-        surface: the table.
-        worlds: number of worlds.
-        periods: oscillation periods of a step.
-        latency: periods between a command and its effect. Until then the elements follow the previous command; they rest at
-            the start of an episode.
-
     Raises:
-        ValueError: a bad setting.
+        ValueError: a latency whose commands do not fit into memory.
     """
 
-    def __init__(self, surface: Surface, worlds: int, periods: int, *, latency: int = 0) -> None:
-        super().__init__(surface, worlds, periods)
-        latency = checks.count("actuators.latency", latency, least=0, most=10_000)
+    class Settings(ActuatorStage.Settings):
+        """Settings of all custom actuators."""
+
+        latency: int = Field(0, ge=0, le=10_000)
+        """Periods between a command and its effect. Until then the elements follow the previous command; they rest at the start
+        of an episode."""
+
+    settings: Settings
+
+    def __init__(self, surface: Surface, worlds: int, periods: int, settings: Settings | None = None) -> None:
+        super().__init__(surface, worlds, periods, settings)
         step = 16 * worlds * surface.rows * surface.columns  # bytes
-        self.latency = self.most_latency = checks.fitting("actuators.latency", latency, step / periods)
+        self.latency = checks.fitting("actuators.latency", self.settings.latency, step / periods)
+        self.most_latency = self.latency
         shape = (self.latency // periods + 2, worlds, surface.rows, surface.columns, 2)
         self._realised = np.zeros(shape)  # C, S (m/s^2) of every element for the last steps, the oldest first
 

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
-from vibgym.actuators import actuators_from, nominal
+from vibgym.actuators import ACTUATORS, nominal
 from vibgym.config import surface_from
 from vibgym.envs.actions import Action, check_command, new_action
 from vibgym.envs.costs import Costs
@@ -76,7 +76,7 @@ class Core(Pipeline):
         numbers = BYTES_OF_ELEMENT * self.surface.rows * self.surface.columns
         self.worlds = checks.fitting("num_envs", worlds, BYTES_OF_WORLD + BYTES_OF_PART * len(self.parts) + numbers)
         self.periods = checks.count("periods_per_step", options.periods_per_step, most=MOST_PERIODS)
-        self.actuators = actuators_from(options.actuators, self.surface, worlds, self.periods)
+        self.actuators = ACTUATORS.make("actuators", options.actuators, self.surface, worlds, self.periods)
         names = cls.RANDOMIZED, self.actuators.VARIED
         self.randomization = Randomization(options.randomize, *names, self.surface, self.parts)
         self.actuators.vary(self.randomization.actuators)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.actuators import actuators_from
+from vibgym.actuators import ACTUATORS
 from vibgym.identification.excitation import SECONDS, Excitation
 from vibgym.identification.log import Log
 from vibgym.physics.core.drive import polar_drive
@@ -87,7 +87,7 @@ def record(
     cycles = round(checks.number("seconds", seconds, above=0.0) * surface.frequency)
     camera, rng = Camera() if camera is None else camera, np.random.default_rng([seed, 1])
     excitation = Excitation(surface, parts, seed) if excitation is None else excitation
-    stage = actuators_from(actuators, surface, 1, 1)
+    stage = ACTUATORS.make("actuators", actuators, surface, 1, 1)
     simulator = Simulator(surface, parts, **knobs)
     idle = [[*surface.idle_velocity(part.friction), 0.0] for part in parts]
     simulator.reset(excitation.start, idle)

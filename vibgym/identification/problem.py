@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from vibgym import checks
-from vibgym.actuators import actuators_from
+from vibgym.actuators import ACTUATORS
 from vibgym.identification.guess import latencies_of
 from vibgym.identification.law import Rise
 from vibgym.identification.log import Log
@@ -62,7 +62,7 @@ class Problem:
         nominal_limit = min(surface.max_amplitude or math.inf, lift_off)
         self.limit = lift_off if lift_off > KNOWN * nominal_limit else nominal_limit
         self.kinds, self.kind_of = kinds_of(parts, Part.same_as)
-        self.sheet = actuators_from(log.settings["actuators"], surface, 1, 1).data_sheet
+        self.sheet = ACTUATORS.make("actuators", log.settings["actuators"], surface, 1, 1).data_sheet
         self.latencies = latencies_of(self.sheet)
         self.names = [*_friction_names(self.kinds), *Parameters.GLOBALS]
         self.alternatives: dict[str, float] = {}

@@ -6,19 +6,20 @@ from collections.abc import Sequence
 from typing import Any
 
 from vibgym import checks
-from vibgym.config import to_si
 from vibgym.registry import Registry
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.effects import EFFECTS, Effect
-from vibgym.sensing.estimation import ESTIMATORS, Plant, estimator_from
+from vibgym.sensing.estimation import ESTIMATORS, Plant
 from vibgym.sensing.measurement import Measurement, Reading
 from vibgym.sensing.pose import IdealSensor, PoseSensor
 from vibgym.sensing.stage import Estimator, ExactSensing, Sensing
+from vibgym.settings import read
 
 SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor, "pose": PoseSensor}, "vibgym.sensors")
-"""Sensors by name; ``SENSORS.register(name, cls)`` or an entry point in group ``vibgym.sensors`` adds one."""
+"""Sensors by name, constructed with surface, parts, worlds, and periods of a step; ``SENSORS.register(name, cls)`` or an entry
+point in group ``vibgym.sensors`` adds one."""
 
 MEASUREMENT_FEATURES = {"age": ("age",), "sigma": ("sigma",), "contacts": ("contact_normal", "contact_impulse")}
 """Features of the measurement that the setting ``tell`` adds to observations, by name."""
@@ -45,35 +46,19 @@ def sensing_from(
     Raises:
         ValueError: an unknown kind or setting, or a bad value.
     """
-    kind, settings = checks.named("sensor", value, SENSORS)
-    settings = to_si(settings, "sensor")
-    chosen = settings.pop("estimator", "none")
-    reported = _reported(settings.pop("tell", ()))
-    sensor = sensor_from({"kind": kind, **settings}, surface, parts, worlds, periods, ("estimator", "tell"))
-    if sensor.exact and chosen == "none":
+    kind, given = SENSORS.split("sensor", value)
+    own = {name: given.pop(name) for name in Sensing.Settings.model_fields if name in given}
+    settings = read(Sensing.Settings, own, "sensor")
+    reported = tuple(name for name in MEASUREMENT_FEATURES if name in settings.tell)
+    if len(reported) < len(settings.tell):
+        raise checks.refuse("sensor.tell", settings.tell, "a list of different names")
+    sensor = SENSORS.make("sensor", {"kind": kind, **given}, surface, parts, worlds, periods)
+    if sensor.exact and settings.estimator == "none":
         return ExactSensing(sensor, reported)
     if "contacts" in reported:
         raise checks.conflict("sensor.tell with 'contacts' requires an ideal sensor without estimator")
-    return Sensing(sensor, estimator_from(chosen, sensor, plant, latency, walls), reported)
-
-
-def sensor_from(
-    value: Any, surface: Surface, parts: Sequence[Part], worlds: int, periods: int, more: tuple[str, ...] = ()
-) -> Sensor:
-    """Return a sensor from its name, or a mapping with ``kind``, settings and effects; ``more``: further allowed keys."""
-    kind, settings = checks.named("sensor", value, SENSORS)
-    cls = SENSORS[kind]
-    effects = tuple(EFFECTS) if "effects" in checks.keywords(cls) else ()
-    return checks.made("sensor", cls, (surface, parts, worlds, periods), to_si(settings, "sensor"), (*effects, *more))
-
-
-def _reported(value: Any) -> tuple[str, ...]:
-    """Return the names in ``tell``, checked and in the order of :data:`MEASUREMENT_FEATURES`."""
-    if not isinstance(value, list | tuple) or any(
-        not isinstance(each, str) or each not in MEASUREMENT_FEATURES or value.count(each) > 1 for each in value
-    ):
-        raise checks.refuse("sensor.tell", value, f"a list of different names among {', '.join(MEASUREMENT_FEATURES)}")
-    return tuple(each for each in MEASUREMENT_FEATURES if each in value)
+    estimator = ESTIMATORS.make("sensor.estimator", settings.estimator, sensor, plant, latency, walls)
+    return Sensing(sensor, estimator, reported)
 
 
 __all__ = [
@@ -90,5 +75,4 @@ __all__ = [
     "Sensing",
     "Sensor",
     "sensing_from",
-    "sensor_from",
 ]

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from types import MappingProxyType
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from vibgym import checks
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.sensing.effects import Effects
+from vibgym.sensing.effects import EFFECTS, Effects
 from vibgym.sensing.measurement import Reading, new_reading
+from vibgym.settings import BaseSettings, with_unit
 
 MOST_DELAY = 10_000
 """Largest delay, periods: longer than any episode."""
@@ -35,10 +36,7 @@ class Sensor(ABC):
         parts: the parts of every world.
         worlds: number of worlds.
         periods: oscillation periods of a step.
-        delay: periods between a sample and the observation that contains it.
-        rate: Hz of samples; None: one a step. The rate of steps is a multiple of it.
-        effects: measurement errors by name, see :mod:`vibgym.sensing.effects`.
-        **more: further effects, given as keyword arguments.
+        settings: None: the defaults.
 
     Attributes:
         step: s of a step.
@@ -49,8 +47,38 @@ class Sensor(ABC):
         key: (worlds, 2) int64, key of the effects' random numbers in this episode.
 
     Raises:
-        ValueError: a bad setting.
+        ValueError: a delay that does not fit into memory, a rate that does not divide that of steps, or a bad effect.
     """
+
+    class Settings(BaseSettings):
+        """Settings of all sensors. Further keys are effects: ``{"kind": "pose", "dropout": 0.1}``."""
+
+        delay: int = Field(0, ge=0, le=MOST_DELAY)
+        """Periods between a sample and the observation that contains it."""
+
+        rate: float | None = Field(None, gt=0.0)
+        """Hz of samples; None: one a step. The rate of steps is a multiple of it."""
+
+        effects: Mapping[str, Any] = {}
+        """Effects by name, see :mod:`vibgym.sensing.effects`; in addition to the default ones."""
+
+        @model_validator(mode="before")
+        @classmethod
+        def _gather_effects(cls, given: Any) -> Any:
+            """Move effects that are given beside the settings to ``effects``, and add the default ones."""
+            if not isinstance(given, Mapping) or not isinstance(given.get("effects", {}), Mapping):
+                return given
+            own = {*cls.model_fields, *with_unit(cls)}
+            beside = {name: value for name, value in given.items() if name not in own}
+            for name in beside:
+                if name not in EFFECTS:
+                    raise checks.unknown("setting", name, (*cls.model_fields, *EFFECTS))
+                if name in given.get("effects", {}):
+                    raise checks.conflict(f"effects.{name} excludes {name}: set one of them")
+            effects = {**cls.model_fields["effects"].default, **given.get("effects", {}), **beside}
+            return {**{name: value for name, value in given.items() if name in own}, "effects": effects}
+
+    settings: Settings
 
     draws: int = 0
     """Number of uniform random numbers for :meth:`begin` at the start of each episode."""
@@ -59,22 +87,13 @@ class Sensor(ABC):
     """Whether parts may be replaced during an episode: readings do not depend on earlier samples."""
 
     def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        worlds: int,
-        periods: int,
-        *,
-        delay: int = 0,
-        rate: float | None = None,
-        effects: Any = MappingProxyType({}),
-        **more: Any,
+        self, surface: Surface, parts: Sequence[Part], worlds: int, periods: int, settings: Settings | None = None
     ) -> None:
         self.surface, self.parts, self.worlds = surface, tuple(parts), worlds
         self.periods, self.step = periods, periods * surface.period
-        delay = checks.count("sensor.delay", delay, least=0, most=MOST_DELAY)
-        self.delay = checks.fitting("sensor.delay", delay, BYTES_OF_READING * worlds * len(self.parts) / periods)
-        self.every = _steps_between("sensor.rate", rate, surface.frequency / periods)
+        self.settings = chosen = type(self).Settings.model_validate({}) if settings is None else settings
+        self.delay = checks.fitting("sensor.delay", chosen.delay, BYTES_OF_READING * worlds * len(self.parts) / periods)
+        self.every = 1 if chosen.rate is None else _steps_between(chosen.rate, surface.frequency / periods)
         self.instant = periods - self.delay % periods
         # The oldest first.
         self._readings = [new_reading(worlds, len(self.parts)) for _ in range(self.delay // periods + 1)]
@@ -83,7 +102,7 @@ class Sensor(ABC):
         self._everyone = np.arange(worlds)
         self.looking = self._everyone
         self.key = np.zeros((worlds, 2), dtype=np.int64)
-        self._effects = Effects(self, more, effects)
+        self._effects = Effects(self, chosen.effects)
 
     @property
     def exact(self) -> bool:
@@ -190,13 +209,10 @@ class Sensor(ABC):
         return {**kept, **self.own_state(), **(self._effects.live() if self._effects else {})}
 
 
-def _steps_between(name: str, rate: Any, steps_per_second: float) -> int:
+def _steps_between(rate: float, steps_per_second: float) -> int:
     """Return the number of steps between samples."""
-    if rate is None:
-        return 1
-    value = checks.number(name, rate, above=0.0)
-    steps = round(steps_per_second / value)
-    if steps < 1 or abs(steps * value - steps_per_second) > 1e-6 * steps_per_second:
+    steps = round(steps_per_second / rate)
+    if steps < 1 or abs(steps * rate - steps_per_second) > 1e-6 * steps_per_second:
         allowed = f"{steps_per_second:g} Hz, the rate of steps, over a whole number; or None for that rate"
-        raise checks.refuse(name, rate, allowed)
+        raise checks.refuse("sensor.rate", rate, allowed)
     return steps

@@ -2,8 +2,11 @@
 
 A sensor's mapping has effects next to its settings (``{"kind": "camera", "dropout": 0.1}``), or under ``effects`` where the
 sensor has a setting of the same name (``{"kind": "camera", "effects": {"noise": 1e-4}}``: ``noise`` is that of the camera's
-pixels). Custom effects apply in the order of registration; bias, noise and dropout follow. Finally velocities are computed from
-the resulting poses: the difference to the previous reading over the time between them. Delay and rate belong to
+pixels). The value is a mapping of the effect's settings, the first of them alone, or a list of all: ``"noise": 1e-4`` and
+``"noise": [1e-4, 0.0]`` are ``"noise": {"position": 1e-4}``.
+
+Custom effects apply in the order of registration; bias, noise and dropout follow. Finally velocities are computed from the
+resulting poses: the difference to the previous reading over the time between them. Delay and rate belong to
 :class:`vibgym.sensing.Sensor`.
 """
 
@@ -12,19 +15,19 @@ from __future__ import annotations
 import math
 import warnings
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
-from vibgym.config import to_si
 from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from, normals, uniforms
 from vibgym.registry import Registry
-from vibgym.scene.surface import Surface
 from vibgym.sensing.measurement import Reading
+from vibgym.settings import Angle, BaseSettings, Length, read
 
 if TYPE_CHECKING:
     from vibgym.sensing.base import Sensor
@@ -34,20 +37,26 @@ MOST_PLAUSIBLE_TURN = 1.0
 
 
 class Effect:
-    """Base class of effects: batched, constructed as ``cls(sensor, where, value)`` for each sensor.
+    """Base class of effects: batched, constructed for each sensor.
 
     A custom effect is a subclass with :meth:`apply`, registered by ``vibgym.sensing.EFFECTS.register``.
 
     Args:
         sensor: the sensor.
-        where: the setting's name, for errors.
+        settings: None: the defaults.
     """
+
+    class Settings(BaseSettings):
+        """Settings of an effect."""
+
+    settings: Settings
 
     draws: int = 0
     """Number of uniform random numbers for :meth:`begin` at the start of each episode."""
 
-    def __init__(self, sensor: Sensor, where: str) -> None:
-        self.sensor, self.where = sensor, where
+    def __init__(self, sensor: Sensor, settings: Settings | None = None) -> None:
+        self.sensor = sensor
+        self.settings = type(self).Settings.model_validate({}) if settings is None else settings
 
     @property
     def sigma(self) -> np.ndarray:
@@ -78,31 +87,53 @@ class Effect:
         return {}
 
 
-class Noise(Effect):
-    """White normal noise, new at each sample; drawn by :func:`read_poses`.
+class PoseError(Effect):
+    """Base of normal errors of poses; it warns if they look like mm or degrees."""
 
-    The value is its standard deviation: [position in m, heading in rad], a number for the position alone, or a mapping with
-    ``position`` and ``heading`` (``position_mm``, ``heading_deg``).
-    """
+    class Settings(Effect.Settings):
+        """Standard deviations."""
 
-    def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
-        super().__init__(sensor, where)
-        self.deviation = deviations(where, value, sensor.surface)
+        position: Length = Field(0.0, ge=0.0)
+        """Of x and y."""
+
+        heading: Angle = Field(0.0, ge=0.0, le=2.0 * math.pi)
+        """Of the heading."""
+
+    settings: Settings
+
+    def __init__(self, sensor: Sensor, settings: Settings | None = None) -> None:
+        super().__init__(sensor, settings)
+        position, heading, surface = self.settings.position, self.settings.heading, sensor.surface
+        checks.number("position", position, most=surface.width + surface.depth)
+        self.deviation = np.array([position, heading])
+        name = type(self).__name__.lower()
+        if position > surface.element_size:
+            warnings.warn(
+                f"{name}: {position:g} m is more than an element of {surface.element_size:g} m; positions are in m",
+                stacklevel=2,
+            )
+        if heading > MOST_PLAUSIBLE_TURN:
+            warnings.warn(
+                f"{name}: {heading:g} rad is {math.degrees(heading):.0f} deg; headings are in rad", stacklevel=2
+            )
+
+
+class Noise(PoseError):
+    """White normal noise, new at each sample; drawn by :func:`read_poses`."""
 
     @property
     def sigma(self) -> np.ndarray:
         return self.deviation[[0, 0, 1]]
 
 
-class Bias(Effect):
+class Bias(PoseError):
     """Constant error of an episode: one shift of all positions, one turn for each part; normal.
 
-    The value is as for :class:`Noise`. It does not add to ``sigma``, the deviation of independent noise.
+    It does not add to ``sigma``, the deviation of independent noise.
     """
 
-    def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
-        super().__init__(sensor, where)
-        self.deviation = deviations(where, value, sensor.surface)
+    def __init__(self, sensor: Sensor, settings: PoseError.Settings | None = None) -> None:
+        super().__init__(sensor, settings)
         self.offset = np.zeros((sensor.worlds, len(sensor.parts), 3))
 
     def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
@@ -113,17 +144,33 @@ class Bias(Effect):
 
 
 class Dropout(Effect):
-    """Probability that a sample misses a part. The first sample of an episode misses none."""
+    """Samples miss parts. The first sample of an episode misses none."""
 
-    def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
-        super().__init__(sensor, where)
-        self.share = checks.number(where, value, least=0.0, most=1.0)
+    class Settings(Effect.Settings):
+        """Settings of dropout."""
+
+        share: float = Field(0.0, ge=0.0, le=1.0)
+        """Probability that a sample misses a part."""
+
+    settings: Settings
 
 
-EFFECTS: Registry[Callable[[Sensor, str, Any], Effect]] = Registry(
-    "effect", {"noise": Noise, "bias": Bias, "dropout": Dropout}
-)
+EFFECTS: Registry[type[Effect]] = Registry("effect", {"noise": Noise, "bias": Bias, "dropout": Dropout})
 """Effects by name; ``EFFECTS.register(name, cls)`` adds a custom one."""
+
+
+def settings_of(effect: type[Effect], value: Any, where: str) -> Effect.Settings:
+    """Return the settings of an effect from a mapping, the value of the first of them, or a list of the values of all.
+
+    Raises:
+        ValueError: a bad value of the argument ``where``.
+    """
+    names = tuple(effect.Settings.model_fields)
+    if checks.listed(value) and len(value) == len(names) > 1:
+        value = dict(zip(names, value, strict=True))
+    elif names and not isinstance(value, Mapping | BaseSettings):
+        value = {names[0]: value}
+    return read(effect.Settings, value, where)
 
 
 class Effects:
@@ -131,26 +178,21 @@ class Effects:
 
     Args:
         sensor: the sensor.
-        flat: name -> value, of effects next to the sensor's settings.
-        more: the same, of effects under ``effects``.
+        given: effects by name, see :func:`settings_of`.
 
     Raises:
-        ValueError: an unknown effect, one that is named twice, or a bad value.
+        ValueError: an unknown effect, or a bad value.
     """
 
-    def __init__(self, sensor: Sensor, flat: Mapping[str, Any], more: Any) -> None:
-        if not isinstance(more, Mapping):
-            raise checks.refuse("sensor.effects", more, f"a mapping with keys among {', '.join(EFFECTS)}")
-        more = to_si(more, "sensor.effects")
-        for where, given in (("sensor", flat), ("sensor.effects", more)):
-            for name in given:
-                if name not in EFFECTS:
-                    raise checks.unknown(f"{where} effect", name, EFFECTS)
-        for name in set(flat) & set(more):
-            raise checks.conflict(f"sensor.effects.{name} excludes sensor.{name}: set one of them")
-        where = {**{name: f"sensor.{name}" for name in flat}, **{name: f"sensor.effects.{name}" for name in more}}
-        given = {**flat, **more}
-        self._stages = {name: make(sensor, where[name], given[name]) for name, make in EFFECTS.items() if name in given}
+    def __init__(self, sensor: Sensor, given: Mapping[str, Any]) -> None:
+        self._stages: dict[str, Effect] = {}
+        for name in given:
+            checks.choice("sensor.effects", name, EFFECTS)
+        for name in (each for each in EFFECTS if each in given):
+            where = f"sensor.effects.{name}" if name in type(sensor.settings).model_fields else f"sensor.{name}"
+            settings = settings_of(EFFECTS[name], given[name], where)
+            with checks.within(where):
+                self._stages[name] = EFFECTS[name](sensor, settings=settings)
         self._sensor = sensor
         self._splits = np.cumsum([KEY_DRAWS, *(each.draws for each in self._stages.values())]).tolist()
         self.draws = self._splits[-1] if self._stages else 0
@@ -160,7 +202,7 @@ class Effects:
         noise, bias, dropout = (self._stages.get(name) for name in ("noise", "bias", "dropout"))
         self._noise = noise.deviation if isinstance(noise, Noise) else np.zeros(2)
         self._offset = bias.offset if isinstance(bias, Bias) else np.zeros((*shape, 3))
-        self._dropout = dropout.share if isinstance(dropout, Dropout) else 0.0
+        self._dropout = dropout.settings.share if isinstance(dropout, Dropout) else 0.0
 
     def __len__(self) -> int:
         return len(self._stages)
@@ -266,31 +308,3 @@ def read_poses(worlds, key, looks, new, noise, offset, dropout, step, last, elap
                 reading.mean_velocity[w, p, k] = 0.0 if first else (pose - last[w, p, k]) / (elapsed[w, p] * step)
                 reading.pose[w, p, k], last[w, p, k] = pose, pose
             elapsed[w, p] = 0
-
-
-def deviations(name: str, value: Any, surface: Surface) -> np.ndarray:
-    """Return standard deviations (2,) of position (m) and heading (rad); warn if they look like mm or degrees.
-
-    Raises:
-        ValueError: not a number, a pair or a mapping, or a value out of range.
-    """
-    allowed = "[position in m, heading in rad], a number in m, or a mapping with 'position' and 'heading'"
-    if isinstance(value, Mapping):
-        given = to_si(value, name)
-        if not set(given) <= {"position", "heading"}:
-            raise checks.refuse(name, dict(value), allowed)
-        value = [given.get("position", 0.0), given.get("heading", 0.0)]
-    elif not checks.listed(value):
-        value = [value, 0.0]
-    elif len(value) != 2:
-        raise checks.refuse(name, value, allowed)
-    position = checks.number(f"{name} (position)", value[0], least=0.0, most=surface.width + surface.depth)
-    heading = checks.number(f"{name} (heading)", value[1], least=0.0, most=2.0 * math.pi)
-    if position > surface.element_size:
-        warnings.warn(
-            f"{name}: {position:g} m is more than an element of {surface.element_size:g} m; positions are in m",
-            stacklevel=2,
-        )
-    if heading > MOST_PLAUSIBLE_TURN:
-        warnings.warn(f"{name}: {heading:g} rad is {math.degrees(heading):.0f} deg; headings are in rad", stacklevel=2)
-    return np.array([position, heading])

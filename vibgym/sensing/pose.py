@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from vibgym.physics.core.records import State
@@ -31,15 +32,11 @@ class PoseSensor(IdealSensor):
     """Sensor of every part's pose with noise; velocities are differences of successive poses.
 
     The ideal sensor with a permanent effect.
-
-    Args:
-        *scene: see :class:`Sensor`.
-        noise: standard deviation, drawn at each sample, see :class:`vibgym.sensing.effects.Noise`.
-        **base: ``delay``, ``rate``, and other effects: ``bias``, ``dropout``.
-
-    Raises:
-        ValueError: a bad setting.
     """
 
-    def __init__(self, *scene: Any, noise: Any = (POSITION_NOISE, HEADING_NOISE), **base: Any) -> None:
-        super().__init__(*scene, noise=noise, **base)
+    class Settings(IdealSensor.Settings):
+        """Settings of the pose sensor: those of every sensor, with noise by default."""
+
+        effects: Mapping[str, Any] = {"noise": (POSITION_NOISE, HEADING_NOISE)}
+
+    settings: Settings

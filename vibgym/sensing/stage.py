@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.measurement import Measurement, Reading, new_measurement
+from vibgym.settings import BaseSettings
 from vibgym.snapshots import Live
 
 
@@ -46,7 +47,12 @@ class Hold:
 
     lead = 0
 
-    def __init__(self, sensor: Sensor, plant: Any, latency: int, walls: Sequence[str]) -> None:
+    class Settings(BaseSettings):
+        """There are none."""
+
+    def __init__(
+        self, sensor: Sensor, plant: Any, latency: int, walls: Sequence[str], settings: Settings | None = None
+    ) -> None:
         self._sensor = sensor
         self.measurement = new_measurement(sensor.worlds, len(sensor.parts))
         self.measurement.sigma[...] = sensor.all_sigma
@@ -95,6 +101,15 @@ class Sensing(Live):
     """
 
     SNAPSHOT, exact = "sensor", False
+
+    class Settings(BaseSettings):
+        """Settings of sensing, in the mapping of the sensor."""
+
+        estimator: str | Mapping[str, Any] = "none"
+        """Among :data:`vibgym.sensing.ESTIMATORS`: its name, or a mapping with ``kind`` and its settings."""
+
+        tell: tuple[Literal["age", "sigma", "contacts"], ...] = ()
+        """Features of the measurement that are added to observations, see :data:`vibgym.sensing.MEASUREMENT_FEATURES`."""
 
     def __init__(self, sensor: Sensor, estimator: Estimator, tell: tuple[str, ...] = ()) -> None:
         self.sensor, self.estimator, self.tell = sensor, estimator, tell

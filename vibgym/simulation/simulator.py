@@ -440,6 +440,8 @@ class Simulator:
 def _model_from(setup: Setup, name: str, knobs: Mapping[str, Any]) -> Model:
     """Construct a model, whose settings are its keyword arguments."""
     make = MODELS.choose("model", name)
+    if hasattr(make, "Settings"):
+        return MODELS.make("model", {"kind": name, **knobs}, setup)
     known = checks.keywords(make)
     for knob in knobs:
         if knob not in known:

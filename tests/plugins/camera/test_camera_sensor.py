@@ -92,10 +92,8 @@ def test_images_are_stored_on_request():
     ({"height": 0.5}, r"sensor"),
     ({"tilt": [1.0, 1.0], "height": 0.02}, "does not see the whole surface"),
     ({"threshold": 300}, r"sensor\.threshold"),
-    ({"lines": "third"}, r"sensor\.lines"),
     ({"border": 0.001}, r"sensor\.border"),
-    ({"pixels": [1, 2]}, r"sensor\.pixels"),
-    ({"tetragons": 5}, r"sensor\.tetragons"),
+    ({"mark": 0.001}, r"sensor\.mark"),
     ({"mark": 0.05}, r"sensor\.(mark|border)"),
     ({"noise": -1}, r"sensor\.noise"),
     ({"blur": math.nan}, r"sensor\.blur"),
@@ -192,7 +190,7 @@ def test_its_error_freezes_at_rest(statistical):
 
 
 def test_sigma_for_estimators():
-    sensor = CameraSensor(SURFACE, [DISC, BLOCK, DISC], 1, 1, edge="threshold")
+    sensor = CameraSensor(SURFACE, [DISC, BLOCK, DISC], 1, 1, CameraSensor.Settings(edge="threshold"))
     errors = fit_errors(sensor.setup)
     assert sensor.sigma.shape == (3, 3) and (sensor.sigma[0] == sensor.sigma[2]).all() and sensor.sigma[0, 2] == 0.0
     assert sensor.sigma[1] == pytest.approx(np.sqrt(errors.mean**2 + errors.fixed**2 + errors.white**2)[1])

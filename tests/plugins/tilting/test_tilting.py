@@ -208,9 +208,7 @@ def test_slender_parts_are_warned_of_and_unstable_ones_refused():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"restitution": 1.2}, "restitution"),
-        ({"ramp_mm": 13.5}, "ramp_mm"),
-        ({"steps": 10}, "steps"),
+        ({"ramp_mm": 13.5}, "ramp"),
         ({"pieces": 2}, "pieces"),
     ],
 )

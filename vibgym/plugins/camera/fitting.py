@@ -47,7 +47,7 @@ def look_alone(setup: Setup, kind: int, pose: np.ndarray, key: int) -> tuple[np.
     track.pose[:] = there
     keys = np.stack([np.full(count, key), np.arange(count)], axis=1)
     read, velocity, seen = np.zeros_like(there), np.zeros_like(there), np.zeros((count, 1), dtype=bool)
-    earlier = there.copy() if setup.lines == "interlaced" else np.empty((count, 0, 3))
+    earlier = there.copy() if setup.lag > 0.0 else np.empty((count, 0, 3))
     look_at(
         np.arange(count), there, earlier, np.ones((count, 1), dtype=bool), rig, known, keys,
         np.zeros(count, dtype=np.int64), new_seen(setup.shape, 1, rig.background), track, read, velocity, seen,

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from vibgym.physics.core.records import State
 from vibgym.plugins.camera.fitting import ErrorModel, fit_errors
 from vibgym.plugins.camera.image import whole_image
 from vibgym.plugins.camera.look import MISHAPS, Seen, look_at, new_seen, new_track
-from vibgym.plugins.camera.setup import Settings, Setup
+from vibgym.plugins.camera.setup import CameraSettings, Setup
 from vibgym.plugins.camera.statistical import Statistics, guess, normal_levels
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -41,47 +40,34 @@ class CameraSensor(Sensor):
     start the identities of parts and their headings modulo symmetry are initialised from the true poses. Fallen parts are
     reported as gone.
 
-    Args:
-        surface, parts, worlds, periods: see :class:`Sensor`.
-        statistical: model the errors without images: a fixed function of the pose and white noise, fitted by
-            :func:`fit_errors` to images of these parts with these settings.
-        **settings: of the camera, see :class:`vibgym.plugins.camera.setup.Settings`; ``delay``, ``rate`` and effects.
-            ``noise`` is that of the pixels; additional noise of poses goes under ``effects``.
-
     Attributes:
         setup: optics, calibration and other data derived from the settings.
 
     Raises:
-        ValueError: a bad setting; a camera that does not cover the whole surface; parts that cannot be detected.
+        ValueError: a camera that does not cover the whole surface; parts that cannot be detected.
     """
 
-    SETTINGS = Settings
+    class Settings(CameraSettings):
+        """Settings of the camera."""
+
+    settings: Settings
+
     draws = KEY_DRAWS
 
     renews = False  # parts are tracked from sample to sample
 
     def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        worlds: int,
-        periods: int,
-        *,
-        statistical: bool = False,
-        **settings: Any,
+        self, surface: Surface, parts: Sequence[Part], worlds: int, periods: int, settings: Settings | None = None
     ) -> None:
-        own = {each.name for each in fields(Settings)} & set(settings)
-        chosen = Settings(**{name: settings.pop(name) for name in own})
-        super().__init__(surface, parts, worlds, periods, **settings)
-        self.statistical = checks.flag("sensor.statistical", statistical)
-        self.setup = Setup(surface, self.parts, chosen, self.every * periods * surface.period)
+        super().__init__(surface, parts, worlds, periods, settings)
+        self.setup = Setup(surface, self.parts, self.settings, self.every * periods * surface.period)
         self._model: ErrorModel | None = None
         count = len(self.parts)
         self.track = new_track(worlds, count)
         self._key = np.zeros((worlds, 2), dtype=np.int64)
         self._pictures: list[Picture] = []
         self._seen: Seen = new_seen(self.setup.shape, count, self.setup.rig.background)
-        self._statistics = self._sampled() if self.statistical else None
+        self._statistics = self._sampled() if self.settings.statistical else None
 
     @property
     def errors(self) -> ErrorModel:
@@ -192,7 +178,7 @@ class CameraSensor(Sensor):
     def _sampled(self) -> Statistics:
         """Return the statistical model of this camera."""
         setup, surface = self.setup, self.surface
-        border, pixel = setup.border, setup.optics.place[2] / setup.optics.focal
+        border, pixel = setup.settings.border, setup.optics.place[2] / setup.optics.focal
         return Statistics(
             shapes=setup.rig.shapes,
             traits=setup.known.traits,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Le
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.plugins.camera import image
@@ -18,11 +19,11 @@ from vibgym.plugins.camera.optics import CHIP, PIXELS, Optics, optics_of, projec
 from vibgym.plugins.camera.shapes import room_inside, traits_of
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
+from vibgym.sensing.base import Sensor
+from vibgym.settings import Angle, Length
 
 LINES = {"all": 1, "interlaced": 1, "half": 2}
 """Lines of the chip per line of the image."""
-
-EDGES = ("grey", "threshold")
 
 SURFACE, PARTS, SURROUNDINGS = 200.0, 40.0, 90.0
 """Grey levels in full light."""
@@ -31,42 +32,66 @@ REACH = 0.005
 """m, gate around the expected position, added to the distance at full speed."""
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Settings of the camera.
+Slope = Annotated[Angle, Ge(-1.0), Le(1.0)]
+Pixels = Annotated[int, Ge(16), Le(8192)]
+Tetragons = Annotated[int, Ge(1), Le(200)]
 
-    Args:
-        edge: ``"grey"`` uses the grey levels along the edges, ``"threshold"`` counts whole pixels (as in the thesis).
-        lines: ``"half"``: pairs of the chip's lines are combined (as in the thesis); ``"all"`` at once; or
-            ``"interlaced"``: even lines at the instant, odd ones half an oscillation before.
-        noise: grey levels, standard deviation, of each pixel at each sample.
-        blur: px, standard deviation of the lens's point spread.
-        distortion: displacement of the image's corner outwards, over its distance from the centre.
-        light: share of the light that is missing in the image's corners; it decreases with the square of the distance.
-        threshold: grey level below which a pixel belongs to a part. Full light makes the surface 200, and parts 40.
-        height: of the lens above the surface, m.  position: of the lens over the surface, m; None: its middle.
-        tilt: rotations about the surface's x and y axes from the vertical optical axis, rad.
-        lens: focal length, m.  chip: width of the chip, m.  pixels: its columns and lines.
-        border: m, width of the light frame around the surface; the area of interest ends there.
-        tetragons: of the calibration, along x and y.  mark: length of its square marks, m.
-    """
 
-    height: Any = 0.772
-    position: Any = None
-    tilt: Any = (0.0, 0.0)
-    lens: Any = 6e-3
-    chip: Any = CHIP
-    pixels: Any = PIXELS
-    distortion: Any = 0.01
-    lines: Any = "half"
-    edge: Any = "grey"
-    blur: Any = 0.5
-    noise: Any = 1.0
-    light: Any = 0.1
-    threshold: Any = 110.0
-    border: Any = 0.015
-    tetragons: Any = (16, 4)
-    mark: Any = 0.010
+class CameraSettings(Sensor.Settings):
+    """Settings of the camera; ``noise`` is that of the pixels, additional noise of poses goes under ``effects``."""
+
+    statistical: bool = False
+    """Whether errors are modelled without images: a fixed function of the pose and white noise, fitted by
+    :func:`vibgym.plugins.camera.fitting.fit_errors` to images of these parts with these settings."""
+
+    height: Length = Field(0.772, ge=0.01, le=1e3)
+    """Of the lens above the surface."""
+
+    position: tuple[Length, Length] | None = None
+    """Of the lens over the surface; None: its middle."""
+
+    tilt: tuple[Slope, Slope] = (0.0, 0.0)
+    """Rotations about the surface's x and y axes from the vertical optical axis."""
+
+    lens: Length = Field(6e-3, ge=1e-4, le=1.0)
+    """Focal length."""
+
+    chip: Length = Field(CHIP, ge=1e-4, le=1.0)
+    """Width of the chip."""
+
+    pixels: tuple[Pixels, Pixels] = PIXELS
+    """Columns and lines of the chip."""
+
+    distortion: float = Field(0.01, ge=-0.2, le=0.2)
+    """Displacement of the image's corner outwards, over its distance from the centre."""
+
+    lines: Literal["all", "interlaced", "half"] = "half"
+    """``"half"``: pairs of the chip's lines are combined (as in the thesis); ``"all"`` at once; or ``"interlaced"``: even lines
+    at the instant, odd ones half an oscillation before."""
+
+    edge: Literal["grey", "threshold"] = "grey"
+    """``"grey"`` uses the grey levels along the edges, ``"threshold"`` counts whole pixels (as in the thesis)."""
+
+    blur: float = Field(0.5, ge=0.0, le=5.0)
+    """px, standard deviation of the lens's point spread."""
+
+    noise: float = Field(1.0, ge=0.0, le=20.0)
+    """Grey levels, standard deviation, of each pixel at each sample."""
+
+    light: float = Field(0.1, ge=0.0, le=0.5)
+    """Share of the light that is missing in the image's corners; it decreases with the square of the distance."""
+
+    threshold: float = 110.0
+    """Grey level below which a pixel belongs to a part. Full light makes the surface 200, and parts 40."""
+
+    border: Length = Field(0.015, ge=0.0, le=1.0)
+    """Width of the light frame around the surface; the area of interest ends there."""
+
+    tetragons: tuple[Tetragons, Tetragons] = (16, 4)
+    """Of the calibration, along x and y."""
+
+    mark: Length = Field(0.010, gt=0.0, le=1.0)
+    """Length of the calibration's square marks."""
 
 
 class Setup:
@@ -85,17 +110,15 @@ class Setup:
         ValueError: a bad setting; a camera that does not cover the whole surface; a part too small or tall to be detected.
     """
 
-    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings, step: float) -> None:
+    def __init__(self, surface: Surface, parts: Sequence[Part], settings: CameraSettings, step: float) -> None:
         self.surface, self.parts = surface, tuple(parts)
-        self.lines = checks.choice("sensor.lines", settings.lines, tuple(LINES))
-        self.edge = checks.choice("sensor.edge", settings.edge, EDGES)
-        self.pitch = LINES[self.lines]
-        self.lag = 0.5 * surface.period if self.lines == "interlaced" else 0.0
-        self.optics, self.ideal = self._optics(settings)
-        self.border = border = checks.number("sensor.border", settings.border, least=0.0, most=1.0)
-        frame = self._frame(border)
+        self.settings = settings
+        self.pitch = LINES[settings.lines]
+        self.lag = 0.5 * surface.period if settings.lines == "interlaced" else 0.0
+        self.optics, self.ideal = self._optics()
+        frame = self._frame(settings.border)
         self._refuse_unseen(frame)
-        exposure = self._exposure(settings)
+        exposure = self._exposure()
         kinds, kind = kinds_of(self.parts, Part.same_as)
         self._refuse_unfit(kinds)
         shapes = image.Shapes(
@@ -106,8 +129,8 @@ class Setup:
         )
         background = np.floor(exposure.level + 0.5).astype(np.uint8)
         self.rig = Rig(self.optics, shapes, exposure, background)
-        interest, meaning = self._processing(settings, frame, exposure, kinds)
-        self.template = self._template(settings, border)
+        interest, meaning = self._processing(frame, exposure, kinds)
+        self.template = self._template()
         # Calibration is done once: it searches every pixel and always uses grey levels.
         self._interest, self._meaning = interest._replace(lines=1, columns=1, least=4), meaning._replace(fine=True)
         grain = self.pitch * self.optics.place[2] / self.optics.focal
@@ -120,7 +143,7 @@ class Setup:
             foot=self.ideal.place,
             grain=grain,
             # Second moments of shares include pixel size and blur; those of whole pixels are unbiased.
-            aperture=1.0 / 12.0 + np.array(variance) if self.edge == "grey" else np.zeros(2),
+            aperture=1.0 / 12.0 + np.array(variance) if settings.edge == "grey" else np.zeros(2),
             reach=REACH,
             speed=surface.table_speed,
             step=step,
@@ -164,27 +187,14 @@ class Setup:
         locate_all(self.known.grid, projected(self.optics, np.column_stack([points, np.zeros(len(points))])), there)
         return np.hypot(*(there - points).T) * self.optics.focal / self.optics.place[2]
 
-    def _optics(self, settings: Settings) -> tuple[Optics, Optics]:
+    def _optics(self) -> tuple[Optics, Optics]:
         """Return the true camera, and the nominal one without distortion."""
-        surface = self.surface
-        height = checks.number("sensor.height", settings.height, least=0.01, most=1e3)
+        surface, settings = self.surface, self.settings
         middle = (0.5 * surface.width, 0.5 * surface.depth)
-        x, y = middle if settings.position is None else _pair("sensor.position", settings.position)
-        tilt = _pair("sensor.tilt", settings.tilt)
-        tilt = tuple(checks.number("sensor.tilt", each, least=-1.0, most=1.0) for each in tilt)
-        columns, lines = _pair("sensor.pixels", settings.pixels)
-        pixels = tuple(checks.count("sensor.pixels", each, least=16, most=8192) for each in (columns, lines))
-        given: dict[str, Any] = {
-            "tilt": tilt,
-            "lens": checks.number("sensor.lens", settings.lens, least=1e-4, most=1.0),
-            "chip": checks.number("sensor.chip", settings.chip, least=1e-4, most=1.0),
-            "pixels": pixels,
-            "pitch": self.pitch,
-        }
-        distortion = checks.number("sensor.distortion", settings.distortion, least=-0.2, most=0.2)
-        place = checks.number("sensor.position", x), checks.number("sensor.position", y)
-        self.shape = (pixels[1] // self.pitch, pixels[0])
-        return optics_of(place, height, distortion=distortion, **given), optics_of(place, height, **given)
+        place, height = middle if settings.position is None else settings.position, settings.height
+        given = {**settings.model_dump(include={"tilt", "lens", "chip", "pixels"}), "pitch": self.pitch}
+        self.shape = (settings.pixels[1] // self.pitch, settings.pixels[0])
+        return optics_of(place, height, distortion=settings.distortion, **given), optics_of(place, height, **given)
 
     def _corners(self, border: float) -> np.ndarray:
         """Return (4, 2) m, of the surface with a border around it."""
@@ -242,34 +252,29 @@ class Setup:
         """Return the radius of the largest circle inside a part in the image, px."""
         return room_inside(part) / self._pixel()
 
-    def _exposure(self, settings: Settings) -> image.Exposure:
-        blur = checks.number("sensor.blur", settings.blur, least=0.0, most=5.0)
-        noise = checks.number("sensor.noise", settings.noise, least=0.0, most=20.0)
-        light = checks.number("sensor.light", settings.light, least=0.0, most=0.5)
-        lines, columns = self.shape
+    def _exposure(self) -> image.Exposure:
+        settings, blur, (lines, columns) = self.settings, self.settings.blur, self.shape
         across, along = image.blur_weights(blur), image.blur_weights(blur / self.pitch)
         u = np.arange(columns) - self.optics.column
         v = (np.arange(lines) + 0.5) * self.pitch - 0.5 - self.optics.line
         from_centre = (u**2 + v[:, None] ** 2) / (0.25 * (columns**2 + (lines * self.pitch) ** 2))
-        brightness = 1.0 - light * from_centre
+        brightness = 1.0 - settings.light * from_centre
         # The border extends a little farther, so that the blurred surroundings stay outside the area of interest.
         beyond = (1 + len(along) // 2) * self.pitch * self._pixel()
         bare = image.Exposure(np.ones(self.shape, np.float32), 0.0, across, along, 0.0, image.normal_quantiles())
         frame = image.Shapes(
-            np.zeros(1, dtype=np.int64), self._corners(self.border + beyond), np.array([0, 4]), np.zeros(1)
+            np.zeros(1, dtype=np.int64), self._corners(settings.border + beyond), np.array([0, 4]), np.zeros(1)
         )  # fmt: skip
         outside, _ = self._drawn(frame, np.zeros((1, 3)), np.ones(1, dtype=bool), bare)
         level = brightness * (SURFACE + (SURROUNDINGS - SURFACE) * outside)
-        return bare._replace(level=level.astype(np.float32), dark=PARTS / SURFACE, noise=noise)
+        return bare._replace(level=level.astype(np.float32), dark=PARTS / SURFACE, noise=settings.noise)
 
-    def _processing(
-        self, settings: Settings, frame: np.ndarray, exposure: image.Exposure, kinds: Sequence[Part]
-    ) -> tuple[Interest, Grey]:
+    def _processing(self, frame: np.ndarray, exposure: image.Exposure, kinds: Sequence[Part]) -> tuple[Interest, Grey]:
         first, last = area_of_interest(frame, self.shape)
         columns = np.arange(self.shape[1])
         inside = (columns >= first[:, None]) & (columns <= last[:, None])
         darkest = float(exposure.level[inside].min())
-        threshold = checks.number("sensor.threshold", settings.threshold)
+        threshold = self.settings.threshold
         low, high = PARTS + 4.0 * exposure.noise, darkest - 4.0 * exposure.noise
         if not low < threshold < high:
             allowed = (
@@ -283,14 +288,13 @@ class Setup:
             first, last, threshold, max(int(spacing / self.pitch), 1), max(int(spacing), 1), max(int(0.25 * least), 1)
         )
         band = 1 + len(exposure.along) // 2, 1 + len(exposure.across) // 2
-        fine = self.edge == "grey"
+        fine = self.settings.edge == "grey"
         return interest, Grey(exposure.level, 1.0 - exposure.dark, band[0], band[1], fine)
 
-    def _template(self, settings: Settings, border: float) -> Template:
-        tetragons = _pair("sensor.tetragons", settings.tetragons)
-        along, across = (checks.count("sensor.tetragons", each, least=1, most=200) for each in tetragons)
+    def _template(self) -> Template:
+        border, (along, across) = self.settings.border, self.settings.tetragons
         surface = self.surface
-        mark = checks.number("sensor.mark", settings.mark, least=4.0 * self._pixel(), most=1.0)
+        mark = checks.number("sensor.mark", self.settings.mark, least=4.0 * self._pixel())
         template = Template(surface.width / along, surface.depth / across, across + 1, along + 1, mark)
         needed = 0.5 * mark + 2.0 * self.pitch * self._pixel()
         if border < needed:
@@ -300,11 +304,3 @@ class Setup:
         if mark > most:
             raise checks.refuse("sensor.mark", mark, f"at most half the distance of marks, {most:g} m")
         return template
-
-
-def _pair(name: str, value: Any) -> tuple[Any, Any]:
-    """Return the two items of a setting."""
-    items = value.tolist() if isinstance(value, np.ndarray) else value
-    if isinstance(items, str) or not isinstance(items, Sequence) or len(items) != 2:
-        raise checks.refuse(name, value, "two numbers")
-    return items[0], items[1]

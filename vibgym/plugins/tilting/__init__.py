@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from vibgym.plugins.tilting.model import RAMP, RESTITUTION, STEPS, Tilting, scheme_of
+from vibgym.plugins.tilting.model import Tilting, TiltingSettings, scheme_of
 from vibgym.scene.parts import kinds_of
 from vibgym.simulation.model import Model, Setup
 from vibgym.simulation.schemes import planar_scheme, planar_schemes
 
 
-def tilting(
-    setup: Setup, *, restitution: float = RESTITUTION, ramp_mm: float = 1e3 * RAMP, steps: int = STEPS
-) -> Model:
+def tilting(setup: Setup, settings: TiltingSettings | None = None) -> Model:
     """Return the tilting model, for one part or for several; parts are convex.
 
     The planar model computes parts that lie flat on plates with equal motion, with the same bits. All others are rigid bodies;
@@ -18,14 +16,12 @@ def tilting(
 
     Args:
         setup: the scene.
-        restitution: of a part's bottom on plates (Newton), 0 to 1.
-        ramp_mm: mm on either side of a border between plates over which their heights are blended, up to half an element.
-        steps: number of steps in a period.
+        settings: None: the defaults.
 
     Raises:
-        ValueError: an invalid setting, or a scene that the model does not cover.
+        ValueError: a ramp longer than half an element, or a scene that the model does not cover.
     """
-    scheme = scheme_of(setup.surface, restitution=restitution, ramp_mm=ramp_mm, steps=steps)
+    scheme = scheme_of(setup.surface, TiltingSettings.model_validate({}) if settings is None else settings)
     if not setup.multibody:
         return Tilting(setup, planar_scheme(setup.surface, setup.parts[0]), scheme)
     from vibgym.plugins.tilting.multibody import TiltingMultibody
@@ -33,4 +29,6 @@ def tilting(
     return TiltingMultibody(setup, planar_schemes(setup.surface, kinds_of(setup.parts)[0], setup.walls), scheme)
 
 
-__all__ = ["RAMP", "RESTITUTION", "STEPS", "Tilting", "tilting"]
+tilting.Settings = TiltingSettings  # type: ignore[attr-defined]
+
+__all__ = ["Tilting", "TiltingSettings", "tilting"]

@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.kernels.jit import prefetch
@@ -37,20 +38,11 @@ from vibgym.scene.bodies import bodies_of
 from vibgym.scene.outlines import is_convex, rotation
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
+from vibgym.settings import BaseSettings, Length
 from vibgym.simulation import Simulator
 from vibgym.simulation.model import NO_PATHS, NO_ROWS, Conditions, Model, Setup, worlds_from
 from vibgym.simulation.models import planar_scene
 from vibgym.simulation.threads import Pool
-
-STEPS = 200
-"""Steps in a period: energies of impacts within 0.5 %, transport by uniform fields within 0.01 %."""
-
-RESTITUTION = 0.2
-
-RAMP = 3e-3
-"""m, length of the ramp on either side of a border."""
-
-FEWEST_STEPS, MOST_STEPS = 50, 100_000
 
 LEAST_RAMP = 1e-6
 """m, shortest ramp."""
@@ -63,6 +55,20 @@ STEEPEST = 1.5
 
 LEAST_SETTLING = 0.01
 """m/s, least velocity at which penetration is corrected."""
+
+
+class TiltingSettings(BaseSettings):
+    """Settings of the tilting model."""
+
+    restitution: float = Field(0.2, ge=0.0, le=1.0)
+    """Of a part's bottom on plates (Newton)."""
+
+    ramp: Length = Field(3e-3, ge=0.0)
+    """Length on either side of a border between plates over which their heights are blended, up to half an element; 0:
+    steps."""
+
+    steps: int = Field(200, ge=50, le=100_000)
+    """In a period. By default energies of impacts are within 0.5 %, transport by uniform fields within 0.01 %."""
 
 
 def cross_of(part: Part) -> np.ndarray:
@@ -85,22 +91,11 @@ def solids_of(kinds: list[Part]) -> Solids:
     )
 
 
-def scheme_of(
-    surface: Surface, *, restitution: float = RESTITUTION, ramp_mm: float = 1e3 * RAMP, steps: int = STEPS
-) -> TiltScheme:
-    """Return the model's constants.
-
-    Args:
-        restitution: of a part's bottom on plates, Newton's, 0 to 1.
-        ramp_mm: mm on either side of a border between plates over which their heights are blended, up to half an element; 0:
-            steps.
-        steps: number of steps in a period.
-    """
-    restitution = checks.number("restitution", restitution, least=0.0, most=1.0)
-    ramp = 1e-3 * checks.number("ramp_mm", ramp_mm, least=0.0, most=0.5e3 * surface.element_size)
-    steps = checks.count("steps", steps, least=FEWEST_STEPS, most=MOST_STEPS)
+def scheme_of(surface: Surface, settings: TiltingSettings) -> TiltScheme:
+    """Return the model's constants."""
+    ramp = max(checks.number("model.ramp", settings.ramp, most=0.5 * surface.element_size * (1.0 + 1e-12)), LEAST_RAMP)
     settling = max(surface.full_scale / surface.angular_frequency, LEAST_SETTLING)
-    return tilt_scheme(steps, restitution, max(ramp, LEAST_RAMP), surface.element_size, settling)
+    return tilt_scheme(settings.steps, settings.restitution, ramp, surface.element_size, settling)
 
 
 def stands(part: Part, heading: np.ndarray, lean: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vibgym import Surface, checks
-from vibgym.actuators import DataSheet, actuators_from
+from vibgym.actuators import ACTUATORS, DataSheet
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.trained import ANY, RESIDUAL, serves_surface
 
@@ -62,7 +62,7 @@ def _agent(path: Path) -> Agent:
     record = json.loads(path.read_text(encoding="utf-8"))
     tasks, surface = tuple(record["tasks"]), Surface()
     actuators = record["training"]["settings"]["environment"].get("actuators", "ideal")
-    hardware = hardware_of(actuators_from(actuators, surface, 1, 1).data_sheet, surface)
+    hardware = hardware_of(ACTUATORS.make("actuators", actuators, surface, 1, 1).data_sheet, surface)
     variant = "-".join(word for word in path.stem.split("-") if word not in (tasks[0].lower(), hardware))
     kind = RESIDUAL if record.get(RESIDUAL) else "trained"
     return Agent(path, tasks, hardware, record["action"], variant, record["surface"], record["parts"], kind)

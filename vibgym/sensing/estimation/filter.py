@@ -18,10 +18,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.kernels.jit import borrowing
@@ -31,6 +31,7 @@ from vibgym.scene.sliding import drag_of, motion
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.estimation.predictors import FreePredictor, ModelPredictor, Plant
 from vibgym.sensing.measurement import Reading, new_measurement
+from vibgym.settings import Acceleration, BaseSettings
 
 LEAST_SIGMA = 1e-7
 """Floor of the standard deviation of readings, m and rad: an exact reading would have infinite weight."""
@@ -263,53 +264,6 @@ def correct_all(reading, delay, periods, address):
             all_of.diverged[w] = False
 
 
-@dataclass(frozen=True)
-class KalmanSettings:
-    """Settings of the Kalman filter.
-
-    Args:
-        acceleration: m/s^2, standard deviation of the unmodelled acceleration at rest.
-        unknown: m/s^2, standard deviation of an unmodelled acceleration that is constant in the episode.
-        drift: m/s^2 per square root of a second, rate at which that changes.
-        sigma: factor on the standard deviations of readings.
-    """
-
-    acceleration: float = 1.5
-    unknown: float = 1.0
-    drift: float = 0.02
-    sigma: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name in ("acceleration", "sigma"):
-            checks.number(f"sensor.estimator.{name}", getattr(self, name), above=0.0, most=1e3)
-        for name in ("unknown", "drift"):
-            checks.number(f"sensor.estimator.{name}", getattr(self, name), least=0.0, most=1e3)
-
-
-@dataclass(frozen=True)
-class ModelSettings(KalmanSettings):
-    """Settings of the filter with a model of the hardware.
-
-    Args:
-        model: of the simulator.
-        model_error: standard deviation of the unmodelled acceleration, as a share of the acting one.
-        delivered: share of the elements' motion that reaches parts; rigid parts that rock get less than even pressure yields,
-            see docs/tilting.md.
-    """
-
-    acceleration: float = 0.001
-    unknown: float = 0.01
-    drift: float = 0.005
-    model: str = "planar"
-    model_error: float = 0.06
-    delivered: float = 1.0
-
-    def __post_init__(self) -> None:
-        checks.number("sensor.estimator.delivered", self.delivered, above=0.0, most=1.0)
-        checks.number("sensor.estimator.model_error", self.model_error, least=0.0, most=10.0)
-        super().__post_init__()
-
-
 class FilterEstimator:
     """A predictor corrected by readings; see the module.
 
@@ -320,19 +274,34 @@ class FilterEstimator:
         predictor: propagates the estimate.
         latency: periods between a command and its effect.
         settings: of the filter.
-        model_error: see :class:`ModelSettings`.
+        model_error: see :class:`ModelEstimator.Settings`.
 
     Attributes:
         measurement: the predictor's state, live.
         lead: the latency.
     """
 
+    class Settings(BaseSettings):
+        """Settings of the Kalman filter."""
+
+        acceleration: Acceleration = Field(1.5, gt=0.0, le=1e3)
+        """Standard deviation of the unmodelled acceleration at rest."""
+
+        unknown: Acceleration = Field(1.0, ge=0.0, le=1e3)
+        """Standard deviation of an unmodelled acceleration that is constant in the episode."""
+
+        drift: float = Field(0.02, ge=0.0, le=1e3)
+        """m/s^2 per square root of a second, rate at which that changes."""
+
+        sigma: float = Field(1.0, gt=0.0, le=1e3)
+        """Factor on the standard deviations of readings."""
+
     def __init__(
         self,
         sensor: Sensor,
         predictor: FreePredictor | ModelPredictor,
         latency: int,
-        settings: KalmanSettings,
+        settings: Settings,
         model_error: float = 0.0,
     ) -> None:
         worlds, parts, periods = sensor.worlds, len(sensor.parts), sensor.periods
@@ -367,10 +336,10 @@ class FilterEstimator:
                 idle=np.array([sensor.surface.idle_velocity(part.friction) for part in sensor.parts]),
                 step=periods * period,
                 lead=lead * period,
-                floor=float(settings.acceleration),
-                model_error=float(model_error),
-                unknown=float(settings.unknown),
-                drift=float(settings.drift),
+                floor=settings.acceleration,
+                model_error=model_error,
+                unknown=settings.unknown,
+                drift=settings.drift,
             ),
         )
 
@@ -404,21 +373,43 @@ class FilterEstimator:
 
 
 class KalmanEstimator(FilterEstimator):
-    """Kalman filter with friction as the only model; settings: :class:`KalmanSettings`."""
+    """Kalman filter with friction as the only model."""
 
-    SETTINGS = KalmanSettings
-
-    def __init__(self, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str], **settings: Any) -> None:
-        super().__init__(sensor, FreePredictor(sensor), latency, KalmanSettings(**settings))
+    def __init__(
+        self,
+        sensor: Sensor,
+        plant: Plant,
+        latency: int,
+        walls: Sequence[str],
+        settings: FilterEstimator.Settings | None = None,
+    ) -> None:
+        super().__init__(sensor, FreePredictor(sensor), latency, settings or self.Settings.model_validate({}))
 
 
 class ModelEstimator(FilterEstimator):
-    """The simulator as a model of the hardware, corrected by a Kalman filter; settings: :class:`ModelSettings`."""
+    """The simulator as a model of the hardware, corrected by a Kalman filter."""
 
-    SETTINGS = ModelSettings
+    class Settings(FilterEstimator.Settings):
+        """Settings of the filter with a model of the hardware: smaller accelerations are not modelled."""
 
-    def __init__(self, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str], **settings: Any) -> None:
-        given = ModelSettings(**settings)
+        acceleration: Acceleration = Field(0.001, gt=0.0, le=1e3)
+        unknown: Acceleration = Field(0.01, ge=0.0, le=1e3)
+        drift: float = Field(0.005, ge=0.0, le=1e3)
+
+        model: Literal["planar", "averaged", "auto"] = "planar"
+        """Of the simulator; planar ones only, since sensors do not measure tilts."""
+
+        model_error: float = Field(0.06, ge=0.0, le=10.0)
+        """Standard deviation of the unmodelled acceleration, as a share of the acting one."""
+
+        delivered: float = Field(1.0, gt=0.0, le=1.0)
+        """Share of the elements' motion that reaches parts; rigid parts that rock get less than even pressure yields, see
+        docs/tilting.md."""
+
+    def __init__(
+        self, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str], settings: Settings | None = None
+    ) -> None:
+        chosen = settings or self.Settings.model_validate({})
         with checks.within("sensor.estimator", "."):  # only the model's settings can be invalid here
-            predictor = ModelPredictor(sensor, plant, walls, given.model, given.delivered)
-        super().__init__(sensor, predictor, latency, given, given.model_error)
+            predictor = ModelPredictor(sensor, plant, walls, chosen.model, chosen.delivered)
+        super().__init__(sensor, predictor, latency, chosen, chosen.model_error)

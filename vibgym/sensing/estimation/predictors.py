@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vibgym import checks
 from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import new_state
@@ -45,12 +44,11 @@ class ModelPredictor:
         sensor: with surface, parts and worlds.
         plant: nominal actuators.
         walls: of the table.
-        model: of the simulator; planar ones only, since sensors do not measure tilts.
+        model: of the simulator.
         delivered: factor on the parts' coupling to the elements' motion.
     """
 
     def __init__(self, sensor: Sensor, plant: Plant, walls: Sequence[str], model: str, delivered: float = 1.0) -> None:
-        checks.choice("model", model, ("planar", "averaged", "auto"))
         parts = [replace(part, coupling=delivered * part.coupling) for part in sensor.parts]
         self.simulator = Simulator(sensor.surface, parts, walls=walls, worlds=sensor.worlds, model=model)
         self.state, self._plant, self._periods = self.simulator.state, plant, sensor.periods
