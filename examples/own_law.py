@@ -10,13 +10,20 @@ from vibgym.policies import LAWS, Law, rollout
 class Spring(Law):
     """Spring to the goal and damper."""
 
-    def __init__(self, info, *, stiffness=60.0, damping=12.0):
-        self.stiffness, self.damping = stiffness, damping  # 1/s^2, 1/s
+    class Settings(Law.Settings):
+        """Settings of the law."""
+
+        stiffness: float = 60.0
+        """Acceleration over displacement, 1/s^2."""
+
+        damping: float = 12.0
+        """Acceleration over velocity, 1/s."""
 
     def wanted(self, measured, way, turn, memory):
         """Return wanted accelerations (batch, parts, 3), m/s^2 and rad/s^2, and the memory of the law."""
-        push = self.stiffness * way - self.damping * measured.velocity
-        torque = self.stiffness * turn - self.damping * measured.spin
+        own = self.settings
+        push = own.stiffness * way - own.damping * measured.velocity
+        torque = own.stiffness * turn - own.damping * measured.spin
         return np.concatenate([push, torque[..., None]], axis=-1), memory
 
 

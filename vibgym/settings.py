@@ -24,6 +24,7 @@ import textwrap
 import types
 from collections.abc import Mapping, Sequence
 from enum import Enum
+from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
 import numpy as np
@@ -198,6 +199,7 @@ def _scaled(value: Any, factor: float) -> Any:
 # -- descriptions ------------------------------------------------------------------------------------------------------
 
 _WORDS = {float: "a finite number", int: "a whole number", bool: "True or False", str: "a string", type(None): "None"}
+_WORDS |= {complex: "a complex number", Path: "a path", Any: "any value"}
 
 _SIGNS = {Gt: (">", "gt"), Ge: (">=", "ge"), Lt: ("<", "lt"), Le: ("<=", "le")}
 

@@ -17,7 +17,7 @@ BEGIN, END = "<!-- results: written by python -m studies.manual readme -->", "<!
 
 
 def write(docs: Path) -> int:
-    """Write tables, the page of settings and pages of environments into the directory of pages; return the number of changed files."""
+    """Write tables, the page of settings and pages of environments into a directory; return the number of changed files."""
     pages = {docs / "environments" / f"{name}.md": text for name, text in environments.pages().items()}
     return replace({**tables(docs), **pages, docs / "settings.md": settings.page()})
 

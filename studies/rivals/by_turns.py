@@ -236,7 +236,7 @@ class ByTurnsPolicy(PlannerPolicy):
     """
 
     def __init__(self, info: TaskInfo, machine: str) -> None:
-        super().__init__(info, law="pose", learn=False)
+        super().__init__(info, PlannerPolicy.Settings(law="pose", learn=False))
         if info.zones is None:
             raise checks.conflict(f"the policy 'by turns' requires a task with zones, unlike {info.name}")
         self.action = checks.choice("machine", machine, ("plate", "plain-plate"))

@@ -176,7 +176,8 @@ OUTPUTS = {"plate": PlateOutput, "plain-plate": PlainOutput, "conveyor": CellsOu
 def rival_policy(info: TaskInfo, machine: str) -> Policy:
     """Return the classical policy of a machine (:data:`.machines.MACHINES`), with the planner for several parts."""
     straight = info.has_goal and len(info.parts) == 1
-    policy = (LocalFieldPolicy if straight else PlannerPolicy)(info, law="pose", learn=False)
+    usual = LocalFieldPolicy if straight else PlannerPolicy
+    policy = usual(info, usual.Settings(law="pose", learn=False))
     policy.output = OUTPUTS[machine](info, MACHINES[machine](info.surface, info.parts))
     policy.action = machine
     return policy

@@ -83,7 +83,8 @@ class StateSpaceLaw(Law):
 
     lead = FEEDBACK_GAINS[1] / FEEDBACK_GAINS[0]
 
-    def __init__(self, info: TaskInfo) -> None:
+    def __init__(self, info: TaskInfo, settings: Law.Settings | None = None) -> None:
+        super().__init__(info, settings)
         self.observer = Observer(info.step_time)
         self.symmetry = np.array([part.symmetry for part in info.parts])
 

@@ -1,7 +1,6 @@
 """Contracts of every registered policy and control law, in every task."""
 
 import functools
-import inspect
 from pathlib import Path
 
 import gymnasium as gym
@@ -12,7 +11,7 @@ from tests.contracts.entries import IDS, SEVERAL, is_one_line
 from tests.policies.trained.helpers import actor_tensors, policy_file
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.steering import LAWS
-from vibgym.policies.registry import CONTROLLERS, make_policy
+from vibgym.policies.registry import CONTROLLERS, make_policy, settings_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding
 from vibgym.policies.trained.residual import with_base
@@ -92,7 +91,7 @@ def test_a_batch_equals_its_rows_and_memory_resets_with_episodes(case, folder):
         drawn = TASKS[gym.spec(name).kwargs["task"]].RANDOMIZED
         settings = {"randomize": {"parts": [2, 6]}} if "parts" in drawn else {}
         env = gym.make_vec(name, num_envs=WORLDS, action=policy.action, observation=policy.observation, **settings)
-        draws = "seed" in inspect.signature(CONTROLLERS[case[0]]).parameters
+        draws = "seed" in settings_of(case[0])
         seen, _ = env.reset(seed=3)
         together, alone, random = None, [None] * WORLDS, np.random.default_rng(0)
         for step in range(STEPS):

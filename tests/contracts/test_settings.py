@@ -22,8 +22,13 @@ REQUIRED: dict[str, dict] = {}
 
 def test_classes_are_settings_of_their_own():
     assert all(issubclass(each, BaseSettings) for each in CLASSES.values())
-    lacking = [name for name, each in CLASSES.items() for n, f in each.model_fields.items() if f.is_required() and n not in REQUIRED.get(name, {})]
-    assert not lacking
+    needed = {
+        (name, setting)
+        for name, each in CLASSES.items()
+        for setting, field in each.model_fields.items()
+        if field.is_required()
+    }
+    assert needed == {(name, setting) for name, values in REQUIRED.items() for setting in values}
 
 
 @pytest.mark.parametrize("name", CLASSES)

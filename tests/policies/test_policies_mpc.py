@@ -81,7 +81,6 @@ def test_plans_reach_goals_and_improve_a_base_policy():
 
 
 @pytest.mark.parametrize("settings, named", [
-    ({"samples": 3}, "samples"), ({"horizon": 0}, "horizon"), ({"noise": 0.0}, "noise"),
     ({"action": "element"}, "action"), ({"base": "magic"}, "policy.kind"),
     ({"base": "open_loop"}, "base.action"), ({"base": "planner", "action": "field"}, "field"),
 ])  # fmt: skip

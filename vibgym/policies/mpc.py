@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.envs.actions import actions_by_part
@@ -18,6 +19,7 @@ from vibgym.policies.classical.measured import Measured, recall
 from vibgym.policies.protocol import Policy
 from vibgym.policies.simulated import MODEL_WORLDS, Models, measured_rows, rows_of
 from vibgym.policies.task_info import TaskInfo
+from vibgym.settings import BaseSettings
 
 WIDTHS = (1.0, 0.3, 0.1)  # factors of the noise of successive samples: wide far from the goal, narrow at the goal
 KNOTS = 12  # steps between the random values of a plan, which is interpolated linearly
@@ -40,41 +42,42 @@ class MPCPolicy:
 
     Args:
         info: task and scene.
-        samples: plans per iteration.
-        horizon: steps of a plan.
-        iterations: number of sampling rounds, each around the result of the one before.
-        noise: standard deviation of the samples, of actions in [-1, 1].
-        action: any with a share for every part. None: ``"field"``, under which parts brake by themselves at zero; with a base
-            ``"wrench"``, which most of them have.
-        base: a policy with observation ``"state"`` and this action, whose actions plans begin with.
-        seed: of the samples.
+        base: a policy with observation ``"state"`` and the same action, whose actions plans begin with.
 
     Raises:
-        ValueError: a bad argument, a task with moving goals, or a base with another action.
+        ValueError: an action without a share for every part, a task with moving goals, or a base with another action.
     """
+
+    class Settings(BaseSettings):
+        """Settings of the planning."""
+
+        samples: int = Field(32, ge=4, le=100_000)
+        """Plans per iteration."""
+
+        horizon: int = Field(12, ge=1, le=10_000)
+        """Steps of a plan."""
+
+        iterations: int = Field(2, ge=1, le=1000)
+        """Number of sampling rounds, each around the result of the one before."""
+
+        noise: float = Field(0.5, gt=0.0, le=10.0)
+        """Standard deviation of the samples, of actions in [-1, 1]."""
+
+        action: str | None = None
+        """Any with a share for every part. None: ``"field"``, under which parts brake by themselves at zero; with a base
+        ``"wrench"``, which most of them have."""
+
+        seed: int = Field(0, ge=0)
+        """Of the samples."""
 
     observation = "state"
 
-    def __init__(
-        self,
-        info: TaskInfo,
-        *,
-        samples: int = 32,
-        horizon: int = 12,
-        iterations: int = 2,
-        noise: float = 0.5,
-        action: str | None = None,
-        base: Policy | None = None,
-        seed: int = 0,
-    ) -> None:
-        self.samples = checks.count("samples", samples, least=4, most=100_000)
-        self.horizon = checks.count("horizon", horizon, most=10_000)
-        self.iterations = checks.count("iterations", iterations, most=1000)
-        self.noise = checks.number("noise", noise, above=0.0, most=10.0)
-        action = action or ("field" if base is None else "wrench")
-        self.action = checks.choice("action", action, actions_by_part())
-        self.seed = checks.count("seed", seed, least=0)
-        self.info, self.base = info, base
+    def __init__(self, info: TaskInfo, base: Policy | None, settings: Settings) -> None:
+        self.action = checks.choice(
+            "action", settings.action or ("field" if base is None else "wrench"), actions_by_part()
+        )
+        self.info, self.base, self.settings = info, base, settings
+        self.samples, self.horizon = settings.samples, settings.horizon
         self.together = max(1, MODEL_WORLDS // self.samples)  # worlds planned at a time
         self._models = Models(info, "mpc", self.action)
         self.rest, self.size, self.parts = self._models[1].rest, self._models[1].core.action.size, len(info.parts)
@@ -126,7 +129,7 @@ class MPCPolicy:
         repeated = np.repeat(everyone, self.samples)
         seen, begun = measured_rows(seen, repeated), drift[repeated]
         best, most = change, np.full(worlds, -np.inf)
-        for iteration in range(self.iterations):
+        for iteration in range(self.settings.iterations):
             tried = change[:, None] + self._noise(age, iteration)
             tried[:, 0], tried[:, 1], tried[:, 2] = 0.0, change, best
             tried = np.clip(usual[:, None] + tried, -1.0, 1.0) - usual[:, None]
@@ -160,10 +163,10 @@ class MPCPolicy:
         knots = -(-self.horizon // KNOTS) + 1
         at = np.arange(self.horizon) / KNOTS
         low, part = at.astype(int), (at % 1.0)[:, None]
-        width = self.noise * np.resize(WIDTHS, self.samples)[:, None, None]
+        width = self.settings.noise * np.resize(WIDTHS, self.samples)[:, None, None]
         result = np.empty((len(age), self.samples, self.horizon, self.size))
         for world, steps in enumerate(age.tolist()):
-            generator = np.random.default_rng([self.seed, steps, iteration])
+            generator = np.random.default_rng([self.settings.seed, steps, iteration])
             drawn = generator.standard_normal((self.samples, knots, self.size))
             result[world] = width * ((1.0 - part) * drawn[:, low] + part * drawn[:, low + 1])
         return result

@@ -13,12 +13,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.policies.classical.measured import Measured, recall
 from vibgym.policies.protocol import Policy
 from vibgym.policies.simulated import MODEL_WORLDS, Models, measured_rows, rows_of
 from vibgym.policies.task_info import TaskInfo
+from vibgym.settings import BaseSettings
 
 READ = {"state": ("state",), "parts": ("parts", "mask"), "parts_and_state": ("parts", "mask", "state")}
 """Observations that the policies may have, and their entries in that of all."""
@@ -44,26 +46,29 @@ class ParallelRolloutPolicy:
 
     Args:
         info: task and scene.
-        policies: with the same action; the first acts if all do equally well.
-        every: steps between choices.
-        horizon: simulated steps.
+        policies: at least one, with the same action; the first acts if all do equally well.
 
     Raises:
-        ValueError: no policy, another action or observation, a bad number, or a task with moving goals.
+        ValueError: another action or observation, or a task with moving goals.
     """
 
-    def __init__(self, info: TaskInfo, policies: Sequence[Policy], *, every: int = 15, horizon: int = 100) -> None:
-        if not policies:
-            raise checks.refuse("policies", policies, "at least one policy")
+    class Settings(BaseSettings):
+        """Settings of the choice."""
+
+        every: int = Field(15, ge=1, le=10_000)
+        """Steps between choices."""
+
+        horizon: int = Field(100, ge=1, le=10_000)
+        """Simulated steps."""
+
+    def __init__(self, info: TaskInfo, policies: Sequence[Policy], settings: Settings) -> None:
         self.policies, self.action = tuple(policies), policies[0].action
         for index, policy in enumerate(self.policies):
             checks.choice(f"policies[{index}].action", policy.action, (self.action,))
             checks.choice(f"policies[{index}].observation", policy.observation, READ)
         flat = all(policy.observation == "state" for policy in self.policies)
         self.observation = "state" if flat else "parts_and_state"
-        self.every = checks.count("every", every, most=10_000)
-        self.horizon = checks.count("horizon", horizon, most=10_000)
-        self.info = info
+        self.info, self.settings = info, settings
         self._models = Models(info, "parallel_rollout", self.action, self.observation)
         self._rest = self._models[1].rest
 
@@ -78,7 +83,7 @@ class ParallelRolloutPolicy:
         zeros = np.zeros(1, dtype=np.int64)
         own, begun = recall(own, episode_start, Memory(zeros, zeros, self._rest[None]), batch)
         begun = begun.copy()  # also of a policy that takes over
-        together, due = max(1, MODEL_WORLDS // len(self.policies)), np.flatnonzero(own.age % self.every == 0)
+        together, due = max(1, MODEL_WORLDS // len(self.policies)), np.flatnonzero(own.age % self.settings.every == 0)
         for some in np.split(due, range(together, len(due), together)):
             best = self._best(seen, measured, own, memories, begun, some)
             begun[some] |= best != own.acting[some]
@@ -115,7 +120,7 @@ class ParallelRolloutPolicy:
         shares = [{name: each[worlds] for name, each in seen.items()}] * count
         states, fresh = [rows_of(each, worlds) for each in memories], begun[worlds] | ~acting
         earned, end = np.zeros(len(rows)), np.full(len(rows), np.inf)
-        for step in range(self.horizon):
+        for step in range(self.settings.horizon):
             asked = [self._ask(k, shares[k], states[k], fresh[k], True) for k in range(count)]
             states, running = [state for _, state in asked], ~model.over
             earned += model.step(np.concatenate([action for action, _ in asked])).sum(axis=1)

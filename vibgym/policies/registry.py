@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+from pydantic import Field
 
 from vibgym import checks, extras
 from vibgym.envs.actions import ACTIONS
@@ -14,7 +16,7 @@ from vibgym.policies.classical.lanes import CrossingPolicy, FeedingPolicy
 from vibgym.policies.classical.open_loop import OpenLoopPolicy, RandomPolicy, ZeroPolicy
 from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.classical.pushing import PushingPolicy
-from vibgym.policies.classical.steering import LAWS, OUTPUTS, LocalFieldPolicy
+from vibgym.policies.classical.steering import LAWS, OUTPUTS, LocalFieldPolicy, Steering
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.foreign import InElements, ModelPolicy
 from vibgym.policies.mpc import MPCPolicy
@@ -22,9 +24,10 @@ from vibgym.policies.parallel_rollout import ParallelRolloutPolicy
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.registry import Registry
+from vibgym.settings import BaseSettings, read
 
 Maker = Callable[..., Policy]
-"""``make(info, **arguments)``."""
+"""``make(info, settings=settings)``, or ``make(info, **arguments)`` if it has no ``Settings``."""
 
 EXTRA = ("safetensors", "scipy")  # modules of the extra ``policies``
 STEERED = ("local_field", "planner", "lanes", "two_phases", "push")  # with a law, and any action of steering.OUTPUTS
@@ -39,28 +42,31 @@ def lawful(law: str) -> Maker:
     Single parts with goals, and parts with moving goals, go straight there (:class:`LocalFieldPolicy`), others by the planner.
     """
 
-    def make(info: TaskInfo, **arguments: Any) -> Policy:
+    def make(info: TaskInfo, /, **arguments: Any) -> Policy:
         if "law" in arguments:
             raise checks.conflict(f"policy {law!r} names its controller, so 'law' cannot be set")
         straight = (info.has_goal and len(info.parts) == 1) or info.goal_moves
-        return (LocalFieldPolicy if straight else PlannerPolicy)(info, law=law, **arguments)
+        return steered(LocalFieldPolicy if straight else PlannerPolicy, info, {"law": law, **arguments})
 
     return make
 
 
-def lanes(info: TaskInfo, **arguments: Any) -> Policy:
+def lanes(info: TaskInfo, /, **arguments: Any) -> Policy:
     """Return lanes through gates where parts come and go (:class:`FeedingPolicy`), else :class:`CrossingPolicy`."""
-    return (FeedingPolicy if info.flows else CrossingPolicy)(info, **arguments)
+    return steered(FeedingPolicy if info.flows else CrossingPolicy, info, arguments)
 
 
-def file_of(path: Any, info: TaskInfo) -> Path:
+def steered(policy: type[Steering], info: TaskInfo, arguments: dict[str, Any]) -> Policy:
+    """Return a policy that was chosen by the task."""
+    return policy(info, read(policy.Settings, arguments, "policy"))
+
+
+def file_of(path: str | Path, info: TaskInfo) -> Path:
     """Return the file at a path in which ``{task}`` stands for the task's name in lower case.
 
     Raises:
-        ValueError: no path, or a model of Stable-Baselines3.
+        ValueError: a model of Stable-Baselines3.
     """
-    if not isinstance(path, str | os.PathLike):
-        raise checks.refuse("policy.path", path, "the path of a policy's JSON file")
     if str(path).endswith(".zip"):
         reason = "a model of Stable-Baselines3 is loaded by its own load(), and given as {'policy': model}"
         raise checks.conflict(f"policy.path {str(path)!r}: {reason}")
@@ -70,35 +76,63 @@ def file_of(path: Any, info: TaskInfo) -> Path:
 # The modules of trained policies require the extra "policies", so makers import them.
 
 
-def trained(info: TaskInfo, *, path: str) -> Policy:
-    """Load the trained policy in a JSON file (:func:`file_of`)."""
-    from vibgym.policies.trained.trained import load_trained
+class Trained:
+    """Maker of trained policies."""
 
-    return load_trained(file_of(path, info), info)
+    class Settings(BaseSettings):
+        """Settings of a trained policy."""
 
+        path: str | Path
+        """JSON file; ``{task}`` in it stands for the task's name in lower case."""
 
-def residual(info: TaskInfo, *, path: str, base: Any = None, scale: float | None = None) -> Policy:
-    """Load a base policy with a learned correction (:class:`vibgym.policies.trained.residual.ResidualPolicy`).
+    def __new__(cls, info: TaskInfo, settings: Settings) -> Policy:
+        """Load the policy."""
+        from vibgym.policies.trained.trained import load_trained
 
-    Args:
-        info: task and scene.
-        path: as for :func:`trained`; the file contains the base and the scale of the correction.
-        base, scale: None, or the same as in the file: a name or a mapping, and a number.
-    """
-    from vibgym.policies.trained.residual import ResidualPolicy, load_correction
-
-    found = load_correction(file_of(path, info), info, base, scale)
-    return ResidualPolicy(info, make_policy(found.base, info), found.learned, scale=found.scale)
+        return load_trained(file_of(settings.path, info), info)
 
 
-def learned(
-    info: TaskInfo, *, action: str | None = None, hardware: str | None = None, variant: str | None = None
-) -> Policy:
-    """Load the shipped agent for this task and hardware (:func:`vibgym.policies.trained.catalogue.shipped_agent`)."""
-    from vibgym.policies.trained.catalogue import shipped_agent
+class Residual:
+    """Maker of base policies with a learned correction (:class:`vibgym.policies.trained.residual.ResidualPolicy`)."""
 
-    agent = shipped_agent(info, action=action, hardware=hardware, variant=variant)
-    return CONTROLLERS[agent.kind](info, path=str(agent.path))
+    class Settings(Trained.Settings):
+        """Settings of a correction, whose file contains its base and its scale."""
+
+        base: Any = None
+        """None, or the same policy as in the file: a name or a mapping."""
+
+        scale: float | None = None
+        """None, or the same as in the file."""
+
+    def __new__(cls, info: TaskInfo, settings: Settings) -> Policy:
+        """Load the correction and make its base."""
+        from vibgym.policies.trained.residual import ResidualPolicy, load_correction
+
+        found = load_correction(file_of(settings.path, info), info, settings.base, settings.scale)
+        return ResidualPolicy(info, make_policy(found.base, info), found.learned, scale=found.scale)
+
+
+class Learned:
+    """Maker of the shipped agent for a task and hardware (:func:`vibgym.policies.trained.catalogue.shipped_agent`)."""
+
+    class Settings(BaseSettings):
+        """Choice of the agent."""
+
+        action: str | None = None
+        """Of the agent. None: any."""
+
+        hardware: str | None = None
+        """``"ideal"`` or ``"prototype"``. None: by the data sheet of the scene's actuators."""
+
+        variant: str | None = None
+        """Such as ``"cloned"``. None: any, the usual agent before its variants."""
+
+    def __new__(cls, info: TaskInfo, settings: Settings) -> Policy:
+        """Load the agent."""
+        from vibgym.policies.trained.catalogue import shipped_agent
+
+        agent = shipped_agent(info, action=settings.action, hardware=settings.hardware, variant=settings.variant)
+        return CONTROLLERS.make("policy", {"kind": agent.kind, "path": str(agent.path)}, info)
 
 
 def by_task(info: TaskInfo, **policies: Any) -> Policy:
@@ -113,37 +147,41 @@ def by_task(info: TaskInfo, **policies: Any) -> Policy:
     return make_policy(policies[info.name], info)
 
 
-def mpc(info: TaskInfo, *, base: Any = None, action: str | None = None, seed: int = 0, **settings: Any) -> Policy:
-    """Return model-predictive control (:class:`vibgym.policies.mpc.MPCPolicy`).
+class MPC:
+    """Maker of model-predictive control (:class:`vibgym.policies.mpc.MPCPolicy`)."""
 
-    Args:
-        info: task and scene.
-        base: None, or a policy whose actions plans begin with, as :func:`make_policy` takes it.
-        action, seed, **settings: of :class:`vibgym.policies.mpc.MPCPolicy`.
-    """
-    if base is not None:
-        base = _policy(base, info, seed, action or "wrench")
-    return checks.made("policy 'mpc'", MPCPolicy, (info,), {"base": base, "action": action, "seed": seed, **settings})
+    class Settings(MPCPolicy.Settings):
+        """Settings of the planning."""
+
+        base: Any = None
+        """None, or a policy whose actions plans begin with, as :func:`make_policy` takes it."""
+
+    def __new__(cls, info: TaskInfo, settings: Settings) -> Policy:
+        """Make the base and the policy."""
+        base = settings.base
+        if base is not None:
+            base = _policy(base, info, settings.seed, settings.action or "wrench")
+        return MPCPolicy(info, base, settings)
 
 
-def parallel_rollout(
-    info: TaskInfo, *, policies: Any, action: str | None = None, every: int = 15, horizon: int = 100
-) -> Policy:
-    """Return a choice among policies by simulation (:class:`vibgym.policies.parallel_rollout.ParallelRolloutPolicy`).
+class ParallelRollout:
+    """Maker of choices among policies (:class:`vibgym.policies.parallel_rollout.ParallelRolloutPolicy`)."""
 
-    Args:
-        info: task and scene.
-        policies: a list, each as :func:`make_policy` takes it.
-        action: of policies that support several. None: that of the first policy.
-        every, horizon: of :class:`vibgym.policies.parallel_rollout.ParallelRolloutPolicy`.
-    """
-    if isinstance(policies, str | Mapping) or not isinstance(policies, Sequence):
-        raise checks.refuse("policies", policies, "a list of policies")
-    made: list[Policy] = []
-    for policy in policies:
-        made.append(_policy(policy, info, 0, action))
-        action = action or made[0].action
-    return ParallelRolloutPolicy(info, made, every=every, horizon=horizon)
+    class Settings(ParallelRolloutPolicy.Settings):
+        """Policies, and settings of the choice."""
+
+        policies: tuple[Any, ...] = Field(min_length=1)
+        """Each as :func:`make_policy` takes it."""
+
+        action: str | None = None
+        """Of policies that support several. None: that of the first policy."""
+
+    def __new__(cls, info: TaskInfo, settings: Settings) -> Policy:
+        """Make the policies and the choice among them."""
+        made: list[Policy] = []
+        for policy in settings.policies:
+            made.append(_policy(policy, info, 0, settings.action or (made[0].action if made else None)))
+        return ParallelRolloutPolicy(info, made, settings)
 
 
 def steers(kind: Any) -> bool:
@@ -175,15 +213,15 @@ CONTROLLERS = Controllers(
         "lanes": lanes,
         "two_phases": TwoPhasesPolicy,
         "push": PushingPolicy,
-        "mpc": mpc,
-        "parallel_rollout": parallel_rollout,
+        "mpc": MPC,
+        "parallel_rollout": ParallelRollout,
         "by_task": by_task,
-        "learned": learned,
-        "trained": trained,
-        "residual": residual,
+        "learned": Learned,
+        "trained": Trained,
+        "residual": Residual,
     },
 )
-"""Policies by name; ``CONTROLLERS.register(name, cls)`` adds a custom one, made as ``cls(info, **arguments)``.
+"""Policies by name; ``CONTROLLERS.register(name, cls)`` adds a custom one, made as ``cls(info, settings=settings)``.
 
 ``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose. ``"local_field"`` and
 ``"planner"`` serve tasks with goals, zones or a distance to keep; the first takes every part straight there, the second past
@@ -263,15 +301,18 @@ def _takes_action(kind: str, action: str) -> bool:
     return ACTIONS[action].by_part if kind == "mpc" else kind in ("learned", "parallel_rollout")
 
 
+def settings_of(kind: str) -> Collection[str]:
+    """Return the names of a controller's settings: its fields, or arguments if it has no ``Settings``."""
+    make: Any = CONTROLLERS[kind]
+    return make.Settings.model_fields if hasattr(make, "Settings") else inspect.signature(make).parameters
+
+
 def _made(kind: str, arguments: dict[str, Any], info: TaskInfo, seed: int) -> Policy:
     """Return one of :data:`CONTROLLERS`; raise the errors of :func:`make_policy`."""
-    make = CONTROLLERS[kind]
-    if "seed" in inspect.signature(make).parameters:
+    if "seed" in settings_of(kind):
         arguments.setdefault("seed", seed)
-    if (reason := checks.misfit(make, info, **arguments)) is not None:
-        raise checks.conflict(f"policy {kind!r}: {reason}, got {checks.shown(arguments)}")
     try:
-        return make(info, **arguments)
+        return CONTROLLERS.make("policy", {"kind": kind, **arguments}, info)
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in EXTRA:
             raise

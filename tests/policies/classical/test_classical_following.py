@@ -137,11 +137,3 @@ def test_absent_parts_have_no_acceleration():
     wanted = action.reshape(4, 6, 3)
     assert not wanted[~there].any() and wanted[there].any(axis=-1).all() and not there.all()
     assert action.dtype == np.float32 and policy.predict(seen[0])[0].shape == (18,)
-
-
-def test_other_actions_are_refused():
-    for kind in ("pose", "local_field"):
-        with pytest.raises(ValueError, match=r"action"):
-            make_policy({"kind": kind, "action": "patch"}, info_of("Align"))
-    with pytest.raises(ValueError, match=r"action"):
-        make_policy({"kind": "planner", "action": 3}, info_of("Sort"))

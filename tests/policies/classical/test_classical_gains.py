@@ -129,7 +129,7 @@ def test_only_used_with_hard_dead_zones():
     assert Steering(info_of("Align")).learner is None
     assert Steering(info_of("Align", actuators={"kind": "prototype", "dead_zone_form": "soft"})).learner is None
     assert Steering(info_of("Sort", actuators="prototype")).learner is None  # its task has no goal poses
-    assert Steering(info_of("Align", actuators="prototype"), learn=False).learner is None
+    assert Steering(info_of("Align", actuators="prototype"), Steering.Settings(learn=False)).learner is None
     assert isinstance(Steering(info_of("Align", actuators="prototype")).learner, GainLearner)
 
 

@@ -15,7 +15,7 @@ from vibgym.scene.sliding import TOP_SLIP
 
 
 def steering(name="Sort", periods=1, **arguments):
-    return Steering(info_of(name, periods_per_step=periods), **arguments)
+    return Steering(info_of(name, periods_per_step=periods), Steering.Settings(**arguments))
 
 
 def still(policy, worlds=1):

@@ -34,8 +34,8 @@ RULE = math.sqrt(2) * 0.026
 KINDS = {"steel_block": STEEL, "aluminium_block": ALUMINIUM, "disc": DISC}
 
 
-def planner(name="Sort", **arguments):
-    return PlannerPolicy(info_of(name), **arguments)
+def planner(name="Sort"):
+    return PlannerPolicy(info_of(name))
 
 
 def block(name, x, y, heading=0.0, velocity=(0.0, 0.0), kind=0):
@@ -261,7 +261,7 @@ def test_the_spacing_rule_is_limited_by_the_goals():
     at_goals, on_the_way = (policy.scene(seen, target, room, np.zeros((1, 12))) for target in (there, away))
     assert at_goals.spacing[0, 0, 1] == pytest.approx(0.002) and at_goals.safe[0, 0, 1] == pytest.approx(0.001)
     assert (at_goals.spacing[0, 2:] == RULE).all() and (on_the_way.spacing == RULE).all()
-    assert (on_the_way.safe == policy.spacing.safe).all()
+    assert (on_the_way.safe == policy.settings.safe).all()
 
 
 def test_a_goal_near_the_border_costs_nothing():

@@ -16,7 +16,7 @@ from vibgym.policies.task_info import TaskInfo
 
 
 def steering(name="Align", periods=1, **arguments):
-    return Steering(info_of(name, actuators="prototype", periods_per_step=periods), **arguments)
+    return Steering(info_of(name, actuators="prototype", periods_per_step=periods), Steering.Settings(**arguments))
 
 
 def seen(policy, way, turn=0.0, velocity=(0.0, 0.0), spin=0.0):

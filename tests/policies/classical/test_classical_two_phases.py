@@ -1,13 +1,11 @@
 """Two phases: the expanded pattern, the switch to the goals, and results."""
 
-import math
-
 import numpy as np
 import pytest
 
-from tests.policies.helpers import ALUMINIUM, STEEL, SURFACE, info_of
+from tests.policies.helpers import ALUMINIUM, STEEL, SURFACE
 from tests.tasks.helpers import made
-from vibgym.policies.classical.two_phases import EDGE, TwoPhasesPolicy, drawn_apart
+from vibgym.policies.classical.two_phases import EDGE, drawn_apart
 from vibgym.scene.hulls import gaps_between
 from vibgym.tasks import Pattern
 
@@ -39,10 +37,3 @@ def test_a_pattern_that_fills_the_width_is_slanted():
     place = drawn_apart(SURFACE, [ALUMINIUM] * 12, goal[:, :2], goal[:, 2], 0.036)
     assert gaps_between([ALUMINIUM] * 12, np.c_[place, goal[:, 2]][None])[0].min() > 0.01
     assert drawn_apart(SURFACE, [ALUMINIUM], goal[:1, :2], goal[:1, 2], 0.036) == pytest.approx(goal[:1, :2])
-
-
-@pytest.mark.parametrize("name", ["apart", "margin", "growth", "share", "doubt", "give_up"])
-def test_bad_settings_are_refused(name):
-    for value in (0.0, -1.0, math.nan, "far"):
-        with pytest.raises(ValueError, match=name):
-            TwoPhasesPolicy(info_of("Pack"), **{name: value})

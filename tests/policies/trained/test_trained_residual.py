@@ -158,12 +158,12 @@ def test_bad_input():
         make_policy({"kind": "residual", "base": "pose", "path": 3}, info)
     with pytest.raises(ValueError, match=r"nowhere.json"):
         make_policy({"kind": "residual", "base": "pose", "path": "nowhere.json"}, info)
-    with pytest.raises(ValueError, match="'residual'.*path"):
+    with pytest.raises(ValueError, match="policy.path"):
         make_policy({"kind": "residual", "base": "pose"}, info)
 
 
 def replace_observation(policy):
-    policy = type(policy)(policy.info, law="pose", action="wrench")
+    policy = type(policy)(policy.info, policy.settings)
     policy.observation = "image"
     return policy
 

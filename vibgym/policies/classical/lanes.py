@@ -17,7 +17,7 @@ direction that separates their outlines is used up: the later of both counts.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from vibgym.physics.contacts.hulls import hull_gap, place_hulls
 from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.classical.planner import Plan
-from vibgym.policies.classical.steering import Memory, Steering
+from vibgym.policies.classical.steering import LawChoice, Memory, Steering
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
@@ -57,16 +57,17 @@ SLIP = 0.3  # maximum velocity across the table over the top speed
 class FeedingPolicy(Steering):
     """Lanes along the table in which parts keep apart: to the gates of a task whose parts come and go.
 
-    Args:
-        info: task, scene and step time.
-        **settings: of :class:`Steering`, whose ``law`` is ``"pose"`` here, and its law's own.
-
     Raises:
-        ValueError: a task whose parts stay, or a bad argument.
+        ValueError: a task whose parts stay, or a bad setting of the law.
     """
 
-    def __init__(self, info: TaskInfo, **settings: Any) -> None:
-        super().__init__(info, **{"law": "pose", **settings})
+    class Settings(Steering.Settings):
+        """Settings of the policy and its law."""
+
+        law: LawChoice = "pose"
+
+    def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
+        super().__init__(info, settings)
         if not info.flows or info.zones is None:
             raise info.unsupported("lanes", "a task whose parts leave through gates, such as Feed")
         zones = info.zones[list(info.kind)]
@@ -122,19 +123,15 @@ TURN_AT = 0.060  # m from the goal, where parts turn to its heading
 class CrossingPolicy(TwoPhasesPolicy):
     """Lanes along the table in which parts keep apart: both ways past one another.
 
-    Args:
-        info: task, scene and step time.
-        **settings: of :class:`.two_phases.TwoPhasesPolicy`.
-
     Raises:
-        ValueError: a task whose parts have no goal poses, or a bad argument.
+        ValueError: a task whose parts have no goal poses, or a bad setting of the law.
     """
 
-    def __init__(self, info: TaskInfo, **settings: Any) -> None:
+    def __init__(self, info: TaskInfo, settings: TwoPhasesPolicy.Settings | None = None) -> None:
         if not info.has_goal or info.goal_moves:
             required = "a task whose parts have fixed goal poses, such as Swap, or leave through gates, such as Feed"
             raise info.unsupported("lanes", required)
-        super().__init__(info, **settings)
+        super().__init__(info, settings)
         self.top = info.plant.top_speed
         self.half = half_extents(info)
         self.rules = Rules(info.surface.width, info.surface.depth, self.top, 1.0 / self.lead)

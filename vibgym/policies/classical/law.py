@@ -15,18 +15,24 @@ from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
+from vibgym.settings import BaseSettings
 
 LONGEST_LEAD = 10.0  # s, upper limit of the search of :func:`lead_of`
 
 
 class Law(ABC):
-    """A control law, made as ``SomeLaw(info, **settings)``; batched, for one part or several.
+    """A control law, batched, for one part or several.
 
-    A law without memory defines :meth:`wanted` only.
+    A law without memory defines :meth:`wanted` only. Its settings are the fields of its nested ``Settings``.
+
+    Args:
+        info: task, scene and step time.
+        settings: of the law; None: the defaults.
 
     Attributes:
         lead: s, a target ``lead * v`` ahead of a part makes it move at the velocity ``v``. Planners, which set velocities, use
@@ -34,8 +40,15 @@ class Law(ABC):
         slack: m, largest position error of corners of parts that have arrived.
     """
 
+    class Settings(BaseSettings):
+        """Settings of a law without any."""
+
     lead: float | None = None
     slack: float = 0.0
+    settings: Settings
+
+    def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
+        self.settings = type(self).Settings() if settings is None else settings
 
     def initial(self, batch: int) -> Any:
         """Return the memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
@@ -168,29 +181,33 @@ class LocalLaw(Law):
     ``d`` and proportional to ``d`` near the target; headings likewise. Defaults are tuned for one period per step. A longer
     step holds its push for longer, so the velocity follows its set value no faster than ``(1 - exp(-drag T)) / drag``, and the
     approach is slower by the added time, so that parts do not overshoot.
-
-    Args:
-        info: task, scene and step time.
-        response: s, time in which the velocity follows its set value; longer with long steps.
-        braking: share of the available acceleration used for stopping.
-        approach: 1/s, rate at which the error shrinks near the target; less with long steps. None: depends on the task.
-
-    Raises:
-        ValueError: a setting out of range.
     """
 
-    def __init__(
-        self, info: TaskInfo, *, response: float = 0.04, braking: float = 0.5, approach: float | None = None
-    ) -> None:
+    class Settings(Law.Settings):
+        """Settings of the local law."""
+
+        response: float = Field(0.04, gt=0.0)
+        """Time in which the velocity follows its set value, s; longer with long steps."""
+
+        braking: float = Field(0.5, gt=0.0, le=1.0)
+        """Share of the available acceleration used for stopping."""
+
+        approach: float | None = Field(None, gt=0.0)
+        """Rate at which the error shrinks near the target, 1/s; less with long steps. None: 9 with goals, else 7."""
+
+    settings: Settings
+
+    def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
+        super().__init__(info, settings)
         self.plant = plant = info.plant
-        self.braking = checks.number("braking", braking, above=0.0, most=1.0)
+        self.braking = self.settings.braking
         ahead = 0.5 * (info.step_time - info.surface.period)
         usual = APPROACH if info.has_goal else CROWD_APPROACH
-        self.approach = checks.number("approach", usual if approach is None else approach, above=0.0)
+        self.approach = usual if self.settings.approach is None else self.settings.approach
         self.approach /= 1.0 + SLOWER * self.approach * ahead
         self.lead = 1.0 / self.approach
         held = -np.expm1(-plant.drag * info.step_time) / np.maximum(plant.drag, LEAST_DRAG)  # s, see above
-        self.response = np.maximum(checks.number("response", response, above=0.0), held)
+        self.response = np.maximum(self.settings.response, held)
         self.settling = None
         if info.hard_dead_zone:
             self.settling = Settling(info, BAND * info.position_tolerance, BAND * info.heading_tolerance)

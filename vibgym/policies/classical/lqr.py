@@ -11,23 +11,17 @@ The gains on [p, v] minimise the sum over steps of ``q_p p^2 + q_v v^2 + s u^2``
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Gt
+from pydantic import Field
 
-from vibgym import checks
 from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 
-WEIGHTS = (30000.0, 1.0)  # 1/s^4 and 1/s^2, of squared positions and velocities, relative to squared accelerations
-
-
-def weights(name: str, values: Any, count: int) -> np.ndarray:
-    """Return the weights (count,) of a quadratic cost; raise ValueError unless there are ``count`` positive ones."""
-    if not checks.listed(values) or len(values) != count:
-        raise checks.refuse(name, values, f"{count} weights > 0")
-    return np.array([checks.number(f"{name}[{k}]", each, above=0.0) for k, each in enumerate(values)])
+Weight = Annotated[float, Gt(0.0)]
 
 
 def discretize(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
@@ -44,58 +38,51 @@ def discretize(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray,
     return result[:order, :order], result[:order, order:]
 
 
-def discrete_lqr(
-    f: np.ndarray, g: np.ndarray, state: Sequence[float], control: float, name: str = "state_weights"
-) -> np.ndarray:
+def discrete_lqr(f: np.ndarray, g: np.ndarray, state: Sequence[float], control: float) -> np.ndarray:
     """Return the gains (n,) of the feedback ``u_k = -gains x_k`` that minimises the sum of ``x' Q x + S u^2``.
 
     Args:
         f, g: (n, n) and (n, 1) of ``x_k+1 = F x_k + G u_k``, see :func:`discretize`.
         state: (n,) diagonal of Q.
         control: S.
-        name: of the argument ``state``, for errors.
-
-    Raises:
-        ValueError: weights that are not positive.
     """
     from scipy import linalg  # of the extra "policies"
 
-    q, s = np.diag(weights(name, state, len(f))), checks.number("control_weight", control, above=0.0)
-    p = linalg.solve_discrete_are(f, g, q, np.array([[s]]))
-    return np.linalg.solve(s + g.T @ p @ g, g.T @ p @ f)[0]
+    p = linalg.solve_discrete_are(f, g, np.diag(state), np.array([[control]]))
+    return np.linalg.solve(control + g.T @ p @ g, g.T @ p @ f)[0]
 
 
 class LqrLaw(Law):
     """Linear-quadratic regulator of positions and headings; see the module.
 
-    Args:
-        info: task, scene and step time.
-        state_weights: of squared position (m) and velocity (m/s).
-        heading_weights: of squared heading (rad) and spin (rad/s).
-        control_weight: of squared accelerations by pushes (m/s^2 and rad/s^2).
-
     Attributes:
         gains: (parts, 2, 2) of positions and of headings: 1/s^2 and 1/s.
-
-    Raises:
-        ValueError: weights that are not positive.
     """
 
-    def __init__(
-        self,
-        info: TaskInfo,
-        *,
-        state_weights: Any = WEIGHTS,
-        heading_weights: Any = WEIGHTS,
-        control_weight: float = 1.0,
-    ) -> None:
+    class Settings(Law.Settings):
+        """Settings of the regulator."""
+
+        state_weights: tuple[Weight, Weight] = (30000.0, 1.0)
+        """Of squared position (m) and velocity (m/s), 1/s^4 and 1/s^2."""
+
+        heading_weights: tuple[Weight, Weight] = (30000.0, 1.0)
+        """Of squared heading (rad) and spin (rad/s)."""
+
+        control_weight: float = Field(1.0, gt=0.0)
+        """Of squared accelerations by pushes (m/s^2 and rad/s^2)."""
+
+    settings: Settings
+
+    def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
+        super().__init__(info, settings)
+        own = self.settings
         self.drag = info.plant.drag
         gains = {}
         for drag in set(self.drag.tolist()):
             plant = discretize(np.array([[0.0, 1.0], [0.0, -drag]]), np.array([[0.0], [1.0]]), info.step_time)
             gains[drag] = [
-                discrete_lqr(*plant, state_weights, control_weight, "state_weights"),
-                discrete_lqr(*plant, heading_weights, control_weight, "heading_weights"),
+                discrete_lqr(*plant, own.state_weights, own.control_weight),
+                discrete_lqr(*plant, own.heading_weights, own.control_weight),
             ]
         self.gains = np.array([gains[drag] for drag in self.drag.tolist()])
         # Laws request accelerations net of friction.

@@ -7,23 +7,27 @@ steady rate: the spin builds up and decays with the same lag, so the two cancel.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
-from vibgym import checks
 from vibgym.envs.actions import ACTIONS
 from vibgym.fields import radial, squeeze, tangential
 from vibgym.policies.classical.measured import Measured, check_state, recall
 from vibgym.policies.task_info import TaskInfo
+from vibgym.settings import BaseSettings, Unit
 
 
 class ZeroPolicy:
     """Policy that keeps all elements at rest: parts slide in place."""
 
+    class Settings(BaseSettings):
+        """Settings of the policy: none."""
+
     action, observation = "field", "state"
 
-    def __init__(self, info: TaskInfo) -> None:
+    def __init__(self, info: TaskInfo, settings: Settings) -> None:
         self.layout, self.size = info.layout, ACTIONS[self.action](info.surface, info.parts).size
 
     def predict(
@@ -40,11 +44,17 @@ class ZeroPolicy:
 class RandomPolicy(ZeroPolicy):
     """Policy with uniformly random amplitudes and phases of all elements in every step."""
 
+    class Settings(ZeroPolicy.Settings):
+        """Settings of the policy."""
+
+        seed: int = Field(0, ge=0)
+        """Of the actions."""
+
     action = "element"
 
-    def __init__(self, info: TaskInfo, *, seed: int = 0) -> None:
-        super().__init__(info)
-        self.generator = np.random.default_rng(checks.count("seed", seed, least=0))
+    def __init__(self, info: TaskInfo, settings: Settings) -> None:
+        super().__init__(info, settings)
+        self.generator = np.random.default_rng(settings.seed)
 
     def draw(self, shape: tuple[int, ...]) -> np.ndarray:
         """Return actions of this shape."""
@@ -64,25 +74,29 @@ class OpenLoopPolicy:
 
     Args:
         info: task, scene and step time.
-        turn_rate: rad/s, steady angular velocity in the tangential field.
-        gather_time: s, duration of the radial field before the squeeze field.
-        centring: strength of the radial field added to the squeeze field.
 
     Raises:
-        ValueError: a task for several parts or without goal pose, or a bad argument.
+        ValueError: a task for several parts or without goal pose.
     """
+
+    class Settings(BaseSettings):
+        """Settings of the fields."""
+
+        turn_rate: Annotated[float, Unit("rad/s")] = Field(11.5, gt=0.0)
+        """Steady angular velocity in the tangential field."""
+
+        gather_time: float = Field(2.0, ge=0.0)
+        """Duration of the radial field before the squeeze field, s."""
+
+        centring: float = Field(0.2, ge=0.0, le=1.0)
+        """Strength of the radial field added to the squeeze field."""
 
     action, observation = "phasor", "state"
 
-    def __init__(
-        self, info: TaskInfo, *, turn_rate: float = 11.5, gather_time: float = 2.0, centring: float = 0.2
-    ) -> None:
+    def __init__(self, info: TaskInfo, settings: Settings) -> None:
         if not info.has_goal or info.goal_moves or len(info.parts) != 1:
             raise info.unsupported("open_loop", "a task for one part with a fixed goal pose")
-        self.info = info
-        self.turn_rate = checks.number("turn_rate", turn_rate, above=0.0)
-        self.gather_time = checks.number("gather_time", gather_time, least=0.0)
-        self.centring = checks.number("centring", centring, least=0.0, most=1.0)
+        self.info, self.settings = info, settings
 
     def initial(self, batch: int) -> Plan:
         """Return the memory before the first observation."""
@@ -109,11 +123,11 @@ class OpenLoopPolicy:
         first, second = radial(x, y), None
         until = np.full(len(plan.time), np.inf)
         if self.info.has_heading and self.info.wraps:
-            second = radial(x, y, self.centring) + squeeze(x, y, heading)
-            until[:] = self.gather_time
+            second = radial(x, y, self.settings.centring) + squeeze(x, y, heading)
+            until[:] = self.settings.gather_time
         elif self.info.has_heading:
             first = first + tangential(x, y, np.sign(plan.turn)[:, None, None])
-            until = np.abs(plan.turn) / self.turn_rate
+            until = np.abs(plan.turn) / self.settings.turn_rate
         share = np.clip((until - plan.time) / self.info.step_time, 0.0, 1.0)[:, None, None, None]
         surface, friction = self.info.surface, self.info.parts[0].friction
         phasors = np.zeros((len(share), surface.rows, surface.columns, 2))

@@ -15,20 +15,20 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from vibgym.physics.contacts.hulls import all_gaps
 from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.motion_choice import STAY, Preferences, Scene, choose_motions
-from vibgym.policies.classical.steering import Memory, Settings, Steering
+from vibgym.policies.classical.steering import Memory, Steering
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.outlines import convex_hull, inner_distance
+from vibgym.settings import Length
 from vibgym.simulation import threads as workers
 from vibgym.tasks.assignment import exchange_goals
 from vibgym.tasks.starts import lattice
@@ -157,46 +157,50 @@ class Plan(NamedTuple):
     room: np.ndarray  # (batch, parts, parts) m, distance of two parts at their targets; infinite where it is not used
 
 
-@dataclass(frozen=True)
-class Spacing(Settings):
-    """How parts keep their distance."""
-
-    LIMITS: ClassVar[Mapping[str, Mapping[str, float]]] = {
-        **{name: {"least": 0.0} for name in ("soft", "hard", "faithful", "inset")},
-        "yielding": {"least": 0.0, "most": 1.0},
-    }
-
-    # s, price of a second in touch for breaking the spacing rule; it grows with the square of the distance lacking
-    soft: float = 3.0
-    hard: float = 20.0  # s, price of a second in touch for coming nearer than ``safe``
-    safe: float = 0.010  # m, distance that is kept where there is no room for more
-    yielding: float = 0.3  # share of these prices for a part that has right of way over the other
-    calm: float = 0.5  # s of waiting after which patience is halved
-    faithful: float = 0.02  # s, by which another motion must be better than the last one
-    edge: float = 0.026  # m, distance of centres from the surface's border
-    inset: float = 0.020  # m, distance of targets from the other borders of their zones
-
-
 class PlannerPolicy(Steering):
     """Assigns targets to parts, and keeps them apart on the way.
 
     Targets are the goals, or else places in the zones of the parts, or places far enough apart.
 
-    Args:
-        info: task, scene and step time.
-        **settings: of :class:`Spacing` and :class:`Steering`, and its law's own.
-
     Raises:
-        ValueError: a task without goals, zones or distances, or a bad argument.
+        ValueError: a task without goals, zones or distances, or a bad setting of the law.
     """
 
-    def __init__(self, info: TaskInfo, **settings: Any) -> None:
-        self.spacing = Spacing.taken(settings)
-        super().__init__(info, **settings)
+    class Settings(Steering.Settings):
+        """How parts keep their distance, and the law's settings."""
+
+        soft: float = Field(3.0, ge=0.0)
+        """Price of a second in touch for breaking the spacing rule, s; it grows with the square of the distance lacking."""
+
+        hard: float = Field(20.0, ge=0.0)
+        """Price of a second in touch for coming nearer than ``safe``, s."""
+
+        safe: Length = Field(0.010, gt=0.0)
+        """Distance that is kept where there is no room for more."""
+
+        yielding: float = Field(0.3, ge=0.0, le=1.0)
+        """Share of these prices for a part that has right of way over the other."""
+
+        calm: float = Field(0.5, gt=0.0)
+        """Waiting time after which patience is halved, s."""
+
+        faithful: float = Field(0.02, ge=0.0)
+        """By which another motion must be better than the last one, s."""
+
+        edge: Length = Field(0.026, gt=0.0)
+        """Distance of centres from the surface's border."""
+
+        inset: Length = Field(0.020, ge=0.0)
+        """Distance of targets from the other borders of their zones."""
+
+    settings: Settings
+
+    def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
+        super().__init__(info, settings)
         info.check_places("planner")
-        surface, plant = info.surface, info.plant
-        edge = min(self.spacing.edge, 0.5 * surface.width, 0.5 * surface.depth)
-        self.targets = Targets(info, edge, self.spacing.inset, 2.0 * self.slack)
+        surface, plant, rules = info.surface, info.plant, self.settings
+        edge = min(rules.edge, 0.5 * surface.width, 0.5 * surface.depth)
+        self.targets = Targets(info, edge, rules.inset, 2.0 * self.slack)
         if type(self) is PlannerPolicy and info.goal_gap is not None and info.goal_gap < SERVED:
             text = "goals of %s are %.3g mm apart: below %g mm the planner jams, since parts that have arrived are in the way"
             LOGGER.warning(f"{text}; policy 'two_phases' does not", info.name, 1e3 * info.goal_gap, 1e3 * SERVED)
@@ -214,9 +218,9 @@ class PlannerPolicy(Steering):
             acceleration=ACCELERATION * plant.push.min(),
             braking=BRAKING * plant.push.min(),
             approach=1.0 / self.lead,
-            soft=self.spacing.soft,
-            hard=self.spacing.hard,
-            yielding=self.spacing.yielding,
+            soft=rules.soft,
+            hard=rules.hard,
+            yielding=rules.yielding,
         )
 
     def initial(self, batch: int) -> Memory:
@@ -264,7 +268,7 @@ class PlannerPolicy(Steering):
         period, way = self.info.step_time, np.sqrt(((plan.target - measured.centre) ** 2).sum(axis=-1))
         stuck = (way > ARRIVED) & (np.sqrt((measured.velocity**2).sum(axis=-1)) < SLOW)
         waited = np.where(stuck, plan.waited + period, np.maximum(plan.waited - CALMING * period, 0.0))
-        scene, faithful = self.scene(measured, plan.target, plan.room, waited), self.spacing.faithful
+        scene, faithful = self.scene(measured, plan.target, plan.room, waited), self.settings.faithful
         velocity = np.empty_like(scene.centre)
 
         def choose(start: int, stop: int) -> None:
@@ -281,7 +285,7 @@ class PlannerPolicy(Steering):
             room: (batch, parts, parts) m, distances at the targets.
             waited: (batch, parts) s.
         """
-        centre, rules = np.ascontiguousarray(measured.centre), self.spacing
+        centre, rules = np.ascontiguousarray(measured.centre), self.settings
         way = np.sqrt(((target - centre) ** 2).sum(axis=-1))
         room = room + NEARING * (way[:, :, None] + way[:, None])
         return Scene(

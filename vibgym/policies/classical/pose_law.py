@@ -14,22 +14,18 @@ import math
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
-from vibgym import checks
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.kernels.jit import borrowing
 from vibgym.policies.classical.law import Law, Settling
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
+from vibgym.settings import Angle, Length
 
-OVER = 0.5  # share of the heading tolerance by which a part may overshoot on arrival; saves a step in Rotate and Align
 GAIN = 0.5  # mean acceleration up to the top speed over that near rest; friction takes a growing share of it
 SOON = 0.1  # s before its arrival, about, from which on a part turns as fast as it can
-BAND, TURN_BAND = (
-    0.25e-3,
-    math.radians(0.3),
-)  # m and rad, errors at rest that are not corrected, in tasks with goal poses
 BEYOND = 1.03  # set speed over the top speed, so that parts reach the top speed
 
 # 1/s, maximum speed over the distance: for ideal elements, for elements that differ, and among other parts, where slowing down
@@ -42,54 +38,55 @@ TILT_APPROACH = 12.0
 
 
 class PoseLaw(Law):
-    """Positions and headings along stopping curves; see the module.
+    """Positions and headings along stopping curves; see the module."""
 
-    Args:
-        info: task, scene and step time.
-        braking, turn_braking: share of the largest push used for braking.
-        approach, turn_approach: 1/s, maximum speed over the error; None: depends on task, model and hardware.
-        band, turn_band: m and rad, errors at rest that are not corrected, on elements with a hard dead zone.
-        over: share of the heading tolerance by which a part may overshoot when it arrives.
+    class Settings(Law.Settings):
+        """Settings of the pose law."""
 
-    Raises:
-        ValueError: a setting out of range.
-    """
+        braking: float = Field(0.9, gt=0.0, le=1.0)
+        """Share of the largest push used for braking."""
 
-    def __init__(
-        self,
-        info: TaskInfo,
-        *,
-        braking: float = 0.9,
-        turn_braking: float = 0.95,
-        approach: float | None = None,
-        turn_approach: float | None = None,
-        band: float = BAND,
-        turn_band: float = TURN_BAND,
-        over: float = OVER,
-    ) -> None:
-        plant, step, sheet = info.plant, info.step_time, info.hardware
-        braking = checks.number("braking", braking, above=0.0, most=1.0)
-        turn_braking = checks.number("turn_braking", turn_braking, above=0.0, most=1.0)
+        turn_braking: float = Field(0.95, gt=0.0, le=1.0)
+        """The same when a part turns."""
+
+        approach: float | None = Field(None, gt=0.0)
+        """Maximum speed over the error, 1/s. None: 28; 21 with a dead zone or latency; 12 without goals, or for one part that
+        tilts."""
+
+        turn_approach: float | None = Field(None, gt=0.0)
+        """Maximum spin over the heading error, 1/s. None: 36; 12 for one part that tilts."""
+
+        band: Length = Field(0.25e-3, gt=0.0)
+        """Error at rest that is not corrected, in tasks with goals on elements with a hard dead zone."""
+
+        turn_band: Angle = Field(math.radians(0.3), gt=0.0)
+        """The same of the heading."""
+
+        over: float = Field(0.5, ge=0.0, le=1.0)
+        """Share of the heading tolerance by which a part may overshoot when it arrives; saves a step in Rotate and Align."""
+
+    settings: Settings
+
+    def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
+        super().__init__(info, settings)
+        plant, step, sheet, own = info.plant, info.step_time, info.hardware, self.settings
         parts = len(info.parts)
         usual = APPROACH if sheet.dead_zone == 0.0 and sheet.latency == 0 else SPREAD_APPROACH
         usual = usual if info.has_goal else CROWD_APPROACH
         usual, usual_turn = (usual, TURN_APPROACH) if info.flat or parts > 1 else (TILT_APPROACH, TILT_APPROACH)
-        approach = checks.number("approach", usual if approach is None else approach, above=0.0)
-        turn_approach = usual_turn if turn_approach is None else turn_approach
-        turn_approach = checks.number("turn_approach", turn_approach, above=0.0)
-        over = checks.number("over", over, least=0.0, most=1.0)
-        band, turn_band = checks.number("band", band, above=0.0), checks.number("turn_band", turn_band, above=0.0)
         process = FrictionalInverse(info.surface, info.parts, limit=sheet.limit)
         turning = turning_push(info)
         top = np.full(parts, BEYOND * plant.top_speed)
-        self.curve = StoppingCurve(process, np.full(parts, braking * plant.strength), top, False)
-        self.turn_curve = StoppingCurve(process, turn_braking * turning, fastest_spin(process, turning), True)
-        self.approach, self.turn_approach, self.over = approach, turn_approach, over * allowed_turn(info)
+        self.curve = StoppingCurve(process, np.full(parts, own.braking * plant.strength), top, False)
+        self.turn_curve = StoppingCurve(process, own.turn_braking * turning, fastest_spin(process, turning), True)
+        self.approach = usual if own.approach is None else own.approach
+        self.turn_approach = usual_turn if own.turn_approach is None else own.turn_approach
+        self.over = own.over * allowed_turn(info)
         self.gain, self.step = GAIN * plant.push, step
-        self.lead = 1.0 / approach + step  # the set speed is that at the end of the step
+        self.lead = 1.0 / self.approach + step  # the set speed is that at the end of the step
         self.settling = None
         if info.hard_dead_zone:
-            self.settling = Settling(info, band, turn_band)
+            self.settling = Settling(info, own.band, own.turn_band)
             self.slack = self.settling.slack
 
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:

@@ -9,18 +9,19 @@ of the pushers' paths to these points. On the way there pushers go round the par
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import Part
 from vibgym.kernels.jit import exact
 from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, wrap
-from vibgym.policies.classical.steering import Memory, Settings, Steering
+from vibgym.policies.classical.steering import LawChoice, Memory, Steering
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.sliding import drag_of
+from vibgym.settings import Length, Speed
 
 SPACING = 0.004  # m between candidate points of the outline
 ANGLES = 72  # directions about the part in which the distance of the path round it is tabulated
@@ -30,23 +31,6 @@ SECTOR, AHEAD = (
     0.35,
 )  # rad, direction from the part below which a pusher goes straight; its next point on the way round
 ROOM = 0.004  # m between pushers
-
-
-@dataclass(frozen=True)
-class Manner(Settings):
-    """How parts are pushed."""
-
-    speed: float = 0.14  # m/s, top speed of the pushed part, its spin times the radius of gyration included
-    gain: float = 0.8  # rate at which its remaining displacement shrinks, over the rate at which friction brakes it
-    travel: float = 0.65  # 1/m, cost of a metre of the longer path of both pushers, over the best direction's value
-    shorter: float = 0.2  # share of this cost for a metre of the shorter path
-    early: float = 0.6  # share of their difference that is deducted if the first to arrive can push alone, see useful
-    ready: float = 0.009  # m, distance of a pusher from its place, within which it pushes
-    useful: float = 0.8  # cosine of the angle to the wanted motion, above which one pushes before the other is ready
-    press: float = 0.004  # m into the part, target of a pusher
-    clear: float = 0.006  # m, distance to the part on the way round it
-    along: float = 0.12  # s, time constant of pushers on their way to a place nearby
-    still: float = 0.5  # share of the tolerances within which no pusher pushes
 
 
 class Outline:
@@ -91,17 +75,52 @@ class Outline:
 class PushingPolicy(Steering):
     """Policy that pushes one part to its goal with two others.
 
-    Args:
-        info: task, scene and step time.
-        **settings: of :class:`Manner` and :class:`.steering.Steering`, whose ``law`` is ``"pose"`` here, and its law's own.
-
     Raises:
-        ValueError: a task without one part that is pushed and two that push, or a bad argument.
+        ValueError: a task without one part that is pushed and two that push, or a bad setting of the law.
     """
 
-    def __init__(self, info: TaskInfo, **settings: Any) -> None:
-        self.manner = Manner.taken(settings)
-        super().__init__(info, **{"law": "pose", **settings})
+    class Settings(Steering.Settings):
+        """How parts are pushed, and the law's settings."""
+
+        law: LawChoice = "pose"
+
+        speed: Speed = Field(0.14, gt=0.0)
+        """Top speed of the pushed part, its spin times the radius of gyration included."""
+
+        gain: float = Field(0.8, gt=0.0)
+        """Rate at which its remaining displacement shrinks, over the rate at which friction brakes it."""
+
+        travel: float = Field(0.65, gt=0.0)
+        """Cost of a metre of the longer path of both pushers, over the best direction's value, 1/m."""
+
+        shorter: float = Field(0.2, gt=0.0)
+        """Share of this cost for a metre of the shorter path."""
+
+        early: float = Field(0.6, gt=0.0)
+        """Share of their difference that is deducted if the first to arrive can push alone, see ``useful``."""
+
+        ready: Length = Field(0.009, gt=0.0)
+        """Distance of a pusher from its place, within which it pushes."""
+
+        useful: float = Field(0.8, gt=0.0)
+        """Cosine of the angle to the wanted motion, above which one pushes before the other is ready."""
+
+        press: Length = Field(0.004, gt=0.0)
+        """Into the part, target of a pusher."""
+
+        clear: Length = Field(0.006, gt=0.0)
+        """Distance to the part on the way round it."""
+
+        along: float = Field(0.12, gt=0.0)
+        """Time constant of pushers on their way to a place nearby, s."""
+
+        still: float = Field(0.5, gt=0.0)
+        """Share of the tolerances within which no pusher pushes."""
+
+    settings: Settings
+
+    def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
+        super().__init__(info, settings)
         driven, asked = np.array(info.driven), np.array(info.asked)
         if not info.has_goal or info.goal_moves or (asked & ~driven).sum() != 1 or (driven & ~asked).sum() != 2:
             required = "a task with a goal for one part that elements do not drive, and two driven parts without goals"
@@ -127,7 +146,7 @@ class PushingPolicy(Steering):
 
     def velocities(self, measured: Measured) -> np.ndarray:
         """Return the set velocities (batch, 2, 2) of the pushers, m/s."""
-        manner, outline, gyration = self.manner, self.outline, self.outline.gyration
+        manner, outline, gyration = self.settings, self.outline, self.outline.gyration
         centre, heading = measured.centre[:, self.pushed], measured.heading[:, self.pushed]
         way, turn = measured.way[:, self.pushed], measured.turn[:, self.pushed]
         to_world = rotation(heading)
@@ -193,7 +212,7 @@ class PushingPolicy(Steering):
         chosen, sweep = np.zeros((len(at), 2), dtype=np.int64), np.zeros((len(at), 2))
         push = np.zeros((len(at), 2))
         alone = np.maximum(along, 0.0) / np.sqrt(np.diag(self._gram))
-        manner = self.manner
+        manner = self.settings
         prices = manner.travel, manner.shorter, manner.early, manner.useful
         choose_pairs(along, alone, self._gram, self._fits, inside, cost, sweeps, ahead, *prices, chosen, push, sweep)
         return chosen, push, sweep
@@ -248,17 +267,17 @@ class PushingPolicy(Steering):
         """Return velocities (batch, 2, 2), m/s, along the outline from places (batch, 2, 2) by angles (batch, 2)."""
         here, away = np.arctan2(at[..., 1], at[..., 0]), np.hypot(at[..., 0], at[..., 1])
         # From far away to where the way touches the circle about the part and a disc.
-        circle = float(self.outline.round.max()) + self.manner.clear
+        circle = float(self.outline.round.max()) + self.settings.clear
         most = np.maximum(np.arccos(np.minimum(circle / np.maximum(away, 1e-9), 1.0)), AHEAD)
         ahead = here + np.clip(sweep, -most, most)
-        radius = np.maximum(self.round_at(here), self.round_at(ahead)) + self.manner.clear
+        radius = np.maximum(self.round_at(here), self.round_at(ahead)) + self.settings.clear
         target = radius[..., None] * np.stack([np.cos(ahead), np.sin(ahead)], axis=-1)
         # Outwards, where a pusher is too near to go round.
         way = target - at
-        lack = np.maximum(self.round_at(here) + 0.5 * self.manner.clear - away, 0.0)
+        lack = np.maximum(self.round_at(here) + 0.5 * self.settings.clear - away, 0.0)
         outward = at / np.maximum(away, 1e-9)[..., None]
         along = self.top * way / np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-9)[..., None]
-        return along + (lack / self.manner.along)[..., None] * 4.0 * outward
+        return along + (lack / self.settings.along)[..., None] * 4.0 * outward
 
     def round_at(self, angle: np.ndarray) -> np.ndarray:
         """Return the distance from the part's centre, m, at which a disc touches it in directions (rad) of its frame."""
@@ -269,7 +288,7 @@ class PushingPolicy(Steering):
         between = at[:, 1] - at[:, 0]
         distance = np.hypot(between[:, 0], between[:, 1])
         along = between / np.maximum(distance, 1e-9)[:, None]
-        room = np.maximum(distance - 2.0 * self.reach - ROOM, 0.0) / (2.0 * self.manner.along)
+        room = np.maximum(distance - 2.0 * self.reach - ROOM, 0.0) / (2.0 * self.settings.along)
         result = velocity.copy()
         for k, sign in ((0, 1.0), (1, -1.0)):
             towards = sign * (velocity[:, k] * along).sum(axis=-1)

@@ -7,11 +7,12 @@ the environment's action. :class:`LocalFieldPolicy` steers every part straight t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from vibgym import checks
 from vibgym.allocation import Allocator
@@ -27,10 +28,14 @@ from vibgym.policies.classical.pid import PidLaw
 from vibgym.policies.classical.pose_law import PoseLaw
 from vibgym.policies.task_info import TaskInfo
 from vibgym.registry import Registry
+from vibgym.settings import BaseSettings, Length, with_unit
 
 LAWS: Registry[type[Law]] = Registry("law", {"local": LocalLaw, "pose": PoseLaw, "lqr": LqrLaw, "pid": PidLaw})
-"""Control laws by name. ``LAWS.register(name, cls)`` adds a custom one, made as ``cls(info, **settings)``; see :mod:`.law`. Its
-name is then also a controller's: straight to the goal with one part, under the planner with several."""
+"""Control laws by name. ``LAWS.register(name, cls)`` adds a custom one, a subclass of :class:`.law.Law`. Its name is
+then also a controller's: straight to the goal with one part, under the planner with several."""
+
+LawChoice = str | Mapping[str, Any]
+"""Name of a law, or a mapping with ``kind`` and the law's settings."""
 
 
 class PhasorOutput:
@@ -170,37 +175,65 @@ class Steering:
 
     Args:
         info: task, scene and step time.
-        law: among :data:`LAWS`.
-        learn: whether to estimate gains and phases of elements (:mod:`.gains`), where they have a hard dead zone and parts
-            have goal poses, and ``action`` is ``"phasor"``.
-        action: the environment's ``action=``, among :data:`OUTPUTS`.
-        observer: among :data:`.observer.OBSERVERS`: ``"disturbance"`` estimates the acceleration of each part that elements and
-            nominal friction do not explain, and rejects it. None: that for one part that can tilt, on elements without a hard
-            dead zone; else ``"none"``, since elsewhere it was measured not to help.
-        **settings: the law's own.
+        settings: of the policy and its law; None: the defaults.
 
     Attributes:
         ahead: s, half the difference of step and period.
         slack: m, largest position error of corners of parts that have arrived.
 
     Raises:
-        ValueError: a bad argument, or parts that can stick to the surface, where averages over a period do not hold.
+        ValueError: a bad setting of the law, or parts that can stick to the surface, where averages over a period do not hold.
     """
 
-    observation = "state"
+    class Settings(BaseSettings):
+        """Settings of a policy and its law.
 
-    def __init__(
-        self,
-        info: TaskInfo,
-        *,
-        law: str = "local",
-        learn: bool = True,
-        action: str = "phasor",
-        observer: str | None = None,
-        **settings: Any,
-    ) -> None:
+        Those of the law stand beside the policy's, ``{"law": "pose", "approach": 20}``, or with its name,
+        ``{"law": {"kind": "pose", "approach": 20}}``.
+        """
+
+        law: LawChoice = "local"
+        """Among :data:`LAWS`, with its settings."""
+
+        learn: bool = True
+        """Whether to estimate gains and phases of elements (:mod:`.gains`), where they have a hard dead zone and parts have
+        goal poses, and ``action`` is ``"phasor"``."""
+
+        action: Literal["phasor", "wrench", "velocity", "target"] = "phasor"
+        """The environment's ``action=``, among :data:`OUTPUTS`."""
+
+        observer: Literal["none", "disturbance"] | None = None
+        """``"disturbance"`` estimates the acceleration of each part that elements and nominal friction do not explain, and
+        rejects it. None: that for one part that can tilt, on elements without a hard dead zone; else ``"none"``, since
+        elsewhere it was measured not to help."""
+
+        @model_validator(mode="before")
+        @classmethod
+        def _with_law(cls, given: Any) -> Any:
+            """Move the settings that are not the policy's to the law's."""
+            if not isinstance(given, Mapping):
+                return given
+            own = {name: value for name, value in given.items() if name in cls.model_fields or name in with_unit(cls)}
+            rest = {name: value for name, value in given.items() if name not in own}
+            if not rest:
+                return given
+            kind, settings = LAWS.split("law", own.get("law", cls.model_fields["law"].default))
+            law = getattr(LAWS[kind], "Settings", None)
+            for name in rest:
+                if name in settings:
+                    raise checks.conflict(f"{name!r} is given twice, beside the law and with it")
+                if law is not None and name not in law.model_fields and name not in with_unit(law):
+                    known = *cls.model_fields, *law.model_fields
+                    raise checks.unknown("setting", name, known, of=f"the policy and its law {kind!r}")
+            return {**own, "law": {"kind": kind, **settings, **rest}}
+
+    observation = "state"
+    settings: Settings
+
+    def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
         self.info = info
-        self.law = checks.made(f"law {law!r}", LAWS.choose("law", law), (info,), settings)
+        self.settings = own = type(self).Settings() if settings is None else settings
+        self.law: Law = LAWS.make("law", own.law, info)
         self.slack = self.law.slack
         self.process = FrictionalInverse(
             info.surface, info.parts, limit=info.hardware.limit, ahead=0.5 * info.surface.period
@@ -210,12 +243,11 @@ class Steering:
         self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * info.plant.drag)
         # s, of the same, by the end of the step.
         self.gained = info.surface.period + 2.0 * self.ahead * np.exp(-self.ahead * info.plant.drag)
-        self.action = checks.choice("action", action, tuple(OUTPUTS))
-        self.output = OUTPUTS[action](info, self.process, learn)
+        self.action: str = own.action
+        self.output = OUTPUTS[own.action](info, self.process, own.learn)
         self.learner = self.output.learner
         usual = "none" if info.flat or info.hard_dead_zone or len(info.parts) > 1 else "disturbance"
-        kind = checks.choice("observer", usual if observer is None else observer, tuple(OBSERVERS))
-        self.observer = OBSERVERS[kind](info, self.gaining, self.gained)
+        self.observer = OBSERVERS[own.observer or usual](info, self.gaining, self.gained)
         self.symmetry = np.array([part.symmetry for part in info.parts])
         self.preview = Preview(info) if info.goal_moves else None
 
@@ -341,47 +373,26 @@ class Steering:
         return -wrap(measured.heading, self.symmetry)
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Base of the numerical settings of a controller.
-
-    Raises:
-        ValueError: a value out of range.
-    """
-
-    LIMITS: ClassVar[Mapping[str, Mapping[str, float]]] = {}
-    """Range of each setting, arguments of :func:`vibgym.checks.number`; without an entry it must be positive."""
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            limits = self.LIMITS.get(each.name, {"above": 0.0})
-            value = checks.number(each.name, getattr(self, each.name), **limits)
-            object.__setattr__(self, each.name, value)  # the class is frozen
-
-    @classmethod
-    def taken(cls, settings: dict[str, Any]) -> Self:
-        """Return the settings with values from ``settings``, from which these are removed."""
-        return cls(**{each.name: settings.pop(each.name) for each in fields(cls) if each.name in settings})
-
-
 class LocalFieldPolicy(Steering):
     """Policy that steers every part straight to its target, without regard to obstacles.
 
     The target is the goal position; or the nearest point of the part's zone, a margin inside; or, where parts only have to keep
     a distance, it lies straight away from the other parts that are too near.
 
-    Args:
-        info: task and scene.
-        margin: m, distance of targets from borders of zones and table.
-        **settings: of :class:`Steering`, and its law's own.
-
     Raises:
-        ValueError: a task without goals, zones or distances, or a bad argument.
+        ValueError: a task without goals, zones or distances, or a bad setting of the law.
     """
 
-    def __init__(self, info: TaskInfo, *, margin: float = 0.03, **settings: Any) -> None:
-        super().__init__(info, **settings)
-        self.margin = checks.number("margin", margin, least=0.0)
+    class Settings(Steering.Settings):
+        """Settings of the policy and its law."""
+
+        margin: Length = Field(0.03, ge=0.0)
+        """Distance of targets from borders of zones and table."""
+
+    settings: Settings
+
+    def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
+        super().__init__(info, settings)
         info.check_places("local_field")
 
     def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
@@ -395,7 +406,7 @@ class LocalFieldPolicy(Steering):
             return centre + measured.way
         if info.zones is not None:
             zone = info.zones[list(info.kind)]
-            inset = np.minimum(self.margin, 0.5 * (zone[:, 2:] - zone[:, :2]))
+            inset = np.minimum(self.settings.margin, 0.5 * (zone[:, 2:] - zone[:, :2]))
             return np.clip(centre, zone[:, :2] + inset, zone[:, 2:] - inset)
         assert info.apart is not None
         between = centre[:, :, None] - centre[:, None]
@@ -405,5 +416,5 @@ class LocalFieldPolicy(Steering):
         lack = np.maximum(enough - distance, 0.0) * measured.present[:, None] * ~np.eye(len(radius), dtype=bool)
         away = (lack / np.maximum(distance, 1e-9))[..., None] * between
         size = np.array([info.surface.width, info.surface.depth])
-        edge = min(self.margin, 0.5 * size.min())
+        edge = min(self.settings.margin, 0.5 * size.min())
         return np.clip(centre + away.sum(axis=2), edge, size - edge)

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import Part, Surface
 from vibgym.kernels.jit import borrowing, exact, jit
@@ -23,8 +24,9 @@ from vibgym.policies.classical import planner
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.motion_choice import INSTANTS, INTERVAL, set_velocity
 from vibgym.policies.classical.planner import PlannerPolicy
-from vibgym.policies.classical.steering import Memory, Settings
+from vibgym.policies.classical.steering import LawChoice, Memory
 from vibgym.policies.task_info import TaskInfo
+from vibgym.settings import Length
 from vibgym.simulation import threads as workers
 
 SCALES = 25  # candidate stretches along each axis
@@ -147,32 +149,43 @@ class Phase(NamedTuple):
     stuck: np.ndarray  # (batch,) s in the second phase without motion, with parts off their goals
 
 
-@dataclass(frozen=True)
-class Closing(Settings):
-    """How far the pattern is drawn apart, and when all parts close in."""
-
-    apart: float = 0.036  # m between parts in the pattern drawn apart, where there is room
-    margin: float = 0.004  # m between parts on their straight paths, far from their goals
-    growth: float = 0.03  # m of it per m of remaining displacement, on top of ``share``
-    share: float = 0.5  # of the distance of two goals
-    give_up: float = 1.0  # s of standstill with a part off its goal, after which the first phase starts again
-    doubt: float = 0.006  # m of overlap on straight paths, above which it does as well
-
-
 class TwoPhasesPolicy(PlannerPolicy):
     """The planner to the pattern drawn apart, then straight to the goals; see the module.
 
-    Args:
-        info: task, scene and step time.
-        **settings: of :class:`Closing`; and of :class:`.planner.PlannerPolicy`, whose ``law`` is ``"pose"`` here.
-
     Raises:
-        ValueError: a task without fixed goal poses, or a bad argument.
+        ValueError: a task without fixed goal poses, or a bad setting of the law.
     """
 
-    def __init__(self, info: TaskInfo, **settings: Any) -> None:
-        self.settings = Closing.taken(settings)
-        super().__init__(info, **{"law": "pose", "edge": 0.018, "soft": 0.5, "safe": 0.004, **settings})
+    class Settings(PlannerPolicy.Settings):
+        """How far the pattern is drawn apart, when all parts close in, and the planner's settings."""
+
+        law: LawChoice = "pose"
+        edge: Length = Field(0.018, gt=0.0)
+        soft: float = Field(0.5, ge=0.0)
+        safe: Length = Field(0.004, gt=0.0)
+
+        apart: Length = Field(0.036, gt=0.0)
+        """Between parts in the pattern drawn apart, where there is room."""
+
+        margin: Length = Field(0.004, gt=0.0)
+        """Between parts on their straight paths, far from their goals."""
+
+        growth: float = Field(0.03, gt=0.0)
+        """Of the margin, m per m of remaining displacement, on top of ``share``."""
+
+        share: float = Field(0.5, gt=0.0)
+        """Of the distance of two goals."""
+
+        give_up: float = Field(1.0, gt=0.0)
+        """Standstill with a part off its goal after which the first phase starts again, s."""
+
+        doubt: Length = Field(0.006, gt=0.0)
+        """Overlap on straight paths above which it does as well."""
+
+    settings: Settings
+
+    def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
+        super().__init__(info, settings)
         if not info.has_goal or info.goal_moves:
             raise info.unsupported("two_phases", "a task whose parts have fixed goal poses, such as Pack")
 

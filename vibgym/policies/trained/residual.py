@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.envs.features import Numbers
@@ -22,6 +23,7 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.networks import NEIGHBOUR
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION, TrainedPolicy, network_of
+from vibgym.settings import BaseSettings, read
 
 SCALE = 0.5
 """Default factor of the network's action."""
@@ -138,6 +140,13 @@ def base_named(base: Any) -> dict[str, Any]:
     return {"action": "wrench", **base}
 
 
+class Record(BaseSettings):
+    """What a correction's file says about it."""
+
+    base: Mapping[str, Any]
+    scale: float = Field(gt=0.0, le=MOST_SCALE)
+
+
 class Correction(NamedTuple):
     """Contents of a correction's file."""
 
@@ -158,13 +167,8 @@ def load_correction(path: Path, info: TaskInfo, base: Any = None, scale: float |
         ValueError: no correction for this task, or one of another base or scale.
     """
     tensors, record = load_set(path, KIND, VERSION)
-    what = record.get(RESIDUAL)
-    if not isinstance(what, dict) or set(what) != {"base", "scale"} or not isinstance(what["base"], dict):
-        raise checks.refuse(f"{path}: {RESIDUAL}", what, "'base' and 'scale' of a policy that a network corrects")
-    own = (
-        base_named(what["base"]),
-        checks.number(f"{path}: {RESIDUAL}.scale", what["scale"], above=0.0, most=MOST_SCALE),
-    )
+    what = read(Record, record.get(RESIDUAL), f"{path}: {RESIDUAL}")
+    own = base_named(what.base), what.scale
     wanted = (own[0] if base is None else base_named(base)), (own[1] if scale is None else scale)
     for name, mine, theirs in zip(("base", "scale"), wanted, own, strict=True):
         if mine != theirs:
