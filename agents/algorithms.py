@@ -13,8 +13,8 @@ from agents.offline import Offline
 from agents.ppo import PPO
 from agents.sb3 import SB3
 from agents.training_settings import TrainSettings
-from vibgym.config import Settings
 from vibgym.registry import Registry
+from vibgym.settings import BaseSettings
 
 
 class Algorithm(Protocol):
@@ -37,7 +37,7 @@ class Algorithm(Protocol):
         ValueError: settings that it does not support.
     """
 
-    hyperparameters: ClassVar[type[Settings]]
+    Settings: ClassVar[type[BaseSettings]]
     """Settings under the algorithm's name in a training file."""
 
     action: str
@@ -76,7 +76,5 @@ class Algorithm(Protocol):
         ...
 
 
-BUILT_IN: dict[str, type[Algorithm]] = {"ppo": PPO, "offline": Offline, "flow": Flow, "sb3": SB3}
-
-ALGORITHMS = Registry("algorithm", BUILT_IN)
+ALGORITHMS: Registry[Any] = Registry("algorithm", {"ppo": PPO, "offline": Offline, "flow": Flow, "sb3": SB3})
 """Algorithms by name."""

@@ -40,7 +40,7 @@ class Curriculum:
             ValueError: its environment is invalid.
         """
         last = self.stage == len(self._run.curriculum)
-        with checks.within("environment" if last else f"curriculum.{self.stage}.environment"):
+        with checks.within("environment" if last else f"curriculum[{self.stage}].environment"):
             return make_worlds(self.settings, self._observation)
 
     def first_worlds(self) -> VecEnv:
@@ -57,7 +57,7 @@ class Curriculum:
             spaces = found if spaces is None else spaces
             if found != spaces:
                 env.close()
-                where = f"curriculum.{stage}.environment"
+                where = f"curriculum[{stage}].environment"
                 raise checks.conflict(f"{where} has other observations or actions than the run's environment")
             if stage:
                 env.close()

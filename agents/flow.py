@@ -10,19 +10,20 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, Literal
 
 import numpy as np
 import torch
+from pydantic import Field, model_validator
 from torch import nn
 
 from agents.checkpoint import Modules, Optimizers
 from agents.networks import NETWORKS, trained_tensors
 from agents.offline import DataLearner
-from agents.training_settings import FlowSettings
-from vibgym.config import Settings
+from agents.training_settings import Widths
+from vibgym import checks
 from vibgym.policies.trained.coding import Coding
-from vibgym.policies.trained.flow import TIMES, FlowPolicy
+from vibgym.policies.trained.flow import MOST_HORIZON, TIMES, FlowPolicy
 from vibgym.policies.trained.trained import FLOW
 
 WARM, DECAY = 10.0, 0.999
@@ -40,7 +41,7 @@ class FlowActor(nn.Module):
 
     phases: torch.Tensor
 
-    def __init__(self, coding: Coding, settings: FlowSettings) -> None:
+    def __init__(self, coding: Coding, settings: Flow.Settings) -> None:
         super().__init__()
         self.eyes = NETWORKS[settings.network][0].encoder(coding.shape, settings.attention)
         width, values = settings.net[0], settings.horizon * coding.shape.action
@@ -72,7 +73,7 @@ class FlowNetworks:
         actor: running mean of these.
     """
 
-    def __init__(self, coding: Coding, settings: FlowSettings) -> None:
+    def __init__(self, coding: Coding, settings: Flow.Settings) -> None:
         self.coding, self.learning = coding, FlowActor(coding, settings)
         self.actor = copy.deepcopy(self.learning).requires_grad_(False)
 
@@ -87,7 +88,35 @@ class FlowNetworks:
 class Flow(DataLearner):
     """Training by flow matching; see the module."""
 
-    hyperparameters: ClassVar[type[Settings]] = FlowSettings
+    class Settings(DataLearner.Settings):
+        """Settings of flow matching."""
+
+        network: Literal["joint", "parts", "pixels"] = "joint"
+        """Among agents.networks.NETWORKS."""
+
+        net: Widths = (256, 256, 256)
+        """Residual blocks, of equal width."""
+
+        batch_size: int = Field(256, ge=2, le=10_000_000)
+        """Parts."""
+
+        horizon: int = Field(8, ge=1, le=MOST_HORIZON)
+        """Actions of a plan."""
+
+        executed: int = Field(2, ge=1, le=MOST_HORIZON)
+        """Of these, before the next plan."""
+
+        euler_steps: int = Field(5, ge=1, le=1000)
+        """From noise to actions."""
+
+        @model_validator(mode="after")
+        def _fits(self) -> Flow.Settings:
+            if len(set(self.net)) > 1:
+                raise checks.conflict(f"net: all residual blocks must have the same width, got {list(self.net)}")
+            if self.executed > self.horizon:
+                raise checks.refuse("executed", self.executed, f"at most horizon, {self.horizon}")
+            return self
+
     title, phase = "flow matching", "flow"
     advice = "flow.learning_rate"
 

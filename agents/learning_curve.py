@@ -17,7 +17,6 @@ from pydantic import ConfigDict, Field
 
 from agents.training_settings import TrainSettings
 from vibgym import checks
-from vibgym.config import Settings, parse
 from vibgym.envs.vector import batch_of, environment_id
 from vibgym.files import reason, write_atomically
 from vibgym.policies.protocol import Policy
@@ -25,6 +24,7 @@ from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Outcomes, run
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.residual import ResidualPolicy
+from vibgym.settings import BaseSettings, read
 from vibgym.simulation.models import with_certified_contacts
 
 FILE = "curve.csv"
@@ -37,7 +37,7 @@ RATE = "good_per_minute"
 """Field of ``info`` at the end of episodes of tasks that end only at their limit."""
 
 
-class CurveRow(Settings):
+class CurveRow(BaseSettings):
     """One evaluation in the file of a learning curve; empty cells have their defaults. Old files lack some columns."""
 
     model_config = ConfigDict(strict=False)  # cells are texts
@@ -86,7 +86,7 @@ def read_curve(path: Path, field: str) -> Curve:
     rows: list[CurveRow] = []
     for index, line in enumerate(lines, 2):
         where = f"{path}: line {index}"
-        rows.append(parse(CurveRow, {name: cell for name, cell in line.items() if cell}, where))
+        rows.append(read(CurveRow, {name: cell for name, cell in line.items() if cell}, where))
         if rows[-1].success > 0.0 and math.isnan(rows[-1].time_to_goal):
             raise checks.missing(f"{where}: time_to_goal", "required with success")
     for index, (before, row) in enumerate(itertools.pairwise(rows), 3):

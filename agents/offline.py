@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import copy
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, Literal
 
 import numpy as np
 import torch
+from pydantic import Field, model_validator
 from stable_baselines3.common.utils import polyak_update
 from torch import nn
 
@@ -21,9 +22,8 @@ from agents.imitation import relative_error
 from agents.learner import PartsLearner, Report
 from agents.networks import ActorCritic, PartsCritic
 from agents.training_envs import make_worlds
-from agents.training_settings import DataSettings, OfflineSettings, TrainSettings
+from agents.training_settings import NetworkSettings, Rate, RateSettings, TrainSettings
 from vibgym import checks
-from vibgym.config import Settings
 from vibgym.policies.trained.coding import Coding
 
 BLOCK = 100
@@ -39,7 +39,7 @@ class ActionValues(nn.Module):
     The action stands between the part's own columns and those of its neighbours.
     """
 
-    def __init__(self, coding: Coding, settings: OfflineSettings) -> None:
+    def __init__(self, coding: Coding, settings: Offline.Settings) -> None:
         super().__init__()
         shape = coding.shape
         self.own = shape.own
@@ -68,6 +68,21 @@ class DataLearner(PartsLearner):
         ValueError: no such data set, or one of another environment, scene or version.
     """
 
+    class Settings(NetworkSettings, RateSettings):
+        """Settings of learning from a data set; a step is an update from one minibatch."""
+
+        dataset: str = Field(min_length=1)
+        """Minari's name, as ``python -m agents record`` writes it."""
+
+        directory: str | None = None
+        """Of the data sets; None: Minari's default."""
+
+        episodes: int | None = Field(None, ge=1)
+        """Of the data set, at most; None: all."""
+
+        batch_size: int = Field(1024, ge=2, le=10_000_000)
+        """Parts."""
+
     own: Any
     optimizer: torch.optim.Optimizer
 
@@ -75,7 +90,7 @@ class DataLearner(PartsLearner):
         from agents.transitions import read  # Minari is an extra
 
         super().__init__(settings)
-        assert isinstance(settings.own, DataSettings)
+        assert isinstance(settings.own, DataLearner.Settings)
         self.own = own = settings.own
         settings.check_alone()
         with checks.within("environment"):  # one world per scene
@@ -164,7 +179,33 @@ class DataLearner(PartsLearner):
 class Offline(DataLearner):
     """Behaviour cloning and implicit Q-learning. The policy has the form of PPO's."""
 
-    hyperparameters: ClassVar[type[Settings]] = OfflineSettings
+    class Settings(DataLearner.Settings):
+        """Settings of cloning and implicit Q-learning (Kostrikov, Nair & Levine 2021)."""
+
+        method: Literal["cloning", "iql"] = "cloning"
+        """How the actor learns."""
+
+        floor: float = Field(1.0, gt=0, le=10)
+        """Size of actions below which errors are absolute."""
+
+        gamma: float = Field(0.98, gt=0, lt=1)
+        """Discount of a step, of "iql"."""
+
+        expectile: float = Field(0.8, gt=0.5, lt=1)
+        """Of values of states, of "iql"."""
+
+        temperature: float = Field(1.0, gt=0, le=100)
+        """Standard deviations of advantage per factor e of the weight, of "iql"."""
+
+        tau: Rate = 0.01
+        """Share of the learned network in an update of the target network, of "iql"."""
+
+        @model_validator(mode="after")
+        def _supported(self) -> Offline.Settings:
+            if self.method == "iql" and self.network == "pixels":
+                raise checks.conflict("network 'pixels' requires method 'cloning', got 'iql'")
+            return self
+
     title, phase = "learning from a data set", "offline"
     advice = "offline.learning_rate"
 

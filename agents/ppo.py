@@ -18,10 +18,11 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import torch
+from pydantic import Field
 
 from agents.checkpoint import Modules, Optimizers
 from agents.curriculum import Curriculum, Episode
@@ -30,13 +31,20 @@ from agents.learner import PartsLearner, Report
 from agents.learning_curve import without_hold
 from agents.networks import ActorCritic, log_probability
 from agents.rollout import Rollout
-from agents.training_settings import ImitationSettings, PPOSettings, TrainSettings, check_bytes, for_seed
+from agents.training_settings import (
+    MOST_STEPS,
+    ImitationSettings,
+    NetworkSettings,
+    RateSettings,
+    TrainSettings,
+    check_bytes,
+    for_seed,
+)
 from vibgym import checks
-from vibgym.config import Settings
 from vibgym.policies.measures import check_cost_limit
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Inputs
-from vibgym.policies.trained.residual import ResidualPolicy
+from vibgym.policies.trained.residual import CORRECTED, ResidualPolicy
 from vibgym.seeds import training_seed
 
 WINDOW = 100
@@ -54,7 +62,7 @@ learning rate. An imitated actor's first update at the full rate had a divergenc
 
 
 class PPO(PartsLearner):
-    """PPO with parts as samples; see the module and :class:`agents.training_settings.PPOSettings`.
+    """PPO with parts as samples; see the module.
 
     Attributes:
         rollout: ``n_steps`` steps of all worlds, from which the next update learns, or the last has learned.
@@ -62,15 +70,70 @@ class PPO(PartsLearner):
         pace: share of the learning rate while the actor learns, controlled by ``target_kl``.
     """
 
-    hyperparameters: ClassVar[type[Settings]] = PPOSettings
+    class Settings(NetworkSettings, RateSettings):
+        """Settings of PPO; defaults are what trained fastest on two cores."""
+
+        n_steps: int = Field(32, ge=1, le=1_000_000)
+        """Steps of every world in a rollout."""
+
+        batch_size: int = Field(4096, ge=2, le=100_000_000)
+        """Parts."""
+
+        n_epochs: int = Field(3, ge=1, le=1000)
+        """Of an update."""
+
+        gamma: float = Field(0.98, gt=0, le=1)
+        """Discount of a step."""
+
+        gae_lambda: float = Field(0.95, gt=0, le=1)
+        """Of generalised advantage estimation."""
+
+        clip_range: float = Field(0.2, gt=0, le=10)
+        """Change of probabilities beyond which an update gains nothing."""
+
+        target_kl: float | None = Field(None, gt=0, le=100)
+        """Divergence of an update; the learning rate follows it."""
+
+        log_std_init: float = Field(-0.5, ge=-5, le=0.5)
+        """Logarithmic standard deviation of exploration at the beginning."""
+
+        noise_floor: float | None = Field(None, gt=0, le=1)
+        """Size of actions above which exploration grows with them; None: the same for all."""
+
+        noise_correlation: float = Field(0.0, ge=0, lt=1)
+        """Of exploration between successive steps (coloured noise: Hollenstein et al. 2024, arXiv 2312.11091)."""
+
+        touch_cost: float = Field(0.0, ge=0, le=1000)
+        """Subtracted from the reward per step and part in contact with another; training only."""
+
+        shared: float = Field(0.0, ge=0, le=1)
+        """Share of every other part's reward that a part gets; training only."""
+
+        cost_limit: float | None = Field(None, ge=0)
+        """Largest mean cost of an episode, for environments with ``costs``: costs are then subtracted from rewards with a
+        multiplier that follows the excess (Ray, Achiam & Amodei 2019, "Benchmarking safe exploration in deep reinforcement
+        learning")."""
+
+        multiplier_rate: float = Field(0.05, gt=0, le=100)
+        """Change of the multiplier in an update, times the excess."""
+
+        critic_steps: int = Field(0, ge=0, le=MOST_STEPS)
+        """First steps, in which the critic alone learns."""
+
+        overlap: bool = False
+        """Collect the next rollout during the update."""
+
+        bfloat16: bool = False
+        """Products of matrices in updates, for processors with such instructions."""
+
     title, phase = "PPO with parts as samples", "ppo"
     advice = "ppo.learning_rate, ppo.log_std_init or ppo.clip_range"
 
     def __init__(self, settings: TrainSettings) -> None:
-        settings.check_residual()
         super().__init__(settings)
-        assert isinstance(settings.own, PPOSettings)
+        assert isinstance(settings.own, PPO.Settings)
         self.own = settings.own
+        self._check_residual()
         # A base policy reads the flat state.
         self._seen = ResidualPolicy.observation if settings.residual else self.observation
         self.curriculum = Curriculum(settings, self._seen, WINDOW)
@@ -80,6 +143,26 @@ class PPO(PartsLearner):
         except ValueError:
             self.env.close()
             raise
+
+    def _check_residual(self) -> None:
+        """Reject settings that conflict with ``residual``.
+
+        An expert of imitation gives actions, not corrections. In rows that remember or turn, the base's action would be
+        repeated or not turned.
+        """
+        run, own = self.settings, self.own
+        if run.residual is None:
+            return
+        base = checks.choice("residual.base.action", run.residual.base["action"], CORRECTED)
+        for name, got, allowed in (
+            ("imitation", run.imitation, None),
+            ("ppo.remembers", own.remembers, 0),
+            ("ppo.turned", own.turned, False),
+            ("ppo.network", own.network, "parts"),
+            ("environment.action", run.action, base),
+        ):
+            if got != allowed:
+                raise checks.conflict(f"{name} must be {allowed!r} with 'residual'")
 
     def _build(self) -> None:
         settings, own, env, coding = self.settings, self.own, self.env, self.coding()

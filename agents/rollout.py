@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
-from agents.training_settings import PPOSettings
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding, Inputs
+
+if TYPE_CHECKING:
+    from agents.ppo import PPO
 
 CRITIC_BATCH = 300_000
 """Values of observations that the critic evaluates in one call, so that its intermediate results stay in the caches."""
@@ -29,7 +31,7 @@ class Rollout:
             leave, shared rewards count relative to their mean, or parts would gain by staying.
     """
 
-    def __init__(self, settings: PPOSettings, worlds: int, coding: Coding, info: TaskInfo) -> None:
+    def __init__(self, settings: PPO.Settings, worlds: int, coding: Coding, info: TaskInfo) -> None:
         self.gamma, self.gae_lambda, steps = settings.gamma, settings.gae_lambda, settings.n_steps
         self.shared, self.flows, driven = settings.shared, info.flows, np.array(info.driven)
         parts, shape = len(coding.parts), coding.shape

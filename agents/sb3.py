@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -25,9 +25,9 @@ from agents.checkpoint import check_finite
 from agents.training_envs import make_worlds
 from agents.training_settings import TrainSettings
 from vibgym import checks
-from vibgym.config import Settings
 from vibgym.files import write_atomically
 from vibgym.seeds import training_seed
+from vibgym.settings import BaseSettings
 
 CHECKPOINT, REPLAY = "checkpoint.zip", "replay.pkl"
 
@@ -37,14 +37,6 @@ NAMES = tuple(
     if isinstance(each, type) and issubclass(each, BaseAlgorithm) and name not in ("DQN", "HER")  # discrete actions
 )
 """Values of NAME in ``sb3.NAME``."""
-
-
-class SB3Settings(Settings):
-    """Keyword arguments of the algorithm's class, as its documentation lists them; ``policy`` has a default."""
-
-    model_config = ConfigDict(extra="allow")
-
-    policy: str | None = None  # default: MlpPolicy, or MultiInputPolicy for dictionaries
 
 
 class SB3:
@@ -57,7 +49,14 @@ class SB3:
         model: of Stable-Baselines3.
     """
 
-    hyperparameters: ClassVar[type[Settings]] = SB3Settings
+    class Settings(BaseSettings):
+        """Keyword arguments of the algorithm's class, as its documentation lists them."""
+
+        model_config = ConfigDict(extra="allow")
+
+        policy: str | None = None
+        """None: MlpPolicy, or MultiInputPolicy for dictionaries."""
+
     phase = "sb3"
 
     def __init__(self, settings: TrainSettings) -> None:
@@ -69,7 +68,7 @@ class SB3:
         self.title = f"{name} of Stable-Baselines3"
         with checks.within("environment"):
             self.env = make_worlds(settings, self.observation)
-        assert isinstance(settings.own, SB3Settings)
+        assert isinstance(settings.own, SB3.Settings)
         arguments = settings.own.model_dump()
         buffer = arguments.get("replay_buffer_class")
         if isinstance(buffer, str):  # such as HerReplayBuffer

@@ -11,24 +11,14 @@ import gymnasium as gym
 import vibgym  # noqa: F401 - registers the environments
 from agents import sb3
 from agents.algorithms import ALGORITHMS
-from agents.training_settings import (
-    ImitationSettings,
-    JudgingSettings,
-    ResidualSettings,
-    ServesSettings,
-    TrainSettings,
-)
+from agents.training_settings import TrainSettings
 from vibgym import checks
-from vibgym.config import Settings, load_yaml, parse
+from vibgym.config import load_yaml
 from vibgym.envs.vector import environment_id
 from vibgym.seeds import check_seeds
+from vibgym.settings import read
 
-SECTIONS: dict[str, type[Settings]] = {
-    "imitation": ImitationSettings,
-    "residual": ResidualSettings,
-    "judging": JudgingSettings,
-    "serves": ServesSettings,
-}
+SECTIONS = ("imitation", "residual", "judging", "serves")
 """Sections of a file besides those of the algorithms; ``defaults`` may contain a part of a section."""
 
 TUNING = "tuning"
@@ -83,14 +73,11 @@ def settings_from(data: Mapping[str, Any], where: str = "training") -> TrainSett
     blocks = {each: data.pop(each, None) for each in ALGORITHMS}
     blocks[name] = {} if blocks[name] is None else blocks[name]
     own = {
-        each: parse(ALGORITHMS[each].hyperparameters, block, f"{where}: {each}")
+        each: read(ALGORITHMS[each].Settings, block, f"{where}: {each}")
         for each, block in blocks.items()
         if block is not None
     }[name]
-    for each, model in SECTIONS.items():
-        if isinstance(data.get(each), Mapping):
-            data[each] = parse(model, data[each], f"{where}: {each}")
-    settings = parse(TrainSettings, {**data, "own": own}, where)
+    settings = read(TrainSettings, {**data, "own": own}, where)
     environment_id(settings.task, f"{where}.task")
     named = {"environment": settings.environment, **{f"scenes[{k}]": each for k, each in enumerate(settings.scenes)}}
     for place, given in named.items():

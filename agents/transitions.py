@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import minari
 import numpy as np
@@ -15,10 +15,12 @@ from minari.storage.datasets_root_dir import get_dataset_path
 import vibgym
 from agents.recording.record import scene_of
 from agents.recording.storage import FILE, SCENE, kept_in
-from agents.training_settings import DataSettings
 from vibgym import checks
 from vibgym.envs.actions import actions_by_part
 from vibgym.policies.trained.coding import Coding
+
+if TYPE_CHECKING:
+    from agents.offline import DataLearner
 
 AT_ONCE = 1000
 """Episodes that are converted together."""
@@ -36,7 +38,7 @@ class Transitions(NamedTuple):
     facts: dict[str, Any]  # name, episodes, steps and digest of the data set
 
 
-def read(settings: DataSettings, env: Any, action: str, coding: Coding, where: str) -> Transitions:
+def read(settings: DataLearner.Settings, env: Any, action: str, coding: Coding, where: str) -> Transitions:
     """Return all steps of a data set.
 
     Args:

@@ -25,10 +25,10 @@ from agents.command_line import Command
 from agents.failures import TrainingError
 from agents.train import Training
 from agents.training_file import load_settings, load_tuning
-from agents.training_settings import JudgingSettings, TrainSettings
+from agents.training_settings import TrainSettings
 from vibgym import checks
-from vibgym.config import Settings, parse
 from vibgym.files import csv_text, output_directory, write_atomically
+from vibgym.settings import BaseSettings, read
 
 STUDY, TRIALS, NAME, SETTINGS = "study.db", "trials.csv", "tuning", "settings"
 
@@ -36,16 +36,23 @@ SEED, FIRST_SEED = 900_000, 700_000
 """Seed of trials' runs, and first seed of their evaluation, which is not that of other learning curves."""
 
 
-class TuningSettings(Settings):
+class TuningSettings(BaseSettings):
     """Section ``tuning`` of a training file."""
 
     space: dict[str, Any] = Field(min_length=1)
     """Name of a setting, such as ``ppo.learning_rate`` -> a list of values, or a mapping with ``low``, ``high`` and ``log``."""
 
     trials: int = Field(40, ge=1, le=100_000)
-    steps: int | None = Field(None, ge=1)  # of a trial's training; None: the agent's
-    startup: int = Field(10, ge=0, le=100_000)  # random trials at the start
-    abreast: int = Field(2, ge=1, le=10_000)  # trials in parallel
+    """In all."""
+
+    steps: int | None = Field(None, ge=1)
+    """Of a trial's training; None: the agent's."""
+
+    startup: int = Field(10, ge=0, le=100_000)
+    """Random trials at the start."""
+
+    abreast: int = Field(2, ge=1, le=10_000)
+    """Trials in parallel."""
 
 
 class Tuning:
@@ -67,9 +74,7 @@ class Tuning:
     def __init__(self, path: Path, agent: str | None = None) -> None:
         self.path, self.agent = path, agent
         data, where = load_tuning(path, agent)
-        if not isinstance(data, dict):
-            raise checks.refuse(where, data, "a mapping with 'space'")
-        self.settings = parse(TuningSettings, data, where)
+        self.settings = read(TuningSettings, data, where)
         self.base = load_settings(path, agent)
         self.space = {name: distribution(spec, f"{where}: space.{name}") for name, spec in self.settings.space.items()}
         for end in (0, -1):
@@ -81,7 +86,7 @@ class Tuning:
         Raises:
             ValueError: invalid names or values.
         """
-        judging = (self.base.judging or JudgingSettings.model_validate({})).model_dump()
+        judging = {} if self.base.judging is None else self.base.judging.model_dump()
         steps = {} if self.settings.steps is None else {"steps": self.settings.steps}
         changes = {"judging": {**judging, "first_seed": FIRST_SEED}, **steps, **values}
         return load_settings(self.path, self.agent, SEED, changes)

@@ -12,18 +12,15 @@ from agents.algorithms import ALGORITHMS
 from agents.train import Training
 from agents.training_envs import make_worlds
 from agents.training_file import settings_from
-from vibgym.config import Settings
 from vibgym.policies import rollout
-
-
-class SearchSettings(Settings):
-    rate: float = 0.05
-    noise: float = 0.1
-    periods: int = 60  # of an episode
+from vibgym.settings import BaseSettings
 
 
 class Search:
-    hyperparameters = SearchSettings
+    class Settings(BaseSettings):
+        rate: float = 0.05
+        noise: float = 0.1
+        periods: int = 60  # of an episode
 
     def __init__(self, settings):
         self.own, self.action, self.observation, self.steps = settings.own, settings.action, "state", 0

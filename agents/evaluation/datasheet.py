@@ -18,6 +18,7 @@ from agents.evaluation.settings import FileSettings
 from agents.evaluation.study_settings import Seed
 from agents.evaluation.table import Place
 from agents.provenance import provenance
+from agents.training_settings import Plain
 from vibgym import Part, checks
 from vibgym.config import drawn_part, load_yaml, part_from, surface_from
 from vibgym.policies.applicable import tasks_with
@@ -73,12 +74,12 @@ class DatasheetSettings(FileSettings):
 
     title: str | None = Field(default=None, min_length=1, max_length=60)
     machine: str | None = None
-    surface: Any = "prototype"
-    part: Any = SQUARE
-    model: Any = "planar"
-    actuators: Any = "prototype"
-    sensor: Any = {"kind": "pose", "estimator": "model"}
-    policy: Any = "pose"
+    surface: Plain = "prototype"
+    part: Plain = SQUARE
+    model: Plain = "planar"
+    actuators: Plain = "prototype"
+    sensor: Plain = {"kind": "pose", "estimator": "model"}
+    policy: Plain = "pose"
     episodes: int = Field(default=48, ge=8, le=10_000)
     first_seed: Seed = RANGES["evaluation"].start
     output: str = Field(default="runs/datasheet", min_length=1)

@@ -26,11 +26,13 @@ from agents.evaluation.score import LEARNED, SuiteSettings
 from agents.evaluation.statistics import suite_interval, suite_score
 from agents.evaluation.table import markdown
 from agents.provenance import digest, policy_files
+from agents.training_settings import Plain
 from vibgym import checks
-from vibgym.config import Settings, load_yaml, parse
+from vibgym.config import load_yaml
 from vibgym.files import csv_text, output_directory, write_together
 from vibgym.imports import take_part
 from vibgym.policies.trained.catalogue import HARDWARE, shipped_agents
+from vibgym.settings import BaseSettings, read
 
 ENTRIES = Path("entries")
 ENTRY, CLAIMS = "entry.yaml", "episodes.csv"
@@ -46,15 +48,15 @@ SAME = 1e-9
 """Difference of two scores that are the same; claims have ten decimals."""
 
 
-class EntryFile(Settings):
+class EntryFile(BaseSettings):
     """Content of ``entry.yaml``."""
 
-    policy: Any  # name or mapping, as in a suite's settings
+    policy: Plain  # name or mapping, as in a suite's settings
     training_steps: int = Field(ge=0)  # environment steps of all trainings, data of other policies included
     authors: str = Field(min_length=1, max_length=200)
     description: str = Field("", max_length=2000)
     episodes: int | None = Field(None, ge=1)  # at most so many of each task, for slow policies
-    imports: list[str] = []  # modules that register the policy, such as entries.mine.policy
+    imports: tuple[str, ...] = ()  # modules that register the policy, such as entries.mine.policy
     sha256: dict[str, str] = {}  # file -> digest: all files of the folder, and those that the policy is read from
 
 
@@ -88,7 +90,7 @@ def load_entries(directory: Path, settings: SuiteSettings) -> list[Entry]:
 
 def _load(folder: Path, settings: SuiteSettings) -> Entry:
     with checks.within(folder / ENTRY):
-        file = parse(EntryFile, load_yaml(folder / ENTRY), "entry")
+        file = read(EntryFile, load_yaml(folder / ENTRY), "entry")
         if file.training_steps > settings.training_steps:
             most = f"at most {settings.training_steps}, the suite's budget"
             raise checks.refuse("entry.training_steps", file.training_steps, most)
@@ -175,7 +177,7 @@ def entered(settings: SuiteSettings, entries: Sequence[Entry], episodes: int | N
         most = min((n for n in (episodes, each.file.episodes) if n is not None), default=None)
         limit = {} if most is None else {"episodes": most}
         policies.append({**content, "name": each.name, "training_steps": each.file.training_steps, **limit})
-    return settings.model_copy(update={"policies": policies})
+    return settings.model_copy(update={"policies": tuple(policies)})
 
 
 @dataclass(frozen=True)

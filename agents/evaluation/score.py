@@ -72,7 +72,7 @@ class SuiteSettings(RunSettings):
     policy_keys: ClassVar[tuple[str, ...]] = ("training_steps", "episodes")
 
     training_steps: int = Field(ge=1)
-    cost_limit: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    cost_limit: float | None = Field(default=None, ge=0.0)
     output: str = Field(default="runs/suite", min_length=1)
 
     @property
@@ -105,7 +105,7 @@ class SuiteSettings(RunSettings):
             if path.suffix != ".json":
                 raise checks.missing("kind", f"required in {path}, unless it is a trained policy's JSON file")
             content = {"kind": "trained", "path": str(path)}
-        entered = self.model_copy(update={"policies": [{"name": path.stem, **content}]})
+        entered = self.model_copy(update={"policies": ({"name": path.stem, **content},)})
         with checks.within(path):
             entered.entries()
         return entered

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
@@ -26,18 +27,19 @@ from agents.evaluation.study_settings import (
     some_of,
 )
 from agents.provenance import portable
-from agents.training_settings import for_seed
+from agents.training_settings import Arguments, Plain, for_seed
 from vibgym import checks
-from vibgym.config import Settings, load_yaml, parse
+from vibgym.config import load_yaml
 from vibgym.envs.vector import environment_id
 from vibgym.seeds import RANGES, check_seeds
+from vibgym.settings import BaseSettings, read
 
 DEFAULT_EPISODES = 100
 
 SEED, TASK = "{seed}", "{task}"
 
 
-class PolicyEntry(Settings):
+class PolicyEntry(BaseSettings):
     """One policy of the settings.
 
     Attributes:
@@ -56,7 +58,7 @@ class PolicyEntry(Settings):
     tasks: Names | None = None
     hardware: Names | None = None
     group: Literal["learned", "hybrid", "classical"] | None = None
-    training_seeds: list[Seed] = Field(default=[], min_length=2, max_length=100)
+    training_seeds: tuple[Seed, ...] = Field(default=(), min_length=2, max_length=100)
     curve: str | None = Field(default=None, min_length=1)
     training_steps: int | None = Field(default=None, ge=0)
     episodes: Episodes | None = None
@@ -83,7 +85,7 @@ class PolicyEntry(Settings):
         return Path(path if seed is None else for_seed(path, seed))
 
 
-class HardwareEntry(Settings):
+class HardwareEntry(BaseSettings):
     """One hardware model: ``arguments`` of the environments, ``tasks`` that run on it, at most so many ``episodes`` of each."""
 
     name: str
@@ -97,7 +99,7 @@ class HardwareEntry(Settings):
         return wanted and (policy.hardware is None or self.name in policy.hardware)
 
 
-class FileSettings(Settings):
+class FileSettings(BaseSettings):
     """Settings of one command, from a file or a mapping."""
 
     where: ClassVar[str]
@@ -126,7 +128,7 @@ class FileSettings(Settings):
     @classmethod
     def stored(cls, data: Any) -> Self:
         """Return checked settings of stored results, with seeds of any range."""
-        settings = parse(cls, data, cls.where)
+        settings = read(cls, data, cls.where)
         settings.check()
         return settings
 
@@ -142,13 +144,13 @@ class FileSettings(Settings):
     def check(self) -> None:
         """Check the settings; raise ValueError at the first fault."""
 
+    @abstractmethod
     def check_ranges(self) -> None:
         """Check that the seeds are in a range of the command; raise ValueError at the first that is not."""
-        raise NotImplementedError
 
+    @abstractmethod
     def limited(self, episodes: int) -> dict[str, Any]:
         """Return the fields to change for another number of episodes, that of ``--episodes``."""
-        raise NotImplementedError
 
 
 class RunSettings(FileSettings):
@@ -180,14 +182,14 @@ class RunSettings(FileSettings):
     policy_keys: ClassVar[tuple[str, ...]] = ()
     """Keys of a policy's mapping in addition to ``name``, ``tasks`` and ``hardware`` that are no arguments of the policy."""
 
-    tasks: list[str] = Field(min_length=1)
-    policies: list[Any] = Field(min_length=1)
+    tasks: tuple[str, ...] = Field(min_length=1)
+    policies: tuple[Plain, ...] = Field(min_length=1)
     episodes: Episodes | None = None
     task_episodes: dict[str, Episodes] = {}
     first_seed: Seed | None = None
-    seeds: list[Seed] | None = Field(default=None, min_length=1, max_length=MOST_EPISODES)
-    environment: dict[str, Any] = {}
-    hardware: dict[str, Any] | None = Field(default=None, min_length=1, max_length=20)
+    seeds: tuple[Seed, ...] | None = Field(default=None, min_length=1, max_length=MOST_EPISODES)
+    environment: Arguments = {}
+    hardware: Arguments | None = Field(default=None, min_length=1, max_length=20)
     confidence: float = Field(default=0.95, gt=0.0, lt=1.0)
     resamples: int = Field(default=9999, ge=100, le=1_000_000)
     output: str = Field(default="runs/report", min_length=1)
@@ -210,7 +212,7 @@ class RunSettings(FileSettings):
         """Return the seeds of a task's episodes, at most ``most``; for None, those of tasks without their own number."""
         own = None if task is None else self.task_episodes.get(task)
         if self.seeds is not None:
-            return self.seeds[:own][:most]
+            return list(self.seeds[:own][:most])
         first = RANGES[self.ranges[0]].start if self.first_seed is None else self.first_seed
         return list(range(first, first + (own or self.episodes or DEFAULT_EPISODES)))[:most]
 
@@ -226,7 +228,7 @@ class RunSettings(FileSettings):
             field += f".{checks.label(f'{field} (a name)', name, most=MOST_NAME)}"
             arguments = mapping_of(field, content, (*CASE_KEYS, "tasks", "episodes"))
             limits = {key: arguments.pop(key, None) for key in ("tasks", "episodes")}
-            entry = parse(HardwareEntry, {"name": name, "arguments": arguments, **limits}, field)
+            entry = read(HardwareEntry, {"name": name, "arguments": arguments, **limits}, field)
             some_of(f"{field}.tasks", entry.tasks or (), self.tasks)
             found.append(entry)
         return found
@@ -261,7 +263,7 @@ class RunSettings(FileSettings):
                 content = content if "action" in content else content["policy"]
         elif not isinstance(policy, str) and not hasattr(policy, "predict"):
             raise checks.refuse(field, policy, "a name, the path of a trained policy, or a mapping with 'kind'")
-        entry = parse(PolicyEntry, self.defaults(content) | own | {"content": content}, field)
+        entry = read(PolicyEntry, self.defaults(content) | own | {"content": content}, field)
         some_of(f"{field}.tasks", entry.tasks or (), self.tasks)
         some_of(f"{field}.hardware", entry.hardware or (), tuple(self.named_hardware()))
         return entry
@@ -359,8 +361,8 @@ class ComparisonSettings(RunSettings):
     where: ClassVar[str] = "comparison"
     policy_keys: ClassVar[tuple[str, ...]] = ("group", "training_seeds", "curve")
 
-    generalisation: list[MatrixSettings] = []
-    ladders: list[LadderSettings] = []
+    generalisation: tuple[MatrixSettings, ...] = ()
+    ladders: tuple[LadderSettings, ...] = ()
     output: str = Field(default="runs/comparison", min_length=1)
 
     def defaults(self, content: Any) -> dict[str, Any]:

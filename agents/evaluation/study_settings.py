@@ -9,9 +9,10 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
+from agents.training_settings import Arguments, Plain
 from vibgym import checks
-from vibgym.config import Settings, parse
 from vibgym.envs.vector import environment_id
+from vibgym.settings import BaseSettings, read
 
 HARDWARE_KEYS = ("actuators", "sensor", "randomize")
 """Arguments of environments that describe the hardware model."""
@@ -31,15 +32,15 @@ MOST_NAME = 40
 MOST_EPISODES = 100_000
 Episodes = Annotated[int, Field(ge=1, le=MOST_EPISODES)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
-Names = Annotated[list[str], Field(min_length=1)]
+Names = Annotated[tuple[str, ...], Field(min_length=1)]
 
 
-class StudyPolicy(Settings):
+class StudyPolicy(BaseSettings):
     """One policy of a study: its name in the table, the evaluation's policy, settings laid over every sensor."""
 
     name: str
     policy: str
-    sensor: dict[str, Any] = {}
+    sensor: Arguments = {}
     trained_on: str = ""
 
 
@@ -52,7 +53,7 @@ class Case:
     arguments: dict[str, Any]
 
 
-class EffectsSettings(Settings):
+class EffectsSettings(BaseSettings):
     """Study of hardware effects: success of policies on one task in several cases.
 
     Attributes:
@@ -64,8 +65,8 @@ class EffectsSettings(Settings):
     """
 
     task: str
-    policies: list[Any] = Field(min_length=1, max_length=40)
-    cases: dict[str, Any] = Field(min_length=1, max_length=100)
+    policies: tuple[Plain, ...] = Field(min_length=1, max_length=40)
+    cases: Arguments = Field(min_length=1, max_length=100)
     episodes: Episodes | None = None
 
     keys: ClassVar[tuple[str, ...]] = CASE_KEYS
@@ -78,7 +79,7 @@ class EffectsSettings(Settings):
             if not isinstance(entry, Mapping):
                 checks.choice(field, entry, policies)
                 entry = {"policy": entry}
-            each = parse(StudyPolicy, {"name": entry.get("policy"), **entry}, field)
+            each = read(StudyPolicy, {"name": entry.get("policy"), **entry}, field)
             checks.choice(f"{field}.policy", each.policy, policies)
             checks.label(f"{field}.name", each.name, most=MOST_NAME)
             if each.trained_on:
@@ -116,7 +117,7 @@ class MatrixSettings(EffectsSettings):
     keys: ClassVar[tuple[str, ...]] = (*ENVIRONMENT_KEYS, "task")
 
 
-class LoadSettings(Settings):
+class LoadSettings(BaseSettings):
     """Study of throughput: parts a minute against the number of parts in play.
 
     Attributes:
@@ -127,12 +128,12 @@ class LoadSettings(Settings):
     """
 
     task: str
-    policies: list[str] = Field(min_length=1, max_length=8)
-    parts: list[Annotated[int, Field(ge=1, le=10_000)]] = Field(min_length=1, max_length=40)
+    policies: tuple[str, ...] = Field(min_length=1, max_length=8)
+    parts: tuple[Annotated[int, Field(ge=1, le=10_000)], ...] = Field(min_length=1, max_length=40)
     episodes: Episodes | None = None
 
 
-class LadderSettings(Settings):
+class LadderSettings(BaseSettings):
     """Ablation: policies with learning curves that differ in one thing, such as the action.
 
     Attributes:
@@ -144,7 +145,7 @@ class LadderSettings(Settings):
     name: str
     task: str
     hardware: str | None = None
-    policies: list[Any] = Field(min_length=2, max_length=20)
+    policies: tuple[Any, ...] = Field(min_length=2, max_length=20)
 
 
 def some_of(field: str, names: Sequence[Any], known: Sequence[str]) -> Sequence[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -174,7 +175,7 @@ class AutoRow(NamedTuple):
     held: bool | None = None
 
 
-def auto_rows(scene: Scene, tolerances: list[float], settings: TruthSettings) -> list[AutoRow]:
+def auto_rows(scene: Scene, tolerances: Sequence[float], settings: TruthSettings) -> list[AutoRow]:
     """Return one row for each tolerance, over the scene's first 25 periods, which the promise covers."""
     short = first_periods(scene, PERIODS, scene.worlds)
     per_call = min(each.periods for each in short.segments)

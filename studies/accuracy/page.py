@@ -170,7 +170,7 @@ def page(report: Report) -> str:
     return environment.get_template("page.html.j2").render(
         report=report,
         settings=settings,
-        truth=settings.truth_settings(),
+        truth=settings.truth,
         scenes=[_scene(result) for result in report.results],
         overview=[
             [comparisons.choice(result, False, each) for each in settings.strong_tolerances]

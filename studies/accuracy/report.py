@@ -82,7 +82,7 @@ def run(prepared: Prepared, progress: Callable[[str], Any] = lambda text: None) 
     """Measure everything."""
     began = time.perf_counter()
     settings = prepared.settings
-    finest = settings.truth_settings()
+    finest = settings.truth
     results, checked, promises = [], [], []
     for scene in prepared.scenes:
 

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from vibgym import checks, fields
-from vibgym.config import Settings, parse, part_from, surface_from
+from vibgym.config import part_from, surface_from
+from vibgym.registry import Registry
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.settings import Angle, BaseSettings, Length, Speed, Unit, read
 
-Range = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
+    if ends[0] > ends[1]:
+        raise checks.conflict(f"the low end must be <= the high one, got {list(ends)}")
+    return ends
 
 
-class StartSettings(Settings):
+Lengths = Annotated[tuple[Length, Length], AfterValidator(_ordered)]
+Angles = Annotated[tuple[Angle, Angle], AfterValidator(_ordered)]
+Spins = Annotated[tuple[float, float], Unit("rad/s"), AfterValidator(_ordered)]
+
+
+class StartSettings(BaseSettings):
     """Distribution of the start, uniform over ranges.
 
     Attributes:
@@ -28,14 +38,14 @@ class StartSettings(Settings):
         velocity: ``"rest"``, ``"idle"`` (as on elements at rest, thesis eq. 3.30) or its components, m/s.
     """
 
-    x: Range | None = None
-    y: Range | None = None
-    heading: Range = [0.0, 2.0 * math.pi]
-    spin: Range = [0.0, 0.0]
-    velocity: Literal["rest", "idle"] | Range = "idle"
+    x: Lengths | None = None
+    y: Lengths | None = None
+    heading: Angles = (0.0, 2.0 * math.pi)
+    spin: Spins = (0.0, 0.0)
+    velocity: Literal["rest", "idle"] | tuple[Speed, Speed] = "idle"
 
 
-class RandomDrive(Settings):
+class RandomDrive(BaseSettings):
     """Every element's phasor drawn uniformly from a disc.
 
     Attributes:
@@ -43,21 +53,19 @@ class RandomDrive(Settings):
         every: periods between new phasors; None: constant.
     """
 
-    kind: Literal["random"]
     strength: float = Field(default=1.0, ge=0.0, le=1.0)
     least_strength: float = Field(default=0.0, ge=0.0, le=1.0)
     every: int | None = Field(default=None, ge=1)
 
 
-class UniformDrive(Settings):
+class UniformDrive(BaseSettings):
     """One motion for all elements: amplitude (m; None is the largest) and phase (rad)."""
 
-    kind: Literal["uniform"]
-    amplitude: float | None = None
-    phase: float = 1.5 * math.pi
+    amplitude: Length | None = Field(default=None, ge=0.0)
+    phase: Angle = 1.5 * math.pi
 
 
-class FieldsDrive(Settings):
+class FieldsDrive(BaseSettings):
     """A sum of fields of ``vibgym.fields``.
 
     Attributes:
@@ -65,19 +73,20 @@ class FieldsDrive(Settings):
         lead: whether their direction is corrected for friction (``vibgym.fields.lead_angle``).
     """
 
-    kind: Literal["fields"]
-    fields: list[Any] = []
+    fields: tuple[Any, ...] = Field(min_length=1)
     lead: bool = True
 
 
 Drive = RandomDrive | UniformDrive | FieldsDrive
-DRIVES: dict[str, type[Drive]] = {"random": RandomDrive, "uniform": UniformDrive, "fields": FieldsDrive}
-FIELDS: dict[str, Callable[..., fields.Field]] = {
-    each.__name__: each for each in (fields.uniform, fields.squeeze, fields.radial, fields.tangential)
-}
+DRIVES: Registry[type[Drive]] = Registry(
+    "drive", {"random": RandomDrive, "uniform": UniformDrive, "fields": FieldsDrive}
+)
+FIELDS: Registry[Callable[..., fields.Field]] = Registry(
+    "field", {each.__name__: each for each in (fields.uniform, fields.squeeze, fields.radial, fields.tangential)}
+)
 
 
-class SceneSettings(Settings):
+class SceneSettings(BaseSettings):
     """One scene.
 
     Attributes:
@@ -88,7 +97,8 @@ class SceneSettings(Settings):
         periods: duration.
         settle: periods at the beginning that are left out of the mean velocity, so that it is the steady one.
         seed: of all random values.
-        start, drive: mappings, see the classes above.
+        start: distribution of the start.
+        drive: mapping of ``kind`` among :data:`DRIVES` and its settings.
         strong_tolerances, weak_tolerances: override the report's.
     """
 
@@ -100,10 +110,10 @@ class SceneSettings(Settings):
     periods: int = Field(default=25, ge=1, le=100_000)
     settle: int = Field(default=0, ge=0)
     seed: int = Field(default=0, ge=0, lt=2**63)
-    start: Any = {}
+    start: StartSettings = StartSettings()
     drive: Any
-    strong_tolerances: list[float] | None = None
-    weak_tolerances: list[float] | None = None
+    strong_tolerances: tuple[Annotated[Length, Field(gt=0.0)], ...] | None = None
+    weak_tolerances: tuple[Annotated[float, Field(gt=0.0)], ...] | None = None
 
 
 class Segment(NamedTuple):
@@ -171,7 +181,7 @@ def first_periods(scene: Scene, periods: int, worlds: int) -> Scene:
 
 
 def scenes_from(
-    given: list[Any], strong_tolerances: Sequence[float] = (1e-4,), weak_tolerances: Sequence[float] = (0.02,)
+    given: Sequence[Any], strong_tolerances: Sequence[float] = (1e-4,), weak_tolerances: Sequence[float] = (0.02,)
 ) -> list[Scene]:
     """Return scenes from mappings of :class:`SceneSettings`.
 
@@ -196,51 +206,38 @@ def scene_from(
     data: Any, where: str, strong_tolerances: Sequence[float] = (1e-4,), weak_tolerances: Sequence[float] = (0.02,)
 ) -> Scene:
     """Return one scene; see :func:`scenes_from`."""
-    settings = parse(SceneSettings, data, where)
+    settings = read(SceneSettings, data, where)
     with checks.within(f"{where}.surface"):
         surface = surface_from(settings.surface)
     with checks.within(f"{where}.part"):
         part = part_from(settings.part, "part")
     if settings.settle >= settings.periods:
         raise checks.refuse(f"{where}.settle", settings.settle, f"less than the {settings.periods} periods of the run")
-    drive = _drive(settings.drive, f"{where}.drive")
+    kind, own = DRIVES.split(f"{where}.drive", settings.drive)
+    drive = read(DRIVES[kind], own, f"{where}.drive")
     rng = np.random.default_rng(settings.seed)
-    start = parse(StartSettings, settings.start, f"{where}.start")
-    pose, velocity = _starts(start, surface, part, settings.worlds, rng, f"{where}.start")
+    pose, velocity = _starts(settings.start, surface, part, settings.worlds, rng, f"{where}.start")
     checks.label(f"{where}.name", settings.name)
     if settings.note:
         checks.label(f"{where}.note", " ".join(settings.note.split()), most=2000)
     segments = _segments(drive, surface, part, settings, rng, f"{where}.drive")
-    tolerances = []
-    for name, common in (("strong_tolerances", strong_tolerances), ("weak_tolerances", weak_tolerances)):
-        own = getattr(settings, name)
-        values = common if own is None else own
-        tolerances.append(tuple(checks.number(f"{where}.{name}", each, above=0.0) for each in values))
+    strong, weak = settings.strong_tolerances, settings.weak_tolerances
     return Scene(
-        settings.name, settings.note, surface, part, pose, velocity, segments, settings.settle, tolerances[0], tolerances[1]
+        settings.name, settings.note, surface, part, pose, velocity, segments, settings.settle,
+        tuple(strong_tolerances) if strong is None else strong, tuple(weak_tolerances) if weak is None else weak,
     )  # fmt: skip
-
-
-def _drive(data: Any, where: str) -> Drive:
-    if not isinstance(data, Mapping):
-        raise checks.refuse(where, data, f"a mapping with 'kind' among {', '.join(DRIVES)}")
-    return parse(DRIVES[checks.choice(f"{where}.kind", data.get("kind"), tuple(DRIVES))], data, where)
 
 
 def _starts(
     start: StartSettings, surface: Surface, part: Part, worlds: int, rng: np.random.Generator, where: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    def within(name: str, given: list[float] | None, extent: float) -> tuple[float, float]:
+    def within(name: str, given: tuple[float, float] | None, extent: float) -> tuple[float, float]:
         middle, reach = 0.5 * extent, min(surface.element_size, 0.25 * extent)
         low, high = (middle - reach, middle + reach) if given is None else given
         if not 0.0 <= low <= high <= extent:
             raise checks.refuse(f"{where}.{name}", (low, high), f"a range [low, high] within [0, {extent:g}] m")
         return low, high
 
-    for name in ("heading", "spin"):
-        low, high = getattr(start, name)
-        if not low <= high:
-            raise checks.refuse(f"{where}.{name}", (low, high), "a range [low, high]")
     ranges = [within("x", start.x, surface.width), within("y", start.y, surface.depth), start.heading]
     pose = np.stack([rng.uniform(*each, size=worlds) for each in ranges], axis=1)
     velocity = np.zeros((worlds, 3))
@@ -269,7 +266,7 @@ def _segments(
         amplitude, phase = _random(drive, largest, shape, rng)
     elif isinstance(drive, UniformDrive):
         level = largest if drive.amplitude is None else drive.amplitude
-        level = checks.number(f"{where}.amplitude", level, least=0.0, most=largest)
+        level = checks.number(f"{where}.amplitude", level, most=largest)
         amplitude, phase = np.full(shape, level), np.full(shape, drive.phase)
     else:
         total = _fields(drive.fields, f"{where}.fields")
@@ -287,24 +284,12 @@ def _random(
     return largest * np.minimum(share, 1.0), rng.uniform(0.0, 2.0 * math.pi, shape)
 
 
-def _fields(given: list[Any], where: str) -> fields.Field:
-    if not given:
-        raise checks.refuse(where, given, f"at least one mapping with 'kind' among {', '.join(FIELDS)}")
+def _fields(given: Sequence[Any], where: str) -> fields.Field:
     found = []
     for index, each in enumerate(given):
         at = f"{where}.{index}"
-        if not isinstance(each, dict):
-            raise checks.refuse(at, each, f"a mapping with 'kind' among {', '.join(FIELDS)}")
-        arguments = dict(each)
-        kind = checks.choice(f"{at}.kind", arguments.pop("kind", None), tuple(FIELDS))
-        parameters = inspect.signature(FIELDS[kind]).parameters
-        for name, value in arguments.items():
-            if name not in parameters:
-                raise checks.refuse(f"{at}.{name}", value, f"arguments of {kind!r}: {', '.join(parameters)}")
+        for name, value in FIELDS.split(at, each)[1].items():
             checks.number(f"{at}.{name}", value)
-        for name, parameter in parameters.items():
-            if parameter.default is parameter.empty and name not in arguments:
-                raise checks.missing(f"{at}.{name}", f"required for a field of kind {kind!r}")
         with checks.within(at):
-            found.append(FIELDS[kind](**arguments))
+            found.append(FIELDS.make("field", each))
     return sum(found[1:], start=found[0])

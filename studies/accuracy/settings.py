@@ -6,14 +6,15 @@ import itertools
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.config import Settings, load_yaml, parse
+from vibgym.config import load_yaml
 from vibgym.scene.parts import shipped_part
 from vibgym.scene.surface import Surface
+from vibgym.settings import BaseSettings, Length, read
 from vibgym.simulation.simulator import Simulator
 
 MODELS = ("planar", "averaged")
@@ -28,8 +29,11 @@ PEERS: dict[str, dict[str, Any]] = {
 }
 """Peers, their knobs and defaults."""
 
+Lengths = tuple[Annotated[Length, Field(gt=0.0)], ...]
+Shares = tuple[Annotated[float, Field(gt=0.0)], ...]
 
-class TruthSettings(Settings):
+
+class TruthSettings(BaseSettings):
     """The planar run that counts as true, and how much of it the independent reference checks.
 
     Attributes:
@@ -52,7 +56,7 @@ class TruthSettings(Settings):
         return self.model_dump(include={"steps", "substeps", "pieces"})
 
 
-class ReportSettings(Settings):
+class ReportSettings(BaseSettings):
     """A report of error against cost.
 
     Attributes:
@@ -69,22 +73,18 @@ class ReportSettings(Settings):
         output: directory, made if needed.
     """
 
-    scenes: list[Any] = Field(min_length=1, max_length=100)
-    models: list[Any] = Field(min_length=1, max_length=100)
-    peers: list[Any] = []
-    strong_tolerances: list[float] = Field(default=[1e-3, 1e-4, 5e-5, 1e-5], min_length=1, max_length=12)
-    weak_tolerances: list[float] = Field(default=[0.05, 0.02, 0.01, 0.001], min_length=1, max_length=12)
-    auto_tolerances: list[float] = []
+    scenes: tuple[Any, ...] = Field(min_length=1, max_length=100)
+    models: tuple[Any, ...] = Field(min_length=1, max_length=100)
+    peers: tuple[Any, ...] = ()
+    strong_tolerances: Lengths = Field(default=(1e-3, 1e-4, 5e-5, 1e-5), min_length=1, max_length=12)
+    weak_tolerances: Shares = Field(default=(0.05, 0.02, 0.01, 0.001), min_length=1, max_length=12)
+    auto_tolerances: Lengths = ()
     peer_worlds: int = Field(default=4, ge=1)
     rounds: int = Field(default=7, ge=1, le=1000)
-    truth: Any = {}
+    truth: TruthSettings = TruthSettings()
     orders: bool = True
     hard_cases: bool = True
     output: str = Field(default="runs/accuracy", min_length=1)
-
-    def truth_settings(self) -> TruthSettings:
-        """Return ``truth``, checked."""
-        return parse(TruthSettings, self.truth, "truth")
 
     def model_settings(self) -> list[tuple[str, dict[str, Any]]]:
         """Return every model with one value for each given knob."""
@@ -153,11 +153,7 @@ def settings_from(data: Any, output: str | None = None) -> ReportSettings:
     Raises:
         ValueError: the first fault, in one line.
     """
-    settings = parse(ReportSettings, data, "report")
-    for name in ("strong_tolerances", "weak_tolerances", "auto_tolerances"):
-        for index, value in enumerate(getattr(settings, name)):
-            checks.number(f"report.{name}.{index}", value, above=0.0)
-    settings.truth_settings()
+    settings = read(ReportSettings, data, "report")
     settings.model_settings()
     settings.peer_settings()
     return settings if output is None else settings.model_copy(update={"output": output})

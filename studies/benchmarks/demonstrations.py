@@ -17,10 +17,10 @@ import numpy as np
 from agents import parallel
 from agents.evaluation.statistics import quartiles, success_interval
 from agents.evaluation.table import quantity
+from agents.offline import DataLearner
 from agents.recording import record, record_settings
 from agents.train import Training
 from agents.training_file import load_settings
-from agents.training_settings import DataSettings
 from studies.benchmarks import common
 from studies.kept import show
 from vibgym.policies import rollout
@@ -61,7 +61,7 @@ def recorded(task: str, directory: Path) -> None:
 def learn(task: str, method: str, count: int, seed: int, steps: int | None, episodes: int, output: Path) -> Outcomes:
     """Train on the first ``count`` demonstrations, and play; a finished run is not repeated."""
     settings = load_settings(CONFIG, f"{task}/{method}", seed)
-    assert isinstance(settings.own, DataSettings)
+    assert isinstance(settings.own, DataLearner.Settings)
     own = settings.own.model_copy(update={"episodes": count, "directory": str(output / "data")})
     settings = settings.model_copy(update={"own": own, "steps": steps or settings.steps, "judging": None})
     with Training(settings, output / f"{task}-{method}-{count}" / f"seed-{seed}", quiet=True) as training:

@@ -15,7 +15,7 @@ import torch
 from agents.evaluation.table import quantity
 from agents.imitation import Imitation, ImitationSettings, experts
 from agents.ppo import PPO
-from agents.training_settings import PPOSettings, TrainSettings
+from agents.training_settings import TrainSettings
 from studies.benchmarks import common
 from studies.kept import show
 from vibgym.policies.rollout import rollout
@@ -38,7 +38,7 @@ def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[
         steps=1,
         seed=seed,
         imitation=ImitationSettings(expert=EXPERT, rounds=1, steps=steps, epochs=100, noise=0.1, batch_size=512),
-        own=PPOSettings(activation="relu", remembers=True, **variant),
+        own=PPO.Settings(activation="relu", remembers=True, **variant),
     )
     assert settings.imitation is not None
     learner = PPO(settings)

@@ -26,7 +26,7 @@ from stable_baselines3.common.logger import configure
 
 import vibgym  # noqa: F401 - registers the environments
 from agents.ppo import PPO as OurPPO
-from agents.training_settings import PPOSettings, TrainSettings
+from agents.training_settings import TrainSettings
 from studies.benchmarks import common
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.simulation.threads import available_threads
@@ -50,7 +50,7 @@ def ours(
     """Start a training with vibgym's PPO; return a function that measures steps per second."""
     environment = {"action": action, "model": model}
     settings = TrainSettings(
-        task=task, environment=environment, worlds=worlds, steps=1, own=PPOSettings(network=network, **ppo)
+        task=task, environment=environment, worlds=worlds, steps=1, own=OurPPO.Settings(network=network, **ppo)
     )
     learner = OurPPO(settings)
     steps = learner.own.n_steps * worlds

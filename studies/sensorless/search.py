@@ -89,7 +89,7 @@ def costs(
 
 def validation_trials(part: Part, surface: Surface, settings: SensorlessSettings, hardware: str) -> Trials:
     """Draw the starts for selecting a schedule, separate from those of search and evaluation."""
-    return draw_trials(part, surface, hardware, settings.friction_range, VALIDATION * settings.starts, (2, 0))
+    return draw_trials(part, surface, hardware, settings.friction, VALIDATION * settings.starts, (2, 0))
 
 
 def search(
@@ -125,7 +125,7 @@ def search(
     history = []
     for generation in tqdm(range(settings.generations), desc=f"{part.name}, {hardware}, seed {seed}", disable=quiet):
         points = strategy.ask()
-        trials = draw_trials(part, surface, hardware, settings.friction_range, settings.starts, (0, seed, generation))
+        trials = draw_trials(part, surface, hardware, settings.friction, settings.starts, (0, seed, generation))
         values = costs([schedule_of(point) for point in points], trials, part, surface, settings, hardware)
         strategy.tell(points, values.tolist())
         history.append(values.min())

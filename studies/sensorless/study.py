@@ -60,7 +60,7 @@ def study(settings: SensorlessSettings, config: str, output: Path, quiet: bool =
 
 def _case(name: str, hardware: str, surface: Surface, settings: SensorlessSettings, output: Path) -> Case:
     part = shipped_part(name)
-    tuning = draw_trials(part, surface, hardware, settings.friction_range, settings.starts, (3, 0))
+    tuning = draw_trials(part, surface, hardware, settings.friction, settings.starts, (3, 0))
     by_hand: dict[str, Schedule] = {}
     for family in FAMILIES:
         by_hand[f"{family}, as drawn"] = as_drawn(family, part, settings)
@@ -80,7 +80,7 @@ def _case(name: str, hardware: str, surface: Surface, settings: SensorlessSettin
     # Hand-made schedules continue with their last field until the end of the evaluation.
     seconds = AFTER * settings.seconds
     extended = {key: _extended(each, seconds) if key in by_hand else each for key, each in schedules.items()}
-    varied = evaluate(list(extended.values()), part, surface, settings, hardware, settings.friction_range, seconds)
+    varied = evaluate(list(extended.values()), part, surface, settings, hardware, settings.friction, seconds)
     chosen = [best, *found]
     at_nominal = evaluate([extended[key] for key in chosen], part, surface, settings, hardware, NOMINAL, seconds)
     nominal = dict(zip(chosen, at_nominal, strict=True))
@@ -88,7 +88,7 @@ def _case(name: str, hardware: str, surface: Surface, settings: SensorlessSettin
     for key, evaluation in zip(schedules, varied, strict=True):
         success, median = None, float("nan")
         if key in chosen:
-            ends, median = episodes(extended[key], name, hardware, settings.friction_range, settings.judged)
+            ends, median = episodes(extended[key], name, hardware, settings.friction, settings.judged)
             success = float(ends.mean())
         entries.append(Entry(key, schedules[key], nominal.get(key), evaluation, success, median))
     case = Case(name, hardware, entries, stored, _searches(found, best, float(values.min())))

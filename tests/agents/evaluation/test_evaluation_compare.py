@@ -186,7 +186,7 @@ BAD = {
     ),
     "title twice": ({"generalisation": [MATRIX, MATRIX]}, ["name of a study", "'m'"]),
     "ladder without curves": ({"policies": ["zero", "pose"], "ladders": [LADDER]}, ["ladders.0.policies", "curve"]),
-    "ladder of one": ({"ladders": [{**LADDER, "policies": ["zero"]}]}, ["ladders.0.policies", "2"]),
+    "ladder of one": ({"ladders": [{**LADDER, "policies": ["zero"]}]}, ["ladders[0].policies", "2"]),
     "ladder of another task": ({"ladders": [{**LADDER, "task": "Align"}]}, ["ladders.0.task", "Align", "Rotate"]),
 }  # fmt: skip
 

@@ -9,7 +9,6 @@ import yaml
 from agents.flow import Flow, FlowActor
 from agents.train import train
 from agents.training_file import settings_from
-from agents.training_settings import FlowSettings
 from agents.transitions import Transitions
 from vibgym.policies import make_policy
 from vibgym.policies.trained.flow import rate
@@ -65,7 +64,7 @@ def test_sequences_repeat_the_last_action_of_their_episode(recorded):
 def test_numpy_acts_as_torch_has_learned():
     env = gym.make("vibgym/Push-v0", action="velocity", observation="parts").unwrapped
     for network in ("parts", "joint"):
-        settings = FlowSettings(dataset="a/b-v0", network=network, net=[16, 16])
+        settings = Flow.Settings(dataset="a/b-v0", network=network, net=[16, 16])
         coding = CODINGS[network](env.surface, env.parts, env.parts_layout, "velocity")
         torch.manual_seed(0)
         actor = FlowActor(coding, settings)

@@ -10,7 +10,6 @@ import torch
 from agents.ppo import PPO
 from agents.rollout import Rollout
 from agents.training_file import settings_from
-from agents.training_settings import PPOSettings
 from tests.policies.helpers import info_of
 from tests.policies.trained.helpers import coding_for
 from vibgym.policies.trained.coding import Inputs
@@ -30,7 +29,7 @@ def filled(reward, done, truncated=(), driven=(True, True), **settings):
     info = info_of("Sort", parts=TWO)
     coding, info = coding_for(info), replace(info, driven=driven, flows=settings.pop("flows", False))
     generator = np.random.default_rng(0)
-    own = PPOSettings(n_steps=STEPS, gamma=GAMMA, gae_lambda=LAMBDA, **settings)
+    own = PPO.Settings(n_steps=STEPS, gamma=GAMMA, gae_lambda=LAMBDA, **settings)
     rollout, finals = Rollout(own, WORLDS, coding, info), {}
     mask = np.ones((WORLDS, PARTS), dtype=np.float32)
     for step in range(STEPS):

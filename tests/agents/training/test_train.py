@@ -14,11 +14,11 @@ from agents.curriculum import Curriculum
 from agents.networks import PartsActor, PartsCritic
 from agents.training_envs import make_worlds
 from agents.training_file import load_settings
-from vibgym.config import Settings
 from vibgym.envs.actions import ACTIONS, Field
 from vibgym.policies.trained.networks import ACTING
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import CODINGS
+from vibgym.settings import BaseSettings
 
 PPO = {"n_steps": 16, "batch_size": 64, "n_epochs": 2, "net": [8], "critic_net": [8], "target_kl": 0.02}
 BASE = {"task": "Align", "worlds": 8, "steps": 768, "checkpoint_steps": 256, "judging": {"episodes": 3, "every": 200}}
@@ -132,16 +132,14 @@ def test_a_user_registered_network_is_trained(tmp_path, monkeypatch):
     assert json.loads(path.read_text())["network"] == "mine"
 
 
-class RandomSettings(Settings):
-    """Settings of the algorithm below."""
-
-    scale: float = 1.0
-
-
 class RandomSearch:
     """An algorithm without torch: it remembers how many steps it made."""
 
-    hyperparameters = RandomSettings
+    class Settings(BaseSettings):
+        """Settings of the algorithm."""
+
+        scale: float = 1.0
+
     observation = "state"
 
     def __init__(self, settings):
@@ -181,10 +179,10 @@ def test_a_user_registered_algorithm_is_trained_and_continues(tmp_path, monkeypa
     ({"algorithm": "sb3.Nothing"}, "algorithm"), ({"ppo": {"network": "nothing"}}, "network"), ({"steps": 0}, "steps"),
     ({"algorithm": "sb3.SAC", "imitation": IMITATION}, "imitation"), ({"ppo": {"n_steps": 10**6}, "worlds": 1000}, "n_steps"),
     ({"serves": {"frequency": [30.0, 20.0]}}, "frequency"),
-    ({"curriculum": [{"environment": {}}]}, "curriculum.0.until"),
-    ({"curriculum": [{"environment": {}, "until": {}}]}, "curriculum.0.until"),
-    ({"curriculum": [{"environment": {"near": 1.0}, "until": {"steps": 9}}]}, "curriculum.0.environment"),
-    ({"curriculum": [{"environment": {"action": "phasor"}, "until": {"steps": 9}}]}, "curriculum.0.environment"),
+    ({"curriculum": [{"environment": {}}]}, "curriculum\\[0\\].until"),
+    ({"curriculum": [{"environment": {}, "until": {}}]}, "curriculum\\[0\\].until"),
+    ({"curriculum": [{"environment": {"near": 1.0}, "until": {"steps": 9}}]}, "curriculum\\[0\\].environment"),
+    ({"curriculum": [{"environment": {"action": "phasor"}, "until": {"steps": 9}}]}, "curriculum\\[0\\].environment"),
     ({"curriculum": [{"environment": {}, "until": {"steps": 9}}], "algorithm": "sb3.SAC"}, "curriculum"),
 ])  # fmt: skip
 def test_invalid_settings_are_refused_by_name(tmp_path, changes, named):

@@ -41,8 +41,8 @@ def test_agents_have_their_own_settings_on_top_of_the_defaults(many):
     assert (own.task, own.worlds, own.steps, own.seed) == ("Align", 16, 2000, 4)
     assert plain.environment == {"action": "wrench"}
     assert own.environment == {"action": "patch", "actuators": "prototype"}  # whole, unlike the algorithm's settings
-    assert (plain.own.learning_rate, plain.own.net) == (0.002, [32])
-    assert (own.own.learning_rate, own.own.net) == (0.002, [64, 64])
+    assert (plain.own.learning_rate, plain.own.net) == (0.002, (32,))
+    assert (own.own.learning_rate, own.own.net) == (0.002, (64, 64))
     assert plain.imitation is None and (own.imitation.expert, own.imitation.rounds) == ("pose", 2)
     assert load_settings(many, "SortTwelve/ideal").task == "SortTwelve"
 
@@ -136,9 +136,9 @@ def test_shipped_files_are_sound(path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("ppo: {gama: 1}", "w.yaml: unknown key 'gama' of ppo; did you mean 'gamma'? ("),
-        ("judging: {bst: speed, episodes: 8}", "w.yaml: unknown key 'bst' of judging; did you mean 'best'? ("),
-        ("stps: 2", "unknown key 'stps' of "),
+        ("ppo: {gama: 1}", "w.yaml: unknown setting 'gama' of ppo; did you mean 'gamma'? ("),
+        ("judging: {bst: speed, episodes: 8}", "w.yaml.judging; did you mean 'best'? ("),
+        ("stps: 2", "unknown setting 'stps' of "),
         ("environment: {num_envs: 3}", "w.yaml: environment.num_envs cannot be set for training"),
         ("scenes: [{}, {num_envs: 3}]", "w.yaml: scenes[1].num_envs cannot be set for training"),
     ],

@@ -43,7 +43,7 @@ BAD = {
     "peers.0.peer": {"peers": [{"peer": "bullet"}]},
     "peers.0.atol": {"peers": [{"peer": "LSODA", "atol": 1}]},
     "peers.0.rtol": {"peers": [{"peer": "LSODA", "rtol": 2.0}]},
-    "report.strong_tolerances.0": {"strong_tolerances": [0.0]},
+    "report.strong_tolerances[0]": {"strong_tolerances": [0.0]},
     "truth.steps": {"truth": {"steps": 2}},
     "scenes.0.drive.kind": {"scenes": [{"name": "a", "drive": {"kind": "dance"}}]},
     "scenes.0": {"scenes": [{**GOOD["scenes"][0], "part": {"shape": "disc", "radius": 99.0, "friction": 0.5}}]},
