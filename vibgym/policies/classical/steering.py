@@ -398,7 +398,7 @@ class LocalFieldPolicy(Steering):
     class Settings(Steering.Settings):
         """Settings of the policy and its law."""
 
-        margin: Length = Field(0.03, ge=0.0)
+        margin: Length = Field(default=0.03, ge=0.0)
         """Distance of targets from borders of zones and table."""
 
     settings: Settings
