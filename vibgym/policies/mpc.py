@@ -64,7 +64,7 @@ class MPCPolicy:
         """Standard deviation of the samples, of actions in [-1, 1]."""
 
         base: Any = None
-        """None, or a policy whose actions plans begin with, as :func:`vibgym.make_policy` takes it."""
+        """None, or a policy whose actions plans begin with, as ``vibgym.make_policy`` takes it."""
 
         action: str | None = None
         """Any with a share for every part. None: ``"field"``, under which parts brake by themselves at zero; with a base

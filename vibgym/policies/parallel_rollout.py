@@ -56,7 +56,7 @@ class ParallelRolloutPolicy:
         """Policies, and settings of the choice."""
 
         policies: tuple[Any, ...] = Field(min_length=1)
-        """Each as :func:`vibgym.make_policy` takes it."""
+        """Each as ``vibgym.make_policy`` takes it."""
 
         action: str | None = None
         """Of policies that support several. None: that of the first policy."""

@@ -133,11 +133,16 @@ class Learned:
         return CONTROLLERS.make("policy", {"kind": agent.kind, "path": str(agent.path)}, info)
 
 
-def schedule(info: TaskInfo, *, path: str) -> Policy:
-    """Load the sensorless schedule in a JSON file."""
-    from vibgym.policies.trained.schedule import load_schedule
+class Schedule:
+    """Maker of sensorless schedules."""
 
-    return load_schedule(file_of(path, info), info)
+    Settings = Trained.Settings
+
+    def __new__(cls, info: TaskInfo, settings: Trained.Settings) -> Policy:
+        """Load the schedule."""
+        from vibgym.policies.trained.schedule import load_schedule
+
+        return load_schedule(file_of(settings.path, info), info)
 
 
 def by_task(info: TaskInfo, **policies: Any) -> Policy:
@@ -208,7 +213,7 @@ CONTROLLERS = Controllers(
         "learned": Learned,
         "trained": Trained,
         "residual": Residual,
-        "schedule": schedule,
+        "schedule": Schedule,
     },
 )
 """Policies by name; ``CONTROLLERS.register(name, cls)`` adds a custom one, made as ``cls(info, settings=settings)``.

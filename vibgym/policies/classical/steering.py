@@ -202,14 +202,14 @@ class Steering:
         """
 
         law: LawChoice = "local"
-        """Among :data:`LAWS`, with its settings."""
+        """Name of the law, or a mapping with its ``kind`` and settings."""
 
         learn: bool = True
-        """Whether to estimate gains and phases of elements (:mod:`.gains`), where they have a hard dead zone and parts have
-        goal poses, and ``action`` is ``"phasor"``."""
+        """Whether to estimate gains and phases of elements, where they have a hard dead zone and parts have goal poses, and
+        ``action`` is ``"phasor"``."""
 
         action: Literal["phasor", "wrench", "velocity", "target"] = "phasor"
-        """The environment's ``action=``, among :data:`OUTPUTS`."""
+        """The environment's ``action=``."""
 
         apron: Length = Field(default=0.0, ge=0.0)
         """Around parts, within which elements move as those under them; with ``action="phasor"`` only."""
