@@ -19,9 +19,8 @@ from vibgym import Surface
 from vibgym.allocation import Allocator
 from vibgym.allocation.cut import new_pieces
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.planner import PlannerPolicy
-from vibgym.policies.classical.steering import LocalFieldPolicy
 from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
@@ -176,8 +175,7 @@ OUTPUTS = {"plate": PlateOutput, "plain-plate": PlainOutput, "conveyor": CellsOu
 def rival_policy(info: TaskInfo, machine: str) -> Policy:
     """Return the classical policy of a machine (:data:`.machines.MACHINES`), with the planner for several parts."""
     straight = info.has_goal and len(info.parts) == 1
-    usual = LocalFieldPolicy if straight else PlannerPolicy
-    policy = usual(info, usual.Settings(law="pose", learn=False))
+    policy: Any = make_policy({"kind": "local_field" if straight else "planner", "law": "pose", "learn": False}, info)
     policy.output = OUTPUTS[machine](info, MACHINES[machine](info.surface, info.parts))
     policy.action = machine
     return policy

@@ -42,7 +42,7 @@ class MPCPolicy:
 
     Args:
         info: task and scene.
-        base: a policy with observation ``"state"`` and the same action, whose actions plans begin with.
+        base: that of the settings, with observation ``"state"`` and the same action.
 
     Raises:
         ValueError: an action without a share for every part, a task with moving goals, or a base with another action.
@@ -51,23 +51,26 @@ class MPCPolicy:
     class Settings(BaseSettings):
         """Settings of the planning."""
 
-        samples: int = Field(32, ge=4, le=100_000)
+        samples: int = Field(default=32, ge=4, le=100_000)
         """Plans per iteration."""
 
-        horizon: int = Field(12, ge=1, le=10_000)
+        horizon: int = Field(default=12, ge=1, le=10_000)
         """Steps of a plan."""
 
-        iterations: int = Field(2, ge=1, le=1000)
+        iterations: int = Field(default=2, ge=1, le=1000)
         """Number of sampling rounds, each around the result of the one before."""
 
-        noise: float = Field(0.5, gt=0.0, le=10.0)
+        noise: float = Field(default=0.5, gt=0.0, le=10.0)
         """Standard deviation of the samples, of actions in [-1, 1]."""
+
+        base: Any = None
+        """None, or a policy whose actions plans begin with, as ``vibgym.make_policy`` takes it."""
 
         action: str | None = None
         """Any with a share for every part. None: ``"field"``, under which parts brake by themselves at zero; with a base
         ``"wrench"``, which most of them have."""
 
-        seed: int = Field(0, ge=0)
+        seed: int = Field(default=0, ge=0)
         """Of the samples."""
 
     observation = "state"

@@ -46,19 +46,25 @@ class ParallelRolloutPolicy:
 
     Args:
         info: task and scene.
-        policies: at least one, with the same action; the first acts if all do equally well.
+        policies: those of the settings, with the same action; the first acts if all do equally well.
 
     Raises:
         ValueError: another action or observation, or a task with moving goals.
     """
 
     class Settings(BaseSettings):
-        """Settings of the choice."""
+        """Policies, and settings of the choice."""
 
-        every: int = Field(15, ge=1, le=10_000)
+        policies: tuple[Any, ...] = Field(min_length=1)
+        """Each as ``vibgym.make_policy`` takes it."""
+
+        action: str | None = None
+        """Of policies that support several. None: that of the first policy."""
+
+        every: int = Field(default=15, ge=1, le=10_000)
         """Steps between choices."""
 
-        horizon: int = Field(100, ge=1, le=10_000)
+        horizon: int = Field(default=100, ge=1, le=10_000)
         """Simulated steps."""
 
     def __init__(self, info: TaskInfo, policies: Sequence[Policy], settings: Settings) -> None:

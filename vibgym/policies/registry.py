@@ -8,8 +8,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field
-
 from vibgym import checks, extras
 from vibgym.envs.actions import ACTIONS
 from vibgym.policies.classical.lanes import CrossingPolicy, FeedingPolicy
@@ -150,13 +148,9 @@ def by_task(info: TaskInfo, **policies: Any) -> Policy:
 class MPC:
     """Maker of model-predictive control (:class:`vibgym.policies.mpc.MPCPolicy`)."""
 
-    class Settings(MPCPolicy.Settings):
-        """Settings of the planning."""
+    Settings = MPCPolicy.Settings
 
-        base: Any = None
-        """None, or a policy whose actions plans begin with, as :func:`make_policy` takes it."""
-
-    def __new__(cls, info: TaskInfo, settings: Settings) -> Policy:
+    def __new__(cls, info: TaskInfo, settings: MPCPolicy.Settings) -> Policy:
         """Make the base and the policy."""
         base = settings.base
         if base is not None:
@@ -167,26 +161,14 @@ class MPC:
 class ParallelRollout:
     """Maker of choices among policies (:class:`vibgym.policies.parallel_rollout.ParallelRolloutPolicy`)."""
 
-    class Settings(ParallelRolloutPolicy.Settings):
-        """Policies, and settings of the choice."""
+    Settings = ParallelRolloutPolicy.Settings
 
-        policies: tuple[Any, ...] = Field(min_length=1)
-        """Each as :func:`make_policy` takes it."""
-
-        action: str | None = None
-        """Of policies that support several. None: that of the first policy."""
-
-    def __new__(cls, info: TaskInfo, settings: Settings) -> Policy:
+    def __new__(cls, info: TaskInfo, settings: ParallelRolloutPolicy.Settings) -> Policy:
         """Make the policies and the choice among them."""
         made: list[Policy] = []
         for policy in settings.policies:
             made.append(_policy(policy, info, 0, settings.action or (made[0].action if made else None)))
         return ParallelRolloutPolicy(info, made, settings)
-
-
-def steers(kind: Any) -> bool:
-    """Return whether a controller steers parts by a law."""
-    return kind in STEERED or kind in LAWS
 
 
 class Controllers(Registry[Maker]):
@@ -296,7 +278,7 @@ def action_of(env: Any) -> str | None:
 
 def _takes_action(kind: str, action: str) -> bool:
     """Return whether a controller supports this action among several."""
-    if steers(kind):
+    if kind in STEERED or kind in LAWS:
         return action in OUTPUTS
     return ACTIONS[action].by_part if kind == "mpc" else kind in ("learned", "parallel_rollout")
 

@@ -186,13 +186,13 @@ class LocalLaw(Law):
     class Settings(Law.Settings):
         """Settings of the local law."""
 
-        response: float = Field(0.04, gt=0.0)
+        response: float = Field(default=0.04, gt=0.0)
         """Time in which the velocity follows its set value, s; longer with long steps."""
 
-        braking: float = Field(0.5, gt=0.0, le=1.0)
+        braking: float = Field(default=0.5, gt=0.0, le=1.0)
         """Share of the available acceleration used for stopping."""
 
-        approach: float | None = Field(None, gt=0.0)
+        approach: float | None = Field(default=None, gt=0.0)
         """Rate at which the error shrinks near the target, 1/s; less with long steps. None: 9 with goals, else 7."""
 
     settings: Settings

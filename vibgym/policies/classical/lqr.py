@@ -68,7 +68,7 @@ class LqrLaw(Law):
         heading_weights: tuple[Weight, Weight] = (30000.0, 1.0)
         """Of squared heading (rad) and spin (rad/s)."""
 
-        control_weight: float = Field(1.0, gt=0.0)
+        control_weight: float = Field(default=1.0, gt=0.0)
         """Of squared accelerations by pushes (m/s^2 and rad/s^2)."""
 
     settings: Settings

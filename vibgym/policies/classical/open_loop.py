@@ -47,7 +47,7 @@ class RandomPolicy(ZeroPolicy):
     class Settings(ZeroPolicy.Settings):
         """Settings of the policy."""
 
-        seed: int = Field(0, ge=0)
+        seed: int = Field(default=0, ge=0)
         """Of the actions."""
 
     action = "element"
@@ -82,13 +82,13 @@ class OpenLoopPolicy:
     class Settings(BaseSettings):
         """Settings of the fields."""
 
-        turn_rate: Annotated[float, Unit("rad/s")] = Field(11.5, gt=0.0)
+        turn_rate: Annotated[float, Unit("rad/s")] = Field(default=11.5, gt=0.0)
         """Steady angular velocity in the tangential field."""
 
-        gather_time: float = Field(2.0, ge=0.0)
+        gather_time: float = Field(default=2.0, ge=0.0)
         """Duration of the radial field before the squeeze field, s."""
 
-        centring: float = Field(0.2, ge=0.0, le=1.0)
+        centring: float = Field(default=0.2, ge=0.0, le=1.0)
         """Strength of the radial field added to the squeeze field."""
 
     action, observation = "phasor", "state"

@@ -169,28 +169,28 @@ class PlannerPolicy(Steering):
     class Settings(Steering.Settings):
         """How parts keep their distance, and the law's settings."""
 
-        soft: float = Field(3.0, ge=0.0)
+        soft: float = Field(default=3.0, ge=0.0)
         """Price of a second in touch for breaking the spacing rule, s; it grows with the square of the distance lacking."""
 
-        hard: float = Field(20.0, ge=0.0)
+        hard: float = Field(default=20.0, ge=0.0)
         """Price of a second in touch for coming nearer than ``safe``, s."""
 
-        safe: Length = Field(0.010, gt=0.0)
+        safe: Length = Field(default=0.010, gt=0.0)
         """Distance that is kept where there is no room for more."""
 
-        yielding: float = Field(0.3, ge=0.0, le=1.0)
+        yielding: float = Field(default=0.3, ge=0.0, le=1.0)
         """Share of these prices for a part that has right of way over the other."""
 
-        calm: float = Field(0.5, gt=0.0)
+        calm: float = Field(default=0.5, gt=0.0)
         """Waiting time after which patience is halved, s."""
 
-        faithful: float = Field(0.02, ge=0.0)
+        faithful: float = Field(default=0.02, ge=0.0)
         """By which another motion must be better than the last one, s."""
 
-        edge: Length = Field(0.026, gt=0.0)
+        edge: Length = Field(default=0.026, gt=0.0)
         """Distance of centres from the surface's border."""
 
-        inset: Length = Field(0.020, ge=0.0)
+        inset: Length = Field(default=0.020, ge=0.0)
         """Distance of targets from the other borders of their zones."""
 
     settings: Settings

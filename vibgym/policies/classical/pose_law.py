@@ -43,26 +43,26 @@ class PoseLaw(Law):
     class Settings(Law.Settings):
         """Settings of the pose law."""
 
-        braking: float = Field(0.9, gt=0.0, le=1.0)
+        braking: float = Field(default=0.9, gt=0.0, le=1.0)
         """Share of the largest push used for braking."""
 
-        turn_braking: float = Field(0.95, gt=0.0, le=1.0)
+        turn_braking: float = Field(default=0.95, gt=0.0, le=1.0)
         """The same when a part turns."""
 
-        approach: float | None = Field(None, gt=0.0)
+        approach: float | None = Field(default=None, gt=0.0)
         """Maximum speed over the error, 1/s. None: 28; 21 with a dead zone or latency; 12 without goals, or for one part that
         tilts."""
 
-        turn_approach: float | None = Field(None, gt=0.0)
+        turn_approach: float | None = Field(default=None, gt=0.0)
         """Maximum spin over the heading error, 1/s. None: 36; 12 for one part that tilts."""
 
-        band: Length = Field(0.25e-3, gt=0.0)
+        band: Length = Field(default=0.25e-3, gt=0.0)
         """Error at rest that is not corrected, in tasks with goals on elements with a hard dead zone."""
 
-        turn_band: Angle = Field(math.radians(0.3), gt=0.0)
+        turn_band: Angle = Field(default=math.radians(0.3), gt=0.0)
         """The same of the heading."""
 
-        over: float = Field(0.5, ge=0.0, le=1.0)
+        over: float = Field(default=0.5, ge=0.0, le=1.0)
         """Share of the heading tolerance by which a part may overshoot when it arrives; saves a step in Rotate and Align."""
 
     settings: Settings

@@ -84,37 +84,37 @@ class PushingPolicy(Steering):
 
         law: LawChoice = "pose"
 
-        speed: Speed = Field(0.14, gt=0.0)
+        speed: Speed = Field(default=0.14, gt=0.0)
         """Top speed of the pushed part, its spin times the radius of gyration included."""
 
-        gain: float = Field(0.8, gt=0.0)
+        gain: float = Field(default=0.8, gt=0.0)
         """Rate at which its remaining displacement shrinks, over the rate at which friction brakes it."""
 
-        travel: float = Field(0.65, gt=0.0)
+        travel: float = Field(default=0.65, gt=0.0)
         """Cost of a metre of the longer path of both pushers, over the best direction's value, 1/m."""
 
-        shorter: float = Field(0.2, gt=0.0)
+        shorter: float = Field(default=0.2, gt=0.0)
         """Share of this cost for a metre of the shorter path."""
 
-        early: float = Field(0.6, gt=0.0)
+        early: float = Field(default=0.6, gt=0.0)
         """Share of their difference that is deducted if the first to arrive can push alone, see ``useful``."""
 
-        ready: Length = Field(0.009, gt=0.0)
+        ready: Length = Field(default=0.009, gt=0.0)
         """Distance of a pusher from its place, within which it pushes."""
 
-        useful: float = Field(0.8, gt=0.0)
+        useful: float = Field(default=0.8, gt=0.0)
         """Cosine of the angle to the wanted motion, above which one pushes before the other is ready."""
 
-        press: Length = Field(0.004, gt=0.0)
+        press: Length = Field(default=0.004, gt=0.0)
         """Into the part, target of a pusher."""
 
-        clear: Length = Field(0.006, gt=0.0)
+        clear: Length = Field(default=0.006, gt=0.0)
         """Distance to the part on the way round it."""
 
-        along: float = Field(0.12, gt=0.0)
+        along: float = Field(default=0.12, gt=0.0)
         """Time constant of pushers on their way to a place nearby, s."""
 
-        still: float = Field(0.5, gt=0.0)
+        still: float = Field(default=0.5, gt=0.0)
         """Share of the tolerances within which no pusher pushes."""
 
     settings: Settings

@@ -193,14 +193,14 @@ class Steering:
         """
 
         law: LawChoice = "local"
-        """Among :data:`LAWS`, with its settings."""
+        """Name of the law, or a mapping with its ``kind`` and settings."""
 
         learn: bool = True
-        """Whether to estimate gains and phases of elements (:mod:`.gains`), where they have a hard dead zone and parts have
-        goal poses, and ``action`` is ``"phasor"``."""
+        """Whether to estimate gains and phases of elements, where they have a hard dead zone and parts have goal poses, and
+        ``action`` is ``"phasor"``."""
 
         action: Literal["phasor", "wrench", "velocity", "target"] = "phasor"
-        """The environment's ``action=``, among :data:`OUTPUTS`."""
+        """The environment's ``action=``."""
 
         observer: Literal["none", "disturbance"] | None = None
         """``"disturbance"`` estimates the acceleration of each part that elements and nominal friction do not explain, and
@@ -386,7 +386,7 @@ class LocalFieldPolicy(Steering):
     class Settings(Steering.Settings):
         """Settings of the policy and its law."""
 
-        margin: Length = Field(0.03, ge=0.0)
+        margin: Length = Field(default=0.03, ge=0.0)
         """Distance of targets from borders of zones and table."""
 
     settings: Settings

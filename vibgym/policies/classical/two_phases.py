@@ -160,26 +160,26 @@ class TwoPhasesPolicy(PlannerPolicy):
         """How far the pattern is drawn apart, when all parts close in, and the planner's settings."""
 
         law: LawChoice = "pose"
-        edge: Length = Field(0.018, gt=0.0)
-        soft: float = Field(0.5, ge=0.0)
-        safe: Length = Field(0.004, gt=0.0)
+        edge: Length = Field(default=0.018, gt=0.0)
+        soft: float = Field(default=0.5, ge=0.0)
+        safe: Length = Field(default=0.004, gt=0.0)
 
-        apart: Length = Field(0.036, gt=0.0)
+        apart: Length = Field(default=0.036, gt=0.0)
         """Between parts in the pattern drawn apart, where there is room."""
 
-        margin: Length = Field(0.004, gt=0.0)
+        margin: Length = Field(default=0.004, gt=0.0)
         """Between parts on their straight paths, far from their goals."""
 
-        growth: float = Field(0.03, gt=0.0)
+        growth: float = Field(default=0.03, gt=0.0)
         """Of the margin, m per m of remaining displacement, on top of ``share``."""
 
-        share: float = Field(0.5, gt=0.0)
+        share: float = Field(default=0.5, gt=0.0)
         """Of the distance of two goals."""
 
-        give_up: float = Field(1.0, gt=0.0)
+        give_up: float = Field(default=1.0, gt=0.0)
         """Standstill with a part off its goal after which the first phase starts again, s."""
 
-        doubt: Length = Field(0.006, gt=0.0)
+        doubt: Length = Field(default=0.006, gt=0.0)
         """Overlap on straight paths above which it does as well."""
 
     settings: Settings
