@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydantic import Field
@@ -248,6 +248,7 @@ class Starts(ABC):
         surface, parts: the scene.
         number: smallest and largest number of parts present, which are drawn; None: all.
         apart: m, distance between parts for which the surface must have room.
+        clear: m, smallest distance between scattered parts.
         settings: of the start.
 
     Attributes:
@@ -270,10 +271,11 @@ class Starts(ABC):
         parts: Sequence[Part],
         number: tuple[int, int] | None = None,
         apart: float = 0.0,
+        clear: float = CLEAR,
         settings: Settings | None = None,
     ) -> None:
         self.settings = type(self).Settings() if settings is None else settings
-        self.surface, self.parts = surface, tuple(parts)
+        self.surface, self.parts, self.apart, self.clear = surface, tuple(parts), apart, clear
         self.fewest, self.most = (len(parts), len(parts)) if number is None else number
         if not self.fewest <= self.most <= len(parts):
             allowed = f"[low, high] with whole numbers 1 <= low <= high <= {len(parts)}"
@@ -302,30 +304,16 @@ class Starts(ABC):
 
 
 class Scattered(Starts):
-    """Random poses, 2 mm apart or more.
-
-    Args:
-        clear: m, smallest distance between parts; None: that of the class.
-    """
+    """Random poses, 2 mm apart or more."""
 
     NUMBERS: ClassVar[int] = 3
     """Uniform numbers of one try."""
 
-    CLEAR: ClassVar[float] = CLEAR
-
-    def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        number: tuple[int, int] | None = None,
-        apart: float = 0.0,
-        settings: Starts.Settings | None = None,
-        clear: float | None = None,
-    ) -> None:
-        super().__init__(surface, parts, number, apart, settings)
+    def __init__(self, *scene: Any, **settings: Any) -> None:
+        super().__init__(*scene, **settings)
+        surface, parts = self.surface, self.parts
         self.draws = 1 + len(parts) * (1 + TRIES * self.NUMBERS)
-        clear = self.CLEAR if clear is None else clear
-        gap = max(clear, apart)
+        gap = max(self.clear, self.apart)
         radius = max(part.radius for part in parts)
         cells = lattice(np.zeros(2), np.array([surface.width, surface.depth]), radius, gap)
         if len(cells) < self.most:
@@ -333,7 +321,7 @@ class Scattered(Starts):
             got = f"{self.most} parts ({names}) of radius up to {radius:.4g} m, {1e3 * gap:.3g} mm apart"
             allowed = f"at most {len(cells)} on this surface, {surface.width:g} x {surface.depth:g} m"
             raise checks.refuse("parts", got, allowed)
-        self._hulls, self._room = hulls_of(parts), Room(surface.width, surface.depth, cells, clear)
+        self._hulls, self._room = hulls_of(parts), Room(surface.width, surface.depth, cells, self.clear)
 
     def poses(self, uniform: np.ndarray, present: np.ndarray) -> np.ndarray:
         worlds, parts = present.shape
@@ -355,7 +343,9 @@ class Crowded(Scattered):
     """One heap, in touch."""
 
     NUMBERS = 2
-    CLEAR = 0.0
+
+    def __init__(self, *scene: Any, **settings: Any) -> None:
+        super().__init__(*scene, clear=0.0, **settings)
 
     def place(
         self, order: np.ndarray, count: np.ndarray, tries: np.ndarray, placed: np.ndarray, pose: np.ndarray
@@ -374,17 +364,10 @@ class Arranged(Starts):
 
     settings: Settings
 
-    def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        number: tuple[int, int] | None = None,
-        apart: float = 0.0,
-        settings: Settings | None = None,
-    ) -> None:
-        super().__init__(surface, parts, number, apart, settings)
-        self.pattern = Pattern(surface, self.parts, self.settings, "start")
-        self.draws = 1 + 2 * len(parts) + self.pattern.draws
+    def __init__(self, *scene: Any, **settings: Any) -> None:
+        super().__init__(*scene, **settings)
+        self.pattern = Pattern(self.surface, self.parts, self.settings, "start")
+        self.draws = 1 + 2 * len(self.parts) + self.pattern.draws
 
     def poses(self, uniform: np.ndarray, present: np.ndarray) -> np.ndarray:
         worlds, parts = present.shape
