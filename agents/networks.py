@@ -50,18 +50,9 @@ def hidden(inputs: int, widths: Sequence[int], activation: str) -> nn.Sequential
     return nn.Sequential(*layers)
 
 
-class Output(nn.Linear):
-    """Linear layer that computes in float32 in updates with bfloat16, too: small changes of actions and values matter."""
-
-    def forward(self, code: torch.Tensor) -> torch.Tensor:
-        """Return (..., outputs) for ``code`` (..., inputs)."""
-        with torch.autocast("cpu", enabled=False):
-            return super().forward(code.float())
-
-
-def linear(inputs: int, outputs: int, gain: float, kind: type[nn.Linear] = nn.Linear) -> nn.Linear:
+def linear(inputs: int, outputs: int, gain: float) -> nn.Linear:
     """Return a linear layer with orthogonal weights times ``gain`` and zero bias."""
-    layer = kind(inputs, outputs)
+    layer = nn.Linear(inputs, outputs)
     nn.init.orthogonal_(layer.weight, gain)
     nn.init.zeros_(layer.bias)
     return layer
@@ -140,8 +131,8 @@ class PartsActor(nn.Module):
         super().__init__()
         self.eyes = self.encoder(shape, attention)
         self.hidden = hidden(self.eyes.size, net, activation)
-        self.mean = linear(net[-1], shape.action, 0.01, Output)
-        self.log_std = linear(net[-1], shape.action, 0.01, Output)
+        self.mean = linear(net[-1], shape.action, 0.01)
+        self.log_std = linear(net[-1], shape.action, 0.01)
         nn.init.constant_(self.log_std.bias, log_std)
         self.register_buffer(FLOOR, None if floor is None else torch.tensor([floor]))
 
@@ -169,7 +160,7 @@ class PartsCritic(nn.Module):
         self.eyes = self.encoder(shape, attention)
         self.together = linear(shape.own, attention, 2.0**0.5) if shape.neighbours else None
         self.hidden = hidden(self.eyes.size + (attention if shape.neighbours else 0), net, activation)
-        self.value = linear(net[-1], 1, 1.0, Output)
+        self.value = linear(net[-1], 1, 1.0)
         self.own = shape.own
 
     def forward(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
@@ -204,7 +195,7 @@ class ElementsActor(nn.Module):
         self.hidden = hidden(self.eyes.size, net, activation)
         self.coefficients = linear(net[-1], 2 * BASIS, 0.1)
         self.places = linear(4, BASIS, 1.0)
-        self.log_std = linear(net[-1], 1, 0.01, Output)
+        self.log_std = linear(net[-1], 1, 0.01)
         nn.init.constant_(self.log_std.bias, log_std)
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -213,7 +204,7 @@ class ElementsActor(nn.Module):
         code = self.hidden(self.eyes(rows))
         coefficients = self.coefficients(code).unflatten(-1, (BASIS, 2))
         basis = tanh(self.places(elements_about(rows[..., place : place + 2], side)))
-        mean = (basis @ coefficients).float().flatten(-2) / BASIS**0.5
+        mean = (basis @ coefficients).flatten(-2) / BASIS**0.5
         log_std = self.log_std(code).clamp(*LOG_STD_RANGE)
         return mean, log_std.expand(*mean.shape)
 

@@ -99,8 +99,6 @@ class PPOSettings(NetworkSettings, RateSettings):
     cost_limit: float | None = Field(None, ge=0)
     multiplier_rate: float = Field(0.05, gt=0, le=100)  # change of the multiplier in an update, times the excess
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # first steps, in which the critic alone learns
-    overlap: bool = False  # collect the next rollout during the update
-    bfloat16: bool = False  # products of matrices in updates, for processors with such instructions
 
 
 class DataSettings(NetworkSettings, RateSettings):
