@@ -4,19 +4,13 @@ Schulman et al. 2017, "Proximal Policy Optimization Algorithms", https://arxiv.o
 estimation (GAE; Schulman et al. 2016, https://arxiv.org/abs/1506.02438). All parts of a world share one actor; every part has
 its own reward, value and advantage, and the critic reads all parts of a world. A stopped run continues bit for bit.
 
-With ``overlap`` the next rollout is collected while the networks learn from the last one, by the networks before that update;
-the probabilities in the ratios are those of the networks that acted. The last rollout of a run is not learned from.
-
 With ``cost_limit`` costs are subtracted from rewards with a multiplier (PPO-Lagrangian with one critic).
 """
 
 from __future__ import annotations
 
-import copy
 from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -65,8 +59,7 @@ class PPO(PartsLearner):
     """PPO with parts as samples; see the module.
 
     Attributes:
-        rollout: ``n_steps`` steps of all worlds, from which the next update learns, or the last has learned.
-        behaviour: actor and critic of rollouts: :attr:`policy`, or with ``overlap`` a copy from before the update.
+        rollout: ``n_steps`` steps of all worlds, from which an update learns.
         pace: share of the learning rate while the actor learns, controlled by ``target_kl``.
     """
 
@@ -120,12 +113,6 @@ class PPO(PartsLearner):
         critic_steps: int = Field(0, ge=0, le=MOST_STEPS)
         """First steps, in which the critic alone learns."""
 
-        overlap: bool = False
-        """Collect the next rollout during the update."""
-
-        bfloat16: bool = False
-        """Products of matrices in updates, for processors with such instructions."""
-
     title, phase = "PPO with parts as samples", "ppo"
     advice = "ppo.learning_rate, ppo.log_std_init or ppo.clip_range"
 
@@ -170,7 +157,7 @@ class PPO(PartsLearner):
             raise checks.refuse("ppo.n_steps", own.n_steps, "2 or more with one world")
         row = np.dtype(coding.dtype).itemsize * coding.shape.columns
         step = settings.worlds * len(coding.parts) * (row + 4 * (coding.shape.action + 6))
-        check_bytes("ppo.n_steps", own.n_steps, step * (2 if own.overlap else 1))
+        check_bytes("ppo.n_steps", own.n_steps, step)
         if own.network == "joint":
             raise checks.conflict("ppo.network 'joint' has one row for all parts: it learns from data sets only")
         if own.noise_floor is not None and own.network != "parts":
@@ -181,13 +168,7 @@ class PPO(PartsLearner):
         torch.manual_seed(settings.seed)
         self.policy = ActorCritic(coding, own, own.log_std_init, own.noise_floor)
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=own.learning_rate, eps=1e-5, fused=True)
-        info = TaskInfo.of(env.env)
-        self.rollout = Rollout(own, env.num_envs, coding, info)
-        self.behaviour, self._ahead = self.policy, self.rollout
-        if own.overlap:
-            self.behaviour = copy.deepcopy(self.policy)
-            self._ahead = Rollout(own, env.num_envs, coding, info)  # being collected
-        self._waits = not own.overlap  # whether there is a rollout to learn from once collect() has returned
+        self.rollout = Rollout(own, env.num_envs, coding, TaskInfo.of(env.env))
         self._noise = torch.Generator().manual_seed(settings.seed)
         self._correlated = torch.zeros(1, 1, 1)  # noise of the last step, if that of the next is correlated with it
         self.multiplier = 0.0  # of costs
@@ -222,21 +203,13 @@ class PPO(PartsLearner):
         if self._observation is None:
             self._observation = self._new_episodes()
         metrics: dict[str, float] = {}
-        with ThreadPoolExecutor(1) as collector, self._threads():
-            while self.steps < until:
-                report(metrics)
-                self._follow_curriculum()
-                if self.own.overlap:
-                    self.behaviour.load_state_dict(self.policy.state_dict())
-                collecting = collector.submit(self.collect)
-                if not self.own.overlap:
-                    self.steps += collecting.result()
-                metrics = self.update(1.0 - self.steps / until) if self._waits else {}
-                self._adapt_multiplier()
-                if self.own.overlap:
-                    self.steps += collecting.result()
-                metrics |= self._episode_metrics()
-                self.rollout, self._ahead, self._waits = self._ahead, self.rollout, True
+        while self.steps < until:
+            report(metrics)
+            self._follow_curriculum()
+            self.steps += self.collect()
+            metrics = self.update(1.0 - self.steps / until)
+            self._adapt_multiplier()
+            metrics |= self._episode_metrics()
         report(metrics)
 
     def _follow_curriculum(self) -> None:
@@ -255,20 +228,9 @@ class PPO(PartsLearner):
         self.env.seed(training_seed(self.settings.seed, f"{self.steps} steps, stage {self.curriculum.stage}"))
         return self.env.reset()
 
-    @contextmanager
-    def _threads(self) -> Iterator[None]:
-        """With ``overlap`` leave half of the processors to the rollouts: threads of torch wait for each other actively."""
-        usual = torch.get_num_threads()
-        if self.own.overlap:
-            torch.set_num_threads(max(usual // 2, 1))
-        try:
-            yield
-        finally:
-            torch.set_num_threads(usual)
-
     def collect(self) -> int:
         """Make ``n_steps`` steps in all worlds, then compute values and advantages; return the steps of all worlds together."""
-        env, policy, rollout = self.env, self.behaviour, self._ahead
+        env, policy, rollout = self.env, self.policy, self.rollout
         coding = policy.coding
         rollout.reset()
         for _ in range(self.own.n_steps):
@@ -316,8 +278,7 @@ class PPO(PartsLearner):
         losses: list[dict[str, float]] = []
         for chosen in self._minibatches(*samples["mask"].shape):
             batch = {name: each.index_select(0, chosen) for name, each in samples.items()}
-            with torch.autocast("cpu", torch.bfloat16, enabled=own.bfloat16):
-                loss, metrics = self.loss(batch, actor_learns)
+            loss, metrics = self.loss(batch, actor_learns)
             losses.append(metrics)
             if own.target_kl is not None and actor_learns and len(losses) > 1:  # the first divergence is 0
                 self._adapt_pace(metrics["kl"], own.target_kl)
@@ -417,7 +378,6 @@ class PPO(PartsLearner):
             "torch": torch.get_rng_state().numpy(),
             "noise": self._noise.get_state().numpy(),
             "correlated": self._correlated.numpy(),
-            "rollout": self.rollout.get_state() if self.own.overlap and self._waits else None,
             "observation": self._observation,
             "start": self._start,
             "seen": None if self._inputs is None else list(self._inputs),
@@ -440,6 +400,3 @@ class PPO(PartsLearner):
         torch.set_rng_state(torch.from_numpy(np.array(state["torch"])))
         self._noise.set_state(torch.from_numpy(np.array(state["noise"])))
         self._correlated = torch.from_numpy(np.array(state["correlated"]))
-        if state["rollout"] is not None:
-            self.rollout.set_state(state["rollout"])
-            self._waits = True

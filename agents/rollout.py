@@ -99,22 +99,6 @@ class Rollout:
             others -= (others * mask).sum() / max(mask.sum(), 1.0)
         self.reward += others + self.reward[..., ~self.driven].sum(axis=-1, keepdims=True)
 
-    LEARNED = ("rows", "mask", "actions", "log_prob", "value", "advantage")
-    """Arrays that an update reads."""
-
-    def get_state(self) -> dict[str, np.ndarray]:
-        """Return what an update reads."""
-        return {name: getattr(self, name).copy() for name in self.LEARNED}
-
-    def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Restore what :meth:`get_state` returned.
-
-        Raises:
-            ValueError: arrays of another form.
-        """
-        for name in self.LEARNED:
-            getattr(self, name)[...] = state[name]
-
     def samples(self) -> dict[str, torch.Tensor]:
         """Return all steps of all worlds, (steps * worlds, parts, ...)."""
         named = {

@@ -1,21 +1,12 @@
-"""Recorded episodes of one policy, and films of them: for pages (``film.js`` draws them) and as GIF files.
-
-A film in a page is a JSON mapping, compressed by gzip and encoded in base64. Positions are in tenths of a millimetre and
-headings in tenths of a degree, each as the difference from the frame before; an element's phase (of 32) and amplitude (of 7) is
-one character. Browsers interpolate between two frames.
-"""
+"""Recorded episodes of one policy, and films of them as GIF files, of which pages embed small ones."""
 
 from __future__ import annotations
 
-import base64
-import gzip
 import io
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -23,7 +14,6 @@ from PIL import Image
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.shared import SharedInterface
 from vibgym.envs.viewer import side_of
-from vibgym.plugins.play.drawing import drawn_scene, scripts
 from vibgym.policies.measures import Measured, Measures
 from vibgym.policies.rollout import Step, Timing
 from vibgym.rendering import Scenery, Side, SurfacePainter
@@ -209,132 +199,22 @@ class Log(Measures):
         return Rollout(task, self.seeds, self.env.step_time, timing=timing, film=film, **fields)
 
 
-MOST_PAGE_FRAMES = 250
-"""Most frames of a film in a page; of longer films every second step is kept, or fewer."""
+class Format(NamedTuple):
+    """Size of a film."""
 
-PER_METRE, PER_RADIAN, PER_HEIGHT = 1e4, 1800.0 / math.pi, 1e5
-"""Integer steps per metre, per radian, and per metre of height."""
-
-PHASES, AMPLITUDES = 32, 7
-"""Levels of the phase, and of the amplitude above rest."""
-
-REST_CODE = 48
-"""Character of an element at rest; those after it are phases at the least amplitude, then at the next one."""
-
-FAINTEST = 0.03
-"""Fraction of full scale from which an element is shown as moving."""
+    width: int  # pixels, at most
+    frames: int  # at most
+    colours: int
 
 
-def strided(film: Film, most: int) -> list[int]:
-    """Return the numbers of at most ``most`` frames at equal distances, and of the last one."""
-    last = len(film.poses) - 1
-    return [*range(0, last, max(1, math.ceil(last / (most - 1)))), last]
+FILE, PAGE = Format(840, 120, 255), Format(440, 24, 64)
+"""Of a GIF file, and of a film in a page: 50 to 160 kB, or 320 kB where all elements change in every frame."""
 
-
-def frames_shown(film: Film) -> np.ndarray:
-    """Return the numbers of the frames in a page."""
-    return np.array(strided(film, MOST_PAGE_FRAMES))
-
-
-def packed(film: Film, scenery: Scenery, step_time: float) -> str:
-    """Return a film as ``film.js`` reads it; ``step_time`` is that between two frames, s."""
-    shown = frames_shown(film)
-    there = _there(film, scenery)[shown]
-    stride = int(shown[1] - shown[0]) if len(shown) > 1 else 1
-    content: dict[str, Any] = {
-        "scene": {**drawn_scene(scenery), "paths": [_finite(path) for path in film.paths]},
-        "interval": round(1e3 * stride * step_time, 3),
-        "frames": len(shown),
-        "trail": scenery.trail // stride,
-        "captions": [film.captions[frame] for frame in shown],
-        "there": ["" if each.all() else "".join("1" if one else "0" for one in each) for each in there.T],
-        "poses": _changes(film.poses[shown], there),
-        "field": _field(film.phasors[shown]),
-    }
-    if scenery.goal_size:
-        content["goals"] = _changes(film.goals[shown], there)
-    if any(film.sides[frame] is not None for frame in shown):
-        content["sides"] = [_side(film.sides[frame]) for frame in shown]
-    data = json.dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
-    # Without the time, so that the same film gives the same page.
-    return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode("ascii")
-
-
-def _finite(path: np.ndarray) -> list[list[float]]:
-    """Return the finite points of a path, m."""
-    return path[np.isfinite(path).all(axis=1)].round(5).tolist()
-
-
-def script() -> str:
-    """Return the script that draws and plays the films of a page."""
-    own = Path(__file__).with_name("film.js").read_text(encoding="utf-8")
-    return f'(() => {{\n"use strict";\n{scripts()}\n{own}}})();'
-
-
-def _there(film: Film, scenery: Scenery) -> np.ndarray:
-    """Return (frames, parts) whether a part is on the table or near it; waiting parts are far from it."""
-    middle = 0.5 * scenery.element_size * np.array([scenery.columns, scenery.rows])
-    place = film.poses[..., :2]
-    with np.errstate(invalid="ignore"):
-        near = (np.abs(place - middle) <= 2.0 * middle).all(axis=-1)
-    return film.present & np.isfinite(film.poses).all(axis=-1) & near
-
-
-def _changes(poses: np.ndarray, there: np.ndarray) -> list[list[int]]:
-    """Return poses (frames, parts, 3) as lists of differences, three per part, the first entry of a list absolute.
-
-    Absent parts keep their last pose. A list with one entry means no change.
-    """
-    found = []
-    for part in range(poses.shape[1]):
-        own, kept = poses[:, part], there[:, part]
-        for axis, factor in enumerate((PER_METRE, PER_METRE, PER_RADIAN)):
-            values = np.where(kept, own[:, axis], 0.0)
-            if kept.any():
-                last = np.maximum.accumulate(np.where(kept, np.arange(len(kept)), int(kept.argmax())))
-                values = values[last]
-            whole = np.rint(factor * (np.unwrap(values) if axis == 2 else values)).astype(int)
-            steps = np.diff(whole, prepend=0).tolist()
-            found.append(steps if any(steps[1:]) else steps[:1])
-    return found
-
-
-def _field(phasors: np.ndarray) -> list[str]:
-    """Return phasors (frames, rows, columns, 2) as a text per element with a character per frame, or one if all are equal."""
-    strength = np.nan_to_num(np.hypot(phasors[..., 0], phasors[..., 1])).clip(0.0, 1.0)
-    phase = np.nan_to_num(np.arctan2(phasors[..., 1], phasors[..., 0]))
-    step = np.rint(phase * (PHASES / (2.0 * np.pi))).astype(int) % PHASES
-    level = np.rint(strength * AMPLITUDES).astype(int).clip(1, AMPLITUDES)
-    codes = np.where(strength >= FAINTEST, 1 + (level - 1) * PHASES + step, 0) + REST_CODE
-    series = codes.reshape(len(codes), -1).T
-    return ["".join(map(chr, (each[:1] if (each == each[0]).all() else each).tolist())) for each in series]
-
-
-def _side(side: Any) -> list[Any]:
-    """Return plates as (from, to, height), and the bottom of every part as corners (along, height), empty if it is hidden."""
-    if side is None:
-        return [[], []]
-    scale = np.array([PER_METRE, PER_METRE, PER_HEIGHT])
-    bottoms = [
-        np.rint(scale[[0, 2]] * bottom[:, [0, 2]]).astype(int).ravel().tolist() if np.isfinite(bottom).all() else []
-        for bottom in side.bottoms
-    ]
-    return [np.rint(scale * side.plates).astype(int).ravel().tolist(), bottoms]
-
-
-MOST_FRAMES = 120
-"""Most frames of a GIF file."""
-
-WIDTH, BORDER = 520, 40
-"""Width of a picture in the report, and of the part of it that is not table, pixels."""
+BORDER = 40
+"""Width of the part of a picture that is not table, pixels."""
 
 REST = 1500
 """Duration of the last frame, ms."""
-
-CUT, SIDE = 4, 110
-"""Pixels under the table that are left out of a still picture, and those of a view from the side."""
-
-STILL_COLOURS = 64
 
 
 def painter_for(scenery: Scenery, width: int) -> SurfacePainter:
@@ -350,26 +230,12 @@ def picture(film: Film, scenery: Scenery, frame: int, painter: SurfacePainter) -
     return painter.paint(view)
 
 
-def frames_of(film: Film, scenery: Scenery, step_time: float, width: int = WIDTH) -> tuple[list[np.ndarray], float]:
-    """Return at most :data:`MOST_FRAMES` frames of a film and the time between them, s."""
-    shown = strided(film, MOST_FRAMES)
-    painter = painter_for(replace(scenery, side=film.sides[0] is not None), width)
-    stride = shown[1] - shown[0] if len(shown) > 2 else 1
-    return [picture(film, scenery, k, painter) for k in shown], stride * step_time
-
-
-def still(film: Film, scenery: Scenery) -> tuple[bytes, tuple[int, int]]:
-    """Return the last picture of a film as a PNG file, as the canvas of a page draws it, with its width and height.
-
-    The text under the table is left out; a view from the side is kept.
-    """
-    tilting = film.sides[0] is not None
-    pixels, last = max(4, (WIDTH - BORDER) // scenery.columns), len(film.poses) - 1
-    painter = painter_for(replace(scenery, side=tilting), WIDTH)
-    whole = picture(film, scenery, last, painter)[:, : scenery.columns * pixels + BORDER]
-    top = whole[: scenery.rows * pixels + BORDER - CUT]
-    shown = np.concatenate([top, whole[len(whole) - SIDE :]]) if tilting else top
-    return png(shown, STILL_COLOURS), (shown.shape[1], shown.shape[0])
+def frames_of(film: Film, scenery: Scenery, form: Format = FILE) -> tuple[list[np.ndarray], int]:
+    """Return frames of a film at equal distances, and its last one, with the number of steps between them."""
+    painter = painter_for(replace(scenery, side=film.sides[0] is not None), form.width)
+    last = len(film.poses) - 1
+    stride = max(1, math.ceil(last / (form.frames - 1)))
+    return [picture(film, scenery, frame, painter) for frame in [*range(0, last, stride), last]], stride
 
 
 def png(frame: np.ndarray, colours: int = 256) -> bytes:
@@ -379,18 +245,20 @@ def png(frame: np.ndarray, colours: int = 256) -> bytes:
     return file.getvalue()
 
 
-def gif(frames: Sequence[np.ndarray], fps: float) -> bytes:
+def gif(frames: Sequence[np.ndarray], interval: float, colours: int = FILE.colours) -> bytes:
     """Return a looping GIF file.
 
     Args:
         frames: pictures (height, width, 3) uint8 of one size, at least one; the last one has a longer duration.
-        fps: frames per second; browsers show at most 50.
+        interval: time between frames, s; browsers show at most 50 frames per second.
+        colours: of all frames together, at most 256.
     """
-    # One palette for all frames, from pictures spread over the film: colours do not flicker, and the file is smaller.
+    # One palette for all frames, from pictures spread over the film: colours do not flicker, and the file is smaller. An octree
+    # keeps the hues of few elements, which the median cut loses.
     chosen = [frames[k] for k in np.unique(np.linspace(0, len(frames) - 1, 8).astype(int))]
-    palette = Image.fromarray(np.concatenate(chosen)).quantize(255, method=Image.Quantize.MEDIANCUT)
+    palette = Image.fromarray(np.concatenate(chosen)).quantize(colours, method=Image.Quantize.FASTOCTREE)
     images = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    durations = [max(20, round(1e3 * (1.0 / fps)))] * (len(frames) - 1) + [REST]
+    durations = [max(20, round(1e3 * interval))] * (len(frames) - 1) + [REST]
     file = io.BytesIO()
     images[0].save(
         file, format="GIF", save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=True
@@ -398,7 +266,7 @@ def gif(frames: Sequence[np.ndarray], fps: float) -> bytes:
     return file.getvalue()
 
 
-def film_gif(film: Film, scenery: Scenery, step_time: float, width: int = 840) -> bytes:
-    """Return a film as a GIF file."""
-    frames, interval = frames_of(film, scenery, step_time, width)
-    return gif(frames, 1.0 / interval)
+def film_gif(film: Film, scenery: Scenery, step_time: float, form: Format = FILE) -> bytes:
+    """Return a film as a GIF file; ``step_time`` is that of a step, s."""
+    frames, stride = frames_of(film, scenery, form)
+    return gif(frames, stride * step_time, form.colours)

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from tqdm import tqdm
 
 from agents import parallel
@@ -97,7 +96,6 @@ def page(results: Results, found: Sequence[Row], gaps: Sequence[Row], quiet: boo
         anchor=anchor,
         cell=cell,
         figures=lambda row: _figures(row, infos[row["task"]].flows),
-        film_script=Markup(films.script()),
         surface=next(iter(infos.values())).surface,
         policies=policies,
         names=[each.name for each in settings.entries() if each.name in policies],
@@ -145,13 +143,12 @@ def _cards(results: Results, found: Sequence[Row], quiet: bool) -> list[dict[str
 
 
 def _pictures(rollout: films.Rollout, info: TaskInfo, scenery: Any, animated: bool) -> dict[str, Any]:
-    """Draw the plot of one policy on one task, and pack its film with a still picture."""
-    found: dict[str, Any] = {"plot": data_address(plots.trajectories(rollout, info, scenery)), "film": None}
-    if animated:
-        still, size = films.still(rollout.film, scenery)
-        moving = films.packed(rollout.film, scenery, rollout.step_time)
-        found |= {"film": moving, "still": data_address(still), "size": size, "caption": rollout.film.captions[-1]}
-    return found
+    """Draw the plot and the film of one policy on one task."""
+    plot = data_address(plots.trajectories(rollout, info, scenery))
+    if not animated:
+        return {"plot": plot, "film": None}
+    film = films.film_gif(rollout.film, scenery, rollout.step_time, films.PAGE)
+    return {"plot": plot, "film": data_address(film, "gif")}
 
 
 def anchor(row: Row) -> str:

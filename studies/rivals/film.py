@@ -86,5 +86,5 @@ def frames(sweeps: tuple[Sweep, ...] = SWEEPS) -> list[np.ndarray]:
 def write(root: Path) -> Path:
     """Write the film; return its path."""
     output_directory((root / FILM).parent)
-    write_atomically(root / FILM, gif(frames(), 1.0 / (EVERY * Surface().period)))
+    write_atomically(root / FILM, gif(frames(), EVERY * Surface().period))
     return root / FILM

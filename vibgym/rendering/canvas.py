@@ -29,6 +29,9 @@ WALL = 11
 TAG, SMALLEST_TAG = 18, 10
 """Size of a zone's label, and the smallest to which it is scaled down to fit."""
 
+CAPTION, SMALL_CAPTION = 22, 14
+"""Size of the caption, and in pictures that are too narrow for it."""
+
 TRAIL_POINTS = 400
 """Older centres are not drawn."""
 
@@ -270,7 +273,9 @@ class Canvas:
         table = pygame.transform.smoothscale(self._fine, small)
         picture.blit(table, (0, 0), (0, 0, small[0], small[1] - 8))
         if caption:
-            text = legend.render_text(caption, 22, colours.INK)
+            text = legend.render_text(caption, CAPTION, colours.INK)
+            if text.get_width() > self._caption_width:
+                text = legend.render_text(caption, SMALL_CAPTION, colours.INK)
             picture.blit(text, (MARGIN, self._caption_top + 15), (0, 0, self._caption_width, text.get_height()))
         pixels = bytearray(pygame.image.tobytes(picture, "RGB"))
         return np.frombuffer(pixels, dtype=np.uint8).reshape(self.size[1], self.size[0], 3)

@@ -1,11 +1,9 @@
-"""The report in a real browser: films play, tables sort, nothing sticks out, and axe finds nothing grave."""
+"""The report in a real browser: films open, tables sort, nothing sticks out, and axe finds nothing grave."""
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from agents.evaluation import films
 from tests.browser import LOOKS, chromium, faults, watch
 
 
@@ -40,52 +38,14 @@ def test_everybody_can_read_it(opened, written, written_several, width, scheme):
         assert faults(page) == []
 
 
-def test_a_film_plays_and_pauses(opened, found, written):
-    page = opened(written / "report.html")
-    card = page.locator("[id='card-Align-ideal-pusher']")
-    label = card.locator("figure.film img").get_attribute("alt")
-    assert label == f"Film of pusher on Align, seed {found.rollout('Align', 'ideal', 'pusher').film.seed}"
-    button, said = card.locator("button"), card.locator(".caption")
-    assert button.inner_text().startswith("Play") and said.inner_text()
-    before = card.locator("figure.film img").bounding_box()
-    button.focus()
-    page.keyboard.press("Enter")
-    canvas = card.get_by_role("img", name=label)
-    page.wait_for_function(
-        "caption => document.querySelector(caption).textContent.startsWith('0.')",
-        arg="[id='card-Align-ideal-pusher'] .caption",
-    )
-    after = canvas.bounding_box()
-    assert after["width"] == pytest.approx(before["width"], abs=3) and after["height"] == pytest.approx(
-        before["height"], abs=3
-    )
-    page.keyboard.press("Enter")
-    page.wait_for_function(
-        "() => [...document.querySelectorAll('button span')].every(each => each.textContent !== 'Pause')"
-    )
-    seen = canvas.evaluate(
-        "each => new Set(each.getContext('2d').getImageData(0, 0, each.width, each.height).data).size"
-    )
-    assert seen > 20
-
-
-def test_the_browser_reads_what_was_recorded(opened, several, written_several):
-    page = opened(written_several / "report.html")
-    recorded = several.rollout("Sort", "ideal", "shepherd").film
-    figure = page.locator("[id='card-Sort-ideal-shepherd'] figure.film")
-    content = figure.evaluate(
-        """async figure => {
-            const film = await vibgymFilm.read(figure.dataset.film);
-            return [film.poses.map(part => part.map(each => [...each])), film.captions];
-        }"""
-    )
-    shown = films.frames_shown(recorded)
-    poses = np.array(content[0]).transpose(2, 0, 1)
-    there = recorded.present[shown]
-    error = poses - recorded.poses[shown]
-    error[..., 2] = np.angle(np.exp(1j * error[..., 2]))
-    assert np.abs(error[there][:, :2]).max() < 0.52e-4 and np.abs(error[there][:, 2]).max() < 0.9e-3
-    assert content[1] == [recorded.captions[frame] for frame in shown]
+def test_a_film_opens_by_its_outcome(opened, found, written):
+    card = opened(written / "report.html").locator("[id='card-Align-ideal-pusher']")
+    seed = found.rollout("Align", "ideal", "pusher").film.seed
+    film = card.get_by_role("img", name=f"Film of pusher on Align, seed {seed}")
+    assert film.is_hidden()
+    card.locator("summary").focus()
+    card.page.keyboard.press("Enter")
+    assert film.is_visible() and film.evaluate("each => each.naturalWidth") > 400
 
 
 def test_tables_sort_by_mouse_and_keyboard(opened, written):
@@ -113,12 +73,3 @@ def test_tables_sort_by_mouse_and_keyboard(opened, written):
     assert head.get_attribute("aria-sort") is None and first.get_attribute("aria-sort") == "ascending"
     names = table.evaluate("table => [...table.tBodies[0].rows].slice(1).map(row => row.cells[0].textContent.trim())")
     assert names == sorted(names) and len(names) == 3
-
-
-def test_a_page_of_which_scripts_are_refused_shows_still_pictures(browser, written):
-    context = browser.new_context(java_script_enabled=False)
-    page = context.new_page()
-    page.goto((written / "report.html").as_uri())
-    card = page.locator("[id='card-Align-ideal-pusher']")
-    assert card.locator("figure.film img").is_visible() and not card.locator("button").is_visible()
-    context.close()

@@ -41,7 +41,7 @@ def test_films_of_parts_that_may_tilt_show_them_from_the_side():
         env = single("Align", model=model)
         policy = make_policy("pose", TaskInfo.of(env))
         film = rollout(policy, "Align", seeds=[1], keep=Log, model=model).film
-        frames[model], _ = films.frames_of(film, scenery_of(env.unwrapped), 0.04, 400)
+        frames[model], _ = films.frames_of(film, scenery_of(env.unwrapped))
     flat, above = (frames[model][0] for model in ("planar", "tilting"))
     assert len({frame.shape for frame in frames["tilting"]}) == 1
     assert above.shape == (flat.shape[0] + height, *flat.shape[1:]) and (above[: len(flat)] == flat).all()

@@ -168,7 +168,7 @@ def test_columns(several, written_several):
 
 def test_pictures_show_zones_and_trails(several):
     film = several.rollout("Sort", "ideal", "shepherd").film
-    frames, _ = films.frames_of(film, several.scenery["Sort"], 0.04, 520)
+    frames, _ = films.frames_of(film, several.scenery["Sort"])
     assert (frames[0] != frames[-1]).any()
     assert re.match(r"0\.00 s   \d of 6 parts done ", film.captions[0]) and len(film.captions) == len(film.poses)
     # A zone tints its end of the table: the picture differs from Singulate's at the left and at the right, not between.

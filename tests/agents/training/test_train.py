@@ -33,9 +33,6 @@ RUNS = {
         "ppo": {**PPO, "turned": True, "remembers": 3, "recalls": ["velocity", "age"]},
     },
     "noise": {"environment": {"action": "field"}, "ppo": {**PPO, "noise_correlation": 0.9}},
-    "overlap": {
-        "environment": {"action": "field"}, "ppo": {**PPO, "overlap": True, "bfloat16": True, "noise_correlation": 0.5},
-    },
     "curriculum": {
         "environment": {"action": "field"}, "ppo": PPO,
         "curriculum": [{"environment": {"max_episode_steps": 20}, "until": {"steps": 384}}],

@@ -40,7 +40,7 @@ def test_costs_are_subtracted_from_the_rewards_with_the_multiplier():
         each._observation = each.env.reset()
     plain.collect()
     costly.collect()
-    difference = plain._ahead.reward[0] - costly._ahead.reward[0]
+    difference = plain.rollout.reward[0] - costly.rollout.reward[0]
     assert (difference > 0.0).all()  # elements move in the first step
     for each in (plain, costly):
         each.env.close()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -20,18 +19,6 @@ SCRIPTS = ("shapes", "table", "side")
 def script_path(name: str) -> Path:
     """Return the file of one of :data:`SCRIPTS`."""
     return HERE / f"{name}.js"
-
-
-def scripts() -> str:
-    """Return all scripts as one text for single-file pages, each module in a separate scope."""
-    return "\n".join(_as_script(script_path(name).read_text(encoding="utf-8")) for name in SCRIPTS)
-
-
-def _as_script(module: str) -> str:
-    """Return a module with imports from, and exports to, the enclosing scope."""
-    names = ", ".join(re.findall(r"^export (?:class|function|const) (\w+)", module, flags=re.M))
-    own = re.sub(r"^export ", "", re.sub(r"^import .*;\n", "", module, flags=re.M), flags=re.M)
-    return f"const {{ {names} }} = (() => {{\n{own}\nreturn {{ {names} }};\n}})();"
 
 
 def drawn_scene(scenery: Scenery) -> dict[str, Any]:

@@ -1,11 +1,12 @@
-// Draws a table on a canvas: elements, zones, paths, goals, trails and parts, to scale, as vibgym.rendering.canvas does. The page to
-// play on and the films of reports draw with it: it knows a scene (what stays, see vibgym.plugins.play.drawing) and a view (what is
-// now), lengths in m, y up, and nothing of where they come from.
+// Draws a table on a canvas: elements, zones, paths, goals, trails and parts, to scale, as vibgym.rendering.canvas does. It
+// knows a scene (what stays, see vibgym.plugins.play.drawing) and a view (what is now), lengths in m, y up, and nothing of where
+// they come from.
 
 import { placed, wedge } from "./shapes.js";
 
 const PAPER = "#ffffff", INK = "#262c38", GAP = "#ced2d8", FRAME = "#474e5c", REST = [237, 239, 241];
 const ACCENT = "#0a6b66", BAD = "#d02010";
+export const MARGIN = 12; // pixels around the table, in which parts that hang over are seen
 const HUES = 360, WALL = 7, FAINTEST = 0.03;
 const LIFTED = { shadowColor: "rgba(0,0,0,.45)", shadowBlur: 14, shadowOffsetY: 8, globalAlpha: 0.85 };
 
@@ -43,13 +44,10 @@ export function bytes(text) {
 }
 
 export class Table {
-  // margin, below: pixels around and under the table, in which parts that hang over are seen.
-  constructor(canvas, margin = 12, below = margin) {
+  constructor(canvas) {
     this.canvas = canvas;
     this.context = canvas.getContext("2d");
     this.under = document.createElement("canvas"); // elements and zones: drawn anew when the field is another one
-    this.margin = margin;
-    this.below = below;
     this.scene = null;
   }
 
@@ -64,8 +62,8 @@ export class Table {
   resize() {
     if (!this.scene) return;
     const across = this.canvas.clientWidth || 960, ratio = Math.min(2, window.devicePixelRatio || 1);
-    this.scale = (across - 2 * this.margin) / this.width;
-    const high = Math.round(this.depth * this.scale + this.margin + this.below);
+    this.scale = (across - 2 * MARGIN) / this.width;
+    const high = Math.round(this.depth * this.scale + 2 * MARGIN);
     this.canvas.style.height = `${high}px`;
     for (const canvas of [this.canvas, this.under]) {
       canvas.width = Math.round(across * ratio);
@@ -77,11 +75,11 @@ export class Table {
 
   // From m to CSS pixels, and back.
   at([x, y]) {
-    return [this.margin + x * this.scale, this.margin + (this.depth - y) * this.scale];
+    return [MARGIN + x * this.scale, MARGIN + (this.depth - y) * this.scale];
   }
 
   from([u, v]) {
-    return [(u - this.margin) / this.scale, this.depth - (v - this.margin) / this.scale];
+    return [(u - MARGIN) / this.scale, this.depth - (v - MARGIN) / this.scale];
   }
 
   // view: pose and goal (null: none) of each part, there, field; and, where there are any, trails [[x, y], ...] of each part, oldest
