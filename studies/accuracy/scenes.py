@@ -11,9 +11,9 @@ import numpy as np
 from pydantic import Field
 
 from vibgym import checks, fields
-from vibgym.config import Settings, parse, part_from, surface_from
-from vibgym.scene.parts import Part
-from vibgym.scene.surface import Surface
+from vibgym.config import Settings, parse
+from vibgym.scene.parts import Part, part_from
+from vibgym.scene.surface import Surface, surface_from
 
 Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 
