@@ -9,28 +9,21 @@ import json
 import math
 import numbers
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_type_hints
+from typing import Any, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from vibgym import checks
 from vibgym.files import reason
-from vibgym.scene.parts import SHIPPED, Part, shipped_part
+from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-
-if TYPE_CHECKING:
-    from vibgym.scene.drawings.records import Drawing
 
 UNITS = {"_mm": 1e-3, "_deg": math.pi / 180.0, "_g": 1e-3}
 """Suffixes of keys and the factors to SI."""
-
-
-FRICTION = 0.5
-"""Coefficient of sliding friction of a drawing that is given without one."""
 
 MOST_BYTES = 1_000_000
 """Largest settings file."""
@@ -46,61 +39,6 @@ class Settings(BaseModel):
 
 
 Model = TypeVar("Model", bound=BaseModel)
-
-
-_FIELDS: dict[str, Any] = {each.name: (get_type_hints(Surface)[each.name], each.default) for each in fields(Surface)}
-SurfaceSettings = create_model("SurfaceSettings", __base__=Settings, **_FIELDS)
-"""Fields of :class:`vibgym.Surface`."""
-
-
-class PartProperties(Settings):
-    """Optional properties of a part besides its outline; lengths in m."""
-
-    static_friction: float | None = None
-    height: float | None = None
-    mass: float | None = None
-    name: str | None = None
-    restitution: float | None = None
-    contact_friction: float | None = None
-    coupling: float | None = None
-    centre_height: float | None = None
-    friction_law: dict[str, Any] | None = None
-
-
-class PartSettings(PartProperties):
-    """A part by shape; lengths in m. ``rectangle`` needs length and width, ``disc`` radius, ``polygon`` vertices and maybe
-    holes."""
-
-    shape: Literal["rectangle", "disc", "polygon"]
-    friction: float
-    length: float | None = None
-    width: float | None = None
-    radius: float | None = None
-    vertices: list[tuple[float, float]] | None = None
-    holes: list[list[tuple[float, float]]] | None = None
-
-
-class DrawingSettings(PartProperties):
-    """A part from a drawing, see :meth:`vibgym.Part.from_file`; lengths in m."""
-
-    file: str
-    friction: float = FRICTION
-    thickness: float | None = None
-    density: float | None = None
-    tolerance: float | None = None
-    units: str | None = None
-    scale: float | None = None
-    layer: str | list[str] | None = None
-    without_layers: str | list[str] | None = None
-    part: int | None = None
-    gap: float | None = None
-    stable_pose: int | None = None
-
-
-READING = ("tolerance", "units", "scale", "layer", "without_layers", "part", "gap", "stable_pose")
-"""Fields of a drawing that are arguments of :func:`vibgym.scene.drawings.drawing.read`."""
-
-SHAPE_FIELDS = {"rectangle": ("length", "width"), "disc": ("radius",), "polygon": ("vertices",)}
 
 
 def to_si(data: Mapping[str, Any], where: str) -> dict[str, Any]:
@@ -156,7 +94,8 @@ def json_values(value: Any) -> Any:
     """Return settings as JSON values.
 
     NumPy numbers and arrays become numbers and lists, enumerations their values, and :class:`vibgym.Part` and
-    :class:`vibgym.Surface` mappings, from which :func:`part_from` and :func:`surface_from` make equal ones.
+    :class:`vibgym.Surface` mappings, from which
+    :func:`vibgym.scene.parts.part_from` and :func:`vibgym.scene.surface.surface_from` make equal ones.
     """
     if isinstance(value, Part):
         return value.to_dict()
@@ -231,16 +170,6 @@ def _check_size(path: Path, data: dict[str, Any]) -> None:
         pending.extend(inner)
 
 
-def surface_from(value: Any) -> Surface:
-    """Return a surface from ``"prototype"``, a mapping of :class:`SurfaceSettings`, or a Surface."""
-    if isinstance(value, Surface):
-        return value
-    if isinstance(value, str):
-        checks.choice("surface", value, ("prototype",))
-        return Surface()
-    return Surface(**parse(SurfaceSettings, value, "surface").model_dump())
-
-
 def from_text(argument: str, text: str) -> Any:
     """Return the value of an argument of a command: a mapping from JSON or a YAML file, or the name or path itself."""
     if Path(text).suffix.lower() in (".yaml", ".yml"):
@@ -251,49 +180,3 @@ def from_text(argument: str, text: str) -> Any:
         return json.loads(text)
     except ValueError as error:
         raise checks.refuse(argument, text, f"JSON ({error})") from None
-
-
-def drawn_part(value: Any, where: str = "parts", surface: Surface | None = None) -> tuple[Part, Drawing]:
-    """Return the part of a mapping of :class:`DrawingSettings`, and its drawing, from one reading of the file.
-
-    The part must fit on ``surface``, if it is given.
-    """
-    from vibgym.scene.drawings.drawing import read
-
-    settings = parse(DrawingSettings, value, where).model_dump(exclude_none=True)
-    if "thickness" in settings:
-        settings["thickness_mm"] = 1e3 * settings.pop("thickness")
-    reading = {name: settings.pop(name) for name in READING if name in settings}
-    reading |= {name: 1e3 * reading[name] for name in ("tolerance", "gap") if name in reading}
-    path = settings.pop("file")
-    with checks.within(where):
-        drawing = read(path, **reading, surface=surface)
-        return Part.from_drawing(drawing, path, **settings), drawing
-
-
-def part_from(value: Any, where: str = "parts", surface: Surface | None = None) -> Part:
-    """Return a part from the name of a shipped one, a mapping of :class:`PartSettings` or :class:`DrawingSettings`, or a Part.
-
-    The path of a drawing stands for ``{"file": path}``. A part from a file must fit on ``surface``, if it is given.
-    """
-    if isinstance(value, Part):
-        return value
-    if isinstance(value, str | Path) and Path(value).suffix:
-        value = {"file": str(value)}
-    if isinstance(value, str):
-        checks.choice(where, value, tuple(SHIPPED))
-        return shipped_part(value)
-    if isinstance(value, Mapping) and "file" in value:
-        return drawn_part(value, where, surface)[0]
-    settings = parse(PartSettings, value, where).model_dump(exclude_none=True)
-    shape = settings.pop("shape")
-    needed = SHAPE_FIELDS[shape]
-    for name in needed:
-        if name not in settings:
-            raise checks.missing(f"{where}.{name}", f"required for shape {shape!r}")
-    allowed = {*needed, *(("holes",) if shape == "polygon" else ())}
-    for other in {"length", "width", "radius", "vertices", "holes"} - allowed:
-        if other in settings:
-            raise checks.conflict(f"{where}.{other} is not a field of shape {shape!r}")
-    sizes = [settings.pop(name) for name in needed]
-    return getattr(Part, shape)(*sizes, **settings)

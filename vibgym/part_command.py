@@ -13,11 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from vibgym import checks
-from vibgym.config import from_text, part_from, surface_from
+from vibgym.config import from_text
 from vibgym.files import write_atomically
 from vibgym.scene import outlines
-from vibgym.scene.parts import Part
-from vibgym.scene.surface import Surface
+from vibgym.scene.part_settings import DrawingSettings
+from vibgym.scene.parts import Part, drawn_part, part_from
+from vibgym.scene.surface import Surface, surface_from
+from vibgym.settings import read
 
 PIXELS = 6000.0
 """Pixels per metre of the picture."""
@@ -60,21 +62,29 @@ def part(parser: argparse.ArgumentParser) -> Callable[[argparse.Namespace], int]
 
 def run(given: argparse.Namespace) -> int:
     """Print the description; returns the exit code."""
-    from vibgym.scene.drawings.drawing import read
-
     if given.picture is not None and given.picture.suffix.lower() != ".png":
         raise checks.refuse("--picture", str(given.picture), "a .png file")
     surface = from_text("--surface", given.surface)
     surface = surface_from(surface.get("surface", surface) if isinstance(surface, Mapping) else surface)
-    options = {"friction": given.friction, "thickness_mm": given.thickness_mm, "density": given.density}
+    names = (
+        "file",
+        "friction",
+        "thickness_mm",
+        "density",
+        "tolerance_mm",
+        "units",
+        "scale",
+        "layer",
+        "part",
+        "gap_mm",
+        "stable_pose",
+    )
+    settings = {name: getattr(given, name) for name in names if getattr(given, name) is not None}
+    settings = read(DrawingSettings, {**settings, "without_layers": given.without_layer}, "")
     with warnings.catch_warnings(record=True) as notes:
         warnings.simplefilter("always")
         try:
-            drawing = read(
-                given.file, given.tolerance_mm, given.units, scale=given.scale, layer=given.layer,
-                without_layers=given.without_layer, part=given.part, gap=given.gap_mm, stable_pose=given.stable_pose,
-                surface=surface,
-            )  # fmt: skip
+            made, drawing = drawn_part(settings, surface)
         except checks.Refused as error:
             for k, fault in enumerate(error.faults):
                 print(f"fault {k}: {fault.text}")
@@ -82,7 +92,6 @@ def run(given: argparse.Namespace) -> int:
                 picture_of_faults(error, given.picture)
                 print(f"picture: {given.picture}")
             raise
-        made = Part.from_drawing(drawing, given.file, **options)
     for note in notes:
         print(f"warning: {note.message}")
     pose = centred(surface)

@@ -79,7 +79,7 @@ def read(model: type[Model], given: Any, where: str) -> Model:
     """Return settings from a mapping, or those that are given; raise one line that names argument, value and range.
 
     Args:
-        where: the argument that holds them, for errors.
+        where: the argument that holds them, for errors; empty: they are arguments themselves.
     """
     if isinstance(given, model):
         return given
@@ -88,7 +88,9 @@ def read(model: type[Model], given: Any, where: str) -> Model:
     try:
         return model.model_validate(given)
     except RecursionError:
-        raise checks.refuse(where, given, "a mapping that does not contain itself") from None
+        raise checks.refuse(
+            where or ", ".join(map(str, given)), given, "a mapping that does not contain itself"
+        ) from None
     except ValidationError as error:
         raise refusal(error, model, given, where) from None
 
@@ -112,7 +114,7 @@ def refusal(error: ValidationError, model: type[BaseModel], given: Any, where: s
                 key, field = part, None
             else:
                 continue  # the name of a member of a union
-            place, given = f"{place}.{key}", given.get(key)
+            place, given = f"{place}.{key}" if place else str(key), given.get(key)
         elif isinstance(part, int) and checks.listed(given) and part < len(given) and factor == 1.0:
             place, given, field = f"{place}[{part}]", given[part], None
     kind = fault["type"]
@@ -121,9 +123,9 @@ def refusal(error: ValidationError, model: type[BaseModel], given: Any, where: s
     if kind == "missing" and not checks.listed(given):
         return checks.missing(place)
     if kind == "value_error":
-        return checks.conflict(f"{place}: {fault.get('ctx', {}).get('error')}")
+        return checks.conflict(f"{place}: {fault.get('ctx', {}).get('error')}".removeprefix(": "))
     if kind == "twice":
-        return checks.conflict(f"{place}: {fault['msg']}")
+        return checks.conflict(f"{place}: {fault['msg']}".removeprefix(": "))
     if field is not None:
         return checks.refuse(place, given, allowed(field, factor))
     if kind == "missing":

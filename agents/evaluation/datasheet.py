@@ -20,10 +20,12 @@ from agents.evaluation.table import Place
 from agents.provenance import provenance
 from agents.training_settings import Plain
 from vibgym import Part, checks
-from vibgym.config import drawn_part, load_yaml, part_from, surface_from
+from vibgym.config import load_yaml
 from vibgym.policies.applicable import tasks_with
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.drawings.records import StablePose
+from vibgym.scene.parts import part_and_drawing, part_from
+from vibgym.scene.surface import surface_from
 from vibgym.seeds import RANGES, check_seeds
 
 TASKS = ("Transport", "Align", "Rotate")
@@ -61,8 +63,8 @@ class DatasheetSettings(FileSettings):
         machine: settings of an identified machine, as ``python -m vibgym identify`` writes them; they replace the defaults of
             surface, actuators, sensor and part, and the friction of a part that has none is that of the machine's first part.
         surface: ``"prototype"`` or a mapping of :class:`vibgym.Surface`'s fields.
-        part: the name of a shipped part, or a mapping: see :class:`vibgym.config.PartSettings`, and of a drawing
-            :class:`vibgym.config.DrawingSettings`. The path of a drawing stands for ``{"file": path}``.
+        part: the name of a shipped part, or a mapping: see :class:`vibgym.scene.part_settings.PartSettings`, and of a drawing
+            :class:`vibgym.scene.part_settings.DrawingSettings`. The path of a drawing stands for ``{"file": path}``.
         model, actuators, sensor: arguments of the environments.
         policy: see :func:`vibgym.policies.make_policy`; it must serve Transport, Align and Rotate.
         episodes: of each measurement.
@@ -232,7 +234,7 @@ def part_of(settings: DatasheetSettings) -> tuple[Part, tuple[StablePose, ...]]:
     surface = surface_from(settings.surface)
     if not (isinstance(settings.part, Mapping) and "file" in settings.part):
         return part_from(settings.part, "datasheet.part"), ()
-    part, drawing = drawn_part(settings.part, "datasheet.part", surface)
+    part, drawing = part_and_drawing(settings.part, "datasheet.part", surface)
     return part, () if drawing.solid is None else drawing.solid.poses
 
 

@@ -10,10 +10,9 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from vibgym import checks, fields
-from vibgym.config import part_from, surface_from
 from vibgym.registry import Registry
-from vibgym.scene.parts import Part
-from vibgym.scene.surface import Surface
+from vibgym.scene.parts import Part, part_from
+from vibgym.scene.surface import Surface, surface_from
 from vibgym.settings import Angle, BaseSettings, Length, Speed, Unit, read
 
 

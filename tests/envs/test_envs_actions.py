@@ -7,7 +7,7 @@ import pytest
 
 from tests.envs.helpers import put, single
 from vibgym import Surface, fields
-from vibgym.config import part_from
+from vibgym.scene.parts import part_from
 
 SIZE = 0.026
 PATCH = 4  # elements across the patch of a shipped block

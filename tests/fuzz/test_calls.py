@@ -15,10 +15,12 @@ from hypothesis import strategies as st
 
 from tests.envs.helpers import assert_same
 from tests.fuzz.campaign import count, fuzz, numpy_warns_of_nothing, places  # noqa: F401 - for this module
-from vibgym import Part, Simulator, Surface, checks, config, fields
+from vibgym import Part, Simulator, Surface, checks, fields
 from vibgym.actuators import ACTUATORS
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.bounds import TimeBound
+from vibgym.scene.parts import part_from
+from vibgym.scene.surface import surface_from
 
 
 class Mute:
@@ -177,8 +179,8 @@ CALLS = {
         dict(friction=[0.9, 1.1], mass=[0.5, 2.0], incline=0.01, parts=[2, 3], dead_zone=[0.0, 1e-4], latency=[0, 3],
              limit=[2e-4, 3e-4], gain_spread=[0.0, 0.1], bandwidth=[1.0, 5.0], dead=[0.0, 0.1], stuck=[0.0, 0.1]),
     ),
-    "surface_from": (config.surface_from, dict(value="prototype")),
-    "part_from": (config.part_from, dict(value=DISC)),
+    "surface_from": (surface_from, dict(value="prototype")),
+    "part_from": (part_from, dict(value=DISC)),
     "frictional inverse": (FrictionalInverse, dict(surface=SURFACE, parts=[PART], limit=1e-4, ahead=0.02)),
     "time bound": (
         lambda **settings: TimeBound(SURFACE, PART, **settings),

@@ -11,11 +11,10 @@ from scipy.integrate import solve_ivp
 import vibgym
 from vibgym import Part, Simulator, Surface
 from vibgym.bounds.time_bound import TimeBound
-from vibgym.config import part_from
 from vibgym.physics.core.records import LAW_SPEED
 from vibgym.physics.planar.wrench import varying_wrench
 from vibgym.scene.friction_laws import FRICTION_LAWS, Stribeck, law_table
-from vibgym.scene.parts import shipped_part
+from vibgym.scene.parts import part_from, shipped_part
 
 G, OMEGA = 9.81, 2 * math.pi * 25.0
 ONE = Surface(rows=1, columns=1, element_size=8.0)  # everything happens on one element

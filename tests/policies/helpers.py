@@ -7,10 +7,10 @@ import numpy as np
 
 from tests.envs.helpers import single
 from vibgym import Surface
-from vibgym.config import part_from
 from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
+from vibgym.scene.parts import part_from
 
 POSE_TASKS = ("Transport", "Align", "Rotate")
 ARRANGED_TASKS = ("Sort", "SortThreeKinds", "Singulate")

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Surface
-from vibgym.config import part_from
 from vibgym.scene.drawings.contours import Stroke, flattened, loops
 from vibgym.scene.drawings.drawing import read
+from vibgym.scene.parts import part_from
 
 ezdxf = pytest.importorskip("ezdxf")
 pytest.importorskip("svgpathtools")

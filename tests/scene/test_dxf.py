@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from vibgym import Part, checks
-from vibgym.config import part_from
 from vibgym.scene.drawings.drawing import read
+from vibgym.scene.parts import part_from
 
 ezdxf = pytest.importorskip("ezdxf")
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Simulator, Surface
-from vibgym.config import part_from
 from vibgym.scene.hulls import gaps_between
 from vibgym.scene.outlines import contains
+from vibgym.scene.parts import part_from
 
 OUTER = np.array([[0, 0], [80, 0], [80, 50], [0, 50]]) * 1e-3
 INNER = np.array([[10, 10], [40, 10], [40, 45], [10, 45]]) * 1e-3

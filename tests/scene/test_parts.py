@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from shapely.geometry import MultiPoint, Polygon
 
 from vibgym import Part
-from vibgym.config import part_from
 from vibgym.scene import outlines
-from vibgym.scene.parts import SHIPPED, STEEL_DENSITY, kinds_of, shipped_part
+from vibgym.scene.parts import SHIPPED, STEEL_DENSITY, kinds_of, part_from, shipped_part
 
 L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.03], [0.03, 0.03], [0.03, 0.06], [0, 0.06]]
 C_SHAPE = [[0, 0], [80, 0], [80, 20], [20, 20], [20, 60], [80, 60], [80, 80], [0, 80]]

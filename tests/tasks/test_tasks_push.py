@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import batch, single
-from vibgym.config import part_from
 from vibgym.registration import PUSHER, TEE
 from vibgym.scene.hulls import gaps_between, hulls_of
-from vibgym.scene.parts import Part
+from vibgym.scene.parts import Part, part_from
 from vibgym.tasks.push import goal_coverage
 
 TEE_PART = part_from(TEE, "tee")

@@ -11,7 +11,6 @@ from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.actuators import ACTUATORS, nominal
-from vibgym.config import surface_from
 from vibgym.envs.actions import Action, check_command, new_action
 from vibgym.envs.costs import Costs
 from vibgym.envs.drawn import DrawnShapes
@@ -28,6 +27,7 @@ from vibgym.envs.options import (
 from vibgym.envs.randomization import Disturbances, Randomization
 from vibgym.envs.step import Pipeline
 from vibgym.physics.core.drive import Drive, all_phasors
+from vibgym.scene.surface import surface_from
 from vibgym.sensing import MEASUREMENT_FEATURES, Sensing, sensing_from
 from vibgym.sensing.measurement import new_measurement
 from vibgym.simulation import MODELS, Simulator

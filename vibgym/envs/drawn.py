@@ -17,12 +17,13 @@ from gymnasium.utils import seeding
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.config import PartProperties, parse, part_from, surface_from
 from vibgym.envs.actions import new_action
 from vibgym.envs.options import Options
 from vibgym.scene.library import largest_dimension, scaled, shapes
-from vibgym.scene.parts import Part
-from vibgym.scene.surface import Surface
+from vibgym.scene.part_settings import PartSettings
+from vibgym.scene.parts import Part, part_from
+from vibgym.scene.surface import Surface, surface_from
+from vibgym.settings import Length, read
 
 DRAWN = "drawn"
 
@@ -30,18 +31,26 @@ MOST_DRAWN = 8
 """Most different shapes of an episode."""
 
 
-class DrawnPart(PartProperties):
-    """A part whose shape is drawn; lengths in m. Properties that are given replace those of the drawn part."""
+class DrawnPart(PartSettings):
+    """A part whose shape is drawn. Properties that are given replace those of the drawn part."""
 
     shape: Literal["drawn"]
-    which: int = Field(0, ge=0, lt=MOST_DRAWN)  # parts with equal numbers have the same shape, others different ones
-    size: float | None = Field(None, gt=0.0)  # largest dimension
-    friction: float | None = None
+    """Name of the shape."""
+
+    which: int = Field(0, ge=0, lt=MOST_DRAWN)
+    """Number of the shape: parts with equal numbers have the same shape, others different ones."""
+
+    size: Length | None = Field(None, gt=0.0)
+    """Largest dimension; None: that of the drawn part."""
+
+    friction: float = Field(0.0, ge=0.0)
+    """Coefficient of sliding friction; by default that of the drawn part."""
 
     def part(self, drawn: Part) -> Part:
         """Return the part with a drawn shape."""
         given = {"friction": drawn.friction, "name": drawn.name}
-        given |= self.model_dump(exclude_none=True, exclude={"shape", "which", "size"})
+        own = self.model_fields_set & set(PartSettings.model_fields)
+        given |= {name: value for name in own if (value := getattr(self, name)) is not None}
         factor = 1.0 if self.size is None else self.size / largest_dimension(drawn.outline)
         if drawn.symmetry == 0:
             return Part.disc(factor * math.sqrt(drawn.area / math.pi), **given)
@@ -108,7 +117,7 @@ class DrawnShapes:
 
 def _drawn_part(part: Any, where: str) -> DrawnPart | Part:
     if isinstance(part, Mapping) and part.get("shape") == DRAWN:
-        return parse(DrawnPart, part, where)
+        return read(DrawnPart, {name: each for name, each in part.items() if each is not None}, where)
     return part_from(part, where)
 
 

@@ -12,10 +12,9 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.actuators.stage import ActuatorStage
-from vibgym.config import part_from
 from vibgym.registration import Periods
 from vibgym.scene import overlaps
-from vibgym.scene.parts import Part
+from vibgym.scene.parts import Part, part_from
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Sensor
 from vibgym.settings import read

@@ -14,13 +14,13 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import seeding
 
 from vibgym import checks
-from vibgym.config import surface_from
 from vibgym.envs.core import Core
 from vibgym.envs.drawn import DrawnShapes
 from vibgym.envs.info import COUNTS, FLAGS, NUMBERS, InfoData
 from vibgym.envs.options import Keywords, Options, step_limit
 from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.registration import Periods
+from vibgym.scene.surface import surface_from
 from vibgym.snapshots import check_keys, generator_from, generator_state
 
 RENDER_MODES = ("rgb_array", "human")

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.config import json_values, part_from, surface_from
+from vibgym.config import json_values
 from vibgym.files import output_files, reason, write_atomically
-from vibgym.scene.parts import Part
-from vibgym.scene.surface import Surface
+from vibgym.scene.parts import Part, part_from
+from vibgym.scene.surface import Surface, surface_from
 
 ARRAYS = ("time", "amplitude", "phase", "pose", "taken")
 """Arrays of a file; it also has ``settings``, JSON as bytes."""

@@ -65,7 +65,7 @@ def parts_with(id: str, part: Any) -> list[Any]:
 
     Args:
         id: of a registered environment.
-        part: a mapping, see :func:`vibgym.config.part_from`; one that is pushed has its ``coupling``.
+        part: a mapping, see :func:`vibgym.scene.parts.part_from`; one that is pushed has its ``coupling``.
     """
     usual = usual_parts(id)
     pushed = [isinstance(each, Mapping) and each.get("coupling") == 0.0 for each in usual]
@@ -78,7 +78,7 @@ def tasks_with(part: Any, surface: Any = "prototype", **hardware: Any) -> dict[s
     """Return the policies that support each shipped environment with a part (:func:`parts_with`), or why it does not accept it.
 
     Args:
-        part: a mapping, see :func:`vibgym.config.part_from`.
+        part: a mapping, see :func:`vibgym.scene.parts.part_from`.
         surface, **hardware: arguments of the environments, such as ``actuators``.
 
     Environments whose shapes are drawn are left out.

@@ -14,36 +14,30 @@ import numpy as np
 from vibgym import checks
 from vibgym.scene import outlines
 from vibgym.scene.friction_laws import law_table
+from vibgym.scene.part_settings import (
+    HEIGHT,
+    LEAST_DENSITY,
+    LEAST_MASS,
+    MOST_DENSITY,
+    MOST_MASS,
+    SHAPES,
+    DiscSettings,
+    DrawingSettings,
+    PartSettings,
+    RectangleSettings,
+)
 from vibgym.scene.surface import Surface
+from vibgym.settings import read
 
 if TYPE_CHECKING:
     from vibgym.scene.drawings.records import Drawing, Solid
 
-LEAST_MASS, MOST_MASS = 1e-9, 1e9
-"""kg."""
-
 STEEL_DENSITY = 7850.0  # kg/m^3, for parts given without a mass
-
-LEAST_DENSITY, MOST_DENSITY = 5.0, 50e3
-"""kg/m^3, range of plausible densities, from foam to twice osmium; others give a warning."""
 
 PRISM = 0.05
 """Relative deviation from a prism above which a mesh gives a warning."""
 
 PROTOTYPE = Surface()
-
-DEFAULTS: dict[str, Any] = {
-    "name": None,
-    "static_friction": None,
-    "height": 0.010,
-    "centre_height": None,
-    "mass": None,
-    "restitution": 0.2,
-    "contact_friction": 0.3,
-    "coupling": 1.0,
-    "friction_law": None,
-}
-"""Properties of a part besides outline and friction."""
 
 
 class _Shape(NamedTuple):
@@ -106,19 +100,18 @@ class Part:
     @classmethod
     def rectangle(cls, length: float, width: float, *, friction: float, **properties: Any) -> Part:
         """Return a block ``length`` (along its own x) by ``width``, m. Keyword arguments as for :meth:`polygon`."""
-        a = checks.number("length", length, least=outlines.LEAST_SIZE, most=outlines.MOST_PLACE) / 2
-        b = checks.number("width", width, least=outlines.LEAST_SIZE, most=outlines.MOST_PLACE) / 2
-        properties.setdefault("name", "rectangle")
-        return cls.polygon([[-a, -b], [a, -b], [a, b], [-a, b]], friction=friction, **properties)
+        settings = read(RectangleSettings, {"length": length, "width": width, "friction": friction, **properties}, "")
+        a, b = settings.length / 2, settings.width / 2
+        return cls._polygon([[-a, -b], [a, -b], [a, b], [-a, b]], (), settings, "rectangle")
 
     @classmethod
     def disc(cls, radius: float, *, friction: float, **properties: Any) -> Part:
         """Return a disc of ``radius`` m. Keyword arguments as for :meth:`polygon`."""
-        radius = checks.number("radius", radius, least=outlines.LEAST_SIZE, most=outlines.MOST_PLACE)
-        properties.setdefault("name", "disc")
+        settings = read(DiscSettings, {"radius": radius, "friction": friction, **properties}, "")
+        radius = settings.radius
         outline = outlines.disc_outline(radius)
         shape = _Shape(outline, outline, math.pi * radius**2, 0.5 * radius**2, 0)
-        return cls._build(shape, friction, properties)
+        return cls._build(shape, settings, "disc")
 
     @classmethod
     def polygon(cls, vertices: Any, *, friction: float, holes: Sequence[Any] = (), **properties: Any) -> Part:
@@ -129,42 +122,18 @@ class Part:
             friction: coefficient of sliding friction, >= 0.
             holes: (n, 2) m each, simple polygons inside the outline, apart from each other. They carry no load and have no
                 mass; their corners and those of ``vertices`` have the same origin.
-            **properties: ``static_friction`` (default: that at rest), ``friction_law``, ``height`` (m, default 10 mm),
-                ``centre_height`` (m, 0 to ``height``, default half of it), ``mass`` (kg, default: of steel), ``name``,
-                ``restitution`` (0 to 1, default 0.2), ``contact_friction`` (default 0.3), ``coupling`` (0 to 1, default 1).
+            **properties: ``static_friction``, ``friction_law``, ``height``, ``mass``, ``name``, ...: the fields of
+                :class:`vibgym.scene.part_settings.PartSettings`.
 
         Raises:
             ValueError: an outline that crosses itself or a hole, or a value out of its range.
         """
-        properties.setdefault("name", "polygon")
-        rim, inner = (
-            outlines.outline_with_holes(vertices, holes) if len(holes) else (outlines.simple_outline(vertices), [])
-        )
-        of = outlines.bridged(rim, inner)
-        for each in (rim, *inner):
-            each.setflags(write=False)
-        order = outlines.symmetry_order(rim, inner)
-        shape = _Shape(of, rim, outlines.signed_area(of), outlines.gyration(of), order, tuple(inner))
-        return cls._build(shape, friction, properties)
+        settings = read(PartSettings, {"friction": friction, **properties}, "")
+        return cls._polygon(vertices, holes, settings, "polygon")
 
     @classmethod
     def from_file(
-        cls,
-        path: str | Path,
-        *,
-        friction: float,
-        thickness_mm: float | None = None,
-        density: float | None = None,
-        tolerance_mm: float = 0.05,
-        units: str | None = None,
-        scale: float | None = None,
-        layer: str | Sequence[str] | None = None,
-        without_layers: str | Sequence[str] = (),
-        part: int | None = None,
-        gap_mm: float | None = None,
-        stable_pose: int | None = None,
-        surface: Surface | None = PROTOTYPE,
-        **properties: Any,
+        cls, path: str | Path, *, friction: float, surface: Surface | None = PROTOTYPE, **settings: Any
     ) -> Part:
         """Return the part in a DXF, SVG or STL file (extra ``cad``).
 
@@ -174,19 +143,9 @@ class Part:
         Args:
             path: ``.dxf``, ``.svg`` or ``.stl``.
             friction: coefficient of sliding friction, >= 0.
-            thickness_mm: of a drawing (default 10 mm); a mesh has its own.
-            density: kg/m^3 (default: steel).
-            tolerance_mm: largest distance of flattened curves from the drawn ones; flattening preserves area.
-            units: of the drawing, ``"mm"``, ``"in"``, ... (:data:`vibgym.scene.drawings.records.UNITS`), if the file does not
-                name them, or wrong ones; STL files are in mm by default.
-            scale: of a drawing, factor of all lengths.
-            layer: one or several, whose content alone is read; in SVG files ids, group labels or stroke colours.
-            without_layers: those whose content is not read.
-            part: number among several in a drawing, 0 for the largest; without it, several are an error that lists them.
-            gap_mm: largest gap between ends of lines that is closed, with a warning; by default a tenth of the tolerance.
-            stable_pose: of a mesh, 0 for the most probable one; None: as modelled.
             surface: that the part must fit on; None: not checked.
-            **properties: as for :meth:`polygon`; ``name`` is that of the file by default.
+            **settings: ``thickness_mm``, ``density``, ``tolerance_mm``, ``units``, ``layer``, ...: the fields of
+                :class:`vibgym.scene.part_settings.DrawingSettings`, in m or with ``_mm``.
 
         Raises:
             ValueError: a file that does not describe exactly one part, or a value out of its range; the message names the file
@@ -197,101 +156,52 @@ class Part:
             UserWarning: a mesh that is no prism, with its deviations; ``units`` that are not those of the file; a drawing that
                 contains more than the part (:attr:`skipped`).
         """
-        from vibgym.scene.drawings.drawing import read
+        if not isinstance(path, str | Path):
+            raise checks.refuse("file", path, "a path")
+        given = {"file": str(path), "friction": friction, **settings}
+        return drawn_part(read(DrawingSettings, given, ""), surface)[0]
 
-        drawing = read(
-            path, tolerance_mm, units, scale=scale, layer=layer, without_layers=without_layers, part=part, gap=gap_mm,
-            stable_pose=stable_pose, surface=surface,
-        )  # fmt: skip
-        return cls.from_drawing(
-            drawing, path, friction=friction, thickness_mm=thickness_mm, density=density, **properties
+    @classmethod
+    def _polygon(cls, vertices: Any, holes: Sequence[Any], settings: PartSettings, name: str) -> Part:
+        rim, inner = (
+            outlines.outline_with_holes(vertices, holes) if len(holes) else (outlines.simple_outline(vertices), [])
         )
+        of = outlines.bridged(rim, inner)
+        for each in (rim, *inner):
+            each.setflags(write=False)
+        order = outlines.symmetry_order(rim, inner)
+        shape = _Shape(of, rim, outlines.signed_area(of), outlines.gyration(of), order, tuple(inner))
+        return cls._build(shape, settings, name)
 
     @classmethod
-    def from_drawing(
-        cls,
-        drawing: Drawing,
-        path: str | Path,
-        *,
-        friction: float,
-        thickness_mm: float | None = None,
-        density: float | None = None,
-        **properties: Any,
-    ) -> Part:
-        """Return the part in a drawing that :func:`vibgym.scene.drawings.drawing.read` has read from ``path``.
-
-        Arguments, errors and warnings are those of :meth:`from_file`.
-        """
-        from vibgym.scene.drawings.records import summary
-
-        properties = {"name": Path(path).stem, **properties}
-        if density is not None:
-            if properties.get("mass") is not None:
-                raise checks.conflict("density and mass exclude one another")
-            density = checks.number("density", density, least=LEAST_DENSITY, most=MOST_DENSITY)
-        solid = drawing.solid
-        if solid is None:
-            if thickness_mm is not None:
-                if properties.get("height") is not None:
-                    raise checks.conflict("thickness_mm and height exclude one another")
-                properties["height"] = 1e-3 * checks.number("thickness_mm", thickness_mm, above=0.0)
-        else:
-            given = [name for name in ("height", "centre_height") if properties.get(name) is not None]
-            if thickness_mm is not None or given:
-                raise checks.conflict(
-                    f"{given[0] if given else 'thickness_mm'} is that of the mesh, in {Path(path).name}"
-                )
-            properties |= {"height": 1e-3 * solid.height, "centre_height": 1e-3 * solid.centre_height}
-            if properties.get("mass") is None:
-                properties["mass"] = (density or STEEL_DENSITY) * 1e-9 * solid.volume
-        if drawing.radius is not None:
-            part = cls.disc(1e-3 * drawing.radius, friction=friction, **properties)
-        else:
-            holes = [1e-3 * hole for hole in drawing.holes]
-            part = cls.polygon(1e-3 * drawing.rim, friction=friction, holes=holes, **properties)
-        if solid is not None:
-            _warn_of_shape(part, solid)
-        elif density is not None:
-            part = replace(part, mass=density * part.area * part.height)
-        if drawing.skipped:
-            warnings.warn(f"part {part.name!r}: skipped {summary(drawing.skipped)}", stacklevel=3)
-        return replace(part, skipped=drawing.skipped)
-
-    @classmethod
-    def _build(cls, shape: _Shape, friction: float, properties: dict[str, Any]) -> Part:
-        unknown = [name for name in properties if name not in DEFAULTS]
-        if unknown:
-            raise checks.refuse("part", sorted(unknown), f"properties among {', '.join(DEFAULTS)}")
-        given = {**DEFAULTS, **properties}
-        friction = checks.number("friction", friction, least=0.0)
-        law = given["friction_law"]
-        at_rest = friction * float(law_table(law)[0])
-        static = at_rest if given["static_friction"] is None else given["static_friction"]
-        static = checks.number("static_friction", static, least=at_rest)
-        height = checks.number("height", given["height"], above=0.0, most=outlines.MOST_PLACE)
-        centre = 0.5 * height if given["centre_height"] is None else given["centre_height"]
-        mass = STEEL_DENSITY * shape.area * height if given["mass"] is None else given["mass"]
-        mass = checks.number("mass", mass, least=LEAST_MASS, most=MOST_MASS)
+    def _build(cls, shape: _Shape, settings: PartSettings, name: str) -> Part:
+        """Return a part; ``name``: where the settings have none."""
+        name = checks.label("name", name if settings.name is None else settings.name)
+        law, height, mass = settings.friction_law, settings.height, settings.mass
+        at_rest = settings.friction * float(law_table(law)[0])
+        static = at_rest if settings.static_friction is None else settings.static_friction
+        centre = 0.5 * height if settings.centre_height is None else settings.centre_height
+        if mass is None:
+            mass = STEEL_DENSITY * shape.area * height
         density = mass / (shape.area * height)
-        if given["mass"] is not None and not LEAST_DENSITY <= density <= MOST_DENSITY:
+        if settings.mass is not None and not LEAST_DENSITY <= density <= MOST_DENSITY:
             warnings.warn(
-                f"part {given['name']!r}: mass {mass:g} kg implies a density of {density:.3g} kg/m^3; "
+                f"part {name!r}: mass {mass:g} kg implies a density of {density:.3g} kg/m^3; "
                 "masses are in kg, lengths in m",
                 stacklevel=4,
             )
-        checks.label("name", given["name"])
         shape.outline.setflags(write=False)
         return cls(
             **shape._asdict(),
-            friction=friction,
-            static_friction=static,
+            friction=settings.friction,
+            static_friction=checks.number("static_friction", static, least=at_rest),
             radius=float(np.hypot(*shape.outline.T).max()),
             height=height,
-            mass=mass,
-            name=given["name"],
-            restitution=checks.number("restitution", given["restitution"], least=0.0, most=1.0),
-            contact_friction=checks.number("contact_friction", given["contact_friction"], least=0.0),
-            coupling=checks.number("coupling", given["coupling"], least=0.0, most=1.0),
+            mass=checks.number("mass", mass, least=LEAST_MASS, most=MOST_MASS),
+            name=name,
+            restitution=settings.restitution,
+            contact_friction=settings.contact_friction,
+            coupling=settings.coupling,
             centre_height=checks.number("centre_height", centre, least=0.0, most=height),
             friction_law=None if law is None else dict(law),
         )
@@ -314,7 +224,7 @@ class Part:
     @property
     def height_is_known(self) -> bool:
         """Whether height or centre height differ from the default; slenderness is not checked for parts of default height."""
-        return self.height != DEFAULTS["height"] or self.centre_height != 0.5 * self.height
+        return self.height != HEIGHT or self.centre_height != 0.5 * self.height
 
     @property
     def slenderness(self) -> float:
@@ -338,7 +248,7 @@ class Part:
         return self.friction * float(law_table(self.friction_law).max())
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the part as a mapping for JSON, from which :func:`vibgym.config.part_from` restores an equal one."""
+        """Return the part as a mapping for JSON, from which :func:`part_from` restores an equal one."""
         shape: dict[str, Any] = {"shape": "polygon", "vertices": self.rim.tolist()}
         if self.holes:
             shape["holes"] = [hole.tolist() for hole in self.holes]
@@ -373,6 +283,86 @@ class Part:
     def same_as(self, other: Part) -> bool:
         """Return whether both parts are equal except for their names."""
         return self.height == other.height and self.centre_height == other.centre_height and self.slides_as(other)
+
+
+def part_from(value: Any, where: str = "parts", surface: Surface | None = None) -> Part:
+    """Return a part from the name of a shipped one, the path of a drawing, a mapping of settings, or a Part.
+
+    Args:
+        value: a mapping has ``shape`` and the fields of its settings (:data:`vibgym.scene.part_settings.SHAPES`), or ``file``
+            and those of :class:`vibgym.scene.part_settings.DrawingSettings`; None: the default.
+        where: name of the argument, for errors.
+        surface: that a part from a file must fit on; None: not checked.
+    """
+    if isinstance(value, Part):
+        return value
+    if isinstance(value, str | Path) and Path(value).suffix:
+        value = {"file": str(value)}
+    if isinstance(value, str):
+        return shipped_part(value, where)
+    if not isinstance(value, Mapping):
+        raise checks.refuse(where, value, "a shipped part's name, the path of a drawing, or a mapping with 'shape'")
+    if "file" in value:
+        return part_and_drawing(value, where, surface)[0]
+    if "shape" not in value:
+        raise checks.missing(f"{where}.shape", f"one of {', '.join(SHAPES)}")
+    shape = checks.choice(f"{where}.shape", value["shape"], SHAPES)
+    given = {name: each for name, each in value.items() if each is not None}
+    settings = vars(read(SHAPES[shape], given, where))
+    return getattr(Part, shape)(**{name: each for name, each in settings.items() if name != "shape"})
+
+
+def part_and_drawing(
+    value: Mapping[str, Any], where: str = "parts", surface: Surface | None = None
+) -> tuple[Part, Drawing]:
+    """Return the part of a mapping of drawing settings as :func:`part_from`, and its drawing, from one reading of the file."""
+    given = {name: each for name, each in value.items() if each is not None}
+    settings = read(DrawingSettings, given, where)
+    with checks.within(where):
+        return drawn_part(settings, surface)
+
+
+def drawn_part(settings: DrawingSettings, surface: Surface | None = None) -> tuple[Part, Drawing]:
+    """Return the part of a drawing and the drawing; errors and warnings are those of :meth:`Part.from_file`."""
+    from vibgym.scene.drawings import drawing as drawings
+    from vibgym.scene.drawings.records import summary
+
+    drawing = drawings.read(
+        settings.file, _in_mm(settings.tolerance), settings.units, scale=settings.scale, layer=settings.layer,
+        without_layers=settings.without_layers, part=settings.part,
+        gap=None if settings.gap is None else _in_mm(settings.gap), stable_pose=settings.stable_pose, surface=surface,
+    )  # fmt: skip
+    path, solid = Path(settings.file), drawing.solid
+    more: dict[str, Any] = {}
+    if solid is None:
+        if settings.thickness is not None:
+            more["height"] = settings.thickness
+    else:
+        for name in ("thickness", "height", "centre_height"):
+            if name in settings.model_fields_set and getattr(settings, name) is not None:
+                raise checks.conflict(f"{name} is that of the mesh, in {path.name}")
+        more = {"height": 1e-3 * solid.height, "centre_height": 1e-3 * solid.centre_height}
+        if settings.mass is None:
+            more["mass"] = (settings.density or STEEL_DENSITY) * 1e-9 * solid.volume
+    given = {name: getattr(settings, name) for name in PartSettings.model_fields} | more
+    if given["name"] is None:
+        given["name"] = path.stem
+    if drawing.radius is not None:
+        part = Part.disc(1e-3 * drawing.radius, **given)
+    else:
+        part = Part.polygon(1e-3 * drawing.rim, holes=[1e-3 * hole for hole in drawing.holes], **given)
+    if solid is not None:
+        _warn_of_shape(part, solid)
+    elif settings.density is not None:
+        part = replace(part, mass=settings.density * part.area * part.height)
+    if drawing.skipped:
+        warnings.warn(f"part {part.name!r}: skipped {summary(drawing.skipped)}", stacklevel=3)
+    return replace(part, skipped=drawing.skipped), drawing
+
+
+def _in_mm(length: float) -> float:
+    """Return a length in mm without the rounding of the conversion: of 0.05 mm exactly 0.05."""
+    return float(f"{1e3 * length:.12g}")
 
 
 def _warn_of_shape(part: Part, solid: Solid) -> None:
@@ -412,7 +402,7 @@ SHIPPED: dict[str, dict[str, Any]] = {
 """The two parts of the thesis's experiments (section 7.1), both on a fluoropolymer foil."""
 
 
-def shipped_part(name: str) -> Part:
+def shipped_part(name: str, where: str = "part") -> Part:
     """Return one of the shipped parts by name."""
-    checks.choice("part", name, tuple(SHIPPED))
+    checks.choice(where, name, tuple(SHIPPED))
     return Part.rectangle(**SHIPPED[name], name=name)

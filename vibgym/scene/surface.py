@@ -5,11 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.physics.core.records import Table
+from vibgym.settings import Acceleration, BaseSettings, Length, read
 
 LEDGE = 1e-3
 """m, distance of a centre of mass beyond a border with a wall at which a part falls; overlaps with walls are smaller."""
@@ -26,14 +29,7 @@ class Surface:
     ``a_h (cos wt, sin wt)``; element (i, j) covers ``[j L, (j+1) L] x [i L, (i+1) L]`` and moves vertically by
     ``a_v cos(wt + alpha)`` with its own ``a_v`` and ``alpha``. Defaults are the prototype of P. Frei's thesis (2002).
 
-    Args:
-        rows, columns: number of elements along y and x.
-        element_size: edge length L of an element, m.
-        horizontal_amplitude: radius a_h of the horizontal motion, m; 0 is a still table.
-        frequency: of the motion, Hz.
-        gravity: m/s^2.
-        max_amplitude: largest vertical amplitude a_v, m; None is the lift-off limit ``g / w^2``, above which a part would
-            leave the surface.
+    Arguments, their units and ranges are the fields of :class:`SurfaceSettings`.
 
     Raises:
         ValueError: a value is not finite or out of its range.
@@ -48,25 +44,15 @@ class Surface:
     max_amplitude: float | None = None
 
     def __post_init__(self) -> None:
-        def put(name: str, value: object) -> None:
-            object.__setattr__(self, name, value)  # the class is frozen
-
-        put("rows", checks.count("rows", self.rows, most=MOST_ELEMENTS))
-        put("columns", checks.count("columns", self.columns, most=MOST_ELEMENTS))
+        vars(self).update(vars(read(SurfaceSettings, vars(self), "")))
         if self.rows * self.columns > MOST_ELEMENTS:
             got = f"{self.columns} in {self.rows} rows"
             raise checks.refuse("columns", got, f"at most {MOST_ELEMENTS} elements in total")
-        for name in ("element_size", "frequency", "gravity"):
-            put(name, checks.number(name, getattr(self, name), above=0.0, least=1e-9, most=1e9))
-        put(
-            "horizontal_amplitude",
-            checks.number("horizontal_amplitude", self.horizontal_amplitude, least=0.0, most=1e9),
-        )
         limit = self.lift_off_amplitude
         if self.max_amplitude is None:
-            put("max_amplitude", limit)
-        else:
-            put("max_amplitude", checks.number("max_amplitude", self.max_amplitude, least=0.0, most=limit))
+            vars(self)["max_amplitude"] = limit
+        elif self.max_amplitude > limit:
+            raise checks.refuse("max_amplitude", self.max_amplitude, f"at most g / w^2 = {limit:.10g} m")
 
     @property
     def angular_frequency(self) -> float:
@@ -139,3 +125,38 @@ class Surface:
             self.rows, self.columns, self.element_size, self.gravity, self.period, self.horizontal_amplitude,
             self.table_speed, -left, self.width + right, -bottom, self.depth + top,
         )  # fmt: skip
+
+
+class SurfaceSettings(BaseSettings):
+    """Settings of a surface."""
+
+    rows: int = Field(Surface.rows, ge=1, le=MOST_ELEMENTS)
+    """Number of elements along y."""
+
+    columns: int = Field(Surface.columns, ge=1, le=MOST_ELEMENTS)
+    """Number of elements along x."""
+
+    element_size: Length = Field(Surface.element_size, ge=1e-9, le=1e9)
+    """Edge length L of an element."""
+
+    horizontal_amplitude: Length = Field(Surface.horizontal_amplitude, ge=0.0, le=1e9)
+    """Radius a_h of the horizontal motion; 0 is a still table."""
+
+    frequency: float = Field(Surface.frequency, ge=1e-9, le=1e9)
+    """Frequency of the motion, Hz."""
+
+    gravity: Acceleration = Field(Surface.gravity, ge=1e-9, le=1e9)
+    """Acceleration of gravity."""
+
+    max_amplitude: Length | None = Field(Surface.max_amplitude, ge=0.0)
+    """Largest vertical amplitude a_v; None is the lift-off limit ``g / w^2``, above which a part would leave the surface."""
+
+
+def surface_from(value: Any, where: str = "surface") -> Surface:
+    """Return a surface from ``"prototype"``, a mapping of :class:`SurfaceSettings`, or a Surface."""
+    if isinstance(value, Surface):
+        return value
+    if isinstance(value, str):
+        checks.choice(where, value, ("prototype",))
+        return Surface()
+    return Surface(**vars(read(SurfaceSettings, value, where)))

@@ -8,7 +8,7 @@ import pytest
 import uvicorn
 
 from tests.browser import chromium
-from vibgym.plugins.play.choices import Settings
+from vibgym.plugins.play.choices import settings_of
 from vibgym.plugins.play.command import LOOPBACK, _listening
 from vibgym.plugins.play.messages import MOST_BYTES
 from vibgym.plugins.play.server import Server
@@ -18,7 +18,7 @@ from vibgym.plugins.play.server import Server
 def served(tmp_path_factory) -> Iterator[tuple[str, Server]]:
     """Address (host and port) and server."""
     heard = _listening("127.0.0.1", 0)
-    server = Server(Settings("Align"), tmp_path_factory.mktemp("played"))
+    server = Server(settings_of("Align"), tmp_path_factory.mktemp("played"))
     config = uvicorn.Config(
         server.app(LOOPBACK), log_level="critical", ws_max_size=MOST_BYTES, ws_per_message_deflate=False,
         timeout_graceful_shutdown=1, lifespan="off", ws="websockets-sansio",

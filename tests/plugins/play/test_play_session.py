@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from vibgym.plugins.play import messages, starts
-from vibgym.plugins.play.choices import Settings
+from vibgym.plugins.play.choices import settings_of
 from vibgym.plugins.play.session import Session
 
 
@@ -18,7 +18,7 @@ class Page:
     """Sender of numbered messages."""
 
     def __init__(self, task, folder):
-        self.session, self.n = Session(Settings(task), folder), 0
+        self.session, self.n = Session(settings_of(task), folder), 0
 
     def __call__(self, do, **rest):
         self.n += 1
@@ -145,7 +145,7 @@ def test_an_altered_start_is_refused(data):
         starts.world_from(code[:place] + letter + code[place + 1 :])
 
 
-CODE = starts.code_of(Session(Settings("Align"), None).world)
+CODE = starts.code_of(Session(settings_of("Align"), None).world)
 
 
 def test_recordings_hold_what_was_seen_and_done(align, tmp_path, monkeypatch):
@@ -184,7 +184,7 @@ def test_a_recorded_episode_is_reproduced_by_the_environment(align, tmp_path, mo
     for _ in range(30):
         align.session.step()
     segment = align.session._recorder.segments[0]
-    env = Settings("Align").environment()
+    env = settings_of("Align").environment()
     env.reset(seed=4)
     rewards = [env.step(action)[1] for action in segment.actions]
     assert rewards == segment.rewards

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import vibgym
-from vibgym.plugins.play.choices import Settings
+from vibgym.plugins.play.choices import settings_of
 from vibgym.plugins.play.picture import frame_of, scene_of
 from vibgym.plugins.play.world import World
 from vibgym.policies import TaskInfo
@@ -22,7 +22,7 @@ def poses(world):
 )
 def test_a_world_without_interventions_equals_the_environment(task, policy):
     """Without interventions the world equals the environment with the same policy and seed, up to float32 phasors."""
-    world = World(Settings(task, policy=policy), seed=3)
+    world = World(settings_of(task, policy=policy), seed=3)
     env = gym.make(f"vibgym/{task}-v0", action="phasor").unwrapped
     named = vibgym.make_policy(policy, TaskInfo.of(env))
     env = gym.make(f"vibgym/{task}-v0", action=named.action, observation=named.observation).unwrapped
@@ -44,7 +44,7 @@ def test_policies_that_command_motions_act_as_in_the_environment(action, hardwar
         return vibgym.make_policy({"kind": "planner", "action": action}, info)
 
     monkeypatch.setitem(CONTROLLERS._items, "mine", mine)
-    world = World(Settings("Sort", policy="mine", hardware=hardware), seed=3)
+    world = World(settings_of("Sort", policy="mine", hardware=hardware), seed=3)
     env = gym.make("vibgym/Sort-v0", **{**world.settings.arguments(), "action": action}).unwrapped
     policy, state = mine(TaskInfo.of(env)), None
     seen, _ = env.reset(seed=3)
@@ -64,7 +64,7 @@ def test_policies_that_command_motions_act_as_in_the_environment(action, hardwar
 
 @pytest.mark.parametrize("task", ["Align", "Sort", "Follow", "Feed", "Pack", "Push"])
 def test_a_snapshot_goes_on_bit_for_bit(task):
-    world = World(Settings(task, hardware="ideal" if task == "Push" else "prototype"), seed=1)
+    world = World(settings_of(task, hardware="ideal" if task == "Push" else "prototype"), seed=1)
     for _ in range(10):
         world.step()
     kept = world.get_state()
@@ -78,7 +78,7 @@ def test_a_snapshot_goes_on_bit_for_bit(task):
 
 
 def test_a_lifted_part_is_moved_and_brought_back_by_the_controller():
-    world = World(Settings("Align"), seed=0)
+    world = World(settings_of("Align"), seed=0)
     world.step()
     world.lift(0)
     world.carry(0, np.array([0.7, 0.15, 1.0]))
@@ -94,7 +94,7 @@ def test_a_lifted_part_is_moved_and_brought_back_by_the_controller():
 
 
 def test_there_is_no_room_on_another_part():
-    world = World(Settings("Sort"), seed=0)
+    world = World(settings_of("Sort"), seed=0)
     world.lift(0)
     world.carry(0, poses(world)[1] + [0.005, 0.0, 0.0])
     assert world.room(0)
@@ -106,7 +106,7 @@ def test_there_is_no_room_on_another_part():
 
 
 def test_the_controller_follows_a_moved_goal():
-    world = World(Settings("Align", hardware="prototype"), seed=0)
+    world = World(settings_of("Align", hardware="prototype"), seed=0)
     world.step()
     world.aim(0, np.array([0.6, 0.12, 0.5]))
     for _ in range(150):
@@ -116,14 +116,14 @@ def test_the_controller_follows_a_moved_goal():
 
 @pytest.mark.parametrize("task", ["Sort", "Follow", "Feed"])
 def test_tasks_without_fixed_goals_refuse_moved_goals(task):
-    world = World(Settings(task))
+    world = World(settings_of(task))
     with pytest.raises(ValueError, match="goal"):
         world.aim(0, np.array([0.4, 0.1, 0.0]))
 
 
 def test_a_brush_alone_drives_a_part_along_its_stroke():
     """An element pushes towards (-S, -C): here to the right."""
-    world = World(Settings("Transport", policy="zero"), seed=2)
+    world = World(settings_of("Transport", policy="zero"), seed=2)
     before = poses(world)[0, 0]
     rows, columns = world.paint.shape[:2]
     world.draw(np.argwhere(np.ones((rows, columns))), np.array([0.0, -1.0]))
@@ -136,11 +136,11 @@ def test_a_brush_alone_drives_a_part_along_its_stroke():
     "change", [{"hardware": "prototype"}, {"hardware": "camera"}, {"model": "tilting"}, {"rate": 1.0}]
 )
 def test_a_switch_changes_the_hardware_and_keeps_the_parts(change):
-    world = World(Settings("Sort"), seed=0)
+    world = World(settings_of("Sort"), seed=0)
     for _ in range(10):
         world.step()
     before, moving, goal = poses(world), world.core.simulator.mean_velocity[0], world.core.episode.goal.copy()
-    world.switch(Settings(**{**vars(world.settings), **change}))
+    world.switch(settings_of(**{**vars(world.settings), **change}))
     assert np.array_equal(poses(world), before) and np.array_equal(world.core.simulator.mean_velocity[0], moving)
     assert np.array_equal(world.core.episode.goal, goal)
     for _ in range(10):
@@ -149,13 +149,13 @@ def test_a_switch_changes_the_hardware_and_keeps_the_parts(change):
 
 
 def test_a_switch_that_does_not_fit_changes_nothing():
-    world = World(Settings("Push"), seed=0)
+    world = World(settings_of("Push"), seed=0)
     world.step()
     env, before = world.env, poses(world)
     with pytest.raises(ValueError, match="parts"):
-        world.switch(Settings(**{**vars(world.settings), "model": "tilting"}))
+        world.switch(settings_of(**{**vars(world.settings), "model": "tilting"}))
     with pytest.raises(ValueError, match="policy"):
-        world.switch(Settings(**{**vars(world.settings), "policy": "open_loop"}))
+        world.switch(settings_of(**{**vars(world.settings), "policy": "open_loop"}))
     assert world.env is env and np.array_equal(poses(world), before)
 
 
@@ -173,12 +173,12 @@ def test_a_switch_that_does_not_fit_changes_nothing():
 )
 def test_bad_settings_are_named(bad, names):
     with pytest.raises(ValueError, match=names):
-        World(Settings(**bad))
+        World(settings_of(**bad))
 
 
 def test_every_registered_environment_can_be_played():
     for name in sorted(each for each in gym.registry if each.startswith("vibgym/")):
-        world = World(Settings(name))
+        world = World(settings_of(name))
         world.step()
         scene, frame = scene_of(world), frame_of(world)
         assert scene["policy"] in scene["policies"] and len(frame["pose"]) == len(scene["outlines"])

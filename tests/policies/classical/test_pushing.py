@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import single
-from vibgym.config import part_from
 from vibgym.policies import TaskInfo
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.pushing import BARRED, Outline, PushingPolicy, choose_pairs
 from vibgym.registration import TEE
-from vibgym.scene.parts import Part
+from vibgym.scene.parts import Part, part_from
 
 RADIUS = 0.02
 

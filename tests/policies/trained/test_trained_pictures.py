@@ -8,11 +8,11 @@ import pytest
 
 from tests.envs.helpers import batch, single
 from tests.policies.helpers import SURFACE, info_of
-from vibgym.config import part_from
 from vibgym.policies.trained.coding import FRAMES, ImageCoding
 from vibgym.policies.trained.networks import CELL, occupied, pixels
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, VERSION, load_trained
+from vibgym.scene.parts import part_from
 
 torch = pytest.importorskip("torch")
 

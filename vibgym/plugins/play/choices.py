@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Literal
 
 import gymnasium as gym
+from pydantic import Field, model_validator
 
 from vibgym import checks
-from vibgym.config import part_from
 from vibgym.envs.drawn import drawn_shapes, fixed_scenes
 from vibgym.envs.vector import environment_id
 from vibgym.policies import TaskInfo
 from vibgym.policies.applicable import parts_with
+from vibgym.scene.parts import part_from
+from vibgym.settings import Angle, BaseSettings, read
 
 HARDWARE: dict[str, dict[str, Any]] = {
     "ideal": {},
@@ -28,46 +30,39 @@ MOST_RATE, MOST_TILT = 5.0, math.radians(10.0)
 """Largest rate (1/s) and tilt (rad) of disturbances."""
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Settings of a world.
-
-    Attributes:
-        id: of the environment.
-        policy: a name of :func:`vibgym.policies.applicable.policies_of`; ``"zero"``: only painted elements move.
-        hardware: a key of :data:`HARDWARE`.
-        model: among :data:`MODELS`; None: the environment's default.
-        rate: disturbances of each part, 1/s.
-        tilt: rad, size of a disturbance.
-        part: mapping of a part instead of the task's own (:func:`vibgym.policies.applicable.parts_with`).
-
-    Raises:
-        ValueError: an unknown name or a bad value; policies are checked with the world.
-    """
+class Settings(BaseSettings):
+    """Settings of a world."""
 
     id: str
-    policy: str = ""
-    hardware: str = "ideal"
-    model: str | None = None
-    rate: float = 0.0
-    tilt: float = math.radians(2.0)
-    part: dict[str, Any] | None = None
+    """Id of a registered environment."""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "id", environment_id(self.id, "id"))
+    policy: str = Field("", max_length=checks.MOST_LABEL)
+    """A name of :func:`vibgym.policies.applicable.policies_of`; ``"zero"``: only painted elements move."""
+
+    hardware: Literal["ideal", "prototype", "camera"] = "ideal"
+    """A key of :data:`HARDWARE`."""
+
+    model: Literal[MODELS] | None = None  # type: ignore[valid-type]
+    """Model; None: the environment's default."""
+
+    rate: float = Field(0.0, ge=0.0, le=MOST_RATE)
+    """Disturbances of each part, 1/s."""
+
+    tilt: Angle = Field(math.radians(2.0), gt=0.0, le=MOST_TILT)
+    """Size of a disturbance."""
+
+    part: Mapping[str, Any] | None = None
+    """Mapping of a part instead of the task's own (:func:`vibgym.policies.applicable.parts_with`)."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Settings:
         if self.id not in gym.registry:
             raise checks.refuse("id", self.id, "the id of a registered environment")
-        if self.policy:
-            checks.label("policy", self.policy)
-        checks.choice("hardware", self.hardware, tuple(HARDWARE))
-        if self.model is not None:
-            checks.choice("model", self.model, MODELS)
-        object.__setattr__(self, "rate", checks.number("rate", self.rate, least=0.0, most=MOST_RATE))
         if self.part is not None:
             part_from(self.part, "part")
             if "split" in gym.spec(self.id).kwargs:
                 raise checks.conflict(f"shapes of {self.id} are drawn: a part cannot be set")
-        object.__setattr__(self, "tilt", checks.number("tilt", self.tilt, above=0.0, most=MOST_TILT))
+        return self
 
     def arguments(self) -> dict[str, Any]:
         """Return the keyword arguments of the environment, whose actions are the phasors of all elements."""
@@ -91,6 +86,15 @@ class Settings:
         drawn = drawn_shapes(self.id, arguments)
         fixed = {} if drawn is None else fixed_scenes(drawn)[0]
         return gym.make(self.id, disable_env_checker=True, **arguments, **fixed).unwrapped
+
+
+def settings_of(id: str, **settings: Any) -> Settings:
+    """Return the settings of a world; ``id``: of the environment, or its short name.
+
+    Raises:
+        ValueError: an unknown name or a bad value; policies are checked with the world.
+    """
+    return read(Settings, {"id": environment_id(id, "id"), **settings}, "")
 
 
 def usual_policy(names: Any, info: TaskInfo) -> str:

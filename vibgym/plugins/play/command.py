@@ -45,9 +45,9 @@ def run(given: argparse.Namespace) -> int:
     """
     imports.take_part(given.imports)
     _check_extra()
-    from vibgym.plugins.play.choices import Settings
+    from vibgym.plugins.play.choices import settings_of
 
-    first = Settings(given.id)
+    first = settings_of(given.id)
     if given.output.exists() and not given.output.is_dir():
         raise checks.refuse("--output", str(given.output), "a directory")
     heard = _listening(given.host, checks.count("--port", given.port, least=0, most=65535))

@@ -17,7 +17,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from vibgym.plugins.play.choices import Settings
+from vibgym.plugins.play.choices import Settings, settings_of
 from vibgym.plugins.play.drawing import SCRIPTS, script_path
 from vibgym.plugins.play.session import Session
 
@@ -175,7 +175,7 @@ class Server:
         if len(self.visitors) >= MOST_WORLDS:
             raise ValueError(f"no room: {MOST_WORLDS} worlds are in use; try again later")
         first, start = socket.query_params.get("id"), socket.query_params.get("start")
-        settings = self.first if first is None else Settings(first)
+        settings = self.first if first is None else settings_of(first)
         session = await asyncio.to_thread(Session, settings, self.output, start)
         visitor = Visitor(session)
         self.visitors[visitor.token] = visitor

@@ -17,7 +17,7 @@ import numpy as np
 
 from vibgym import Part, checks
 from vibgym.plugins.play import messages
-from vibgym.plugins.play.choices import Settings
+from vibgym.plugins.play.choices import Settings, settings_of
 from vibgym.plugins.play.picture import frame_of, scene_of
 from vibgym.plugins.play.recording import Recorder
 from vibgym.plugins.play.starts import code_of, world_from
@@ -143,7 +143,7 @@ class Session:
         if message.start is not None:
             world = world_from(message.start)
         else:
-            world = World(Settings(message.id or self.world.settings.id))
+            world = World(settings_of(message.id or self.world.settings.id))
         self._note()
         self._go_to(world)
 
@@ -160,7 +160,7 @@ class Session:
                 part = Part.from_file(path, friction=friction, units=message.units, surface=self.world.core.surface)
             except checks.Refused as error:
                 raise checks.conflict(str(error).replace(str(path), path.name)) from None
-        world = World(Settings(**{**vars(settings), "part": part.to_dict(), "policy": ""}))
+        world = World(settings_of(**{**vars(settings), "part": part.to_dict(), "policy": ""}))
         self._note()
         self._go_to(world)
         return [{"kind": "note", "text": f"{path.name}: skipped {summary(part.skipped)}"}] if part.skipped else []
@@ -240,7 +240,7 @@ class Session:
 
     def _switch(self, message: messages.Switch) -> None:
         chosen = {name: value for name, value in message.model_dump(exclude={"n", "do"}).items() if value is not None}
-        settings = Settings(**{**vars(self.world.settings), **chosen})
+        settings = settings_of(**{**vars(self.world.settings), **chosen})
         self._tried(lambda: self.world.switch(settings))
         self._scene_due = True
 

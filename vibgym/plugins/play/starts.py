@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.plugins.play.choices import Settings
+from vibgym.plugins.play.choices import settings_of
 from vibgym.plugins.play.world import World
 
 MOST_BYTES = 200_000
@@ -50,7 +50,7 @@ def world_from(code: str) -> World:
     """
     content = _content(code)
     try:
-        settings = Settings(**content["settings"])
+        settings = settings_of(**content["settings"])
         world = World(settings, checks.count("seed", content["seed"], least=0))
         options = {name: content[name] for name in ("pose", "goal", "parts") if name in content}
         if options:

@@ -10,7 +10,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.envs import ACTIONS
 from vibgym.physics.core.drive import all_phasors
-from vibgym.plugins.play.choices import Settings, usual_policy
+from vibgym.plugins.play.choices import Settings, settings_of, usual_policy
 from vibgym.policies import TaskInfo
 from vibgym.policies.applicable import policies_of, policy_for
 from vibgym.scene import overlaps
@@ -47,7 +47,7 @@ class World:
         self._about = TaskInfo.of(self.env)
         self.policies = policies_of(self._about)
         if not settings.policy:
-            settings = Settings(**{**vars(settings), "policy": usual_policy(self.policies, self._about)})
+            settings = settings_of(**{**vars(settings), "policy": usual_policy(self.policies, self._about)})
         self.settings = settings
         self.paint = np.full((self._about.surface.rows, self._about.surface.columns, 2), np.nan, dtype=np.float32)
         self._bind(policy_for(settings.policy, self._about))
