@@ -18,8 +18,10 @@ CLASSES = {
 }
 
 REQUIRED: dict[str, dict] = {
-    "policy: trained": {"path": "a.json"}, "policy: residual": {"path": "a.json"}, "policy: parallel_rollout": {"policies": ("pose",)},
-}  # fmt: skip
+    "policy: trained": {"path": "a.json"},
+    "policy: residual": {"path": "a.json"},
+    "policy: parallel_rollout": {"policies": ("pose",)},
+}
 """Values of settings without a default."""
 
 POLICIES = ("policy: mpc", "base"), ("policy: residual", "base")
