@@ -68,7 +68,10 @@ class Registry(Mapping[str, Item], Generic[Item]):
         kind, settings = self.split(argument, given)
         item: Any = self[kind]
         if hasattr(item, "Settings"):
-            return item(*context, settings=read(item.Settings, settings, argument))
+            values = read(item.Settings, settings, argument)
+            if not item.Settings.model_fields and "settings" not in inspect.signature(item).parameters:
+                return item(*context)  # a constructor of its own, of a class without settings
+            return item(*context, settings=values)
         try:
             inspect.signature(item).bind(*context, **settings)
         except TypeError as error:

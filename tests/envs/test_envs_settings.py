@@ -1,10 +1,9 @@
 """Registration, saved specifications, keyword arguments good and bad, rendering."""
 
-import dataclasses
+import inspect
 import json
 import subprocess
 import sys
-from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ import pytest
 import vibgym
 from tests.envs.helpers import TASKS, batch, put, single
 from vibgym.envs import Options, VibgymEnv, VibgymVectorEnv
-from vibgym.envs.options import Keywords
 from vibgym.tasks import TASKS as TASKS_OF_ALL
 from vibgym.tasks import ArrangedTask
 
@@ -120,16 +118,16 @@ def test_bad_settings_of_a_batch(name, value):
 
 
 def test_the_record_of_options():
-    """Names and types agree with those for type checkers; unknown options are refused."""
-    typed = get_type_hints(Options)
-    assert typed.pop("task") is str and typed == get_type_hints(Keywords)
-    assert tuple(typed) == Options.names()
-    assert Options.from_mapping("environment", {"task": "Sort", "slots": 8}) == Options("Sort", slots=8)
-    for mapping in ("Sort", {"slots": 8}, {"task": "Sort", "colour": 1, 3: 4}):
-        with pytest.raises(ValueError, match="environment"):
-            Options.from_mapping("environment", mapping, ("word",))
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        Options("Sort").slots = 3
+    """Constructors have the options as keyword arguments; unknown options are refused, and values cannot be changed."""
+    for cls in (VibgymEnv, VibgymVectorEnv):
+        parameters = inspect.signature(cls).parameters
+        assert all(parameters[name].default == Options.model_fields[name].default for name in Options.names())
+    options = Options.of("Sort", {"slots": 8, "shapes": np.array([1, 2])})
+    assert (options.slots, options.model, options.shapes) == (8, "planar", (1, 2))
+    with pytest.raises(ValueError, match="did you mean 'slots'.*word"):
+        Options.of("Sort", {"slot": 1}, ("word",))
+    with pytest.raises(ValueError, match="frozen"):
+        options.slots = 3
     assert "max_episode_periods" not in json.loads(single("Align").unwrapped.core.identity)
 
 

@@ -7,13 +7,13 @@ import pytest
 from vibgym import Part, Simulator, Surface
 from vibgym.scene.parts import shipped_part
 from vibgym.simulation import threads
-from vibgym.simulation.schemes import planar_scheme
+from vibgym.simulation.schemes import PlanarSettings, planar_scheme
 
 SURFACE = Surface()
 
 
 def scheme(part, **given):
-    chosen = planar_scheme(SURFACE, part, **given)
+    chosen = planar_scheme(SURFACE, part, PlanarSettings(**given))
     return chosen.steps, chosen.substeps
 
 

@@ -6,7 +6,7 @@ Importing this module registers the environments with PettingZoo: ``pettingzoo.m
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Unpack
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -16,7 +16,7 @@ from pettingzoo import ParallelEnv, parallel_registry, register
 from vibgym import checks
 from vibgym.adapters.credit import credits_parts
 from vibgym.envs.observations import PartsObservation
-from vibgym.envs.options import RESET_OPTIONS, Keywords
+from vibgym.envs.options import RESET_OPTIONS
 from vibgym.envs.single import VibgymEnv
 from vibgym.envs.vector import creator, registered_id
 from vibgym.registration import ENVIRONMENTS
@@ -28,7 +28,7 @@ def parallel_env(
     max_episode_steps: int | None = None,
     render_mode: str | None = None,
     keep_absent: bool = False,
-    **options: Unpack[Keywords],
+    **options: Any,
 ) -> PartsParallelEnv:
     """Create an environment whose agents are its parts.
 

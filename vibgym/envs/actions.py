@@ -30,6 +30,7 @@ from vibgym.registry import Registry
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement
+from vibgym.settings import BaseSettings
 from vibgym.simulation.threads import Blocks
 from vibgym.snapshots import Live
 
@@ -149,7 +150,13 @@ class Action(Live, ABC):
     by_part: ClassVar[bool] = False
     """Whether the first axis of ``shape`` is that of the parts."""
 
-    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
+    class Settings(BaseSettings):
+        """Settings of an action."""
+
+    settings: Settings
+
+    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
+        self.settings = type(self).Settings() if settings is None else settings
         self.surface = surface
         self.parts = tuple(parts)
         self.full_scale = surface.full_scale
@@ -324,10 +331,9 @@ def new_action(name: Any, surface: Surface, parts: Sequence[Part]) -> Action:
     Raises:
         ValueError: an unknown name, or a custom action that is no :class:`Action` or has no valid shape.
     """
-    cls = ACTIONS.choose("action", name)
-    if isinstance(cls, type) and not issubclass(cls, Action):
-        raise checks.refuse(f"action {name!r}", cls, "a subclass of vibgym.envs.Action")
-    action = cls(surface, parts)
+    action = ACTIONS.make("action", name, surface, parts)
+    if not isinstance(action, Action):
+        raise checks.refuse(f"action {name!r}", type(action), "a subclass of vibgym.envs.Action")
     shape = getattr(action, "shape", None)
     if not isinstance(shape, tuple) or not shape or not all(isinstance(n, int | np.integer) and n > 0 for n in shape):
         raise checks.refuse(

@@ -41,9 +41,6 @@ NONE = np.zeros(0, dtype=np.int64)
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
 """Least memory of a world: its generator, arrays of the parts, and actions and drives of the elements."""
 
-MOST_PERIODS = 1_000_000
-"""Most periods of a step: eleven hours of simulated time."""
-
 
 class Core(Pipeline):
     """Task, action, actuators, simulator, sensor and observation of ``worlds`` worlds.
@@ -75,7 +72,7 @@ class Core(Pipeline):
         self.parts = parts_from(options.parts, cls, self.surface)
         numbers = BYTES_OF_ELEMENT * self.surface.rows * self.surface.columns
         self.worlds = checks.fitting("num_envs", worlds, BYTES_OF_WORLD + BYTES_OF_PART * len(self.parts) + numbers)
-        self.periods = checks.count("periods_per_step", options.periods_per_step, most=MOST_PERIODS)
+        self.periods = options.periods_per_step
         self.actuators = ACTUATORS.make("actuators", options.actuators, self.surface, worlds, self.periods)
         names = cls.RANDOMIZED, self.actuators.VARIED
         self.randomization = Randomization(options.randomize, *names, self.surface, self.parts)
@@ -151,7 +148,7 @@ class Core(Pipeline):
     def _new_simulator(self) -> Simulator:
         """Create the simulator, and check that it supports the conditions that episodes may draw."""
         options, randomization = self.options, self.randomization
-        model, settings = checks.named("model", options.model, MODELS)
+        model, settings = MODELS.split("model", options.model)
         if model == "auto":
             settings.setdefault("periods_per_call", self.periods)
         if options.walls is not None and not self.task.HAS_WALLS:
@@ -301,7 +298,7 @@ class Core(Pipeline):
 
     def _observation(self, argument: str, kind: Any) -> Observation:
         """Create an observation by its name; ``argument`` is named in errors."""
-        observation = OBSERVATIONS.choose(argument, kind)(self.task)
+        observation = OBSERVATIONS.make(argument, kind, self.task)
         observation.watch(self.sensing.sensor)
         if not isinstance(observation.space, spaces.Space):
             raise checks.refuse(f"space of observation {kind!r}", observation.space, "a gymnasium.spaces.Space")

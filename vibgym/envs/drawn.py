@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, Literal
 
 import gymnasium as gym
@@ -112,7 +111,7 @@ class DrawnShapes:
 
     def fixed(self, options: Options, chosen: Sequence[int]) -> Options:
         """Return the options of an environment with these shapes."""
-        return replace(options, parts=self.parts(chosen), shapes=tuple(chosen))
+        return options.model_copy(update={"parts": self.parts(chosen), "shapes": tuple(chosen)})
 
 
 def _drawn_part(part: Any, where: str) -> DrawnPart | Part:
@@ -132,7 +131,7 @@ def drawn_shapes(task: str, arguments: Mapping[str, Any]) -> DrawnShapes | None:
     given = {"task": task, **({} if spec is None else spec.kwargs), **arguments}
     if given.get("split") is None or given.get("shapes") is not None:
         return None
-    options = Options(**{name: given[name] for name in ("task", *Options.names()) if name in given})
+    options = Options.of(given["task"], {name: given[name] for name in Options.names() if name in given})
     return DrawnShapes(options, surface_from(options.surface))
 
 

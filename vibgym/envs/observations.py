@@ -27,6 +27,7 @@ from vibgym.rendering.raster import Marks, rasterise
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement, Sensor
+from vibgym.settings import BaseSettings
 from vibgym.tasks import PoseTask, Task
 from vibgym.tasks.episode import PREVIEW, Episode, Relations
 
@@ -58,7 +59,13 @@ class Observation(ABC):
     beside: bool = True
     """Whether it can be computed in addition to another observation; not if the sensor must record data for it."""
 
-    def __init__(self, task: Task) -> None:
+    class Settings(BaseSettings):
+        """Settings of an observation."""
+
+    settings: Settings
+
+    def __init__(self, task: Task, settings: Settings | None = None) -> None:
+        self.settings = type(self).Settings() if settings is None else settings
         self.task = task
         self.layout = Layout(task.surface, task.parts, task.features, task.slots)
 

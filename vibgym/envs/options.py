@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
-from typing import Any, TypedDict
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
+from pydantic import Field
+from pydantic_core import core_schema
 
 from vibgym import checks
 from vibgym.actuators.stage import ActuatorStage
@@ -17,7 +20,7 @@ from vibgym.scene import overlaps
 from vibgym.scene.parts import Part, part_from
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Sensor
-from vibgym.settings import read
+from vibgym.settings import BaseSettings, read
 from vibgym.simulation.simulator import Simulator
 from vibgym.tasks import Start, Task
 
@@ -30,79 +33,114 @@ RESET_OPTIONS = ("pose", "goal", "paths", "parts")
 MOST_EPISODE = 10**12
 """Most steps or periods of an episode."""
 
-
-class Keywords(TypedDict, total=False):
-    """Keyword arguments of :class:`Options` except the task, for type checkers: ``**options: Unpack[Keywords]``."""
-
-    surface: str | Mapping[str, Any] | Surface
-    parts: Sequence[Any] | None
-    model: str | Mapping[str, Any]
-    action: str
-    observation: str
-    actuators: str | Mapping[str, Any]
-    sensor: str | Mapping[str, Any]
-    randomize: Mapping[str, Any] | None
-    walls: Sequence[str] | None
-    start: str | Mapping[str, Any] | None
-    zones: Mapping[str, Sequence[float]] | None
-    slots: int | None
-    paths: Any
-    split: str | None
-    shapes: Sequence[int] | None
-    costs: Mapping[str, Any] | None
-    task_settings: Mapping[str, Any] | None
-    periods_per_step: int
-    max_episode_periods: int | None
+MOST_PERIODS = 1_000_000
+"""Most periods of a step: eleven hours of simulated time."""
 
 
-@dataclass(frozen=True)
-class Options:
-    """Settings of an environment, see :class:`vibgym.envs.VibgymEnv`; the core checks their values."""
+class AsGiven:
+    """Annotation of a value that a component of the environment reads and checks."""
+
+    @staticmethod
+    def __get_pydantic_core_schema__(source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.any_schema()
+
+
+Value = TypeVar("Value")
+
+Given = Annotated[Value, AsGiven]
+
+
+class Options(BaseSettings):
+    """Settings of an environment. Components check the values that are not numbers of this class."""
 
     task: str
-    surface: str | Mapping[str, Any] | Surface = "prototype"
-    parts: Sequence[Any] | None = None
-    model: str | Mapping[str, Any] = "planar"
+    """``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, ``"Pack"``, ``"Swap"``,
+    ``"Push"``, ``"Feed"``, or a registered name."""
+
+    surface: Given[str | Mapping[str, Any] | Surface] = "prototype"
+    """``"prototype"``, a mapping of :class:`vibgym.Surface`'s fields (keys may end in ``_mm``), or a Surface."""
+
+    parts: Given[Sequence[str | Mapping[str, Any] | Part] | None] = None
+    """List of names of shipped parts (``"aluminium_block"``, ``"steel_block"``), mappings with ``shape`` and its fields, or
+    :class:`vibgym.Part`; exactly one for Transport, Align and Rotate."""
+
+    model: Given[str | Mapping[str, Any]] = "planar"
+    """``"planar"``, ``"averaged"``, ``"tilting"`` or ``"auto"``, see :class:`vibgym.Simulator`; or a mapping with ``kind`` and
+    the model's settings."""
+
     action: str = "element"
+    """Name of the action, see :class:`vibgym.envs.VibgymEnv`, or a registered one."""
+
     observation: str = "state"
-    actuators: str | Mapping[str, Any] = "ideal"
-    sensor: str | Mapping[str, Any] = "ideal"
-    randomize: Mapping[str, Any] | None = None
-    walls: Sequence[str] | None = None
-    start: str | Mapping[str, Any] | None = None
-    zones: Mapping[str, Sequence[float]] | None = None
-    slots: int | None = None
-    paths: Any = None
-    split: str | None = None
-    shapes: Sequence[int] | None = None
-    costs: Mapping[str, Any] | None = None
-    task_settings: Mapping[str, Any] | None = None
-    periods_per_step: int = 1
-    max_episode_periods: int | None = None
+    """Name of the observation, likewise."""
+
+    actuators: Given[str | Mapping[str, Any]] = "ideal"
+    """``"ideal"``, ``"prototype"`` (:class:`vibgym.actuators.PrototypeActuators`), a registered name, or a mapping with
+    ``kind`` and settings."""
+
+    sensor: Given[str | Mapping[str, Any]] = "ideal"
+    """``"ideal"``, ``"pose"`` (noise), ``"camera"``, a registered name, or a mapping with ``kind``, settings, ``estimator``
+    (``"none"``, ``"kalman"``, ``"model"``) and ``tell``, features to add to observations (``"age"``, ``"sigma"``,
+    ``"contacts"``); see docs/hardware.md."""
+
+    randomize: Given[Mapping[str, Any] | None] = None
+    """Mapping of values drawn for every episode. ``"friction"``, ``"mass"``: [low, high] factors per part; ``"patches"``:
+    [low, high] friction factors per element; ``"incline"``: largest angle or [low, high], rad; ``"parts"``: [low, high]
+    number of parts (Sort, Singulate, Pack, Swap); ``"disturbance"``: mapping with ``rate`` (1/s) and ``tilt`` (rad, or
+    ``tilt_deg``); settings of the actuators: [low, high]."""
+
+    walls: Given[Sequence[str] | None] = None
+    """Of tasks with several parts except Follow: among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``."""
+
+    start: Given[str | Mapping[str, Any] | None] = None
+    """Of Sort and Pack: ``"scattered"``, ``"crowded"``, ``"pattern"``, or a mapping with ``kind`` and settings
+    (:data:`vibgym.tasks.starts.STARTS`)."""
+
+    zones: Given[Mapping[str, Sequence[float]] | None] = None
+    """Of Sort: mapping from kind to [x_low, y_low, x_high, y_high], m."""
+
+    slots: Given[int | None] = None
+    """Of tasks with several parts: blocks of the state observation, at least the number of parts."""
+
+    paths: Given[Any] = None
+    """Of Follow, see :class:`vibgym.tasks.Follow`."""
+
+    split: Given[str | None] = None
+    """Parts ``{"shape": "drawn"}`` get a shape of this split for each episode: ``"train"``, ``"validation"``, ``"test"``,
+    ``"held_out"`` (:func:`vibgym.scene.shapes`, :mod:`vibgym.envs.drawn`)."""
+
+    shapes: Given[Sequence[int] | None] = None
+    """Indices of the split's parts instead of drawn ones, one for each different shape."""
+
+    costs: Given[Mapping[str, Any] | None] = None
+    """Costs beside the reward, see :mod:`vibgym.envs.costs`: a mapping from ``"impulse"``, ``"fallen"``, ``"clearance"``,
+    ``"effort"`` or a registered name to a weight, or to a mapping with ``weight`` and settings."""
+
+    task_settings: Given[Mapping[str, Any] | None] = None
+    """Further settings of the task, such as ``hold`` (periods) and ``weights``."""
+
+    periods_per_step: int = Field(1, ge=1, le=MOST_PERIODS)
+    """Oscillation periods per step. Hold, time cost and limit count periods."""
+
+    max_episode_periods: int | None = Field(None, ge=1, le=MOST_EPISODE)
+    """Periods after which an episode is truncated, unless ``gym.make`` gets ``max_episode_steps`` (steps; -1: no limit)."""
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """Return the names of all options except the task."""
-        return tuple(field.name for field in fields(cls))[1:]
+        return tuple(cls.model_fields)[1:]
 
     @classmethod
-    def from_mapping(cls, name: str, mapping: Mapping[str, Any], more: tuple[str, ...] = ()) -> Options:
-        """Return the options in a mapping, with defaults for missing keys.
-
-        Args:
-            name: of the mapping, for errors.
-            more: further keys to list in errors.
+    def of(cls, task: str, given: Mapping[str, Any], more: tuple[str, ...] = ()) -> Options:
+        """Return the options of an environment; ``more``: further keyword arguments of it, for errors.
 
         Raises:
-            ValueError: not a mapping, no task, or an unknown key.
+            ValueError: an unknown name, or a bad number.
         """
-        known = (*cls.names(), *more)
-        if not isinstance(mapping, Mapping) or "task" not in mapping:
-            raise checks.refuse(name, mapping, f"a mapping with 'task' and keys among {', '.join(known)}")
-        for key in mapping:
-            if key not in ("task", *cls.names()):
-                raise checks.unknown(f"key of {name}", key, known)
-        return cls(**mapping)
+        for name in given:
+            if name not in cls.names():
+                raise checks.unknown("keyword argument", name, (*cls.names(), *more))
+        return read(cls, {"task": task, **given}, "")
 
     def identity(self, surface: Surface, parts: Sequence[Part], walls: Sequence[str], worlds: int) -> str:
         """Return the settings that a snapshot depends on, as JSON: all except the limit of an episode."""
@@ -118,6 +156,19 @@ class Options:
         }
         settings = {name: value for name, value in vars(self).items() if name != "max_episode_periods"}
         return json.dumps(settings | scene, sort_keys=True, default=plain)
+
+
+def with_options(init: Callable[..., None]) -> Callable[..., None]:
+    """Add the options and their defaults to the signature of a constructor with ``**options``, for help and completion."""
+    own = inspect.signature(init)
+    *first, rest = own.parameters.values()
+    options = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=field.default, annotation=field.annotation)
+        for name, field in Options.model_fields.items()
+        if name not in own.parameters
+    ]
+    init.__signature__ = own.replace(parameters=[*first, *options, rest])  # type: ignore[attr-defined]
+    return init
 
 
 def first_difference(theirs: Any, mine: str) -> tuple[str, str]:
@@ -154,7 +205,6 @@ def longest_paths(task: Task, actuators: ActuatorStage, sensor: Sensor, max_epis
     """
     if max_episode_periods is None:
         return math.inf
-    checks.count("max_episode_periods", max_episode_periods, most=MOST_EPISODE)
     latency = "randomize['latency']" if "latency" in actuators.drawn() else "actuators.latency"
     for name, periods in (("sensor.delay", sensor.delay), (latency, actuators.most_latency)):
         if periods >= max_episode_periods:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import copy
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from typing import Any, ClassVar, NamedTuple, Unpack
+from typing import Any, ClassVar, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -17,7 +16,7 @@ from vibgym import checks
 from vibgym.envs.core import Core
 from vibgym.envs.drawn import DrawnShapes
 from vibgym.envs.info import COUNTS, FLAGS, NUMBERS, InfoData
-from vibgym.envs.options import Keywords, Options, step_limit
+from vibgym.envs.options import Options, step_limit, with_options
 from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.registration import Periods
 from vibgym.scene.surface import surface_from
@@ -93,39 +92,10 @@ class VibgymEnv(SharedInterface, gym.Env):
     - ``costs`` (by name) and ``cost`` (their weighted sum), with ``costs=``; ``parts`` then has the part's share.
 
     Args:
-        task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, ``"Pack"``,
-            ``"Swap"``, ``"Push"``, ``"Feed"``, or a registered name.
-        surface: ``"prototype"``, a mapping of :class:`vibgym.Surface`'s fields (keys may end in ``_mm``), or a Surface.
-        parts: list of names of shipped parts (``"aluminium_block"``, ``"steel_block"``), mappings with ``shape`` and its
-            fields, or :class:`vibgym.Part`; exactly one for Transport, Align and Rotate.
-        model: ``"planar"``, ``"averaged"``, ``"tilting"`` or ``"auto"``, see :class:`vibgym.Simulator`; or a mapping with
-            ``kind`` and the model's settings.
-        action, observation: see above, or registered names.
-        actuators: ``"ideal"``, ``"prototype"`` (:class:`vibgym.actuators.PrototypeActuators`), a registered name, or a
-            mapping with ``kind`` and settings.
-        sensor: ``"ideal"``, ``"pose"`` (noise), ``"camera"``, a registered name, or a mapping with ``kind``, settings,
-            ``estimator`` (``"none"``, ``"kalman"``, ``"model"``) and ``tell``, features to add to observations
-            (``"age"``, ``"sigma"``, ``"contacts"``); see docs/hardware.md.
-        randomize: mapping of values drawn for every episode. ``"friction"``, ``"mass"``: [low, high] factors per part;
-            ``"patches"``: [low, high] friction factors per element; ``"incline"``: largest angle or [low, high], rad;
-            ``"parts"``: [low, high] number of parts (Sort, Singulate, Pack, Swap); ``"disturbance"``: mapping with
-            ``rate`` (1/s) and ``tilt`` (rad, or ``tilt_deg``); settings of the actuators: [low, high].
-        start: of Sort and Pack: ``"scattered"``, ``"crowded"``, ``"pattern"``, or a mapping with ``kind`` and settings
-            (:data:`vibgym.tasks.starts.STARTS`).
-        zones: of Sort: mapping from kind to [x_low, y_low, x_high, y_high], m.
-        slots: of tasks with several parts: blocks of the state observation, at least the number of parts.
-        walls: of tasks with several parts except Follow: among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``.
-        paths: of Follow, see :class:`vibgym.tasks.Follow`.
-        split: parts ``{"shape": "drawn"}`` get a shape of this split for each episode: ``"train"``, ``"validation"``,
-            ``"test"``, ``"held_out"`` (:func:`vibgym.scene.shapes`, :mod:`vibgym.envs.drawn`).
-        shapes: indices of the split's parts instead of drawn ones, one for each different shape.
-        costs: costs beside the reward, see :mod:`vibgym.envs.costs`: a mapping from ``"impulse"``, ``"fallen"``,
-            ``"clearance"``, ``"effort"`` or a registered name to a weight, or to a mapping with ``weight`` and settings.
-        task_settings: further keyword arguments of the task, such as ``hold`` (periods) and ``weights``.
-        periods_per_step: oscillation periods per step. Hold, time cost and limit count periods.
-        max_episode_periods: periods after which an episode is truncated, unless ``gym.make`` gets ``max_episode_steps``
-            (steps; -1: no limit).
+        task: ``"Align"``, ...: its name.
         render_mode: None, ``"rgb_array"`` or ``"human"``.
+        **options: ``surface``, ``parts``, ``model``, ``action``, ``observation``, ``actuators``, ``sensor``, ...: the fields of
+            :class:`vibgym.envs.Options`.
 
     Raises:
         ValueError: an invalid setting.
@@ -139,8 +109,9 @@ class VibgymEnv(SharedInterface, gym.Env):
     core_class: ClassVar[type[Core]] = Core
     """Class of the batched core; :mod:`vibgym.hardware` has others."""
 
-    def __init__(self, task: str, *, render_mode: str | None = None, **options: Unpack[Keywords]) -> None:
-        known = Options.from_mapping("keyword arguments", {"task": task, **options}, ("render_mode",))
+    @with_options
+    def __init__(self, task: str, *, render_mode: str | None = None, **options: Any) -> None:
+        known = Options.of(task, options, ("render_mode",))
         if render_mode is not None:
             checks.choice("render_mode", render_mode, RENDER_MODES)
         self._options = known
@@ -236,7 +207,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         core = self.core
         if self.drawn is not None:
             with checks.within("state"):
-                chosen = DrawnShapes(replace(self._options, shapes=state["shapes"]), self.surface).shapes
+                chosen = DrawnShapes(self._options.model_copy(update={"shapes": state["shapes"]}), self.surface).shapes
             core = self._core_of(chosen)  # type: ignore[arg-type]
         steps = checks.count("state['steps']", state["steps"], least=0)
         generator = generator_from("state['generator']", state["generator"])
@@ -284,7 +255,8 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     def _core_of(self, chosen: tuple[int, ...]) -> Core:
         """Return the core of a scene with these shapes; the last :data:`MOST_CORES` are kept."""
-        core = self._cores.pop(chosen, None) or self.core_class(replace(self._options, shapes=chosen), 1, WorldInfo)
+        fixed = self._options.model_copy(update={"shapes": chosen})
+        core = self._cores.pop(chosen, None) or self.core_class(fixed, 1, WorldInfo)
         self._cores[chosen] = core  # as the last
         if len(self._cores) > MOST_CORES:
             del self._cores[next(iter(self._cores))]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Unpack
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -14,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 
 from vibgym import checks
 from vibgym.envs.core import Core
-from vibgym.envs.options import Keywords, Options, StartOverride, step_limit
+from vibgym.envs.options import Options, StartOverride, step_limit, with_options
 from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.snapshots import check_keys, copied, generator_from, generator_state, put_back, restored
 from vibgym.tasks import TASKS
@@ -24,7 +24,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
     """Vector environment of ``num_envs`` worlds of one task; bit-identical to as many single environments.
 
     Args:
-        task, surface ... max_episode_periods: as for :class:`vibgym.envs.VibgymEnv`.
+        task, options: as for :class:`vibgym.envs.VibgymEnv`.
         num_envs: number of worlds.
         max_episode_steps: step limit, which truncates, as in ``gym.make``; None: ``max_episode_periods``; -1: no limit.
         autoreset_mode: NEXT_STEP (default), SAME_STEP (``final_obs`` and ``final_info`` in the info) or DISABLED (reset
@@ -41,6 +41,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
+    @with_options
     def __init__(
         self,
         task: str,
@@ -49,10 +50,10 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
-        **options: Unpack[Keywords],
+        **options: Any,
     ) -> None:
         own = ("num_envs", "max_episode_steps", "autoreset_mode", "render_mode")
-        known = Options.from_mapping("keyword arguments", {"task": task, **options}, own)
+        known = Options.of(task, options, own)
         self.num_envs = checks.count("num_envs", num_envs)
         if render_mode is not None:
             checks.choice("render_mode", render_mode, ("rgb_array",))

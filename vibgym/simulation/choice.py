@@ -117,8 +117,8 @@ def choose_for(surface: Surface, kinds: Sequence[Part], models: Sequence[str], *
 def choose(
     surface: Surface,
     part: Part,
-    tolerance: Any = DEFAULT_TOLERANCE,
-    periods_per_call: Any = 1,
+    tolerance: float = DEFAULT_TOLERANCE,
+    periods_per_call: int = 1,
     models: Sequence[str] | None = None,
 ) -> Choice:
     """Return the cheapest candidate whose error, with the margin, is within ``tolerance``.
@@ -131,8 +131,6 @@ def choose(
     Raises:
         ValueError: no candidate is good enough, or no evidence covers the scene; the message names a setting that works.
     """
-    tolerance = checks.number("tolerance", tolerance, above=0.0)
-    periods_per_call = checks.count("periods_per_call", periods_per_call, most=checks.MOST_PERIODS)
     scene = traits(surface, part)
     unit = surface.horizontal_amplitude
     found = class_of(scene)

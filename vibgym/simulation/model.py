@@ -19,6 +19,7 @@ from vibgym.scene.outlines import rotation
 from vibgym.scene.overlaps import IN_MOTION
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
+from vibgym.settings import BaseSettings
 from vibgym.simulation.threads import USUAL_COST
 
 if TYPE_CHECKING:
@@ -92,16 +93,13 @@ class Model(ABC):
     """Base class of models: advances blocks of worlds, several at a time in threads.
 
     A model is registered by name: ``vibgym.simulation.MODELS.register(name, cls)``, or an entry point in group
-    ``vibgym.models``. It is called with a :class:`Setup` and its settings as keyword arguments. Only ``advance`` is required:
+    ``vibgym.models``. It is called with a :class:`Setup` and its ``Settings``. Only ``advance`` is required:
 
     - ``check_parts``, ``check_conditions``: scenes that the model does not cover.
     - ``live``, ``check_live``, ``begin``: state between calls of :meth:`advance` besides ``state``.
     - ``reset``, ``statistics``, ``deepest_overlap``: statistics of contacts.
     - ``part_info``, ``quantities``, ``ADDS``: further results, attributes and methods.
     - ``flat``, ``tilted``, ``bottoms``, ``disturb``: models in which parts can tilt.
-
-    Args:
-        setup: the scene.
 
     Attributes:
         setup: the scene.
@@ -119,7 +117,13 @@ class Model(ABC):
     most_overlap: ClassVar[float] = IN_MOTION
     """m, largest overlap of parts in a state of a simulation; infinite: no limit."""
 
-    def __init__(self, setup: Setup) -> None:
+    class Settings(BaseSettings):
+        """Settings of a model."""
+
+    settings: Settings
+
+    def __init__(self, setup: Setup, settings: Settings | None = None) -> None:
+        self.settings = type(self).Settings() if settings is None else settings
         self.setup = setup
         self.choice: Choice | None = None
         self.cost = USUAL_COST

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.kernels.jit import prefetch
@@ -24,10 +25,13 @@ from vibgym.registry import Registry
 from vibgym.scene.bodies import bodies_of, body_of
 from vibgym.scene.outlines import convex_hull
 from vibgym.scene.parts import Part, kinds_of
+from vibgym.settings import BaseSettings, Length
 from vibgym.simulation.choice import DEFAULT_TOLERANCE, choose, choose_for
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
 from vibgym.simulation.schemes import (
     CONTACT_STEPS,
+    AveragedSettings,
+    PlanarSettings,
     averaged_scheme,
     check_sliding,
     fast_schemes,
@@ -37,7 +41,7 @@ from vibgym.simulation.schemes import (
 )
 from vibgym.simulation.threads import Pool
 
-CERTIFIED, PYMUNK, FAST = CONTACTS = "certified", "pymunk", "fast"
+CERTIFIED, PYMUNK, FAST = "certified", "pymunk", "fast"
 """Contacts of the planar model: with bounded overlap, by pymunk, and for training."""
 
 
@@ -106,39 +110,38 @@ class Averaged(Model):
         super().check_conditions(conditions, where)
 
 
-def planar(
-    setup: Setup,
-    *,
-    steps: int | str = "auto",
-    substeps: int | str = "auto",
-    pieces: int | str = "auto",
-    contacts: str = CERTIFIED,
-    contact_steps: int | str = "auto",
-    contact_overlap: float | str = "auto",
-) -> Model:
-    """Return the planar model, see :class:`vibgym.Simulator` for its settings.
+class AutoSettings(BaseSettings):
+    """Settings of ``"auto"``: the cheapest of the planar and the averaged model within a tolerance
+    (:mod:`vibgym.simulation.choice`); :attr:`vibgym.Simulator.choice` reports it, with the reason."""
+
+    tolerance: Length = Field(DEFAULT_TOLERANCE, gt=0.0)
+    """Deviation of a part's outline from the converged model's in 25 periods, in the median over worlds with random fields."""
+
+    periods_per_call: int = Field(1, ge=1, le=checks.MOST_PERIODS)
+    """Periods of a typical call of :meth:`vibgym.Simulator.advance`."""
+
+
+def planar(setup: Setup, settings: PlanarSettings) -> Model:
+    """Return the planar model.
 
     Raises:
-        ValueError: an invalid setting, or a scene that the model does not cover.
+        ValueError: a setting or scene that the model does not cover.
     """
-    checks.choice("contacts", contacts, CONTACTS)
-    resolution = {"steps": steps, "substeps": substeps, "pieces": pieces}
-    coupling = {"contact_steps": contact_steps, "contact_overlap": contact_overlap}
     if not setup.multibody:
-        for name, value in {"contacts": "auto" if contacts == CERTIFIED else contacts, **coupling}.items():
-            if value != "auto":
+        for name in ("contacts", "contact_steps", "contact_overlap"):
+            if getattr(settings, name) not in ("auto", CERTIFIED):
                 raise checks.conflict(f"{name} requires several parts or walls")
         part = setup.parts[0]
-        return Planar(setup, planar_scheme(setup.surface, part, **resolution, by_points=varies(part)))
+        return Planar(setup, planar_scheme(setup.surface, part, settings, by_points=varies(part)))
     kinds, _ = kinds_of(setup.parts)
-    if contacts == CERTIFIED:
+    if settings.contacts == CERTIFIED:
         from vibgym.simulation.multibody import Multibody
 
-        return Multibody(setup, planar_schemes(setup.surface, kinds, setup.walls, **resolution, **coupling))
-    if contact_overlap != "auto":
+        return Multibody(setup, planar_schemes(setup.surface, kinds, setup.walls, settings))
+    if settings.contact_overlap != "auto":
         raise checks.conflict("contact_overlap requires contacts='certified'")
-    equal = partial(fast_schemes, setup.surface, kinds, setup.walls, **resolution, contact_steps=contact_steps)
-    if contacts == PYMUNK:
+    equal = partial(fast_schemes, setup.surface, kinds, setup.walls, settings)
+    if settings.contacts == PYMUNK:
         from vibgym.simulation.pymunk_contacts import PymunkMultibody
 
         return PymunkMultibody(setup, equal(fewest=CONTACT_STEPS))
@@ -147,19 +150,18 @@ def planar(
     return FastMultibody(setup, equal())
 
 
-def averaged(setup: Setup, *, order: int = 2, stride: int = 1, steps: int | str = "auto") -> Model:
-    """Return the averaged model, see :class:`vibgym.Simulator` for its settings.
+def averaged(setup: Setup, settings: AveragedSettings) -> Model:
+    """Return the averaged model.
 
     Raises:
-        ValueError: an invalid setting, or a scene that the model does not cover.
+        ValueError: a scene that the model does not cover.
     """
     if setup.multibody:
         raise checks.conflict("model='averaged' requires one part and no walls: use 'planar', which resolves contacts")
-    scheme = averaged_scheme(setup.surface, setup.parts[0], order=order, stride=stride, steps=steps)
-    return Averaged(setup, scheme)
+    return Averaged(setup, averaged_scheme(setup.surface, setup.parts[0], settings))
 
 
-def auto(setup: Setup, *, tolerance: Any = DEFAULT_TOLERANCE, periods_per_call: Any = 1) -> Model:
+def auto(setup: Setup, settings: AutoSettings) -> Model:
     """Return the cheapest model within a tolerance, see :mod:`vibgym.simulation.choice`.
 
     Raises:
@@ -167,18 +169,21 @@ def auto(setup: Setup, *, tolerance: Any = DEFAULT_TOLERANCE, periods_per_call: 
     """
     kinds, _ = kinds_of(setup.parts)
     if setup.multibody or varies(setup.parts[0]):
-        choice = choose_for(setup.surface, kinds, ("planar",), tolerance=tolerance, periods_per_call=periods_per_call)
+        choice = choose_for(setup.surface, kinds, ("planar",), **vars(settings))
     else:
-        choice = choose(setup.surface, kinds[0], tolerance=tolerance, periods_per_call=periods_per_call)
-    model = MODELS[choice.model](replace(setup, model=choice.model), **choice.knobs)
+        choice = choose(setup.surface, kinds[0], **vars(settings))
+    model: Model = MODELS.make("model", {"kind": choice.model, **choice.knobs}, replace(setup, model=choice.model))
     model.choice = choice
     return model
 
 
+for _model, _settings in ((planar, PlanarSettings), (averaged, AveragedSettings), (auto, AutoSettings)):
+    _model.Settings = _settings  # type: ignore[attr-defined]
+
 MODELS: Registry[Callable[..., Model]] = Registry(
     "model", {"planar": planar, "averaged": averaged, "auto": auto}, "vibgym.models"
 )
-"""Models by name, called with a :class:`Setup` and their settings; ``MODELS.register(name, cls)`` adds one."""
+"""Models by name, called with a :class:`Setup` and their ``Settings``; ``MODELS.register(name, cls)`` adds one."""
 
 
 class TippingMargin:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from annotated_types import Ge, Le
+from pydantic import Field
 
 from vibgym import checks
 from vibgym.physics.averaged.integrator import AveragedScheme
@@ -15,6 +17,7 @@ from vibgym.scene.hulls import WALLS
 from vibgym.scene.outlines import narrowest_width
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.settings import BaseSettings, Length
 from vibgym.simulation import averages_tables
 
 RUNGE_KUTTA_STEPS = 18
@@ -44,6 +47,55 @@ FAST_CLOSING = 2.0
 most half the narrowest width, beyond which the outlines would separate on the wrong side."""
 
 
+Auto = Literal["auto"]
+
+
+class PlanarSettings(BaseSettings):
+    """Settings of the planar model: flat contact with static and sliding friction, resolved in time."""
+
+    steps: Auto | Annotated[int, Ge(1), Le(MOST_STEPS)] = "auto"
+    """Times per period that the contact area is cut by the element grid; second order. ``"auto"``: 5, or 9 for parts whose
+    radius of gyration is below ``2 pi a_h``, the displacement of the table in a period."""
+
+    substeps: Auto | Annotated[int, Ge(1), Le(MOST_SUBSTEPS)] = "auto"
+    """Runge-Kutta steps of the friction dynamics in each step; fourth order. ``"auto"``: at least 18 in a period, which
+    resolve the table's motion to 0.1 % at full speed."""
+
+    pieces: Auto | Annotated[int, Ge(1), Le(64)] = "auto"
+    """Cells per element and direction into which the contact area is cut. ``"auto"``: friction as a series over the whole
+    contact area where slip varies little under the part, elsewhere as many cells as the spin requires."""
+
+    contacts: Literal["certified", "pymunk", "fast"] = "certified"
+    """With several parts or walls. ``"certified"``: impacts one by one at their times, overlaps below 0.3 mm. ``"pymunk"``: by
+    pymunk's solver, an independent check; parts may overlap by the closing speed times a step
+    (:mod:`vibgym.simulation.pymunk_contacts`). ``"fast"``, for training: a few steps per period, impacts at the same time;
+    parts may overlap by more within a step (:mod:`vibgym.physics.contacts.fast`)."""
+
+    contact_steps: Auto | Annotated[int, Ge(1), Le(MOST_STEPS)] = "auto"
+    """With several parts or walls, fewest alternating steps of friction and contacts in a period; ``"auto"``: 10, or as many
+    as keep what friction adds to an overlap small (long periods, narrow parts). Steps are shorter where parts come together
+    or spin fast. With other contacts all steps are equal, and ``"auto"`` is 10 (pymunk) or 5 (fast), or as many as friction
+    and narrow parts require."""
+
+    contact_overlap: Auto | Annotated[Length, Ge(2e-6), Le(1e-4)] = "auto"
+    """With certified contacts, overlap of two parts before contacts act; ``"auto"``: 5e-6 m, or a fiftieth of half the
+    narrowest part."""
+
+
+class AveragedSettings(BaseSettings):
+    """Settings of the averaged model (one part and no walls): the planar model averaged over the period, for parts that always
+    slide; faster where drives are held for several periods, and less exact."""
+
+    order: int = Field(2, ge=1, le=2)
+    """Order in ``mu g / (a_h w^2)``."""
+
+    stride: int = Field(1, ge=1, le=checks.MOST_PERIODS)
+    """Periods that one span of steps covers; the last span of a call may be shorter."""
+
+    steps: Auto | Annotated[int, Ge(1), Le(MOST_STEPS)] = "auto"
+    """Steps in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1."""
+
+
 class PlanarSchemes(NamedTuple):
     """Schemes of the planar model by kind of parts, and settings for contacts."""
 
@@ -54,13 +106,6 @@ class PlanarSchemes(NamedTuple):
     walls: int  # set of walls, a bit each
 
 
-def chosen(name: str, value: Any, most: int | None = None) -> int | None:
-    """Return a count, or None for ``"auto"``."""
-    if isinstance(value, str) and value == "auto":
-        return None
-    return checks.count(f"{name} (or 'auto')", value, most=most)
-
-
 def varies(part: Part) -> bool:
     """Return whether a part's coefficient of friction depends on speed."""
     return part.friction_law is not None
@@ -69,52 +114,43 @@ def varies(part: Part) -> bool:
 def planar_scheme(
     surface: Surface,
     part: Part,
+    settings: PlanarSettings | None = None,
     *,
-    steps: int | str = "auto",
-    substeps: int | str = "auto",
-    pieces: int | str = "auto",
     by_points: bool = False,
 ) -> Scheme:
     """Return the scheme with ``steps`` cuts of the contact area in a period, each with ``substeps`` of friction.
 
     ``by_points``: do not use the series, which requires a constant coefficient of friction.
     """
+    settings = PlanarSettings() if settings is None else settings
     travel = 2.0 * math.pi * surface.horizontal_amplitude
-    cuts = chosen("steps", steps, most=MOST_STEPS) or (5 if part.gyration >= travel**2 else 9)
+    cuts = _chosen(settings.steps) or (5 if part.gyration >= travel**2 else 9)
     if cuts < FEWEST_STEPS and surface.rows * surface.columns > 1 and surface.horizontal_amplitude > 0.0:
         raise checks.refuse("steps", cuts, f"a whole number >= {FEWEST_STEPS} on several elements")
-    inner = chosen("substeps", substeps, most=MOST_SUBSTEPS) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
+    inner = _chosen(settings.substeps) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
     if cuts * inner < FEWEST_STEPS and surface.horizontal_amplitude > 0.0:
         least = math.ceil(FEWEST_STEPS / cuts)
         raise checks.refuse("substeps", inner, f"a whole number >= {least} with steps={cuts}")
-    cells = chosen("pieces", pieces, most=64) or (-1 if by_points else 0)
+    cells = _chosen(settings.pieces) or (-1 if by_points else 0)
     phase = np.arange(3 * cuts * inner + 1) * (2.0 * math.pi / (3 * cuts * inner))
     return Scheme(cuts, inner, cells, np.cos(phase), np.sin(phase))
 
 
 def planar_schemes(
-    surface: Surface,
-    kinds: Sequence[Part],
-    walls: Sequence[str],
-    *,
-    steps: int | str = "auto",
-    substeps: int | str = "auto",
-    pieces: int | str = "auto",
-    contact_steps: int | str = "auto",
-    contact_overlap: float | str = "auto",
+    surface: Surface, kinds: Sequence[Part], walls: Sequence[str], settings: PlanarSettings | None = None
 ) -> PlanarSchemes:
     """Return the schemes of the planar model with contacts: :func:`planar_scheme` for each kind, and settings for contacts.
 
-    Settings are those of :class:`vibgym.Simulator`. Steps and overlaps are smaller for parts that are not much larger than the
+    Steps and overlaps are smaller for parts that are not much larger than the
     overlaps, and in their contacts with others.
     """
+    settings = PlanarSettings() if settings is None else settings
     half_widths = [0.5 * narrowest_width(kind.outline) for kind in kinds]
     overlaps = [min(CONTACT_OVERLAP, half_width / 50.0) for half_width in half_widths]
-    if not (isinstance(contact_overlap, str) and contact_overlap == "auto"):
-        overlaps = [checks.number("contact_overlap (or 'auto')", contact_overlap, least=2e-6, most=1e-4)] * len(kinds)
-    settings = {"steps": steps, "substeps": substeps, "pieces": pieces, "by_points": any(map(varies, kinds))}
-    alone = [planar_scheme(surface, part, **settings) for part in kinds]
-    coupled, bends = chosen("contact_steps", contact_steps, most=MOST_STEPS), [math.inf] * len(kinds)
+    if settings.contact_overlap != "auto":
+        overlaps = [settings.contact_overlap] * len(kinds)
+    alone = [planar_scheme(surface, part, settings, by_points=any(map(varies, kinds))) for part in kinds]
+    coupled, bends = _chosen(settings.contact_steps), [math.inf] * len(kinds)
     if coupled is None:
         coupled, bends = CONTACT_STEPS, [min(FRICTION_OVERLAP, 0.25 * half_width) for half_width in half_widths]
         check_contact_steps("parts", surface, max(part.most_friction for part in kinds), 0.0, min(bends))
@@ -128,23 +164,14 @@ def planar_schemes(
 
 
 def fast_schemes(
-    surface: Surface,
-    kinds: Sequence[Part],
-    walls: Sequence[str],
-    *,
-    steps: int | str = "auto",
-    substeps: int | str = "auto",
-    pieces: int | str = "auto",
-    contact_steps: int | str = "auto",
-    fewest: int = 1,
+    surface: Surface, kinds: Sequence[Part], walls: Sequence[str], settings: PlanarSettings, *, fewest: int = 1
 ) -> PlanarSchemes:
-    """Return the schemes of the planar model with equal contact steps; settings are those of :class:`vibgym.Simulator`.
+    """Return the schemes of the planar model with equal contact steps.
 
     ``fewest``: contact steps in a period where ``"auto"`` requires no more.
     """
-    settings = {"steps": steps, "substeps": substeps, "pieces": pieces, "by_points": any(map(varies, kinds))}
-    alone = [planar_scheme(surface, part, **settings) for part in kinds]
-    coupled, none = chosen("contact_steps", contact_steps, most=MOST_STEPS), (math.inf,) * len(kinds)
+    alone = [planar_scheme(surface, part, settings, by_points=any(map(varies, kinds))) for part in kinds]
+    coupled, none = _chosen(settings.contact_steps), (math.inf,) * len(kinds)
     if coupled is None:
         friction = max(part.most_friction for part in kinds)
         check_contact_steps("parts", surface, friction, 0.0, FAST_FRICTION_OVERLAP)
@@ -154,6 +181,11 @@ def fast_schemes(
         coupled = max(math.ceil(max(by_friction, by_speed)), fewest)
     walled = sum(1 << WALLS.index(name) for name in walls)
     return PlanarSchemes(alone=tuple(alone), fewest=coupled, bend=none, overlap=none, walls=walled)
+
+
+def _chosen(value: int | str) -> int | None:
+    """Return a count, or None for ``"auto"``."""
+    return value if isinstance(value, int) else None
 
 
 def check_contact_steps(argument: str, surface: Surface, friction: float, incline: float, bend: float) -> None:
@@ -170,17 +202,13 @@ def check_contact_steps(argument: str, surface: Surface, friction: float, inclin
         )
 
 
-def averaged_scheme(
-    surface: Surface, part: Part, *, order: int = 2, stride: int = 1, steps: int | str = "auto"
-) -> AveragedScheme:
+def averaged_scheme(surface: Surface, part: Part, settings: AveragedSettings) -> AveragedScheme:
     """Return the scheme of the averaged model: ``steps`` in each span of ``stride`` periods."""
-    order = checks.count("order", order, most=2)
-    stride = checks.count("stride", stride, most=checks.MOST_PERIODS)
-    cuts = chosen("steps", steps, most=MOST_STEPS) or 1
     check_sliding(surface, part.static_friction)
     if varies(part):
         raise checks.conflict("model='averaged' requires a constant coefficient of friction: use model='planar'")
-    return AveragedScheme(order, stride, cuts, averages_tables.averages())
+    cuts = _chosen(settings.steps) or 1
+    return AveragedScheme(settings.order, settings.stride, cuts, averages_tables.averages())
 
 
 def check_sliding(

@@ -43,42 +43,11 @@ class Simulator:
         parts: the parts of every world, one or a list.
         walls: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``; parts fall off the others.
         worlds: number of independent worlds. Results do not depend on it, on the order of worlds, or on threads.
-        model: ``"planar"``: flat contact with static and sliding friction, resolved in time. ``"averaged"``: the same, averaged
-            over the period, for parts that always slide; faster where drives are held for several periods, and less exact.
-            ``"auto"``: the cheapest of these two within a tolerance; :attr:`choice` reports it, with the reason.
-            Plug-ins add further names, such as ``"tilting"`` (:func:`vibgym.plugins.tilting.tilting`).
+        model: ``"planar"``, ``"averaged"`` or ``"auto"``: the cheapest of these two within a tolerance. Plug-ins add further
+            names, such as ``"tilting"`` (:mod:`vibgym.plugins.tilting`).
         threads: None uses all processors of this process.
-        knobs: of the model.
-
-            planar:
-                - steps: times per period that the contact area is cut by the element grid; second order. ``"auto"``: 5, or 9
-                  for parts whose radius of gyration is below ``2 pi a_h``, the displacement of the table in a period.
-                - substeps: Runge-Kutta steps of the friction dynamics in each step; fourth order. ``"auto"``: at least 18 in a
-                  period, which resolve the table's motion to 0.1 % at full speed.
-                - pieces: cells per element and direction into which the contact area is cut. ``"auto"``: friction as a
-                  series over the whole contact area where slip varies little under the part, elsewhere as many cells as the
-                  spin requires.
-                - contacts: with several parts or walls. ``"certified"``: impacts one by one at their times, overlaps below
-                  0.3 mm. ``"pymunk"``: by pymunk's solver, an independent check; parts may overlap by the
-                  closing speed times a step (:mod:`vibgym.simulation.pymunk_contacts`). ``"fast"``, for training: a few
-                  steps per period, impacts at the same time; parts may overlap by more within a step
-                  (:mod:`vibgym.physics.contacts.fast`).
-                - contact_steps: with several parts or walls, fewest alternating steps of friction and contacts in a period;
-                  ``"auto"``: 10, or as many as keep what friction adds to an overlap small (long periods, narrow parts).
-                  Steps are shorter where parts come together or spin fast. With other contacts all steps are equal, and
-                  ``"auto"`` is 10 (pymunk) or 5 (fast), or as many as friction and narrow parts require.
-                - contact_overlap: m, with certified contacts, overlap of two parts before contacts act; ``"auto"``: 5e-6,
-                  or a fiftieth of half the narrowest part.
-
-            averaged (one part and no walls):
-                - order: 1 or 2 (default), in ``mu g / (a_h w^2)``.
-                - stride: periods that one span of steps covers, 1 by default; the last span of a call may be shorter.
-                - steps: in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1.
-
-            auto:
-                - tolerance: m, default 1e-4: deviation of a part's outline from the converged model's in 25 periods, in
-                  the median over worlds with random fields.
-                - periods_per_call: periods of a typical call of :meth:`advance`, default 1.
+        knobs: settings of the model: the fields of :class:`vibgym.simulation.schemes.PlanarSettings`,
+            :class:`vibgym.simulation.schemes.AveragedSettings` or :class:`vibgym.simulation.models.AutoSettings`.
 
     Attributes:
         choice: model and knobs in effect, and why (:class:`vibgym.simulation.choice.Choice`).
@@ -122,7 +91,7 @@ class Simulator:
         self.worlds = checks.fitting("worlds", checks.count("worlds", worlds), needed)
         self.hulls = hulls_of(self.parts)
         self._setup = Setup(surface, self.parts, self.walls, self.hulls, self.worlds, model)
-        self._model = _model_from(self._setup, model, knobs)
+        self._model: Model = MODELS.make("model", dict(kind=model, **knobs), self._setup)
         self.choice = self._model.choice or Choice(model, dict(knobs), None, None, None, None, "as requested")
         self.model = self.choice.model
         self._model.check_parts()
@@ -435,18 +404,6 @@ class Simulator:
         put_back(self._state._asdict(), values)
         put_back(own, more)
         self._periods = periods
-
-
-def _model_from(setup: Setup, name: str, knobs: Mapping[str, Any]) -> Model:
-    """Construct a model, whose settings are its keyword arguments."""
-    make = MODELS.choose("model", name)
-    if hasattr(make, "Settings"):
-        return MODELS.make("model", {"kind": name, **knobs}, setup)
-    known = checks.keywords(make)
-    for knob in knobs:
-        if knob not in known:
-            raise checks.unknown(f"setting of model={name!r}", knob, known)
-    return make(setup, **knobs)
 
 
 def _check_amplitude(amplitude: np.ndarray, surface: Surface) -> None:
