@@ -97,16 +97,16 @@ class Flow(DataLearner):
         net: Widths = (256, 256, 256)
         """Residual blocks, of equal width."""
 
-        batch_size: int = Field(256, ge=2, le=10_000_000)
+        batch_size: int = Field(default=256, ge=2, le=10_000_000)
         """Parts."""
 
-        horizon: int = Field(8, ge=1, le=MOST_HORIZON)
+        horizon: int = Field(default=8, ge=1, le=MOST_HORIZON)
         """Actions of a plan."""
 
-        executed: int = Field(2, ge=1, le=MOST_HORIZON)
+        executed: int = Field(default=2, ge=1, le=MOST_HORIZON)
         """Of these, before the next plan."""
 
-        euler_steps: int = Field(5, ge=1, le=1000)
+        euler_steps: int = Field(default=5, ge=1, le=1000)
         """From noise to actions."""
 
         @model_validator(mode="after")

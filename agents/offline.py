@@ -77,10 +77,10 @@ class DataLearner(PartsLearner):
         directory: str | None = None
         """Of the data sets; None: Minari's default."""
 
-        episodes: int | None = Field(None, ge=1)
+        episodes: int | None = Field(default=None, ge=1)
         """Of the data set, at most; None: all."""
 
-        batch_size: int = Field(1024, ge=2, le=10_000_000)
+        batch_size: int = Field(default=1024, ge=2, le=10_000_000)
         """Parts."""
 
     own: Any
@@ -185,16 +185,16 @@ class Offline(DataLearner):
         method: Literal["cloning", "iql"] = "cloning"
         """How the actor learns."""
 
-        floor: float = Field(1.0, gt=0, le=10)
+        floor: float = Field(default=1.0, gt=0, le=10)
         """Size of actions below which errors are absolute."""
 
-        gamma: float = Field(0.98, gt=0, lt=1)
+        gamma: float = Field(default=0.98, gt=0, lt=1)
         """Discount of a step, of "iql"."""
 
-        expectile: float = Field(0.8, gt=0.5, lt=1)
+        expectile: float = Field(default=0.8, gt=0.5, lt=1)
         """Of values of states, of "iql"."""
 
-        temperature: float = Field(1.0, gt=0, le=100)
+        temperature: float = Field(default=1.0, gt=0, le=100)
         """Standard deviations of advantage per factor e of the weight, of "iql"."""
 
         tau: Rate = 0.01

@@ -66,51 +66,51 @@ class PPO(PartsLearner):
     class Settings(NetworkSettings, RateSettings):
         """Settings of PPO; defaults are what trained fastest on two cores."""
 
-        n_steps: int = Field(32, ge=1, le=1_000_000)
+        n_steps: int = Field(default=32, ge=1, le=1_000_000)
         """Steps of every world in a rollout."""
 
-        batch_size: int = Field(4096, ge=2, le=100_000_000)
+        batch_size: int = Field(default=4096, ge=2, le=100_000_000)
         """Parts."""
 
-        n_epochs: int = Field(3, ge=1, le=1000)
+        n_epochs: int = Field(default=3, ge=1, le=1000)
         """Of an update."""
 
-        gamma: float = Field(0.98, gt=0, le=1)
+        gamma: float = Field(default=0.98, gt=0, le=1)
         """Discount of a step."""
 
-        gae_lambda: float = Field(0.95, gt=0, le=1)
+        gae_lambda: float = Field(default=0.95, gt=0, le=1)
         """Of generalised advantage estimation."""
 
-        clip_range: float = Field(0.2, gt=0, le=10)
+        clip_range: float = Field(default=0.2, gt=0, le=10)
         """Change of probabilities beyond which an update gains nothing."""
 
-        target_kl: float | None = Field(None, gt=0, le=100)
+        target_kl: float | None = Field(default=None, gt=0, le=100)
         """Divergence of an update; the learning rate follows it."""
 
-        log_std_init: float = Field(-0.5, ge=-5, le=0.5)
+        log_std_init: float = Field(default=-0.5, ge=-5, le=0.5)
         """Logarithmic standard deviation of exploration at the beginning."""
 
-        noise_floor: float | None = Field(None, gt=0, le=1)
+        noise_floor: float | None = Field(default=None, gt=0, le=1)
         """Size of actions above which exploration grows with them; None: the same for all."""
 
-        noise_correlation: float = Field(0.0, ge=0, lt=1)
+        noise_correlation: float = Field(default=0.0, ge=0, lt=1)
         """Of exploration between successive steps (coloured noise: Hollenstein et al. 2024, arXiv 2312.11091)."""
 
-        touch_cost: float = Field(0.0, ge=0, le=1000)
+        touch_cost: float = Field(default=0.0, ge=0, le=1000)
         """Subtracted from the reward per step and part in contact with another; training only."""
 
-        shared: float = Field(0.0, ge=0, le=1)
+        shared: float = Field(default=0.0, ge=0, le=1)
         """Share of every other part's reward that a part gets; training only."""
 
-        cost_limit: float | None = Field(None, ge=0)
+        cost_limit: float | None = Field(default=None, ge=0)
         """Largest mean cost of an episode, for environments with ``costs``: costs are then subtracted from rewards with a
         multiplier that follows the excess (Ray, Achiam & Amodei 2019, "Benchmarking safe exploration in deep reinforcement
         learning")."""
 
-        multiplier_rate: float = Field(0.05, gt=0, le=100)
+        multiplier_rate: float = Field(default=0.05, gt=0, le=100)
         """Change of the multiplier in an update, times the excess."""
 
-        critic_steps: int = Field(0, ge=0, le=MOST_STEPS)
+        critic_steps: int = Field(default=0, ge=0, le=MOST_STEPS)
         """First steps, in which the critic alone learns."""
 
     title, phase = "PPO with parts as samples", "ppo"

@@ -111,10 +111,10 @@ class NetworkSettings(BaseSettings):
     remembers: Steps = 0
     """Previous steps of which rows contain the action; true: 1."""
 
-    recalls: tuple[str, ...] = Field((), max_length=100)
+    recalls: tuple[str, ...] = Field(default=(), max_length=100)
     """Columns of these steps' observations that rows contain."""
 
-    blind: tuple[str, ...] = Field((), max_length=100)
+    blind: tuple[str, ...] = Field(default=(), max_length=100)
     """Columns that the network does not read."""
 
 
@@ -124,25 +124,25 @@ class ImitationSettings(BaseSettings):
     expert: Plain
     """A policy with the environment's action; {seed} in its texts is replaced by the run's."""
 
-    rounds: int = Field(4, ge=1, le=1000)
+    rounds: int = Field(default=4, ge=1, le=1000)
     """Of demonstrations and learning from them."""
 
-    steps: int = Field(100, ge=1, le=1_000_000)
+    steps: int = Field(default=100, ge=1, le=1_000_000)
     """Of each world, per round."""
 
-    epochs: int = Field(4, ge=1, le=10_000)
+    epochs: int = Field(default=4, ge=1, le=10_000)
     """After each round, over all demonstrations."""
 
-    batch_size: int = Field(2048, ge=1, le=10_000_000)
+    batch_size: int = Field(default=2048, ge=1, le=10_000_000)
     """Parts."""
 
     learning_rate: Rate = 1e-3
     """Constant."""
 
-    noise: float = Field(0.2, ge=0, le=10)
+    noise: float = Field(default=0.2, ge=0, le=10)
     """Largest standard deviation of the noise added to actions."""
 
-    floor: float = Field(1.0, gt=0, le=10)
+    floor: float = Field(default=1.0, gt=0, le=10)
     """Size of actions below which errors are absolute."""
 
 
@@ -152,7 +152,7 @@ class ResidualSettings(BaseSettings):
     base: Arguments
     """A policy with action "wrench" (the default), "velocity" or "target", and observation "state"; itself no correction."""
 
-    scale: float = Field(0.5, gt=0, le=2)
+    scale: float = Field(default=0.5, gt=0, le=2)
     """Of the network's action, before it is added to the base's."""
 
     @field_validator("base")
@@ -164,19 +164,19 @@ class ResidualSettings(BaseSettings):
 class JudgingSettings(BaseSettings):
     """Evaluation during training: deterministic episodes on the same seeds every time."""
 
-    episodes: int = Field(100, ge=1, le=1_000_000)
+    episodes: int = Field(default=100, ge=1, le=1_000_000)
     """Of one evaluation."""
 
     first_seed: int = 500_000
     """In the range "selection" of vibgym.seeds."""
 
-    every: int = Field(1_000_000, ge=1, le=MOST_STEPS)
+    every: int = Field(default=1_000_000, ge=1, le=MOST_STEPS)
     """Steps between evaluations."""
 
     best: Literal["success", "speed"] = "success"
     """Which actor is kept: that with the highest success rate, or with the highest mean of 1 / time to goal, as scores rank."""
 
-    cost_limit: float | None = Field(None, ge=0)
+    cost_limit: float | None = Field(default=None, ge=0)
     """That 95 % of the episodes shall not exceed; comes before ``best``."""
 
 
@@ -205,7 +205,7 @@ class UntilSettings(BaseSettings):
     success: Rate | None = None
     """Of the last 100 training episodes, with exploration."""
 
-    steps: int | None = Field(None, ge=1, le=MOST_STEPS)
+    steps: int | None = Field(default=None, ge=1, le=MOST_STEPS)
     """Of the stage."""
 
     @model_validator(mode="after")
@@ -234,22 +234,22 @@ class TrainSettings(BaseSettings):
     environment: Arguments = {"action": "patch"}
     """Arguments of the environment."""
 
-    worlds: int = Field(512, ge=1, le=100_000)
+    worlds: int = Field(default=512, ge=1, le=100_000)
     """Simulated together."""
 
     steps: int = Field(ge=1, le=MOST_STEPS)
     """Environment steps, of all worlds together."""
 
-    seed: int = Field(0, ge=0, lt=2**32)  # Stable-Baselines3 accepts no more
+    seed: int = Field(default=0, ge=0, lt=2**32)  # Stable-Baselines3 accepts no more
     """Of the run."""
 
-    checkpoint_steps: int = Field(500_000, ge=1, le=MOST_STEPS)
+    checkpoint_steps: int = Field(default=500_000, ge=1, le=MOST_STEPS)
     """Steps between checkpoints."""
 
     output: str | None = None
     """Directory; None: runs/<name of the file>."""
 
-    scenes: tuple[Arguments, ...] = Field((), max_length=10_000)
+    scenes: tuple[Arguments, ...] = Field(default=(), max_length=10_000)
     """Arguments that are added to ``environment``; worlds are divided among them."""
 
     start: str | None = None
@@ -261,7 +261,7 @@ class TrainSettings(BaseSettings):
     residual: ResidualSettings | None = None
     """Policy that the network corrects."""
 
-    curriculum: tuple[StageSettings, ...] = Field((), max_length=100)
+    curriculum: tuple[StageSettings, ...] = Field(default=(), max_length=100)
     """Easier environments before the run's own."""
 
     judging: JudgingSettings | None = None

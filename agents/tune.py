@@ -42,16 +42,16 @@ class TuningSettings(BaseSettings):
     space: dict[str, Any] = Field(min_length=1)
     """Name of a setting, such as ``ppo.learning_rate`` -> a list of values, or a mapping with ``low``, ``high`` and ``log``."""
 
-    trials: int = Field(40, ge=1, le=100_000)
+    trials: int = Field(default=40, ge=1, le=100_000)
     """In all."""
 
-    steps: int | None = Field(None, ge=1)
+    steps: int | None = Field(default=None, ge=1)
     """Of a trial's training; None: the agent's."""
 
-    startup: int = Field(10, ge=0, le=100_000)
+    startup: int = Field(default=10, ge=0, le=100_000)
     """Random trials at the start."""
 
-    abreast: int = Field(2, ge=1, le=10_000)
+    abreast: int = Field(default=2, ge=1, le=10_000)
     """Trials in parallel."""
 
 

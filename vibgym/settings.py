@@ -4,7 +4,7 @@ Every registered class has a ``Settings``, and :meth:`vibgym.registry.Registry.m
 
     class Clearance(Cost):
         class Settings(BaseSettings):
-            below: Length = Field(0.005, gt=0.0)
+            below: Length = Field(default=0.005, gt=0.0)
             \"\"\"Distance below which a part is too near.\"\"\"
 
 Values are SI and radians. A key may carry a unit instead: ``below_mm: 5`` is ``below: 0.005``, for fields of :data:`Length`,

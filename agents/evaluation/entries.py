@@ -54,8 +54,8 @@ class EntryFile(BaseSettings):
     policy: Plain  # name or mapping, as in a suite's settings
     training_steps: int = Field(ge=0)  # environment steps of all trainings, data of other policies included
     authors: str = Field(min_length=1, max_length=200)
-    description: str = Field("", max_length=2000)
-    episodes: int | None = Field(None, ge=1)  # at most so many of each task, for slow policies
+    description: str = Field(default="", max_length=2000)
+    episodes: int | None = Field(default=None, ge=1)  # at most so many of each task, for slow policies
     imports: tuple[str, ...] = ()  # modules that register the policy, such as entries.mine.policy
     sha256: dict[str, str] = {}  # file -> digest: all files of the folder, and those that the policy is read from
 

@@ -35,16 +35,16 @@ class RecordSettings(BaseSettings):
     observation: str = "state"
     """That is recorded; the policy has its own."""
 
-    episodes: int = Field(1000, ge=1, le=10_000_000)
+    episodes: int = Field(default=1000, ge=1, le=10_000_000)
     """Number of episodes."""
 
     first_seed: int = RANGES["recordings"].start
     """Episode k begins with this seed + k."""
 
-    worlds: int = Field(250, ge=1, le=100_000)
+    worlds: int = Field(default=250, ge=1, le=100_000)
     """Simulated together; no result depends on it."""
 
-    noise: float = Field(0.0, ge=0, le=2)
+    noise: float = Field(default=0.0, ge=0, le=2)
     """Standard deviation, added to the actions that are executed and recorded."""
 
     directory: str | None = None

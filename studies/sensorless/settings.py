@@ -19,19 +19,19 @@ Seed = Annotated[int, Field(ge=0, lt=2**63)]
 class SensorlessSettings(BaseSettings):
     """Settings of the searches, one per part, hardware model and seed, and of the evaluation."""
 
-    parts: tuple[str, ...] = Field(("aluminium_block", "steel_block"), min_length=1)
+    parts: tuple[str, ...] = Field(default=("aluminium_block", "steel_block"), min_length=1)
     """Names of shipped parts."""
 
     goal: tuple[float, float, float] = (0.416, 0.104, 0.0)
     """Pose: m, m, rad."""
 
-    seconds: float = Field(4.0, gt=0, le=100)
+    seconds: float = Field(default=4.0, gt=0, le=100)
     """Longest duration of a schedule."""
 
-    segments: int = Field(3, ge=1, le=20)
+    segments: int = Field(default=3, ge=1, le=20)
     """Of a schedule."""
 
-    hardware: tuple[Literal["ideal", "prototype"], ...] = Field(("ideal", "prototype"), min_length=1)
+    hardware: tuple[Literal["ideal", "prototype"], ...] = Field(default=("ideal", "prototype"), min_length=1)
     """Models on which schedules are searched."""
 
     friction: tuple[float, float] = (0.9, 1.1)
@@ -40,31 +40,31 @@ class SensorlessSettings(BaseSettings):
     model: Literal["averaged", "planar"] = "averaged"
     """Of the search; the evaluation uses "planar"."""
 
-    periods: int = Field(4, ge=1, le=1000)
+    periods: int = Field(default=4, ge=1, le=1000)
     """Of a step of the search; fields change only between steps."""
 
-    starts: int = Field(32, ge=2, le=100_000)
+    starts: int = Field(default=32, ge=2, le=100_000)
     """Per schedule."""
 
-    population: int = Field(14, ge=4, le=10_000)
+    population: int = Field(default=14, ge=4, le=10_000)
     """Schedules of a generation."""
 
-    generations: int = Field(200, ge=1, le=1_000_000)
+    generations: int = Field(default=200, ge=1, le=1_000_000)
     """Of a search."""
 
-    sigma: float = Field(0.2, gt=0, le=10)
+    sigma: float = Field(default=0.2, gt=0, le=10)
     """Initial standard deviation of the search."""
 
-    seeds: tuple[Seed, ...] = Field((1, 2, 3), min_length=1)
+    seeds: tuple[Seed, ...] = Field(default=(1, 2, 3), min_length=1)
     """One search each."""
 
-    judged: int = Field(1000, ge=1, le=1_000_000)
+    judged: int = Field(default=1000, ge=1, le=1_000_000)
     """Starts of the evaluation."""
 
-    threads: int = Field(1, ge=1, le=4096)
+    threads: int = Field(default=1, ge=1, le=4096)
     """Per process."""
 
-    processes: int = Field(2, ge=1, le=1024)
+    processes: int = Field(default=2, ge=1, le=1024)
     """Each with one part and hardware model at a time."""
 
     @field_validator("parts")

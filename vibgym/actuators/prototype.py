@@ -64,29 +64,29 @@ class PrototypeActuators(ActuatorStage):
     class Settings(ActuatorStage.Settings):
         """Settings of the prototype's actuators."""
 
-        dead_zone: Length = Field(1e-4, ge=0.0)
+        dead_zone: Length = Field(default=1e-4, ge=0.0)
         """Amplitude below which commands are not fully realised."""
 
         dead_zone_form: Literal["hard", "soft", "cubic"] = "hard"
         """Response to a smaller amplitude ``a``: ``"hard"``: 0, ``"soft"``: a^2 / dead_zone, ``"cubic"``: a^3 / dead_zone^2."""
 
-        limit: Length | None = Field(None, gt=0.0)
+        limit: Length | None = Field(default=None, gt=0.0)
         """Largest amplitude; None: that of the surface."""
 
-        latency: int = Field(1, ge=0, le=MOST_LATENCY)
+        latency: int = Field(default=1, ge=0, le=MOST_LATENCY)
         """Periods between a command and its effect; elements rest until the first one takes effect. Data sheet and estimators
         use this value, also where ``randomize`` draws others."""
 
-        gain_spread: float = Field(0.05, ge=0.0, le=MOST_SPREAD)
+        gain_spread: float = Field(default=0.05, ge=0.0, le=MOST_SPREAD)
         """Standard deviation of the elements' gains, normal."""
 
-        phase_spread: Angle = Field(math.radians(5.0), ge=0.0, le=math.pi)
+        phase_spread: Angle = Field(default=math.radians(5.0), ge=0.0, le=math.pi)
         """Standard deviation of the elements' phase errors, normal."""
 
-        bandwidth: float | None = Field(None, gt=0.0, le=1e6)
+        bandwidth: float | None = Field(default=None, gt=0.0, le=1e6)
         """Hz, of a first-order lag; None: no lag. With a lag every step reads all elements."""
 
-        resolution: Length = Field(0.0, ge=0.0)
+        resolution: Length = Field(default=0.0, ge=0.0)
         """Of amplitudes; 0: continuous."""
 
         dead: Share | tuple[tuple[float, float], ...] = 0.0
@@ -95,13 +95,13 @@ class PrototypeActuators(ActuatorStage):
         stuck: Share | tuple[tuple[float, float, float, float], ...] = 0.0
         """Elements with a fixed amplitude and phase: their share, or a list of [row, column, amplitude in m, phase in rad]."""
 
-        seed: int | None = Field(None, ge=0, le=2**63 - 1)
+        seed: int | None = Field(default=None, ge=0, le=2**63 - 1)
         """Of one hardware instance, the same in all worlds and episodes; None: drawn for every episode."""
 
-        gain: float = Field(1.0, ge=0.0, le=MOST_GAIN)
+        gain: float = Field(default=1.0, ge=0.0, le=MOST_GAIN)
         """Factor that all elements have in common, as identified on a machine."""
 
-        phase: Angle = Field(0.0, ge=-2.0 * math.pi, le=2.0 * math.pi)
+        phase: Angle = Field(default=0.0, ge=-2.0 * math.pi, le=2.0 * math.pi)
         """Phase error that all elements have in common, as identified on a machine."""
 
         elements: tuple[tuple[tuple[Annotated[float, Ge(0.0), Le(MOST_GAIN)], float], ...], ...] | None = None

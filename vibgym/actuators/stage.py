@@ -61,7 +61,7 @@ class ActuatorStage(Live, ABC):
 
     def __init__(self, surface: Surface, worlds: int, periods: int, settings: Settings | None = None) -> None:
         self.surface, self.worlds, self.periods = surface, worlds, periods
-        self.settings = type(self).Settings.model_validate({}) if settings is None else settings
+        self.settings = type(self).Settings() if settings is None else settings
 
     @property
     def data_sheet(self) -> DataSheet:
@@ -144,7 +144,7 @@ class Actuators(ActuatorStage):
     class Settings(ActuatorStage.Settings):
         """Settings of all custom actuators."""
 
-        latency: int = Field(0, ge=0, le=10_000)
+        latency: int = Field(default=0, ge=0, le=10_000)
         """Periods between a command and its effect. Until then the elements follow the previous command; they rest at the start
         of an episode."""
 

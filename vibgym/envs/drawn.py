@@ -36,13 +36,13 @@ class DrawnPart(PartSettings):
     shape: Literal["drawn"]
     """Name of the shape."""
 
-    which: int = Field(0, ge=0, lt=MOST_DRAWN)
+    which: int = Field(default=0, ge=0, lt=MOST_DRAWN)
     """Number of the shape: parts with equal numbers have the same shape, others different ones."""
 
-    size: Length | None = Field(None, gt=0.0)
+    size: Length | None = Field(default=None, gt=0.0)
     """Largest dimension; None: that of the drawn part."""
 
-    friction: float = Field(0.0, ge=0.0)
+    friction: float = Field(default=0.0, ge=0.0)
     """Coefficient of sliding friction; by default that of the drawn part."""
 
     def part(self, drawn: Part) -> Part:

@@ -119,10 +119,10 @@ class Options(BaseSettings):
     task_settings: Given[Mapping[str, Any] | None] = None
     """Further settings of the task, such as ``hold`` (periods) and ``weights``."""
 
-    periods_per_step: int = Field(1, ge=1, le=MOST_PERIODS)
+    periods_per_step: int = Field(default=1, ge=1, le=MOST_PERIODS)
     """Oscillation periods per step. Hold, time cost and limit count periods."""
 
-    max_episode_periods: int | None = Field(None, ge=1, le=MOST_EPISODE)
+    max_episode_periods: int | None = Field(default=None, ge=1, le=MOST_EPISODE)
     """Periods after which an episode is truncated, unless ``gym.make`` gets ``max_episode_steps`` (steps; -1: no limit)."""
 
     @classmethod

@@ -39,16 +39,16 @@ class Stribeck:
     class Settings(BaseSettings):
         """Settings of Stribeck's curve."""
 
-        rise: float = Field(0.0, ge=-0.9, le=10.0)
+        rise: float = Field(default=0.0, ge=-0.9, le=10.0)
         """Additional factor at rest; below zero friction rises with speed."""
 
-        speed: Speed = Field(0.1, ge=NARROWEST, le=10.0)
+        speed: Speed = Field(default=0.1, ge=NARROWEST, le=10.0)
         """Speed at which ``1 / e`` of ``rise`` is left."""
 
-        shape: float = Field(2.0, ge=0.5, le=4.0)
+        shape: float = Field(default=2.0, ge=0.5, le=4.0)
         """Exponent; 1 and 2 are common."""
 
-        viscous: float = Field(0.0, ge=0.0, le=10.0)
+        viscous: float = Field(default=0.0, ge=0.0, le=10.0)
         """Increase of the factor with speed, s/m."""
 
     def __init__(self, settings: Settings) -> None:

@@ -38,25 +38,25 @@ class PartSettings(BaseSettings):
     friction_law: Mapping[str, Any] | None = None
     """``kind`` and settings of a law (:mod:`vibgym.scene.friction_laws`), which varies friction with slip speed."""
 
-    height: Length = Field(HEIGHT, gt=0.0, le=MOST_PLACE)
+    height: Length = Field(default=HEIGHT, gt=0.0, le=MOST_PLACE)
     """Height."""
 
-    centre_height: Length | None = Field(None, ge=0.0)
+    centre_height: Length | None = Field(default=None, ge=0.0)
     """Height of the centre of mass, at most the part's height; by default half of it."""
 
-    mass: Mass | None = Field(None, ge=LEAST_MASS, le=MOST_MASS)
+    mass: Mass | None = Field(default=None, ge=LEAST_MASS, le=MOST_MASS)
     """Mass; by default of steel."""
 
     name: str | None = None
     """Name; by default that of the shape, or of the file of a drawing."""
 
-    restitution: float = Field(0.2, ge=0.0, le=1.0)
+    restitution: float = Field(default=0.2, ge=0.0, le=1.0)
     """Coefficient of restitution of contacts with other parts and walls."""
 
-    contact_friction: float = Field(0.3, ge=0.0)
+    contact_friction: float = Field(default=0.3, ge=0.0)
     """Coefficient of friction of contacts with other parts and walls."""
 
-    coupling: float = Field(1.0, ge=0.0, le=1.0)
+    coupling: float = Field(default=1.0, ge=0.0, le=1.0)
     """Share of the elements' vertical motion that reaches the part."""
 
 
@@ -108,13 +108,13 @@ class DrawingSettings(PartSettings):
     file: str
     """Path of the ``.dxf``, ``.svg`` or ``.stl`` file."""
 
-    friction: float = Field(0.5, ge=0.0)
+    friction: float = Field(default=0.5, ge=0.0)
     """Coefficient of sliding friction between part and surface."""
 
-    thickness: Length | None = Field(None, gt=0.0)
+    thickness: Length | None = Field(default=None, gt=0.0)
     """Height of the part in a drawing, another name for ``height``."""
 
-    density: float | None = Field(None, ge=LEAST_DENSITY, le=MOST_DENSITY)
+    density: float | None = Field(default=None, ge=LEAST_DENSITY, le=MOST_DENSITY)
     """Density, kg/m^3, instead of the mass; by default that of steel."""
 
     tolerance: Length = 5e-5

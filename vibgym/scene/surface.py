@@ -130,25 +130,25 @@ class Surface:
 class SurfaceSettings(BaseSettings):
     """Settings of a surface."""
 
-    rows: int = Field(Surface.rows, ge=1, le=MOST_ELEMENTS)
+    rows: int = Field(default=Surface.rows, ge=1, le=MOST_ELEMENTS)
     """Number of elements along y."""
 
-    columns: int = Field(Surface.columns, ge=1, le=MOST_ELEMENTS)
+    columns: int = Field(default=Surface.columns, ge=1, le=MOST_ELEMENTS)
     """Number of elements along x."""
 
-    element_size: Length = Field(Surface.element_size, ge=1e-9, le=1e9)
+    element_size: Length = Field(default=Surface.element_size, ge=1e-9, le=1e9)
     """Edge length L of an element."""
 
-    horizontal_amplitude: Length = Field(Surface.horizontal_amplitude, ge=0.0, le=1e9)
+    horizontal_amplitude: Length = Field(default=Surface.horizontal_amplitude, ge=0.0, le=1e9)
     """Radius a_h of the horizontal motion; 0 is a still table."""
 
-    frequency: float = Field(Surface.frequency, ge=1e-9, le=1e9)
+    frequency: float = Field(default=Surface.frequency, ge=1e-9, le=1e9)
     """Frequency of the motion, Hz."""
 
-    gravity: Acceleration = Field(Surface.gravity, ge=1e-9, le=1e9)
+    gravity: Acceleration = Field(default=Surface.gravity, ge=1e-9, le=1e9)
     """Acceleration of gravity."""
 
-    max_amplitude: Length | None = Field(Surface.max_amplitude, ge=0.0)
+    max_amplitude: Length | None = Field(default=Surface.max_amplitude, ge=0.0)
     """Largest vertical amplitude a_v; None is the lift-off limit ``g / w^2``, above which a part would leave the surface."""
 
 

@@ -53,10 +53,10 @@ class Sensor(ABC):
     class Settings(BaseSettings):
         """Settings of all sensors. Further keys are effects: ``{"kind": "pose", "dropout": 0.1}``."""
 
-        delay: int = Field(0, ge=0, le=MOST_DELAY)
+        delay: int = Field(default=0, ge=0, le=MOST_DELAY)
         """Periods between a sample and the observation that contains it."""
 
-        rate: float | None = Field(None, gt=0.0)
+        rate: float | None = Field(default=None, gt=0.0)
         """Hz of samples; None: one a step. The rate of steps is a multiple of it."""
 
         effects: Mapping[str, Any] = {}
@@ -91,7 +91,7 @@ class Sensor(ABC):
     ) -> None:
         self.surface, self.parts, self.worlds = surface, tuple(parts), worlds
         self.periods, self.step = periods, periods * surface.period
-        self.settings = chosen = type(self).Settings.model_validate({}) if settings is None else settings
+        self.settings = chosen = type(self).Settings() if settings is None else settings
         self.delay = checks.fitting("sensor.delay", chosen.delay, BYTES_OF_READING * worlds * len(self.parts) / periods)
         self.every = 1 if chosen.rate is None else _steps_between(chosen.rate, surface.frequency / periods)
         self.instant = periods - self.delay % periods

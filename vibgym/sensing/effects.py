@@ -56,7 +56,7 @@ class Effect:
 
     def __init__(self, sensor: Sensor, settings: Settings | None = None) -> None:
         self.sensor = sensor
-        self.settings = type(self).Settings.model_validate({}) if settings is None else settings
+        self.settings = type(self).Settings() if settings is None else settings
 
     @property
     def sigma(self) -> np.ndarray:
@@ -93,10 +93,10 @@ class PoseError(Effect):
     class Settings(Effect.Settings):
         """Standard deviations."""
 
-        position: Length = Field(0.0, ge=0.0)
+        position: Length = Field(default=0.0, ge=0.0)
         """Of x and y."""
 
-        heading: Angle = Field(0.0, ge=0.0, le=2.0 * math.pi)
+        heading: Angle = Field(default=0.0, ge=0.0, le=2.0 * math.pi)
         """Of the heading."""
 
     settings: Settings
@@ -149,7 +149,7 @@ class Dropout(Effect):
     class Settings(Effect.Settings):
         """Settings of dropout."""
 
-        share: float = Field(0.0, ge=0.0, le=1.0)
+        share: float = Field(default=0.0, ge=0.0, le=1.0)
         """Probability that a sample misses a part."""
 
     settings: Settings

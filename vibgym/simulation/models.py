@@ -114,10 +114,10 @@ class AutoSettings(BaseSettings):
     """Settings of ``"auto"``: the cheapest of the planar and the averaged model within a tolerance
     (:mod:`vibgym.simulation.choice`); :attr:`vibgym.Simulator.choice` reports it, with the reason."""
 
-    tolerance: Length = Field(DEFAULT_TOLERANCE, gt=0.0)
+    tolerance: Length = Field(default=DEFAULT_TOLERANCE, gt=0.0)
     """Deviation of a part's outline from the converged model's in 25 periods, in the median over worlds with random fields."""
 
-    periods_per_call: int = Field(1, ge=1, le=checks.MOST_PERIODS)
+    periods_per_call: int = Field(default=1, ge=1, le=checks.MOST_PERIODS)
     """Periods of a typical call of :meth:`vibgym.Simulator.advance`."""
 
 

@@ -86,10 +86,10 @@ class AveragedSettings(BaseSettings):
     """Settings of the averaged model (one part and no walls): the planar model averaged over the period, for parts that always
     slide; faster where drives are held for several periods, and less exact."""
 
-    order: int = Field(2, ge=1, le=2)
+    order: int = Field(default=2, ge=1, le=2)
     """Order in ``mu g / (a_h w^2)``."""
 
-    stride: int = Field(1, ge=1, le=checks.MOST_PERIODS)
+    stride: int = Field(default=1, ge=1, le=checks.MOST_PERIODS)
     """Periods that one span of steps covers; the last span of a call may be shorter."""
 
     steps: Auto | Annotated[int, Ge(1), Le(MOST_STEPS)] = "auto"

@@ -44,7 +44,7 @@ class CameraSettings(Sensor.Settings):
     """Whether errors are modelled without images: a fixed function of the pose and white noise, fitted by
     :func:`vibgym.plugins.camera.fitting.fit_errors` to images of these parts with these settings."""
 
-    height: Length = Field(0.772, ge=0.01, le=1e3)
+    height: Length = Field(default=0.772, ge=0.01, le=1e3)
     """Of the lens above the surface."""
 
     position: tuple[Length, Length] | None = None
@@ -53,16 +53,16 @@ class CameraSettings(Sensor.Settings):
     tilt: tuple[Slope, Slope] = (0.0, 0.0)
     """Rotations about the surface's x and y axes from the vertical optical axis."""
 
-    lens: Length = Field(6e-3, ge=1e-4, le=1.0)
+    lens: Length = Field(default=6e-3, ge=1e-4, le=1.0)
     """Focal length."""
 
-    chip: Length = Field(CHIP, ge=1e-4, le=1.0)
+    chip: Length = Field(default=CHIP, ge=1e-4, le=1.0)
     """Width of the chip."""
 
     pixels: tuple[Pixels, Pixels] = PIXELS
     """Columns and lines of the chip."""
 
-    distortion: float = Field(0.01, ge=-0.2, le=0.2)
+    distortion: float = Field(default=0.01, ge=-0.2, le=0.2)
     """Displacement of the image's corner outwards, over its distance from the centre."""
 
     lines: Literal["all", "interlaced", "half"] = "half"
@@ -72,25 +72,25 @@ class CameraSettings(Sensor.Settings):
     edge: Literal["grey", "threshold"] = "grey"
     """``"grey"`` uses the grey levels along the edges, ``"threshold"`` counts whole pixels (as in the thesis)."""
 
-    blur: float = Field(0.5, ge=0.0, le=5.0)
+    blur: float = Field(default=0.5, ge=0.0, le=5.0)
     """px, standard deviation of the lens's point spread."""
 
-    noise: float = Field(1.0, ge=0.0, le=20.0)
+    noise: float = Field(default=1.0, ge=0.0, le=20.0)
     """Grey levels, standard deviation, of each pixel at each sample."""
 
-    light: float = Field(0.1, ge=0.0, le=0.5)
+    light: float = Field(default=0.1, ge=0.0, le=0.5)
     """Share of the light that is missing in the image's corners; it decreases with the square of the distance."""
 
     threshold: float = 110.0
     """Grey level below which a pixel belongs to a part. Full light makes the surface 200, and parts 40."""
 
-    border: Length = Field(0.015, ge=0.0, le=1.0)
+    border: Length = Field(default=0.015, ge=0.0, le=1.0)
     """Width of the light frame around the surface; the area of interest ends there."""
 
     tetragons: tuple[Tetragons, Tetragons] = (16, 4)
     """Of the calibration, along x and y."""
 
-    mark: Length = Field(0.010, gt=0.0, le=1.0)
+    mark: Length = Field(default=0.010, gt=0.0, le=1.0)
     """Length of the calibration's square marks."""
 
 

@@ -36,7 +36,7 @@ class Settings(BaseSettings):
     id: str
     """Id of a registered environment."""
 
-    policy: str = Field("", max_length=checks.MOST_LABEL)
+    policy: str = Field(default="", max_length=checks.MOST_LABEL)
     """A name of :func:`vibgym.policies.applicable.policies_of`; ``"zero"``: only painted elements move."""
 
     hardware: Literal["ideal", "prototype", "camera"] = "ideal"
@@ -45,10 +45,10 @@ class Settings(BaseSettings):
     model: Literal[MODELS] | None = None  # type: ignore[valid-type]
     """Model; None: the environment's default."""
 
-    rate: float = Field(0.0, ge=0.0, le=MOST_RATE)
+    rate: float = Field(default=0.0, ge=0.0, le=MOST_RATE)
     """Disturbances of each part, 1/s."""
 
-    tilt: Angle = Field(math.radians(2.0), gt=0.0, le=MOST_TILT)
+    tilt: Angle = Field(default=math.radians(2.0), gt=0.0, le=MOST_TILT)
     """Size of a disturbance."""
 
     part: Mapping[str, Any] | None = None

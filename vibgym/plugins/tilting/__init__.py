@@ -21,7 +21,7 @@ def tilting(setup: Setup, settings: TiltingSettings | None = None) -> Model:
     Raises:
         ValueError: a ramp longer than half an element, or a scene that the model does not cover.
     """
-    scheme = scheme_of(setup.surface, TiltingSettings.model_validate({}) if settings is None else settings)
+    scheme = scheme_of(setup.surface, TiltingSettings() if settings is None else settings)
     if not setup.multibody:
         return Tilting(setup, planar_scheme(setup.surface, setup.parts[0]), scheme)
     from vibgym.plugins.tilting.multibody import TiltingMultibody

@@ -60,14 +60,14 @@ LEAST_SETTLING = 0.01
 class TiltingSettings(BaseSettings):
     """Settings of the tilting model."""
 
-    restitution: float = Field(0.2, ge=0.0, le=1.0)
+    restitution: float = Field(default=0.2, ge=0.0, le=1.0)
     """Of a part's bottom on plates (Newton)."""
 
-    ramp: Length = Field(3e-3, ge=0.0)
+    ramp: Length = Field(default=3e-3, ge=0.0)
     """Length on either side of a border between plates over which their heights are blended, up to half an element; 0:
     steps."""
 
-    steps: int = Field(200, ge=50, le=100_000)
+    steps: int = Field(default=200, ge=50, le=100_000)
     """In a period. By default energies of impacts are within 0.5 %, transport by uniform fields within 0.01 %."""
 
 

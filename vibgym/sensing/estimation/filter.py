@@ -284,16 +284,16 @@ class FilterEstimator:
     class Settings(BaseSettings):
         """Settings of the Kalman filter."""
 
-        acceleration: Acceleration = Field(1.5, gt=0.0, le=1e3)
+        acceleration: Acceleration = Field(default=1.5, gt=0.0, le=1e3)
         """Standard deviation of the unmodelled acceleration at rest."""
 
-        unknown: Acceleration = Field(1.0, ge=0.0, le=1e3)
+        unknown: Acceleration = Field(default=1.0, ge=0.0, le=1e3)
         """Standard deviation of an unmodelled acceleration that is constant in the episode."""
 
-        drift: float = Field(0.02, ge=0.0, le=1e3)
+        drift: float = Field(default=0.02, ge=0.0, le=1e3)
         """m/s^2 per square root of a second, rate at which that changes."""
 
-        sigma: float = Field(1.0, gt=0.0, le=1e3)
+        sigma: float = Field(default=1.0, gt=0.0, le=1e3)
         """Factor on the standard deviations of readings."""
 
     def __init__(
@@ -383,7 +383,7 @@ class KalmanEstimator(FilterEstimator):
         walls: Sequence[str],
         settings: FilterEstimator.Settings | None = None,
     ) -> None:
-        super().__init__(sensor, FreePredictor(sensor), latency, settings or self.Settings.model_validate({}))
+        super().__init__(sensor, FreePredictor(sensor), latency, settings or self.Settings())
 
 
 class ModelEstimator(FilterEstimator):
@@ -392,24 +392,24 @@ class ModelEstimator(FilterEstimator):
     class Settings(FilterEstimator.Settings):
         """Settings of the filter with a model of the hardware: smaller accelerations are not modelled."""
 
-        acceleration: Acceleration = Field(0.001, gt=0.0, le=1e3)
-        unknown: Acceleration = Field(0.01, ge=0.0, le=1e3)
-        drift: float = Field(0.005, ge=0.0, le=1e3)
+        acceleration: Acceleration = Field(default=0.001, gt=0.0, le=1e3)
+        unknown: Acceleration = Field(default=0.01, ge=0.0, le=1e3)
+        drift: float = Field(default=0.005, ge=0.0, le=1e3)
 
         model: Literal["planar", "averaged", "auto"] = "planar"
         """Of the simulator; planar ones only, since sensors do not measure tilts."""
 
-        model_error: float = Field(0.06, ge=0.0, le=10.0)
+        model_error: float = Field(default=0.06, ge=0.0, le=10.0)
         """Standard deviation of the unmodelled acceleration, as a share of the acting one."""
 
-        delivered: float = Field(1.0, gt=0.0, le=1.0)
+        delivered: float = Field(default=1.0, gt=0.0, le=1.0)
         """Share of the elements' motion that reaches parts; rigid parts that rock get less than even pressure yields, see
         docs/tilting.md."""
 
     def __init__(
         self, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str], settings: Settings | None = None
     ) -> None:
-        chosen = settings or self.Settings.model_validate({})
+        chosen = settings or self.Settings()
         with checks.within("sensor.estimator", "."):  # only the model's settings can be invalid here
             predictor = ModelPredictor(sensor, plant, walls, chosen.model, chosen.delivered)
         super().__init__(sensor, predictor, latency, chosen, chosen.model_error)
