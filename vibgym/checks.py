@@ -6,13 +6,12 @@ Every error is a :class:`Refused`, a ``ValueError`` of one line; command lines t
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import difflib
 import inspect
 import math
 import numbers
 import os
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -77,9 +76,6 @@ def unknown(what: str, value: object, known: Iterable[object], of: str = "") -> 
     ``of``: what should have it: "FILE: SECTION" becomes ``FILE: unknown key 'gama' of SECTION``.
     """
     place, of = _split(of)
-    if what.startswith("key of "):
-        place, of = _split(what.removeprefix("key of "))
-        what = "key"
     names = [str(each) for each in known]
     close = difflib.get_close_matches(str(value), names, n=1) if isinstance(value, str) else []
     hint = f"; did you mean {close[0]!r}?" if close else ""
@@ -286,32 +282,6 @@ def _first(values: np.ndarray, bad: np.ndarray) -> str:
     return f"{float(values[index])!r} at {list(index)}"
 
 
-def named(argument: str, value: Any, kinds: Collection[str]) -> tuple[str, dict[str, Any]]:
-    """Return kind and settings from a name, or from a mapping with ``kind`` and settings."""
-    if isinstance(value, Mapping):
-        if "kind" not in value:
-            raise missing(f"{argument}['kind']", f"one of {', '.join(map(repr, kinds))}")
-        settings = dict(value)
-        return choice(f"{argument}['kind']", settings.pop("kind"), kinds), settings
-    return choice(argument, value, kinds), {}
-
-
-def made(
-    argument: str, make: Any, given: tuple[Any, ...], settings: Mapping[str, Any], more: tuple[str, ...] = ()
-) -> Any:
-    """Return ``make(*given, **settings)``; raise an error for settings that are not among its keyword arguments.
-
-    Args:
-        make: a class or function.
-        more: additional names that are allowed.
-    """
-    known = tuple(dict.fromkeys((*keywords(make), *more)))
-    for name in settings:
-        if name not in known:
-            raise unknown(f"setting of {argument}", name, known)
-    return make(*given, **settings)
-
-
 def misfit(make: Any, *given: Any, **settings: Any) -> str | None:
     """Return why a class or function does not take these arguments, or None if it does."""
     try:
@@ -319,21 +289,3 @@ def misfit(make: Any, *given: Any, **settings: Any) -> str | None:
     except TypeError as error:
         return str(error)
     return None
-
-
-def keywords(make: Any) -> dict[str, Any]:
-    """Return the keyword arguments of a class or function with their defaults, including those of its bases.
-
-    A class with many keyword arguments declares them in ``SETTINGS``, a dataclass.
-    """
-    names: dict[str, Any] = {}
-    for each in getattr(make, "__mro__", (make,)):
-        if isinstance(each, type) and "__init__" not in vars(each):
-            continue
-        parameters = inspect.signature(each).parameters.values()
-        own = [one for one in parameters if one.kind is one.KEYWORD_ONLY]
-        for one in (*own, *(dataclasses.fields(each.SETTINGS) if "SETTINGS" in vars(each) else ())):
-            names.setdefault(one.name, one.default)
-        if not any(one.kind is one.VAR_KEYWORD for one in parameters):
-            break
-    return names

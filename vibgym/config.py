@@ -1,29 +1,20 @@
-"""Settings from mappings and files: unknown keys refused, units allowed in key names, one clear error.
-
-A key may carry a unit: ``element_size_mm: 26`` is ``element_size: 0.026``. Everything inside is SI and radians.
-"""
+"""Settings in files and on command lines, and as JSON values."""
 
 from __future__ import annotations
 
 import json
-import math
-import numbers
 from collections.abc import Mapping
 from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
 
 from vibgym import checks
 from vibgym.files import reason
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-
-UNITS = {"_mm": 1e-3, "_deg": math.pi / 180.0, "_g": 1e-3}
-"""Suffixes of keys and the factors to SI."""
 
 MOST_BYTES = 1_000_000
 """Largest settings file."""
@@ -32,70 +23,12 @@ MOST_VALUES = 110_000
 """Most values of a settings file, keys included: all seeds of the longest evaluation fit."""
 
 
-class Settings(BaseModel):
-    """Base of all settings: no unknown keys, no silent conversions, finite numbers, frozen."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-Model = TypeVar("Model", bound=BaseModel)
-
-
-def to_si(data: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return a copy in SI units without unit suffixes; numbers and nested lists of numbers are scaled."""
-    result: dict[str, Any] = {}
-    for key, value in data.items():
-        if not isinstance(key, str):
-            raise checks.refuse(where, key, "keys that are strings")
-        name = key
-        for suffix, factor in UNITS.items():
-            if key.endswith(suffix):
-                name = key.removesuffix(suffix)
-                value = _scaled(value, factor, f"{where}.{key}")
-                break
-        if name in result:
-            raise checks.refuse(f"{where}.{key}", value, f"{name!r} once, not in two units")
-        result[name] = value
-    return result
-
-
-def _scaled(value: Any, factor: float, where: str) -> Any:
-    if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
-        return [_scaled(each, factor, where) for each in value]
-    if isinstance(value, bool) or not isinstance(value, numbers.Real):
-        raise checks.refuse(where, value, "a number")
-    return value * factor if isinstance(value, float) else checks.number(where, value) * factor
-
-
-def parse(model: type[Model], data: Any, where: str) -> Model:
-    """Validate ``data`` as ``model``; raise a one-line ValueError that names the first invalid field."""
-    if not isinstance(data, Mapping):
-        raise checks.refuse(where, data, f"a mapping with keys among {', '.join(model.model_fields)}")
-    try:
-        return model.model_validate(_plain(to_si(data, where)))
-    except RecursionError:
-        raise checks.refuse(where, data, "a mapping that does not contain itself") from None
-    except ValidationError as error:
-        fault = error.errors()[0]
-        field = ".".join([where, *(str(part) or "''" for part in fault["loc"])])
-        if fault["type"] == "extra_forbidden":
-            raise checks.unknown(
-                f"key of {'.'.join([where, *map(str, fault['loc'][:-1])])}", str(fault["loc"][-1]), model.model_fields
-            ) from None
-        if fault["type"] == "missing":
-            raise checks.missing(field) from None
-        kind, _, allowed = fault["msg"].partition(" should be ")
-        if not allowed:  # "List should have at least 1 item after validation, not 0"
-            raise checks.conflict(f"{field}: {kind}, got {checks.shown(fault['input'])}") from None
-        raise checks.refuse(field, fault["input"], allowed) from None
-
-
 def json_values(value: Any) -> Any:
     """Return settings as JSON values.
 
     NumPy numbers and arrays become numbers and lists, enumerations their values, and :class:`vibgym.Part` and
-    :class:`vibgym.Surface` mappings, from which
-    :func:`vibgym.scene.parts.part_from` and :func:`vibgym.scene.surface.surface_from` make equal ones.
+    :class:`vibgym.Surface` mappings, from which :func:`vibgym.scene.parts.part_from` and
+    :func:`vibgym.scene.surface.surface_from` make equal ones.
     """
     if isinstance(value, Part):
         return value.to_dict()
@@ -110,20 +43,6 @@ def json_values(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return type(value)(json_values(each) for each in value) if type(value) in (list, tuple) else value
     return value
-
-
-def _plain(data: dict[str, Any]) -> dict[str, Any]:
-    """Return settings for strict validation: NumPy's numbers as Python's, and pairs in lists as tuples."""
-    data = {key: json_values(value) for key, value in data.items()}
-    return {key: _paired(value) if isinstance(value, list) else value for key, value in data.items()}
-
-
-def _paired(value: list[Any]) -> list[Any]:
-    nested = [isinstance(each, list) and any(isinstance(one, list) for one in each) for each in value]
-    return [
-        _paired(each) if deep else tuple(each) if isinstance(each, list) else each
-        for each, deep in zip(value, nested, strict=True)
-    ]
 
 
 def load_yaml(path: str | Path) -> dict[str, Any]:

@@ -72,10 +72,8 @@ class Registry(Mapping[str, Item], Generic[Item]):
             if not item.Settings.model_fields and "settings" not in inspect.signature(item).parameters:
                 return item(*context)  # a constructor of its own, of a class without settings
             return item(*context, settings=values)
-        try:
-            inspect.signature(item).bind(*context, **settings)
-        except TypeError as error:
-            raise checks.conflict(f"{argument} {kind!r}: {error}") from None
+        if (reason := checks.misfit(item, *context, **settings)) is not None:
+            raise checks.conflict(f"{argument} {kind!r}: {reason}")
         return item(*context, **settings)
 
     def split(self, argument: str, given: Any) -> tuple[str, dict[str, Any]]:

@@ -31,7 +31,6 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticCustomError
 
 from vibgym import checks
 
@@ -61,15 +60,22 @@ class BaseSettings(BaseModel):
     @classmethod
     def _in_si(cls, given: Any) -> Any:
         """Return the given values in SI units without suffixes."""
-        if not isinstance(given, Mapping):
-            return given
-        suffixed, result = with_unit(cls), {}
-        for key, value in given.items():
-            name, factor = suffixed.get(key, (key, 1.0))
-            if name in result:
-                raise PydanticCustomError("twice", "{name} is given twice, in two units", {"name": repr(name)})
-            result[name] = plain(value) if factor == 1.0 else _scaled(plain(value), factor)
-        return result
+        return in_si(cls, given) if isinstance(given, Mapping) else given
+
+
+def in_si(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Return values by the names of a model's fields, in SI units; other keys as they are.
+
+    Raises:
+        ValueError: a setting that is given twice, in two units.
+    """
+    suffixed, result = with_unit(model), {}
+    for key, value in given.items():
+        name, factor = suffixed.get(key, (key, 1.0))
+        if name in result:
+            raise checks.conflict(f"{name!r} is given twice, in two units")
+        result[name] = plain(value) if factor == 1.0 else _scaled(plain(value), factor)
+    return result
 
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -124,8 +130,6 @@ def refusal(error: ValidationError, model: type[BaseModel], given: Any, where: s
         return checks.missing(place)
     if kind == "value_error":
         return checks.conflict(f"{place}: {fault.get('ctx', {}).get('error')}".removeprefix(": "))
-    if kind == "twice":
-        return checks.conflict(f"{place}: {fault['msg']}".removeprefix(": "))
     if field is not None:
         return checks.refuse(place, given, allowed(field, factor))
     if kind == "missing":

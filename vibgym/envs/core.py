@@ -74,8 +74,8 @@ class Core(Pipeline):
         self.worlds = checks.fitting("num_envs", worlds, BYTES_OF_WORLD + BYTES_OF_PART * len(self.parts) + numbers)
         self.periods = options.periods_per_step
         self.actuators = ACTUATORS.make("actuators", options.actuators, self.surface, worlds, self.periods)
-        names = cls.RANDOMIZED, self.actuators.VARIED
-        self.randomization = Randomization(options.randomize, *names, self.surface, self.parts)
+        drawn = cls.RANDOMIZED, self.actuators
+        self.randomization = Randomization(options.randomize, *drawn, self.surface, self.parts)
         self.actuators.vary(self.randomization.actuators)
         settings = task_settings(options, cls, self.randomization.task)
         self.task: Task = cls(self.surface, self.parts, settings=settings)

@@ -312,7 +312,7 @@ def parse_reset_options(
         )
     for name in options:
         if name not in (*RESET_OPTIONS, *more):
-            raise checks.unknown("key of options", name, (*RESET_OPTIONS, *more))
+            raise checks.unknown("key", name, (*RESET_OPTIONS, *more), of="options")
     given = {name: value for name, value in options.items() if value is not None and name in RESET_OPTIONS}
     if not given:
         return None

@@ -13,12 +13,12 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from vibgym import checks
-from vibgym.config import to_si
+from vibgym.actuators.stage import ActuatorStage
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from
 from vibgym.physics.planar.kick import begin_waiting, disturb_parts
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.settings import Angle, BaseSettings, read, with_unit
+from vibgym.settings import Angle, BaseSettings, in_si, read, with_unit
 from vibgym.simulation import Conditions, Simulator
 from vibgym.simulation.model import LEAST_FACTOR, MOST_FACTOR
 
@@ -68,7 +68,8 @@ class Randomization:
 
     Args:
         setting: the keyword argument: None, or a mapping from names to ranges.
-        of_task, of_actuators: further keys, drawn by the task and the actuators.
+        of_task: further keys, drawn by the task.
+        actuators: draw the settings in their ``VARIED``.
         surface: the table.
         parts: of a world.
 
@@ -101,21 +102,22 @@ class Randomization:
         """Impulse disturbances during an episode."""
 
     def __init__(
-        self, setting: Any, of_task: Sequence[str], of_actuators: Sequence[str], surface: Surface, parts: Sequence[Part]
+        self, setting: Any, of_task: Sequence[str], actuators: ActuatorStage, surface: Surface, parts: Sequence[Part]
     ) -> None:
-        known = (*self.Settings.model_fields, *of_actuators, *of_task)
+        known = (*self.Settings.model_fields, *actuators.VARIED, *of_task)
         setting = {} if setting is None else setting
         if not isinstance(setting, Mapping):
             raise checks.refuse("randomize", setting, f"None, or a mapping with keys among {', '.join(known)}")
         here = {*self.Settings.model_fields, *with_unit(self.Settings)}
         own = read(self.Settings, {name: value for name, value in setting.items() if name in here}, "randomize")
-        others = to_si({name: value for name, value in setting.items() if name not in here}, "randomize")
+        with checks.within("randomize"):
+            others = in_si(actuators.Settings, {name: value for name, value in setting.items() if name not in here})
         for name in others:
             if name not in known:
-                raise checks.unknown("key of randomize", name, known)
+                raise checks.unknown("key", name, known, of="randomize")
         self._surface, self._parts = surface, len(parts)
         self.task = {name: others[name] for name in of_task if name in others}
-        self.actuators = {name: others[name] for name in of_actuators if name in others}
+        self.actuators = {name: others[name] for name in actuators.VARIED if name in others}
         ranges = {name: getattr(own, name) for name in EFFECTS}
         self.ranges: dict[str, tuple[float, float]] = {
             name: ends if isinstance(ends, tuple) else (0.0, ends) for name, ends in ranges.items() if ends is not None
