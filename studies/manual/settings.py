@@ -16,9 +16,11 @@ from vibgym.sensing import EFFECTS, ESTIMATORS, SENSORS
 from vibgym.settings import BaseSettings, table
 from vibgym.simulation.models import MODELS
 from vibgym.tasks import TASKS
+from vibgym.tasks.starts import STARTS
 
 REGISTRIES: dict[str, Registry] = {
     "task": TASKS,
+    "start": STARTS,
     "model": MODELS,
     "action": ACTIONS,
     "observation": OBSERVATIONS,

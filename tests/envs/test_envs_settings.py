@@ -75,7 +75,7 @@ BAD_OF_SEVERAL = [
     ({"walls": ["north"]}, "walls"),
     ({"randomize": {"parts": [4, 3]}}, r"^randomize\.parts"),
     ({"model": "averaged"}, "model"),
-    ({"colour": "red"}, r"keyword arguments"),
+    ({"colour": "red"}, r"keyword argument"),
 ]
 OF_OTHER_TASKS = [
     ("Align", {"walls": ["left"]}), ("Align", {"slots": 3}), ("Align", {"start": "crowded"}), ("Align", {"zones": {}}),
