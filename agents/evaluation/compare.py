@@ -236,9 +236,9 @@ def ladders(results: Results, found: Sequence[Row]) -> list[dict[str, Any]]:
     return result
 
 
-def summary_table(results: Results, found: Sequence[Row] | None = None) -> str:
+def summary_table(results: Results) -> str:
     """Return the table of the command in Markdown."""
-    found = rows(results) if found is None else found
+    found = rows(results)
     labels = ["task", *(["hardware"] if len(results.hardware_of()) > 1 else [])]
     level = f"{100 * results.settings.confidence:g} % interval"
     heads = [*labels, "policy", "success", level, "time to goal (IQM)", level, "time / bound", "collisions"]

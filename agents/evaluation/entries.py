@@ -263,7 +263,7 @@ def write(rows: Sequence[Mapping[str, Any]], directory: Path) -> Path:
     return page
 
 
-def enter(results: Results, name: str, source: Path | None, authors: str, directory: Path = ENTRIES) -> Path:
+def enter(results: Results, name: str, source: Path | None, authors: str) -> Path:
     """Write an entry from the results of one policy; return its folder.
 
     Args:
@@ -271,7 +271,6 @@ def enter(results: Results, name: str, source: Path | None, authors: str, direct
         name: of the entry, and of the policy in the results.
         source: policy file of ``--policy``; the JSON file of a trained policy is copied with its tensors.
         authors: who made it.
-        directory: of all entries.
 
     Raises:
         ValueError: the folder exists.
@@ -283,9 +282,9 @@ def enter(results: Results, name: str, source: Path | None, authors: str, direct
         if place.policy == name
         for seed, score in zip(found.seeds, results.settings.scores(found).tolist(), strict=True)
     ]
-    content, folder = entry.content, new_folder(name, directory)
-    directory.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".entry-", dir=directory) as place:
+    content, folder = entry.content, new_folder(name)
+    ENTRIES.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".entry-", dir=ENTRIES) as place:
         made = Path(place) / name
         made.mkdir()
         if source is not None and source.suffix == ".json":
@@ -305,13 +304,13 @@ def enter(results: Results, name: str, source: Path | None, authors: str, direct
     return folder
 
 
-def new_folder(name: str, directory: Path = ENTRIES) -> Path:
-    """Return the folder of a new entry.
+def new_folder(name: str) -> Path:
+    """Return the folder of a new entry in :data:`ENTRIES`.
 
     Raises:
         ValueError: it exists, or a bad name.
     """
-    folder = directory / checks.label("--enter", name)
+    folder = ENTRIES / checks.label("--enter", name)
     if folder.exists():
-        raise checks.refuse("--enter", name, f"the name of a folder that does not exist yet in {directory}")
+        raise checks.refuse("--enter", name, f"the name of a folder that does not exist yet in {ENTRIES}")
     return folder

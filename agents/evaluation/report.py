@@ -80,9 +80,9 @@ def _filmed(gif: Gif, places: Sequence[Place]) -> Place:
     return places[0]
 
 
-def summary_table(results: Results, found: Sequence[Row] | None = None) -> str:
+def summary_table(results: Results) -> str:
     """Return the tables of the command in Markdown, one for each kind of tasks and study."""
-    found = rows(results) if found is None else found
+    found = rows(results)
     labels = ["task", *(["hardware"] if len(results.hardware_of()) > 1 else []), "policy"]
     level = f"{100 * results.settings.confidence:g} % interval"
     tables = []
