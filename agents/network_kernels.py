@@ -71,7 +71,7 @@ def _attend(code: np.ndarray, there: np.ndarray, sought: np.ndarray, weight: np.
                     out[part, c] += share * max(code[part, k, c], ZERO)
 
 
-@jit
+@jit(allocates=True)
 def _attend_backward(
     code: np.ndarray,
     sought: np.ndarray,

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import Part, Surface
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.planar.contact_area import MOMENTS, cut_outline
 
 
@@ -68,7 +68,7 @@ def new_pieces(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) ->
     return Pieces(part, element, np.zeros(room), np.zeros((room, 2)), x, y, cells, box)
 
 
-@borrowing
+@jit
 def cut_parts(outlines, pose, present, pieces):
     """Cut the parts of one world at ``pose`` (parts, 3) into ``pieces``, in the order of the parts; returns their number."""
     vertex, first, size = outlines.vertex, outlines.first, outlines.element_size
@@ -102,7 +102,7 @@ def cut_parts(outlines, pose, present, pieces):
     return count
 
 
-@borrowing
+@jit
 def field_under(pieces, first, last, columns, push):
     """Fit a uniform push and a turn to the elements' pushes (rows, columns, 2) under one part.
 
@@ -122,7 +122,7 @@ def field_under(pieces, first, last, columns, push):
     return x / area, y / area, torque / max(square, 1e-300)
 
 
-@borrowing
+@jit
 def spread_fields(start, stop, outlines, grown, least, most, pose, present, pieces, around, mark, push):
     """Continue the parts' fields on the free elements around them.
 
@@ -164,7 +164,7 @@ def spread_fields(start, stop, outlines, grown, least, most, pose, present, piec
             mark[pieces.element[i]] = False
 
 
-@borrowing
+@jit
 def effects(outlines, pose, present, push, gain, pieces, effect):
     """Compute the effect on the parts, near rest and to first order, see :meth:`vibgym.allocation.Allocator.effect`.
 
@@ -186,7 +186,7 @@ def effects(outlines, pose, present, push, gain, pieces, effect):
             effect[w, p, 2] += pieces.lever[i, 0] * y - pieces.lever[i, 1] * x
 
 
-@borrowing
+@jit
 def reaches(outlines, pose, present, pieces, reach):
     """Compute the largest pushes that turn parts, see :meth:`vibgym.allocation.Allocator.reach`.
 

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from vibgym.kernels.interfaces import INTERPRETED, MODE, PRIVATE, PUBLIC
@@ -27,57 +28,28 @@ if MODE != PRIVATE:
         """Do nothing: in this mode no other process compiles."""
 
 
-def jit(function: Any) -> Any:
-    """Compile a function in nopython mode with the project's options."""
-    return kernel(function)
+def jit(function: Any = None, *, allocates: bool = False, inline: bool = False) -> Any:
+    """Compile a function in nopython mode with the project's options.
 
-
-def borrowing(function: Any) -> Any:
-    """Compile a function that only uses arrays that its callers hold, without reference counts; it cannot allocate arrays.
-
-    Without them compilation and execution are faster: counting is atomic and occurs at every use.
+    Args:
+        allocates: the function makes arrays. Other kernels use arrays that their callers hold and count no references: counting
+            is atomic and occurs at every use.
+        inline: always inline into the caller, whose loop can be vectorised only then.
     """
-    return kernel(function, _nrt=False)
+    if function is None:
+        return partial(jit, allocates=allocates, inline=inline)
+    return kernel(function, **_options(allocates, inline))
 
 
-def inlined(function: Any) -> Any:
-    """Compile as :func:`borrowing`, and inline into the caller, whose loop can be vectorised only then."""
-    return kernel(function, _nrt=False, forceinline=True)
+def exact(function: Any = None, *, inline: bool = False) -> Any:
+    """Compile as :func:`jit`, without fast-math: roundings are those of the source, on all processors."""
+    if function is None:
+        return partial(exact, inline=inline)
+    return kernel(function, fastmath=False, **_options(False, inline))
 
 
-def exact(function: Any) -> Any:
-    """Compile as :func:`borrowing`, without fast-math: roundings are those of the source, on all processors."""
-    return kernel(function, _nrt=False, fastmath=False)
+def _options(allocates: bool, inline: bool) -> dict[str, bool]:
+    return {"_nrt": allocates, **({"forceinline": True} if inline else {})}
 
 
-def exact_inlined(function: Any) -> Any:
-    """Compile as :func:`exact`, and inline into the caller."""
-    return kernel(function, _nrt=False, fastmath=False, forceinline=True)
-
-
-def unit(function: Any) -> Any:
-    """Compile as :func:`borrowing`, by itself: kernels that call it share its machine code, and another process compiles it.
-
-    It returns nothing, and is not called from Python. For large kernels that several others call, or that one calls rarely.
-    """
-    return kernel(function, unit=True, _nrt=False)
-
-
-def exact_unit(function: Any) -> Any:
-    """Compile as :func:`exact`, by itself, see :func:`unit`."""
-    return kernel(function, unit=True, _nrt=False, fastmath=False)
-
-
-__all__ = [
-    "borrowing",
-    "cache_folder",
-    "collect",
-    "exact",
-    "exact_inlined",
-    "exact_unit",
-    "inlined",
-    "jit",
-    "prefetch",
-    "unit",
-    "use_all_processors",
-]
+__all__ = ["cache_folder", "collect", "exact", "jit", "prefetch", "use_all_processors"]

@@ -20,14 +20,14 @@ from typing import Any, Generic, TypeVar
 import numba
 
 from vibgym.kernels.interfaces import INTERPRETED, MODE
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 
 if MODE == INTERPRETED:
     from vibgym.kernels.interpreted import Memory, is_given, reader, reference
 else:
     from vibgym.kernels.pointers import Memory, reader, reference
 
-    @borrowing
+    @jit
     def is_given(address):
         """Return whether an address is that of a record."""
         return address != 0
