@@ -6,7 +6,7 @@
 
 The wheel is installed with the extra ``play``, in the versions of constraints.txt, into an empty environment, in which the
 checkouts run as well. Each run is a process: with an empty cache, then again with that cache; medians. "further action" is a
-second environment in the first process. Processor time is that of the process itself, without its helpers.
+second environment in the first process.
 """
 
 from __future__ import annotations

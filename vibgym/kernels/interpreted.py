@@ -7,28 +7,9 @@ from __future__ import annotations
 
 import math
 import operator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from vibgym.kernels.interfaces import REASON
-
-
-def kernel(function: Any, **options: Any) -> Any:
-    """Return the function itself."""
-    return function
-
-
-def cache_folder() -> str | None:
-    """Return None: there are no compiled kernels."""
-    return None
-
-
-def collect(folder: Path) -> None:
-    """Raise RuntimeError: there are no compiled kernels."""
-    raise RuntimeError(f"{REASON}: without compilation wheels hold no kernels")
-
 
 # -- records -----------------------------------------------------------------------------------------------------------
 

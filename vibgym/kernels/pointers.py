@@ -109,17 +109,8 @@ reference: Any = intrinsic(_reference)
 # -- pinned records ----------------------------------------------------------------------------------------------------
 
 
-_layouts: list[Any] = []
-
-
-def known_layouts() -> list[tuple[str, str, Any]]:
-    """Return module, name and type of the records of all layouts that have been pinned."""
-    return [(each.__module__, each.name, each.record) for each in _layouts if each.record is not None]
-
-
 def reader(layout: Any) -> Any:
     """Return the function that makes a reference of an address in a kernel, for a ``Layout``."""
-    _layouts.append(layout)
 
     def at(typingctx: Any, address: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:

@@ -19,8 +19,7 @@ from typing import Any, Generic, TypeVar
 
 import numba
 
-from vibgym.kernels.interfaces import INTERPRETED, MODE
-from vibgym.kernels.jit import jit
+from vibgym.kernels.jit import INTERPRETED, MODE, jit
 
 if MODE == INTERPRETED:
     from vibgym.kernels.interpreted import Memory, is_given, reader, reference

@@ -14,7 +14,7 @@ values are numbers.
 
 from __future__ import annotations
 
-from vibgym.kernels.interfaces import INTERPRETED, MODE
+from vibgym.kernels.jit import INTERPRETED, MODE
 
 if MODE == INTERPRETED:
     from vibgym.kernels import interpreted as _form

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import vibgym
-from vibgym.kernels import cache
-from vibgym.kernels.sources import sources
+from vibgym.kernels import linking
+from vibgym.kernels.cache import _imports, sources
 
 ROOT = Path(vibgym.__file__).parent
 
@@ -87,7 +87,7 @@ def test_sources_are_the_imported_files(run):
     package, _ = run
 
     def all_stamps():
-        sources.cache_clear()
+        sources.cache_clear(), _imports.cache_clear()
         return [sources(str(path), ".".join(path.relative_to(package.parent).with_suffix("").parts)) for path in files]
 
     files = [package / "tasks" / "patterns.py", package / "physics" / "planar" / "friction.py"]
@@ -149,7 +149,7 @@ def test_without_a_cache(run):
     ("*.nbi", lambda content: b"\x80garbage"), ("*.nb[ci]", lambda content: content[:60]),
 ], ids=["half", "empty", "other bytes", "half index", "garbage index", "both"])  # fmt: skip
 def test_a_damaged_cache_is_rebuilt_with_one_warning(tmp_path, monkeypatch, caplog, kind, damage):
-    monkeypatch.setattr(cache.config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(linking.config, "CACHE_DIR", str(tmp_path / "cache"))
     (tmp_path / "mine.py").write_text(
         "from vibgym.kernels.jit import jit\n\n\n@jit\ndef twice(x):\n    return 2.0 * x\n"
     )
@@ -157,7 +157,7 @@ def test_a_damaged_cache_is_rebuilt_with_one_warning(tmp_path, monkeypatch, capl
     def once():
         """Return the result, the cache hits and the messages, as in a new process."""
         caplog.clear()
-        monkeypatch.setattr(cache, "_damaged", set())
+        monkeypatch.setattr(linking, "_damaged", set())
         spec = importlib.util.spec_from_file_location("mine", tmp_path / "mine.py")
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
@@ -190,10 +190,10 @@ def test_without_a_writable_folder(run):
 TOGETHER = """
 import itertools, sys, threading, time
 sys.path.insert(0, {folder!r})
-from vibgym.kernels import cache
+from vibgym.kernels import linking
 from mine import double
-digest, turn = cache.state_of, itertools.count(1)
-cache.state_of = lambda *arguments: (time.sleep(0.3 * next(turn)), digest(*arguments))[1]
+digest, turn = linking.sources, itertools.count(1)
+linking.sources = lambda *arguments: (time.sleep(0.3 * next(turn)), digest(*arguments))[1]
 threads = [threading.Thread(target=double, args=(1.0,)) for _ in range(int(sys.argv[1]))]
 for thread in threads:
     thread.start()

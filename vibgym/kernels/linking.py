@@ -1,0 +1,286 @@
+"""Compilation by numba's private interfaces: each kernel that Python calls is linked with all its callees and optimised once.
+
+numba optimises each function, generates its machine code, and optimises the copy in each caller again, so that compilation
+takes longer the deeper calls are nested. Here each kernel has two dispatchers: :class:`_Callee` for calls from other kernels,
+which stops at LLVM IR, and :class:`_Kernel` for calls from Python, which links the IR of all direct and indirect callees.
+
+All private interfaces of numba are used in this module. Importing it fails if the installed numba lacks one.
+"""
+
+from __future__ import annotations
+
+import functools
+import gc
+import hashlib
+import importlib
+import logging
+import os
+import pickle
+from typing import Any
+
+from llvmlite.binding import ffi
+from numba.core import caching, codegen, compiler, types
+from numba.core import config as numba_config
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher
+from numba.core.serialize import dumps
+
+from vibgym.kernels.cache import CACHE, note, sources, unchanged, warn_about_cache
+from vibgym.kernels.pointers import argument_type
+from vibgym.kernels.vec8 import WIDTH
+
+config: Any = numba_config
+
+LOGGER = logging.getLogger("vibgym")
+
+for _owner, _names in (
+    (codegen.JITCodeLibrary, ("_optimize_functions", "finalize", "serialize_using_object_code")),
+    (caching.FunctionCache, ("load_overload", "save_overload")),
+    (caching.IndexDataCacheFile, ("flush", "load", "save")),
+    (compiler.Compiler, ("define_pipelines",)),
+    (CPUDispatcher, ("add_overload", "compile", "enable_caching", "get_call_template")),
+    (ffi.lib._lock._lock, ("acquire", "release")),
+):
+    for _name in _names:
+        getattr(_owner, _name)  # AttributeError: this numba lacks it
+
+
+# -- libraries ---------------------------------------------------------------------------------------------------------
+
+
+class _UnlinkedLibrary(codegen.JITCodeLibrary):
+    """LLVM IR of a kernel that only other kernels call."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def finalize(self) -> None:
+        self._finalized = True
+
+
+class _LinkedLibrary(codegen.JITCodeLibrary):
+    """Machine code of a kernel that Python calls, with all direct and indirect callees."""
+
+    def finalize(self) -> None:
+        # Callers precede callees: LLVM links only symbols that are referenced when it reaches a library.
+        order: dict[Any, None] = {}
+        todo = [(self, iter(self._linking_libraries))]
+        while todo:
+            library, rest = todo[-1]
+            following = next((each for each in rest if each not in order), None)
+            if following is None:
+                order[library] = None
+                todo.pop()
+            else:
+                todo.append((following, iter(following._linking_libraries)))
+        del order[self]
+        self._linking_libraries = list(reversed(order))
+        super().finalize()
+
+
+class _CalleeCompiler(compiler.Compiler):
+    """Pipeline for a kernel that other kernels call."""
+
+    def define_pipelines(self) -> Any:
+        state: Any = self.state
+        state.flags.no_compile = state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = True
+        state.library = _UnlinkedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        return super().define_pipelines()
+
+
+class _KernelCompiler(compiler.Compiler):
+    """Pipeline for a kernel that Python calls."""
+
+    def define_pipelines(self) -> Any:
+        _announce()
+        state: Any = self.state
+        state.flags.no_cfunc_wrapper = True  # kernels are not called by the address of a C function
+        state.library = _LinkedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return super().define_pipelines()
+
+
+# -- dispatchers -------------------------------------------------------------------------------------------------------
+
+
+class _Callee(CPUDispatcher):
+    """Dispatcher of a kernel for other kernels."""
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        # numba would compile a kernel separately for True and for False, and pass records by value.
+        return super().get_call_template(tuple(argument_type(types.unliteral(each)) for each in args), kws)
+
+    def add_overload(self, cres: Any) -> None:
+        # No machine code whose address could identify this overload exists; any object can.
+        cres = cres._replace(entry_point=object())
+        self.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [cres.library])
+        self.overloads[tuple(cres.signature.args)] = cres
+
+
+class _Kernel(CPUDispatcher):
+    """Dispatcher of a kernel for Python."""
+
+    @functools.cached_property
+    def callee(self) -> _Callee:
+        """Dispatcher for other kernels."""
+        return _Callee(py_func=self.py_func, targetoptions=self.targetoptions, pipeline_class=_CalleeCompiler)
+
+    @property
+    def _numba_type_(self) -> Any:
+        return types.Dispatcher(self.callee)
+
+    @global_compiler_lock
+    def compile(self, sig: Any) -> Any:
+        if CACHE and not isinstance(self._cache, _Cache):
+            self.enable_caching()
+        _import_array_functions()
+        collecting = gc.isenabled()
+        gc.disable()  # it would traverse all of numba's objects again and again
+        try:
+            return super().compile(sig)
+        finally:
+            if collecting:
+                gc.enable()
+
+    def enable_caching(self) -> None:
+        try:
+            self._cache: Any = _Cache(self.py_func)
+        except RuntimeError:  # numba has found no writable folder
+            warn_about_cache("no folder that may be written")
+
+
+# -- the cache ---------------------------------------------------------------------------------------------------------
+
+
+class _Cache(caching.FunctionCache):
+    """Kernels on disk: numba's files, whose version contains a digest of the sources and whose content has a digest."""
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        place = function.__code__.co_filename, function.__module__
+        # No stamp: that of older numba is the file's time, which a checkout changes.
+        self._cache_file: Any = _Files(self._cache_path, self._impl.filename_base, source_stamp="")
+        self._cache_file._version += f" {sources(*place)} {WIDTH}"
+        if not unchanged(*place):  # the kernel may be older than the files that the digest is of
+            self.disable()
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the kernel for arguments of these types; None if it has to be compiled."""
+        try:
+            return super().load_overload(sig, target_context)
+        except OSError as error:
+            self._give_up(error)
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store the kernel for arguments of these types."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:  # a full disk, a folder that is not writable
+            self._give_up(error)
+
+    def _give_up(self, error: OSError) -> None:
+        warn_about_cache(str(error))
+        self.disable()
+
+
+class _Files(caching.IndexDataCacheFile):
+    """A kernel's index and data files; damaged files, and data of another kernel, count as missing.
+
+    Crashes and full disks truncate files, and two processes that add to an index at the same time may choose the same name.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        """Store the kernel's code."""
+        content = dumps(data)
+        super().save(key, (self._digest(key, content), content))
+
+    def load(self, key: Any) -> Any:
+        """Return the kernel's code; None if it is missing."""
+        try:
+            found = super().load(key)
+            if found is None:
+                return None
+            digest, content = found
+            if digest != self._digest(key, content):
+                raise ValueError("its content does not match its digest")
+            return pickle.loads(content)
+        except OSError:
+            raise
+        except Exception as error:  # a damaged pickle may raise anything
+            _warn_about_damage(self._cache_path, f"{type(error).__name__}: {error}")
+            self.flush()
+            return None
+
+    def _digest(self, key: Any, content: bytes) -> str:
+        return hashlib.sha256(f"{self._version} {key}".encode() + content).hexdigest()
+
+
+_damaged: set[str] = set()
+
+
+def _warn_about_damage(folder: str, cause: str) -> None:
+    """Warn about damaged files: for the first one of a folder only, since a full disk may truncate many."""
+    if folder not in _damaged:
+        LOGGER.warning(
+            "vibgym: a damaged file of compiled kernels in %s is replaced (%s)", folder, " ".join(cause.split())
+        )
+    _damaged.add(folder)
+
+
+# -- use ---------------------------------------------------------------------------------------------------------------
+
+
+def kernel(function: Any, options: dict[str, Any]) -> Any:
+    """Compile a function, when it is called, with options of numba."""
+    note(function.__code__.co_filename, function.__module__)
+    return _Kernel(py_func=function, targetoptions={"nopython": True, **options}, pipeline_class=_KernelCompiler)
+
+
+def cache_folder() -> str | None:
+    """Return the folder of the kernel cache, by default next to the source files; None if kernels are not cached."""
+    try:
+        return (config.CACHE_DIR or _Cache(cache_folder).cache_path) if CACHE else None
+    except RuntimeError:
+        return None
+
+
+@functools.cache
+def _import_array_functions() -> None:
+    """Import numba's functions of arrays without scipy.linalg, which they would import, and which kernels do not need."""
+    from numba.np import linalg
+
+    before, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = before
+
+
+@functools.cache
+def _announce() -> None:
+    """Warn on stderr, once per process, that kernels are compiled."""
+    folder = cache_folder()
+    # A warning, so that it appears without logging configuration and at level WARNING.
+    LOGGER.warning(
+        "vibgym: compiling kernels on first use, about 10 to 40 s (%s); python -m vibgym warm compiles all",
+        "not kept" if folder is None else f"kept in {folder}",
+    )
+
+
+# A process that forks waits until no other thread compiles. Otherwise the child would inherit numba's and llvmlite's locks in
+# the locked state, without the thread that holds them, and wait forever at its first kernel.
+
+
+def _acquire_locks() -> None:
+    global_compiler_lock.acquire()
+    ffi.lib._lock._lock.acquire()
+
+
+def _release_locks() -> None:
+    ffi.lib._lock._lock.release()
+    global_compiler_lock.release()
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows, which has no fork
+    os.register_at_fork(before=_acquire_locks, after_in_parent=_release_locks, after_in_child=_release_locks)
