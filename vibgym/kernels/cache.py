@@ -63,40 +63,12 @@ def _roots(file: str, module: str) -> tuple[Path, ...]:
     return Path(__file__).parents[1], own.with_suffix("")
 
 
-_stamps: dict[Path, tuple[int, int]] = {}
-"""Time and size of files when the first module of their package was imported. Nothing compares them with a clock: those of
-image builds and shared folders may be ahead of it."""
-
-
-@functools.cache
-def note(file: str, module: str) -> None:
-    """Note the files that a module may depend on, while it is imported."""
-    if Path(file).is_file():  # not of text that was executed
-        for root in _roots(file, module):
-            _note_package(root)
-        _stamps.setdefault(Path(file), _stamp(Path(file)))
-
-
-@functools.cache
-def _note_package(root: Path) -> None:
-    for path in root.rglob("*.py"):
-        _stamps.setdefault(path, _stamp(path))
-
-
-def _stamp(path: Path) -> tuple[int, int]:
-    status = path.stat()
-    return status.st_mtime_ns, status.st_size
-
-
-def unchanged(file: str, module: str) -> bool:
-    """Return whether the files that a module depends on are those that were imported."""
-    return all(_stamps.get(path) == _stamp(path) for path in imported_files(file, module))
-
-
 @functools.cache
 def sources(file: str, module: str) -> str:
-    """Return a digest of the files that a module depends on."""
-    digest = hashlib.sha256()
-    for path in imported_files(file, module):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
+    """Return a digest of the files that a module depends on, as they are when it is first needed: while they are imported."""
+    return hashlib.sha256(b"".join(map(_digest, imported_files(file, module)))).hexdigest()
+
+
+@functools.cache
+def _digest(file: Path) -> bytes:
+    return hashlib.sha256(file.read_bytes()).digest()

@@ -100,27 +100,31 @@ def exact(function: Any = None, *, inline: bool = False) -> Any:
 def _compile(function: Any, options: dict[str, Any], **private: bool) -> Any:
     if MODE == INTERPRETED:
         return function
+    file, state = function.__code__.co_filename, ""
+    if CACHE and os.path.isfile(file):  # not of text that was executed
+        from vibgym.kernels.vec8 import WIDTH
+
+        # A kernel for one width would write beyond arrays made for another.
+        state = f"{sources(file, function.__module__)[:16]}-{WIDTH}"
     if MODE == PLAIN:
-        return _plain(function, options)
+        return _plain(function, options, state)
     from vibgym.kernels.linking import kernel
 
-    return kernel(function, {**options, **private})
+    return kernel(function, {**options, **private}, state)
 
 
-def _plain(function: Any, options: dict[str, Any]) -> Any:
+def _plain(function: Any, options: dict[str, Any], state: str) -> Any:
     """Compile by ``numba.njit``.
 
     Each state of the sources has its own cache folder, since numba checks a kernel's own file only.
     """
-    from vibgym.kernels.vec8 import WIDTH
-
-    file, folder = function.__code__.co_filename, cache_folder()
-    if folder is None and CACHE:
-        warn_about_cache("no folder that may be written")
-    if folder is None or not os.path.isfile(file):
+    folder = cache_folder() if state else None
+    if folder is None:
+        if state:
+            warn_about_cache("no folder that may be written")
         return numba.njit(**options)(function)
     before = config.CACHE_DIR
-    config.CACHE_DIR = os.path.join(folder, f"plain-{sources(file, function.__module__)[:16]}-{WIDTH}")
+    config.CACHE_DIR = os.path.join(folder, f"plain-{state}")
     try:
         return numba.njit(cache=True, **options)(function)
     finally:
@@ -129,7 +133,7 @@ def _plain(function: Any, options: dict[str, Any]) -> Any:
 
 def cache_folder() -> str | None:
     """Return the folder of the kernel cache; None if kernels are not cached."""
-    if MODE == INTERPRETED:
+    if MODE == INTERPRETED or not CACHE:
         return None
     if MODE == LINKED:
         from vibgym.kernels import linking
@@ -140,4 +144,4 @@ def cache_folder() -> str | None:
         os.makedirs(folder, exist_ok=True)
     except OSError:
         return None
-    return folder if CACHE and os.access(folder, os.W_OK) else None
+    return folder if os.access(folder, os.W_OK) else None

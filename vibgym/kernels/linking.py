@@ -9,11 +9,13 @@ All private interfaces of numba are used in this module. Importing it fails if t
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import gc
 import hashlib
 import importlib
 import logging
+import operator
 import os
 import pickle
 from typing import Any
@@ -25,27 +27,22 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 
-from vibgym.kernels.cache import CACHE, note, sources, unchanged, warn_about_cache
+from vibgym.kernels.cache import CACHE, warn_about_cache
 from vibgym.kernels.pointers import argument_type
-from vibgym.kernels.vec8 import WIDTH
 
 config: Any = numba_config
 
 LOGGER = logging.getLogger("vibgym")
 
-for _owner, _names in (
-    (codegen.JITCodeLibrary, ("_optimize_functions", "finalize", "serialize_using_object_code")),
-    (caching.FunctionCache, ("load_overload", "save_overload")),
+for _owner, _names in (  # AttributeError: this numba lacks one
+    (codegen.JITCodeLibrary, ("_optimize_functions", "enable_object_caching", "finalize")),
+    (caching.FunctionCache, ("_guard_against_spurious_io_errors",)),
     (caching.IndexDataCacheFile, ("flush", "load", "save")),
     (compiler.Compiler, ("define_pipelines",)),
     (CPUDispatcher, ("add_overload", "compile", "enable_caching", "get_call_template")),
     (ffi.lib._lock._lock, ("acquire", "release")),
 ):
-    for _name in _names:
-        getattr(_owner, _name)  # AttributeError: this numba lacks it
-
-
-# -- libraries ---------------------------------------------------------------------------------------------------------
+    operator.attrgetter(*_names)(_owner)
 
 
 class _UnlinkedLibrary(codegen.JITCodeLibrary):
@@ -100,9 +97,6 @@ class _KernelCompiler(compiler.Compiler):
         return super().define_pipelines()
 
 
-# -- dispatchers -------------------------------------------------------------------------------------------------------
-
-
 class _Callee(CPUDispatcher):
     """Dispatcher of a kernel for other kernels."""
 
@@ -120,6 +114,8 @@ class _Callee(CPUDispatcher):
 class _Kernel(CPUDispatcher):
     """Dispatcher of a kernel for Python."""
 
+    state: str
+
     @functools.cached_property
     def callee(self) -> _Callee:
         """Dispatcher for other kernels."""
@@ -131,7 +127,7 @@ class _Kernel(CPUDispatcher):
 
     @global_compiler_lock
     def compile(self, sig: Any) -> Any:
-        if CACHE and not isinstance(self._cache, _Cache):
+        if self.state and not isinstance(self._cache, _Cache):
             self.enable_caching()
         _import_array_functions()
         collecting = gc.isenabled()
@@ -144,44 +140,32 @@ class _Kernel(CPUDispatcher):
 
     def enable_caching(self) -> None:
         try:
-            self._cache: Any = _Cache(self.py_func)
+            self._cache: Any = _Cache(self.py_func, self.state)
         except RuntimeError:  # numba has found no writable folder
             warn_about_cache("no folder that may be written")
 
 
-# -- the cache ---------------------------------------------------------------------------------------------------------
-
-
 class _Cache(caching.FunctionCache):
-    """Kernels on disk: numba's files, whose version contains a digest of the sources and whose content has a digest."""
+    """Kernels on disk: numba's files, whose version contains a digest of the sources and whose content has a digest.
 
-    def __init__(self, function: Any) -> None:
+    Args:
+        function: the kernel.
+        state: digest of its sources.
+    """
+
+    def __init__(self, function: Any, state: str) -> None:
         super().__init__(function)
-        place = function.__code__.co_filename, function.__module__
         # No stamp: that of older numba is the file's time, which a checkout changes.
         self._cache_file: Any = _Files(self._cache_path, self._impl.filename_base, source_stamp="")
-        self._cache_file._version += f" {sources(*place)} {WIDTH}"
-        if not unchanged(*place):  # the kernel may be older than the files that the digest is of
-            self.disable()
+        self._cache_file._version += f" {state}"
 
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the kernel for arguments of these types; None if it has to be compiled."""
+    @contextlib.contextmanager
+    def _guard_against_spurious_io_errors(self) -> Any:
         try:
-            return super().load_overload(sig, target_context)
-        except OSError as error:
-            self._give_up(error)
-            return None
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Store the kernel for arguments of these types."""
-        try:
-            super().save_overload(sig, data)
+            yield
         except OSError as error:  # a full disk, a folder that is not writable
-            self._give_up(error)
-
-    def _give_up(self, error: OSError) -> None:
-        warn_about_cache(str(error))
-        self.disable()
+            warn_about_cache(str(error))
+            self.disable()
 
 
 class _Files(caching.IndexDataCacheFile):
@@ -198,17 +182,17 @@ class _Files(caching.IndexDataCacheFile):
     def load(self, key: Any) -> Any:
         """Return the kernel's code; None if it is missing."""
         try:
-            found = super().load(key)
-            if found is None:
+            digest, content = super().load(key) or ("", None)
+            if content is None:
                 return None
-            digest, content = found
             if digest != self._digest(key, content):
-                raise ValueError("its content does not match its digest")
+                raise ValueError("the content does not match its digest")
             return pickle.loads(content)
         except OSError:
             raise
         except Exception as error:  # a damaged pickle may raise anything
-            _warn_about_damage(self._cache_path, f"{type(error).__name__}: {error}")
+            cause = " ".join(f"{type(error).__name__}: {error}".split())
+            LOGGER.warning("vibgym: a damaged file of compiled kernels in %s is replaced (%s)", self._cache_path, cause)
             self.flush()
             return None
 
@@ -216,31 +200,17 @@ class _Files(caching.IndexDataCacheFile):
         return hashlib.sha256(f"{self._version} {key}".encode() + content).hexdigest()
 
 
-_damaged: set[str] = set()
-
-
-def _warn_about_damage(folder: str, cause: str) -> None:
-    """Warn about damaged files: for the first one of a folder only, since a full disk may truncate many."""
-    if folder not in _damaged:
-        LOGGER.warning(
-            "vibgym: a damaged file of compiled kernels in %s is replaced (%s)", folder, " ".join(cause.split())
-        )
-    _damaged.add(folder)
-
-
-# -- use ---------------------------------------------------------------------------------------------------------------
-
-
-def kernel(function: Any, options: dict[str, Any]) -> Any:
-    """Compile a function, when it is called, with options of numba."""
-    note(function.__code__.co_filename, function.__module__)
-    return _Kernel(py_func=function, targetoptions={"nopython": True, **options}, pipeline_class=_KernelCompiler)
+def kernel(function: Any, options: dict[str, Any], state: str) -> Any:
+    """Compile a function, when it is called, with options of numba; ``state``: digest of its sources, empty: not cached."""
+    made = _Kernel(py_func=function, targetoptions={"nopython": True, **options}, pipeline_class=_KernelCompiler)
+    made.state = state
+    return made
 
 
 def cache_folder() -> str | None:
-    """Return the folder of the kernel cache, by default next to the source files; None if kernels are not cached."""
+    """Return the folder of the kernel cache, by default next to the source files; None without one that may be written."""
     try:
-        return (config.CACHE_DIR or _Cache(cache_folder).cache_path) if CACHE else None
+        return config.CACHE_DIR or _Cache(cache_folder, "").cache_path
     except RuntimeError:
         return None
 
@@ -260,7 +230,7 @@ def _import_array_functions() -> None:
 @functools.cache
 def _announce() -> None:
     """Warn on stderr, once per process, that kernels are compiled."""
-    folder = cache_folder()
+    folder = cache_folder() if CACHE else None
     # A warning, so that it appears without logging configuration and at level WARNING.
     LOGGER.warning(
         "vibgym: compiling kernels on first use, about 10 to 40 s (%s); python -m vibgym warm compiles all",
