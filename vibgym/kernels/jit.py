@@ -3,7 +3,7 @@
 ===============  ======================================================================================================
 ``LINKED``       by :mod:`vibgym.kernels.linking`, which needs private interfaces of numba
 ``PLAIN``        by ``numba.njit(cache=True)``: compiles two to three times as long
-``INTERPRETED``  not compiled (:mod:`vibgym.kernels.interpreted`): slow, for a debugger; ``NUMBA_DISABLE_JIT=1``
+``INTERPRETED``  not compiled (plain Python): slow, for a debugger; ``NUMBA_DISABLE_JIT=1``
 ===============  ======================================================================================================
 
 ``PLAIN`` is chosen with ``VIBGYM_PLAIN_NUMBA=1``, and where the installed numba is untested or lacks an interface; a warning
