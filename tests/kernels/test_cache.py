@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import vibgym
-from vibgym.kernels import cache, linking
+from vibgym.kernels import cache, jit
 
 ROOT = Path(vibgym.__file__).parent
 
@@ -150,7 +150,7 @@ def test_without_a_cache(run):
     ("*.nbi", lambda content: b"\x80garbage"), ("*.nb[ci]", lambda content: content[:60]),
 ], ids=["half", "empty", "other bytes", "half index", "garbage index", "both"])  # fmt: skip
 def test_a_damaged_cache_is_rebuilt_with_one_warning(tmp_path, monkeypatch, caplog, kind, damage):
-    monkeypatch.setattr(linking.config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(jit.config, "CACHE_DIR", str(tmp_path / "cache"))
     (tmp_path / "mine.py").write_text(
         "from vibgym.kernels.jit import jit\n\n\n@jit\ndef twice(x):\n    return 2.0 * x\n"
     )

@@ -162,22 +162,21 @@ def test_an_unknown_processor(monkeypatch):
 FORK = """
 import os, threading, time
 import numpy as np, vibgym
-from vibgym.kernels import linking
-from vibgym.kernels.jit import jit
+from vibgym.kernels import jit
 
-@jit
+@jit.jit
 def double(x):
     return 2.0 * x
 
 compiling = threading.Event()
-announce = linking._announce
+announce = jit.announce
 
 def slowly():
     compiling.set()
     time.sleep(0.5)
     announce()
 
-linking._announce = slowly
+jit.announce = slowly
 thread = threading.Thread(target=double, args=(1,))
 thread.start()
 compiling.wait()

@@ -14,6 +14,7 @@ names the reason. ``VIBGYM_PLAIN_NUMBA=0`` tries the private interfaces of an un
 
 from __future__ import annotations
 
+import functools
 import importlib
 import logging
 import os
@@ -132,16 +133,27 @@ def _plain(function: Any, options: dict[str, Any], state: str) -> Any:
 
 
 def cache_folder() -> str | None:
-    """Return the folder of the kernel cache; None if kernels are not cached."""
+    """Return the folder of the kernel cache, by default next to source files; None if kernels are not cached."""
     if MODE == INTERPRETED or not CACHE:
         return None
     if MODE == LINKED:
-        from vibgym.kernels import linking
+        from vibgym.kernels.linking import default_folder
 
-        return linking.cache_folder()
+        return config.CACHE_DIR or default_folder()
     folder = config.CACHE_DIR or str(Path(__file__).parent / "__pycache__")
     try:
         os.makedirs(folder, exist_ok=True)
     except OSError:
         return None
     return folder if os.access(folder, os.W_OK) else None
+
+
+@functools.cache
+def announce() -> None:
+    """Warn on stderr, once per process, that kernels are compiled, and how long that takes on a usual processor."""
+    folder = cache_folder()
+    # A warning, so that it appears without logging configuration and at level WARNING.
+    LOGGER.warning(
+        "vibgym: compiling kernels on first use, about 10 to 40 s (%s); python -m vibgym warm compiles all",
+        "not kept" if folder is None else f"kept in {folder}",
+    )

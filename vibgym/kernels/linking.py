@@ -22,15 +22,12 @@ from typing import Any
 
 from llvmlite.binding import ffi
 from numba.core import caching, codegen, compiler, types
-from numba.core import config as numba_config
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 
-from vibgym.kernels.cache import CACHE, warn_about_cache
+from vibgym.kernels.cache import warn_about_cache
 from vibgym.kernels.pointers import argument_type
-
-config: Any = numba_config
 
 LOGGER = logging.getLogger("vibgym")
 
@@ -89,7 +86,9 @@ class _KernelCompiler(compiler.Compiler):
     """Pipeline for a kernel that Python calls."""
 
     def define_pipelines(self) -> Any:
-        _announce()
+        from vibgym.kernels.jit import announce
+
+        announce()
         state: Any = self.state
         state.flags.no_cfunc_wrapper = True  # kernels are not called by the address of a C function
         state.library = _LinkedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
@@ -207,10 +206,10 @@ def kernel(function: Any, options: dict[str, Any], state: str) -> Any:
     return made
 
 
-def cache_folder() -> str | None:
-    """Return the folder of the kernel cache, by default next to the source files; None without one that may be written."""
+def default_folder() -> str | None:
+    """Return numba's folder for kernels of this file; None if no folder may be written."""
     try:
-        return config.CACHE_DIR or _Cache(cache_folder, "").cache_path
+        return _Cache(default_folder, "").cache_path
     except RuntimeError:
         return None
 
@@ -225,17 +224,6 @@ def _import_array_functions() -> None:
         importlib.import_module("numba.np.arraymath")
     finally:
         linalg.ensure_blas = before
-
-
-@functools.cache
-def _announce() -> None:
-    """Warn on stderr, once per process, that kernels are compiled."""
-    folder = cache_folder() if CACHE else None
-    # A warning, so that it appears without logging configuration and at level WARNING.
-    LOGGER.warning(
-        "vibgym: compiling kernels on first use, about 10 to 40 s (%s); python -m vibgym warm compiles all",
-        "not kept" if folder is None else f"kept in {folder}",
-    )
 
 
 # A process that forks waits until no other thread compiles. Otherwise the child would inherit numba's and llvmlite's locks in
