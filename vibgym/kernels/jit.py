@@ -150,10 +150,10 @@ def cache_folder() -> str | None:
 
 @functools.cache
 def announce() -> None:
-    """Warn on stderr, once per process, that kernels are compiled, and how long that takes on a usual processor."""
+    """Warn on stderr, once per process, that kernels are compiled, and about how long that takes."""
     folder = cache_folder()
     # A warning, so that it appears without logging configuration and at level WARNING.
     LOGGER.warning(
-        "vibgym: compiling kernels on first use, about 10 to 40 s (%s); python -m vibgym warm compiles all",
+        "vibgym: compiling kernels on first use, about 10 to 40 s of processor time (%s); python -m vibgym warm compiles all",
         "not kept" if folder is None else f"kept in {folder}",
     )
