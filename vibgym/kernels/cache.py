@@ -13,6 +13,8 @@ import os
 import re
 from pathlib import Path
 
+LOGGER = logging.getLogger("vibgym")
+
 CACHE = os.environ.get("VIBGYM_CACHE", "1") != "0"
 """Whether compiled kernels are cached on disk."""
 
@@ -25,11 +27,16 @@ _IMPORT = re.compile(r"^ *(?:from|import) ([\w.]+)(?: import (\([^)]*\)|.*))?", 
 @functools.cache
 def warn_about_cache(reason: str) -> None:
     """Warn that compiled kernels are not cached, once for each reason."""
-    logging.getLogger("vibgym").warning(
+    LOGGER.warning(
         "vibgym: compiled kernels cannot be kept (%s) and are compiled anew by every process; set NUMBA_CACHE_DIR to a folder "
         "that may be written",
         reason,
     )
+
+
+def warn_about_damage(folder: str, error: Exception) -> None:
+    """Warn that a damaged file of compiled kernels is replaced."""
+    LOGGER.warning("vibgym: a damaged file of compiled kernels in %s is replaced (%r)", folder, error)
 
 
 def imported_files(file: str, module: str) -> list[Path]:

@@ -139,7 +139,8 @@ def cache_folder() -> str | None:
     if MODE == LINKED:
         from vibgym.kernels.linking import default_folder
 
-        return config.CACHE_DIR or default_folder()
+        folder = default_folder()
+        return folder and (config.CACHE_DIR or folder)
     folder = config.CACHE_DIR or str(Path(__file__).parent / "__pycache__")
     try:
         os.makedirs(folder, exist_ok=True)

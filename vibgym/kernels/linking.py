@@ -4,7 +4,7 @@ numba optimises each function, generates its machine code, and optimises the cop
 takes longer the deeper calls are nested. Here each kernel has two dispatchers: :class:`_Callee` for calls from other kernels,
 which stops at LLVM IR, and :class:`_Kernel` for calls from Python, which links the IR of all direct and indirect callees.
 
-All private interfaces of numba are used in this module. Importing it fails if the installed numba lacks one.
+Importing this module fails if the installed numba lacks one of the interfaces.
 """
 
 from __future__ import annotations
@@ -14,29 +14,27 @@ import functools
 import gc
 import hashlib
 import importlib
-import logging
 import operator
 import os
 import pickle
 from typing import Any
 
 from llvmlite.binding import ffi
-from numba.core import caching, codegen, compiler, types
+from numba.core import caching, codegen, compiler, compiler_machinery, postproc, transforms, types
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 
-from vibgym.kernels.cache import warn_about_cache
+from vibgym.kernels.cache import warn_about_cache, warn_about_damage
 from vibgym.kernels.pointers import argument_type
-
-LOGGER = logging.getLogger("vibgym")
 
 for _owner, _names in (  # AttributeError: this numba lacks one
     (codegen.JITCodeLibrary, ("_optimize_functions", "enable_object_caching", "finalize")),
     (caching.FunctionCache, ("_guard_against_spurious_io_errors",)),
     (caching.IndexDataCacheFile, ("flush", "load", "save")),
     (compiler.Compiler, ("define_pipelines",)),
-    (CPUDispatcher, ("add_overload", "compile", "enable_caching", "get_call_template")),
+    (compiler_machinery, ("PassManager._runPass", "_pass_registry.get")),
+    (CPUDispatcher, ("add_overload", "compile", "get_call_template")),
     (ffi.lib._lock._lock, ("acquire", "release")),
 ):
     operator.attrgetter(*_names)(_owner)
@@ -58,42 +56,66 @@ class _LinkedLibrary(codegen.JITCodeLibrary):
     def finalize(self) -> None:
         # Callers precede callees: LLVM links only symbols that are referenced when it reaches a library.
         order: dict[Any, None] = {}
-        todo = [(self, iter(self._linking_libraries))]
-        while todo:
-            library, rest = todo[-1]
-            following = next((each for each in rest if each not in order), None)
-            if following is None:
-                order[library] = None
-                todo.pop()
-            else:
-                todo.append((following, iter(following._linking_libraries)))
-        del order[self]
+
+        def visit(library: Any) -> None:
+            for each in library._linking_libraries:
+                if each not in order:
+                    visit(each)
+                    order[each] = None
+
+        visit(self)
         self._linking_libraries = list(reversed(order))
         super().finalize()
+
+
+class _Passes(compiler_machinery.PassManager):
+    """The passes of a pipeline, without the timings and checks of each."""
+
+    NEEDLESS = {
+        "WithLifting", "InlineClosureLikes", "MakeFunctionToJitFunction", "FindLiterallyCalls", "LiteralUnroll",
+        "LiteralPropagationSubPipelinePass", "NopythonRewrites", "DumpParforDiagnostics",
+    }  # fmt: skip
+    """Passes for closures, comprehensions, array expressions and literals, which change nothing in kernels without arrays."""
+
+    def __init__(self, pipeline: Any, allocating: bool) -> None:
+        super().__init__(pipeline.pipeline_name)
+        self.passes = [each for each in pipeline.passes if allocating or each[0].__name__ not in self.NEEDLESS]
+        self.finalize()
+
+    def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:
+        pss.analysis = self._analysis
+        changed = pss.run_initialization(internal_state)
+        changed |= pss.run_pass(internal_state)
+        changed |= pss.run_finalizer(internal_state)
+        if changed and compiler_machinery._pass_registry.get(pss.__class__).mutates_CFG:
+            postproc.PostProcessor(internal_state.func_ir).run()
+        else:
+            internal_state.func_ir.blocks = transforms.canonicalize_cfg(internal_state.func_ir.blocks)
 
 
 class _CalleeCompiler(compiler.Compiler):
     """Pipeline for a kernel that other kernels call."""
 
-    def define_pipelines(self) -> Any:
-        state: Any = self.state
-        state.flags.no_compile = state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = True
-        state.library = _UnlinkedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
-        return super().define_pipelines()
-
-
-class _KernelCompiler(compiler.Compiler):
-    """Pipeline for a kernel that Python calls."""
+    linked = False
 
     def define_pipelines(self) -> Any:
-        from vibgym.kernels.jit import announce
+        if self.linked:
+            from vibgym.kernels.jit import announce
 
-        announce()
+            announce()
         state: Any = self.state
         state.flags.no_cfunc_wrapper = True  # kernels are not called by the address of a C function
-        state.library = _LinkedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.flags.no_compile = state.flags.no_cpython_wrapper = not self.linked
+        new_library = _LinkedLibrary if self.linked else _UnlinkedLibrary
+        state.library = new_library(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
-        return super().define_pipelines()
+        return [_Passes(each, allocating=bool(state.flags.nrt)) for each in super().define_pipelines()]
+
+
+class _KernelCompiler(_CalleeCompiler):
+    """Pipeline for a kernel that Python calls."""
+
+    linked = True
 
 
 class _Callee(CPUDispatcher):
@@ -127,7 +149,10 @@ class _Kernel(CPUDispatcher):
     @global_compiler_lock
     def compile(self, sig: Any) -> Any:
         if self.state and not isinstance(self._cache, _Cache):
-            self.enable_caching()
+            try:
+                self._cache: Any = _Cache(self.py_func, self.state)
+            except RuntimeError:  # numba has found no writable folder
+                warn_about_cache("no folder that may be written")
         _import_array_functions()
         collecting = gc.isenabled()
         gc.disable()  # it would traverse all of numba's objects again and again
@@ -137,20 +162,9 @@ class _Kernel(CPUDispatcher):
             if collecting:
                 gc.enable()
 
-    def enable_caching(self) -> None:
-        try:
-            self._cache: Any = _Cache(self.py_func, self.state)
-        except RuntimeError:  # numba has found no writable folder
-            warn_about_cache("no folder that may be written")
-
 
 class _Cache(caching.FunctionCache):
-    """Kernels on disk: numba's files, whose version contains a digest of the sources and whose content has a digest.
-
-    Args:
-        function: the kernel.
-        state: digest of its sources.
-    """
+    """Kernels on disk: numba's files, whose version contains a digest of the sources and whose content has a digest."""
 
     def __init__(self, function: Any, state: str) -> None:
         super().__init__(function)
@@ -187,11 +201,8 @@ class _Files(caching.IndexDataCacheFile):
             if digest != self._digest(key, content):
                 raise ValueError("the content does not match its digest")
             return pickle.loads(content)
-        except OSError:
-            raise
         except Exception as error:  # a damaged pickle may raise anything
-            cause = " ".join(f"{type(error).__name__}: {error}".split())
-            LOGGER.warning("vibgym: a damaged file of compiled kernels in %s is replaced (%s)", self._cache_path, cause)
+            warn_about_damage(self._cache_path, error)
             self.flush()
             return None
 
@@ -228,16 +239,17 @@ def _import_array_functions() -> None:
 
 # A process that forks waits until no other thread compiles. Otherwise the child would inherit numba's and llvmlite's locks in
 # the locked state, without the thread that holds them, and wait forever at its first kernel.
+_LOCKS = global_compiler_lock, ffi.lib._lock._lock
 
 
 def _acquire_locks() -> None:
-    global_compiler_lock.acquire()
-    ffi.lib._lock._lock.acquire()
+    for lock in _LOCKS:
+        lock.acquire()
 
 
 def _release_locks() -> None:
-    ffi.lib._lock._lock.release()
-    global_compiler_lock.release()
+    for lock in reversed(_LOCKS):
+        lock.release()
 
 
 if hasattr(os, "register_at_fork"):  # not on Windows, which has no fork
