@@ -157,7 +157,7 @@ def _friction(
     return force_x, force_y, torque
 
 
-@jit
+@jit(allocates=True)
 def _advance(
     state,
     phasor_c,

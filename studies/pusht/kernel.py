@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout
 from vibgym.physics.contacts.fast import add_manifold
 from vibgym.physics.contacts.hulls import Hulls, place_hulls
@@ -65,7 +65,7 @@ SCENE: Layout[Scene] = Layout("SCENE", __name__)
 scene_at = SCENE.at
 
 
-@borrowing
+@jit
 def find_points(scene, x, y, heading, px, py, margin):
     """Find the contact points of the T with pusher and walls; return their number.
 
@@ -96,7 +96,7 @@ def find_points(scene, x, y, heading, px, py, margin):
     return n
 
 
-@borrowing
+@jit
 def clear_motion(scene, vx, vy):
     """Set the velocity of the pusher, and those of the other bodies and all moves to zero."""
     points = scene.points
@@ -106,7 +106,7 @@ def clear_motion(scene, vx, vy):
     points.velocity[PUSHER, 0], points.velocity[PUSHER, 1] = vx, vy
 
 
-@borrowing
+@jit
 def project(scene, pose, px, py, vx, vy, h):
     """Move the pusher from (px, py) for ``h`` s and the T out of its way."""
     parts = max(int(math.ceil(math.sqrt(vx * vx + vy * vy) * h / STEP)), 1)
@@ -122,7 +122,7 @@ def project(scene, pose, px, py, vx, vy, h):
                 pose[axis] += scene.points.move[T, axis]
 
 
-@borrowing
+@jit
 def push_delayed(scene, pose, drift, px, py, vx, vy, h):
     """Move the T by ``drift`` (its velocity) for ``h`` s and compute the next one, with the pusher at (px, py) by then."""
     for axis in range(3):

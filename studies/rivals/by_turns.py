@@ -24,7 +24,7 @@ from studies.rivals.machines import MACHINES
 from studies.rivals.policies import OUTPUTS, initial_strokes
 from vibgym import checks
 from vibgym.allocation.cut import cut_parts, new_pieces
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.classical.steering import Memory
@@ -72,7 +72,7 @@ class CostParameters(NamedTuple):
     place: float
 
 
-@borrowing
+@jit
 def resting_cost(costs, rest, present, target, one, other, pairs):
     """Return the cost of resting positions (parts, 2) m: squared distances from zones, targets, the table and each other."""
     total = 0.0
@@ -94,7 +94,7 @@ def resting_cost(costs, rest, present, target, one, other, pairs):
     return total
 
 
-@borrowing
+@jit
 def resting_gradient(costs, rest, present, target, one, other, pairs, slope):
     """Write the gradient of :func:`resting_cost`, (parts, 2) m."""
     slope[:] = 0.0
@@ -118,7 +118,7 @@ def resting_gradient(costs, rest, present, target, one, other, pairs, slope):
             slope[q, 1] -= pull * y
 
 
-@borrowing
+@jit
 def predicted_decrease(costs, effect, slope, most):
     """Return the decrease of the cost at the best strength up to ``most``, by gradient and curvature without collisions."""
     fall, bend = 0.0, 1e-15
@@ -130,7 +130,7 @@ def predicted_decrease(costs, effect, slope, most):
     return strength * (abs(fall) - strength * bend)
 
 
-@borrowing
+@jit
 def near_pairs(costs, rest, present, one, other):
     """Write the pairs that may come too close in a step into ``one`` and ``other``; return their number."""
     pairs = 0
@@ -144,7 +144,7 @@ def near_pairs(costs, rest, present, one, other):
     return pairs
 
 
-@borrowing
+@jit
 def arrived(costs, rest, present):
     """Return whether the resting positions of all parts are in their zones."""
     for p in range(rest.shape[0]):
@@ -155,7 +155,7 @@ def arrived(costs, rest, present):
     return True
 
 
-@borrowing
+@jit
 def choose_strokes(
     start,
     stop,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.allocation.cut import cut_parts
-from vibgym.kernels.jit import borrowing, inlined
+from vibgym.kernels.jit import jit
 
 SWEEPS = 60
 """Maximum number of sweeps of the coordinate descent."""
@@ -39,7 +39,7 @@ class Strokes(NamedTuple):
     push: np.ndarray  # (n, elements, 2)
 
 
-@inlined
+@jit(inline=True)
 def effect_of(pieces, count, push, effect):
     """Write the pushes ``effect`` (parts, 3) on parts due to the pushes ``push`` (elements, 2) of the elements."""
     effect[:] = 0.0
@@ -51,7 +51,7 @@ def effect_of(pieces, count, push, effect):
         effect[p, 2] += pieces.lever[i, 0] * y - pieces.lever[i, 1] * x
 
 
-@inlined
+@jit(inline=True)
 def gain(effect, wanted, weight, most):
     """Return the decrease of the squared errors at the best strength of a stroke, and that strength, in [-most, most]."""
     along, size = 0.0, 1e-12
@@ -63,7 +63,7 @@ def gain(effect, wanted, weight, most):
     return strength * (2.0 * along - strength * size), strength
 
 
-@borrowing
+@jit
 def stroke_about(centre_x, centre_y, half, stroke):
     """Write the stroke (3,) of length 1 about a centre of rotation (m from the middle) or in a direction (FAR, rad)."""
     if centre_x >= FAR:
@@ -73,7 +73,7 @@ def stroke_about(centre_x, centre_y, half, stroke):
     stroke[0], stroke[1], stroke[2] = centre_y / length, -centre_x / length, half / length
 
 
-@borrowing
+@jit
 def plate_pushes(stroke, place, half, core, push):
     """Write the pushes (elements, 2) of a stroke of length 1 at ``place`` (elements, 2), m from the middle."""
     turn = stroke[2] / half
@@ -84,7 +84,7 @@ def plate_pushes(stroke, place, half, core, push):
         push[e, 0], push[e, 1] = scale * x, scale * y
 
 
-@borrowing
+@jit
 def fit_strokes(
     start, stop, outlines, pose, present, wanted, weight, most, strokes, place, half, core, pieces, effect, push, found
 ):
@@ -134,7 +134,7 @@ def fit_strokes(
             stroke[k] *= strength
 
 
-@borrowing
+@jit
 def fit_cells(
     start, stop, outlines, pose, present, wanted, weight, axis, least, most, pieces, following, first, missing, found
 ):

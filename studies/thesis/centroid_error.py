@@ -22,7 +22,7 @@ CORNERS = 256
 _LEVEL = 200
 
 
-@jit
+@jit(allocates=True)
 def _chain(
     radius: float, offset: np.ndarray, exposure: Exposure, interest: Interest, meaning: Grey, found: Found,
     bare: np.ndarray, grey: np.ndarray, error: np.ndarray,

@@ -140,7 +140,7 @@ def rates(rim: Rim, time: float, state: np.ndarray, out: np.ndarray) -> None:
     out[WORK] = g_f * v_f + g_w * v_w + f_f * s_f + f_w * s_w
 
 
-@jit
+@jit(allocates=True)
 def march(rim: Rim, times: np.ndarray, step: float, arc: float, states: np.ndarray, forces: np.ndarray) -> int:
     """Integrate from the first of ``states`` (t, 10) through ``times`` (t,) s by RK4.
 

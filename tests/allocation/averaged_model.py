@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.averaged.integrator import AveragedScheme, mean_velocity_of, new_workspace, sample_contact
 from vibgym.physics.averaged.integrator import mean_acceleration as acceleration_at
 from vibgym.physics.core.drive import clear_phasors, polar_drive
@@ -12,7 +12,7 @@ from vibgym.scene.bodies import body_of
 from vibgym.simulation.averages_tables import averages
 
 
-@borrowing
+@jit
 def mean_accelerations(drive, table, body, scheme, pose, velocity, work, result):
     for world in range(pose.shape[0]):
         clear_phasors(work.phasors, 0)
@@ -24,7 +24,7 @@ def mean_accelerations(drive, table, body, scheme, pose, velocity, work, result)
         result[world, 0], result[world, 1], result[world, 2] = ax, ay, aw
 
 
-@borrowing
+@jit
 def mean_states(drive, table, body, scheme, pose, velocity, work, mean_pose, mean_velocity):
     size = body.friction * table.period / (2.0 * math.pi)
     reach = size * table.period / (2.0 * math.pi)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import vibgym
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, Pinned, reference
 
 
@@ -36,7 +36,7 @@ def record():
     return Outer(0.5, inner, Inner(np.zeros(1), np.zeros((1, 1), np.int64), 7))
 
 
-@borrowing
+@jit
 def work(outer):
     total = 0.0
     for k in range(outer.inner.count):
@@ -45,12 +45,12 @@ def work(outer):
     return total
 
 
-@borrowing
+@jit
 def by_reference(outer):
     return work(reference(outer))
 
 
-@borrowing
+@jit
 def pinned(address):
     return work(outer_at(address))
 
@@ -86,7 +86,7 @@ def test_another_layout_is_refused():
 
 
 def test_layouts_are_found_by_their_names():
-    """Copies, pickles and helper processes look them up."""
+    """Copies and pickles look them up."""
     package, found = Path(vibgym.__file__).parent, []
     for path in package.rglob("*.py"):
         if "Layout(" in path.read_text(encoding="utf-8") and path.name != "reference.py":

@@ -29,7 +29,7 @@ LONGEST, SHORTEST, OVERLAP = 4e-3, 1e-7, 5e-6
 SAMPLES = 80
 
 
-@jit
+@jit(allocates=True)
 def placed_step(island, pairs, h):
     """Return the step of parts without earlier tests, and whether anything may touch in it."""
     island = reference(island)

@@ -21,7 +21,7 @@ OVERLAP, H = 4e-6, 1e-3
 SCALE = [1.0, 1.0, 0.02]  # velocities at the discs' rim, m/s
 
 
-@jit
+@jit(allocates=True)
 def solved(island, pairs, h, undo):
     """Take a step of the solver; return the number of points and the smallest gap."""
     island = reference(island)

@@ -21,7 +21,7 @@ from vibgym import checks
 from vibgym.actuators import DataSheet
 from vibgym.allocation.cut import Pieces, effects, new_pieces, outlines_of, reaches
 from vibgym.allocation.projections import SPREAD, Limits, Problem, Scratch, allocate, new_scratch, start_table
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
@@ -182,7 +182,7 @@ class Allocator:
         return action
 
 
-@borrowing
+@jit
 def turn_round(push, action):
     """Write pushes (n,) x, y, x, y, ... as phasors ``-(y, x)``, float32, into ``action``."""
     for k in range(0, push.shape[0], 2):

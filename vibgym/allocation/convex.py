@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing, exact
+from vibgym.kernels.jit import exact, jit
 from vibgym.kernels.vector import LANES, bits, broadcast, lane_sum, load, maximum, sqrt, store
 
 CLIPS, RELAXATION = 5, 2.0
@@ -47,7 +47,7 @@ def clip_alone(most, work, n):
     return lane_sum(error) + (x * x + y * y + z * z), clipped != 0
 
 
-@borrowing
+@jit
 def clip_group(most, work, parts, elements, n):
     """Compute what :func:`clip_alone` computes, for parts that share elements; the pushes are those of the elements."""
     lever, push, strength, missing = work.lever, work.push, work.strength, work.missing
@@ -78,13 +78,13 @@ def clip_group(most, work, parts, elements, n):
     return expected, clipped != 0
 
 
-@borrowing
+@jit
 def clip(most, work, parts, elements, n):
     """Call :func:`clip_alone` or :func:`clip_group`."""
     return clip_alone(most, work, n) if elements == n else clip_group(most, work, parts, elements, n)
 
 
-@borrowing
+@jit
 def project(limits, work, parts, elements, n):
     """Compute phasors of a group, ``work.push``.
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import Part, Surface
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.planar.contact_area import MOMENTS, cut_outline
 
 
@@ -62,7 +62,7 @@ def new_pieces(surface: Surface, parts: tuple[Part, ...]) -> Pieces:
     return Pieces(part, element, np.zeros(room), np.zeros((room, 2)), x, y, cells, box)
 
 
-@borrowing
+@jit
 def cut_parts(outlines, pose, present, pieces):
     """Cut the parts of one world at ``pose`` (parts, 3) into ``pieces``, in the order of the parts; returns their number."""
     vertex, first, size = outlines.vertex, outlines.first, outlines.element_size
@@ -96,7 +96,7 @@ def cut_parts(outlines, pose, present, pieces):
     return count
 
 
-@borrowing
+@jit
 def effects(outlines, pose, present, push, gain, pieces, effect):
     """Compute the effect on the parts, near rest and to first order, see :meth:`vibgym.allocation.Allocator.effect`.
 
@@ -118,7 +118,7 @@ def effects(outlines, pose, present, push, gain, pieces, effect):
             effect[w, p, 2] += pieces.lever[i, 0] * y - pieces.lever[i, 1] * x
 
 
-@borrowing
+@jit
 def reaches(outlines, pose, present, pieces, reach):
     """Compute the largest pushes that turn parts, see :meth:`vibgym.allocation.Allocator.reach`.
 

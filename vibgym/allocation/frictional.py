@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.kernels.jit import borrowing, exact
+from vibgym.kernels.jit import exact, jit
 from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES, load, store
 from vibgym.physics.averaged.averages import cubic_weights, direction, new_scratch, place
@@ -111,7 +111,7 @@ def coefficients() -> np.ndarray:
     return result
 
 
-@borrowing
+@jit
 def force(c, gravity, second, p, q):
     """Return the mean acceleration over ``mu`` along and across the velocity under a push (p, q), all m/s^2."""
     along = -gravity * c[0] + c[2] * p + second * q * (c[3] * gravity + c[4] * p)
@@ -132,7 +132,7 @@ def look_up(numbers, speed, columns, scratch):
         store(scratch.values, k, (one + two) + (three + four))
 
 
-@borrowing
+@jit
 def newton(c, gravity, second, limit, along, across, idle, idle_across, p, q, share):
     """Return the push (p, q) whose force is (along, across), from a first guess, and 1.
 
@@ -178,7 +178,7 @@ def rim_of(part: Part) -> float:
     return math.sqrt(fourth / (0.5 * cross.sum()) / part.gyration)
 
 
-@borrowing
+@jit
 def spun(numbers, k, spin, scratch):
     """Return the factors by which spin changes friction and turning pushes of part ``k``: 1 and 1 near rest."""
     rim = abs(spin) * numbers.rim[k]
@@ -187,7 +187,7 @@ def spun(numbers, k, spin, scratch):
     return 2.0 * scratch.values[0] / slip if slip > 1e-6 else 1.0, 2.0 * scratch.values[2]
 
 
-@borrowing
+@jit
 def respond(numbers, k, c, spin, friction, p, q):
     """Return the mean acceleration along, across (m/s^2) and angular (rad/s^2) of part ``k`` under a push (p, q), m/s^2.
 
@@ -199,13 +199,13 @@ def respond(numbers, k, c, spin, friction, p, q):
     return mu * along, mu * across, -friction * drag * spin
 
 
-@borrowing
+@jit
 def clear_of_sticking(numbers, k, length, p, q):
     """Return whether slip stays clear of zero, see :func:`vibgym.physics.averaged.averages.slip_margin`."""
     return abs(length / numbers.speed - 1.0) > numbers.second[k] * (numbers.gravity + math.sqrt(p * p + q * q))
 
 
-@borrowing
+@jit
 def forward_part(numbers, k, velocity, push, scratch, acceleration):
     """Compute ``acceleration`` (3,) of part ``k`` under a push (3,) over full amplitude; returns whether the model holds."""
     c, full = scratch.values, numbers.full[k]
@@ -221,7 +221,7 @@ def forward_part(numbers, k, velocity, push, scratch, acceleration):
     return clear_of_sticking(numbers, k, length, p, q)
 
 
-@borrowing
+@jit
 def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration, share):
     """Compute ``push`` (3,) over full amplitude of part ``k`` for a wanted mean acceleration, and its acceleration.
 
@@ -265,7 +265,7 @@ def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration, share
     return clear_of_sticking(numbers, k, length, p, q), share
 
 
-@borrowing
+@jit
 def look_ahead(numbers, k, velocity, acceleration, share, later):
     """Correct the velocity (3,) at which friction acts, ``later``; returns its error over the table's speed.
 
@@ -282,7 +282,7 @@ def look_ahead(numbers, k, velocity, acceleration, share, later):
     return moved / numbers.speed
 
 
-@borrowing
+@jit
 def guess_ahead(numbers, k, velocity, wanted, later):
     """Write a first guess of ``later`` (3,): under the wanted acceleration, or that of the limit at rest if it is less."""
     most = 0.5 * numbers.friction[k] * numbers.limit[k]
@@ -292,7 +292,7 @@ def guess_ahead(numbers, k, velocity, wanted, later):
     later[2] = velocity[2] + turn * wanted[2]
 
 
-@borrowing
+@jit
 def forward(numbers, velocity, push, scratch, later, acceleration, holds):
     """Compute ``acceleration`` (batch, parts, 3) under pushes (batch, parts, 3) over full amplitude."""
     numbers, scratch = reference(numbers), reference(scratch)
@@ -307,7 +307,7 @@ def forward(numbers, velocity, push, scratch, later, acceleration, holds):
                 holds[i, k] = forward_part(numbers, k, later, push[i, k], scratch, given)
 
 
-@borrowing
+@jit
 def invert(start, stop, numbers, velocity, wanted, scratch, later, push, acceleration, holds):
     """Compute ``push`` (batch, parts, 3) over full amplitude for wanted mean accelerations, and their accelerations.
 

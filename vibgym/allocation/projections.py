@@ -19,7 +19,7 @@ import numpy as np
 
 from vibgym.allocation.convex import project
 from vibgym.allocation.cut import Outlines, cut_parts
-from vibgym.kernels.jit import borrowing, inlined
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES
 
@@ -132,7 +132,7 @@ def start_table(size: float) -> np.ndarray:
     return table
 
 
-@borrowing
+@jit
 def group_parts(pieces, count, parts, group, slot, first):
     """Find the first piece of each part, and number the parts by the groups that share elements; leaves -1 in ``slot``."""
     at = 0
@@ -154,7 +154,7 @@ def group_parts(pieces, count, parts, group, slot, first):
         slot[pieces.element[i]] = -1
 
 
-@borrowing
+@jit
 def invert(matrix, n):
     """Invert a positive definite matrix (n, n) in place by Gauss-Jordan elimination, without pivoting."""
     for k in range(n):
@@ -170,7 +170,7 @@ def invert(matrix, n):
                     matrix[i, j] -= share * matrix[k, j]
 
 
-@borrowing
+@jit
 def add_pair(gram, weight, lever, p, i, q, j):
     """Add the product of fields ``p`` and ``q`` (first row of a part) on pieces ``i`` and ``j`` of an element."""
     a, ax, ay = weight * lever[0, i], weight * lever[1, i], weight * lever[2, i]
@@ -184,7 +184,7 @@ def add_pair(gram, weight, lever, p, i, q, j):
     gram[p + 2, q + 2] += ax * bx + ay * by
 
 
-@borrowing
+@jit
 def gather(problem, world, pieces, own, work):
     """List a group's parts, elements and pieces, and invert the Gram matrix of its fields; returns the numbers of all three.
 
@@ -230,7 +230,7 @@ def gather(problem, world, pieces, own, work):
     return parts, elements, n
 
 
-@inlined
+@jit(inline=True)
 def want(missing, wanted, n, lanes):
     """Initialize the missing effect with the wanted one."""
     for k in range(n):
@@ -239,7 +239,7 @@ def want(missing, wanted, n, lanes):
             missing[k, lane] = whole
 
 
-@inlined
+@jit(inline=True)
 def give(missing, p, lane, a, ax, ay, x, y):
     """Subtract the effect of push ``(x, y)`` on a piece of share ``a`` and lever ``(ax, ay)`` from the missing effect."""
     missing[p, lane] -= a * x
@@ -247,7 +247,7 @@ def give(missing, p, lane, a, ax, ay, x, y):
     missing[p + 2, lane] -= ax * y - ay * x
 
 
-@borrowing
+@jit
 def miss(work, parts, n, lanes):
     """Compute the effect that each start's target lacks, ``work.missing``."""
     target, missing = work.target, work.missing
@@ -259,7 +259,7 @@ def miss(work, parts, n, lanes):
             give(missing, p, lane, a, ax, ay, target[j, 0, lane], target[j, 1, lane])
 
 
-@borrowing
+@jit
 def try_out(limits, work, parts, n, lanes):
     """Compute the missing effect under the feasible phasors nearest to each start's target, and the expected error squared."""
     target, missing, expected = work.target, work.missing, work.expected
@@ -282,7 +282,7 @@ def try_out(limits, work, parts, n, lanes):
             expected[lane] += missing[k, lane] * missing[k, lane]
 
 
-@inlined
+@jit(inline=True)
 def nearest(length, least, half, most):
     """Return the nearest feasible amplitude, 0 or within the limits; ``half`` is half of the least."""
     allowed = length if length > least else least
@@ -290,7 +290,7 @@ def nearest(length, least, half, most):
     return allowed if length > half else 0.0
 
 
-@borrowing
+@jit
 def add_missing(work, parts, n, lanes):
     """Add to each start's target the phasors of least mean square over the covered area with the missing effect."""
     command, missing, target = work.command, work.missing, work.target
@@ -311,7 +311,7 @@ def add_missing(work, parts, n, lanes):
             target[j, 1, lane] += a * command[p + 1, lane] + ax * turn
 
 
-@borrowing
+@jit
 def untouched(limits, work, elements):
     """Return whether the target of the first start is feasible."""
     for j in range(elements):
@@ -323,7 +323,7 @@ def untouched(limits, work, elements):
     return True
 
 
-@borrowing
+@jit
 def keep_best(limits, work, elements, lanes, least):
     """Keep the feasible phasors with the least expected error in ``work.push``, if that is less than ``least``.
 
@@ -343,7 +343,7 @@ def keep_best(limits, work, elements, lanes, least):
     return least
 
 
-@borrowing
+@jit
 def halve(work, parts, elements, lanes):
     """Keep the better of starts ``i`` and ``i + lanes / 2``; returns the number left."""
     half = lanes // 2
@@ -357,7 +357,7 @@ def halve(work, parts, elements, lanes):
     return half
 
 
-@borrowing
+@jit
 def begin(limits, work, parts, elements, n, lanes):
     """Initialize the targets of ``lanes`` starts."""
     for j in range(elements):
@@ -368,7 +368,7 @@ def begin(limits, work, parts, elements, n, lanes):
     add_missing(work, parts, n, lanes)
 
 
-@borrowing
+@jit
 def allocate_group(problem, world, pieces, own, work):
     """Compute phasors for a group of parts, ``work.push``; returns the number of elements."""
     limits = problem.limits
@@ -398,7 +398,7 @@ def allocate_group(problem, world, pieces, own, work):
     return elements
 
 
-@borrowing
+@jit
 def allocate(start, stop, problem, pieces, work, push, as_phasors):
     """Compute the pushes of all elements of worlds ``start`` to ``stop``, see :meth:`vibgym.allocation.Allocator.pushes`.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 
 
 class Moves(NamedTuple):
@@ -24,14 +24,14 @@ class Moves(NamedTuple):
     cyclic: bool
 
 
-@borrowing
+@jit
 def _weights(at):
     """Return the Lagrange weights of four nodes at -1, 0, 1, 2 for a position ``at`` in [0, 1]."""
     below, above, far = at + 1.0, 1.0 - at, 2.0 - at
     return -at * above * far / 6.0, below * above * far / 2.0, below * at * far / 2.0, -below * at * above / 6.0
 
 
-@borrowing
+@jit
 def interpolated(value, cyclic, row, column):
     """Interpolate ``value`` (n, m) at fractional indices by cubics; indices beyond non-periodic edges are clamped."""
     n, m = value.shape

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 
 
 class Turner(NamedTuple):
@@ -36,21 +36,21 @@ class Scratch(NamedTuple):
     s: np.ndarray
 
 
-@borrowing
+@jit
 def _torque(turner, x, y, vx, vy, spin, tx, ty):
     """Return the angular acceleration from friction at a point, per unit of load: ``r x n mu / k^2``."""
     ux, uy = tx - vx + spin * y, ty - vy - spin * x
     return turner.lever * (x * uy - y * ux) / math.sqrt(ux * ux + uy * uy + 1e-12)
 
 
-@borrowing
+@jit
 def _element(turner, x, y):
     """Return the index of the element at a point, m from the corner of the element under the centre."""
     row, column = int(math.floor(y / turner.element)), int(math.floor(x / turner.element))
     return (2 * turner.reach + 1) * (row + turner.reach) + column + turner.reach
 
 
-@borrowing
+@jit
 def aim(turner, scratch, ox, oy, early, late):
     """Set the phasors that maximise the weighted angular acceleration along the path in ``scratch``.
 
@@ -80,7 +80,7 @@ def aim(turner, scratch, ox, oy, early, late):
         c[e], s[e] = scale * c[e], scale * s[e]
 
 
-@borrowing
+@jit
 def follow(turner, scratch, ox, oy, heading, spin, share):
     """Integrate a period with a share of the phasors in ``scratch``; write the path there, return turn and spin."""
     steps, n = scratch.spin.shape[0], turner.points.shape[0]
@@ -141,7 +141,7 @@ def turns(turner, scratch, offsets, weights, shares, headings, spins, gain, afte
                         gain[a, b, k], after[a, b, k] = turned, spin
 
 
-@borrowing
+@jit
 def _friction(load, speed, co, si, c, s, vx, vy):
     """Return the acceleration of a part on elements in unison; ``load``: friction, and friction times gravity."""
     ux, uy = -speed * si - vx, speed * co - vy

@@ -12,7 +12,7 @@ from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.actuators import DataSheet
-from vibgym.kernels.jit import borrowing, exact
+from vibgym.kernels.jit import exact, jit
 from vibgym.physics.core.drive import (
     CARTESIAN,
     ELEMENT,
@@ -44,7 +44,7 @@ def patch_size(surface: Surface, parts: Sequence[Part]) -> int:
 FLOAT32 = np.dtype(np.float32)
 
 
-@borrowing
+@jit
 def all_finite(values):
     """Return whether all of ``values`` (worlds, size) are finite."""
     bad = 0
@@ -54,7 +54,7 @@ def all_finite(values):
     return bad == 0
 
 
-@borrowing
+@jit
 def copy_finite(values, kept):
     """Copy ``values`` (worlds, size) into ``kept`` if all are finite; returns whether they are."""
     if not all_finite(values):

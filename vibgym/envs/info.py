@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, Pinned, bound
 from vibgym.tasks.episode import (
     DOWN,
@@ -70,7 +70,7 @@ SOURCE: Layout[Source] = Layout("SOURCE", __name__)
 source_at = SOURCE.at
 
 
-@borrowing
+@jit
 def report_worlds(source, worlds, number, count, flag, part_number, part_flag):
     """Copy the fields of some worlds into a report.
 

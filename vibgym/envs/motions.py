@@ -16,7 +16,7 @@ from vibgym.allocation import Allocator
 from vibgym.allocation.allocator import strongest
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.envs.actions import ACTIONS, Action
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.drive import Drive, phasor_drive
 from vibgym.scene.parts import Part
 from vibgym.scene.sliding import reached, sliding_of
@@ -214,7 +214,7 @@ class Target(Velocity):
         return speed
 
 
-@borrowing
+@jit
 def brake(way, now, braking, top, step, speed):
     """Compute ``speed``, see :meth:`Target._speed`."""
     for w in range(way.shape[0]):

@@ -17,7 +17,7 @@ from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.envs.features import CODINGS, NEIGHBOUR, NEIGHBOURS, TABLE, Feature, Layout, RowLayout
-from vibgym.kernels.jit import borrowing, prefetch
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout as Memory
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.contacts.hulls import Hulls, part_contact, part_gap, place_hulls
@@ -398,12 +398,12 @@ SCENE: Memory[Scene] = Memory("SCENE", __name__)
 scene_at = SCENE.at
 
 
-@borrowing
+@jit
 def _unit(value):
     return min(max(value, -1.0), 1.0)
 
 
-@borrowing
+@jit
 def encode(program, quantities, row):
     """Write encoded quantities to a row (n,)."""
     source, codings, scales = program.source, program.coding, program.scale
@@ -421,7 +421,7 @@ def encode(program, quantities, row):
         row[k] = value
 
 
-@borrowing
+@jit
 def compute_part(scene, w, p, out):
     """Compute the quantities (numbers,) of a part."""
     measured = scene.measured
@@ -453,7 +453,7 @@ def compute_part(scene, w, p, out):
             out[TOWARDS], out[TOWARDS + 1] = dx / apart, dy / apart
 
 
-@borrowing
+@jit
 def compute_contact(scene, pose, pushed, w, p, out):
     """Compute the quantities of a part's contacts.
 
@@ -470,7 +470,7 @@ def compute_contact(scene, pose, pushed, w, p, out):
         _, out[NORMAL], out[NORMAL + 1] = part_contact(scene.hulls, scene.placed, p, other)
 
 
-@borrowing
+@jit
 def insert_neighbour(gaps, nearest, gap, other):
     """Insert a part at a distance ``gap`` (m) into the sorted lists (NEIGHBOURS,) of the nearest, after equal ones."""
     place = NEIGHBOURS
@@ -482,7 +482,7 @@ def insert_neighbour(gaps, nearest, gap, other):
         gaps[place], nearest[place] = gap, other
 
 
-@borrowing
+@jit
 def rank_neighbours(scene, pose, gone, world):
     """List every part's nearest others by the distance between outlines; absent parts have none.
 
@@ -507,7 +507,7 @@ def rank_neighbours(scene, pose, gone, world):
             insert_neighbour(scene.gap[j], scene.nearest[j], between, i)
 
 
-@borrowing
+@jit
 def write_neighbours(scene, pose, velocity, p, rows):
     """Write the neighbours of row ``p``, after the rows of the neighbours themselves.
 
@@ -533,7 +533,7 @@ def write_neighbours(scene, pose, velocity, p, rows):
         encode(scene.others, neighbour, rows[p, start + k * width : start + (k + 1) * width])
 
 
-@borrowing
+@jit
 def write_world(scene, w, rows):
     """Write the blocks or rows (slots, size) of a world, without neighbours."""
     present = scene.present[w]
@@ -547,7 +547,7 @@ def write_world(scene, w, rows):
             encode(scene.program, scene.quantities[p], rows[p])
 
 
-@borrowing
+@jit
 def write_rows(pinned, worlds, out):
     """Write the blocks or rows of some worlds.
 
@@ -561,7 +561,7 @@ def write_rows(pinned, worlds, out):
         write_world(scene, worlds[k], out[worlds[k]])
 
 
-@borrowing
+@jit
 def write_rows_of_several(pinned, worlds, out):
     """Write rows as :func:`write_rows`, with contacts and neighbours where the layout has them."""
     scene = scene_at(pinned)
@@ -579,7 +579,7 @@ def write_rows_of_several(pinned, worlds, out):
                 write_neighbours(scene, pose, velocity, p, out[w])
 
 
-@borrowing
+@jit
 def write_mask(present, worlds, mask):
     """Write the mask (worlds, slots) of present parts (worlds, parts) of some worlds."""
     for k in range(worlds.shape[0]):
@@ -588,7 +588,7 @@ def write_mask(present, worlds, mask):
             mask[w, slot] = 1 if slot < present.shape[1] and present[w, slot] else 0
 
 
-@borrowing
+@jit
 def write_goals(low, high, pose, worlds, goals):
     """Write poses (worlds, parts, 3) of the first parts of some worlds, clipped, as goals (worlds, values)."""
     for k in range(worlds.shape[0]):
@@ -627,7 +627,6 @@ def row_writer(task: Task, layout: Layout, measurement: Measurement, relations: 
         gap=np.zeros((len(parts), NEIGHBOURS)),
     )
     pinned, write = Pinned(SCENE, scene), write_rows_of_several if scene.touch or len(others.source) else write_rows
-    prefetch(write, 0, np.empty(0, dtype=np.int64), np.empty((0, 0, 0), dtype=np.float32))
     return bound(write, pinned)
 
 

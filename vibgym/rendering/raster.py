@@ -19,7 +19,7 @@ SNAP = 1024.0
 """Corners are rounded to 1 / SNAP pixel, so an edge through pixel centres stays one in spite of rounding errors."""
 
 
-@jit
+@jit(allocates=True)
 def _corners(pose: np.ndarray, outline: np.ndarray, scale: float, height: int, corners: np.ndarray) -> bool:
     """Write the outline at ``pose`` (3,), in pixels from the top left, into ``corners`` (n, 2); False if not finite."""
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
@@ -33,7 +33,7 @@ def _corners(pose: np.ndarray, outline: np.ndarray, scale: float, height: int, c
     return True
 
 
-@jit
+@jit(allocates=True)
 def _bounds(corners: np.ndarray, axis: int, size: int) -> tuple[int, int]:
     """Return first and one past the last pixel that the polygon can touch along ``axis``, within the image."""
     # Clamp before the conversion: a part may be arbitrarily far away.
@@ -42,7 +42,7 @@ def _bounds(corners: np.ndarray, axis: int, size: int) -> tuple[int, int]:
     return math.floor(low), math.ceil(high)
 
 
-@jit
+@jit(allocates=True)
 def _background(
     rows: int,
     columns: int,
@@ -71,7 +71,7 @@ def _background(
     return background
 
 
-@jit
+@jit(allocates=True)
 def _copy(source: np.ndarray, target: np.ndarray) -> None:
     """Overwrite ``target`` with ``source``, both contiguous; many times faster than slices or three indices."""
     flat_source, flat_target = source.reshape(-1), target.reshape(-1)
@@ -79,7 +79,7 @@ def _copy(source: np.ndarray, target: np.ndarray) -> None:
         flat_target[k] = flat_source[k]
 
 
-@jit
+@jit(allocates=True)
 def _scan(corners: np.ndarray, row: int, left: int, right: int, inside: np.ndarray) -> None:
     """Write into ``inside`` whether the centres of pixels ``left`` to ``right`` of ``row`` are in the polygon (even-odd).
 
@@ -98,7 +98,7 @@ def _scan(corners: np.ndarray, row: int, left: int, right: int, inside: np.ndarr
                 inside[column] = not inside[column]
 
 
-@jit
+@jit(allocates=True)
 def _fill(corners: np.ndarray, value: int, channel: int, inside: np.ndarray, image: np.ndarray) -> None:
     """Set ``channel`` of ``image`` (H, W, 3) to ``value`` inside the polygon."""
     top, bottom = _bounds(corners, 1, image.shape[0])
@@ -110,7 +110,7 @@ def _fill(corners: np.ndarray, value: int, channel: int, inside: np.ndarray, ima
                 image[row, column, channel] = value
 
 
-@jit
+@jit(allocates=True)
 def _mark(
     pose: np.ndarray,
     corners: np.ndarray,
@@ -152,7 +152,7 @@ class Marks(NamedTuple):
     zone_value: np.ndarray  # (zones,) uint8
 
 
-@jit
+@jit(allocates=True)
 def rasterise(
     pose: np.ndarray,
     present: np.ndarray,

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.averaged.averages import friction_rate
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -77,7 +77,7 @@ def top_slip(strength: float) -> float:
     return slip
 
 
-@borrowing
+@jit
 def motion(drag, time):
     """Return ``way, fall, left`` of the solution after ``time``: ``p + way v + fall u`` and ``left v + way u``."""
     left = math.exp(-drag * time)

@@ -23,7 +23,7 @@ import numpy as np
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from, normals, uniforms
 from vibgym.registry import Registry
 from vibgym.sensing.measurement import Reading
@@ -254,7 +254,7 @@ class Stream(IntEnum):
     TURN = 3
 
 
-@borrowing
+@jit
 def draw_normals(worlds, key, looks, stream, drawn):
     """Fill ``drawn`` (worlds, parts, 3) with standard normal numbers."""
     for w in worlds:
@@ -262,7 +262,7 @@ def draw_normals(worlds, key, looks, stream, drawn):
             drawn[w, p, 0], drawn[w, p, 1], drawn[w, p, 2], _ = normals(key[w], looks[w], p, stream, 0)
 
 
-@borrowing
+@jit
 def draw_offsets(worlds, key, bias, offset):
     """Write the constant errors of episodes, a shift and a turn of each part, into ``offset`` (worlds, parts, 3)."""
     for w in worlds:
@@ -272,7 +272,7 @@ def draw_offsets(worlds, key, bias, offset):
             offset[w, p, 0], offset[w, p, 1], offset[w, p, 2] = bias[0] * dx, bias[0] * dy, bias[1] * turn
 
 
-@borrowing
+@jit
 def read_poses(worlds, key, looks, new, noise, offset, dropout, step, last, elapsed, reading):
     """Add noise and bias to the poses of a reading, drop parts, and compute mean velocities from pose differences.
 

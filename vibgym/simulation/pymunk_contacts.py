@@ -21,7 +21,7 @@ import pymunk
 from pymunk.batch import BodyFields, Buffer, get_space_bodies, set_space_bodies
 
 from vibgym import checks
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Pinned, reference
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import FREE
@@ -56,7 +56,7 @@ KINDS = 31
 """Collision categories of parts, one for each pair of their coefficients in contacts; pymunk has 32, the last one of walls."""
 
 
-@borrowing
+@jit
 def load_world(world, start, fixed, drive, state, rows):
     """Load the parts on the table of a world in a block that begins at ``start``; return their number."""
     fixed, state, rows = fast_scene_at(fixed), state_at(state), rows_at(rows)
@@ -66,7 +66,7 @@ def load_world(world, start, fixed, drive, state, rows):
     return fixed.contacts.first[1]
 
 
-@borrowing
+@jit
 def slide(step, stop, fixed, drive, state, motion):
     """Move the loaded parts by friction in contact step ``step``, and on until parts overlap or step ``stop``.
 
@@ -99,7 +99,7 @@ def slide(step, stop, fixed, drive, state, motion):
     return step, fallen
 
 
-@borrowing
+@jit
 def take_contacts(fixed, drive, state, motion):
     """Take over the motions (parts or more, 6) of the loaded parts after a step of pymunk."""
     fixed, state = fast_scene_at(fixed), state_at(state)
@@ -116,7 +116,7 @@ def take_contacts(fixed, drive, state, motion):
     write_bodies(scene, fixed, 0, slots)
 
 
-@borrowing
+@jit
 def end_world(fixed, drive, state, counts):
     """Store the loaded parts after a period; ``counts``: (worlds, COUNTS) int64, added to."""
     fixed, state = fast_scene_at(fixed), state_at(state)
@@ -146,9 +146,6 @@ class PymunkMultibody(FastMultibody):
             if step < buffers.steps:
                 buffers.resolve(step, count, state.record.mass[start + row], inputs)
             end_world(*inputs, self.counts)
-
-    def prefetch(self) -> None:
-        """Announce no kernels: those of this file are compiled on first use."""
 
 
 class PymunkBuffers(FastBuffers):

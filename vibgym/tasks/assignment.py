@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.assignment import assign
 
 EXCHANGE = 0.010
 """m, minimum reduction of two parts' distances to their goals for an exchange; prevents repeated exchanges to and fro."""
 
 
-@jit
+@jit(allocates=True)
 def give_out(kind, present, pose, goal):
     """Reassign the goals of the present parts within each kind, in place: the sum of the cubed distances is the least.
 
@@ -44,7 +44,7 @@ def give_out(kind, present, pose, goal):
                 goal[w, members[i]] = goals[column_of[i]]
 
 
-@borrowing
+@jit
 def exchange_goals(kind, present, pose, goal, gain, worlds):
     """Exchange goals of two parts of a kind, in place, where the sum of their cubed distances, each plus ``gain``, decreases.
 
@@ -67,7 +67,7 @@ def exchange_goals(kind, present, pose, goal, gain, worlds):
                         goal[w, i, axis], goal[w, j, axis] = goal[w, j, axis], goal[w, i, axis]
 
 
-@borrowing
+@jit
 def cubed_distance(pose, i, goal, j, gain):
     """Return the cube of the distance from pose i to goal j plus ``gain``, m^3."""
     x, y = goal[j, 0] - pose[i, 0], goal[j, 1] - pose[i, 1]

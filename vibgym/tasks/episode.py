@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout
 from vibgym.physics.contacts.hulls import Hulls, part_gap, place_hulls
 from vibgym.physics.core.records import state_at
@@ -199,12 +199,12 @@ def new_episode(worlds: int, parts: int, terms: int, motion: int = 0) -> Episode
     )
 
 
-@borrowing
+@jit
 def _limited(value):
     return min(max(value, -1.0), 1.0)
 
 
-@borrowing
+@jit
 def wrapped(difference, period):
     """Return an angle's equivalent in [-period / 2, period / 2]; the angle itself for a period of 0."""
     if period > 0.0:
@@ -212,7 +212,7 @@ def wrapped(difference, period):
     return difference
 
 
-@borrowing
+@jit
 def misses_goal(difference, position_tolerance, heading_tolerance, heading_period, result):
     """Compute whether poses miss their goals.
 
@@ -226,7 +226,7 @@ def misses_goal(difference, position_tolerance, heading_tolerance, heading_perio
         result[k] = away > position_tolerance or turned > heading_tolerance
 
 
-@borrowing
+@jit
 def relate_gaps(context, pose, gone, world):
     """Compute gaps and nearest neighbours in one world, without parts that are ``gone``; return how many pairs touch."""
     parts, hulls, placed, far = pose.shape[1], context.hulls, context.placed, context.rules.far
@@ -256,7 +256,7 @@ def relate_gaps(context, pose, gone, world):
     return touching
 
 
-@borrowing
+@jit
 def smallest_gap(relations, world):
     """Return the smallest gap between parts of a world, m."""
     smallest = math.inf
@@ -265,7 +265,7 @@ def smallest_gap(relations, world):
     return smallest
 
 
-@borrowing
+@jit
 def relate_to_goals(context, pose, world):
     """Compute errors to the goals, and what parts without a goal are to reach, in one world."""
     rules, goal, present, error = context.rules, context.episode.goal, context.episode.present, context.relations.error
@@ -282,7 +282,7 @@ def relate_to_goals(context, pose, world):
             context.relations.reach[world, i] = reach_of(context, pose, world, i)
 
 
-@borrowing
+@jit
 def reach_of(context, pose, world, part):
     """Return the distance, m, from a part's centre to the nearest centre of a part with a goal; 0 if either is absent."""
     present, nearest = context.episode.present[world], math.inf
@@ -293,7 +293,7 @@ def reach_of(context, pose, world, part):
     return nearest if present[part] and nearest < math.inf else 0.0
 
 
-@borrowing
+@jit
 def evaluate_world(context, mean_velocity, fallen, world):
     """Compute the errors of one world and which parts are done; its relations must be up to date.
 
@@ -338,7 +338,7 @@ def evaluate_world(context, mean_velocity, fallen, world):
     return done == count, fit == count
 
 
-@borrowing
+@jit
 def reward_world(context, within, world):
     """Compute the reward terms of one world and their sum.
 
@@ -367,7 +367,7 @@ def reward_world(context, within, world):
     now[REWARD] = sum_of(terms)
 
 
-@borrowing
+@jit
 def sum_of(terms):
     """Return the sum of reward terms."""
     total = 0.0
@@ -376,7 +376,7 @@ def sum_of(terms):
     return total
 
 
-@borrowing
+@jit
 def reward_only_part(context, fallen, world):
     """Compute the reward of a world with one part: its terms are that part's, whose hyperbolic tangents take the longest."""
     episode = context.episode
@@ -387,7 +387,7 @@ def reward_only_part(context, fallen, world):
     episode.number[world, REWARD] = sum_of(terms)
 
 
-@borrowing
+@jit
 def closer_on_average(context, world):
     """Return the quantity "reach" of a world: the mean over its parts without a goal, before their numbers are updated."""
     rules, episode, closer, count = context.rules, context.episode, 0.0, 0
@@ -398,7 +398,7 @@ def closer_on_average(context, world):
     return closer / count if count > 0 else 0.0
 
 
-@borrowing
+@jit
 def reward_part(context, world, part):
     """Compute the reward terms of one part and their sum from the change of ``part_number``, which is updated."""
     rules, episode, relations, quantity = context.rules, context.episode, context.relations, context.quantity
@@ -433,7 +433,7 @@ def reward_part(context, world, part):
     episode.part_reward[world, part] = total
 
 
-@borrowing
+@jit
 def reward_parts(context, fallen, starting, world):
     """Compute the reward terms of every part of one world: zero for absent parts, and for all where an episode starts."""
     episode = context.episode
@@ -446,7 +446,7 @@ def reward_parts(context, fallen, starting, world):
             episode.part_reward[world, i], episode.part_terms[world, i] = 0.0, 0.0
 
 
-@borrowing
+@jit
 def relate_worlds(address, worlds, pose):
     """Update the relations of some worlds, but not gaps and neighbours.
 
@@ -460,7 +460,7 @@ def relate_worlds(address, worlds, pose):
         relate_to_goals(context, pose, worlds[k])
 
 
-@borrowing
+@jit
 def relate_parts(address, true, pose, gone, worlds):
     """Update gaps and neighbours of some worlds, for scenes with several parts.
 
@@ -477,7 +477,7 @@ def relate_parts(address, true, pose, gone, worlds):
             context.episode.count[worlds[k], IN_TOUCH] = touching
 
 
-@borrowing
+@jit
 def score_worlds(state, address, starting, worlds):
     """Score one step of some worlds relative to the previous one, or start their episodes, whose goals and parts are set.
 

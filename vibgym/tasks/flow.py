@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout
 from vibgym.physics.contacts.hulls import place_hulls
 from vibgym.physics.core.records import state_at
@@ -77,7 +77,7 @@ FLOW: Layout[Flow] = Layout("FLOW", __name__)
 flow_at = FLOW.at
 
 
-@borrowing
+@jit
 def gate_of(flow, x, y):
     """Return the gate that contains a point; -1: none."""
     gate = flow.gate
@@ -87,7 +87,7 @@ def gate_of(flow, x, y):
     return -1
 
 
-@borrowing
+@jit
 def is_straight_and_apart(flow, world, part):
     """Return whether a part is straight and far enough from the others to leave; relations must be up to date."""
     relations, rules = flow.context.relations, flow.context.rules
@@ -96,7 +96,7 @@ def is_straight_and_apart(flow, world, part):
     )
 
 
-@borrowing
+@jit
 def event_of(flow, state, world, part):
     """Return the event of a present part in this step, see :data:`vibgym.tasks.episode.EVENTS`."""
     if state.fallen[world, part]:
@@ -116,7 +116,7 @@ def event_of(flow, state, world, part):
     return LEFT_GOOD
 
 
-@borrowing
+@jit
 def evaluate_parts(flow, state, world):
     """Compute event and reward of every part of a world."""
     episode, done, slots = flow.context.episode, 0, 0
@@ -145,7 +145,7 @@ def evaluate_parts(flow, state, world):
     episode.count[world, PARTS_DONE] = done
 
 
-@borrowing
+@jit
 def remove_part(flow, state, world, part):
     """Remove a part from the table."""
     for k in range(3):
@@ -156,7 +156,7 @@ def remove_part(flow, state, world, part):
     flow.context.episode.present[world, part] = flow.context.episode.done[world, part] = False
 
 
-@borrowing
+@jit
 def place_part(flow, state, world, part, pose):
     """Place a part on the table at a pose (3,), where it slides in place."""
     for k in range(3):
@@ -168,7 +168,7 @@ def place_part(flow, state, world, part, pose):
     flow.age[world, part] = 0
 
 
-@borrowing
+@jit
 def remove_leaving(flow, state, world):
     """Remove and count the parts that leave in this step; returns whether there are any."""
     event, counts, tally = flow.context.episode.event, flow.clock[world] > flow.warm_up, flow.tally[world]
@@ -186,7 +186,7 @@ def remove_leaving(flow, state, world):
     return some
 
 
-@borrowing
+@jit
 def add_waiting(flow, state, world, most):
     """Let up to ``most`` parts or heaps arrive; returns the number of parts that have arrived."""
     inlet, context, pose, before = flow.inlet, flow.context, state.pose[world], flow.arrivals[world]
@@ -211,7 +211,7 @@ def add_waiting(flow, state, world, most):
     return flow.arrivals[world] - before
 
 
-@borrowing
+@jit
 def update_rates(flow, world):
     """Update rates and means."""
     tally, rate, present = flow.tally[world], flow.rate[world], flow.context.episode.present
@@ -227,7 +227,7 @@ def update_rates(flow, world):
     rate[MEAN_LOAD] = tally[ON_TABLE] / tally[STEPS]
 
 
-@borrowing
+@jit
 def update_relations(flow, state, world):
     """Update the relations of a world, and the fields of ``info`` that depend on them."""
     context, episode = flow.context, flow.context.episode
@@ -236,7 +236,7 @@ def update_relations(flow, state, world):
     relate_to_goals(context, state.pose, world)
 
 
-@borrowing
+@jit
 def begin_arrived(flow, state, world):
     """Update relations after arrivals, and the values with which the next step of the new parts is compared."""
     episode = flow.context.episode
@@ -248,7 +248,7 @@ def begin_arrived(flow, state, world):
             episode.part_reward[world, part], episode.part_terms[world, part] = 0.0, 0.0
 
 
-@borrowing
+@jit
 def begin_flow(state, flow, worlds, pools):
     """Start the episodes of ``worlds`` (n,), whose keys are set, with the parts of ``pools`` (n, parts).
 
@@ -283,7 +283,7 @@ def begin_flow(state, flow, worlds, pools):
         begin_arrived(all_of, true, world)
 
 
-@borrowing
+@jit
 def score_flow(state, flow, periods, worlds):
     """Score one step of some worlds, remove the parts that leave and add those that arrive; see :func:`begin_flow`."""
     true, all_of = state_at(state), flow_at(flow)

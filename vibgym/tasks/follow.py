@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, Pinned, bound
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
@@ -170,7 +170,7 @@ PURSUIT: Layout[Pursuit] = Layout("PURSUIT", __name__)
 pursuit_at = PURSUIT.at
 
 
-@borrowing
+@jit
 def place_goals(record, world):
     """Set the goals of one world, and their motion, at the time of its clock."""
     episode, motion, period = record.episode, record.motion, record.period
@@ -191,7 +191,7 @@ def place_goals(record, world):
     episode.flag[world, BARRED] = waiting
 
 
-@borrowing
+@jit
 def begin_pursuit(pursuit, worlds):
     """Start the clocks of ``worlds`` (n,), whose paths and parts have been set.
 
@@ -209,7 +209,7 @@ def begin_pursuit(pursuit, worlds):
         place_goals(record, world)
 
 
-@borrowing
+@jit
 def move_goals(pursuit, worlds):
     """Move the goals of ``worlds`` (n,) on by one step."""
     record = pursuit_at(pursuit)
@@ -219,7 +219,7 @@ def move_goals(pursuit, worlds):
         place_goals(record, world)
 
 
-@borrowing
+@jit
 def record_errors(pursuit, worlds):
     """Record the distances of the parts of ``worlds`` (n,) to their goals after a step; relations must be up to date."""
     record = pursuit_at(pursuit)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.contacts.hulls import place_hulls
 from vibgym.physics.core.noise import uniforms
 from vibgym.scene.parts import Part, kinds_of
@@ -49,7 +49,7 @@ class Inlet(NamedTuple):
     pose: np.ndarray  # scratch: (parts, 3)
 
 
-@borrowing
+@jit
 def shuffle_waiting(inlet, key, tried, waiting):
     """Write the waiting parts into ``order``, shuffled; returns their number."""
     order, chance, count = inlet.order, inlet.chance, 0
@@ -65,7 +65,7 @@ def shuffle_waiting(inlet, key, tried, waiting):
     return count
 
 
-@borrowing
+@jit
 def choose_drawn(inlet, key, arrivals, count):
     """Draw the parts that arrive next by their probabilities, and move an empty slot for each to the front of ``order``.
 
@@ -91,7 +91,7 @@ def choose_drawn(inlet, key, arrivals, count):
     return True
 
 
-@borrowing
+@jit
 def find_free_pose(inlet, hulls, placed, key, tried, present, pose):
     """Draw a free pose for the part ``order[0]``, into ``inlet.pose``; returns whether one has been found.
 
@@ -122,7 +122,7 @@ def find_free_pose(inlet, hulls, placed, key, tried, present, pose):
     return False
 
 
-@borrowing
+@jit
 def draw_heap(inlet, hulls, placed, key, tried, present, pose):
     """Draw the poses of a heap of the parts ``order[:inlet.heap]``, into ``inlet.pose``; returns False if its room is occupied.
 
@@ -140,7 +140,7 @@ def draw_heap(inlet, hulls, placed, key, tried, present, pose):
     return True
 
 
-@borrowing
+@jit
 def draw_arrivals(inlet, hulls, placed, key, tried, arrivals, waiting, present, pose):
     """Draw which waiting parts arrive, and their poses; returns their number.
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import bound
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
@@ -73,7 +73,7 @@ class PatternScoring(FactScoring):
         return bound(update_pattern_error, self.relations.error, self.episode.present, self.fact)
 
 
-@borrowing
+@jit
 def update_pattern_error(error, present, pattern_error, worlds):
     """Compute the root of the mean square distance to the goals, m, of the present parts of ``worlds`` (n,).
 

@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import bound, reference
 from vibgym.physics.contacts.hulls import place_hulls
 from vibgym.physics.core.records import State
@@ -158,7 +158,7 @@ class CoverageScoring(FactScoring):
         return bound(goal_coverage, task.hulls, task.pushed, self._state.record.pose, self.episode.goal, self.fact)
 
 
-@borrowing
+@jit
 def copy_corners(hulls, piece, placed, corners):
     """Write the corners of a placed convex piece into ``corners``; returns their number."""
     first, count = hulls.first[piece], hulls.first[piece + 1] - hulls.first[piece]
@@ -167,7 +167,7 @@ def copy_corners(hulls, piece, placed, corners):
     return count
 
 
-@borrowing
+@jit
 def clip(corners, count, ax, ay, bx, by, result):
     """Clip a convex polygon to the left of the line from a to b (Sutherland & Hodgman, 1974); returns the number of corners."""
     left = 0
@@ -186,7 +186,7 @@ def clip(corners, count, ax, ay, bx, by, result):
     return left
 
 
-@borrowing
+@jit
 def area(corners, count):
     """Return the area of a polygon, m^2; positive if counter-clockwise."""
     total = 0.0
@@ -196,7 +196,7 @@ def area(corners, count):
     return 0.5 * total
 
 
-@borrowing
+@jit
 def shared_area(hulls, a, placed, b, aimed, one, other, spare):
     """Return the area, m^2, that piece ``a`` of a placed part shares with piece ``b`` of its goal; last three: scratch."""
     count, edges = copy_corners(hulls, a, placed, one), copy_corners(hulls, b, aimed, other)
@@ -208,7 +208,7 @@ def shared_area(hulls, a, placed, b, aimed, one, other, spare):
     return area(one, count) if count > 2 else 0.0
 
 
-@borrowing
+@jit
 def shared_by_discs(radius, distance):
     """Return the area that two discs of the same radius share, m^2."""
     if distance >= 2.0 * radius:
@@ -217,7 +217,7 @@ def shared_by_discs(radius, distance):
     return 2.0 * radius * radius * math.acos(half / radius) - distance * math.sqrt(radius * radius - half * half)
 
 
-@jit
+@jit(allocates=True)
 def goal_coverage(hulls, part, pose, goal, coverage, worlds):
     """Compute the share of a part's goal that it covers, (worlds,), of ``worlds`` (n,).
 

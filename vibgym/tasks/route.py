@@ -21,7 +21,7 @@ import numpy as np
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.settings import Acceleration, Angle, BaseSettings, Length, Speed, read
 
 HEADER = ("length", "speed", "acceleration", "window", "heading", "along")
@@ -80,20 +80,20 @@ def padded(route: np.ndarray, rows: int) -> np.ndarray:
     return np.concatenate([route, np.repeat(route[-1:], rows - len(route), axis=0)])
 
 
-@borrowing
+@jit
 def peak_speed(header):
     """Return the largest speed, m/s: that of the header, or less on a short route."""
     return min(header[SPEED], math.sqrt(header[ACCELERATION] * header[LENGTH]))
 
 
-@borrowing
+@jit
 def duration(header):
     """Return the time from rest at the beginning to rest at the end, s."""
     speed = peak_speed(header)
     return header[LENGTH] / speed + speed / header[ACCELERATION]
 
 
-@borrowing
+@jit
 def progress(header, time):
     """Return s (m), speed and acceleration along the path at ``time`` (s); at rest before and after."""
     speed, rate = peak_speed(header), header[ACCELERATION]
@@ -110,7 +110,7 @@ def progress(header, time):
     return speed * (time - 0.5 * ramp), speed, 0.0
 
 
-@borrowing
+@jit
 def piece_at(route, s):
     """Return the row of the piece that contains ``s``; beyond the ends that of the first or last one."""
     low, high = 1, route.shape[0] - 1
@@ -123,7 +123,7 @@ def piece_at(route, s):
     return low
 
 
-@borrowing
+@jit
 def directed(route, s):
     """Return direction (rad), curvature (1/m) and Phi (m rad) of the path at ``s``; straight beyond its ends."""
     row = route[piece_at(route, s)]
@@ -132,7 +132,7 @@ def directed(route, s):
     return row[DIRECTION] + curvature * u, curvature, row[TURNED] + u * (row[DIRECTION] + 0.5 * curvature * u)
 
 
-@borrowing
+@jit
 def motion_at(route, time, motion):
     """Write the :data:`MOTION` of a route (rows, 6) at ``time`` (s) into ``motion`` (9,)."""
     header = route[0]
@@ -155,7 +155,7 @@ def motion_at(route, time, motion):
     motion[8] = along * (rate * slope + speed * speed * ((bend_ahead - bend_behind) / window))
 
 
-@borrowing
+@jit
 def first_poses(paths, motion, pose):
     """Compute the first poses (n, parts, 3) of routes (n, parts, rows, 6); ``motion`` (9,) is scratch."""
     for world in range(paths.shape[0]):
@@ -165,7 +165,7 @@ def first_poses(paths, motion, pose):
                 pose[world, i, axis] = motion[axis]
 
 
-@borrowing
+@jit
 def sample_route(route, times, motion):
     """Compute the :data:`MOTION` (n, 9) of a route at ``times`` (n,)."""
     for k in range(times.shape[0]):

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.contacts.hulls import hull_gap, part_gap, place_hulls, wall_gap
 from vibgym.registry import Registry
 from vibgym.scene.hulls import hulls_of
@@ -68,7 +68,7 @@ class Room(NamedTuple):
     clear: float  # m, smallest distance between scattered parts
 
 
-@borrowing
+@jit
 def is_clear(hulls, placed, pose, order, count, clear):
     """Return whether the part ``order[count]`` is at least ``clear`` from those before it; all are placed."""
     part = order[count]
@@ -81,7 +81,7 @@ def is_clear(hulls, placed, pose, order, count, clear):
     return True
 
 
-@borrowing
+@jit
 def scatter(hulls, room, order, count, numbers, placed, cells, pose):
     """Place the parts ``order[:count]`` at random, each wholly on the surface and clear of the others.
 
@@ -107,7 +107,7 @@ def scatter(hulls, room, order, count, numbers, placed, cells, pose):
             return
 
 
-@borrowing
+@jit
 def spread(room, order, count, numbers, cells, pose):
     """Place the parts in random cells of the lattice, with random headings."""
     for k in range(cells.shape[0]):
@@ -120,7 +120,7 @@ def spread(room, order, count, numbers, cells, pose):
         pose[part, 2] = math.pi * (2.0 * numbers[part, 0, 2] - 1.0)
 
 
-@borrowing
+@jit
 def slide(hulls, placed, pose, order, count, ux, uy, length):
     """Move the part ``order[count]`` along ``(ux, uy)`` until it touches one of those before it, ``length`` m at most.
 
@@ -151,7 +151,7 @@ def slide(hulls, placed, pose, order, count, ux, uy, length):
     return False
 
 
-@borrowing
+@jit
 def is_on_surface(hulls, placed, part, room):
     """Return whether a placed part lies wholly on the surface."""
     for wall in range(4):
@@ -160,7 +160,7 @@ def is_on_surface(hulls, placed, part, room):
     return True
 
 
-@borrowing
+@jit
 def heap(hulls, room, order, count, numbers, placed, pose):
     """Place the parts ``order[:count]`` in one heap: each moves towards the first from afar and stops where it touches.
 
@@ -195,7 +195,7 @@ def heap(hulls, room, order, count, numbers, placed, pose):
             return
 
 
-@borrowing
+@jit
 def push_together(hulls, room, order, count, numbers, placed, pose):
     """Place the parts in the first cells of the lattice and push each to the left, and at the border down, until it touches.
 
@@ -209,7 +209,7 @@ def push_together(hulls, room, order, count, numbers, placed, pose):
             slide(hulls, placed, pose, order, k, 0.0, -1.0, room.cells[k, 1] - room.cells[0, 1])
 
 
-@borrowing
+@jit
 def heap_starts(hulls, room, order, count, tries, placed, pose):
     """Draw the poses of the present parts of n worlds, each in one heap.
 
@@ -224,7 +224,7 @@ def heap_starts(hulls, room, order, count, tries, placed, pose):
         heap(hulls, room, order[world], count[world], tries[world], placed, pose[world])
 
 
-@borrowing
+@jit
 def scatter_starts(hulls, room, order, count, tries, placed, cells, pose):
     """Draw the poses of the present parts of n worlds, scattered.
 

@@ -22,7 +22,7 @@ SQUARE, DISC = Part.rectangle(0.04, 0.04, friction=0.5), Part.disc(0.02, frictio
 TRIANGLE = Part.polygon([[0.0, 0.0], [0.05, 0.0], [0.025, 0.05 * math.sqrt(0.75)]], friction=0.5)
 
 
-@jit
+@jit(allocates=True)
 def assigned(cost: np.ndarray, result: np.ndarray) -> None:
     rows, columns = cost.shape
     assign(

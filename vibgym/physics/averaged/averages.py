@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 
 POLYNOMIAL_END = 0.8
 """Square of slip up to which the first-order coefficients are polynomials; above, they are tabulated."""
@@ -53,7 +53,7 @@ class Averages(NamedTuple):
     wobble: np.ndarray  # (2, nodes, angles, 12)
 
 
-@borrowing
+@jit
 def friction_rate(friction, gravity, speed):
     """Return the rate ``mu g / (2 a_h w)`` (1/s) at which friction brakes a part much slower than the table (eq. 5.60)."""
     return 0.5 * friction * gravity / speed
@@ -64,7 +64,7 @@ def new_scratch() -> Scratch:
     return Scratch(np.zeros((2, 4)), np.zeros(27), np.zeros((6, 3)))
 
 
-@borrowing
+@jit
 def cubic_weights(position, nodes, weights):
     """Compute the weights of four neighbouring nodes in cubic interpolation; return the first node."""
     first = min(max(int(position) - 1, 0), nodes - 4)
@@ -77,7 +77,7 @@ def cubic_weights(position, nodes, weights):
     return first
 
 
-@borrowing
+@jit
 def place(slip):
     """Return the side of the tables and the coordinate on it."""
     side = 0 if slip <= 1.0 else 1
@@ -85,7 +85,7 @@ def place(slip):
     return side, -math.log(max(1.0 - t, 1e-15))
 
 
-@borrowing
+@jit
 def interpolate(table, scale, slip, scratch):
     """Interpolate a row of a table into ``scratch.values``."""
     side, y = place(slip)
@@ -101,7 +101,7 @@ def interpolate(table, scale, slip, scratch):
         )
 
 
-@borrowing
+@jit
 def mean_row(tables, slip, scratch):
     """Interpolate ``d / s``, ``(Q - P) / s^2`` and ``P + Q`` into ``scratch.values``."""
     interpolate(tables.mean, tables.mean_scale, slip, scratch)
@@ -110,7 +110,7 @@ def mean_row(tables, slip, scratch):
         scratch.values[1] /= slip * slip
 
 
-@borrowing
+@jit
 def interpolate_wobble(tables, slip, theta, count, scratch):
     """Interpolate the first ``count`` of twelve antiderivatives at slip and angle in [-pi, pi] into ``scratch.values``."""
     weights, values = scratch.weights, scratch.values
@@ -134,7 +134,7 @@ def interpolate_wobble(tables, slip, theta, count, scratch):
         values[8], values[9], values[10] = -values[8], -values[9], -values[10]
 
 
-@borrowing
+@jit
 def gather_moments(points, phasor_c, phasor_s, n, moments):
     """Compute the moments (6, 3) of load, C and S over ``n`` contact points, about the centre of mass."""
     for i in range(6):
@@ -172,7 +172,7 @@ def gather_moments(points, phasor_c, phasor_s, n, moments):
         moments[5, 2] += a5 * s
 
 
-@borrowing
+@jit
 def polynomial(p, i, x):
     """Evaluate polynomial ``i`` at ``x`` by Estrin's scheme, whose latency is less than Horner's."""
     x2 = x * x
@@ -182,7 +182,7 @@ def polynomial(p, i, x):
     return (high * x4 + middle) * x4 + ((p[i, 8] * x + p[i, 9]) * x2 + (p[i, 10] * x + p[i, 11]))
 
 
-@borrowing
+@jit
 def first_order(tables, points, phasor_c, phasor_s, n, gravity, speed, radius, vx, vy, spin, scratch):
     """Compute mean force and torque per unit mass and friction coefficient at the mean velocity ``(vx, vy, spin)``.
 
@@ -234,7 +234,7 @@ def first_order(tables, points, phasor_c, phasor_s, n, gravity, speed, radius, v
     return force_x, force_y, torque
 
 
-@borrowing
+@jit
 def turn_phasors(moments, gravity, cosine, sine, turned):
     """Rotate moments 1, x, y to the mean velocity's frame, for the terms 1, cos(theta), sin(theta) of normal acceleration."""
     for i in range(3):
@@ -247,7 +247,7 @@ def turn_phasors(moments, gravity, cosine, sine, turned):
         turned[1, a], turned[2, a] = cosine * x + sine * y, cosine * y - sine * x
 
 
-@borrowing
+@jit
 def turn_moments(moments, gravity, cosine, sine, turned):
     """Rotate all moments, see :func:`turn_phasors`."""
     turn_phasors(moments, gravity, cosine, sine, turned)
@@ -264,7 +264,7 @@ def turn_moments(moments, gravity, cosine, sine, turned):
         turned[5, a] = ss * xx - 2.0 * cs * xy + cc * yy
 
 
-@borrowing
+@jit
 def direction(vx, vy):
     """Return length and unit vector; along x for zero velocity, for which the direction has no effect."""
     length = math.sqrt(vx * vx + vy * vy)
@@ -273,7 +273,7 @@ def direction(vx, vy):
     return length, vx / length, vy / length
 
 
-@borrowing
+@jit
 def second_order(tables, moments, gravity, speed, gyration, vx, vy, scratch):
     """Compute ``< Df . wobble >`` times ``w / mu^2``: the second order of mean force and torque per unit mass.
 
@@ -288,7 +288,7 @@ def second_order(tables, moments, gravity, speed, gyration, vx, vy, scratch):
     return coupled(scratch.values, moments, gravity, speed, gyration, cosine, sine, scratch.turned)
 
 
-@borrowing
+@jit
 def coupled(coupling, moments, gravity, speed, gyration, cosine, sine, turned):
     """Compute :func:`second_order` from its coefficients (27,), for a mean velocity along ``(cosine, sine)``."""
     turn_moments(moments, gravity, cosine, sine, turned)
@@ -321,7 +321,7 @@ def coupled(coupling, moments, gravity, speed, gyration, cosine, sine, turned):
     return inverse * (cosine * fx - sine * fy), inverse * (sine * fx + cosine * fy), inverse * torque
 
 
-@borrowing
+@jit
 def velocity_wobble(tables, moments, gravity, speed, vx, vy, scratch):
     """Return the wobble of the centre's velocity x, y at the start of a period, for ``mu = w = 1``."""
     length, cosine, sine = direction(vx, vy)
@@ -334,7 +334,7 @@ def velocity_wobble(tables, moments, gravity, speed, vx, vy, scratch):
     return cosine * x - sine * y, sine * x + cosine * y
 
 
-@borrowing
+@jit
 def wobble(tables, moments, gravity, speed, gyration, vx, vy, result, scratch):
     """Compute the wobble of velocity and position at the start of a period, for ``mu = w = 1``.
 
@@ -359,7 +359,7 @@ def wobble(tables, moments, gravity, speed, gyration, vx, vy, result, scratch):
         result[3 * k + 2] = inverse * turn
 
 
-@borrowing
+@jit
 def slip_margin(moments, gravity, speed, friction, frequency, vx, vy):
     """Return a bound on the distance of slip from zero, over the table's speed; below zero, slip may vanish.
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.physics.averaged.averages import (
     Averages,
@@ -84,7 +84,7 @@ def new_workspace(table: Table, body: Body) -> AveragedWorkspace:
     )
 
 
-@borrowing
+@jit
 def cut_at(table, body, x, y, heading, spin, work):
     """Cut the outline at a pose into contact points; return their number, 0 without support."""
     split = spin_split(table, body, table.speed, spin)
@@ -93,7 +93,7 @@ def cut_at(table, body, x, y, heading, spin, work):
     return cut_into_points(table, body, split, x, y, work.cut)
 
 
-@borrowing
+@jit
 def sample_contact(table, body, drive, world, x, y, heading, spin, work):
     """Cut the outline at a pose, read phasors and compute their moments; return the number of points, 0 without support."""
     n = cut_at(table, body, x, y, heading, spin, work)
@@ -103,7 +103,7 @@ def sample_contact(table, body, drive, world, x, y, heading, spin, work):
     return n
 
 
-@borrowing
+@jit
 def mean_acceleration(table, body, scheme, n, vx, vy, spin, work):
     """Return the mean acceleration (m/s^2, m/s^2, rad/s^2) by friction at a mean velocity, for the last cut."""
     mu = body.friction
@@ -121,7 +121,7 @@ def mean_acceleration(table, body, scheme, n, vx, vy, spin, work):
     return mu * ax, mu * ay, mu / body.gyration * aw
 
 
-@borrowing
+@jit
 def mean_velocity_of(table, body, scheme, vx, vy, work):
     """Return the mean velocity of an instantaneous one, by Broyden's method; write its wobble to ``work.shift``."""
     size = body.friction * table.period / (2.0 * math.pi)
@@ -161,14 +161,14 @@ class AveragedScene(NamedTuple):
     work: AveragedWorkspace
 
 
-@borrowing
+@jit
 def in_world(scene, world):
     """Return the scene with the part's conditions in a world."""
     body = under_conditions(scene.body, scene.state, world, 0)
     return AveragedScene(scene.table, body, scene.scheme, scene.drive, scene.state, scene.work)
 
 
-@borrowing
+@jit
 def exponential(z):
     """Return the functions phi_1, phi_2, phi_3 of exponential integrators at -z: 1, 1/2 and 1/6 at z = 0."""
     if z < 0.5:
@@ -195,7 +195,7 @@ class Span(NamedTuple):
     part: float  # fraction of that step
 
 
-@borrowing
+@jit
 def span_of(scene, length, is_last, vx, vy):
     """Return the span of the next ``length`` periods."""
     table, steps = scene.table, scene.scheme.steps
@@ -211,7 +211,7 @@ def span_of(scene, length, is_last, vx, vy):
     return Span(h, rate, phi1, phi2, phi3, last, part)
 
 
-@borrowing
+@jit
 def sample_at(scene, world, motion):
     """Sample the contact at a part's pose, see :func:`sample_contact`."""
     return sample_contact(
@@ -219,7 +219,7 @@ def sample_at(scene, world, motion):
     )
 
 
-@borrowing
+@jit
 def acceleration_of(scene, n, motion):
     """Return the mean acceleration for the last cut, by friction and incline; the incline causes no wobble."""
     body = scene.body
@@ -227,7 +227,7 @@ def acceleration_of(scene, n, motion):
     return ax + body.incline_x, ay + body.incline_y, aw
 
 
-@borrowing
+@jit
 def margin_of(scene, motion):
     """Return :func:`vibgym.physics.averaged.averages.slip_margin` at a motion."""
     table, frequency = scene.table, 2.0 * math.pi / scene.table.period
@@ -236,14 +236,14 @@ def margin_of(scene, motion):
     )
 
 
-@borrowing
+@jit
 def wobble_sizes(scene):
     """Return the factors of the wobble of velocity (s) and position (s^2)."""
     size = scene.body.friction * scene.table.period / (2.0 * math.pi)
     return size, size * scene.table.period / (2.0 * math.pi)
 
 
-@borrowing
+@jit
 def find_wobble(scene, moments, vx, vy):
     """Write the wobble at a mean velocity to ``work.shift``."""
     table, work = scene.table, scene.work
@@ -252,7 +252,7 @@ def find_wobble(scene, moments, vx, vy):
     )
 
 
-@borrowing
+@jit
 def mean_motion(scene, motion):
     """Convert instantaneous to slow variables."""
     shift = scene.work.shift
@@ -264,7 +264,7 @@ def mean_motion(scene, motion):
     )  # fmt: skip
 
 
-@borrowing
+@jit
 def instantaneous_motion(scene, motion):
     """Convert slow to instantaneous variables."""
     shift = scene.work.shift
@@ -276,7 +276,7 @@ def instantaneous_motion(scene, motion):
     )  # fmt: skip
 
 
-@borrowing
+@jit
 def predict(span, motion, ax, ay, aw):
     """Return the motion after a step in which only the linear part of friction changes."""
     h, phi1, phi2 = span.h, span.phi1, span.phi2
@@ -290,7 +290,7 @@ def predict(span, motion, ax, ay, aw):
     )
 
 
-@borrowing
+@jit
 def pose_within(scene, span, motion, ax, ay, aw, bx, by, bw):
     """Return the instantaneous pose at ``span.part`` of a step; moments of its ends: ``work.before``, ``work.moments``."""
     before, moments, shift, part = scene.work.before, scene.work.moments, scene.work.shift, span.part
@@ -309,7 +309,7 @@ def pose_within(scene, span, motion, ax, ay, aw, bx, by, bw):
     )
 
 
-@borrowing
+@jit
 def advance_world(scene, world, motion, periods):
     """Advance one world by whole periods.
 
@@ -367,7 +367,7 @@ def advance_world(scene, world, motion, periods):
     return motion, pose, margin, n, sound
 
 
-@borrowing
+@jit
 def advance_worlds(start, stop, scene, periods):
     """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing the state in place."""
     scene = reference(scene)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.hulls import A_FACE, B_FACE, hull_contact, moved_support, place_hulls, wall_direction
 from vibgym.physics.core.records import friction_in, incline_size
@@ -35,14 +35,14 @@ class Approach(NamedTuple):
     nearest: float  # m, lower bound of the last pair's gap at the start of the step
 
 
-@borrowing
+@jit
 def part_motion(workspace, slot):
     """Return x, y, velocity x, y and spin of the part in a slot."""
     pose, velocity, lane = workspace.pose[slot // LANES], workspace.velocity[slot // LANES], slot % LANES
     return pose[lane], pose[LANES + lane], velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane]
 
 
-@borrowing
+@jit
 def friction_bound(island, slot):
     """Return an upper bound on the relative acceleration by friction of a part, m/s^2."""
     scene = island.scene
@@ -50,13 +50,13 @@ def friction_bound(island, slot):
     return 2.0 * friction * scene.table.gravity
 
 
-@borrowing
+@jit
 def arm_of(hulls, part):
     """Return the largest distance of a corner from the centre, m; zero for a disc."""
     return hulls.radius[part] - hulls.rounding[hulls.owner[part]]
 
 
-@borrowing
+@jit
 def bound_motion(island, h):
     """Compute ``contacts.ahead``: bound (m) on the motion of any point of each part in a step of ``h`` s alone."""
     scene, contacts = island.scene, island.contacts
@@ -69,7 +69,7 @@ def bound_motion(island, h):
         contacts.step_bound[slot] = (math.sqrt(vx * vx + vy * vy) + radius * abs(spin)) * h + 0.5 * pull * h * h
 
 
-@borrowing
+@jit
 def stays_separated(contacts, pair, i, j):
     """Return whether the separation at the last exact test proves that a pair stays apart in this step."""
     used, step_bound = contacts.travelled[i], contacts.step_bound[i]
@@ -78,7 +78,7 @@ def stays_separated(contacts, pair, i, j):
     return contacts.separation[pair] - used > step_bound
 
 
-@borrowing
+@jit
 def place_slot(island, slot):
     """Place the hulls of the part in a slot unless they are up to date."""
     contacts = island.contacts
@@ -89,14 +89,14 @@ def place_slot(island, slot):
         place_hulls(island.hulls, part, at[lane], at[LANES + lane], at[2 * LANES + lane], contacts.placed)
 
 
-@borrowing
+@jit
 def invalidate_placement(island):
     """Mark all placed hulls as outdated, after parts have moved."""
     for slot in range(island.parts):
         island.contacts.fresh[slot] = False
 
 
-@borrowing
+@jit
 def limit_to_impact(island, approach, gap, later, pull, curve, shortest, pair):
     """Shorten the step to the earliest possible time of impact of a pair.
 
@@ -123,7 +123,7 @@ def limit_to_impact(island, approach, gap, later, pull, curve, shortest, pair):
     return Approach(h, touching, impact, min(nearest, gap))
 
 
-@borrowing
+@jit
 def advance_to_wall(island, approach, shortest, pair, slot, wall):
     """Shorten the step by the time of impact of a part and a wall."""
     scene, hulls, placed = island.scene, island.hulls, island.contacts.placed
@@ -146,7 +146,7 @@ def advance_to_wall(island, approach, shortest, pair, slot, wall):
     return approach
 
 
-@borrowing
+@jit
 def advance_to_part(island, approach, shortest, pair, i, j):
     """Shorten the step by the time of impact of the parts in two slots."""
     hulls, placed, part = island.hulls, island.contacts.placed, island.scene.workspace.part
@@ -189,7 +189,7 @@ def advance_to_part(island, approach, shortest, pair, i, j):
     return approach
 
 
-@borrowing
+@jit
 def conservative_step(island, pairs, n, h, shortest):
     """Compute the longest step with friction alone, by conservative advancement over all pairs.
 

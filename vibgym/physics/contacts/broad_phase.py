@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.contacts.hulls import BOTTOM, LEFT, RIGHT, part_gap, place_hulls, wall_gap
 from vibgym.physics.core.records import friction_in, incline_size
 
@@ -56,7 +56,7 @@ def new_circles(parts: int) -> Circles:
     )
 
 
-@borrowing
+@jit
 def travel_bound(table, friction, incline, vx, vy):
     """Return the largest distance (m) that a part can travel in a period without contacts; incline in m/s^2."""
     # Not less for parts at the table's speed: spin under an uneven pressure may accelerate a part beyond it.
@@ -64,7 +64,7 @@ def travel_bound(table, friction, incline, vx, vy):
     return (math.sqrt(vx * vx + vy * vy) + pull * table.period) * table.period
 
 
-@borrowing
+@jit
 def wall_distance(table, wall, x, y):
     """Return the distance of a point from the wall along a border, m."""
     if wall == LEFT:
@@ -76,13 +76,13 @@ def wall_distance(table, wall, x, y):
     return table.rows * table.element_size - y
 
 
-@borrowing
+@jit
 def bucket_of(circles, column, row):
     """Return the bucket (hash) of a cell; other cells may share it."""
     return (column * 73856093 ^ row * 19349663) & (circles.first.shape[0] - 1)
 
 
-@borrowing
+@jit
 def enter_cells(circles, count, size):
     """Assign the first ``count`` circles to cells of ``size`` m."""
     for bucket in range(circles.first.shape[0]):
@@ -95,7 +95,7 @@ def enter_cells(circles, count, size):
         circles.first[bucket] = k
 
 
-@borrowing
+@jit
 def is_near(circles, k, other):
     """Return whether two circles overlap and the second is not the larger one, so that each pair is found once."""
     mine, theirs = circles.reach[k], circles.reach[other]
@@ -105,7 +105,7 @@ def is_near(circles, k, other):
     return dx * dx + dy * dy <= (mine + theirs) * (mine + theirs)
 
 
-@borrowing
+@jit
 def near_pairs(table, walls, circles, count, pairs):
     """Find the pairs of circles that overlap, and the circles that reach over a border with a wall.
 
@@ -155,7 +155,7 @@ def near_pairs(table, walls, circles, count, pairs):
     return n
 
 
-@borrowing
+@jit
 def pair_gap(table, hulls, placed, i, j):
     """Return the gap between two placed parts, or a part and a wall (``j = -1 - wall``), m."""
     if j >= 0:
@@ -163,7 +163,7 @@ def pair_gap(table, hulls, placed, i, j):
     return wall_gap(hulls, placed, i, -1 - j, table.columns * table.element_size, table.rows * table.element_size)
 
 
-@borrowing
+@jit
 def circle_gap(table, hulls, i, at, j, there):
     """Return the gap between the circumscribed circles of two parts, or of a part and a wall, at poses ``at`` and ``there``, m.
 
@@ -175,7 +175,7 @@ def circle_gap(table, hulls, i, at, j, there):
     return math.sqrt(dx * dx + dy * dy) - hulls.radius[i] - hulls.radius[j]
 
 
-@borrowing
+@jit
 def curvature_bound(table, bodies, hulls, state, world, part, step):
     """Return a bound on the distance of a point of a part from the straight line between two poses ``step`` s apart, m."""
     friction, radius = friction_in(bodies, state, world, part), hulls.radius[part]
@@ -192,7 +192,7 @@ class Paths(NamedTuple):
     travel: np.ndarray  # (parts, most steps) m, bound on the displacement of any point of a driven part in a step
 
 
-@borrowing
+@jit
 def path_segment(hulls, paths, part, first, last):
     """Return a part's displacement x, y (m) from step ``first`` to ``last``, and a bound on its points' deviation (m)."""
     if paths.driven[part]:
@@ -204,7 +204,7 @@ def path_segment(hulls, paths, part, first, last):
     return then[0] - at[0], then[1] - at[1], hulls.radius[part] * abs(then[2] - at[2])
 
 
-@borrowing
+@jit
 def paths_cross(table, bodies, hulls, state, world, paths, i, j, placed):
     """Return whether two parts, or a part and a wall (``j = -1 - wall``), may have touched on their paths.
 

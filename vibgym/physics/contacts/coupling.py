@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, reference
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.approach import conservative_step, invalidate_placement
@@ -133,7 +133,7 @@ class Island(NamedTuple):
     walls: int  # set of walls, a bit each
 
 
-@borrowing
+@jit
 def order_pairs(contacts, parts, n):
     """Sort the ``n`` pairs of ``contacts.found`` by slots, walls last, into ``contacts.pairs``."""
     found, pairs, row = contacts.found, contacts.pairs, contacts.row
@@ -164,7 +164,7 @@ def order_pairs(contacts, parts, n):
         contacts.separation[k] = -math.inf
 
 
-@borrowing
+@jit
 def update_pairs(island):
     """Write the near pairs into ``contacts.pairs`` and return their number."""
     scene, contacts = island.scene, island.contacts
@@ -190,7 +190,7 @@ def update_pairs(island):
     return n
 
 
-@borrowing
+@jit
 def pairs_outdated(island):
     """Return whether any part's velocity differs by more than ``REFRESH_SPEED`` from that at the last update of the pairs."""
     workspace, speed = island.scene.workspace, island.contacts.speed
@@ -204,7 +204,7 @@ def pairs_outdated(island):
     return False
 
 
-@borrowing
+@jit
 def friction_step(scene, phase, span):
     """Return a step of ``span`` s from ``phase = w t`` on, in the scheme's Runge-Kutta steps or shorter ones."""
     table, scheme, cosine, sine = scene.table, scene.scheme, scene.workspace.cosine, scene.workspace.sine
@@ -218,7 +218,7 @@ def friction_step(scene, phase, span):
     return Step(phase, span, h, substeps, cosine, sine, 0, 3)
 
 
-@borrowing
+@jit
 def load_island(island):
     """Load the parts into their slots."""
     scene, contacts = island.scene, island.contacts
@@ -234,7 +234,7 @@ def load_island(island):
         workspace.away[slot] = True
 
 
-@borrowing
+@jit
 def store_parts(scene, world, first, stop, pushed):
     """Store the state of a world's parts in slots ``first`` to ``stop`` after a period.
 
@@ -266,7 +266,7 @@ def store_parts(scene, world, first, stop, pushed):
             state.sticking[world, part] = False
 
 
-@borrowing
+@jit
 def measure_travel(island):
     """Add the distance that each part has travelled in a step."""
     workspace, contacts = island.scene.workspace, island.contacts
@@ -279,7 +279,7 @@ def measure_travel(island):
             step_start[k] = at[k * LANES + lane]
 
 
-@borrowing
+@jit
 def record_paths(island, paths, turn, step):
     """Record the poses after ``turn`` cuts, and bounds on the motion since the last one; ``step``: s, longest coupling step."""
     scene, contacts = island.scene, island.contacts
@@ -296,7 +296,7 @@ def record_paths(island, paths, turn, step):
         contacts.travelled_at_cut[slot] = contacts.travelled[slot]
 
 
-@borrowing
+@jit
 def add_contact_velocity(island, sign):
     """Accumulate the velocity change by contacts: call with ``sign`` -1 before contacts are resolved and 1 after."""
     velocity, pushed = island.scene.workspace.velocity, island.contacts.pushed
@@ -306,7 +306,7 @@ def add_contact_velocity(island, sign):
             pushed[slot, k] += sign * velocity[g, k * LANES + lane]
 
 
-@borrowing
+@jit
 def coupling_step(island, n, h, phase, first):
     """Take a coupling step: friction alone, then contacts.
 
@@ -347,7 +347,7 @@ def coupling_step(island, n, h, phase, first):
     return called, stale, n
 
 
-@borrowing
+@jit
 def advance_island(island, n, paths):
     """Advance an island by a period with contacts, changing the state in place.
 

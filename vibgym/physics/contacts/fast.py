@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, reference
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import CONTACT, FREE, NEAR, Circles, near_pairs, new_circles, pair_capacity
@@ -106,7 +106,7 @@ def new_fast_contacts(parts: int, slots: int, hulls: Hulls) -> FastContacts:
     )
 
 
-@borrowing
+@jit
 def find_rows(start, stop, fixed, state, rows, whole):
     """Find the parts with near pairs of worlds ``start`` to ``stop``, and list the others.
 
@@ -138,7 +138,7 @@ def find_rows(start, stop, fixed, state, rows, whole):
                 rows.count[kind] += 1
 
 
-@borrowing
+@jit
 def load_worlds(scene, contacts, driven, world, stop, base):
     """Load the parts with near pairs from ``world`` on into slots, as long as there is room.
 
@@ -166,7 +166,7 @@ def load_worlds(scene, contacts, driven, world, stop, base):
     return count, world
 
 
-@borrowing
+@jit
 def load_bodies(scene, fixed, first, parts):
     """Load velocities, inverse masses and bounding circles of a world's parts; return circles and iterations.
 
@@ -196,7 +196,7 @@ def load_bodies(scene, fixed, first, parts):
     return count, rounds_needed(parts, heaviest / lightest)
 
 
-@borrowing
+@jit
 def place_body(scene, fixed, first, k):
     """Place the hulls of a world's part ``k`` unless they are up to date; return its x and y, m, and its index."""
     workspace, slot = scene.workspace, first + k
@@ -207,7 +207,7 @@ def place_body(scene, fixed, first, k):
     return at[lane], at[LANES + lane], part
 
 
-@borrowing
+@jit
 def add_manifold(points, n, i, j, x, y, u, w, manifold, friction, restitution, h):
     """Add the points of a manifold; return the new number of points.
 
@@ -229,7 +229,7 @@ def add_manifold(points, n, i, j, x, y, u, w, manifold, friction, restitution, h
     return n
 
 
-@borrowing
+@jit
 def find_points(scene, fixed, first, parts, count, h):
     """Find the contact points of a world; return their number.
 
@@ -258,7 +258,7 @@ def find_points(scene, fixed, first, parts, count, h):
     return n
 
 
-@borrowing
+@jit
 def measure_overlap(scene, fixed):
     """Return the largest overlap of the loaded parts with one another or with walls, m."""
     contacts, overlap = fixed.contacts, 0.0
@@ -269,7 +269,7 @@ def measure_overlap(scene, fixed):
     return overlap
 
 
-@borrowing
+@jit
 def write_bodies(scene, fixed, first, parts):
     """Write velocities and poses of a world's parts after contacts."""
     points, pushed, workspace = fixed.contacts.points, fixed.contacts.pushed, scene.workspace
@@ -291,7 +291,7 @@ def write_bodies(scene, fixed, first, parts):
             workspace.stale[slot] = True
 
 
-@borrowing
+@jit
 def resolve_contacts(scene, fixed, index, h):
     """Resolve the contacts of a world after a step of ``h`` s by friction alone.
 
@@ -309,7 +309,7 @@ def resolve_contacts(scene, fixed, index, h):
         write_bodies(scene, fixed, first, parts)
 
 
-@borrowing
+@jit
 def slide_slots(scene, fixed, slots, step):
     """Move the parts in the first ``slots`` by friction alone in contact step number ``step``; return its length, s."""
     contacts, workspace, steps = fixed.contacts, scene.workspace, scene.scheme.steps
@@ -326,7 +326,7 @@ def slide_slots(scene, fixed, slots, step):
     return h
 
 
-@borrowing
+@jit
 def advance_worlds(scene, fixed, count):
     """Advance the parts in all slots by a period."""
     for step in range(scene.scheme.steps * fixed.couplings):
@@ -335,7 +335,7 @@ def advance_worlds(scene, fixed, count):
             resolve_contacts(scene, fixed, index, h)
 
 
-@borrowing
+@jit
 def store_worlds(scene, contacts, count, counts):
     """Store the parts of the loaded worlds after a period, and count it; ``counts``: see :func:`drive_together`."""
     for index in range(count):
@@ -346,7 +346,7 @@ def store_worlds(scene, contacts, count, counts):
         counts[at, CALLS] += contacts.touched[index]
 
 
-@borrowing
+@jit
 def drive_together(start, stop, fixed, drive, state, rows, counts):
     """Advance the parts with near pairs of worlds ``start`` to ``stop`` by a period.
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 
 LEFT, RIGHT, BOTTOM, TOP = 0, 1, 2, 3
@@ -33,7 +33,7 @@ class Hulls(NamedTuple):
     radius: np.ndarray  # (parts,) m, of the circumscribed circle about the centre of mass
 
 
-@borrowing
+@jit
 def place_hulls(hulls, part, x, y, heading, placed):
     """Write corners and normals of a part at a pose, in the world frame, into ``placed`` (all corners, 4)."""
     cosine, sine = math.cos(heading), math.sin(heading)
@@ -46,7 +46,7 @@ def place_hulls(hulls, part, x, y, heading, placed):
         placed[k, 3] = sine * nx + cosine * ny
 
 
-@borrowing
+@jit
 def hull_contact(hulls, placed, a, b):
     """Return the gap between two placed hulls (m, negative: overlap), the unit normal from ``a`` to ``b``, and its owner.
 
@@ -93,14 +93,14 @@ def hull_contact(hulls, placed, a, b):
     return best - hulls.rounding[a] - hulls.rounding[b], nx, ny, owner
 
 
-@borrowing
+@jit
 def hull_gap(hulls, placed, a, b):
     """Return the gap between two placed hulls (m, negative: overlap) and the unit normal from ``a`` to ``b``."""
     gap, nx, ny, _ = hull_contact(hulls, placed, a, b)
     return gap, nx, ny
 
 
-@borrowing
+@jit
 def gap_along(hulls, placed, a, b, nx, ny):
     """Return the gap between two placed hulls along a unit vector from ``a`` to ``b``, without rounding radii, m."""
     low, high = math.inf, -math.inf
@@ -111,14 +111,14 @@ def gap_along(hulls, placed, a, b, nx, ny):
     return low - high
 
 
-@borrowing
+@jit
 def part_gap(hulls, placed, i, j):
     """Return the smallest gap between the placed hulls of two parts, m; negative: overlap."""
     gap, _, _ = part_contact(hulls, placed, i, j)
     return gap
 
 
-@borrowing
+@jit
 def part_contact(hulls, placed, i, j):
     """Return the smallest gap between the placed hulls of two parts (m, negative: overlap) and the unit normal from i to j."""
     smallest, nx, ny = math.inf, 1.0, 0.0
@@ -130,7 +130,7 @@ def part_contact(hulls, placed, i, j):
     return smallest, nx, ny
 
 
-@borrowing
+@jit
 def moved_support(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
     """Return the support of hull ``a`` along ``(nx, ny)`` after moving for ``h`` on straight lines, with rounding, m.
 
@@ -145,7 +145,7 @@ def moved_support(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
     return most + drift + hulls.rounding[a]
 
 
-@borrowing
+@jit
 def wall_direction(table, wall):
     """Return the unit vector towards the wall along a border, and the wall's position along it, m."""
     if wall == LEFT:
@@ -157,7 +157,7 @@ def wall_direction(table, wall):
     return 0.0, 1.0, table.rows * table.element_size
 
 
-@borrowing
+@jit
 def wall_gap(hulls, placed, part, wall, width, height):
     """Return the gap between a placed part and the wall along a border, m; negative: overlap."""
     smallest = math.inf
@@ -175,7 +175,7 @@ def wall_gap(hulls, placed, part, wall, width, height):
     return smallest
 
 
-@jit
+@jit(allocates=True)
 def all_gaps(hulls, pose, gaps):
     """Compute the gaps between all parts of every world.
 
@@ -211,7 +211,7 @@ class Span(NamedTuple):
     high: float
 
 
-@borrowing
+@jit
 def support_segment(hulls, placed, a, nx, ny):
     """Return a hull's support along ``(nx, ny)`` and the interval of its supporting corners along the tangent, m."""
     most, low, high = -math.inf, math.inf, -math.inf
@@ -224,14 +224,14 @@ def support_segment(hulls, placed, a, nx, ny):
     return most + hulls.rounding[a], low, high
 
 
-@borrowing
+@jit
 def span_at(gap, nx, ny, level, low, high):
     """Return the span at ``level`` along the normal, between ``low`` and ``high`` along the tangent, m."""
     middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.0)
     return Span(gap, nx, ny, level * nx - middle * ny, level * ny + middle * nx, -half, half)
 
 
-@borrowing
+@jit
 def hull_span(hulls, placed, a, b):
     """Return the contact segment of two placed hulls; of separated hulls, that on which they would meet."""
     gap, nx, ny = hull_gap(hulls, placed, a, b)
@@ -240,7 +240,7 @@ def hull_span(hulls, placed, a, b):
     return span_at(gap, nx, ny, 0.5 * (mine - theirs), max(low, -left), min(high, -right))
 
 
-@borrowing
+@jit
 def wall_span(table, hulls, placed, a, wall):
     """Return the contact segment of a placed hull and a wall; of separated ones, that on which they would meet."""
     nx, ny, border = wall_direction(table, wall)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.approach import RESTING, part_motion
 from vibgym.physics.contacts.hulls import Span, hull_span, wall_span
@@ -60,7 +60,7 @@ class Impulse(NamedTuple):
     turn: float  # N m s
 
 
-@borrowing
+@jit
 def mobility_of(inverse_mass, inverse_inertia, rn, rt):
     """Return the mobility of one body.
 
@@ -74,7 +74,7 @@ def mobility_of(inverse_mass, inverse_inertia, rn, rt):
     )  # fmt: skip
 
 
-@borrowing
+@jit
 def sum_mobilities(one, other):
     """Return the mobility of a contact between two bodies."""
     return Mobility(
@@ -83,7 +83,7 @@ def sum_mobilities(one, other):
     )  # fmt: skip
 
 
-@borrowing
+@jit
 def friction_ratio(slip, coefficient, coupling, resistance):
     """Return the ratio of tangential to normal impulse; without slip the one that maintains sticking, at most ``coefficient``.
 
@@ -97,7 +97,7 @@ def friction_ratio(slip, coefficient, coupling, resistance):
     return min(max(-coupling / resistance, -coefficient), coefficient)
 
 
-@borrowing
+@jit
 def impulse_location(mobility, slip, end, low, high, coefficient):
     """Return the position at which the impulse acts (m, along the tangent), its friction ratio, and the end.
 
@@ -120,7 +120,7 @@ def impulse_location(mobility, slip, end, low, high, coefficient):
     return place, friction_ratio(slip, coefficient, mobility.nt - place * mobility.tw, mobility.tt), end
 
 
-@borrowing
+@jit
 def impact_impulse(mobility, approach, slip, turning, low, high, restitution, coefficient):
     """Compute the impulse of an impact.
 
@@ -218,7 +218,7 @@ class RelativeMotion(NamedTuple):
     turning: float  # rad/s
 
 
-@borrowing
+@jit
 def set_inverse_masses(island):
     """Compute the inverse masses and inertias of the island's parts."""
     properties, factor = island.properties, island.scene.state.mass[island.world]
@@ -229,7 +229,7 @@ def set_inverse_masses(island):
         properties.inverse_inertia[p] = 1.0 / (mass * properties.gyration[p])
 
 
-@borrowing
+@jit
 def relative_motion(scene, i, j, span):
     """Return the relative motion of the part in slot ``i`` and that in ``j``, or a wall (``-1 - wall``), at a contact."""
     x, y, vx, vy, spin = part_motion(scene.workspace, i)
@@ -240,7 +240,7 @@ def relative_motion(scene, i, j, span):
     return RelativeMotion(span.nx * ux + span.ny * uy, span.nx * uy - span.ny * ux, turning)
 
 
-@borrowing
+@jit
 def closing_speed(scene, i, j, span):
     """Return the normal velocity at the end that closes faster, m/s, negative: approaching; infinite without overlap."""
     if span.gap < -CONTACT_FROM:
@@ -249,7 +249,7 @@ def closing_speed(scene, i, j, span):
     return math.inf
 
 
-@borrowing
+@jit
 def fastest_impact(island, pairs, n, hit):
     """Find the pair that closes fastest among those that met in this step or have a part that was hit.
 
@@ -276,7 +276,7 @@ def fastest_impact(island, pairs, n, hit):
     return chosen, where
 
 
-@borrowing
+@jit
 def mobility_at(island, slot, span):
     """Return the mobility of the part in a slot at a contact."""
     x, y, _, _, _ = part_motion(island.scene.workspace, slot)
@@ -286,7 +286,7 @@ def mobility_at(island, slot, span):
     return mobility_of(properties.inverse_mass[part], properties.inverse_inertia[part], normal, tangent)
 
 
-@borrowing
+@jit
 def apply_impulse(island, slot, span, normal, tangential, turn):
     """Apply an impulse at a contact to a slot's part; return the largest change of velocity of any point, m/s."""
     workspace, properties = island.scene.workspace, island.properties
@@ -304,7 +304,7 @@ def apply_impulse(island, slot, span, normal, tangential, turn):
     return max(abs(dx), abs(dy), island.hulls.radius[part] * abs(spin))
 
 
-@borrowing
+@jit
 def resolve_impacts(island, pairs, n, hit_speed):
     """Resolve the impacts of parts with each other and with walls at the current poses, changing velocities.
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.contacts.approach import RESTING
 
 NX, NY, ARM_I, ARM_J, LEVER_I, LEVER_J, NORMAL_MASS, TANGENT_MASS = 0, 1, 2, 3, 4, 5, 6, 7
@@ -58,7 +58,7 @@ def new_points(bodies: int, capacity: int) -> Points:
     )
 
 
-@borrowing
+@jit
 def normal_speed(value, motion, i, j):
     """Return the relative speed of two bodies along a point's normal, negative: approaching."""
     return (
@@ -67,7 +67,7 @@ def normal_speed(value, motion, i, j):
     )  # fmt: skip
 
 
-@borrowing
+@jit
 def slip_speed(value, motion, i, j):
     """Return the relative speed of two bodies along a point's tangent, the normal rotated by 90 degrees."""
     return (
@@ -76,7 +76,7 @@ def slip_speed(value, motion, i, j):
     )  # fmt: skip
 
 
-@borrowing
+@jit
 def apply(value, inverse, motion, i, j, normal, tangential):
     """Change the motion of both bodies by an impulse on the second."""
     px, py = normal * value[NX] - tangential * value[NY], normal * value[NY] + tangential * value[NX]
@@ -88,7 +88,7 @@ def apply(value, inverse, motion, i, j, normal, tangential):
     motion[j, 2] += inverse[j, 1] * (normal * value[ARM_J] + tangential * value[LEVER_J])
 
 
-@borrowing
+@jit
 def add_point(points, n, i, j, nx, ny, at_i, at_j, gap, friction, restitution, h):
     """Add a contact point; return the new number of points.
 
@@ -125,7 +125,7 @@ def add_point(points, n, i, j, nx, ny, at_i, at_j, gap, friction, restitution, h
     return n + 1
 
 
-@borrowing
+@jit
 def iterate(points, n, rounds, still):
     """Iterate over the velocities of all points until they change by less than ``still`` m/s, at most ``rounds`` times."""
     velocity, inverse = points.velocity, points.inverse
@@ -148,7 +148,7 @@ def iterate(points, n, rounds, still):
             break
 
 
-@borrowing
+@jit
 def energy(points, bodies):
     """Return the kinetic energy of the first ``bodies``, J."""
     velocity, inverse, total = points.velocity, points.inverse, 0.0
@@ -158,7 +158,7 @@ def energy(points, bodies):
     return 0.5 * total
 
 
-@borrowing
+@jit
 def return_share(points, n, factor):
     """Apply ``factor`` times the share ``e`` of the impulses of impacts."""
     for k in range(n):
@@ -167,7 +167,7 @@ def return_share(points, n, factor):
         apply(value, points.inverse, points.velocity, points.body[k, 0], points.body[k, 1], normal, tangential)
 
 
-@borrowing
+@jit
 def rebound(points, n, bodies, before):
     """Return the share ``e`` of the impulses of impacts, or less of it if energy would exceed that ``before``, J.
 
@@ -192,7 +192,7 @@ def rebound(points, n, bodies, before):
             points.value[k, RESTITUTION] *= factor
 
 
-@borrowing
+@jit
 def move_parts(points, n):
     """Move the bodies by the impulses, for the time since the points touched."""
     for k in range(n):
@@ -201,7 +201,7 @@ def move_parts(points, n):
         apply(value, points.inverse, points.move, i, j, value[MOVED], value[SLID])
 
 
-@borrowing
+@jit
 def move_apart(points, n, slop):
     """Move the bodies apart until the points' overlap is ``slop`` m, so that contacts persist; return the smallest gap, m."""
     move, inverse, smallest = points.move, points.inverse, 0.0
@@ -222,7 +222,7 @@ def move_apart(points, n, slop):
     return smallest
 
 
-@borrowing
+@jit
 def solve_points(points, n, bodies, rounds, slop):
     """Compute ``points.velocity`` after the impulses of ``n`` points, and ``points.move``; return the smallest gap then, m.
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, unit
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import IN_TOUCH, circle_gap, pair_capacity, paths_cross
@@ -72,7 +72,7 @@ def new_islands(parts: int) -> Islands:
     )
 
 
-@borrowing
+@jit
 def root_of(islands, part):
     """Return the root of a part's island."""
     parent = islands.parent
@@ -82,7 +82,7 @@ def root_of(islands, part):
     return part
 
 
-@borrowing
+@jit
 def join(islands, i, j):
     """Merge two islands; the result has to be run."""
     one, other = root_of(islands, i), root_of(islands, j)
@@ -92,7 +92,7 @@ def join(islands, i, j):
     islands.waiting[one] = True
 
 
-@borrowing
+@jit
 def link_pairs(islands, pairs, n):
     """Build linked lists of each part's pairs: entry ``2 k`` is pair ``k`` for its first part, ``2 k + 1`` for its second."""
     for part in range(islands.entry.shape[0]):
@@ -105,7 +105,7 @@ def link_pairs(islands, pairs, n):
                 islands.entry[part] = 2 * k + end
 
 
-@borrowing
+@jit
 def gather_islands(islands):
     """Build linked lists of the members of every island that has to be run."""
     parts = islands.parent.shape[0]
@@ -119,7 +119,7 @@ def gather_islands(islands):
             islands.first[root] = part
 
 
-@borrowing
+@jit
 def precedes(pose, part, other):
     """Return whether a part precedes another one in an island: order by pose, not by index."""
     if pose[part, 0] != pose[other, 0]:
@@ -127,7 +127,7 @@ def precedes(pose, part, other):
     return pose[part, 1] < pose[other, 1] or (pose[part, 1] == pose[other, 1] and pose[part, 2] < pose[other, 2])
 
 
-@borrowing
+@jit
 def sort_parts(member, n, pose):
     """Sort an island's parts in place (heap sort)."""
     for end in range(n - 1, 0, -1):
@@ -146,7 +146,7 @@ def sort_parts(member, n, pose):
         member[0], member[end] = member[end], member[0]
 
 
-@borrowing
+@jit
 def load_members(islands, root, pairs, workspace, pose, contacts):
     """Write an island's parts into slots and its pairs into ``contacts.pairs``; return the numbers of both."""
     parts, part = 0, islands.first[root]
@@ -171,7 +171,7 @@ def load_members(islands, root, pairs, workspace, pose, contacts):
     return parts, n
 
 
-@borrowing
+@jit
 def scheme_of(fixed, part, parts):
     """Return an island's step sizes: those of its kind with the most steps."""
     coupling, kinds, finest = fixed.coupling, fixed.friction.bodies.kind, part[0]
@@ -182,7 +182,7 @@ def scheme_of(fixed, part, parts):
     return Scheme(steps, substeps, base.pieces, base.cosine, base.sine)
 
 
-@unit
+@jit
 def run_island(islands, root, fixed, drive, state, world, pairs, paths):
     """Advance an island by a period.
 
@@ -219,7 +219,7 @@ def run_island(islands, root, fixed, drive, state, world, pairs, paths):
             islands.travelled[part[slot]] += paths.travel[part[slot], step]
 
 
-@borrowing
+@jit
 def may_cross(islands, fixed, state, world, paths, i, j):
     """Return whether two parts' paths may have crossed."""
     table, hulls = fixed.friction.table, fixed.hulls
@@ -229,7 +229,7 @@ def may_cross(islands, fixed, state, world, paths, i, j):
     return paths_cross(table, fixed.friction.bodies, hulls, state, world, paths, i, j, fixed.contacts.placed)
 
 
-@borrowing
+@jit
 def join_crossing_islands(islands, fixed, state, world, pairs, paths, away, exceeding):
     """Merge the islands that were run in this round with parts whose paths may cross theirs.
 
@@ -270,7 +270,7 @@ def join_crossing_islands(islands, fixed, state, world, pairs, paths, away, exce
     return exceeding
 
 
-@borrowing
+@jit
 def mark_touching(pairs, n, gap, driven):
     """Mark parts in ``driven`` that touch each other or are close to a marked part; their pairs get a gap of -1."""
     for k in range(n):
@@ -284,7 +284,7 @@ def mark_touching(pairs, n, gap, driven):
                 driven[pairs[k, 1]] = True
 
 
-@borrowing
+@jit
 def begin_islands(islands, fixed, state, world, pairs, n, gap, paths, away):
     """Find the first islands: parts that touch initially, parts whose paths have crossed each other or a wall, and close ones.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.contacts.hulls import CORNERS, gap_along, hull_contact, wall_direction
 
 
@@ -28,13 +28,13 @@ class Manifold(NamedTuple):
     other_gap: float
 
 
-@borrowing
+@jit
 def no_contact():
     """Return a manifold without points."""
     return Manifold(0, 1.0, 0.0, 0.0, 0.0, math.inf, 0.0, 0.0, math.inf)
 
 
-@borrowing
+@jit
 def edge_along(hulls, placed, a, nx, ny):
     """Return the first corner of the edge of a hull whose outward normal is closest to ``(nx, ny)``."""
     best, at = -math.inf, hulls.first[a]
@@ -45,7 +45,7 @@ def edge_along(hulls, placed, a, nx, ny):
     return at
 
 
-@borrowing
+@jit
 def edge_ends(hulls, placed, a, nx, ny):
     """Return the ends x, y, x, y of the edge of a hull along ``(nx, ny)``, on its rounded outline."""
     at = edge_along(hulls, placed, a, nx, ny)
@@ -54,7 +54,7 @@ def edge_ends(hulls, placed, a, nx, ny):
     return placed[at, 0] + dx, placed[at, 1] + dy, placed[after, 0] + dx, placed[after, 1] + dy
 
 
-@borrowing
+@jit
 def clipped(nx, ny, level, low, high, ax, ay, bx, by, margin):
     """Return the contact points of an edge from ``a`` to ``b`` with a reference face.
 
@@ -84,7 +84,7 @@ def clipped(nx, ny, level, low, high, ax, ay, bx, by, margin):
     )
 
 
-@borrowing
+@jit
 def hull_manifold(hulls, placed, a, b, dx, dy, margin):
     """Return the contact points of two placed hulls with gaps of at most ``margin``.
 
@@ -100,7 +100,7 @@ def hull_manifold(hulls, placed, a, b, dx, dy, margin):
     return hull_points(hulls, placed, a, b, gap, nx, ny, owner, margin)
 
 
-@borrowing
+@jit
 def hull_points(hulls, placed, a, b, gap, nx, ny, owner, margin):
     """Return the contact points of two placed hulls, from the result of :func:`vibgym.physics.contacts.hulls.hull_contact`."""
     corners_a, corners_b = hulls.first[a + 1] - hulls.first[a], hulls.first[b + 1] - hulls.first[b]
@@ -126,7 +126,7 @@ def hull_points(hulls, placed, a, b, gap, nx, ny, owner, margin):
     return Manifold(found.count, nx, ny, found.x, found.y, found.gap, found.other_x, found.other_y, found.other_gap)
 
 
-@borrowing
+@jit
 def wall_manifold(table, hulls, placed, a, wall, margin):
     """Return the contact points of a placed hull and a wall with gaps of at most ``margin``."""
     nx, ny, border = wall_direction(table, wall)

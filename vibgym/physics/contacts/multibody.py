@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, reference
 from vibgym.physics.contacts.broad_phase import (
     CONTACT,
@@ -88,7 +88,7 @@ def new_broad_phase(worlds: int, parts: int, steps: np.ndarray) -> BroadPhase:
     )
 
 
-@borrowing
+@jit
 def copy_part(source, world, target, to, part):
     """Copy a part's motion and flags from one state to another."""
     for k in range(3):
@@ -98,7 +98,7 @@ def copy_part(source, world, target, to, part):
     target.fallen[to, part], target.sticking[to, part] = source.fallen[world, part], source.sticking[world, part]
 
 
-@borrowing
+@jit
 def find_pairs(fixed, state, world, pairs):
     """Write the near pairs of a world and return their number."""
     table, bodies, circles, count = fixed.friction.table, fixed.friction.bodies, fixed.contacts.circles, 0
@@ -118,7 +118,7 @@ def find_pairs(fixed, state, world, pairs):
     return n
 
 
-@borrowing
+@jit
 def find_touching(fixed, pose, pairs, n, gap, driven):
     """Write the gaps of a world's near pairs (of distant ones lower bounds), and mark parts that touch or are close.
 
@@ -146,7 +146,7 @@ def find_touching(fixed, pose, pairs, n, gap, driven):
     mark_touching(pairs, n, gap, driven)
 
 
-@borrowing
+@jit
 def broad_phase(start, stop, fixed, state, broad):
     """Find the near pairs of worlds ``start`` to ``stop``, and the parts that advance without contacts.
 
@@ -179,7 +179,7 @@ def broad_phase(start, stop, fixed, state, broad):
     return any_near
 
 
-@borrowing
+@jit
 def begin_islands_of_world(world, w, fixed, state, broad, paths):
     """Find the first islands of a world."""
     table, bodies, islands, kept = fixed.friction.table, fixed.friction.bodies, broad.islands, broad.kept
@@ -193,7 +193,7 @@ def begin_islands_of_world(world, w, fixed, state, broad, paths):
     begin_islands(islands, fixed, state, world, pairs, found, broad.gap[w], paths, kept.fallen[w])
 
 
-@borrowing
+@jit
 def run_waiting_islands(world, w, fixed, drive, state, broad, paths):
     """Reset and advance the waiting islands of a world; return whether there were any."""
     islands, kept, any_run = broad.islands, broad.kept, False
@@ -210,7 +210,7 @@ def run_waiting_islands(world, w, fixed, drive, state, broad, paths):
     return any_run
 
 
-@borrowing
+@jit
 def resolve_world(world, w, fixed, drive, state, broad, counts):
     """Advance a world's islands until no paths cross; return the kind of period, ``NEAR`` or ``CONTACT``."""
     islands, parts, first = broad.islands, state.pose.shape[1], w * state.pose.shape[1]
@@ -233,7 +233,7 @@ def resolve_world(world, w, fixed, drive, state, broad, counts):
     return mode
 
 
-@borrowing
+@jit
 def resolve(start, stop, fixed, drive, state, broad, counts):
     """Advance the parts with contacts, after those without have taken the period.
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.approach import part_motion, place_slot
 from vibgym.physics.contacts.hulls import hull_contact
@@ -103,7 +103,7 @@ def new_solver(parts: int, hulls: int) -> Solver:
     )
 
 
-@borrowing
+@jit
 def rounds_needed(parts, ratio):
     """Return the largest number of iterations: impulses must propagate through a heap, and from heavy to light parts.
 
@@ -116,7 +116,7 @@ def rounds_needed(parts, ratio):
     return int(min(FEWEST_ROUNDS + np.rint(2.0 * math.sqrt(parts) + ratio), float(MOST_ROUNDS)))
 
 
-@borrowing
+@jit
 def begin_contacts(island):
     """Load the inverse masses of an island's parts (the last body is the walls) and discard the last impulses."""
     solver, properties, part = island.solver, island.properties, island.scene.workspace.part
@@ -129,7 +129,7 @@ def begin_contacts(island):
     solver.last_count[0] = 0
 
 
-@borrowing
+@jit
 def add_points(island, n, i, j, a, b, manifold, friction, h):
     """Add the points of a manifold between two slots, or a slot and a wall (``j = -1 - wall``); return their new number."""
     solver, place, wall = island.solver, island.solver.place, island.parts
@@ -153,7 +153,7 @@ def add_points(island, n, i, j, a, b, manifold, friction, h):
     return n
 
 
-@borrowing
+@jit
 def find_contacts(island, pairs, n, h):
     """Find the contact points of the pairs that may touch; pairs with fallen parts no longer count.
 
@@ -193,7 +193,7 @@ def find_contacts(island, pairs, n, h):
     return count, smallest
 
 
-@borrowing
+@jit
 def start_from_last(solver, n, h):
     """Start the ``n`` points from the impulses of the nearest points of the last step between the same hulls.
 
@@ -219,7 +219,7 @@ def start_from_last(solver, n, h):
             apply(value, points.inverse, points.velocity, i, j, value[NORMAL], value[TANGENTIAL])
 
 
-@borrowing
+@jit
 def keep_impulses(solver, n, h):
     """Store the ``n`` points and their impulses for the next step."""
     points = solver.points
@@ -231,7 +231,7 @@ def keep_impulses(solver, n, h):
     solver.last_count[0], solver.last_span[0] = n, h
 
 
-@borrowing
+@jit
 def clear_impulses(island, hit):
     """Clear the kept impulses of parts that were hit, which are no initial guess for the next step."""
     solver = island.solver
@@ -241,7 +241,7 @@ def clear_impulses(island, hit):
             solver.last_impulse[k, 0] = solver.last_impulse[k, 1] = 0.0
 
 
-@borrowing
+@jit
 def correct_overlap(points, n, rounds, still, slop, share):
     """Compute ``points.move`` such that overlap beyond ``slop`` m decreases by ``share``; iterate until ``still``, m."""
     move, inverse = points.move, points.inverse
@@ -261,7 +261,7 @@ def correct_overlap(points, n, rounds, still, slop, share):
             break
 
 
-@borrowing
+@jit
 def limit_turns(island):
     """Scale ``points.move`` of all parts such that none turns so far that its outline leaves its tangent by the slop."""
     move, radius, scale = island.solver.points.move, island.hulls.radius, 1.0
@@ -275,7 +275,7 @@ def limit_turns(island):
             move[slot, k] *= scale
 
 
-@borrowing
+@jit
 def load_velocities(island):
     """Load the velocities of an island's parts; return the largest ratio of their masses."""
     workspace, points = island.scene.workspace, island.solver.points
@@ -290,7 +290,7 @@ def load_velocities(island):
     return most / least
 
 
-@borrowing
+@jit
 def write_motion(island):
     """Write velocities and displacements of the parts that contacts have changed; mark hit ones in ``workspace.stale``.
 
@@ -316,7 +316,7 @@ def write_motion(island):
     return any_hit
 
 
-@borrowing
+@jit
 def solve(island, n, h, undo):
     """Apply the impulses of the ``n`` points of :func:`find_contacts` to velocities, and correct overlap in poses.
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 
 
-@borrowing
+@jit
 def assign(cost, potential_row, potential_column, row_of, way, least, used, column_of):
     """Assign each row to a different column at the least total cost (H. W. Kuhn 1955; augmenting shortest paths).
 

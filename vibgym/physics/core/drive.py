@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, is_given
 from vibgym.physics.core.hardware import NO_HARDWARE, hardware_at, realise
 
@@ -132,7 +132,7 @@ def field_drive(values: np.ndarray, centre: np.ndarray, element_size: float, rea
     return Drive(FIELD, values, centre=centre, full_scale=full_scale, element_size=element_size, reach=reach)
 
 
-@borrowing
+@jit
 def pinned_drive(address):
     """Return the drive pinned at an address as a record; a reference to this copy is faster to read than the pinned one."""
     drive = drive_at(address)
@@ -142,12 +142,12 @@ def pinned_drive(address):
     )  # fmt: skip
 
 
-@borrowing
+@jit
 def _clipped(value):
     return min(max(np.float64(value), -1.0), 1.0)
 
 
-@borrowing
+@jit
 def unit_phasor(first, second, full_scale):
     """Return the phasor of a vector, clipped to the unit disc, m/s^2."""
     length = math.sqrt(first * first + second * second)
@@ -155,7 +155,7 @@ def unit_phasor(first, second, full_scale):
     return first * scale, second * scale
 
 
-@borrowing
+@jit
 def push_phasor(push_x, push_y, full_scale):
     """Return the phasor that pushes a resting part along ``(push_x, push_y)``; length 1 is full amplitude.
 
@@ -164,26 +164,26 @@ def push_phasor(push_x, push_y, full_scale):
     return unit_phasor(-push_y, -push_x, full_scale)
 
 
-@borrowing
+@jit
 def _polar(drive, world, row, column):
     normal = drive.amplitude[world, row, column] * drive.angular_frequency * drive.angular_frequency
     phase = drive.phase[world, row, column]
     return normal * math.cos(phase), normal * math.sin(phase)
 
 
-@borrowing
+@jit
 def _element(drive, world, at):
     normal = 0.5 * (1.0 + _clipped(drive.values[world, at])) * drive.full_scale
     phase = math.pi * _clipped(drive.values[world, at + 1])
     return normal * math.cos(phase), normal * math.sin(phase)
 
 
-@borrowing
+@jit
 def _phasor(drive, world, at):
     return unit_phasor(_clipped(drive.values[world, at]), _clipped(drive.values[world, at + 1]), drive.full_scale)
 
 
-@borrowing
+@jit
 def _patch(drive, world, row, column):
     size = drive.size
     part, nearest = -1, math.inf
@@ -203,7 +203,7 @@ def _patch(drive, world, row, column):
     return _phasor(drive, world, ((part * size + i) * size + j) * 2)
 
 
-@borrowing
+@jit
 def _field(drive, world, row, column):
     part, nearest = -1, math.inf
     for k in range(drive.centre.shape[1]):
@@ -230,7 +230,7 @@ def _field(drive, world, row, column):
     )
 
 
-@borrowing
+@jit
 def _commanded(drive, world, row, column):
     if drive.mode == POLAR:
         return _polar(drive, world, row, column)
@@ -245,7 +245,7 @@ def _commanded(drive, world, row, column):
     return drive.amplitude[world, row, column], drive.phase[world, row, column]
 
 
-@borrowing
+@jit
 def commands_equal(drive, world, row, column, last_row, last_column):
     """Return whether the raw commands of all elements of a box, corners included, are equal.
 
@@ -271,7 +271,7 @@ def commands_equal(drive, world, row, column, last_row, last_column):
     return False
 
 
-@borrowing
+@jit
 def element_phasor(drive, world, row, column):
     """Return ``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``."""
     source = world
@@ -285,7 +285,7 @@ def element_phasor(drive, world, row, column):
     return c, s
 
 
-@borrowing
+@jit
 def all_phasors(drive, phasors, first=0):
     """Fill ``phasors`` (worlds, rows, columns, 2) with every element's ``(C, S)``, of the worlds from ``first`` on."""
     for world in range(phasors.shape[0]):
@@ -296,7 +296,7 @@ def all_phasors(drive, phasors, first=0):
                 phasors[world, row, column, 1] = s
 
 
-@borrowing
+@jit
 def limit_phasors(phasors, limit, c, s):
     """Copy phasors (worlds, rows, columns, 2) into ``c`` and ``s``, longer ones shortened to ``limit`` (m/s^2)."""
     for world in range(phasors.shape[0]):
@@ -308,7 +308,7 @@ def limit_phasors(phasors, limit, c, s):
                 c[world, row, column], s[world, row, column] = scale * real, scale * imaginary
 
 
-@borrowing
+@jit
 def follow_phasors(drive, keep, reached, c, s):
     """Compute the response of the elements to their phasors with a first-order lag, for a period.
 
@@ -346,14 +346,14 @@ def new_phasors(slots: int, across: int, coupling: float = 1.0) -> Phasors:
     return Phasors(np.full(slots, coupling), np.full((slots, size * size), -1), np.zeros(shape), np.zeros(shape))
 
 
-@borrowing
+@jit
 def clear_phasors(phasors, slot):
     """Clear the entries of a slot."""
     for k in range(phasors.element.shape[1]):  # one loop, which becomes one call of memset
         phasors.element[slot, k] = -1
 
 
-@borrowing
+@jit
 def phasor_under(phasors, slot, drive, world, row, column):
     """Return ``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``, times the coupling of a slot's part."""
     size = phasors.c.shape[1]

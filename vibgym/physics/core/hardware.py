@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, Pinned
 from vibgym.physics.core.noise import normals, uniforms
 
@@ -55,7 +55,7 @@ NO_HARDWARE = HARDWARE.none(_NONE.record)
 """Address in drives of ideal elements."""
 
 
-@borrowing
+@jit
 def realised_amplitude(amplitude, dead_zone, form):
     """Return the amplitude after a dead zone, see :data:`FORMS`; amplitudes within ``ROUNDING`` of its width are unchanged."""
     if amplitude >= (1.0 - ROUNDING) * dead_zone:
@@ -66,7 +66,7 @@ def realised_amplitude(amplitude, dead_zone, form):
     return amplitude * share if form == SOFT else amplitude * share * share
 
 
-@borrowing
+@jit
 def realise(hardware, world, row, column, c, s):
     """Return the actual phasor of an element for a commanded one, m/s^2."""
     number, element = hardware.number, hardware.element
@@ -89,7 +89,7 @@ def realise(hardware, world, row, column, c, s):
     return real, imaginary
 
 
-@borrowing
+@jit
 def draw_elements(hardware, worlds, key, spread, faulty):
     """Draw gain, phase error and faults of every element of some worlds.
 

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 
 WORD = 0xFFFFFFFF
 _FIRST, _SECOND = 0xD2511F53, 0xCD9E8D57  # multipliers
@@ -23,7 +23,7 @@ KEY_DRAWS = 2
 """Uniform random numbers that :func:`keys_from` needs for a key."""
 
 
-@borrowing
+@jit
 def philox(key, a, b, c, d):
     """Return four independent integers in [0, 2^32) for a key and a counter of four words.
 
@@ -42,14 +42,14 @@ def philox(key, a, b, c, d):
     return np.int64(x0), np.int64(x1), np.int64(x2), np.int64(x3)
 
 
-@borrowing
+@jit
 def uniforms(key, a, b, c, d):
     """Return four independent uniform numbers in (0, 1), the centres of 2^32 equal intervals."""
     x0, x1, x2, x3 = philox(key, a, b, c, d)
     return (x0 + 0.5) * _STEP, (x1 + 0.5) * _STEP, (x2 + 0.5) * _STEP, (x3 + 0.5) * _STEP
 
 
-@borrowing
+@jit
 def normals(key, a, b, c, d):
     """Return four independent standard normal numbers (Box-Muller transform), within 6.7 of zero."""
     u0, u1, u2, u3 = uniforms(key, a, b, c, d)

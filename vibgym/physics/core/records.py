@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout
 
 
@@ -73,7 +73,7 @@ class Bodies(NamedTuple):
     laws: np.ndarray  # (kinds, entries)
 
 
-@borrowing
+@jit
 def body_of(bodies, kind):
     """Return the body of a kind."""
     return Body(
@@ -142,7 +142,7 @@ def new_state(worlds: int, parts: int) -> State:
     )
 
 
-@borrowing
+@jit
 def incline_size(state, world):
     """Return the magnitude of a world's incline, m/s^2."""
     return math.sqrt(
@@ -150,19 +150,19 @@ def incline_size(state, world):
     )
 
 
-@borrowing
+@jit
 def body_incline(body):
     """Return the magnitude of a body's incline, m/s^2."""
     return math.sqrt(body.incline_x * body.incline_x + body.incline_y * body.incline_y)
 
 
-@borrowing
+@jit
 def grip_of(patches, row, column):
     """Return the factor on friction of the element at ``(row, column)``, from patches (rows, columns) or (1, 1)."""
     return patches[min(row, patches.shape[0] - 1), min(column, patches.shape[1] - 1)]
 
 
-@borrowing
+@jit
 def best_grip(patches):
     """Return the largest factor on friction of any element."""
     most = patches[0, 0]
@@ -172,19 +172,19 @@ def best_grip(patches):
     return most
 
 
-@borrowing
+@jit
 def most_friction(body):
     """Return the largest coefficient of sliding friction of a body on any element."""
     return body.friction * best_grip(body.patches)
 
 
-@borrowing
+@jit
 def friction_in(bodies, state, world, part):
     """Return the coefficient of sliding friction of a part in its world."""
     return state.friction[world, part] * bodies.friction[bodies.kind[part]]
 
 
-@borrowing
+@jit
 def under_conditions(body, state, world, part):
     """Return a body with its world's factors on friction and incline."""
     factor = state.friction[world, part]
@@ -205,7 +205,7 @@ def under_conditions(body, state, world, part):
     )
 
 
-@borrowing
+@jit
 def law_factor(law, speed):
     """Return the factor on friction at a slip speed (m/s), linear between the entries of a law and constant after the last."""
     at = min(speed * (1.0 / LAW_SPEED), law.shape[0] - 1.0)
@@ -213,7 +213,7 @@ def law_factor(law, speed):
     return law[k] + (at - k) * (law[k + 1] - law[k])
 
 
-@borrowing
+@jit
 def body_in(bodies, state, world, part):
     """Return the body of a part in its world."""
     return under_conditions(body_of(bodies, bodies.kind[part]), state, world, part)
@@ -230,7 +230,7 @@ class Motion(NamedTuple):
     spin: float  # rad/s
 
 
-@borrowing
+@jit
 def is_finite(motion):
     """Return whether all numbers are finite; by comparison, since isfinite(a + b) does not survive reassociation."""
     return abs(motion.x + motion.y + motion.heading + motion.vx + motion.vy + motion.spin) < math.inf

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.drive import phasor_under
 from vibgym.physics.core.records import Body, Table, grip_of
 
@@ -29,7 +29,7 @@ NEGLIGIBLE_PIECE = 1e-11
 _GAUSS = 0.5 / math.sqrt(3.0)
 
 
-@borrowing
+@jit
 def _add_segment(cell, x0, y0, x1, y1):
     """Add one boundary segment, in the cell's coordinates. Two Gauss points integrate the cubics exactly."""
     height = y1 - y0
@@ -50,7 +50,7 @@ def _add_segment(cell, x0, y0, x1, y1):
     cell[8] += weight * (ya * ya + yb * yb)
 
 
-@borrowing
+@jit
 def cut_outline(x, y, cells, box):
     """Compute the moments of all cells of the bounding box of a closed outline ``x, y`` (counter-clockwise).
 
@@ -103,7 +103,7 @@ def cut_outline(x, y, cells, box):
         _add_segment(cells[row * columns + column], px - column, py - row, bx - column, by - row)
 
 
-@borrowing
+@jit
 def contact_points(cells, box, rows, columns, split, pitch, x, y, smallest, points, elements):
     """Turn the moment table into weighted points relative to ``(x, y)``, four for each supported piece.
 
@@ -167,7 +167,7 @@ def contact_points(cells, box, rows, columns, split, pitch, x, y, smallest, poin
     return padded
 
 
-@borrowing
+@jit
 def _enter_angle(angles, count, x, y):
     """Insert the direction of ``(x, y)`` into the first ``count`` angles, which are ascending."""
     angle = math.atan2(y, x)
@@ -178,7 +178,7 @@ def _enter_angle(angles, count, x, y):
     angles[k] = angle
 
 
-@borrowing
+@jit
 def support_holds(outline_x, outline_y, left, right, bottom, top, x, y, angles):
     """Return whether the centre of mass ``(x, y)`` is in the convex hull of the part of the outline on the surface.
 
@@ -291,7 +291,7 @@ def new_cut(corners: int, across: int) -> Cut:
     )
 
 
-@borrowing
+@jit
 def spin_split(table, body, speed, spin):
     """Return the cells per element and direction for a spin: 1 until ``omega x size`` reaches the slip speed.
 
@@ -305,7 +305,7 @@ def spin_split(table, body, speed, spin):
     return int(math.ceil(math.floor(pieces) * table.element_size / size))
 
 
-@borrowing
+@jit
 def place_outline(body, x, y, heading, scale, outline_x, outline_y):
     """Compute the outline in the world frame, in units of ``1 / scale``."""
     cosine, sine = 1.0, 0.0
@@ -317,7 +317,7 @@ def place_outline(body, x, y, heading, scale, outline_x, outline_y):
         outline_y[k] = (y + sine * bx + cosine * by) * scale
 
 
-@borrowing
+@jit
 def place_part(table, body, split, x, y, heading, cut):
     """Compute the outline at a pose, in cells; return ``PLACED``, ``OFF`` or ``NOWHERE``."""
     if not abs(x + y + heading) < math.inf:
@@ -336,7 +336,7 @@ def place_part(table, body, split, x, y, heading, cut):
     return PLACED
 
 
-@borrowing
+@jit
 def cut_into_points(table, body, split, x, y, cut):
     """Cut the placed outline into contact points; return their number, 0 without support."""
     pitch = table.element_size / split
@@ -348,7 +348,7 @@ def cut_into_points(table, body, split, x, y, cut):
     )  # fmt: skip
 
 
-@borrowing
+@jit
 def read_points(table, body, drive, world, n, cut, phasors, slot):
     """Read the phasors under ``n`` contact points, and multiply their weights by the elements' factors on friction."""
     for piece in range(n // POINTS_PER_PIECE):
@@ -360,7 +360,7 @@ def read_points(table, body, drive, world, n, cut, phasors, slot):
             cut.points[0, k] *= grip
 
 
-@borrowing
+@jit
 def points_at(table, body, split, drive, world, x, y, heading, cut, phasors, slot):
     """Compute contact points and phasors at any pose; return their number, 0 without support."""
     width, depth, r = table.columns * table.element_size, table.rows * table.element_size, body.radius

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES
 from vibgym.physics.core.drive import pinned_drive
@@ -20,7 +20,7 @@ from vibgym.physics.planar.stepper import apply_friction, copy_lane, cut_stale, 
 from vibgym.physics.planar.workspace import Scene, Step, fixed_scene_at
 
 
-@borrowing
+@jit
 def begin_period(scene):
     """Store the state at the period's start; return whether any part can move."""
     state, workspace = scene.state, scene.workspace
@@ -37,7 +37,7 @@ def begin_period(scene):
     return anything
 
 
-@borrowing
+@jit
 def end_period(scene, lane):
     """End a period: restore the last pose and velocity of a part with non-finite values, and stop a fallen part."""
     state, workspace = scene.state, scene.workspace
@@ -54,7 +54,7 @@ def end_period(scene, lane):
             velocity[k] = 0.0
 
 
-@borrowing
+@jit
 def record_paths(scene, count, paths, base, node):
     """Record the poses of the first ``count`` lanes at a node of the paths, if there are paths."""
     if paths.shape[0] == 0:
@@ -66,7 +66,7 @@ def record_paths(scene, count, paths, base, node):
             paths[row, node, k] = workspace.pose[0, k * LANES + lane]
 
 
-@borrowing
+@jit
 def slide_period(scene, count, paths, base):
     """Advance the first ``count`` lanes by a period; return whether any part could move."""
     can_move = begin_period(scene)
@@ -92,7 +92,7 @@ def slide_period(scene, count, paths, base):
     return True
 
 
-@borrowing
+@jit
 def slide_rows(rows, fixed, drive, state, periods, paths, base):
     """Advance parts without contacts by whole periods under a held drive, changing the state in place.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import exact, exact_inlined
+from vibgym.kernels.jit import exact
 from vibgym.kernels.vector import (
     LANES,
     WIDTH,
@@ -45,7 +45,7 @@ def window(radius: float) -> int:
     return int(2.0 * radius * (1.0 + MARGIN)) + 2
 
 
-@exact_inlined
+@exact(inline=True)
 def add_strip(cells, at, x0, y0, x1, y1, sign):
     """Add the strip to the left of a piece of an edge, in the coordinates of its cell.
 
@@ -68,12 +68,12 @@ def add_strip(cells, at, x0, y0, x1, y1, sign):
     store(cells, at + 8 * WIDTH, load_register(cells, at + 8 * WIDTH) + height * mean_yy)
 
 
-@exact_inlined
+@exact(inline=True)
 def _guarded(d):
     return copysign(maximum(absolute(d), _SMALLEST), d)
 
 
-@exact_inlined
+@exact(inline=True)
 def _within(value, low, high):
     return minimum(maximum(value, low), high)
 

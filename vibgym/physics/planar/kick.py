@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.noise import normals, uniforms
 
 SPIN, SPEED = 0.57, 0.0057
 """Standard deviations of spin (rad/s) and each component of velocity (m/s), per root of a degree of tilt."""
 
 
-@borrowing
+@jit
 def next_wait(key, part, count, rate):
     """Return the time until a part's disturbance number ``count``, s."""
     u, _, _, _ = uniforms(key, part, count, 0, 0)
     return -math.log(u) / rate if rate > 0.0 else math.inf
 
 
-@borrowing
+@jit
 def begin_waiting(worlds, key, rate, wait, count):
     """Draw the times of the first disturbance of each part of some worlds (n,).
 
@@ -38,7 +38,7 @@ def begin_waiting(worlds, key, rate, wait, count):
             wait[world, part] = next_wait(key[world], part, 0, rate)
 
 
-@borrowing
+@jit
 def disturb_parts(key, rate, low, high, span, away, wait, count, lean, kick):
     """Disturb the parts whose waiting time ends within ``span`` s.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.records import Motion, body_incline, is_finite, law_factor, most_friction
 from vibgym.physics.planar.contact_area import points_at, spin_split
 from vibgym.physics.planar.static import slip_step, static_friction_holds
@@ -27,7 +27,7 @@ MOST_TURN, MOST_TRAVEL, MOST_CUTS = 0.5, 0.5, 64
 """Rotation (rad) and travel (elements) in a step above which a part is cut more often, and the limit of cuts."""
 
 
-@borrowing
+@jit
 def slide(table, body, cut, n, phase, h, motion):
     """Take a step of ``h`` s by Kutta's 3/8 rule from ``phase = w t`` on."""
     weight, rx, ry = cut.points[0], cut.points[1], cut.points[2]
@@ -67,7 +67,7 @@ def slide(table, body, cut, n, phase, h, motion):
     return Motion(x, y, heading, vx, vy, spin)
 
 
-@borrowing
+@jit
 def varying_acceleration(table, body, cut, n, phase, vx, vy, spin):
     """Return acceleration and angular acceleration by friction whose coefficient depends on speed."""
     c, s, speed = math.cos(phase), math.sin(phase), table.speed
@@ -79,7 +79,7 @@ def varying_acceleration(table, body, cut, n, phase, vx, vy, spin):
     return mu * ax + body.incline_x, mu * ay + body.incline_y, mu / body.gyration * aw
 
 
-@borrowing
+@jit
 def slide_varying(table, body, cut, n, phase, h, motion):
     """Take a step as :func:`slide`, with a coefficient of friction that depends on speed.
 
@@ -108,7 +108,7 @@ def slide_varying(table, body, cut, n, phase, h, motion):
     return Motion(x, y, heading, vx, vy, spin)
 
 
-@borrowing
+@jit
 def release(table, body, cut, n, start, stop):
     """Return the first phase ``w t`` at which static friction cannot carry the part, by bisection; ``stop`` if none."""
     at, held_until, lost_at = stop, start, stop
@@ -134,7 +134,7 @@ def release(table, body, cut, n, start, stop):
     return lost_at
 
 
-@borrowing
+@jit
 def step_near_rest(table, body, cut, n, phase, h, motion, stuck):
     """Take a substep of ``h`` s from ``phase = w t`` on with small slip or sticking; return ``motion`` and ``stuck``."""
     x, y, heading, vx, vy, spin = motion
@@ -190,14 +190,14 @@ def step_near_rest(table, body, cut, n, phase, h, motion, stuck):
     return Motion(x, y, heading, vx, vy, spin), stuck
 
 
-@borrowing
+@jit
 def cuts_needed(table, step, vx, vy, spin):
     """Return the number of cuts in a step: one, and more for a part that rotates or travels far."""
     way = math.sqrt(vx * vx + vy * vy) * step / (MOST_TRAVEL * table.element_size)
     return int(math.ceil(min(max(abs(spin) * step / MOST_TURN, way, 1.0), float(MOST_CUTS))))
 
 
-@borrowing
+@jit
 def slide_by_points(table, body, pieces, drive, world, step, cut, phasors, slot, motion, stuck):
     """Take a step of one part, in its substeps or a few more.
 

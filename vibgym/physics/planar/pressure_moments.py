@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibgym.kernels.jit import exact, exact_inlined
+from vibgym.kernels.jit import exact
 from vibgym.kernels.vector import (
     LANES,
     WIDTH,
@@ -50,7 +50,7 @@ STRIP_KURTOSIS = 0.6
 their length. Third moments are neglected. Both matter only if slip varies strongly across a part."""
 
 
-@exact_inlined
+@exact(inline=True)
 def store_moments(pieces, at, uu, uv, vv, x, y):
     """Write the moments of a piece over its weight.
 
@@ -172,7 +172,7 @@ def collect_pieces(scene, g, first, x, y, smallest, box):
     return n, covered, total, total_c, total_s
 
 
-@exact_inlined
+@exact(inline=True)
 def _keep(moments, at, cutting, value):
     """Store a moment in the lanes that were cut."""
     store(moments, at, select(cutting, value, load_register(moments, at)))

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 
 GAMMA = 1.0 - math.sqrt(0.5)
 """Coefficient of SDIRK2, which is stiffly accurate: the last stage is the result, so sticking is exact."""
@@ -31,7 +31,7 @@ _STOPPED = 1e-6  # relative slip below which the solution is zero
 _DIRECT, _ITERATIONS = 8, 100
 
 
-@borrowing
+@jit
 def set_loads(weight, phasor_c, phasor_s, n, gravity, cosine, sine, scale, load):
     """Compute ``load = scale * pressure share`` of every contact point; return the sum."""
     total = 0.0
@@ -41,7 +41,7 @@ def set_loads(weight, phasor_c, phasor_s, n, gravity, cosine, sine, scale, load)
     return total
 
 
-@borrowing
+@jit
 def uniform_stress_holds(load, total, x, y, n, gyration, rx, ry, rw):
     """Return whether a stress, uniform plus a rotation about the centre of pressure, balances the load ``(rx, ry, k^2 rw)``.
 
@@ -67,7 +67,7 @@ def uniform_stress_holds(load, total, x, y, n, gyration, rx, ry, rw):
     return largest <= total * total
 
 
-@borrowing
+@jit
 def _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin):
     value = 0.5 * ((sx - rx) ** 2 + (sy - ry) ** 2 + gyration * (spin - rw) ** 2)
     for k in range(n):
@@ -76,7 +76,7 @@ def _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin):
     return value
 
 
-@borrowing
+@jit
 def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw, guess_x, guess_y, guess_w):
     """Minimise ``1/2 |eta - r|_M^2 + sum load |u - spin z^ x r|``: slip and spin at the end of an implicit step.
 
@@ -165,7 +165,7 @@ def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw, guess_x, guess_y, 
     return sx, sy, spin
 
 
-@borrowing
+@jit
 def static_friction_holds(
     table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine, incline_x, incline_y, load
 ):
@@ -190,7 +190,7 @@ def static_friction_holds(
     return sx == 0.0 and sy == 0.0 and spin == 0.0
 
 
-@borrowing
+@jit
 def slip_step(
     table, friction, points, phasor_c, phasor_s, n, gyration, incline_x, incline_y, load, phase, h, slip_x, slip_y, spin
 ):

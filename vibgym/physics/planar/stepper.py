@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing, exact, exact_inlined, exact_unit, unit
+from vibgym.kernels.jit import exact, jit
 from vibgym.kernels.vector import (
     LANES,
     WIDTH,
@@ -48,7 +48,7 @@ _WIDEST = 0.8
 """Limit of the reduced angle; only angles larger than 1e15 rad, whose spacing exceeds an eighth of a turn, reach it."""
 
 
-@exact_inlined
+@exact(inline=True)
 def sincos(angle):
     """Return ``(sin, cos)`` to 1e-16 for angles of up to 1e6 rad; for larger ones to the angle's last digit.
 
@@ -85,20 +85,20 @@ UNPLACED = -1e300
 """First column of a window that is not placed yet."""
 
 
-@borrowing
+@jit
 def copy_lane(source, target, lane):
     """Copy a lane's three values."""
     for k in range(lane, 3 * LANES, LANES):
         target[k] = source[k]
 
 
-@borrowing
+@jit
 def finite_lane(values, lane):
     """Return whether a lane's three values are finite; by comparison, since isfinite(a + b) does not survive reassociation."""
     return abs(values[lane] + values[LANES + lane] + values[2 * LANES + lane]) < math.inf
 
 
-@borrowing
+@jit
 def load_shape(scene, slot, kind):
     """Load ``workspace.shape`` of a kind: radius and smallest piece (elements), whether the outline rotates, and is convex."""
     workspace, bodies, pitch = scene.workspace, scene.bodies, scene.table.element_size
@@ -112,7 +112,7 @@ def load_shape(scene, slot, kind):
     workspace.sector[g, lane] = -1.0
 
 
-@borrowing
+@jit
 def load_outlines(scene, g, lanes):
     """Load the outlines of the lanes whose bits are set, starting at the lowest corner."""
     workspace, bodies = scene.workspace, scene.bodies
@@ -129,7 +129,7 @@ def load_outlines(scene, g, lanes):
                 outline[(2 * k + 1) * LANES + lane] = bodies.outline[corner, 1]
 
 
-@borrowing
+@jit
 def load_part(scene, slot, world, part, away):
     """Load a part into a slot; ``away``: it is not on the table, or the slot is unused and only copies that part."""
     state, workspace = scene.state, scene.workspace
@@ -151,7 +151,7 @@ def load_part(scene, slot, world, part, away):
     clear_phasors(workspace.phasors, slot)
 
 
-@borrowing
+@jit
 def remove_part(scene, slot, fate):
     """Mark a part as away that has fallen or whose pose is not finite."""
     state, workspace = scene.state, scene.workspace
@@ -161,7 +161,7 @@ def remove_part(scene, slot, fate):
     state.diverged[world] = state.diverged[world] or fate != OFF
 
 
-@borrowing
+@jit
 def find_support(scene, slot, pushed):
     """Return whether a part is on the table at the pose of the cut, or, if others may push it, at its current pose.
 
@@ -181,7 +181,7 @@ def find_support(scene, slot, pushed):
     return fate == PLACED
 
 
-@borrowing
+@jit
 def sticking_lanes(scene, first):
     """Return which parts in a group's slots from ``first`` on stick, a bit each."""
     state, workspace, stuck = scene.state, scene.workspace, 0
@@ -280,7 +280,7 @@ def cut_lanes(scene, g, first, cutting):
     return bits(mask & pressure_moments(scene, g, first, x, y, smallest, box, mask))
 
 
-@exact_unit
+@exact
 def cut_group(scene, g, left, pushed):
     """Cut a group's stale parts at their poses after half of ``left`` s.
 
@@ -308,14 +308,14 @@ def cut_group(scene, g, left, pushed):
     store_mask(workspace.held, slot, mask_of(held))
 
 
-@borrowing
+@jit
 def cut_stale(scene, left, pushed):
     """Cut all stale parts and update their moments, see :func:`cut_group`."""
     for g in range(scene.groups):
         cut_group(scene, g, left, pushed)
 
 
-@unit
+@jit
 def step_by_points(scene, step, slot):
     """Take a step of one part by contact points."""
     state, workspace = scene.state, scene.workspace
@@ -378,7 +378,7 @@ def slide_group(scene, g, step):
     return bits(here & logical_not(by_series))
 
 
-@unit
+@jit
 def apply_friction(scene, step):
     """Move all parts by friction alone for a step."""
     for g in range(scene.groups):

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.physics.core.drive import clear_phasors, pinned_drive
 from vibgym.physics.core.records import body_in, grip_of, state_at
@@ -26,7 +26,7 @@ PHASES = 24
 """Number of instants in a period that are tested."""
 
 
-@borrowing
+@jit
 def edge_fraction(table, x, y, heading, hull, first, last, rx, ry):
     """Return the distance of a centre of pressure (rx, ry) (m, from the centre of mass) over that of the edge; 1: tipping.
 
@@ -49,14 +49,14 @@ def edge_fraction(table, x, y, heading, hull, first, last, rx, ry):
     return max(most, max(ry / max(depth - y, 1e-300), -ry / max(y, 1e-300)))
 
 
-@borrowing
+@jit
 def grip_under(table, body, cut, point):
     """Return the factor on friction of the element under a contact point."""
     element = cut.under[point // POINTS_PER_PIECE]
     return grip_of(body.patches, element // table.columns, element % table.columns)
 
 
-@borrowing
+@jit
 def largest_edge_fraction(scene, drive, state, world, part, centre_height, hull, first, last):
     """Return the largest edge fraction in a period, for a part at its current pose and velocity."""
     table, cut = scene.table, scene.workspace.cut
@@ -100,7 +100,7 @@ def largest_edge_fraction(scene, drive, state, world, part, centre_height, hull,
     return most
 
 
-@borrowing
+@jit
 def edge_fractions(fixed, drive, state, centre_height, hull, first, kind, shares):
     """Compute the largest edge fraction of every part, see :func:`edge_fraction`.
 

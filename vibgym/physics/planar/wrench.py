@@ -17,14 +17,14 @@ import math
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, exact, exact_inlined
+from vibgym.kernels.jit import exact, jit
 from vibgym.kernels.vector import LANES, broadcast, load, maximum, minimum, sqrt, store
 from vibgym.physics.core.records import body_incline, law_factor, most_friction
 
 _TINY = 1e-30  # (m/s)^2; avoids 0/0 at a point without slip, where friction has no direction
 
 
-@borrowing
+@jit
 def sliding_wrench(weight, x, y, phasor_c, phasor_s, n, gravity, cosine, sine, slip_x, slip_y, spin):
     """Sum force and torque per unit mass and friction coefficient over contact points.
 
@@ -58,7 +58,7 @@ def sliding_wrench(weight, x, y, phasor_c, phasor_s, n, gravity, cosine, sine, s
     return force_x, force_y, torque
 
 
-@borrowing
+@jit
 def varying_wrench(weight, x, y, phasor_c, phasor_s, n, gravity, cosine, sine, slip_x, slip_y, spin, law):
     """Sum force and torque as :func:`sliding_wrench`, with a coefficient of friction that depends on speed.
 
@@ -76,7 +76,7 @@ def varying_wrench(weight, x, y, phasor_c, phasor_s, n, gravity, cosine, sine, s
     return force_x, force_y, torque
 
 
-@exact_inlined
+@exact(inline=True)
 def combined(moments, row, cosine, sine):
     """Return a moment of the pressure at an instant."""
     return (
@@ -84,14 +84,14 @@ def combined(moments, row, cosine, sine):
     )  # fmt: skip
 
 
-@exact_inlined
+@exact(inline=True)
 def rotated_moment(moments, row, cosine, sine, x, y):
     """Return a complex moment of the pressure at an instant, times ``x + i y``."""
     re, im = combined(moments, row, cosine, sine), combined(moments, row + 3, cosine, sine)
     return x * re - y * im, x * im + y * re
 
 
-@exact_inlined
+@exact(inline=True)
 def expanded_wrench(moments, cosine, sine, ux, uy, spin):
     """Compute force and torque of eight parts from the moments of their pressure.
 
@@ -150,7 +150,7 @@ SMALLEST_SLIP = 0.6
 """Slip over its largest change in a substep, below which a step is taken by points."""
 
 
-@borrowing
+@jit
 def limits(table, body):
     """Return the limits of the series: largest ``(omega / |u|)^2`` (m^-2), smallest slip per length of a substep (m/s^2)."""
     harshest = (

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 from vibgym.plugins.camera.edges import Grey, share_moments, shares
 from vibgym.plugins.camera.objects import Found, Interest, clear, find, new_found
 
@@ -45,7 +45,7 @@ class Template(NamedTuple):
         return 0.5 * self.mark * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
-@jit
+@jit(allocates=True)
 def _centroids(grey: np.ndarray, interest: Interest, meaning: Grey, found: Found, places: np.ndarray) -> None:
     clear(found)
     find(grey, interest, found)
@@ -111,12 +111,12 @@ def grid_of(template: Template, places: np.ndarray) -> Grid:
     return Grid(np.ascontiguousarray(places), jacobian, template.width, template.height)
 
 
-@borrowing
+@jit
 def _cross(ax, ay, bx, by):
     return ax * by - ay * bx
 
 
-@borrowing
+@jit
 def _within(grid, row, column, u, v):
     """Return (xi, eta) of the pixel (u, v) in a tetragon: the nearest solution of the quadratic equation."""
     places = grid.places
@@ -136,7 +136,7 @@ def _within(grid, row, column, u, v):
     return (qx * dx + qy * dy) / (dx * dx + dy * dy), eta
 
 
-@borrowing
+@jit
 def locate(grid, u, v, jacobian):
     """Return the position (x, y), m, on the surface of column ``u``, line ``v``; extrapolated beyond the marks.
 
@@ -162,7 +162,7 @@ def locate(grid, u, v, jacobian):
     return (column + xi) * grid.width, (row + eta) * grid.height
 
 
-@jit
+@jit(allocates=True)
 def locate_all(grid: Grid, places: np.ndarray, points: np.ndarray) -> None:
     """Apply :func:`locate` for ``places`` (n, 2) into ``points`` (n, 2)."""
     jacobian = np.empty(4)
@@ -170,7 +170,7 @@ def locate_all(grid: Grid, places: np.ndarray, points: np.ndarray) -> None:
         points[k, 0], points[k, 1] = locate(grid, places[k, 0], places[k, 1], jacobian)
 
 
-@borrowing
+@jit
 def at_height(x, y, foot_x, foot_y, height, z):
     """Return (x, y) of a point at height ``z`` that appears at (x, y) on the surface.
 

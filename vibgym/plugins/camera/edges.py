@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 from vibgym.plugins.camera.objects import Found, shift_moments
 
 
@@ -24,7 +24,7 @@ class Grey(NamedTuple):
     fine: bool  # whether grey levels are used; False: pixels belong to the object wholly or not at all
 
 
-@borrowing
+@jit
 def _is_nearest(found, number, line, column, reach_l, reach_c):
     """Return whether the nearest labelled pixel around a pixel belongs to this object."""
     mine, other = 1 << 30, 1 << 30
@@ -39,7 +39,7 @@ def _is_nearest(found, number, line, column, reach_l, reach_c):
     return mine <= other
 
 
-@jit
+@jit(allocates=True)
 def shares(grey: np.ndarray, meaning: Grey, found: Found, number: int):
     """Return the covered share of every pixel around an object.
 
@@ -95,7 +95,7 @@ def shares(grey: np.ndarray, meaning: Grey, found: Found, number: int):
     return share, top, left
 
 
-@borrowing
+@jit
 def share_moments(share, top, left, moment):
     """Return moments (6,) M00, M10, M01, M20, M11, M02 of the shares, about the image's first pixel."""
     middle_l, middle_c = top + 0.5 * (share.shape[0] - 1), left + 0.5 * (share.shape[1] - 1)
@@ -117,7 +117,7 @@ def share_moments(share, top, left, moment):
     shift_moments(moment, middle_c, middle_l)
 
 
-@borrowing
+@jit
 def complex_moment(share, top, left, column, line, jacobian, order):
     """Return the sum of share times z^order, where z = x + i y is the position of a pixel from (column, line), m.
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.noise import philox
 from vibgym.plugins.camera.optics import Optics, project
 
@@ -89,7 +89,7 @@ def weights_variance(weights: np.ndarray) -> float:
     return float((weights * place**2).sum())
 
 
-@borrowing
+@jit
 def _blur(cover, weights, axis, scratch):
     """Convolve ``cover`` along an axis, with zeros beyond its borders."""
     reach = weights.shape[0] // 2
@@ -112,7 +112,7 @@ def _blur(cover, weights, axis, scratch):
             cover[line, column] = scratch[line, column]
 
 
-@jit
+@jit(allocates=True)
 def seen_outline(optics: Optics, outline: np.ndarray, pose: np.ndarray, height: float):
     """Return the outline in the image (n, 2), its edges cut into short pieces; empty if it is far outside."""
     count = outline.shape[0]
@@ -143,7 +143,7 @@ def seen_outline(optics: Optics, outline: np.ndarray, pose: np.ndarray, height: 
     return places
 
 
-@jit
+@jit(allocates=True)
 def hide(places: np.ndarray, exposure: Exposure, lines_seen: int, bare: np.ndarray, box: np.ndarray) -> bool:
     """Subtract the polygon ``places`` from ``bare``, on even, odd or both lines.
 
@@ -181,7 +181,7 @@ def hide(places: np.ndarray, exposure: Exposure, lines_seen: int, bare: np.ndarr
     return True
 
 
-@jit
+@jit(allocates=True)
 def expose(exposure: Exposure, box: np.ndarray, key: np.ndarray, look: int, canvas: Canvas) -> None:
     """Compute the grey levels within a box from ``bare``, with the noise of the sample, which does not depend on the box.
 
@@ -203,7 +203,7 @@ def expose(exposure: Exposure, box: np.ndarray, key: np.ndarray, look: int, canv
                 canvas.grey[line, first + k] = np.uint8(min(max(value, least), most))
 
 
-@jit
+@jit(allocates=True)
 def draw(
     optics: Optics, shapes: Shapes, exposure: Exposure, pose: np.ndarray, earlier: np.ndarray, shown: np.ndarray,
     key: np.ndarray, look: int, canvas: Canvas, boxes: np.ndarray,
@@ -230,7 +230,7 @@ def draw(
             expose(exposure, boxes[p, field], key, look, canvas)
 
 
-@borrowing
+@jit
 def wipe(boxes, background, canvas):
     """Restore the empty surface where parts were drawn."""
     for p in range(boxes.shape[0]):
@@ -242,7 +242,7 @@ def wipe(boxes, background, canvas):
                     canvas.grey[line, column] = background[line, column]
 
 
-@jit
+@jit(allocates=True)
 def whole_image(
     optics: Optics, shapes: Shapes, exposure: Exposure, pose: np.ndarray, earlier: np.ndarray, shown: np.ndarray,
     key: np.ndarray, look: int, bare: np.ndarray, image: np.ndarray,
@@ -260,7 +260,7 @@ def whole_image(
     expose(exposure, everything, key, look, canvas)
 
 
-@borrowing
+@jit
 def _add_edge(x0, y0, x1, y1, cover):
     """Add the contributions of one edge, whose ends lie in ``cover``; pixel (l, c) is [c, c + 1] x [l, l + 1]."""
     if y0 == y1:
@@ -301,7 +301,7 @@ def _add_edge(x0, y0, x1, y1, cover):
         x = then
 
 
-@borrowing
+@jit
 def add_polygon(corners, count, left, top, cover):
     """Write the share of every pixel that a polygon covers into ``cover`` (lines, columns), initially zeros.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.assignment import assign
 from vibgym.plugins.camera.calibration import Grid, at_height, locate
 from vibgym.plugins.camera.edges import Grey, complex_moment, share_moments, shares
@@ -115,7 +115,7 @@ def new_track(worlds: int, parts: int) -> Track:
     )
 
 
-@jit
+@jit(allocates=True)
 def measure_object(grey: np.ndarray, known: Knowledge, found: Found, number: int, measure: np.ndarray) -> None:
     """Write the measurements of an object, see :class:`Seen`; moments are transformed by the Jacobian at the centroid."""
     moment = found.moment[number]
@@ -130,7 +130,7 @@ def measure_object(grey: np.ndarray, known: Knowledge, found: Found, number: int
     measure[YY] = moment[5] / moment[0] - v * v - known.aperture[1]
 
 
-@borrowing
+@jit
 def on_surface(measure, nearer):
     """Return area (m^2) and second moments over it (m^2: xx, xy, yy) at a height with scale ``nearer``."""
     a, b, c, d = measure[JACOBIAN], measure[JACOBIAN + 1], measure[JACOBIAN + 2], measure[JACOBIAN + 3]
@@ -142,7 +142,7 @@ def on_surface(measure, nearer):
     return scale * abs(a * d - b * c) * measure[M00], xx, xy, yy
 
 
-@jit
+@jit(allocates=True)
 def heading_of(grey: np.ndarray, known: Knowledge, found: Found, number: int, measure: np.ndarray, kind: int) -> float:
     """Return the heading of an object that is a part of this kind, modulo the symmetry."""
     order = known.traits.order[kind]
@@ -155,14 +155,14 @@ def heading_of(grey: np.ndarray, known: Knowledge, found: Found, number: int, me
     return (math.atan2(im, re) - known.traits.phase[kind]) / order
 
 
-@borrowing
+@jit
 def _place(known, measure, kind):
     """Return (x, y) of an object, assuming a part of this kind."""
     foot = known.foot
     return at_height(measure[X], measure[Y], foot[0], foot[1], foot[2], known.traits.height[kind])
 
 
-@borrowing
+@jit
 def _match(known, missed, shown, seen):
     """Assign an object to every part: ``seen.column_of``, -1 for none."""
     objects, parts = seen.found.count[0], shown.shape[0]
@@ -196,7 +196,7 @@ def _match(known, missed, shown, seen):
             seen.column_of[p] = -1
 
 
-@borrowing
+@jit
 def _is_merged(known, p, shown, seen):
     """Return whether a part without an object and another one are inside the same unassigned object."""
     for k in range(seen.found.count[0]):
@@ -223,7 +223,7 @@ def _is_merged(known, p, shown, seen):
     return False
 
 
-@borrowing
+@jit
 def _swapped(pose, x, y, p, shown):
     """Return whether another part is nearer to the measured position of part ``p`` than part ``p``."""
     nearest, least = p, math.hypot(pose[p, 0] - x, pose[p, 1] - y)
@@ -235,7 +235,7 @@ def _swapped(pose, x, y, p, shown):
     return nearest != p
 
 
-@jit
+@jit(allocates=True)
 def look_at(
     worlds: np.ndarray, pose: np.ndarray, earlier: np.ndarray, shown: np.ndarray, rig: Rig, known: Knowledge,
     key: np.ndarray, looks: np.ndarray, seen: Seen, track: Track, read_pose: np.ndarray, read_velocity: np.ndarray,
@@ -297,13 +297,13 @@ def look_at(
         wipe(seen.boxes, rig.background, seen.canvas)
 
 
-@borrowing
+@jit
 def nearest_heading(angle, apart, near):
     """Return the one of the equivalent headings ``angle + k apart`` nearest to ``near``."""
     return angle + apart * math.floor((near - angle) / apart + 0.5)
 
 
-@borrowing
+@jit
 def unlikeness(away, gate, area, spread, elongation, grain, traits, kind):
     """Return the cost of assigning an object to a part (thesis eqs. 5.32 and 5.33), by scaled differences.
 

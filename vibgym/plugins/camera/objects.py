@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 
 
 class Interest(NamedTuple):
@@ -51,7 +51,7 @@ def new_found(shape: tuple[int, int], objects: int) -> Found:
     )
 
 
-@borrowing
+@jit
 def _add_run(grey, interest, line, column, number, count, found):
     """Store the run of dark pixels through a dark one; returns the new number of runs."""
     start, end = column, column + 1
@@ -66,7 +66,7 @@ def _add_run(grey, interest, line, column, number, count, found):
     return count + 1
 
 
-@borrowing
+@jit
 def _follow(grey, interest, number, first, found):
     """Store all runs of an object whose first run is known; returns the total number of runs, or -1 without room."""
     at, count = first, first + 1
@@ -84,7 +84,7 @@ def _follow(grey, interest, number, first, found):
     return count
 
 
-@borrowing
+@jit
 def run_moments(line, start, length, moment):
     """Add a run of pixels to the moments (thesis eqs. 5.13 to 5.18).
 
@@ -102,7 +102,7 @@ def run_moments(line, start, length, moment):
     moment[5] += line * line * d
 
 
-@borrowing
+@jit
 def _describe(interest, number, first, last, found):
     """Return moments, box and clipping of an object from its runs; moments are about the first pixel of its first run."""
     moment, box = found.moment[number], found.box[number]
@@ -125,7 +125,7 @@ def _describe(interest, number, first, last, found):
     shift_moments(moment, column0, line0)
 
 
-@borrowing
+@jit
 def shift_moments(moment, column, line):
     """Return moments of an object displaced by (column, line)."""
     m00, m10, m01 = moment[0], moment[1], moment[2]
@@ -136,7 +136,7 @@ def shift_moments(moment, column, line):
     moment[2] += line * m00
 
 
-@borrowing
+@jit
 def clear(found):
     """Clear the labels of the previous image."""
     for k in range(found.count[1]):
@@ -144,7 +144,7 @@ def clear(found):
             found.label[found.run[k, 0], column] = 0
 
 
-@borrowing
+@jit
 def find(grey, interest, found):
     """Find all objects in the area of interest; the labels of ``found`` are clear.
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 
 PIXELS = (752, 570)
 """Columns and lines of the prototype's camera (thesis section 5.1)."""
@@ -71,7 +71,7 @@ def optics_of(
     return Optics(place, axes, focal, distortion / corner, 0.5 * (columns - 1), 0.5 * (lines - 1), float(pitch))
 
 
-@borrowing
+@jit
 def project(optics, x, y, z):
     """Return column and line at which a point (m) is seen; NaN behind the lens."""
     place, axes = optics.place, optics.axes

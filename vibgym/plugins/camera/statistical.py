@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.noise import philox
 from vibgym.plugins.camera.fitting import ErrorModel
 from vibgym.plugins.camera.image import Shapes
@@ -55,7 +55,7 @@ def normal_levels() -> np.ndarray:
     return levels / levels.std()
 
 
-@borrowing
+@jit
 def _mixed(value):
     """Return the hash of an integer (the finaliser of splitmix64, G. Steele et al. 2014)."""
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -63,13 +63,13 @@ def _mixed(value):
     return value ^ (value >> np.uint64(31))
 
 
-@borrowing
+@jit
 def _level(word, bits, quantiles):
     """Return the normal number of ten bits of a word."""
     return quantiles[np.int64((word >> np.uint64(bits)) & np.uint64(LEVELS - 1))]
 
 
-@borrowing
+@jit
 def smooth_noise(x, y, z, kind, quantiles):
     """Return three independent smooth functions of a position in lattice units, of mean 0 and variance 1.
 
@@ -98,7 +98,7 @@ def smooth_noise(x, y, z, kind, quantiles):
     return first, second, third
 
 
-@borrowing
+@jit
 def white_noise(key, look, part, quantiles):
     """Return three independent normal numbers of variance 1, new at each sample; each is a sum of two from the table."""
     a, b, c, _ = philox(key, look, part, 0, WHITE)
@@ -110,7 +110,7 @@ def white_noise(key, look, part, quantiles):
     )
 
 
-@borrowing
+@jit
 def turned(order, strength, phase, along, across, turn):
     """Return the measured rotation of an image of two halves, of which one is shifted and rotated.
 
@@ -133,7 +133,7 @@ def turned(order, strength, phase, along, across, turn):
     return math.atan2(im, re) / order
 
 
-@borrowing
+@jit
 def _to_edge(px, py, ax, ay, bx, by):
     """Return squared distance of a point to an edge."""
     ex, ey = bx - ax, by - ay
@@ -142,7 +142,7 @@ def _to_edge(px, py, ax, ay, bx, by):
     return dx * dx + dy * dy
 
 
-@borrowing
+@jit
 def _gap(mine, here, theirs, there):
     """Return the distance of two disjoint outlines (n, 2) at poses (3,), corners to edges."""
     best = math.inf
@@ -159,7 +159,7 @@ def _gap(mine, here, theirs, there):
     return math.sqrt(best)
 
 
-@borrowing
+@jit
 def _clipped(pose, outline, radius, height, frame, foot):
     """Return whether a part's top appears beyond the frame (4,): least and largest x, least and largest y, m."""
     far = foot[2] / (foot[2] - height)
@@ -176,7 +176,7 @@ def _clipped(pose, outline, radius, height, frame, foot):
     return False
 
 
-@borrowing
+@jit
 def _merged(pose, gone, p, shapes, radius, pixel):
     """Return whether a part is too near to another one to be resolved."""
     kind = shapes.kind[p]
@@ -195,7 +195,7 @@ def _merged(pose, gone, p, shapes, radius, pixel):
     return False
 
 
-@jit
+@jit(allocates=True)
 def guess(
     worlds: np.ndarray, pose: np.ndarray, mean_velocity: np.ndarray, gone: np.ndarray, known: Statistics,
     key: np.ndarray, looks: np.ndarray, track: Track, read_pose: np.ndarray, read_velocity: np.ndarray,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.plugins.tilting.records import (
     LX,
     LY,
@@ -25,7 +25,7 @@ from vibgym.plugins.tilting.records import (
 )
 
 
-@borrowing
+@jit
 def enter_attitude(lean_x, lean_y, heading, motion):
     """Write the quaternion of a rotation by the heading followed by the swing ``lean`` (rad)."""
     angle = math.sqrt(lean_x * lean_x + lean_y * lean_y)
@@ -36,7 +36,7 @@ def enter_attitude(lean_x, lean_y, heading, motion):
     motion[QY], motion[QZ] = sy * cosine - sx * sine, sw * sine
 
 
-@borrowing
+@jit
 def leave_attitude(motion, heading):
     """Return lean x and y of the quaternion, and its heading nearest to ``heading``."""
     w, x, y, z = motion[QW], motion[QX], motion[QY], motion[QZ]
@@ -49,7 +49,7 @@ def leave_attitude(motion, heading):
     return share * sx, share * sy, 2.0 * half + 2.0 * math.pi * math.floor(turns + 0.5)
 
 
-@borrowing
+@jit
 def rotate(motion, span):
     """Rotate by the angular velocity for ``span`` s: Cayley's map, of second order in the step."""
     x, y, z = 0.5 * span * motion[WX], 0.5 * span * motion[WY], 0.5 * span * motion[WZ]
@@ -62,7 +62,7 @@ def rotate(motion, span):
     motion[QW], motion[QX], motion[QY], motion[QZ] = a * share, b * share, c * share, d * share
 
 
-@borrowing
+@jit
 def write_frame(motion, frame):
     """Write the attitude as a matrix, whose columns are the part's axes."""
     w, x, y, z = motion[QW], motion[QX], motion[QY], motion[QZ]
@@ -71,7 +71,7 @@ def write_frame(motion, frame):
     frame[6], frame[7], frame[8] = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
 
 
-@borrowing
+@jit
 def conjugated(frame, xx, yy, xy, zz, i, j):
     """Return entry (i, j) of ``R M R^T`` for a matrix ``M`` with principal axis z."""
     a, b, c = frame[3 * i], frame[3 * i + 1], frame[3 * i + 2]
@@ -79,7 +79,7 @@ def conjugated(frame, xx, yy, xy, zz, i, j):
     return a * (xx * d + xy * e) + b * (xy * d + yy * e) + c * zz * f
 
 
-@borrowing
+@jit
 def write_inverse_inertia(motion, frame, xx, yy, xy, zz):
     """Write the inverse of the inertia in the world's axes, and the angular velocity.
 
@@ -97,7 +97,7 @@ def write_inverse_inertia(motion, frame, xx, yy, xy, zz):
     spin_up(motion)
 
 
-@borrowing
+@jit
 def spin_up(motion):
     """Compute the angular velocity from the angular momentum."""
     x, y, z = motion[LX], motion[LY], motion[LZ]
@@ -106,7 +106,7 @@ def spin_up(motion):
     motion[WZ] = motion[MXZ] * x + motion[MYZ] * y + motion[MZZ] * z
 
 
-@borrowing
+@jit
 def enter_spin(motion, frame, xx, yy, xy, zz, spin_x, spin_y, spin_z):
     """Compute the angular momentum from an angular velocity (rad/s)."""
     for i in range(3):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.records import body_of
 from vibgym.plugins.tilting.ground import LEVEL, grip_at, ground, ground_on_line, write_plates
 from vibgym.plugins.tilting.impulses import IMPACT
@@ -62,7 +62,7 @@ KEPT = 0.1
 """Share of the depth of a contact that is corrected in a step."""
 
 
-@borrowing
+@jit
 def place_corners(rigid, kind):
     """Write the corners of the bottom into the working array; returns their number."""
     frame, motion, corner = rigid.work.frame, rigid.work.motion, rigid.work.corner
@@ -87,7 +87,7 @@ def place_corners(rigid, kind):
     return outline.shape[0]
 
 
-@borrowing
+@jit
 def begin_warm(work, contact, n, x, y, reach):
     """Warm-start a contact at (x, y) with the impulses of one within ``reach`` (m) in the last step, if any."""
     contact[n, PN] = contact[n, PX] = contact[n, PY] = 0.0
@@ -99,7 +99,7 @@ def begin_warm(work, contact, n, x, y, reach):
             return
 
 
-@borrowing
+@jit
 def add_contact(rigid, n, x, y, z, height, rate, node):
     """Add a point of the bottom (m, world) to the ``n`` contacts if it touches the ground or may touch it within the step.
 
@@ -135,7 +135,7 @@ def add_contact(rigid, n, x, y, z, height, rate, node):
     return n + 1
 
 
-@borrowing
+@jit
 def add_corner(rigid, n, k, level, climbing, node):
     """Add a corner of the bottom, see :func:`add_contact`.
 
@@ -158,7 +158,7 @@ def add_corner(rigid, n, k, level, climbing, node):
     return add_contact(rigid, n, x, y, z, height, rate, node)
 
 
-@borrowing
+@jit
 def write_lines(rigid, axis, low, high):
     """Write the lines across an axis on which plates begin and end, between ``low`` and ``high`` (m) in the table's frame.
 
@@ -187,7 +187,7 @@ def write_lines(rigid, axis, low, high):
     return n
 
 
-@borrowing
+@jit
 def is_step(rigid, axis, line, along):
     """Return whether the ground descends beyond a line, at a plate ``along`` the other axis.
 
@@ -203,7 +203,7 @@ def is_step(rigid, axis, line, along):
     return heights[own & mask, along & mask] - heights[other & mask, along & mask] > LEVEL
 
 
-@borrowing
+@jit
 def add_crossing(rigid, n, axis, line, x, y, z, node):
     """Add the crossing of an edge of the bottom with a line across an axis, see :func:`add_contact`."""
     table, scheme, work = rigid.table, rigid.scheme, rigid.work
@@ -217,7 +217,7 @@ def add_crossing(rigid, n, axis, line, x, y, z, node):
     return add_contact(rigid, n, x, y, z, height, rate, node)
 
 
-@borrowing
+@jit
 def add_edges(rigid, n, corners, crossed_x, crossed_y, node, high):
     """Add the crossings of the bottom's edges with lines; ``crossed_x``, ``crossed_y``: number of lines across each axis."""
     table, scheme, corner, lines = rigid.table, rigid.scheme, rigid.work.corner, rigid.work.lines
@@ -248,7 +248,7 @@ def add_edges(rigid, n, corners, crossed_x, crossed_y, node, high):
     return n
 
 
-@borrowing
+@jit
 def add_rim(rigid, n, kind, crossed_x, crossed_y, node):
     """Add the crossings of a disc's edge with lines, see :func:`add_edges`."""
     table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
@@ -274,7 +274,7 @@ def add_rim(rigid, n, kind, crossed_x, crossed_y, node):
     return n
 
 
-@borrowing
+@jit
 def on_bottom(rigid, kind, x, y):
     """Return the point on the plane of the bottom (m, in the part's axes) below or above a point of the world."""
     frame, motion, h = rigid.work.frame, rigid.work.motion, rigid.solids.centre_height[kind]
@@ -283,7 +283,7 @@ def on_bottom(rigid, kind, x, y):
     return (frame[4] * dx - frame[1] * dy) / determinant, (frame[0] * dy - frame[3] * dx) / determinant
 
 
-@borrowing
+@jit
 def is_inside(rigid, kind, u, v):
     """Return whether a point of the bottom's plane (m, in the part's axes) is inside the bottom."""
     radius = rigid.solids.disc[kind]
@@ -300,7 +300,7 @@ def is_inside(rigid, kind, u, v):
     return True
 
 
-@borrowing
+@jit
 def add_nodes(rigid, n, kind, crossed_x, crossed_y, low_y, high_y, node):
     """Add the crossings of lines under the bottom, which is between ``low_y`` and ``high_y`` (m) in the table's frame."""
     table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
@@ -330,7 +330,7 @@ def add_nodes(rigid, n, kind, crossed_x, crossed_y, low_y, high_y, node):
     return n
 
 
-@borrowing
+@jit
 def find_contacts(rigid, world, kind, level, node):
     """Write all points at which the part touches the ground or may touch it within the step; returns their number.
 

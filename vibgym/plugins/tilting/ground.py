@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.drive import clear_phasors, commands_equal, phasor_under
 from vibgym.physics.core.records import grip_of
 from vibgym.plugins.tilting.records import LIFT
@@ -16,7 +16,7 @@ LEVEL = 1e-6
 """m, largest difference in height of level plates; it tilts a part by far less than 0.01 deg."""
 
 
-@borrowing
+@jit
 def plate(rigid, world, row, column, node, after):
     """Return the height (m) of a plate ``node`` half steps after the period's start, and its velocity (m/s) ``after`` of them.
 
@@ -29,7 +29,7 @@ def plate(rigid, world, row, column, node, after):
     return (c * cosine[node] - s * sine[node]) / (w * w), -(c * sine[after] + s * cosine[after]) / w
 
 
-@borrowing
+@jit
 def write_plates(rigid, world, low_x, low_y, high_x, high_y, node, after):
     """Write heights, velocities and grip of the plates in a box of the table's frame (m), for :func:`ground`.
 
@@ -62,7 +62,7 @@ def write_plates(rigid, world, low_x, low_y, high_x, high_y, node, after):
     return highest
 
 
-@borrowing
+@jit
 def share_of_own(position, index, count, steepness):
     """Return the neighbour whose height is blended in along one axis, and its weight.
 
@@ -82,7 +82,7 @@ def share_of_own(position, index, count, steepness):
     return index if other < 0 or other >= count else other, share, slope
 
 
-@borrowing
+@jit
 def ground(rigid, x, y):
     """Return the ground at a point of the table's frame, by the plates of :func:`write_plates`.
 
@@ -110,7 +110,7 @@ def ground(rigid, x, y):
     )  # fmt: skip
 
 
-@borrowing
+@jit
 def ground_on_line(rigid, axis, own, along, at):
     """Return the ground on a line across an axis at which a plate's ramp ends, by the plates of :func:`write_plates`.
 
@@ -131,7 +131,7 @@ def ground_on_line(rigid, axis, own, along, at):
     return height + share * (heights[k, m] - height), rate + share * (rates[k, m] - rate)
 
 
-@borrowing
+@jit
 def grip_at(rigid, x, y):
     """Return the factor on friction at a point of the table's frame, by the plates of :func:`write_plates`."""
     table, grip = rigid.table, rigid.work.grip
@@ -140,14 +140,14 @@ def grip_at(rigid, x, y):
     return grip[min(max(int(y * rigid.scheme.fineness), 0), table.rows - 1) & mask, column & mask]
 
 
-@borrowing
+@jit
 def begin_reading(rigid, kind):
     """Reset the cached drive, for a part of this kind."""
     clear_phasors(rigid.work.phasors, 0)
     rigid.work.phasors.coupling[0] = rigid.bodies.coupling[kind]
 
 
-@borrowing
+@jit
 def is_level(rigid, world, kind, x, y, reach):
     """Return whether all plates within ``reach`` (m) of a point have equal motion for a kind of parts, and none is missing."""
     table = rigid.table

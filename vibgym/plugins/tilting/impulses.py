@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.records import grip_of
 from vibgym.plugins.tilting.attitude import spin_up
 from vibgym.plugins.tilting.ground import plate
@@ -75,7 +75,7 @@ POINTS = 4
 """Contacts of a part that lies flat."""
 
 
-@borrowing
+@jit
 def rubbed(contact, k, friction, slip_x, slip_y):
     """Return the impulse over mass (m/s) of friction at a contact that reduces its slip (m/s) within the friction cone."""
     px, py = contact[k, PX] - slip_x * contact[k, SLIDE], contact[k, PY] - slip_y * contact[k, SLIDE]
@@ -87,7 +87,7 @@ def rubbed(contact, k, friction, slip_x, slip_y):
     return px, py
 
 
-@borrowing
+@jit
 def apply_impulses(motion, contact, n, sign):
     """Add the impulses of ``n`` contacts to velocity and angular velocity, or subtract them (``sign`` -1)."""
     for k in range(n):
@@ -100,7 +100,7 @@ def apply_impulses(motion, contact, n, sign):
         motion[WZ] += pn * contact[k, UP_Z] + px * contact[k, EAST_Z] + py * contact[k, NORTH_Z]
 
 
-@borrowing
+@jit
 def write_levers(motion, contact, n):
     """Write the angular velocities by unit impulses over mass at ``n`` contacts, upward and along x and y."""
     xx, yy, zz, xy, xz, yz = motion[MXX], motion[MYY], motion[MZZ], motion[MXY], motion[MXZ], motion[MYZ]
@@ -113,7 +113,7 @@ def write_levers(motion, contact, n):
         contact[k, NORTH_Z] = zz * rx - xz * rz
 
 
-@borrowing
+@jit
 def settle_contacts(motion, contact, n, friction, table_x, table_y):
     """Iterate over ``n`` contacts to convergence, at most ``MOST_SWEEPS`` times: normal impulse, then friction of each.
 
@@ -151,7 +151,7 @@ def settle_contacts(motion, contact, n, friction, table_x, table_y):
     motion[VX], motion[VY], motion[VZ], motion[WX], motion[WY], motion[WZ] = vx, vy, vz, wx, wy, wz
 
 
-@borrowing
+@jit
 def gain(motion, contact, n, table_x, table_y):
     """Return the energy over mass (J/kg) that ``n`` contacts add beyond the work of plates and table.
 
@@ -168,7 +168,7 @@ def gain(motion, contact, n, table_x, table_y):
     return 0.5 * total
 
 
-@borrowing
+@jit
 def soften(motion, contact, n, scale):
     """Undo the impulses of ``n`` contacts, and reduce the velocities of their rebounds."""
     apply_impulses(motion, contact, n, -1.0)
@@ -177,7 +177,7 @@ def soften(motion, contact, n, scale):
         contact[k, GOAL] = min(contact[k, GOAL], scale * contact[k, GOAL])
 
 
-@borrowing
+@jit
 def keep_impulses(work, n):
     """Add the angular momentum of the impulses of ``n`` contacts, and store them for the next step."""
     motion, contact, warm, kept = work.motion, work.contact, work.warm, 0
@@ -194,7 +194,7 @@ def keep_impulses(work, n):
     work.kept[0] = kept
 
 
-@borrowing
+@jit
 def resolve_contacts(work, n, friction, table_x, table_y):
     """Apply the impulses of ``n`` contacts in a step.
 
@@ -218,13 +218,13 @@ def resolve_contacts(work, n, friction, table_x, table_y):
     spin_up(motion)
 
 
-@borrowing
+@jit
 def begin_flat(motion):
     """Set the motion of a part that has almost landed to flat."""
     motion[WX] = motion[WY] = motion[LX] = motion[LY] = 0.0
 
 
-@borrowing
+@jit
 def slide_flat(rigid, world, kind, friction, heading, turn):
     """Advance a part that lies flat on plates with equal motion by a step.
 

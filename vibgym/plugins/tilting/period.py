@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import best_grip, friction_in, incline_size, state_at
@@ -58,7 +58,7 @@ LEAST_RESTITUTION = 0.2
 """Lower bound of the restitution in the largest edge speed of a flat part, whose rebounds do not count as impacts."""
 
 
-@borrowing
+@jit
 def reach_of(rigid, world, part, periods):
     """Return the radius (m), about a part's centre of mass, of the plates that it may touch within ``periods`` periods."""
     table, state, kind = rigid.table, rigid.state, rigid.bodies.kind[part]
@@ -74,7 +74,7 @@ def reach_of(rigid, world, part, periods):
     return rigid.bodies.radius[kind] + rigid.scheme.ramp + table.radius + min(way, fastest + 0.5 * slope * span * span)
 
 
-@borrowing
+@jit
 def is_steady(rigid, world, part):
     """Return whether friction does not tip a part that lies flat on level ground."""
     state = rigid.state
@@ -82,7 +82,7 @@ def is_steady(rigid, world, part):
     return factor < rigid.solids.unsteady[rigid.bodies.kind[part]]
 
 
-@borrowing
+@jit
 def lies_level(rigid, world, part, periods):
     """Return whether a flat part stays flat for ``periods`` periods: it does not tip, and plates within reach move equally."""
     state, kind = rigid.state, rigid.bodies.kind[part]
@@ -92,7 +92,7 @@ def lies_level(rigid, world, part, periods):
     return is_level(rigid, world, kind, state.pose[world, part, 0], state.pose[world, part, 1], reach)
 
 
-@borrowing
+@jit
 def enter_motion(rigid, world, part, kind):
     """Load a part's motion and attitude into the working arrays."""
     state, tilt, motion, frame, solids = rigid.state, rigid.tilt, rigid.work.motion, rigid.work.frame, rigid.solids
@@ -112,7 +112,7 @@ def enter_motion(rigid, world, part, kind):
     write_inverse_inertia(motion, frame, xx, yy, xy, gyration)
 
 
-@borrowing
+@jit
 def set_down(rigid, world, kind):
     """Place the part of the working arrays on the plates at the start of a period: its lowest point moves with the ground."""
     motion, corner, table = rigid.work.motion, rigid.work.corner, rigid.table
@@ -145,13 +145,13 @@ def set_down(rigid, world, kind):
     motion[VZ] = rate
 
 
-@borrowing
+@jit
 def forget_contacts(rigid):
     """Delete the impulses stored for the next step."""
     rigid.work.kept[0] = 0
 
 
-@borrowing
+@jit
 def drift(motion, span):
     """Move freely for ``span`` s."""
     motion[CX] += span * motion[VX]
@@ -160,7 +160,7 @@ def drift(motion, span):
     rotate(motion, span)
 
 
-@borrowing
+@jit
 def take_step(rigid, world, kind, friction, level, turn):
     """Advance the part of the working arrays by a step."""
     table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
@@ -183,7 +183,7 @@ def take_step(rigid, world, kind, friction, level, turn):
     drift(motion, 0.5 * step)
 
 
-@borrowing
+@jit
 def is_calm(rigid, world, kind, node):
     """Return whether the part lies almost flat and at rest on level ground at the end of a step."""
     motion, table, frame = rigid.work.motion, rigid.table, rigid.work.frame
@@ -198,7 +198,7 @@ def is_calm(rigid, world, kind, node):
     return edge < slow and abs(motion[VZ] - rate) < slow
 
 
-@borrowing
+@jit
 def fate_of(rigid, kind):
     """Return whether the part's centre of mass has left the table, and whether it has tipped beyond its edge."""
     table, motion, frame = rigid.table, rigid.work.motion, rigid.work.frame
@@ -210,7 +210,7 @@ def fate_of(rigid, kind):
     return off, not is_inside(rigid, kind, u, v)
 
 
-@borrowing
+@jit
 def sound(motion):
     """Return whether all numbers are finite. A comparison, since isfinite does not survive reassociation."""
     total = abs(motion[CX]) + abs(motion[CY]) + abs(motion[CZ]) + abs(motion[VX]) + abs(motion[VY]) + abs(motion[VZ])
@@ -218,7 +218,7 @@ def sound(motion):
     return total + abs(motion[QW]) + abs(motion[QX]) + abs(motion[QY]) + abs(motion[QZ]) < math.inf
 
 
-@borrowing
+@jit
 def rest(state, tilt, world, part):
     """Stop a part that has fallen or toppled."""
     for k in range(3):
@@ -227,7 +227,7 @@ def rest(state, tilt, world, part):
     tilt.climb[world, part] = tilt.rocking[world, part, 0] = tilt.rocking[world, part, 1] = 0.0
 
 
-@borrowing
+@jit
 def leave_motion(rigid, world, part, flat, follows):
     """Store the working arrays in the state, at the end of a period.
 
@@ -258,7 +258,7 @@ def leave_motion(rigid, world, part, flat, follows):
     tilt.rocking[world, part, 0], tilt.rocking[world, part, 1] = motion[WX], motion[WY]
 
 
-@borrowing
+@jit
 def lie_flat(tilt, world, part):
     """Set a part to be advanced by the planar model."""
     tilt.mode[world, part], tilt.calm[world, part] = FLAT, 0
@@ -267,7 +267,7 @@ def lie_flat(tilt, world, part):
     tilt.height[world, part] = tilt.climb[world, part] = 0.0
 
 
-@borrowing
+@jit
 def rock_period(rigid, world, part, follows, paths, base, nodes):
     """Advance a part by a period as a rigid body.
 
@@ -325,7 +325,7 @@ def rock_period(rigid, world, part, follows, paths, base, nodes):
         rest(state, tilt, world, part)
 
 
-@borrowing
+@jit
 def is_flat(rigid, world, part, periods):
     """Return whether the planar model advances a part for ``periods`` periods; True for fallen and diverged parts."""
     if rigid.state.fallen[world, part] or rigid.state.diverged[world]:
@@ -333,7 +333,7 @@ def is_flat(rigid, world, part, periods):
     return rigid.tilt.mode[world, part] == FLAT and lies_level(rigid, world, part, periods)
 
 
-@borrowing
+@jit
 def rigid_at(fixed, drive, state, tilt):
     """Return the record of all data; ``drive`` is a reference, the others are addresses of pinned records."""
     fixed = fixed_tilting_at(fixed)
@@ -342,7 +342,7 @@ def rigid_at(fixed, drive, state, tilt):
     )
 
 
-@borrowing
+@jit
 def sort_rows(rows, flat, other, fixed, drive, state, tilt, periods):
     """Separate parts that lie flat on level ground for ``periods`` periods from others.
 
@@ -366,7 +366,7 @@ def sort_rows(rows, flat, other, fixed, drive, state, tilt, periods):
     return n
 
 
-@borrowing
+@jit
 def rock_rows(rows, follows, fixed, drive, state, tilt, paths, base, nodes):
     """Advance parts by a period as rigid bodies.
 
@@ -382,7 +382,7 @@ def rock_rows(rows, follows, fixed, drive, state, tilt, paths, base, nodes):
         rock_period(rigid, rows[k] // parts, rows[k] % parts, follows, paths, base, nodes)
 
 
-@borrowing
+@jit
 def keep_toppled(start, stop, state, tilt):
     """Stop toppled parts of worlds ``start`` to ``stop``, also after contacts.
 

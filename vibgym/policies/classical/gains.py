@@ -23,7 +23,7 @@ import numpy as np
 
 from vibgym.allocation.cut import Outlines, cut_parts, new_pieces, outlines_of
 from vibgym.allocation.projections import SPREAD
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 
@@ -70,13 +70,13 @@ class Numbers(NamedTuple):
     turn: np.ndarray  # (parts,) rad, after which a part looks the same; 0: always
 
 
-@borrowing
+@jit
 def within(value, most):
     """Return a value clipped to +-most."""
     return min(max(value, -most), most)
 
 
-@borrowing
+@jit
 def assign_slots(gains, w, pieces, count):
     """Assign slots to the elements now under the parts of world ``w``, and set their arms."""
     room = gains.element.shape[2]
@@ -97,14 +97,14 @@ def assign_slots(gains, w, pieces, count):
             set_arm(gains, w, p, free, pieces, i)
 
 
-@borrowing
+@jit
 def set_arm(gains, w, p, k, pieces, i):
     """Set the arm of slot ``k`` to that of piece ``i``."""
     gains.arm[w, p, k, 0] = pieces.share[i]
     gains.arm[w, p, k, 1], gains.arm[w, p, k, 2] = pieces.lever[i, 0], pieces.lever[i, 1]
 
 
-@borrowing
+@jit
 def reset_slot(gains, w, p, k, e):
     """Assign slot ``k`` to element ``e``, with the prior estimate."""
     gains.element[w, p, k] = e
@@ -119,7 +119,7 @@ def reset_slot(gains, w, p, k, e):
     gains.coming[w, p, k] = 0.0
 
 
-@borrowing
+@jit
 def kalman_update(gains, w, p, axis, noise, column):
     """Correct the estimate by the sum along one axis, whose other side is ``summed``; noise is a variance, m^2."""
     mean, covariance, summed = gains.mean[w, p], gains.covariance[w, p], gains.summed[w, p]
@@ -157,7 +157,7 @@ def kalman_update(gains, w, p, axis, noise, column):
         mean[2 * k + 1] = within(mean[2 * k + 1], MOST_PHASE)
 
 
-@borrowing
+@jit
 def correct(gains, numbers, w, p, rest, column):
     """Correct the estimate by where a slow part comes to rest according to the readings of this step."""
     room, size = gains.summed.shape[2], 0.0
@@ -188,7 +188,7 @@ def correct(gains, numbers, w, p, rest, column):
             kalman_update(gains, w, p, axis, noise, column)
 
 
-@borrowing
+@jit
 def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead, doubt):
     """Update the estimates from where the parts come to rest.
 
@@ -233,7 +233,7 @@ def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead, doub
                 ahead[w, p, axis] = total if axis < 2 else total / numbers.gyration[p]
 
 
-@borrowing
+@jit
 def put_known(gains, gain, phase, spread):
     """Write the estimates of the elements under slow parts into arrays (batch, elements)."""
     for w in range(gains.element.shape[0]):
@@ -253,7 +253,7 @@ def put_known(gains, gain, phase, spread):
                 spread[w, e] = max(CAUTION * math.sqrt(own), SURE)
 
 
-@borrowing
+@jit
 def predict(numbers, gains, push, given):
     """Store the shifts by the commanded pushes (batch, elements, 2), and the predicted places of rest of the parts.
 
@@ -351,7 +351,7 @@ class GainLearner:
         return given
 
 
-@borrowing
+@jit
 def turn_pushes(angle, push):
     """Turn pushes (batch, elements, 2) by angles (batch, elements), rad, in place."""
     for w in range(angle.shape[0]):

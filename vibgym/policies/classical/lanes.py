@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import jit
 from vibgym.physics.contacts.hulls import hull_gap, place_hulls
 from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, wrap
@@ -255,7 +255,7 @@ class Gaps(NamedTuple):
     y: np.ndarray
 
 
-@borrowing
+@jit
 def time_to_meet(dx, dy, ex, ey, vx, vy):
     """Return the time to collision of two rectangles, s: infinite without collision, 0 where they overlap.
 
@@ -276,7 +276,7 @@ def time_to_meet(dx, dy, ex, ey, vx, vy):
     return enter if enter < leave else math.inf
 
 
-@borrowing
+@jit
 def measure_gaps(hulls, placed, crowd, rank, w, gaps):
     """Compute the gaps between the present parts of a world whose circles are nearer than :data:`CLOSE`."""
     parts = rank.shape[0]
@@ -300,7 +300,7 @@ def measure_gaps(hulls, placed, crowd, rank, w, gaps):
                         gaps.x[p, q], gaps.y[p, q], gaps.x[q, p], gaps.y[q, p] = nx, ny, -nx, -ny
 
 
-@borrowing
+@jit
 def meeting_time(rules, gaps, p, q, dx, dy, ex, ey, ux, uy):
     """Return a lower bound of the time to collision of two parts, s: of their rectangles and of their outlines."""
     time, gap = time_to_meet(dx, dy, ex, ey, ux, uy), gaps.size[p, q]
@@ -310,7 +310,7 @@ def meeting_time(rules, gaps, p, q, dx, dy, ex, ey, ux, uy):
     return time
 
 
-@borrowing
+@jit
 def price_of(rules, crowd, gaps, chosen, rank, w, p, last_x, last_y, vx, vy, limit):
     """Return the price of a velocity (m/s) of part ``p``; infinite if it leads over the border.
 
@@ -351,7 +351,7 @@ def price_of(rules, crowd, gaps, chosen, rank, w, p, last_x, last_y, vx, vy, lim
     return price
 
 
-@jit
+@jit(allocates=True)
 def choose_velocities(start, stop, rules, hulls, crowd, chosen):
     """Choose the velocities of the parts of each world, in order of right of way.
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, inlined, jit
+from vibgym.kernels.jit import jit
 
 INSTANTS, INTERVAL = 25, 0.08
 """Number of a prediction's instants, and the time between them, s."""
@@ -88,7 +88,7 @@ class Scene(NamedTuple):
     inner: np.ndarray  # (parts,) m, radius of the inscribed circle about the centre
 
 
-@inlined
+@jit(inline=True)
 def set_velocity(wants, motion, time, x, y, target_x, target_y):
     """Return the set velocity (m/s) of a motion ``time`` seconds after it was chosen, at a place; without branches."""
     dx, dy = target_x - x, target_y - y
@@ -107,13 +107,13 @@ def set_velocity(wants, motion, time, x, y, target_x, target_y):
     return wx, wy
 
 
-@borrowing
+@jit
 def beyond(wants, x, y):
     """Return by how much a place is too near the border, m; negative: it is not."""
     return max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.depth + wants.edge)
 
 
-@borrowing
+@jit
 def follow(wants, centre, velocity, target, state, paths):
     """Predict all motions of one part: places after 1, 2, ... intervals into ``paths`` (MOTIONS, 2, INSTANTS).
 
@@ -140,7 +140,7 @@ def follow(wants, centre, velocity, target, state, paths):
             paths[m, 0, k], paths[m, 1, k] = state[0, m], state[1, m]
 
 
-@borrowing
+@jit
 def reach(hulls, part, cosine, sine, nx, ny):
     """Return the extent of a part with this heading from its centre along a unit vector, m."""
     bx, by = cosine * nx + sine * ny, cosine * ny - sine * nx
@@ -151,7 +151,7 @@ def reach(hulls, part, cosine, sine, nx, ny):
     return most
 
 
-@borrowing
+@jit
 def distance_at_least(hulls, p, q, facing, dx, dy):
     """Return a lower bound of the distance between two parts, m: the gap along the line of their centres.
 
@@ -167,7 +167,7 @@ def distance_at_least(hulls, p, q, facing, dx, dy):
     return length - own - reach(hulls, q, facing[q, 0], facing[q, 1], -nx, -ny)
 
 
-@borrowing
+@jit
 def nearness(wants, spacing, safe, gap, patience):
     """Return the price of a second at a distance between two parts.
 
@@ -184,7 +184,7 @@ def nearness(wants, spacing, safe, gap, patience):
     return price
 
 
-@borrowing
+@jit
 def price_of_place(wants, path, target):
     """Return the price of a path (2, INSTANTS) by itself, s: the remaining time to the target, and the border."""
     price, allowed = 0.0, beyond(wants, target[0], target[1])
@@ -200,7 +200,7 @@ def price_of_place(wants, path, target):
     return price
 
 
-@borrowing
+@jit
 def ever_near(path, other, far):
     """Return whether two paths (2, INSTANTS) are less than ``far`` (m) apart at any instant; vectorized."""
     near = 0
@@ -210,7 +210,7 @@ def ever_near(path, other, far):
     return near > 0
 
 
-@borrowing
+@jit
 def with_price_beside(wants, hulls, scene, world, p, q, rank, paths, trial, price, limit):
     """Return ``price`` (s) plus that of the path ``trial`` of part ``p`` beside that of ``q``; incomplete above ``limit``."""
     patience = scene.patience[world, p]
@@ -229,7 +229,7 @@ def with_price_beside(wants, hulls, scene, world, p, q, rank, paths, trial, pric
     return price
 
 
-@borrowing
+@jit
 def least_price_beside(wants, scene, world, p, q, rank, other, trial):
     """Return a lower bound of the price of the path ``trial`` of part ``p`` beside ``other``, that of ``q``, s.
 
@@ -246,7 +246,7 @@ def least_price_beside(wants, scene, world, p, q, rank, other, trial):
     return share * total
 
 
-@borrowing
+@jit
 def price_of(wants, hulls, scene, world, p, rank, paths, trial, limit, suspect):
     """Compute the price of a path ``trial`` (2, INSTANTS) of part ``p``, s; incomplete above ``limit``.
 
@@ -273,7 +273,7 @@ def price_of(wants, hulls, scene, world, p, rank, paths, trial, limit, suspect):
     return price, suspect
 
 
-@borrowing
+@jit
 def best_motion(wants, hulls, scene, world, p, last, faithful, rank, paths, trials):
     """Return the motion of part ``p`` with the lowest price, of predictions ``trials`` (MOTIONS, 2, INSTANTS).
 
@@ -292,7 +292,7 @@ def best_motion(wants, hulls, scene, world, p, last, faithful, rank, paths, tria
     return best
 
 
-@jit
+@jit(allocates=True)
 def choose_motions(start, stop, wants, hulls, scene, faithful, motion, chosen):
     """Choose the motions of the parts of each world in order, beside the present or else the last motions of the others.
 

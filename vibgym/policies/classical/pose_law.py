@@ -18,7 +18,7 @@ from pydantic import Field
 
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.policies.classical.law import Law, Settling
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
@@ -143,7 +143,7 @@ ROUNDS = 4  # iterations for the speed at the end of the step, on which the dist
 INSIDE = 0.7  # share of the allowed overshoot within which a part has to arrive, and to stay afterwards
 
 
-@borrowing
+@jit
 def speed_at(ways, speeds, p, approach, way):
     """Return the speed of part ``p`` on its curve at the distance ``way`` (>= 0), at most ``approach * way``."""
     low, high = 0, ways.shape[0] - 1
@@ -159,7 +159,7 @@ def speed_at(ways, speeds, p, approach, way):
     return min(speeds[low, p] + share * (speeds[high, p] - speeds[low, p]), approach * way)
 
 
-@borrowing
+@jit
 def speed_along(ways, speeds, p, approach, step, left, now):
     """Return the speed at the end of the step that is on the curve then: ``v' = curve(left - T (v + v') / 2)``."""
     speed = speed_at(ways, speeds, p, approach, max(left - step * now, 0.0))
@@ -169,7 +169,7 @@ def speed_along(ways, speeds, p, approach, step, left, now):
     return speed
 
 
-@borrowing
+@jit
 def land(ways, speeds, approach, step, over, left, now, result):
     """Compute speeds (batch, parts) for the end of the step into ``result``; see :func:`landing_speed`."""
     for w in range(left.shape[0]):

@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field
 
 from vibgym import Part, Surface
-from vibgym.kernels.jit import borrowing, exact, jit
+from vibgym.kernels.jit import exact, jit
 from vibgym.physics.contacts.hulls import part_gap, place_hulls
 from vibgym.policies.classical import planner
 from vibgym.policies.classical.measured import Measured
@@ -250,7 +250,7 @@ class TwoPhasesPolicy(PlannerPolicy):
         phase.closing[~waits.any(axis=1)] = True
 
 
-@jit
+@jit(allocates=True)
 def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, free):
     """Determine whether all parts of each world may go straight to their goals at once.
 
@@ -282,7 +282,7 @@ def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, f
                 break
 
 
-@borrowing
+@jit
 def go_straight(wants, centre, velocity, target, path):
     """Predict the path of a part that goes straight to its target, in steps small enough for the law.
 
@@ -302,7 +302,7 @@ def go_straight(wants, centre, velocity, target, path):
         path[k, 0], path[k, 1], path[k, 2] = x, y, math.sqrt(dx * dx + dy * dy)
 
 
-@borrowing
+@jit
 def clear(hulls, placed, present, paths, t, goals, margins, most):
     """Return whether all parts of a world, whose hulls are placed, keep their distance at an instant."""
     for p in range(paths.shape[0]):

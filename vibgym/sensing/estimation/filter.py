@@ -24,7 +24,7 @@ import numpy as np
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, Pinned
 from vibgym.physics.core.drive import Drive
 from vibgym.scene.sliding import drag_of, motion
@@ -85,7 +85,7 @@ FILTER: Layout[Filter] = Layout("FILTER", __name__)
 filter_at = FILTER.at
 
 
-@borrowing
+@jit
 def spread(covariance, way, fall, left, noise, drift, result):
     """Write the propagated covariance, ``F P F' + G G' noise`` and the drift of ``d``, to ``result``; may be the same array."""
     pp, pv, pd = covariance[PP], covariance[PV], covariance[PD]
@@ -101,14 +101,14 @@ def spread(covariance, way, fall, left, noise, drift, result):
     result[VV] += way * way * noise
 
 
-@borrowing
+@jit
 def noise_of(all_of, step, w, p):
     """Return the variance of the unmodelled acceleration in one of the steps of ``kept``, m^2/s^4."""
     acting = all_of.model_error * all_of.activity[step, w, p]
     return all_of.floor * all_of.floor + acting * acting
 
 
-@borrowing
+@jit
 def kalman_update(covariance, innovation, variance):
     """Update a covariance by a reading; returns the corrections of p, v and d."""
     total = covariance[PP] + variance
@@ -128,7 +128,7 @@ def kalman_update(covariance, innovation, variance):
     return kp * innovation, kv * innovation, kd * innovation
 
 
-@borrowing
+@jit
 def inflate_covariance(all_of, w, p, k, innovation):
     """Increase the covariance of position and velocity where innovations have kept the same sign."""
     covariance = all_of.covariance[w, p, k]
@@ -142,7 +142,7 @@ def inflate_covariance(all_of, w, p, k, innovation):
     all_of.trend[w, p, k] = trend
 
 
-@borrowing
+@jit
 def update_activity(address):
     """Update the acceleration by friction and elements from the mean velocities of the predictor's step."""
     all_of = filter_at(address)
@@ -160,7 +160,7 @@ def update_activity(address):
             all_of.activity[last, w, p] = math.sqrt(total)
 
 
-@borrowing
+@jit
 def carry_disturbance(all_of, w, p):
     """Add the estimated disturbance acceleration to the predictor's step."""
     way, fall, _ = motion(all_of.damping[p], all_of.step)
@@ -173,7 +173,7 @@ def carry_disturbance(all_of, w, p):
         all_of.mean_velocity[w, p, k] += way * push
 
 
-@borrowing
+@jit
 def start_track(all_of, w, p, pose):
     """Restart the filter of a part at a pose (3,), at rest."""
     for k in range(3):
@@ -188,7 +188,7 @@ def start_track(all_of, w, p, pose):
         covariance[DD] = (all_of.unknown / scale) ** 2
 
 
-@borrowing
+@jit
 def reset_track(all_of, w, p, pose):
     """Place a part of the predictor at a measured pose (3,), at rest."""
     start_track(all_of, w, p, pose)
@@ -198,7 +198,7 @@ def reset_track(all_of, w, p, pose):
     all_of.fallen[w, p] = False
 
 
-@borrowing
+@jit
 def begin_filter(which, pose, gone, address):
     """Restart for the parts ``which`` (worlds, parts), which the predictor has placed at ``pose``."""
     all_of = filter_at(address)
@@ -214,7 +214,7 @@ def begin_filter(which, pose, gone, address):
             all_of.age[w, p], all_of.gone[w, p] = 0, gone[w, p]
 
 
-@borrowing
+@jit
 def correct_all(reading, delay, periods, address):
     """Correct the predictions for the instant of the readings of all worlds, and all later predictions."""
     all_of = filter_at(address)

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing
+from vibgym.kernels.jit import jit
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import new_state
 from vibgym.scene.sliding import drag_of, motion
@@ -91,7 +91,7 @@ class ModelPredictor:
         return {**self.state._asdict(), **plant}
 
 
-@borrowing
+@jit
 def glide(state, drag, time):
     """Advance parts under friction alone, see :mod:`vibgym.scene.sliding`."""
     for w in range(state.pose.shape[0]):
