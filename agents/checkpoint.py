@@ -1,9 +1,11 @@
-"""Checkpoints: networks, optimizers and nested state as named arrays and JSON; reading them runs no code."""
+"""Checkpoints: one nested dictionary of arrays, tensors, numbers and texts in one file of torch; reading runs no code."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Mapping
+import io
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,161 +14,80 @@ import torch
 
 from agents.failures import Diverged
 from vibgym import checks
-from vibgym.policies.trained.storage import as_float32, load_set, save_set
+from vibgym.files import write_atomically
 
-KIND = "vibgym-checkpoint"
-VERSION = 5
-FILE = "checkpoint.json"
-ADAM = ("step", "exp_avg", "exp_avg_sq")
-STATE = "state.json"
-"""Tensor with the state as JSON in UTF-8, so that the file's SHA-256 covers it."""
-
-ARRAY = "$array"
-"""Key of a mapping that represents the array of this name."""
-
-Modules = Mapping[str, torch.nn.Module]
-Optimizers = Mapping[str, torch.optim.Optimizer]
+FILE = "checkpoint.pt"
+VERSION = 6
 
 
-def check_finite(tensors: Mapping[str, np.ndarray]) -> None:
-    """Raise :class:`Diverged` if a value is not finite."""
-    for name, value in tensors.items():
-        if not np.isfinite(value).all():
-            raise Diverged(f"NaN or infinity in {name}")
-
-
-def tensors_of(modules: Modules, optimizers: Optimizers) -> dict[str, np.ndarray]:
-    """Return weights and states of Adam as arrays by name."""
-    return _weights(modules) | {
-        f"adam.{which}.{index}.{name}": state[name].detach().cpu().numpy()
-        for which, optimizer in optimizers.items()
-        for index, state in optimizer.state_dict()["state"].items()
-        for name in ADAM
-    }
-
-
-def _weights(modules: Modules) -> dict[str, np.ndarray]:
-    return {
-        f"{which}.{name}": value.detach().cpu().numpy()
-        for which, module in modules.items()
-        for name, value in module.state_dict().items()
-    }
-
-
-def save(directory: Path, modules: Modules, optimizers: Optimizers, state: Any) -> None:
+def save(directory: Path, state: Mapping[str, Any]) -> None:
     """Write a checkpoint into ``directory``; the old one stays until the new one is complete.
 
     Args:
         directory: of the run.
-        modules, optimizers: by name; optimizers are Adam.
-        state: nested mappings, lists and tuples of arrays, numbers, strings and None.
-
-    Raises:
-        Diverged: a weight is not finite.
+        state: nested mappings, lists and tuples of arrays, tensors, numbers, strings and None; tuples become lists.
     """
-    tensors = tensors_of(modules, optimizers)
-    check_finite(tensors)
-    arrays, plain = flatten(state, "state")
-    text = np.frombuffer(json.dumps(plain).encode(), dtype=np.uint8)
-    save_set(directory / FILE, KIND, {**tensors, **arrays, STATE: text}, {"steps": state["steps"]}, VERSION)
+    file = io.BytesIO()
+    torch.save({"version": VERSION, "state": _mapped(state, _as_torch)}, file)
+    write_atomically(directory / FILE, file.getvalue())
 
 
-def load(directory: Path, modules: Modules, optimizers: Optimizers, set_state: Callable[[Any], None]) -> bool:
-    """Restore what :func:`save` wrote; return False if there is no checkpoint.
-
-    Args:
-        directory, modules, optimizers: as in :func:`save`.
-        set_state: receives the state.
+def load(directory: Path) -> dict[str, Any] | None:
+    """Return what :func:`save` wrote, with tensors in place of arrays (see :func:`arrays`), or None without a checkpoint.
 
     Raises:
-        ValueError: the checkpoint is damaged, not finite, or of other networks or worlds; modules are unchanged.
+        ValueError: the file is damaged, or of another version.
     """
     path = directory / FILE
     if not path.exists():
-        return False
-    tensors, _ = load_set(path, KIND, VERSION)
-    learned = as_float32(str(path), {name: value for name, value in tensors.items() if not name.startswith("state")})
-    shapes = {name: value.shape for name, value in _weights(modules).items()}
-    for which, optimizer in optimizers.items():
-        for index, parameter in enumerate(p for group in optimizer.param_groups for p in group["params"]):
-            prefix = f"adam.{which}.{index}"
-            if f"{prefix}.step" in learned:  # Adam has a state for parameters with a gradient
-                shapes |= {f"{prefix}.{name}": tuple(parameter.shape) for name in ADAM} | {f"{prefix}.step": ()}
-    if STATE not in tensors or any(name not in learned or learned[name].shape != shapes[name] for name in shapes):
-        raise checks.conflict(f"{path}: tensors of another network; remove the checkpoint or choose another output")
+        return None
     try:
-        set_state(unflatten(json.loads(tensors[STATE].tobytes()), tensors))
-    except (ValueError, KeyError, TypeError) as error:  # written by another version
-        raise checks.conflict(f"{path}: state of other worlds ({error})") from None
-    for which, module in modules.items():
-        module.load_state_dict({name: torch.from_numpy(learned[f"{which}.{name}"]) for name in module.state_dict()})
-    for which, optimizer in optimizers.items():
-        state: dict[int, dict[str, torch.Tensor]] = {}
-        for name, value in learned.items():
-            kind, _, rest = name.partition(f".{which}.")
-            if kind == "adam":
-                index, _, key = rest.partition(".")
-                state.setdefault(int(index), {})[key] = torch.from_numpy(value)
-        optimizer.load_state_dict({**optimizer.state_dict(), "state": state})
-    return True
+        with zipfile.ZipFile(path) as file:
+            damaged = file.testzip()  # torch does not check the sums
+        content = {} if damaged else torch.load(path, weights_only=True)
+        if content.get("version") == VERSION:
+            return content["state"]
+        fault = f"{damaged} is damaged" if damaged else f"version {content.get('version')}, not {VERSION}"
+    except Exception as error:  # damaged pickles raise anything
+        fault = " ".join(str(error).split())[:200]
+    raise checks.conflict(f"{path}: not a checkpoint ({fault}); remove it or choose another output")
 
 
-def flatten(tree: Any, name: str) -> tuple[dict[str, np.ndarray], Any]:
-    """Return the arrays of nested mappings, lists and tuples by name, and the remaining plain values for JSON.
-
-    Tuples, including named ones, become lists (see :func:`restore_tuples`); NumPy scalars become Python's.
-
-    Args:
-        tree: of arrays, numbers, strings and None.
-        name: prefix of the arrays' names.
+@contextmanager
+def restoring(directory: Path) -> Iterator[None]:
+    """Turn the errors of restoring a checkpoint into one that names the file.
 
     Raises:
-        TypeError: another type is among them.
+        ValueError: it belongs to other networks, worlds or data.
     """
-    if isinstance(tree, np.ndarray):
-        if tree.dtype.kind not in "biuf":
-            raise TypeError(f"{name}: an array of {tree.dtype}")
-        return {name: tree}, {ARRAY: name}
-    if isinstance(tree, np.generic):
-        return {}, tree.item()
-    if tree is None or isinstance(tree, bool | int | float | str):
-        return {}, tree
+    try:
+        yield
+    except (ValueError, KeyError, TypeError, RuntimeError) as error:  # RuntimeError: other shapes of networks
+        text = " ".join(str(error).split())[:200]
+        raise checks.conflict(f"{directory / FILE}: of another run ({text}); choose another output") from None
+
+
+def arrays(tree: Any) -> Any:
+    """Return a part of a checkpoint with NumPy's arrays in place of tensors."""
+    return _mapped(tree, lambda leaf: leaf.numpy() if isinstance(leaf, torch.Tensor) else leaf)
+
+
+def check_finite(tree: Any, name: str = "") -> None:
+    """Raise :class:`Diverged` if a tensor or an array of a nested mapping has values that are not finite."""
     if isinstance(tree, Mapping):
-        pairs: Any = tree.items()
-    elif isinstance(tree, list | tuple):
-        pairs = enumerate(tree)
-    else:
-        raise TypeError(f"{name}: {type(tree).__name__}")
-    arrays: dict[str, np.ndarray] = {}
-    plain = {}
-    for key, value in pairs:
-        found, plain[key] = flatten(value, f"{name}.{key}")
-        arrays.update(found)
-    return arrays, plain if isinstance(tree, Mapping) else list(plain.values())
+        for key, value in tree.items():
+            check_finite(value, f"{name}.{key}" if name else str(key))
+    elif isinstance(tree, torch.Tensor | np.ndarray) and not torch.isfinite(torch.as_tensor(tree)).all():
+        raise Diverged(f"NaN or infinity in {name}")
 
 
-def unflatten(plain: Any, arrays: Mapping[str, np.ndarray]) -> Any:
-    """Return the nested values again.
-
-    Raises:
-        KeyError: an array is missing.
-    """
-    if isinstance(plain, dict):
-        return arrays[plain[ARRAY]] if set(plain) == {ARRAY} else {k: unflatten(v, arrays) for k, v in plain.items()}
-    return [unflatten(each, arrays) for each in plain] if isinstance(plain, list) else plain
+def _mapped(tree: Any, function: Callable[[Any], Any]) -> Any:
+    if isinstance(tree, Mapping):
+        return {key: _mapped(value, function) for key, value in tree.items()}
+    return [_mapped(each, function) for each in tree] if isinstance(tree, list | tuple) else function(tree)
 
 
-def restore_tuples(pattern: Any, tree: Any) -> Any:
-    """Return ``tree`` with tuples, including named ones, where ``pattern`` has them and ``tree`` has lists.
-
-    Raises:
-        ValueError: they differ in form.
-    """
-    if isinstance(pattern, tuple):
-        if not isinstance(tree, list) or len(tree) != len(pattern):
-            raise ValueError(f"expected a list of {len(pattern)}, got {type(tree).__name__}")
-        values = [restore_tuples(*each) for each in zip(pattern, tree, strict=True)]
-        return type(pattern)(*values) if hasattr(pattern, "_fields") else tuple(values)
-    if isinstance(pattern, np.ndarray) and (not isinstance(tree, np.ndarray) or tree.shape != pattern.shape):
-        raise ValueError(f"expected an array of shape {pattern.shape}, got {type(tree).__name__}")
-    return tree
+def _as_torch(leaf: Any) -> Any:
+    if isinstance(leaf, np.ndarray):
+        return torch.from_numpy(np.array(leaf, order="C"))
+    return leaf.item() if isinstance(leaf, np.generic) else leaf

@@ -27,6 +27,7 @@ EXTRAS = {
     "matplotlib": "report",
     "minari": "data",
     "optuna": "tune",
+    "pandas": "learn",
     "ray": "cluster",
     "scipy": "report",
     "stable_baselines3": "learn",

@@ -17,7 +17,6 @@ import torch
 from pydantic import Field, model_validator
 from torch import nn
 
-from agents.checkpoint import Modules, Optimizers
 from agents.networks import NETWORKS, trained_tensors
 from agents.offline import DataLearner
 from agents.training_settings import Widths
@@ -169,6 +168,6 @@ class Flow(DataLearner):
         """See :meth:`agents.learner.PartsLearner.own_entries`."""
         return {FLOW: self._form()}
 
-    def learned(self) -> tuple[Modules, Optimizers]:
-        """Return the modules and optimizers of a checkpoint by name."""
-        return {"learning": self.policy.learning, "actor": self.policy.actor}, {"optimizer": self.optimizer}
+    def learned(self) -> dict[str, Any]:
+        """Return networks and optimizers by their names in checkpoints."""
+        return {"learning": self.policy.learning, "actor": self.policy.actor, "optimizer": self.optimizer}

@@ -153,33 +153,42 @@ class PartsLearner:
 
     # -- checkpoints -------------------------------------------------------------------------------------------------
 
-    def learned(self) -> tuple[checkpoint.Modules, checkpoint.Optimizers]:
-        """Return the modules and optimizers of a checkpoint by name."""
+    def learned(self) -> dict[str, Any]:
+        """Return networks and optimizers by their names in checkpoints."""
         raise NotImplementedError
 
+    def weights(self) -> dict[str, Any]:
+        """Return the states of networks and optimizers."""
+        return {name: each.state_dict() for name, each in self.learned().items()}
+
     def get_state(self) -> dict[str, Any]:
-        """Return the rest of a checkpoint, see :func:`agents.checkpoint.save`."""
-        raise NotImplementedError
+        """Return everything that the rest of the run depends on."""
+        return {**self.weights(), "steps": self.steps, "torch": torch.get_rng_state()}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from what :meth:`get_state` returned.
 
         Raises:
             ValueError: a state of other worlds or data.
+            RuntimeError: a state of other networks.
         """
-        raise NotImplementedError
+        for name, each in self.learned().items():
+            each.load_state_dict(state[name])
+        self.steps = state["steps"]
+        torch.set_rng_state(state["torch"])
 
     def check_finite(self) -> None:
         """Raise :class:`agents.failures.Diverged` if a weight or an optimizer state is not finite."""
-        checkpoint.check_finite(checkpoint.tensors_of(*self.learned()))
+        checkpoint.check_finite(self.weights())
 
     def save(self, directory: Path) -> None:
-        """Write a checkpoint with everything that the rest of the run depends on.
+        """Write a checkpoint.
 
         Raises:
             Diverged: a weight is not finite; the last checkpoint stays.
         """
-        checkpoint.save(directory, *self.learned(), self.get_state())
+        self.check_finite()
+        checkpoint.save(directory, self.get_state())
 
     def load(self, directory: Path) -> bool:
         """Continue from the checkpoint in ``directory``; return False if there is none.
@@ -187,7 +196,11 @@ class PartsLearner:
         Raises:
             ValueError: it is damaged or belongs to other settings.
         """
-        return checkpoint.load(directory, *self.learned(), self.set_state)
+        state = checkpoint.load(directory)
+        if state is not None:
+            with checkpoint.restoring(directory):
+                self.set_state(state)
+        return state is not None
 
     def close(self) -> None:
         """Close the environment."""

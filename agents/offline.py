@@ -17,7 +17,6 @@ from pydantic import Field, model_validator
 from stable_baselines3.common.utils import polyak_update
 from torch import nn
 
-from agents.checkpoint import Modules, Optimizers
 from agents.imitation import relative_error
 from agents.learner import PartsLearner, Report
 from agents.networks import ActorCritic, PartsCritic
@@ -161,15 +160,14 @@ class DataLearner(PartsLearner):
         return rows, action
 
     def get_state(self) -> dict[str, Any]:
-        """Return the rest of a checkpoint."""
-        return {"steps": self.steps, "torch": torch.get_rng_state().numpy(), "data": self.data.facts["sha256"]}
+        """Return everything that the rest of the run depends on."""
+        return {**super().get_state(), "data": self.data.facts["sha256"]}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from what :meth:`get_state` returned."""
         if state["data"] != self.data.facts["sha256"]:
             raise ValueError(f"{self.data.facts['dataset']} has changed")
-        self.steps = state["steps"]
-        torch.set_rng_state(torch.from_numpy(np.array(state["torch"])))
+        super().set_state(state)
 
     def save_policy(self, path: Path, training: dict[str, Any]) -> None:
         """Write the policy with a description of the data set."""
@@ -268,9 +266,7 @@ class Offline(DataLearner):
         }
         return advantage.detach(), of_states + of_actions, metrics
 
-    def learned(self) -> tuple[Modules, Optimizers]:
-        """Return the modules and optimizers of a checkpoint by name."""
-        modules: dict[str, nn.Module] = {"policy": self.policy}
-        if self.values is not None:
-            modules |= {"values": self.values, "target": self.target}
-        return modules, {"optimizer": self.optimizer}
+    def learned(self) -> dict[str, Any]:
+        """Return networks and optimizers by their names in checkpoints."""
+        values = {} if self.values is None else {"values": self.values, "target": self.target}
+        return {"policy": self.policy, **values, "optimizer": self.optimizer}

@@ -45,10 +45,6 @@ TOKEN = (
 )
 
 
-class NoCluster(checks.Refused):
-    """No Ray cluster at the given address."""
-
-
 def usable(workers: int) -> int:
     """Return ``workers``, at most the number of processors that this process may use."""
     return min(workers, available_threads())
@@ -75,35 +71,15 @@ def run(
         done: called with the number of calls that have finished since its last call.
 
     Raises:
-        NoCluster: no cluster answers at ``ray``, or it rejects the token.
+        ValueError: no cluster answers at ``ray``, or it rejects the token.
         ModuleNotFoundError: Ray is not installed.
-    """
-    with pool(workers, ray) as parallel:
-        return parallel(function, items, done)
-
-
-@contextlib.contextmanager
-def pool(workers: int = 1, ray: str | None = None) -> Iterator[Callable[..., list[Any]]]:
-    """Keep processes or a connection to a cluster between several calls of :func:`run`.
-
-    Yields:
-        ``parallel(function, items, done)`` with the arguments of :func:`run`.
     """
     workers = usable(workers)
     if ray is not None:
         with _cluster(ray, workers):
-            yield _on_ray
-    elif workers == 1:
-        yield _in_this_process
-    else:
-
-        def parallel(function: Callable[..., Any], items: Sequence[tuple[Any, ...]], done: Any):
-            return _in_processes(function, items, done, workers)
-
-        yield parallel
-
-
-def _in_this_process(function: Any, items: Sequence[tuple[Any, ...]], done: Any) -> list[Any]:
+            return _on_ray(function, items, done)
+    if workers > 1:
+        return _in_processes(function, items, done, workers)
     results = []
     for item in items:
         results.append(function(*item))
@@ -113,9 +89,9 @@ def _in_this_process(function: Any, items: Sequence[tuple[Any, ...]], done: Any)
 
 def _in_processes(function: Any, items: Sequence[tuple[Any, ...]], done: Any, workers: int) -> list[Any]:
     results: list[Any] = []
-    threads = str(max(available_threads() // workers, 1))
+    threads, context = str(max(available_threads() // workers, 1)), (os.getcwd(), taking_part())
     for attempt in range(ATTEMPTS):
-        todo = [joblib.delayed(_call)(_context(), function, item) for item in items[len(results) :]]
+        todo = [joblib.delayed(_call)(context, function, item) for item in items[len(results) :]]
         try:
             with joblib.parallel_config(backend="loky", initializer=_limit_threads, initargs=(threads,)):
                 for result in joblib.Parallel(n_jobs=workers, return_as="generator", **ONE_BY_ONE)(todo):
@@ -148,14 +124,10 @@ def _on_ray(function: Any, items: Sequence[tuple[Any, ...]], done: Any) -> list[
             done(self.n_completed_tasks - reported[0])
             reported[0] = self.n_completed_tasks
 
-    reported = [0]
-    calls = [joblib.delayed(_call)(_context(), function, item, True) for item in items]
+    reported, context = [0], (os.getcwd(), taking_part())
+    calls = [joblib.delayed(_call)(context, function, item, True) for item in items]
     with joblib.parallel_config(backend="ray"):
         return list(Reporting(n_jobs=-1, pre_dispatch="all", **ONE_BY_ONE)(calls))
-
-
-def _context() -> tuple[str, tuple[str, ...]]:
-    return str(Path.cwd()), taking_part()
 
 
 def _call(
@@ -192,10 +164,12 @@ def _cluster(address: str, workers: int) -> Iterator[None]:
     try:
         ray.init(address=address, configure_logging=True, **settings)
     except AuthenticationError as error:
-        raise NoCluster(f"--ray: the cluster rejects the token ({str(error).partition('. ')[0]}); {TOKEN}") from None
+        raise checks.conflict(
+            f"--ray: the cluster rejects the token ({str(error).partition('. ')[0]}); {TOKEN}"
+        ) from None
     except (ConnectionError, ValueError, OSError, RuntimeError) as error:
         first = str(error).strip().partition("\n")[0]
-        raise NoCluster(str(checks.refuse("--ray", address, f"the address of a running cluster ({first})"))) from None
+        raise checks.refuse("--ray", address, f"the address of a running cluster ({first})") from None
     try:
         register_ray()
         yield
@@ -210,11 +184,11 @@ def _check_answers(address: str) -> None:
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     allowed = "'local', 'auto' or host:port"
     if not colon or not host or not port.isdigit() or int(port) > 65535:
-        raise NoCluster(str(checks.refuse("--ray", address, allowed)))
+        raise checks.refuse("--ray", address, allowed)
     try:
         socket.create_connection((host, int(port)), 5.0).close()
     except OSError as error:
-        raise NoCluster(str(checks.refuse("--ray", address, f"{allowed} of a cluster ({reason(error)})"))) from None
+        raise checks.refuse("--ray", address, f"{allowed} of a cluster ({reason(error)})") from None
 
 
 def compile_once() -> None:

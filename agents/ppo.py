@@ -9,17 +9,14 @@ With ``cost_limit`` costs are subtracted from rewards with a multiplier (PPO-Lag
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from agents.checkpoint import Modules, Optimizers
-from agents.curriculum import Curriculum, Episode
 from agents.imitation import Imitation, check_memory, experts
 from agents.learner import PartsLearner, Report
 from agents.learning_curve import without_hold
@@ -31,18 +28,16 @@ from agents.training_settings import (
     NetworkSettings,
     RateSettings,
     TrainSettings,
-    check_bytes,
     for_seed,
 )
+from agents.worlds import Worlds
 from vibgym import checks
+from vibgym.adapters.sb3 import VecEnv
 from vibgym.policies.measures import check_cost_limit
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.coding import Inputs
-from vibgym.policies.trained.residual import CORRECTED, ResidualPolicy
+from vibgym.policies.trained.coding import Coding
+from vibgym.policies.trained.residual import ResidualPolicy
 from vibgym.seeds import training_seed
-
-WINDOW = 100
-"""Finished episodes over which the log averages."""
 
 VALUE_WEIGHT, MAX_GRADIENT = 0.5, 0.5
 """Weight of the value loss, and norm to which gradients are clipped."""
@@ -113,6 +108,14 @@ class PPO(PartsLearner):
         critic_steps: int = Field(default=0, ge=0, le=MOST_STEPS)
         """First steps, in which the critic alone learns."""
 
+        @model_validator(mode="after")
+        def _supported(self) -> PPO.Settings:
+            if self.network == "joint":
+                raise checks.conflict("network 'joint' has one row for all parts: it learns from data sets only")
+            if self.noise_floor is not None and self.network != "parts":
+                raise checks.conflict(f"noise_floor requires network 'parts', got {self.network!r}")
+            return self
+
     title, phase = "PPO with parts as samples", "ppo"
     advice = "ppo.learning_rate, ppo.log_std_init or ppo.clip_range"
 
@@ -120,68 +123,35 @@ class PPO(PartsLearner):
         super().__init__(settings)
         assert isinstance(settings.own, PPO.Settings)
         self.own = settings.own
-        self._check_residual()
         # A base policy reads the flat state.
-        self._seen = ResidualPolicy.observation if settings.residual else self.observation
-        self.curriculum = Curriculum(settings, self._seen, WINDOW)
-        self.env = self.curriculum.first_worlds()
+        self.worlds = Worlds(settings, ResidualPolicy.observation if settings.residual else self.observation)
         try:
-            self._build()
+            self._build(self.coding())
         except ValueError:
-            self.env.close()
+            self.close()
             raise
 
-    def _check_residual(self) -> None:
-        """Reject settings that conflict with ``residual``.
+    @property
+    def env(self) -> VecEnv:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Worlds of the present stage of the curriculum."""
+        return self.worlds.env
 
-        An expert of imitation gives actions, not corrections. In rows that remember or turn, the base's action would be
-        repeated or not turned.
-        """
-        run, own = self.settings, self.own
-        if run.residual is None:
-            return
-        base = checks.choice("residual.base.action", run.residual.base["action"], CORRECTED)
-        for name, got, allowed in (
-            ("imitation", run.imitation, None),
-            ("ppo.remembers", own.remembers, 0),
-            ("ppo.turned", own.turned, False),
-            ("ppo.network", own.network, "parts"),
-            ("environment.action", run.action, base),
-        ):
-            if got != allowed:
-                raise checks.conflict(f"{name} must be {allowed!r} with 'residual'")
-
-    def _build(self) -> None:
-        settings, own, env, coding = self.settings, self.own, self.env, self.coding()
+    def _build(self, coding: Coding) -> None:
+        settings, own, env, imitation = self.settings, self.own, self.env, self.settings.imitation
         if own.n_steps * settings.worlds < 2:
             raise checks.refuse("ppo.n_steps", own.n_steps, "2 or more with one world")
-        row = np.dtype(coding.dtype).itemsize * coding.shape.columns
-        step = settings.worlds * len(coding.parts) * (row + 4 * (coding.shape.action + 6))
-        check_bytes("ppo.n_steps", own.n_steps, step)
-        if own.network == "joint":
-            raise checks.conflict("ppo.network 'joint' has one row for all parts: it learns from data sets only")
-        if own.noise_floor is not None and own.network != "parts":
-            raise checks.conflict(f"ppo.noise_floor requires network 'parts', got {own.network!r}")
-        imitation = settings.imitation
+        if own.cost_limit is not None:
+            environment = {key: value for key, value in without_hold(settings)[0].items() if key != "action"}
+            seed = training_seed(settings.seed, "costs")
+            check_cost_limit("ppo.cost_limit", own.cost_limit, settings.task, environment, seed)
         if imitation is not None:
             check_memory(imitation, coding, settings.worlds)
+        self.rollout = Rollout(own, env.num_envs, coding, TaskInfo.of(env.env))
         torch.manual_seed(settings.seed)
         self.policy = ActorCritic(coding, own, own.log_std_init, own.noise_floor)
         self.optimizer = torch.optim.Adam(self.policy.parameters(), lr=own.learning_rate, eps=1e-5, fused=True)
-        self.rollout = Rollout(own, env.num_envs, coding, TaskInfo.of(env.env))
-        self._noise = torch.Generator().manual_seed(settings.seed)
-        self._correlated = torch.zeros(1, 1, 1)  # noise of the last step, if that of the next is correlated with it
         self.multiplier = 0.0  # of costs
-        if own.cost_limit is not None:
-            environment = {key: value for key, value in without_hold(settings)[0].items() if key != "action"}
-            check_cost_limit(
-                "ppo.cost_limit", own.cost_limit, settings.task, environment, training_seed(settings.seed, "costs")
-            )
         self.pace = FIRST_PACE if own.critic_steps and own.target_kl is not None else 1.0
-        self.episodes: deque[Episode] = deque(maxlen=WINDOW)
-        self._observation: Any = None
-        self._start = np.ones(env.num_envs, dtype=bool)
-        self._inputs: Inputs | None = None
         # Steps of imitation count, but do not train the critic.
         self.critic_steps = own.critic_steps
         if imitation is not None:
@@ -200,66 +170,37 @@ class PPO(PartsLearner):
         Raises:
             Diverged: a loss or a weight is not finite.
         """
-        if self._observation is None:
-            self._observation = self._new_episodes()
         metrics: dict[str, float] = {}
         while self.steps < until:
             report(metrics)
-            self._follow_curriculum()
+            self.worlds.begin(self.steps)
             self.steps += self.collect()
             metrics = self.update(1.0 - self.steps / until)
             self._adapt_multiplier()
-            metrics |= self._episode_metrics()
+            metrics |= self.worlds.metrics()
+            if self.own.cost_limit is not None:
+                metrics["multiplier"] = self.multiplier
         report(metrics)
-
-    def _follow_curriculum(self) -> None:
-        """Begin the next stage of the curriculum if this one has ended."""
-        limit = self.env.env.unwrapped.max_episode_steps or 0
-        if self.curriculum.advance(self.steps, self.episodes, limit * self.env.num_envs):
-            self.env.close()
-            self.env = self.curriculum.worlds()
-            self._observation, self._inputs = self._new_episodes(), None
-            self._start = np.ones(self.env.num_envs, dtype=bool)
-            self.episodes.clear()
-
-    def _new_episodes(self) -> Any:
-        """Reset all worlds with seeds that no other reset of the run has; return their observations."""
-        # The stage, since imitation may already have made all steps of one.
-        self.env.seed(training_seed(self.settings.seed, f"{self.steps} steps, stage {self.curriculum.stage}"))
-        return self.env.reset()
 
     def collect(self) -> int:
         """Make ``n_steps`` steps in all worlds, then compute values and advantages; return the steps of all worlds together."""
-        env, policy, rollout = self.env, self.policy, self.rollout
-        coding = policy.coding
+        worlds, policy, rollout = self.worlds, self.policy, self.rollout
+        coding, env = policy.coding, worlds.env
         rollout.reset()
         for _ in range(self.own.n_steps):
-            inputs = coding.encode(self._observation, self._inputs, self._start)
+            inputs = worlds.encode(coding)
             with torch.no_grad():
-                noise = self._draw((*inputs.rows.shape[:-1], coding.shape.action))
+                noise = worlds.noise((*inputs.rows.shape[:-1], coding.shape.action), self.own.noise_correlation)
                 action, log_prob = policy.sample(torch.from_numpy(inputs.rows), noise)
-            observation, _, done, infos = env.step(coding.decode(inputs, action.clamp(-1.0, 1.0).numpy()))
+            cut = worlds.step(coding, inputs, action.clamp(-1.0, 1.0).numpy())
             reward = env.part_reward - self.own.touch_cost * coding.touching(inputs)
             if self.multiplier:
                 reward = reward - self.multiplier * env.part_cost
-            rollout.add(inputs, action.numpy(), log_prob.numpy(), reward, done)
-            for world in np.flatnonzero(done).tolist():
-                info = infos[world]
-                if info["TimeLimit.truncated"]:
-                    rollout.truncate(world, coding.encode(info["terminal_observation"], inputs.of(world)))
-                episode = info["episode"]
-                self.episodes.append((episode["r"], episode["l"], info["is_success"], episode.get("c", 0.0)))
-            self._observation, self._start, self._inputs = observation, done, inputs
-        rollout.finish(coding.encode(self._observation, self._inputs, self._start), policy.critic)
+            rollout.add(inputs, action.numpy(), log_prob.numpy(), reward, worlds.start)
+            for world, last in cut.items():
+                rollout.truncate(world, last)
+        rollout.finish(worlds.encode(coding), policy.critic)
         return self.own.n_steps * env.num_envs
-
-    def _draw(self, shape: tuple[int, ...]) -> torch.Tensor:
-        """Return the noise (worlds, parts, action) of a step, which continues that of the step before within an episode."""
-        noise = torch.randn(shape, generator=self._noise)
-        if self.own.noise_correlation:
-            share = self.own.noise_correlation * torch.from_numpy(~self._start).to(noise)[:, None, None]
-            noise = self._correlated = share * self._correlated + (1.0 - share**2).sqrt() * noise
-        return noise
 
     def update(self, remaining: float) -> dict[str, float]:
         """Update actor and critic from the rollout; return mean losses.
@@ -270,14 +211,11 @@ class PPO(PartsLearner):
         Raises:
             Diverged: a weight is not finite.
         """
-        own, samples = self.own, self.rollout.samples()
+        own = self.own
         rate, actor_learns = own.rate(remaining), self.steps > self.critic_steps
         self._set_rate(self.pace * rate if actor_learns else rate)
-        present = samples["advantage"][samples["mask"] > 0.5]
-        samples["advantage"] = (samples["advantage"] - present.mean()) / (present.std() + 1e-8)
         losses: list[dict[str, float]] = []
-        for chosen in self._minibatches(*samples["mask"].shape):
-            batch = {name: each.index_select(0, chosen) for name, each in samples.items()}
+        for batch in self.rollout.minibatches(own.batch_size, own.n_epochs):
             loss, metrics = self.loss(batch, actor_learns)
             losses.append(metrics)
             if own.target_kl is not None and actor_learns and len(losses) > 1:  # the first divergence is 0
@@ -292,14 +230,6 @@ class PPO(PartsLearner):
         self.check_finite()
         means = {name: float(np.mean([each[name] for each in losses])) for name in losses[0]}
         return means | {"pace": self.pace}
-
-    def _minibatches(self, count: int, parts: int) -> Iterator[torch.Tensor]:
-        """Yield the indices of random minibatches of all epochs, without a small one at the end of an epoch."""
-        size = max(self.own.batch_size // parts, 1)
-        for _ in range(self.own.n_epochs):
-            for chosen in torch.randperm(count).split(size):
-                if len(chosen) * 2 >= size or count < size:
-                    yield chosen
 
     def loss(self, batch: dict[str, torch.Tensor], actor_learns: bool = True) -> tuple[torch.Tensor, dict[str, float]]:
         """Return the clipped surrogate loss plus the value loss, and metrics.
@@ -338,24 +268,15 @@ class PPO(PartsLearner):
 
         The change is ``multiplier_rate`` times the relative excess, at most 1 in magnitude.
         """
-        limit = self.own.cost_limit
-        if limit is not None and self.episodes and self.steps > self.critic_steps:
-            mean = float(np.mean([each[3] for each in self.episodes]))
+        limit, episodes = self.own.cost_limit, self.worlds.episodes
+        if limit is not None and episodes and self.steps > self.critic_steps:
+            mean = float(np.mean([cost for *_, cost in episodes]))
             excess = min(max((mean - limit) / max(limit, 1e-9), -1.0), 1.0)
             self.multiplier = max(self.multiplier + self.own.multiplier_rate * excess, 0.0)
 
     def _set_rate(self, rate: float) -> None:
         for group in self.optimizer.param_groups:
             group["lr"] = rate
-
-    def _episode_metrics(self) -> dict[str, float]:
-        if not self.episodes:
-            return {}
-        returns, lengths, success, cost = map(np.mean, zip(*self.episodes, strict=True))
-        found = {"return": float(returns), "length": float(lengths), "success": float(success)}
-        if self.own.cost_limit is not None:
-            found |= {"cost": float(cost), "multiplier": self.multiplier}
-        return found | ({"stage": self.curriculum.stage} if self.settings.curriculum else {})
 
     def imitate(self, settings: ImitationSettings) -> Iterator[float]:
         """Train the actor on the experts' actions; yield the error after each round. The steps count."""
@@ -365,38 +286,21 @@ class PPO(PartsLearner):
             self.check_finite()
             yield error
 
-    def learned(self) -> tuple[Modules, Optimizers]:
-        """Return the modules and optimizers of a checkpoint by name."""
-        return {"policy": self.policy}, {"policy.optimizer": self.optimizer}
+    def learned(self) -> dict[str, Any]:
+        """Return networks and optimizers by their names in checkpoints."""
+        return {"policy": self.policy, "optimizer": self.optimizer}
 
     def get_state(self) -> dict[str, Any]:
-        """Return the rest of a checkpoint."""
+        """Return everything that the rest of the run depends on."""
         return {
-            "steps": self.steps,
+            **super().get_state(),
             "pace": self.pace,
             "multiplier": self.multiplier,
-            "torch": torch.get_rng_state().numpy(),
-            "noise": self._noise.get_state().numpy(),
-            "correlated": self._correlated.numpy(),
-            "observation": self._observation,
-            "start": self._start,
-            "seen": None if self._inputs is None else list(self._inputs),
-            "curriculum": self.curriculum.get_state(),
-            "worlds": self.env.get_state(),
-            "episodes": [list(each) for each in self.episodes],
+            "worlds": self.worlds.get_state(),
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from what :meth:`get_state` returned."""
-        self.curriculum.set_state(state["curriculum"])
-        if self.curriculum.stage:
-            self.env.close()
-            self.env = self.curriculum.worlds()
-        self.env.set_state(state["worlds"])
-        self.steps, self.pace, self.multiplier = state["steps"], state["pace"], state["multiplier"]
-        self._observation, self._start = state["observation"], np.asarray(state["start"])
-        self._inputs = None if state["seen"] is None else Inputs(*state["seen"])
-        self.episodes = deque((tuple(each) for each in state["episodes"]), maxlen=WINDOW)
-        torch.set_rng_state(torch.from_numpy(np.array(state["torch"])))
-        self._noise.set_state(torch.from_numpy(np.array(state["noise"])))
-        self._correlated = torch.from_numpy(np.array(state["correlated"]))
+        super().set_state(state)
+        self.pace, self.multiplier = state["pace"], state["multiplier"]
+        self.worlds.set_state(state["worlds"])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
+from agents.training_settings import check_bytes
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding, Inputs
 
@@ -29,6 +31,9 @@ class Rollout:
         coding: of the network.
         info: which parts the action drives. Other parts are no samples, and their rewards go to every driven part. Where parts
             leave, shared rewards count relative to their mean, or parts would gain by staying.
+
+    Raises:
+        ValueError: too many bytes.
     """
 
     def __init__(self, settings: PPO.Settings, worlds: int, coding: Coding, info: TaskInfo) -> None:
@@ -36,6 +41,8 @@ class Rollout:
         self.shared, self.flows, driven = settings.shared, info.flows, np.array(info.driven)
         parts, shape = len(coding.parts), coding.shape
         lead = (steps, worlds, parts)
+        row = np.dtype(coding.dtype).itemsize * shape.columns
+        check_bytes("ppo.n_steps", steps, worlds * parts * (row + 4 * (shape.action + 6)))
         self.rows = np.zeros((steps + 1, worlds, parts, shape.columns), dtype=coding.dtype)
         self.mask = np.zeros((steps + 1, worlds, parts), dtype=np.float32)
         self.actions = np.zeros((*lead, shape.action), dtype=np.float32)
@@ -110,3 +117,22 @@ class Rollout:
             "target": self.advantage + self.value,
         }
         return {name: torch.from_numpy(each.reshape(-1, *each.shape[2:])) for name, each in named.items()}
+
+    def minibatches(self, size: int, epochs: int) -> Iterator[dict[str, torch.Tensor]]:
+        """Yield random minibatches of all epochs, without a small one at the end of an epoch.
+
+        Advantages are normalised over all parts that are present.
+
+        Args:
+            size: parts of a minibatch.
+            epochs: passes over all samples.
+        """
+        samples = self.samples()
+        present = samples["advantage"][samples["mask"] > 0.5]
+        samples["advantage"] = (samples["advantage"] - present.mean()) / (present.std() + 1e-8)
+        count, parts = samples["mask"].shape
+        size = max(size // parts, 1)
+        for _ in range(epochs):
+            for chosen in torch.randperm(count).split(size):
+                if len(chosen) * 2 >= size or count < size:
+                    yield {name: each.index_select(0, chosen) for name, each in samples.items()}

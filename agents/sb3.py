@@ -8,6 +8,7 @@ starts new episodes: it is not identical to an uninterrupted run.
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -69,7 +70,7 @@ class SB3:
         with checks.within("environment"):
             self.env = make_worlds(settings, self.observation)
         assert isinstance(settings.own, SB3.Settings)
-        arguments = settings.own.model_dump()
+        arguments = json.loads(settings.own.model_dump_json())  # lists, which Stable-Baselines3 requires
         buffer = arguments.get("replay_buffer_class")
         if isinstance(buffer, str):  # such as HerReplayBuffer
             arguments["replay_buffer_class"] = getattr(stable_baselines3, buffer, buffer)
@@ -118,7 +119,7 @@ class SB3:
 
     def check_finite(self) -> None:
         """Raise :class:`agents.failures.Diverged` if a weight is not finite."""
-        check_finite({name: each.detach().numpy() for name, each in self.model.policy.state_dict().items()})
+        check_finite(dict(self.model.policy.state_dict()))
 
     def save(self, directory: Path) -> None:
         """Write the model and, off-policy, its replay buffer.

@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from agents import command_line
 from agents.command_line import Command
@@ -70,36 +70,38 @@ def tabulate(
         ValueError: a policy is missing or does not load, or too many episodes; nothing is written.
     """
     checks.count("--episodes", episodes, most=RANGES["evaluation"].stop - FIRST_SEED)
-    rows: list[dict[str, Any]] = []
-    best: dict[str, Path] = {}
-    for name in names:
-        own = [_row(name, load_settings(config, name, seed), episodes) for seed in seeds]
-        first = min(own, key=lambda row: (row["judged"], row["seed"]))
-        for row in own:
-            row["shipped"] = ship is not None and row is first
-            del row["judged"]
-        best[name] = Path(first["path"])
-        rows += own
+    new = pd.DataFrame([_row(name, load_settings(config, name, seed), episodes) for name in names for seed in seeds])
+    best = new.sort_values(["judged", "seed"]).groupby("agent", sort=False).head(1).index
+    new["shipped"] = new.index.isin(best) & (ship is not None)
     files: dict[Path, str | bytes] = {}
-    for row in rows:
-        run = f"{row['agent'].lower().replace('/', '-')}-seed-{row['seed']}"
-        path = Path(row.pop("path"))
+    for row in new.itertuples():
+        run, path = f"{row.agent.lower().replace('/', '-')}-seed-{row.seed}", Path(row.path)
         if (path.parent / CURVE).exists():
             files[output / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
-        _ship(path, output / "policies" / f"{run}.json")
-    # Rows of older tables lack the last columns.
-    kept = [{**dict.fromkeys(rows[0], ""), **row} for row in _read(output / TABLE) if row["agent"] not in names]
-    every = sorted([*kept, *rows], key=lambda row: (row["agent"], int(row["seed"])))
-    files[output / TABLE] = csv_text(every)
+        _copy(path, output / "policies" / f"{run}.json")
+    table = new.drop(columns=["judged", "path"]).astype(object)
+    rows = table.to_dict("records")
+    former = read_table(output / TABLE)  # rows of older tables lack the last columns
+    if len(former):
+        table = pd.concat([former[~former["agent"].isin(names)], table]).reindex(columns=table.columns).fillna("")
+    every = table.sort_values(
+        ["agent", "seed"], key=lambda column: column if column.name == "agent" else column.astype(int)
+    )
+    files[output / TABLE] = csv_text(every.to_dict("records"))
     if page is not None:
-        files[page] = markdown(every)
+        files[page] = markdown(every.to_dict("records"))
     for path in files:
         path.parent.mkdir(parents=True, exist_ok=True)
     write_together(files)
     if ship is not None:
-        for name, path in best.items():
-            _ship(path, ship / f"{shipped_name(name)}.json")
+        for row in new.loc[best].itertuples():
+            _copy(Path(row.path), ship / f"{shipped_name(row.agent)}.json")
     return rows
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """Return a CSV file as texts, without rows if there is none."""
+    return pd.read_csv(path, dtype=str, keep_default_na=False) if path.exists() else pd.DataFrame()
 
 
 def markdown(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -186,7 +188,9 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     )
     judging = settings.judging
     asked: dict[str, Any] = {} if judging is None else {"best": judging.best, "cost_limit": judging.cost_limit}
-    judged = min(_read(directory / CURVE), key=lambda each: rank(each, **asked), default=NOT_JUDGED)
+    judged = min(
+        read_table(directory / CURVE).to_dict("records"), key=lambda each: rank(each, **asked), default=NOT_JUDGED
+    )
     return {
         "agent": name,
         "seed": settings.seed,
@@ -218,8 +222,8 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "faulty_share": float(faulty.sum() / (good + faulty).sum()),
         "success_fast_contacts": np.mean(np.concatenate([each.success for each in fast])) if fast else None,
         "good_per_minute_fast_contacts": np.mean(np.concatenate([each.fact(RATE) for each in fast])) if fast else None,
-        "shipped": False,
         "path": str(path),
+        "shipped": False,
     }
 
 
@@ -232,14 +236,7 @@ def _played(policy: Any, task: str, scenes: Sequence[Mapping[str, Any]], episode
     return found
 
 
-def _read(path: Path) -> list[dict[str, Any]]:
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
-def _ship(path: Path, to: Path) -> None:
+def _copy(path: Path, to: Path) -> None:
     """Copy a policy file and its tensors, whose name follows the file's."""
     tensors, record = load_set(path, KIND, VERSION)
     save_set(

@@ -6,10 +6,12 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import torch
+from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
 from agents import checkpoint, command_line, locks, parallel
@@ -117,8 +119,8 @@ class Training:
 
     Args:
         settings: of the run.
-        directory: output: ``run.json``, the checkpoint, ``progress.csv`` with metrics, ``curve.csv`` (learning curve, with
-            ``judging``), and at the end the policy.
+        directory: output: ``run.json``, the checkpoint, ``curve.csv`` (learning curve, with ``judging``), at the end the
+            policy, and for each session ``log-from-STEPS`` with ``progress.csv`` and the events of both for TensorBoard.
         quiet: no progress bar.
         line: of the progress bar.
 
@@ -167,7 +169,8 @@ class Training:
             self._listener, self._began = listener or (lambda row: None), time.perf_counter() - self.seconds
             try:
                 total, initial = self.settings.steps, self.learner.steps
-                with tqdm(total=total, initial=initial, **self._bar_options) as self._bar:
+                self._log = Log(self.directory / f"log-from-{initial}")
+                with tqdm(total=total, initial=initial, **self._bar_options) as self._bar, closing(self._log):
                     self._train()
             except (Diverged, ValueError) as error:
                 raise self._failure(error) from error
@@ -215,7 +218,6 @@ class Training:
             self._evaluate("imitation")
             self._save()
         if learner.steps < settings.steps:
-            self._log = Log(self.directory / f"log-from-{learner.steps}")
             learner.learn(settings.steps, self._between_updates)
             self._evaluate(self._phase)
         self._save()
@@ -250,6 +252,7 @@ class Training:
         if hasattr(learner, "actor") and self.curve.is_best(row):
             record = {"steps": row["steps"], "success": row["success"], "time_to_goal": row["time_to_goal"]}
             save_set(self.directory / BEST, BEST_KIND, learner.actor(), record)
+        self._log.add("evaluation", row)
         self._listener(row)
 
     def _save(self) -> None:
@@ -296,29 +299,43 @@ class Training:
 
 
 class Log:
-    """Metrics of updates in ``progress.csv``; a killed run keeps its rows.
+    """Metrics of updates in ``progress.csv``, whose rows a killed run keeps, and rows of both curves as events of TensorBoard.
 
     Args:
         directory: created with the first row.
     """
 
     def __init__(self, directory: Path) -> None:
-        self.path = directory / "progress.csv"
+        self.directory, self.path = directory, directory / "progress.csv"
         self._rows: list[dict[str, float]] = []
         self._names: list[str] = []
+        self._events: SummaryWriter | None = None
 
     def write(self, row: dict[str, float]) -> None:
-        """Append a row; the file is rewritten if the row has new columns."""
+        """Append a row with ``steps``; the file is rewritten if the row has new columns."""
+        self.add("training", row)
         new = [name for name in row if name not in self._names]
         self._names += new
         self._rows.append(row)
         text = csv_text([{name: each.get(name) for name in self._names} for each in (self._rows if new else [row])])
         if new:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(self.path, text)
         else:
             with self.path.open("a", encoding="utf-8") as file:
                 file.write(text.partition("\n")[2])
+
+    def add(self, group: str, row: dict[str, Any]) -> None:
+        """Add the numbers of a row with ``steps`` as events ``group/name``."""
+        if self._events is None:
+            self._events = SummaryWriter(self.directory)
+        for name, value in row.items():
+            if isinstance(value, int | float) and name != "steps":
+                self._events.add_scalar(f"{group}/{name}", value, row["steps"])
+
+    def close(self) -> None:
+        """Write the events that are left."""
+        if self._events is not None:
+            self._events.close()
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -11,7 +11,6 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
-from agents.checkpoint import restore_tuples
 from agents.training_settings import TrainSettings
 from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv, divided
@@ -129,7 +128,7 @@ class ResidualEnv(VectorWrapper):
         memory = state["memory"]
         if memory is not None:
             _, pattern = self.base.policy.predict(inner.observed("state"))
-            memory = restore_tuples(pattern, memory)
+            memory = _in_form(pattern, memory)
         self._memory, self._action = memory, np.array(state["action"])
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
@@ -150,3 +149,17 @@ class ResidualEnv(VectorWrapper):
         action, _ = self.base.policy.predict(state, rows_of(self._memory, worlds))
         for world, wide in zip(worlds, self.base.rows(rows, action), strict=True):
             final[world] = {"parts": wide, "mask": final[world]["mask"]}
+
+
+def _in_form(pattern: Any, tree: Any) -> Any:
+    """Return ``tree`` with tuples, including named ones, where ``pattern`` has them.
+
+    Raises:
+        ValueError: they differ in form.
+    """
+    if isinstance(pattern, tuple):
+        values = [_in_form(*each) for each in zip(pattern, tree, strict=True)]
+        return type(pattern)(*values) if hasattr(pattern, "_fields") else tuple(values)
+    if np.shape(pattern) != np.shape(tree):
+        raise ValueError(f"expected an array of shape {np.shape(pattern)}, got {np.shape(tree)}")
+    return tree

@@ -20,7 +20,7 @@ from vibgym.config import json_values
 from vibgym.envs.drawn import drawn_shapes, fixed_scenes
 from vibgym.envs.vector import environment_id
 from vibgym.policies.trained.coding import MOST_REMEMBERED
-from vibgym.policies.trained.residual import base_named
+from vibgym.policies.trained.residual import CORRECTED, base_named
 from vibgym.settings import BaseSettings, Unit
 
 MOST_STEPS = 10**12
@@ -275,6 +275,26 @@ class TrainSettings(BaseSettings):
 
     own: SerializeAsAny[BaseSettings]
     """The algorithm's; in files they stand under its name."""
+
+    @model_validator(mode="after")
+    def _correctable(self) -> TrainSettings:
+        """Reject settings that conflict with ``residual``.
+
+        An expert of imitation gives actions, not corrections. In rows that remember or turn, the base's action would be
+        repeated or not turned.
+        """
+        if self.residual is not None and isinstance(self.own, NetworkSettings):
+            base, own = checks.choice("residual.base.action", self.residual.base["action"], CORRECTED), self.own
+            for name, got, allowed in (
+                ("imitation", self.imitation, None),
+                (f"{self.algorithm}.remembers", own.remembers, 0),
+                (f"{self.algorithm}.turned", own.turned, False),
+                (f"{self.algorithm}.network", own.network, "parts"),
+                ("environment.action", self.action, base),
+            ):
+                if got != allowed:
+                    raise checks.conflict(f"{name} must be {allowed!r} with 'residual'")
+        return self
 
     def check_alone(self) -> None:
         """Reject ``residual``, ``imitation``, ``start`` and ``curriculum``, which PPO alone supports.

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,71 +54,34 @@ class TuningSettings(BaseSettings):
     """Trials in parallel."""
 
 
-class Tuning:
-    """A study's settings, validated.
-
-    Args:
-        path: of a training file.
-        agent: name, in a file of many agents.
-
-    Attributes:
-        settings: of the study.
-        base: settings of the agent.
-        space: distribution of every tuned setting.
-
-    Raises:
-        ValueError: names file and field.
-    """
-
-    def __init__(self, path: Path, agent: str | None = None) -> None:
-        self.path, self.agent = path, agent
-        data, where = load_tuning(path, agent)
-        self.settings = read(TuningSettings, data, where)
-        self.base = load_settings(path, agent)
-        self.space = {name: distribution(spec, f"{where}: space.{name}") for name, spec in self.settings.space.items()}
-        for end in (0, -1):
-            self.of_trial({name: _ends(each)[end] for name, each in self.space.items()})
-
-    def of_trial(self, values: dict[str, Any]) -> TrainSettings:
-        """Return the settings of a trial's run.
-
-        Raises:
-            ValueError: invalid names or values.
-        """
-        judging = {} if self.base.judging is None else self.base.judging.model_dump()
-        steps = {} if self.settings.steps is None else {"steps": self.settings.steps}
-        changes = {"judging": {**judging, "first_seed": FIRST_SEED}, **steps, **values}
-        return load_settings(self.path, self.agent, SEED, changes)
-
-    def record(self) -> str:
-        """Return everything that the study's results depend on, as JSON."""
-        tuning = self.settings.model_dump(mode="json", exclude={"trials"})
-        agent = self.base.model_dump(mode="json")
-        return json.dumps({"tuning": tuning, "agent": agent, "vibgym": vibgym.__version__}, sort_keys=True)
-
-
-def distribution(spec: Any, where: str) -> BaseDistribution:
-    """Return the distribution of a setting from its specification in a file.
+def distribution(given: Any, where: str) -> BaseDistribution:
+    """Return the distribution of a setting from its entry in a file.
 
     Raises:
         ValueError: neither a list of values nor a range.
     """
-    if isinstance(spec, list) and spec and all(isinstance(each, bool | int | float | str | None) for each in spec):
-        return CategoricalDistribution(spec)
+    if isinstance(given, list) and given and all(isinstance(each, bool | int | float | str | None) for each in given):
+        return CategoricalDistribution(given)
     allowed = "a list of values, or a mapping with 'low', 'high' and optionally 'log: true'"
-    if not isinstance(spec, dict) or not {"low", "high"} <= set(spec) <= {"low", "high", "log"}:
-        raise checks.refuse(where, spec, allowed)
-    low, high, log = spec["low"], spec["high"], spec.get("log", False)
+    if not isinstance(given, dict) or not {"low", "high"} <= set(given) <= {"low", "high", "log"}:
+        raise checks.refuse(where, given, allowed)
+    low, high, log = given["low"], given["high"], given.get("log", False)
     whole = all(isinstance(each, int) and not isinstance(each, bool) for each in (low, high))
     try:
         return IntDistribution(low, high, log) if whole else FloatDistribution(float(low), float(high), log)
     except (TypeError, ValueError) as error:
-        raise checks.refuse(where, spec, f"{allowed} ({error})") from None
+        raise checks.refuse(where, given, f"{allowed} ({error})") from None
 
 
-def _ends(each: Any) -> tuple[Any, ...]:
-    """Return the values of a list, or both ends of a range."""
-    return each.choices if isinstance(each, CategoricalDistribution) else (each.low, each.high)
+def of_trial(base: TrainSettings, tuning: TuningSettings, values: dict[str, Any], *file: Any) -> TrainSettings:
+    """Return the settings of a trial's run: those of the agent ``base``, evaluated on seeds of its own.
+
+    Raises:
+        ValueError: invalid names or values.
+    """
+    judging = {} if base.judging is None else base.judging.model_dump()
+    steps = {} if tuning.steps is None else {"steps": tuning.steps}
+    return load_settings(*file, SEED, {"judging": {**judging, "first_seed": FIRST_SEED}, **steps, **values})
 
 
 class Pruned(Exception):
@@ -127,54 +89,51 @@ class Pruned(Exception):
 
 
 def run_trial(
-    path: Path, agent: str | None, values: dict[str, Any], before: Sequence[FrozenTrial], directory: Path
+    settings: TrainSettings,
+    values: dict[str, Any],
+    space: dict[str, BaseDistribution],
+    before: list[FrozenTrial],
+    directory: Path,
 ) -> FrozenTrial:
     """Run a trial, or continue it from its checkpoint.
 
     The score is the mean time to the goal (s) at the best point of the learning curve; failures count with their limit.
 
     Args:
-        path, agent: see :class:`Tuning`.
+        settings: of its run.
         values: of the tuned settings.
+        space: their distributions.
         before: trials of earlier batches, for pruning.
-        directory: of the trial's run.
+        directory: of its run.
     """
-    tuning = Tuning(path, agent)
     study = optuna.create_study(pruner=optuna.pruners.MedianPruner(n_startup_trials=4))
     study.add_trials(before)
-    trial = study.ask(tuning.space)
-    scores: dict[int, float] = {}
+    trial, scores, state = study.ask(), dict[int, float](), TrialState.COMPLETE
 
     def listener(row: dict[str, Any]) -> None:
-        steps, score = int(row["steps"]), float(row["mean_time"])
-        scores[steps] = score
-        trial.report(score, steps)
+        scores[int(row["steps"])] = float(row["mean_time"])
+        trial.report(float(row["mean_time"]), int(row["steps"]))
         if trial.should_prune():
             raise Pruned
 
-    state = TrialState.COMPLETE
     try:
-        with Training(tuning.of_trial(values), directory, quiet=True) as training:
+        with Training(settings, directory, quiet=True) as training:
             training.run(listener=listener)
     except Pruned:
         state = TrialState.PRUNED
     except TrainingError:
         state = TrialState.FAIL
+    value = None if state is TrialState.FAIL else min(scores.values())
     return optuna.trial.create_trial(
-        state=state,
-        value=None if state is TrialState.FAIL else min(scores.values()),
-        params=values,
-        distributions=tuning.space,
-        intermediate_values=scores,
+        state=state, value=value, params=values, distributions=space, intermediate_values=scores
     )
 
 
-def propose(tuning: Tuning, number: int, before: Sequence[FrozenTrial]) -> dict[str, Any]:
+def propose(space: dict[str, BaseDistribution], startup: int, number: int, before: list[FrozenTrial]) -> dict[str, Any]:
     """Return the values of trial ``number``, a function of the trials of earlier batches alone."""
-    sampler = optuna.samplers.TPESampler(n_startup_trials=tuning.settings.startup, seed=1_000_003 * number)
-    study = optuna.create_study(sampler=sampler)
+    study = optuna.create_study(sampler=optuna.samplers.TPESampler(n_startup_trials=startup, seed=1_000_003 * number))
     study.add_trials(before)
-    return dict(study.ask(tuning.space).params)
+    return dict(study.ask(space).params)
 
 
 def tune(
@@ -189,7 +148,8 @@ def tune(
     """Run a study, or continue it; write ``study.db`` (for Optuna and its dashboard) and ``trials.csv``.
 
     Args:
-        config, agent: see :class:`Tuning`.
+        config: training file with a section ``tuning``.
+        agent: name, in a file of many agents.
         trials: in all, instead of the file's.
         output: directory of the study, instead of ``runs/tuning/<agent>``.
         quiet: no progress bar.
@@ -201,36 +161,47 @@ def tune(
     Raises:
         ValueError: invalid settings, a study of other settings, or one used by another process.
     """
-    tuning = Tuning(config, agent)
-    count = tuning.settings.trials if trials is None else checks.count("--trials", trials, least=1, most=100_000)
+    data, where = load_tuning(config, agent)
+    tuning, base = read(TuningSettings, data, where), load_settings(config, agent)
+    space = {name: distribution(given, f"{where}: space.{name}") for name, given in tuning.space.items()}
+    for end in (0, -1):  # the ends of ranges are settings of a run
+        values = {
+            name: (each.choices if isinstance(each, CategoricalDistribution) else (each.low, each.high))[end]
+            for name, each in space.items()
+        }
+        of_trial(base, tuning, values, config, agent)
+    count = tuning.trials if trials is None else checks.count("--trials", trials, least=1, most=100_000)
     directory = output or Path("runs/tuning") / (agent or config.stem).replace("/", "-")
     output_directory(directory)
-    abreast = tuning.settings.abreast
-    with locks.one_run(directory), parallel.pool(processes, ray) as run:
-        study = _study(tuning, directory)
+    record = {"tuning": tuning.model_dump(mode="json", exclude={"trials"}), "agent": base.model_dump(mode="json")}
+    with locks.one_run(directory):
+        study = _study(directory / STUDY, json.dumps({**record, "vibgym": vibgym.__version__}, sort_keys=True))
+        with tqdm(total=count, initial=len(study.trials), desc="tuning", unit="trial", disable=quiet) as bar:
+            while (finished := len(study.trials)) < count:
+                first = finished // tuning.abreast * tuning.abreast  # of the batch
+                before, calls = study.trials[:first], []
+                for number in range(finished, min(first + tuning.abreast, count)):
+                    values = propose(space, tuning.startup, number, before)
+                    run = of_trial(base, tuning, values, config, agent)
+                    calls.append((run, values, space, before, directory / f"trial-{number:03d}"))
+                study.add_trials(parallel.run(run_trial, calls, workers=processes, ray=ray, done=bar.update))
         done = study.trials
-        with tqdm(total=count, initial=len(done), desc="tuning", unit="trial", disable=quiet) as bar:
-            while len(done) < count:
-                first = len(done) // abreast * abreast  # of the batch
-                calls = []
-                for number in range(len(done), min(first + abreast, count)):
-                    values = propose(tuning, number, done[:first])
-                    calls.append((config, agent, values, done[:first], directory / f"trial-{number:03d}"))
-                study.add_trials(run(run_trial, calls, bar.update))
-                done = study.trials
     rows = [{"trial": t.number, "state": t.state.name.lower(), "score_s": t.value, **t.params} for t in done]
     write_atomically(directory / TRIALS, csv_text(rows))
     complete = [each for each in done if each.state is TrialState.COMPLETE]
     return directory / TRIALS, min(complete, key=lambda each: (each.value, each.number), default=None)
 
 
-def _study(tuning: Tuning, directory: Path) -> optuna.Study:
-    """Return the study in ``directory``, a new one if there is none.
+def _study(path: Path, mine: str) -> optuna.Study:
+    """Return the study in a file, a new one if there is none.
+
+    Args:
+        path: of the file.
+        mine: everything that the study's results depend on.
 
     Raises:
         ValueError: it has other settings, or is damaged.
     """
-    path, mine = directory / STUDY, tuning.record()
     try:
         study = optuna.create_study(storage=f"sqlite:///{path}", study_name=NAME, load_if_exists=True)
         theirs = study.user_attrs.get(SETTINGS, None if study.trials else mine)

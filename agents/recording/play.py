@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from agents.recording.record_settings import RecordSettings
 from vibgym import checks
 from vibgym.envs.vector import batch_of
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Episodes
 from vibgym.policies.task_info import TaskInfo
+
+if TYPE_CHECKING:
+    from agents.recording.record import RecordSettings
 
 
 class Episode(NamedTuple):
@@ -67,32 +69,49 @@ class Recorder:
         """Yield the episodes in the order of their seeds. A world whose episode has ended begins the next one."""
         settings, env, given, waiting = self.settings, self.env, 0, dict[int, Episode]()
         seeds = range(settings.first_seed, settings.first_seed + settings.episodes)
-        tracks, drawn = Tracks(env.num_envs), dict[str, np.ndarray]()
-        actor, number = Actor(self.policy, env, settings.observation, settings.noise), np.full(env.num_envs, -1)
+        actor, drawn = Actor(self.policy, env, settings.observation, settings.noise), dict[str, np.ndarray]()
+        history: list[tuple[Any, np.ndarray, np.ndarray]] = []  # observation before, action and reward of each step
+        first = np.zeros(env.num_envs, dtype=int)  # step of the history at which the world's episode began
+        started, now = 0, None
 
         def began(fresh: np.ndarray, observation: Any, info: dict[str, Any]) -> None:
-            worlds = np.flatnonzero(fresh)
-            number[worlds] = number.max() + 1 + np.arange(len(worlds))
-            actor.begin({int(world): seeds[number[world]] for world in worlds})
+            nonlocal started, now
+            now, worlds = observation, np.flatnonzero(fresh)
+            first[worlds] = len(history)
+            actor.begin({world: seeds[started + k] for k, world in enumerate(worlds.tolist())})
+            started += len(worlds)
             for name, value in _drawn(info).items():
                 drawn.setdefault(name, value)[worlds] = value[worlds]
-            tracks.begin(worlds, observation)
 
         for step in Episodes(actor, env, seeds, began):
-            tracks.add(step.age - 1, step.observation, step.action, step.reward)
+            history.append((now, step.action, step.reward))
+            now = step.observation
             for world in np.flatnonzero(step.ended).tolist():
+                observations, actions, rewards = zip(*history[first[world] :], strict=True)
                 episode = int(step.episode[world])
                 waiting[episode] = Episode(
                     seeds[episode],
-                    *tracks.cut(world, int(step.age[world])),
+                    _of_world((*observations, now), world),
+                    _of_world(actions, world),
+                    _of_world(rewards, world),
                     bool(step.terminated[world]),
                     bool(step.truncated[world]),
                     bool(step.info["is_success"][world]),
                     {name: np.copy(value[world]) for name, value in drawn.items()},
                 )
+            past = first[step.playing].min()
+            del history[:past]  # no episode needs it
+            first -= past
             while given in waiting:
                 yield waiting.pop(given)
                 given += 1
+
+
+def _of_world(steps: Sequence[Any], world: int) -> Any:
+    """Return the values of a world at all steps: an array (steps, ...), or a dictionary of such."""
+    if isinstance(steps[0], dict):
+        return {name: np.stack([each[name][world] for each in steps]) for name in steps[0]}
+    return np.stack([each[world] for each in steps])
 
 
 class Actor:
@@ -129,49 +148,3 @@ class Actor:
 
 def _drawn(info: dict[str, Any]) -> dict[str, np.ndarray]:
     return {name: np.array(value) for name, value in info.get("drawn", {}).items() if not name.startswith("_")}
-
-
-ACTION, REWARD = ("action",), ("reward",)  # keys that no observation has
-
-
-class Tracks:
-    """Observations, actions and rewards of the current episode of every world."""
-
-    def __init__(self, worlds: int) -> None:
-        self.worlds, self.steps = worlds, 64
-        self._kept: dict[Any, np.ndarray] = {}
-
-    def begin(self, worlds: np.ndarray, observation: Any) -> None:
-        """Begin episodes of these worlds with their current observation."""
-        for name, value in _named(observation):
-            self._room(name, value)[worlds, 0] = value[worlds]
-
-    def add(self, age: np.ndarray, observation: Any, action: np.ndarray, reward: np.ndarray) -> None:
-        """Add a step of all worlds; ``age`` (worlds,) is the number of steps before it."""
-        if age.max() + 2 > self.steps:
-            self.steps *= 2
-            self._kept = {
-                name: np.concatenate((each, np.empty_like(each)), axis=1) for name, each in self._kept.items()
-            }
-        everyone = np.arange(self.worlds)
-        for name, value in _named(observation):
-            self._room(name, value)[everyone, age + 1] = value
-        for name, value in ((ACTION, action), (REWARD, reward)):
-            self._room(name, value)[everyone, age] = value
-
-    def cut(self, world: int, steps: int) -> tuple[Any, np.ndarray, np.ndarray]:
-        """Return observations (steps + 1), actions and rewards of a world's episode."""
-        seen = {
-            name: each[world, : steps + 1].copy() for name, each in self._kept.items() if name not in (ACTION, REWARD)
-        }
-        action, reward = (self._kept[name][world, :steps].copy() for name in (ACTION, REWARD))
-        return seen[None] if None in seen else seen, action, reward
-
-    def _room(self, name: Any, value: np.ndarray) -> np.ndarray:
-        if name not in self._kept:
-            self._kept[name] = np.empty((self.worlds, self.steps, *value.shape[1:]), dtype=value.dtype)
-        return self._kept[name]
-
-
-def _named(observation: Any) -> Iterable[tuple[Any, np.ndarray]]:
-    return observation.items() if isinstance(observation, dict) else ((None, observation),)

@@ -18,7 +18,7 @@ from agents import parallel
 from agents.evaluation.statistics import quartiles, success_interval
 from agents.evaluation.table import quantity
 from agents.offline import DataLearner
-from agents.recording import record, record_settings
+from agents.recording import record
 from agents.train import Training
 from agents.training_file import load_settings
 from studies.benchmarks import common
@@ -53,7 +53,7 @@ METHODS = {
 
 def recorded(task: str, directory: Path) -> None:
     """Record the demonstrations, unless they are there."""
-    settings = record_settings.load_settings(RECORDINGS[task])
+    settings = record.load_settings(RECORDINGS[task])
     if not (directory / settings.dataset).is_dir():
         record.record(settings.model_copy(update={"directory": str(directory)}))
 
@@ -114,7 +114,7 @@ def main() -> None:
         for name, count in cases:
             of_seeds = [next(found) for _ in range(asked.seeds)]
             lines.append([METHODS[task][name].title, f"{count}", cell(of_seeds)])
-        policy = record_settings.load_settings(RECORDINGS[task]).policy
+        policy = record.load_settings(RECORDINGS[task]).policy
         expert = rollout(policy, task, seeds=RANGES["held_out"][: asked.episodes])
         lines.append([f"`{policy['kind']}`, which gave the demonstrations", "", cell([expert])])
         heads = (f"{task}: policy", "demonstrations", "success; time to goal")

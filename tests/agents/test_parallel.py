@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from agents import parallel
+from vibgym import checks
 from vibgym.simulation import threads
 
 
@@ -65,5 +66,5 @@ def test_on_ray():
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere", "host:port"])
 def test_unreachable_clusters_are_refused(address):
     pytest.importorskip("ray")
-    with pytest.raises(parallel.NoCluster, match="--ray"):
+    with pytest.raises(checks.Refused, match="--ray"):
         parallel.run(square, [(1,)], ray=address)

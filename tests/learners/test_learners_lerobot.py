@@ -10,8 +10,7 @@ import minari
 import numpy as np
 import pytest
 
-from agents.recording.record import record
-from agents.recording.record_settings import RecordSettings
+from agents.recording.record import RecordSettings, record
 from agents.recording.storage import kept_in
 
 ROOT = Path(__file__).parents[2]

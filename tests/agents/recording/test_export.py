@@ -14,8 +14,7 @@ import gym_vibgym  # noqa: F401  registers its environments
 from agents.__main__ import main
 from agents.recording import export as exporting
 from agents.recording.export import ORIGIN, export
-from agents.recording.record import record
-from agents.recording.record_settings import RecordSettings
+from agents.recording.record import RecordSettings, record
 from agents.recording.storage import kept_in
 from vibgym.adapters.lerobot import names_of, observation_from, text_of
 from vibgym.envs import VibgymEnv

@@ -14,8 +14,7 @@ from agents import locks
 from agents.__main__ import main
 from agents.recording import record as recording
 from agents.recording.play import Recorder
-from agents.recording.record import record
-from agents.recording.record_settings import RecordSettings, load_settings
+from agents.recording.record import RecordSettings, load_settings, record
 from agents.recording.storage import kept_in
 from vibgym.files import WriteError
 from vibgym.policies.registry import make_policy
@@ -175,15 +174,10 @@ def test_data_sets_of_another_version_or_origin_are_refused(tmp_path, capsys):
 
 
 def test_nothing_is_stored_if_an_episode_does_not_replay(tmp_path, monkeypatch):
-    from agents.recording import play
-
-    cut = play.Tracks.cut
-
-    def wrong(self, world, steps):
-        seen, action, reward = cut(self, world, steps)
-        return seen, action, reward + 1e-9
-
-    monkeypatch.setattr(play.Tracks, "cut", wrong)
+    played = Recorder.episodes
+    monkeypatch.setattr(
+        Recorder, "episodes", lambda self: (each._replace(rewards=each.rewards + 1e-9) for each in played(self))
+    )
     with pytest.raises(ValueError, match="does not replay"):
         record(settings_of(tmp_path, episodes=2), quiet=True)
     assert not list(tmp_path.rglob("main_data.hdf5"))

@@ -4,8 +4,7 @@ import shutil
 
 import pytest
 
-from agents.recording.record import record
-from agents.recording.record_settings import RecordSettings
+from agents.recording.record import RecordSettings, record
 
 
 @pytest.fixture(scope="session")

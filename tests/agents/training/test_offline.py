@@ -9,14 +9,13 @@ import pytest
 import torch
 import yaml
 
-from agents.checkpoint import KIND, VERSION
 from agents.offline import DataLearner, Offline
-from agents.recording.record import record
-from agents.recording.record_settings import RecordSettings
+from agents.recording.record import RecordSettings, record
 from agents.recording.storage import SCENE
 from agents.train import Training, train
 from agents.training_file import settings_from
 from agents.transitions import Transitions
+from tests.agents.training.checkpoints import same
 from tests.commands import files_in
 from vibgym import checks
 from vibgym.policies.trained.storage import load_set
@@ -68,10 +67,9 @@ def test_a_stopped_run_ends_with_the_same_weights(recorded, tmp_path, algorithm,
                 patch.setattr(DataLearner, "_update", stopping)
                 train(config, tmp_path / name, quiet=True)
         train(config, tmp_path / name, quiet=True)
-        return load_set(tmp_path / name / "checkpoint.json", KIND, VERSION)[0]
 
-    whole, stopped = weights("whole"), weights("stopped", stop=True)
-    assert whole.keys() == stopped.keys() and all((whole[each] == stopped[each]).all() for each in whole)
+    weights("whole"), weights("stopped", stop=True)
+    assert same(tmp_path / "whole", tmp_path / "stopped")
 
 
 def learned(recorded, updates=1200, samples=4000, **changes):

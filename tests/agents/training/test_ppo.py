@@ -102,7 +102,7 @@ def test_the_gradient_is_that_of_the_policy_gradient_at_ratio_one():
     settings = {"task": "Sort", "environment": {"action": "field"}, "worlds": 2, "steps": 1}
     learner = PPO(settings_from({**settings, "ppo": {"n_steps": 4, "net": [8], "critic_net": [8]}}))
     learner.env.seed(0)
-    learner._observation = learner.env.reset()
+    learner.worlds.observation = learner.env.reset()
     learner.collect()
     batch = learner.rollout.samples()
     batch["advantage"] = torch.randn_like(batch["advantage"])
@@ -142,7 +142,7 @@ def test_touching_parts_pay_in_training_only(cost, monkeypatch):
 
     monkeypatch.setattr(learner.env, "step", watched)
     learner.env.seed(0)
-    learner._observation = close(reset())
+    learner.worlds.observation = close(reset())
     learner.collect()
     expected = np.zeros((STEPS, WORLDS, PARTS))
     expected[:, 0] = expected[:, 1, 1] = cost
@@ -174,8 +174,8 @@ def test_correlated_noise_is_standard_normal_and_begins_anew_with_episodes():
     shape, steps, begins = (400, 1, 3), 30, 20
     noise = []
     for step in range(steps):
-        learner._start = np.full(400, step in (0, begins))
-        noise.append(learner._draw(shape).numpy().reshape(-1))
+        learner.worlds.start = np.full(400, step in (0, begins))
+        noise.append(learner.worlds.noise(shape, 0.9).numpy().reshape(-1))
     noise = np.array(noise)
     assert noise.mean(axis=1) == pytest.approx(0.0, abs=5.0 / 1200**0.5)
     assert noise.var(axis=1) == pytest.approx(1.0, abs=5.0 * (2.0 / 1200) ** 0.5)

@@ -9,14 +9,13 @@ from gymnasium import spaces
 
 from agents import networks, ppo, train
 from agents.algorithms import ALGORITHMS
-from agents.checkpoint import KIND, VERSION
-from agents.curriculum import Curriculum
 from agents.networks import PartsActor, PartsCritic
 from agents.training_envs import make_worlds
 from agents.training_file import load_settings
+from agents.worlds import Worlds
+from tests.agents.training.checkpoints import same
 from vibgym.envs.actions import ACTIONS, Field
 from vibgym.policies.trained.networks import ACTING
-from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import CODINGS
 from vibgym.settings import BaseSettings
 
@@ -68,8 +67,7 @@ def test_interrupted_runs_end_with_the_same_weights(tmp_path, monkeypatch, name)
         except KeyboardInterrupt:
             pass
     assert not stops
-    one, two = (load_set(tmp_path / each / "checkpoint.json", KIND, VERSION)[0] for each in ("whole", "broken"))
-    assert one.keys() == two.keys() and all(np.array_equal(one[each], two[each]) for each in one)
+    assert same(tmp_path / "whole", tmp_path / "broken")
 
 
 def test_a_stage_ends_with_its_success_or_its_steps_and_changes_the_environment(tmp_path):
@@ -80,20 +78,26 @@ def test_a_stage_ends_with_its_success_or_its_steps_and_changes_the_environment(
     config = tmp_path / "config.yaml"
     own = {"action": "field", "task_settings": {"weights": {"fallen": 9.0}}}
     config.write_text(yaml.safe_dump({**BASE, "environment": own, "curriculum": stages}))
-    position = Curriculum(load_settings(config), "parts", window=2)
-    assert position.settings.environment["task_settings"] == {"weights": {"fallen": 9.0}, "hold": 3}
-    won, lost = (1.0, 5, True), (0.0, 5, False)
-    assert not position.advance(500, [won, lost], 400)  # too few succeed
-    assert not position.advance(500, [won], 400)  # too few episodes
-    assert not position.advance(399, [won, won], 400)  # the slow ones have not finished
-    assert position.advance(500, [won, won], 400)
-    assert position.settings.environment == {**own, "max_episode_steps": 7}
-    assert not position.advance(599, [won, lost], 0)
-    other = Curriculum(load_settings(config), "parts", window=2)
-    other.set_state(position.get_state())
-    for each in (position, other):
-        assert each.advance(600, [], 0) and each.settings.environment == own
-        assert not each.advance(10**6, [won, won], 0)
+    worlds = Worlds(load_settings(config), "parts")
+    assert worlds.environment(0)["task_settings"] == {"weights": {"fallen": 9.0}, "hold": 3}
+    won, lost = (1.0, 5, True, 0.0), (0.0, 5, False, 0.0)
+    whole = 8 * worlds.env.env.unwrapped.max_episode_steps  # steps of an episode that fails in every world
+    for steps, episodes, over in (
+        (whole, [won] * 80 + [lost] * 20, False), (whole, [won] * 99, False), (whole - 1, [won] * 100, False),
+        (whole, [won] * 100, True),
+    ):  # fmt: skip
+        worlds.episodes.clear()
+        worlds.episodes.extend(episodes)
+        assert worlds.is_over(steps) is over
+    worlds.begin(whole)
+    assert worlds.stage == 1 and not worlds.episodes and worlds.env.env.unwrapped.max_episode_steps == 7
+    assert not worlds.is_over(whole + 99) and worlds.is_over(whole + 100)
+    other = Worlds(load_settings(config), "parts")
+    other.set_state(worlds.get_state())
+    for each in (worlds, other):
+        each.begin(whole + 100)
+        assert each.stage == 2 and each.environment(each.stage) == own and not each.is_over(10**6)
+        each.env.close()
 
 
 @pytest.mark.parametrize("algorithm", ["SAC", "PPO", "TD3"])
@@ -175,6 +179,7 @@ def test_a_user_registered_algorithm_is_trained_and_continues(tmp_path, monkeypa
 @pytest.mark.parametrize("changes, named", [
     ({"algorithm": "sb3.Nothing"}, "algorithm"), ({"ppo": {"network": "nothing"}}, "network"), ({"steps": 0}, "steps"),
     ({"algorithm": "sb3.SAC", "imitation": IMITATION}, "imitation"), ({"ppo": {"n_steps": 10**6}, "worlds": 1000}, "n_steps"),
+    ({"environment": {"num_envs": 3}}, "environment.num_envs"), ({"scenes": [{}, {"num_envs": 3}]}, "scenes\\[1\\].num_envs"),
     ({"serves": {"frequency": [30.0, 20.0]}}, "frequency"),
     ({"curriculum": [{"environment": {}}]}, "curriculum\\[0\\].until"),
     ({"curriculum": [{"environment": {}, "until": {}}]}, "curriculum\\[0\\].until"),

@@ -37,7 +37,7 @@ def test_costs_are_subtracted_from_the_rewards_with_the_multiplier():
     costly.multiplier = 3.0
     for each in (plain, costly):
         each.env.seed(5)
-        each._observation = each.env.reset()
+        each.worlds.observation = each.env.reset()
     plain.collect()
     costly.collect()
     difference = plain.rollout.reward[0] - costly.rollout.reward[0]

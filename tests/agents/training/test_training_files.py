@@ -1,9 +1,11 @@
 """Files of a run: damaged and foreign ones are one error and stay as they are; failures keep the last checkpoint."""
 
 import csv
+import io
 import json
 import math
 import os
+import zipfile
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from agents.ppo import PPO
 from agents.training_file import load_settings
 from tests.commands import file_at, files_in, fill_the_disk, folder_at, refusal, said_in_one_line
 from tests.policies.helpers import info_of
+from vibgym import checks
 from vibgym.files import WriteError
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, VERSION, load_trained
@@ -71,9 +74,24 @@ def test_checkpoints_of_other_settings_are_refused(copied, tmp_path, capsys, cha
     assert str(copied) in line and named in line and files_in(copied) == before
 
 
+def altered(content):
+    """Change a bit of the first weight."""
+    with zipfile.ZipFile(io.BytesIO(content)) as file:
+        first = next(each for each in file.infolist() if "/data/" in each.filename)
+    place = content.index(first.filename.encode()) + 200  # behind its header, which is padded to 64 bytes
+    return content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :]
+
+
 def damage(run, name, how):
     """Damage a set of the run."""
     path = run / name
+    if path.suffix == ".pt":
+        content = path.read_bytes()
+        if how == "version":
+            torch.save({"version": 1}, path)
+        else:
+            path.write_bytes(content[:400] if how == "truncated" else altered(content))
+        return path
     record = json.loads(path.read_text())
     tensors = run / record["tensors"]
     data = tensors.read_bytes()
@@ -86,7 +104,7 @@ def damage(run, name, how):
     return path
 
 
-@pytest.mark.parametrize("name", ["checkpoint.json", "policy.json"])
+@pytest.mark.parametrize("name", ["checkpoint.pt", "policy.json"])
 @pytest.mark.parametrize("how", ["truncated", "version", "altered tensors"])
 def test_damaged_files_are_refused(copied, tmp_path, capsys, name, how):
     """Checkpoints to continue, policies to start from."""
@@ -107,41 +125,30 @@ def test_a_damaged_record_of_the_run_is_refused(copied, tmp_path, capsys, text):
     assert str(path) in line and files_in(copied) == before
 
 
-def with_last(number):
-    def change(value):
-        value = value.astype(np.float64)
-        value.flat[-1] = number
-        return value
-
-    return change
-
-
-ADAM = "adam.policy.optimizer"
-
-
 @pytest.mark.parametrize("name, change", [
-    (f"{ADAM}.0.exp_avg", None), (f"{ADAM}.1.exp_avg_sq", lambda value: value[:1]),
-    ("policy.actor.mean.weight", lambda value: value.T), ("policy.critic.value.bias", with_last(math.nan)),
-    (f"{ADAM}.1.step", with_last(1e300)), (checkpoint.STATE, lambda value: value[:9]), ("state.torch", None),
+    ("policy", lambda value: {**value, "actor.mean.weight": value["actor.mean.weight"].T}),
+    ("policy", lambda value: {}), ("optimizer", lambda value: {}), ("torch", lambda value: value[:9]),
+    ("worlds", lambda value: {**value, "env": {}}),
 ])  # fmt: skip
 def test_a_checkpoint_with_wrong_contents_is_refused(copied, tmp_path, name, change):
-    path = copied / "checkpoint.json"
-    tensors, record = load_set(path, checkpoint.KIND, checkpoint.VERSION)
-    value = tensors.pop(name)
-    if change is not None:
-        tensors[name] = change(value)
-    save_set(path, checkpoint.KIND, tensors, {"steps": record["steps"]}, checkpoint.VERSION)
-    before, config = files_in(copied), written(tmp_path)
-    with pytest.raises(ValueError) as error:
-        train.train(config, copied, quiet=True)
-    assert str(path) in str(error.value) and "\n" not in str(error.value) and files_in(copied) == before
-    learner = PPO(load_settings(config))
-    weights = {key: each.clone() for key, each in learner.policy.state_dict().items()}
-    with pytest.raises(ValueError):
-        learner.load(copied)
-    assert all(torch.equal(each, weights[key]) for key, each in learner.policy.state_dict().items())
-    assert not learner.optimizer.state_dict()["state"] and learner.steps == 0
-    learner.close()
+    content = checkpoint.load(copied)
+    checkpoint.save(copied, {**content, name: change(content[name])})
+    before = files_in(copied)
+    with pytest.raises(checks.Refused) as error:
+        train.train(written(tmp_path), copied, quiet=True)
+    assert str(copied / "checkpoint.pt") in str(error.value) and "\n" not in str(error.value)
+    assert files_in(copied) == before
+
+
+def test_reading_a_checkpoint_runs_no_code(copied, tmp_path):
+    class Code:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "made"),)
+
+    torch.save({"version": checkpoint.VERSION, "state": {"steps": Code()}}, copied / "checkpoint.pt")
+    with pytest.raises(checks.Refused, match="checkpoint.pt"):
+        checkpoint.load(copied)
+    assert not (tmp_path / "made").exists()
 
 
 # -- failures ----------------------------------------------------------------------------------------------------------
@@ -169,13 +176,13 @@ def test_a_diverged_training_keeps_the_last_checkpoint(copied, tmp_path, monkeyp
     assert load_set(train.train(config, copied, quiet=True), KIND, VERSION)[1]["training"]["steps"] == 1024
 
 
-@pytest.mark.parametrize("place", ["actor.log_std", "critic.value", "adam"])
+@pytest.mark.parametrize("place", ["actor.log_std", "critic.value", "optimizer"])
 def test_values_that_are_not_finite_are_not_written(copied, tmp_path, place):
     learner = PPO(load_settings(written(tmp_path)))
     assert learner.load(copied)
     before = files_in(copied)
     with torch.no_grad():
-        if place == "adam":
+        if place == "optimizer":
             next(iter(learner.optimizer.state.values()))["exp_avg_sq"].view(-1)[-1] = math.inf
         else:
             learner.policy.get_submodule(place).bias[-1] = math.nan
@@ -220,7 +227,7 @@ def test_a_full_disk_is_one_error_and_keeps_the_checkpoint(tmp_path, monkeypatch
 BAD_PLACES = {
     "a file": lambda folder: file_at(folder),
     "a directory as the policy": lambda folder: folder_at(folder / "policy.json"),
-    "a directory as the checkpoint": lambda folder: folder_at(folder / "checkpoint.json"),
+    "a directory as the checkpoint": lambda folder: folder_at(folder / "checkpoint.pt"),
 }
 
 

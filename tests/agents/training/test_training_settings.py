@@ -133,24 +133,6 @@ def test_shipped_files_are_sound(path):
             assert load_settings(path, agent).steps > 0
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("ppo: {gama: 1}", "w.yaml: unknown setting 'gama' of ppo; did you mean 'gamma'? ("),
-        ("judging: {bst: speed, episodes: 8}", "w.yaml.judging; did you mean 'best'? ("),
-        ("stps: 2", "unknown setting 'stps' of "),
-        ("environment: {num_envs: 3}", "w.yaml: environment.num_envs cannot be set for training"),
-        ("scenes: [{}, {num_envs: 3}]", "w.yaml: scenes[1].num_envs cannot be set for training"),
-    ],
-)
-def test_faults_of_a_training_file_are_named_in_order(tmp_path, text, message):
-    path = tmp_path / "w.yaml"
-    path.write_text(f"task: Align\nsteps: 10\n{text}\n")
-    with pytest.raises(ValueError) as error:
-        load_settings(path)
-    assert message in str(error.value)
-
-
 def test_a_policy_of_another_run_is_not_overwritten(tmp_path):
     path = tmp_path / "policy.json"
     path.write_text("mine")
