@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any, Literal
 
-import numpy as np
 import torch
 from pydantic import Field, model_validator
 from torch import nn
 
-from agents.networks import NETWORKS, trained_tensors
+from agents.networks import NETWORKS
 from agents.offline import DataLearner
 from agents.training_settings import Widths
 from vibgym import checks
@@ -63,27 +62,6 @@ class FlowActor(nn.Module):
         return self.last(nn.functional.silu(x))
 
 
-class FlowNetworks:
-    """The learned network and the acting one.
-
-    Attributes:
-        coding: of the environment.
-        learning: network with the present weights.
-        actor: running mean of these.
-    """
-
-    def __init__(self, coding: Coding, settings: Flow.Settings) -> None:
-        self.coding, self.learning = coding, FlowActor(coding, settings)
-        self.actor = copy.deepcopy(self.learning).requires_grad_(False)
-
-    @torch.no_grad()
-    def follow(self, updates: int) -> None:
-        """Move the acting network towards the learned one, after so many updates."""
-        keep = min(DECAY, (1.0 + updates) / (WARM + updates))
-        for mean, new in zip(self.actor.parameters(), self.learning.parameters(), strict=True):
-            mean.lerp_(new, 1.0 - keep)
-
-
 class Flow(DataLearner):
     """Training by flow matching; see the module."""
 
@@ -121,9 +99,11 @@ class Flow(DataLearner):
 
     def make_networks(self, coding: Coding) -> None:
         """See :meth:`agents.offline.DataLearner.make_networks`."""
-        self.policy: Any = FlowNetworks(coding, self.own)
+        self.learning = FlowActor(coding, self.own)
+        acting = copy.deepcopy(self.learning).requires_grad_(False)
+        self.policy: Any = SimpleNamespace(coding=coding, actor=acting)
         self.optimizer = torch.optim.AdamW(
-            self.policy.learning.parameters(), lr=self.own.learning_rate, weight_decay=1e-4, fused=True
+            self.learning.parameters(), lr=self.own.learning_rate, weight_decay=1e-4, fused=True
         )
         at = self.data.at
         ends = torch.nonzero(torch.diff(at, append=at[-1:] + 2) > 1).squeeze(-1)  # last steps of episodes
@@ -139,14 +119,17 @@ class Flow(DataLearner):
         rows, actions = self.varied(data.rows[at], data.action[steps].transpose(1, 2))
         actions = actions.flatten(-2) / self._scale  # (samples, rows, horizon * values)
         noise, t = torch.randn_like(actions), torch.rand(*actions.shape[:2], 1)
-        rate = self.policy.learning(rows, torch.lerp(noise, actions, t), t)
+        rate = self.learning(rows, torch.lerp(noise, actions, t), t)
         mask = data.mask[at]
         error = (((rate - (actions - noise)) ** 2).mean(dim=-1) * mask).sum() / mask.sum().clamp(min=1.0)
         return error, {"error": float(error.detach())}
 
     def updated(self, updates: int) -> None:
-        """Move the acting network."""
-        self.policy.follow(updates)
+        """Move the acting network towards the learned one."""
+        keep = min(DECAY, (1.0 + updates) / (WARM + updates))
+        with torch.no_grad():
+            for mean, new in zip(self.policy.actor.parameters(), self.learning.parameters(), strict=True):
+                mean.lerp_(new, 1.0 - keep)
 
     def acting(self) -> Any:
         """Return the present policy in NumPy."""
@@ -156,18 +139,10 @@ class Flow(DataLearner):
         own = self.own
         return {"horizon": own.horizon, "executed": own.executed, "steps": own.euler_steps, "scale": self._scale}
 
-    def actor(self) -> dict[str, np.ndarray]:
-        """Return the acting network's tensors."""
-        return trained_tensors(self.policy.actor)
-
-    def set_actor(self, tensors: Mapping[str, np.ndarray]) -> None:
-        """Replace the acting network's tensors."""
-        self.policy.actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in tensors.items()})
-
     def own_entries(self) -> dict[str, Any]:
         """See :meth:`agents.learner.PartsLearner.own_entries`."""
         return {FLOW: self._form()}
 
     def learned(self) -> dict[str, Any]:
         """Return networks and optimizers by their names in checkpoints."""
-        return {"learning": self.policy.learning, "actor": self.policy.actor, "optimizer": self.optimizer}
+        return {"learning": self.learning, "actor": self.policy.actor, "optimizer": self.optimizer}

@@ -46,8 +46,8 @@ PACE, LEAST_PACE, STOP_KL = 1.5, 0.01, 4.0
 """Factor by which ``target_kl`` changes the learning rate, its smallest share, and multiple at which an update ends."""
 
 FIRST_PACE = 0.03
-"""Share of the learning rate with which an actor starts after the critic: the first steps of Adam change every weight by the
-learning rate. An imitated actor's first update at the full rate had a divergence of 0.045."""
+"""Share of the learning rate with which an actor starts after the critic, since the first steps of Adam change every weight by
+it: an imitated actor's first update at the full rate had a divergence of 0.045."""
 
 
 class PPO(PartsLearner):
@@ -141,9 +141,9 @@ class PPO(PartsLearner):
         if own.n_steps * settings.worlds < 2:
             raise checks.refuse("ppo.n_steps", own.n_steps, "2 or more with one world")
         if own.cost_limit is not None:
-            environment = {key: value for key, value in without_hold(settings)[0].items() if key != "action"}
+            scene = {key: value for key, value in without_hold(settings)[0].items() if key != "action"}
             seed = training_seed(settings.seed, "costs")
-            check_cost_limit("ppo.cost_limit", own.cost_limit, settings.task, environment, seed)
+            check_cost_limit("ppo.cost_limit", own.cost_limit, settings.task, scene, seed)
         if imitation is not None:
             check_memory(imitation, coding, settings.worlds)
         self.rollout = Rollout(own, env.num_envs, coding, TaskInfo.of(env.env))
@@ -161,11 +161,7 @@ class PPO(PartsLearner):
             self.start_from(Path(for_seed(settings.start, settings.seed)))
 
     def learn(self, until: int, report: Report) -> None:
-        """Alternate rollouts and updates until ``until`` steps of all worlds together.
-
-        Args:
-            until: steps at which training ends.
-            report: called before each rollout with metrics of the last update.
+        """Alternate rollouts and updates, see :meth:`agents.algorithms.Algorithm.learn`.
 
         Raises:
             Diverged: a loss or a weight is not finite.
@@ -184,8 +180,8 @@ class PPO(PartsLearner):
 
     def collect(self) -> int:
         """Make ``n_steps`` steps in all worlds, then compute values and advantages; return the steps of all worlds together."""
-        worlds, policy, rollout = self.worlds, self.policy, self.rollout
-        coding, env = policy.coding, worlds.env
+        worlds, env, policy, rollout = self.worlds, self.env, self.policy, self.rollout
+        coding = policy.coding
         rollout.reset()
         for _ in range(self.own.n_steps):
             inputs = worlds.encode(coding)
@@ -212,9 +208,8 @@ class PPO(PartsLearner):
             Diverged: a weight is not finite.
         """
         own = self.own
-        rate, actor_learns = own.rate(remaining), self.steps > self.critic_steps
+        rate, actor_learns, losses = own.rate(remaining), self.steps > self.critic_steps, list[dict[str, float]]()
         self._set_rate(self.pace * rate if actor_learns else rate)
-        losses: list[dict[str, float]] = []
         for batch in self.rollout.minibatches(own.batch_size, own.n_epochs):
             loss, metrics = self.loss(batch, actor_learns)
             losses.append(metrics)
@@ -228,8 +223,7 @@ class PPO(PartsLearner):
             torch.nn.utils.clip_grad_norm_(self.policy.parameters(), MAX_GRADIENT)
             self.optimizer.step()
         self.check_finite()
-        means = {name: float(np.mean([each[name] for each in losses])) for name in losses[0]}
-        return means | {"pace": self.pace}
+        return {name: float(np.mean([each[name] for each in losses])) for name in losses[0]} | {"pace": self.pace}
 
     def loss(self, batch: dict[str, torch.Tensor], actor_learns: bool = True) -> tuple[torch.Tensor, dict[str, float]]:
         """Return the clipped surrogate loss plus the value loss, and metrics.

@@ -74,8 +74,8 @@ def tabulate(
     best = new.sort_values(["judged", "seed"]).groupby("agent", sort=False).head(1).index
     new["shipped"] = new.index.isin(best) & (ship is not None)
     files: dict[Path, str | bytes] = {}
-    for row in new.itertuples():
-        run, path = f"{row.agent.lower().replace('/', '-')}-seed-{row.seed}", Path(row.path)
+    for row in new.to_dict("records"):
+        run, path = f"{row['agent'].lower().replace('/', '-')}-seed-{row['seed']}", Path(row["path"])
         if (path.parent / CURVE).exists():
             files[output / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
         _copy(path, output / "policies" / f"{run}.json")
@@ -83,7 +83,8 @@ def tabulate(
     rows = table.to_dict("records")
     former = read_table(output / TABLE)  # rows of older tables lack the last columns
     if len(former):
-        table = pd.concat([former[~former["agent"].isin(names)], table]).reindex(columns=table.columns).fillna("")
+        both = pd.concat([former[~former["agent"].isin(names)], table])
+        table = pd.DataFrame(both, columns=table.columns).fillna("")
     every = table.sort_values(
         ["agent", "seed"], key=lambda column: column if column.name == "agent" else column.astype(int)
     )
@@ -94,8 +95,8 @@ def tabulate(
         path.parent.mkdir(parents=True, exist_ok=True)
     write_together(files)
     if ship is not None:
-        for row in new.loc[best].itertuples():
-            _copy(Path(row.path), ship / f"{shipped_name(row.agent)}.json")
+        for row in new.loc[best].to_dict("records"):
+            _copy(Path(row["path"]), ship / f"{shipped_name(row['agent'])}.json")
     return rows
 
 

@@ -73,15 +73,9 @@ def distribution(given: Any, where: str) -> BaseDistribution:
         raise checks.refuse(where, given, f"{allowed} ({error})") from None
 
 
-def of_trial(base: TrainSettings, tuning: TuningSettings, values: dict[str, Any], *file: Any) -> TrainSettings:
-    """Return the settings of a trial's run: those of the agent ``base``, evaluated on seeds of its own.
-
-    Raises:
-        ValueError: invalid names or values.
-    """
-    judging = {} if base.judging is None else base.judging.model_dump()
-    steps = {} if tuning.steps is None else {"steps": tuning.steps}
-    return load_settings(*file, SEED, {"judging": {**judging, "first_seed": FIRST_SEED}, **steps, **values})
+def _ends(each: Any) -> tuple[Any, ...]:
+    """Return the values of a list, or both ends of a range."""
+    return each.choices if isinstance(each, CategoricalDistribution) else (each.low, each.high)
 
 
 class Pruned(Exception):
@@ -164,12 +158,15 @@ def tune(
     data, where = load_tuning(config, agent)
     tuning, base = read(TuningSettings, data, where), load_settings(config, agent)
     space = {name: distribution(given, f"{where}: space.{name}") for name, given in tuning.space.items()}
-    for end in (0, -1):  # the ends of ranges are settings of a run
-        values = {
-            name: (each.choices if isinstance(each, CategoricalDistribution) else (each.low, each.high))[end]
-            for name, each in space.items()
-        }
-        of_trial(base, tuning, values, config, agent)
+    judging = {} if base.judging is None else base.judging.model_dump()
+    steps = {} if tuning.steps is None else {"steps": tuning.steps}
+    common = {"judging": {**judging, "first_seed": FIRST_SEED}, **steps}
+
+    def of_trial(values: dict[str, Any]) -> TrainSettings:
+        return load_settings(config, agent, SEED, {**common, **values})
+
+    for end in (0, -1):
+        of_trial({name: _ends(each)[end] for name, each in space.items()})
     count = tuning.trials if trials is None else checks.count("--trials", trials, least=1, most=100_000)
     directory = output or Path("runs/tuning") / (agent or config.stem).replace("/", "-")
     output_directory(directory)
@@ -182,8 +179,7 @@ def tune(
                 before, calls = study.trials[:first], []
                 for number in range(finished, min(first + tuning.abreast, count)):
                     values = propose(space, tuning.startup, number, before)
-                    run = of_trial(base, tuning, values, config, agent)
-                    calls.append((run, values, space, before, directory / f"trial-{number:03d}"))
+                    calls.append((of_trial(values), values, space, before, directory / f"trial-{number:03d}"))
                 study.add_trials(parallel.run(run_trial, calls, workers=processes, ray=ray, done=bar.update))
         done = study.trials
     rows = [{"trial": t.number, "state": t.state.name.lower(), "score_s": t.value, **t.params} for t in done]

@@ -151,8 +151,8 @@ class Worlds:
         """Return means over the last episodes, and the stage of a curriculum."""
         if not self.episodes:
             return {}
-        means = np.mean(self.episodes, axis=0).tolist()
-        found = dict(zip(("return", "length", "success", "cost"), means, strict=True))
+        means = np.mean(self.episodes, axis=0)
+        found = {name: float(mean) for name, mean in zip(("return", "length", "success", "cost"), means, strict=True)}
         return found | ({"stage": self.stage} if self.settings.curriculum else {})
 
     def get_state(self) -> dict[str, Any]:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -72,16 +73,10 @@ class Replayer:
 
     def checked(self, episodes: Iterable[Episode]) -> Iterator[Episode]:
         """Yield episodes, each after it has been replayed."""
-        waiting: list[Episode] = []
-        for episode in episodes:
-            waiting.append(episode)
-            if len(waiting) == WORLDS:
-                self.check(waiting)
-                yield from waiting
-                waiting = []
-        if waiting:
-            self.check(waiting)
-            yield from waiting
+        remaining = iter(episodes)
+        while group := list(itertools.islice(remaining, WORLDS)):
+            self.check(group)
+            yield from group
 
     def close(self) -> None:
         """Close the environment."""

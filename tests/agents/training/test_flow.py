@@ -137,7 +137,7 @@ def test_damaged_files_are_refused(trained, tmp_path):
 
 
 @pytest.mark.parametrize(("changes", "said"), [
-    ({"net": [8, 16]}, "net"), ({"executed": 9}, "executed"), ({"horizon": 0}, "horizon"),
+    ({"net": [8, 16]}, "net"), ({"executed": 9}, "executed"),
     ({"dataset": "vibgym/none-v0"}, "flow.dataset"),
     ({"network": "elements"}, "network"),
     ({"network": "joint"}, "velocity"), ({"network": "pixels"}, "observation: parts"), ({"episodes": 10**6}, "flow.episodes"),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from agents import __main__ as command
 from agents import checkpoint, train
@@ -298,6 +299,16 @@ def test_progress_is_written_row_by_row(tmp_path):
     log.write({"steps": 2, "loss": 0.25})
     log.write({"steps": 3, "success": 1.0, "loss": 0.125})
     log.write({"steps": 4, "loss": 0.0})
+    log.add("evaluation", {"steps": 4, "phase": "ppo", "success": 0.5, "rate": ""})
+    log.close()
+    events = EventAccumulator(str(path.parent)).Reload()
+    assert [(each.step, each.value) for each in events.Scalars("training/loss")] == [
+        (1, 0.5),
+        (2, 0.25),
+        (3, 0.125),
+        (4, 0.0),
+    ]
+    assert events.Scalars("evaluation/success")[0].value == 0.5 and len(events.Tags()["scalars"]) == 3
     found = rows_of(path)
     assert [row["steps"] for row in found] == ["1", "2", "3", "4"]
     assert [row["success"] for row in found] == ["", "", "1.0", ""] and found[1]["loss"] == "0.25"

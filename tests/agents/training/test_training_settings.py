@@ -84,10 +84,8 @@ def test_agents_that_a_file_has_not_are_refused(many, agent):
     ("vibgym/Align-v0:", "3:", "ppo.yaml"),
     ("  ideal: {}", "  ideal: 3", "vibgym/Align-v0.ideal"),
     ("  ideal: {}", "  ideal: {task: Sort}", "vibgym/Align-v0.ideal"),
-    ("  worlds: 16", "  worlds: 0", "Align/prototype.worlds"), ("  worlds: 16", "  word: 1", "word"),
-    ("net: [64, 64]", "net: [0]", "Align/prototype: ppo.net"), ("rounds: 2", "rounds: 0", "imitation.rounds"),
-    ("rounds: 2", "teacher: 2", "teacher"),
-    ("expert: pose, ", "", "imitation.expert"), ("ppo: {net: [64, 64]}", "ppo: 3", "Align/prototype: ppo"),
+    ("  worlds: 16", "  worlds: 0", "Align/prototype.worlds"), ("net: [64, 64]", "net: [0]", "Align/prototype: ppo.net"),
+    ("ppo: {net: [64, 64]}", "ppo: 3", "Align/prototype: ppo"),
 ])  # fmt: skip
 def test_faults_are_one_line_with_file_and_agent(many, old, new, named):
     assert old in MANY
