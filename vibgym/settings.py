@@ -205,7 +205,8 @@ def _scaled(value: Any, factor: float) -> Any:
 # -- descriptions ------------------------------------------------------------------------------------------------------
 
 _WORDS = {float: "a finite number", int: "a whole number", bool: "True or False", str: "a string", type(None): "None"}
-_WORDS |= {complex: "a complex number", Path: "a path", Any: "any value"}
+_WORDS |= {complex: "a complex number", Path: "a path", Any: "any value", dict: "a mapping", Mapping: "a mapping"}
+_WORDS |= {Sequence: "a list"}
 
 _SIGNS = {Gt: (">", "gt"), Ge: (">=", "ge"), Lt: ("<", "lt"), Le: ("<=", "le")}
 
@@ -247,9 +248,10 @@ def _words(kind: Any, metadata: Sequence[Any], factor: float) -> str:
         for each in metadata
         if type(each) in _SIGNS
     ]
-    word = "a mapping" if origin in (dict, Mapping) or kind in (dict, Mapping) else _WORDS.get(kind, "a valid value")
+    known = origin or kind
+    word = _WORDS.get(known, f"a {getattr(known, '__name__', 'valid value')}")
     if size:
-        word += f" of {size} characters"
+        word += f" of {size} {'characters' if kind is str else 'items'}"
     return f"{word}{' ' if bounds else ''}{' and '.join(bounds)}"
 
 
