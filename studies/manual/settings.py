@@ -39,8 +39,8 @@ REGISTRIES: dict[str, Registry] = {
 INTRODUCTION = """# Settings
 
 Keyword arguments of `gym.make`, and settings of all registered classes, for `task_settings=` and for mappings such as
-`sensor={"kind": "pose", "delay": 2}`. Values are in SI units and radians; a length may be given in mm instead (`below_mm: 5`), an
-angle in degrees (`_deg`), a mass in grams (`_g`).
+`sensor={"kind": "pose", "delay": 2}`. Values are in SI units and radians; a length may be given in mm instead (`below_mm: 5`),
+an angle in degrees (`_deg`), a mass in grams (`_g`).
 """
 
 
