@@ -104,7 +104,7 @@ def distribution(spec: Any, where: str) -> BaseDistribution:
     Raises:
         ValueError: neither a list of values nor a range.
     """
-    if isinstance(spec, list) and spec and all(isinstance(each, bool | int | float | str | None) for each in spec):
+    if checks.listed(spec) and spec and all(isinstance(each, bool | int | float | str | None) for each in spec):
         return CategoricalDistribution(spec)
     allowed = "a list of values, or a mapping with 'low', 'high' and optionally 'log: true'"
     if not isinstance(spec, dict) or not {"low", "high"} <= set(spec) <= {"low", "high", "log"}:

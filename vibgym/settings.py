@@ -74,7 +74,13 @@ def in_si(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[Any, Any]:
         name, factor = suffixed.get(key, (key, 1.0))
         if name in result:
             raise checks.conflict(f"{name!r} is given twice, in two units")
-        result[name] = plain(value) if factor == 1.0 else _scaled(plain(value), factor)
+        try:
+            value = plain(value)
+        except RecursionError:
+            raise checks.refuse(
+                str(key), value, "a value that does not contain itself, nor hundreds of levels"
+            ) from None
+        result[name] = value if factor == 1.0 else _scaled(value, factor)
     return result
 
 
