@@ -31,6 +31,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
+from pydantic_core import core_schema
 
 from vibgym import checks
 
@@ -49,6 +50,19 @@ Acceleration = Annotated[float, Unit("m/s^2")]
 
 SUFFIXES = {"m": ("mm", 1e-3), "rad": ("deg", math.pi / 180.0), "kg": ("g", 1e-3)}
 """Unit -> the one that a key may carry, and its factor to SI; ``speed_mm`` is in mm/s."""
+
+
+class AsGiven:
+    """Part of the annotation of a value that is neither converted nor validated, since what gets it does so."""
+
+    @staticmethod
+    def __get_pydantic_core_schema__(source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.any_schema()
+
+
+Value = TypeVar("Value")
+
+Given = Annotated[Value, AsGiven]
 
 
 class BaseSettings(BaseModel):
@@ -70,12 +84,13 @@ def in_si(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[Any, Any]:
         ValueError: a setting that is given twice, in two units.
     """
     suffixed, result = with_unit(model), {}
+    untouched = {name for name, field in model.model_fields.items() if AsGiven in field.metadata}
     for key, value in given.items():
         name, factor = suffixed.get(key, (key, 1.0))
         if name in result:
             raise checks.conflict(f"{name!r} is given twice, in two units")
         try:
-            value = plain(value)
+            value = value if name in untouched else plain(value)
         except RecursionError:
             raise checks.refuse(
                 str(key), value, "a value that does not contain itself, nor hundreds of levels"
@@ -194,6 +209,18 @@ def plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: plain(each) for key, each in value.items()}
     return tuple(map(plain, value)) if type(value) in (list, tuple) else value
+
+
+def _endless(name: str, value: Any) -> checks.Refused:
+    """Return the error for a value that :func:`plain` cannot follow to its end, with the path to it for a few levels."""
+    for _ in range(5):
+        for key in value if isinstance(value, Mapping) else ():
+            try:
+                plain(value[key])
+            except RecursionError:
+                name, value = f"{name}.{key}", value[key]
+                break
+    return checks.refuse(name, value, "a value that does not contain itself, nor hundreds of levels")
 
 
 def _scaled(value: Any, factor: float) -> Any:

@@ -123,7 +123,7 @@ def test_the_record_of_options():
         parameters = inspect.signature(cls).parameters
         assert all(parameters[name].default == Options.model_fields[name].default for name in Options.names())
     options = Options.of("Sort", {"slots": 8, "shapes": np.array([1, 2])})
-    assert (options.slots, options.model, options.shapes) == (8, "planar", (1, 2))
+    assert (options.slots, options.model, tuple(options.shapes)) == (8, "planar", (1, 2))
     with pytest.raises(ValueError, match="did you mean 'slots'.*word"):
         Options.of("Sort", {"slot": 1}, ("word",))
     with pytest.raises(ValueError, match="frozen"):
