@@ -65,7 +65,7 @@ help:
 	@echo "make compare     learned against classical on the same seeds: runs/agents-compared/"
 	@echo "make train       train the shipped agents, three seeds each, and write their table: results/agents.csv"
 	@echo "make notebooks   execute the notebooks in place: notebooks/, or NOTEBOOKS=first_steps"
-	@echo "make release     build sdist and wheels and test them in empty environments, on 3.11 to 3.14: dist/"
+	@echo "make release     build sdist and wheel and test them in empty environments, on 3.11 to 3.14: dist/"
 	@echo "make venv        $(VENV) with everything for development"
 	@echo "make warm        compile all kernels, otherwise compiled on first use"
 	@echo "make learners    $(VENV)-benchmarl, -cleanrl, -lerobot, -rllib, -zoo: environments of other libraries, see docs/learners"

@@ -15,7 +15,7 @@ HEAVY = (
 
 
 EXPECTED = "vibgym: compiling kernels", "vibgym: VIBGYM_PLAIN_NUMBA is set"
-"""Beginnings of lines on stderr, with all capabilities or without some."""
+"""Beginnings of lines on stderr."""
 
 
 def loaded_after(code):

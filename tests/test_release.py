@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-import hatch_build
 import vibgym
 from studies.release import __main__ as release
 from studies.release import distributions, installation, results
@@ -38,16 +37,6 @@ def test_the_citation_has_the_required_fields():
     assert citation["authors"] == PROJECT["authors"]
     dated = f"## [{citation['version']}] - {citation['date-released'].isoformat()}"
     assert dated in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-
-
-def test_links_of_the_description_lead_to_files_in_the_repository(monkeypatch):
-    monkeypatch.setattr(hatch_build, "REPOSITORY", "")
-    assert hatch_build.description("1.2.3") == (ROOT / "README.md").read_text(encoding="utf-8")
-    monkeypatch.setattr(hatch_build, "REPOSITORY", "https://host/vibgym")
-    text = hatch_build.description("1.2.3")
-    found = re.findall(r"(!?)\[[^\]]*\]\(https://host/vibgym/(raw|blob)/v1\.2\.3/([^)]+)\)", text)
-    assert len(found) == text.count("](") > 10
-    assert all((kind == "raw") == (image == "!") and (ROOT / path).is_file() for image, kind, path in found)
 
 
 def test_supported_pythons_agree():

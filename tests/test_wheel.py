@@ -6,14 +6,12 @@ import os
 import subprocess
 import sys
 import sysconfig
-import zipfile
 from pathlib import Path
 
 import pytest
 
 import vibgym
 from studies.release import distributions
-from vibgym.kernels.vector import WIDTH
 
 ROOT = Path(__file__).parents[1]
 
@@ -62,14 +60,13 @@ def wheel(tmp_path_factory):
     directory = tmp_path_factory.mktemp("wheel")
     have = ["--no-build-isolation"] if importlib.util.find_spec("hatchling") else []
     pip("wheel", "--no-deps", *have, "--wheel-dir", directory, ROOT)
-    (path,) = directory.glob(f"vibgym-*-cp{sys.version_info[0]}{sys.version_info[1]}-none-*.whl")
+    (path,) = directory.glob("vibgym-*-py3-none-any.whl")
     return path
 
 
 def pip(*arguments):
     command = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", *map(str, arguments)]
-    environment = {**os.environ, "VIBGYM_VECTOR": str(WIDTH)}  # kernels for this processor only
-    result = subprocess.run(command, env=environment, capture_output=True, text=True)
+    result = subprocess.run(command, capture_output=True, text=True)
     assert result.returncode == 0, result.stderr
 
 
@@ -88,9 +85,8 @@ def test_the_wheel_alone_plays_and_trains(wheel, tmp_path):
     python, packages = installed(wheel, tmp_path / "environment")
     hidden = {"PYTHONPATH", "VIRTUAL_ENV", "PYTHONHOME"}
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
-    environment["NUMBA_CACHE_DIR"] = str(tmp_path / "kernels")  # empty: all kernels are those of the wheel
     result = subprocess.run([python, "-c", PLAY], cwd=tmp_path, env=environment, capture_output=True, text=True)
-    assert result.returncode == 0 and "compiling" not in result.stderr, result.stderr
+    assert result.returncode == 0, result.stderr
     printed = json.loads(result.stdout.splitlines()[-1])
     assert printed["found"].pop("vibgym") == str(packages / "vibgym" / "__init__.py")
     assert set(printed["found"].values()) == {None}  # the checkout cannot be imported
@@ -104,16 +100,3 @@ def test_the_wheel_passes_the_checks_of_a_release(wheel):
     assert {row.check for row in rows} == {"wheel", "metadata"}
     pages = list((ROOT / "vibgym" / "plugins" / "play" / "page").rglob("*.*"))
     assert ("page", f"{len(pages)} files" if pages else "not in the checkout") in {row[1:] for row in rows}
-
-
-def test_builds_that_cannot_compile_report_it(tmp_path):
-    (tmp_path / "python").write_text("#!/bin/sh\necho No module named numba >&2\nexit 1\n")
-    (tmp_path / "python").chmod(0o755)
-    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
-    pythons = {**os.environ, "VIBGYM_SHIP_PYTHONS": str(tmp_path / "python")}
-    failed = subprocess.run(command, cwd=ROOT, env=pythons, capture_output=True, text=True)
-    assert failed.returncode != 0 and "No module named numba" in failed.stderr and "VIBGYM_SHIP=0" in failed.stderr
-    without = subprocess.run(command, cwd=ROOT, env={**pythons, "VIBGYM_SHIP": "0"}, capture_output=True, text=True)
-    (wheel,) = tmp_path.glob("*-py3-none-any.whl")
-    assert without.returncode == 0 and "no kernels" in without.stderr
-    assert not any(name.endswith(".bitcode") for name in zipfile.ZipFile(wheel).namelist())

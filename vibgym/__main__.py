@@ -21,15 +21,12 @@ Command = Callable[[argparse.Namespace], int]
 
 def warm(parser: argparse.ArgumentParser) -> Command:
     """Compile all kernels and store them in the cache, for container images and clusters."""
-    parser.add_argument(
-        "--ship", type=Path, metavar="FOLDER", help="write the compiled kernels of a wheel there (docs/numba.md)"
-    )
     return compile_all
 
 
 def compile_all(arguments: argparse.Namespace) -> int:
     """Run ``warm``."""
-    from vibgym.kernels.jit import cache_folder, collect
+    from vibgym.kernels.jit import cache_folder
 
     folder = cache_folder()
     if folder is None:
@@ -37,24 +34,8 @@ def compile_all(arguments: argparse.Namespace) -> int:
         return 1
     from vibgym.warm import warm
 
-    if arguments.ship is not None:
-        collect(arguments.ship)
     took = warm(print)
     print(f"all kernels compiled in {took:.1f} s, stored in {folder}")
-    return 0
-
-
-def capabilities(parser: argparse.ArgumentParser) -> Command:
-    """Show what this installation can do, and what it does without."""
-    return show_capabilities
-
-
-def show_capabilities(arguments: argparse.Namespace) -> int:
-    """Run ``capabilities``."""
-    from vibgym.capabilities import capabilities as found
-
-    for each in found():
-        print(f"{each.name}: {each.state}\n    {each.effect}; {each.switch}")
     return 0
 
 
@@ -115,7 +96,7 @@ def run_identification(arguments: argparse.Namespace) -> int:
 
 COMMANDS: Registry[Callable[[argparse.ArgumentParser], Command]] = Registry(
     "command",
-    {"capabilities": capabilities, "identify": identify, "machine": machine, "part": part, "warm": warm},
+    {"identify": identify, "machine": machine, "part": part, "warm": warm},
     "vibgym.commands",
 )
 """Commands by name: functions that add arguments to a parser and return the function to run. Their docstring is the help."""

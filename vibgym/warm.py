@@ -1,19 +1,18 @@
 """Compile all kernels of environments and simulators ahead of time, for container images and clusters.
 
-Scenes announce kernels when they are made (:func:`vibgym.kernels.jit.prefetch`). Functions that make a scene and run it are
-therefore generators, which pause between the two: all scenes are made first, and helper processes compile on all processors
-while this one runs the scenes.
+Each scene runs its first step in one of several processes, which share the cache.
 """
 
 from __future__ import annotations
 
 import contextlib
 import importlib.util
+import logging
+import multiprocessing
 import time
-from collections import deque
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
-from inspect import isgeneratorfunction
 from typing import Any
 
 import gymnasium
@@ -23,27 +22,26 @@ from vibgym import Part, Simulator, Surface, make_policy
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.bounds import TimeBound
 from vibgym.envs.actions import all_finite
-from vibgym.kernels.jit import use_all_processors
 from vibgym.physics.core.drive import all_phasors, polar_drive
 from vibgym.policies import TaskInfo, rollout
 from vibgym.registry import Registry
+from vibgym.simulation.threads import available_threads
 
 BLOCKS = [Part.rectangle(0.05, 0.04, friction=0.6), Part.disc(0.02, friction=0.6)]
 
 
-def environment(name: str = "vibgym/Align-v0", **settings: Any) -> Iterator[None]:
+def environment(name: str = "vibgym/Align-v0", **settings: Any) -> None:
     """Run a step of an environment. The simulator has the same kernels for all actions (:mod:`vibgym.physics.core.drive`)."""
     made = gymnasium.make(name, **settings)
-    yield
     made.reset(seed=0)
     made.step(made.action_space.sample())
     made.close()
 
 
-def observation(name: str, kind: str) -> Iterator[None]:
+def observation(name: str, kind: str) -> None:
     """Run a step with an observation, if the task supports it."""
     with contextlib.suppress(ValueError):
-        yield from environment(name, observation=kind)
+        environment(name, observation=kind)
 
 
 HARDWARE: dict[str, dict[str, Any]] = {
@@ -53,24 +51,22 @@ HARDWARE: dict[str, dict[str, Any]] = {
 }
 
 
-def simulator(**settings: object) -> Iterator[None]:
+def simulator(**settings: object) -> None:
     """Run a period of a simulator."""
     made = Simulator(Surface(), **settings)  # type: ignore[arg-type]
-    yield
     made.advance(0.0, 0.0)
 
 
-def contacts(**settings: Any) -> Iterator[None]:
+def contacts(**settings: Any) -> None:
     """Run a period with contacts of parts and a wall."""
     made = Simulator(Surface(), BLOCKS, walls=["left"], **settings)
-    yield
     made.reset([[[0.025, 0.1, 0.0], [0.07, 0.1, 0.0]]], [[[-0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]]])
     made.advance(0.0, 0.0)
 
 
-def disturbances() -> Iterator[None]:
+def disturbances() -> None:
     """Compile impulse disturbances and the tipping margin."""
-    yield from environment(randomize={"disturbance": {"rate": 1.0, "tilt": 0.02}})
+    environment(randomize={"disturbance": {"rate": 1.0, "tilt": 0.02}})
     Simulator(Surface(), BLOCKS[0]).tipping_margin.sum()
 
 
@@ -117,14 +113,11 @@ def phasors() -> None:
     all_phasors(polar_drive(still, still, 1.0), np.zeros((1, 1, 1, 2)), 0)
 
 
-Job = Callable[[], Iterator[None] | None]
-"""Function that compiles kernels, or generator that pauses when its scene is made."""
-
-PLUGINS: Registry[Job] = Registry("warm", {"disturbances": disturbances}, "vibgym.warm")
+PLUGINS: Registry[Callable[[], None]] = Registry("warm", {"disturbances": disturbances}, "vibgym.warm")
 """Further functions that compile kernels, by name: those of plug-ins."""
 
 
-def jobs() -> Iterator[tuple[str, Job]]:
+def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     """Yield the scenes to compile, by name."""
     yield "planar model", partial(simulator, parts=BLOCKS[0])
     yield "averaged model", partial(simulator, parts=BLOCKS[0], model="averaged")
@@ -148,21 +141,23 @@ def jobs() -> Iterator[tuple[str, Job]]:
         yield name, partial(environment, **settings)
 
 
+def run_scene(name: str) -> float:
+    """Run a scene; returns the seconds taken."""
+    logging.getLogger("vibgym").setLevel(logging.ERROR)  # no line about compilation from each process
+    started = time.perf_counter()
+    dict(jobs())[name]()
+    return time.perf_counter() - started
+
+
 def warm(report: Callable[[str], None]) -> float:
     """Compile everything on all processors; returns the seconds taken.
 
     ``report`` is called with scenes that took over 0.5 s.
     """
     began = time.perf_counter()
-    use_all_processors()
-    scenes = [(name, job() if isgeneratorfunction(job) else job) for name, job in jobs()]
-    for _, scene in scenes:
-        if isinstance(scene, Generator):
-            next(scene, None)
-    for name, scene in scenes:
-        started = time.perf_counter()
-        deque(scene if isinstance(scene, Generator) else scene() or ())
-        took = time.perf_counter() - started
-        if took > 0.5:
-            report(f"{took:6.1f} s  {name}")
+    with ProcessPoolExecutor(available_threads(), multiprocessing.get_context("spawn")) as pool:
+        names = {pool.submit(run_scene, name): name for name, _ in jobs()}
+        for done in as_completed(names):
+            if (took := done.result()) > 0.5:
+                report(f"{took:6.1f} s  {names[done]}")
     return time.perf_counter() - began

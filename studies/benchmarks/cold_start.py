@@ -1,12 +1,10 @@
 """Time to the first step: from the start of Python to the end of the first ``env.step``.
 
-    python -m studies.benchmarks.cold_start                      # wheel of this checkout, and the checkout
+    python -m studies.benchmarks.cold_start                      # this checkout
     python -m studies.benchmarks.cold_start ../base              # and another checkout, in turn, on the same host
-    python -m studies.benchmarks.cold_start --wheel a.whl        # an existing wheel
 
-The wheel is installed with the extra ``play``, in the versions of constraints.txt, into an empty environment, in which the
-checkouts run as well. Each run is a process: with an empty cache, then again with that cache; medians. "further action" is a
-second environment in the first process. Processor time is that of the process itself, without its helpers.
+Each run is a process: with an empty cache, then again with that cache; medians. "further action" is a second environment in the
+first process.
 """
 
 from __future__ import annotations
@@ -35,7 +33,7 @@ SCENES = {
 PROBE = """
 import json, sys, time
 from pathlib import Path
-sys.path[:0] = sys.argv[2:]
+sys.path.insert(0, sys.argv[2])
 import gymnasium, vibgym
 
 action = "element"
@@ -57,61 +55,40 @@ finished, first = time.time(), time.process_time()
 action = "field"
 exec(sys.argv[1])
 print(json.dumps([finished, first, time.time() - finished, time.process_time() - first]))
-assert vibgym.__file__.startswith(sys.argv[2] if sys.argv[2:] else sys.prefix), vibgym.__file__
+assert vibgym.__file__.startswith(sys.argv[2]), vibgym.__file__
 """
 
 
-def probe(python: Path, scene: str, cache: str, *tree: Path) -> list[list[float]]:
+def probe(scene: str, cache: str, tree: Path) -> list[list[float]]:
     """Return wall and processor time, s, of the first step and of that with a further action, in a new process."""
-    hidden = ("PYTHONPATH", "PYTHONDONTWRITEBYTECODE", "PYTHONHOME", "VIRTUAL_ENV")
-    environment = {name: value for name, value in os.environ.items() if name not in hidden}
-    environment["NUMBA_CACHE_DIR"] = cache
-    if tree:
-        environment["PYTHONPYCACHEPREFIX"] = f"{python.parent}/pyc"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": cache}
     began = time.time()
     done = subprocess.run(
-        [python, "-c", PROBE, scene, *map(str, tree)], cwd=cache, env=environment, text=True, check=True,
+        [sys.executable, "-c", PROBE, scene, str(tree)], cwd=cache, env=environment, text=True, check=True,
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     finished, spent, *further = json.loads(done.stdout)
     return [[finished - began, spent], further]
 
 
-def installed(wheel: Path | None, folder: Path) -> Path:
-    """Install a wheel, by default of this checkout, into an empty environment; return its interpreter."""
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
-    if wheel is None:
-        subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT], check=True)
-        (wheel,) = folder.glob("*.whl")
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder / "environment"], check=True)
-    python = folder / "environment" / "bin" / "python"
-    subprocess.run([*pip, "--python", python, "install", "-c", ROOT / "constraints.txt", f"{wheel}[play]"], check=True)
-    return python
-
-
 def main() -> None:
     """Print the table."""
     parser = common.parser(__doc__, keep=False)
     parser.add_argument("tree", nargs="*", type=Path, help="other checkouts to compare with")
-    parser.add_argument("--wheel", type=Path, help="existing wheel; default: built from this checkout")
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args()
-    trees = [(), (ROOT,), *((each.resolve(),) for each in arguments.tree)]
-    with tempfile.TemporaryDirectory() as folder:
-        python = installed(arguments.wheel and arguments.wheel.resolve(), Path(folder))
-        print(f"{'':30}{'empty cache':>20}{'further action':>20}{'second process':>20}   wall (processor), s")
-        for scene, code in SCENES.items():
-            runs: dict[tuple[Path, ...], list[list[list[float]]]] = {tree: [] for tree in trees}
-            for each in range(arguments.rounds + 1):
-                for tree in trees:
-                    with tempfile.TemporaryDirectory() as cache:
-                        found = [*probe(python, code, cache, *tree), probe(python, code, cache, *tree)[0]]
-                    if each:  # the first compiles bytecode, as pip has for the wheel
-                        runs[tree].append(found)
-            for tree, found in runs.items():
-                cells = [[statistics.median(run[k][m] for run in found) for m in (0, 1)] for k in range(3)]
-                name = f"{scene}, {tree[0].name if tree else 'wheel'}"
-                print(f"{name:30}" + "".join(f"{f'{wall:.2f} ({spent:.2f})':>20}" for wall, spent in cells), flush=True)
+    trees = [ROOT, *(each.resolve() for each in arguments.tree)]
+    print(f"{'':30}{'empty cache':>20}{'further action':>20}{'second process':>20}   wall (processor), s")
+    for scene, code in SCENES.items():
+        runs: dict[Path, list[list[list[float]]]] = {tree: [] for tree in trees}
+        for _ in range(arguments.rounds):
+            for tree in trees:
+                with tempfile.TemporaryDirectory() as cache:
+                    runs[tree].append([*probe(code, cache, tree), probe(code, cache, tree)[0]])
+        for tree, found in runs.items():
+            cells = [[statistics.median(run[k][m] for run in found) for m in (0, 1)] for k in range(3)]
+            name = f"{scene}, {tree.name}"
+            print(f"{name:30}" + "".join(f"{f'{wall:.2f} ({spent:.2f})':>20}" for wall, spent in cells), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """numba's private interfaces compared with its public one: ``python -m studies.benchmarks.numba_interfaces [--rounds 7]``.
 
-Kernels compiled by :mod:`vibgym.kernels.compiler` and by ``numba.njit`` (``VIBGYM_PLAIN_NUMBA=1``), in separate processes in
+Kernels compiled by :mod:`vibgym.kernels.linking` and by ``numba.njit`` (``VIBGYM_PLAIN_NUMBA=1``), in separate processes in
 turn: processor time until the end of the first step, with an empty cache and with the filled one, then the time of a step of a
 batch and of a single environment, on one thread. Ratios are medians over the rounds of steps.
 """
@@ -61,7 +61,6 @@ def environment(mode: str, cache: str) -> dict[str, str]:
         "VIBGYM_PLAIN_NUMBA": MODES[mode],
         "NUMBA_CACHE_DIR": cache,
         "VIBGYM_THREADS": "1",
-        "VIBGYM_HELPERS": "0",
     }
     return {**os.environ, **settings}
 

@@ -136,11 +136,11 @@ def count() -> tuple[dict[str, float], np.ndarray]:
     Returns:
         The counts of :func:`measured`, and the final poses (worlds, 1, 3), m and rad.
     """
-    from vibgym.kernels import interpreted
+    from vibgym.kernels import vector
 
     _operators()
     for name, function in _functions().items():
-        setattr(interpreted, name, function)
+        setattr(vector, name, function)
     from vibgym.physics.core import drive
 
     read, lines = drive.element_phasor, set()

@@ -1,4 +1,4 @@
-"""Command line: ``python -m studies.release`` builds sdist and wheels and tests them on every available Python."""
+"""Command line: ``python -m studies.release`` builds sdist and wheel and tests them on every available Python."""
 
 from __future__ import annotations
 
@@ -60,14 +60,11 @@ def run(arguments: argparse.Namespace) -> int:
         folder = Path(name)
         try:
             version = distributions.versions_agree(arguments.tag, report)
-            built = sdist, universal, compiled = distributions.build(folder, report)
+            built = sdist, wheel = distributions.build(folder, report)
             distributions.inspect_sdist(sdist, report)
-            for wheel in (universal, compiled):
-                distributions.inspect_wheel(wheel, version, report)
+            distributions.inspect_wheel(wheel, version, report)
             for minor in minors:
-                # The wheel that pip would select first, so that the kernel cache is empty.
-                here = minor == f"{sys.version_info[0]}.{sys.version_info[1]}"
-                for distribution in (compiled if here else universal, sdist):
+                for distribution in (wheel, sdist):
                     installation.install(minor, distribution, version, arguments.extras, folder, report)
             for path in built:
                 shutil.copy(path, output)
@@ -81,12 +78,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-COMMAND = Command(add_arguments, run, "directory of sdist and wheels (default: dist)")
+COMMAND = Command(add_arguments, run, "directory of sdist and wheel (default: dist)")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    description = "Build sdist and wheels, inspect them, and run the examples with them on every available Python."
+    description = "Build sdist and wheel, inspect them, and run the examples with them on every available Python."
     return command_line.run("python -m studies.release", description, COMMAND, argv, extra="dev")
 
 

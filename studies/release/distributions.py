@@ -13,7 +13,6 @@ from typing import Any
 from packaging.metadata import Metadata
 from readme_renderer import markdown
 
-from hatch_build import description
 from studies.release.results import ROOT, Report, Row, require, require_names, run_command
 
 SOURCES = ("vibgym", "gym_vibgym", "agents", "studies", "configs", "docs", "examples", "notebooks", "results", "tests")
@@ -21,7 +20,7 @@ SOURCES = ("vibgym", "gym_vibgym", "agents", "studies", "configs", "docs", "exam
 
 FILES = (
     "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "Makefile", "PKG-INFO", "README.md", "constraints.txt",
-    "hatch_build.py", "pyproject.toml",
+    "pyproject.toml",
 )  # fmt: skip
 """Top-level files of an sdist."""
 
@@ -47,28 +46,16 @@ def versions_agree(tag: str | None, report: Report) -> str:
     return version
 
 
-def build(folder: Path, report: Report) -> tuple[Path, Path, Path]:
-    """Build the sdist from the checkout, and from it, which shows that it is complete, the wheels.
-
-    Returns:
-        Sdist, universal wheel, and the wheel with kernels for this Python and platform.
-    """
+def build(folder: Path, report: Report) -> tuple[Path, Path]:
+    """Build the sdist from the checkout, and from it, which shows that it is complete, the wheel; return both."""
     run_command("sdist", [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", folder], ROOT)
     (sdist,) = folder.glob("*.tar.gz")
-    report(Row("sdist", "built", f"{sdist.name}, {sdist.stat().st_size / 1e6:.1f} MB"))
     pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "wheel", "--quiet"]
-    for kernels in ("0", "1"):
-        command = [*pip, "--no-deps", "--no-build-isolation", "-w", folder, sdist]
-        run_command("wheel", command, folder, {"VIBGYM_SHIP": kernels})
-    universal, compiled = sorted(folder.glob("*.whl"), key=is_compiled)
-    for wheel in (universal, compiled):
-        report(Row("wheel", "built from sdist", f"{wheel.name}, {wheel.stat().st_size / 1e6:.1f} MB"))
-    return sdist, universal, compiled
-
-
-def is_compiled(distribution: Path) -> bool:
-    """Return whether a distribution is a wheel that contains kernels, by its tags."""
-    return distribution.suffix == ".whl" and not distribution.stem.endswith("-none-any")
+    run_command("wheel", [*pip, "--no-deps", "--no-build-isolation", "-w", folder, sdist], folder)
+    (wheel,) = folder.glob("*-py3-none-any.whl")
+    for path in (sdist, wheel):
+        report(Row(path.name, "built", f"{path.stat().st_size / 1e6:.1f} MB"))
+    return sdist, wheel
 
 
 def inspect_sdist(sdist: Path, report: Report) -> None:
@@ -84,7 +71,7 @@ def inspect_sdist(sdist: Path, report: Report) -> None:
 
 
 def inspect_wheel(wheel: Path, version: str, report: Report) -> None:
-    """Require the packages alone, with shipped policies, types and web page, kernels by the tags, and valid metadata."""
+    """Require the packages alone, with shipped policies, types and web page, and valid metadata."""
     with zipfile.ZipFile(wheel) as packed:
         names = set(packed.namelist())
         metadata = packed.read(f"vibgym-{version}.dist-info/METADATA")
@@ -98,9 +85,6 @@ def inspect_wheel(wheel: Path, version: str, report: Report) -> None:
             continue
         require(expected <= names, f"{content} of wheel", f"missing {sorted(expected - names)[:3]}")
         report(Row("wheel", content, f"{len(expected)} files"))
-    kernels = sum(name.endswith(".bitcode") for name in names)
-    require(kernels > 30 if is_compiled(wheel) else kernels == 0, f"kernels of {wheel.name}", kernels)
-    report(Row("wheel", "kernels", f"{kernels}, {'-'.join(wheel.stem.split('-')[2:])}"))
     inspect_metadata(metadata, report)
 
 
@@ -119,7 +103,8 @@ def inspect_metadata(metadata: bytes, report: Report) -> None:
     )
     require_names("extras in metadata", read.provides_extra or (), expected["optional-dependencies"])
     require(read.description_content_type == "text/markdown", "description in metadata", read.description_content_type)
-    require(read.description == description(expected["version"]), "description in metadata", "differs from README.md")
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    require(read.description == readme, "description in metadata", "differs from README.md")
     rendered = markdown.render(read.description or "")
     require(rendered and "<table>" in rendered and "<img" in rendered, "description in metadata", "cannot be rendered")
     require(read.license_expression and read.license_files, "license in metadata", read.license_expression)

@@ -8,7 +8,6 @@ import sys
 import time
 from pathlib import Path
 
-from studies.release.distributions import is_compiled
 from studies.release.results import ROOT, Report, Row, require, run_command
 
 MINORS = ("3.11", "3.12", "3.13", "3.14")
@@ -64,7 +63,7 @@ def install(minor: str, distribution: Path, version: str, extras: str, folder: P
 
     Args:
         minor: version of Python; if it is not installed, the row "not tested" is reported.
-        distribution: sdist or wheel. Only wheels for one Python contain compiled kernels.
+        distribution: sdist or wheel.
         version: expected version.
         extras: comma-separated.
         folder: of environments and kernels. Kernels are reused by the next distribution on the same Python.
@@ -73,23 +72,19 @@ def install(minor: str, distribution: Path, version: str, extras: str, folder: P
     Raises:
         Failed: a check failed.
     """
-    compiled = is_compiled(distribution)
-    kind = "compiled wheel" if compiled else "wheel" if distribution.suffix == ".whl" else "sdist"
+    kind = "wheel" if distribution.suffix == ".whl" else "sdist"
     where = f"Python {minor}, {kind}"
     base = interpreter(minor)
     if base is None:
         report(Row("installation", where, "not tested: this Python is not installed"))
         return
-    home = folder / f"{minor}-{kind.replace(' ', '-')}"
+    home = folder / f"{minor}-{kind}"
     began = time.perf_counter()
     run_command(f"{where}: environment", [base, "-m", "venv", home], folder)
     python = home / "bin" / "python"
     pip = [python, "-m", "pip", "--disable-pip-version-check"]
     wanted = f"vibgym[{extras}] @ {distribution.resolve().as_uri()}"
-    settings = {"VIBGYM_SHIP": "0"}  # builds from the sdist take long with kernels
-    run_command(
-        f"{where}: pip install", [*pip, "install", "--quiet", "-c", ROOT / "constraints.txt", wanted], folder, settings
-    )
+    run_command(f"{where}: pip install", [*pip, "install", "--quiet", "-c", ROOT / "constraints.txt", wanted], folder)
     run_command(f"{where}: pip check", [*pip, "check"], folder)
     printed, _ = run_command(f"{where}: import vibgym", [python, "-W", "error", "-c", PRINT_VERSION], home)
     require(printed.split() == [version, "True"], f"{where}: import vibgym", printed)
@@ -97,22 +92,18 @@ def install(minor: str, distribution: Path, version: str, extras: str, folder: P
     if (ROOT / "vibgym" / "plugins" / "play").exists():
         run_command(f"{where}: python -m vibgym play --help", [python, "-m", "vibgym", "play", "--help"], home)
         report(Row("python -m vibgym play", where, "runs"))
-    run_examples(python, where, compiled, extras, folder / f"{minor}-kernels", report)
+    run_examples(python, where, extras, folder / f"{minor}-kernels", report)
 
 
-def run_examples(python: Path, where: str, compiled: bool, extras: str, kernels: Path, report: Report) -> None:
-    """Run copies of the examples at small size, with this folder of kernels; if ``compiled``, none may be compiled."""
+def run_examples(python: Path, where: str, extras: str, kernels: Path, report: Report) -> None:
+    """Run copies of the examples at small size, with this folder of kernels."""
     directory = python.parents[1] / "examples"
     shutil.copytree(ROOT / "examples", directory)
     able, others = examples_of(extras)
     cache = {"NUMBA_CACHE_DIR": str(kernels)}
     for name in able:
         began = time.perf_counter()
-        _, printed = run_command(
-            f"{where}: examples/{name}.py", [python, f"{name}.py", EXAMPLES[name][0]], directory, cache
-        )
-        if compiled:
-            require("compiling" not in printed, f"{where}: kernels of the wheel, in examples/{name}.py", printed)
+        run_command(f"{where}: examples/{name}.py", [python, f"{name}.py", EXAMPLES[name][0]], directory, cache)
         report(Row(f"examples/{name}.py", where, f"runs, {time.perf_counter() - began:.0f} s"))
     for name in others:
         report(Row(f"examples/{name}.py", where, f"not tested: requires the extra {EXAMPLES[name][1]}, see --extras"))

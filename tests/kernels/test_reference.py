@@ -86,7 +86,7 @@ def test_another_layout_is_refused():
 
 
 def test_layouts_are_found_by_their_names():
-    """Copies, pickles and helper processes look them up."""
+    """Copies and pickles look them up."""
     package, found = Path(vibgym.__file__).parent, []
     for path in package.rglob("*.py"):
         if "Layout(" in path.read_text(encoding="utf-8") and path.name != "reference.py":

@@ -17,7 +17,7 @@ from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.envs.features import CODINGS, NEIGHBOUR, NEIGHBOURS, TABLE, Feature, Layout, RowLayout
-from vibgym.kernels.jit import jit, prefetch
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout as Memory
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.contacts.hulls import Hulls, part_contact, part_gap, place_hulls
@@ -620,7 +620,6 @@ def row_writer(task: Task, layout: Layout, measurement: Measurement, relations: 
         gap=np.zeros((len(parts), NEIGHBOURS)),
     )
     pinned, write = Pinned(SCENE, scene), write_rows_of_several if scene.touch or len(others.source) else write_rows
-    prefetch(write, 0, np.empty(0, dtype=np.int64), np.empty((0, 0, 0), dtype=np.float32))
     return bound(write, pinned)
 
 

@@ -1,24 +1,20 @@
-"""Pointers in kernels: references to records, records pinned in memory, functions of other libraries.
+"""References to records in compiled kernels, see :mod:`vibgym.kernels.reference`.
 
-See :mod:`vibgym.kernels.reference` and :mod:`vibgym.kernels.jit`. A reference is one pointer with the fields of a named tuple.
+A reference is one pointer with the fields of a named tuple.
 Fields that are named tuples themselves are references, too.
 """
 
 from __future__ import annotations
 
 import hashlib
-import struct
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
-from numba import typeof, types
+from numba import types
 from numba.core import cgutils
 from numba.core.imputils import impl_ret_borrowed
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, intrinsic, lower_cast, lower_getattr_generic, models, register_model
-
-# -- references --------------------------------------------------------------------------------------------------------
 
 
 class Reference(types.Type):
@@ -106,20 +102,9 @@ def _reference(typingctx: Any, record: Any) -> Any:
 
 reference: Any = intrinsic(_reference)
 
-# -- pinned records ----------------------------------------------------------------------------------------------------
-
-
-_layouts: list[Any] = []
-
-
-def known_layouts() -> list[tuple[str, str, Any]]:
-    """Return module, name and type of the records of all layouts that have been pinned."""
-    return [(each.__module__, each.name, each.record) for each in _layouts if each.record is not None]
-
 
 def reader(layout: Any) -> Any:
     """Return the function that makes a reference of an address in a kernel, for a ``Layout``."""
-    _layouts.append(layout)
 
     def at(typingctx: Any, address: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
@@ -128,48 +113,3 @@ def reader(layout: Any) -> Any:
         return Reference(layout.record)(types.int64), generate
 
     return intrinsic(at)
-
-
-_DATA = 4
-"""Index of the pointer to the data among the eight-byte words of an array's struct, see :func:`_packed`."""
-
-
-class Memory:
-    """A record as kernels store it, at a fixed address."""
-
-    def __init__(self, layout: Any, record: Any) -> None:
-        self._layout, kinds = layout, layout.record
-        fields = [_packed(kinds[k], value) for k, value in enumerate(record)]
-        self._words = np.frombuffer(bytearray(b"".join(fields)), dtype=np.int64)
-        self._offsets = np.cumsum([0, *(len(each) // 8 for each in fields)]).tolist()
-        self.address = self._words.ctypes.data
-
-    def replace(self, before: Any, record: Any) -> None:
-        """Write the fields of a record that are not the same object as those of the record before."""
-        for k, (value, old) in enumerate(zip(record, before, strict=True)):
-            if value is not old:
-                self._write(k, value, old)
-
-    def _write(self, k: int, value: Any, old: Any) -> None:
-        at, kind = self._offsets[k], self._layout.record[k]
-        if isinstance(value, np.ndarray) and value.shape == old.shape and value.dtype == old.dtype:
-            if value.flags.carray and kind.layout == "C":  # only the pointer differs
-                self._words[at + _DATA] = value.__array_interface__["data"][0]
-                return
-        if typeof(value) != kind:
-            raise TypeError(f"{self._layout.name}: got {typeof(value)}; allowed: {kind}")
-        self._words[at : self._offsets[k + 1]] = np.frombuffer(_packed(kind, value), dtype=np.int64)
-
-
-def _packed(kind: Any, value: Any) -> bytes:
-    """Return a value's representation in memory, a multiple of eight bytes."""
-    if isinstance(kind, types.BaseNamedTuple):
-        return b"".join(_packed(kind[k], field) for k, field in enumerate(value))  # type: ignore[index]
-    if isinstance(kind, types.Array):
-        numbers = (0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides)
-        return struct.pack(f"={len(numbers)}q", *numbers)
-    if kind == types.int64:
-        return struct.pack("=q", value)
-    if kind == types.float64:
-        return struct.pack("=d", value)
-    raise TypeError(f"pinned records hold int64, float64, arrays and records; got {kind}")

@@ -14,19 +14,58 @@ values are numbers.
 
 from __future__ import annotations
 
-from vibgym.kernels.interfaces import INTERPRETED, MODE
+import math
+import operator
+
+import numpy as np
+
+from vibgym.kernels.jit import INTERPRETED, MODE
 
 if MODE == INTERPRETED:
-    from vibgym.kernels import interpreted as _form
-else:
-    from vibgym.kernels import vec8 as _form
+    LANES = WIDTH = 1
 
-LANES: int = _form.LANES
-WIDTH: int = _form.WIDTH
-load, load_register, store = _form.load, _form.load_register, _form.store
-load_mask, store_mask = _form.load_mask, _form.store_mask
-broadcast, broadcast_register = _form.broadcast, _form.broadcast_register
-bits, mask_of, mask_register, logical_not = _form.bits, _form.mask_of, _form.mask_register, _form.logical_not
-select, minimum, maximum, copysign = _form.select, _form.minimum, _form.maximum, _form.copysign
-lane_minimum, lane_maximum, lane_sum = _form.lane_minimum, _form.lane_maximum, _form.lane_sum
-floor, absolute, sqrt = _form.floor, _form.absolute, _form.sqrt
+    absolute, copysign, floor, sqrt = abs, math.copysign, np.floor, math.sqrt
+    logical_not = operator.not_
+
+    def broadcast(number):
+        """Return the number as a float."""
+        return float(number)
+
+    def load(data, at):
+        """Return an item of a flat array."""
+        return data[at]
+
+    def store(data, at, value):
+        """Write an item of a flat array."""
+        data[at] = value
+
+    def bits(mask):
+        """Return 1 or 0."""
+        return 1 if mask else 0
+
+    def mask_of(number):
+        """Return whether the number is not zero."""
+        return number != 0
+
+    def select(mask, one, other):
+        """Return ``one`` where the mask holds, else ``other``."""
+        return one if mask else other
+
+    def minimum(one, other):
+        """Return the smaller one; the second if either is NaN."""
+        return one if one < other else other
+
+    def maximum(one, other):
+        """Return the larger one; the second if either is NaN."""
+        return one if one > other else other
+
+    def _identity(value):
+        return value
+
+    lane_minimum = lane_maximum = lane_sum = _identity
+    load_register = load_mask = load
+    store_mask = store
+    broadcast_register = broadcast
+    mask_register = mask_of
+else:
+    from vibgym.kernels.vec8 import *  # noqa: F403

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 from typing import ClassVar
 
-from vibgym.kernels.jit import prefetch
 from vibgym.kernels.reference import Pinned
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.fast import (
@@ -25,7 +24,7 @@ from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspa
 from vibgym.scene.bodies import bodies_of
 from vibgym.scene.parts import kinds_of
 from vibgym.simulation.contact_parts import check_parts, impact_properties_of, slop_of
-from vibgym.simulation.model import NO_PATHS, NO_ROWS, Setup
+from vibgym.simulation.model import NO_PATHS, Setup
 from vibgym.simulation.multibody import Multibody
 from vibgym.simulation.schemes import PlanarSchemes
 from vibgym.simulation.threads import Pool
@@ -72,12 +71,6 @@ class FastMultibody(Multibody):
         """Advance the parts with near pairs of worlds ``start`` to ``stop`` by a period."""
         together = buffers.together.address
         drive_together(start, stop, together, drive.address, state.address, rows.address, self.counts)
-
-    def prefetch(self) -> None:
-        self._buffers.lend(lambda buffers: buffers.rows(1))  # determines the types of its arrays
-        prefetch(slide_rows, NO_ROWS, 0, 0, 0, 1, NO_PATHS, 0)
-        prefetch(find_rows, 0, 0, 0, 0, 0, self.WHOLE)
-        prefetch(drive_together, 0, 0, 0, 0, 0, 0, self.counts)
 
 
 class FastBuffers:

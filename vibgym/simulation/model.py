@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 NO_PATHS = np.empty((0, 0, 3))
 """Passed to kernels that record paths only on request."""
 
-NO_ROWS = np.empty(0, dtype=np.int64)
-"""No parts, see :func:`vibgym.physics.planar.friction.slide_rows`."""
-
 LEAST_FACTOR, MOST_FACTOR = 0.01, 100.0
 """Range of the factors on friction and on mass."""
 
@@ -135,9 +132,6 @@ class Model(ABC):
                 ``drive.address``: the same for kernels.
             state: ``state.record``: arrays (worlds, ...), changed in place; ``state.address`` likewise.
         """
-
-    def prefetch(self) -> None:  # noqa: B027
-        """Announce kernels that :meth:`advance` calls, see :func:`vibgym.kernels.jit.prefetch`."""
 
     def check_parts(self) -> None:
         """Raise ValueError for parts that the model does not cover; the default refuses parts that friction alone tips."""

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.kernels.jit import prefetch
 from vibgym.kernels.reference import Pinned
 from vibgym.kernels.vector import LANES
 from vibgym.physics.averaged import integrator
@@ -67,9 +66,6 @@ class Planar(Model):
         setup = self._setups.take()
         slide_rows(rows[start:stop], setup.address, drive.address, state.address, periods, NO_PATHS, 0)
         self._setups.give(setup)
-
-    def prefetch(self) -> None:
-        prefetch(slide_rows, self._rows, 0, 0, 0, 1, NO_PATHS, 0)
 
 
 def planar_scene(setup: Setup, scheme: Scheme) -> Pinned[FixedScene]:

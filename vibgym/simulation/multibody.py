@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from vibgym.kernels.jit import prefetch
 from vibgym.kernels.reference import Pinned
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import CONTACT, FREE, NEAR
@@ -30,7 +29,7 @@ from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspa
 from vibgym.scene.bodies import bodies_of
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.simulation.contact_parts import check_masses, check_parts, impact_properties_of, slop_of
-from vibgym.simulation.model import NO_PATHS, NO_ROWS, Conditions, Model, Setup
+from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
 from vibgym.simulation.schemes import PlanarSchemes, check_contact_steps
 from vibgym.simulation.threads import Pool
 
@@ -74,12 +73,6 @@ class Multibody(Model):
                 self._smallest_gap[start] = buffers.contacts.deepest[1]
 
         self._buffers.lend(work)
-
-    def prefetch(self) -> None:
-        self._buffers.lend(lambda buffers: buffers.prospect(1))  # determines the types of its arrays
-        prefetch(slide_rows, NO_ROWS, 0, 0, 0, 1, NO_PATHS, 0)
-        prefetch(broad_phase, 0, 0, 0, 0, 0, first=True)  # shares functions with resolve
-        prefetch(resolve, 0, 0, 0, 0, 0, 0, self.counts)
 
     def slide(
         self, start: int, stop: int, buffers: ContactBuffers, prospect: BroadPhase, drive: int, state: int, near: bool

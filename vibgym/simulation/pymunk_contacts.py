@@ -147,9 +147,6 @@ class PymunkMultibody(FastMultibody):
                 buffers.resolve(step, count, state.record.mass[start + row], inputs)
             end_world(*inputs, self.counts)
 
-    def prefetch(self) -> None:
-        """Announce no kernels: those of this file are compiled on first use."""
-
 
 class PymunkBuffers(FastBuffers):
     """Constants and working arrays of one thread, and the bodies and shapes, which outlive pymunk's spaces."""

@@ -134,8 +134,6 @@ class Simulator:
         self._state.pose[...] = overlaps.apart(surface, self.parts)
         self._pinned = Pinned(STATE, self._state)
         self._drive: Pinned[Drive] | None = None  # the last one
-        Pinned(DRIVE, polar_drive(np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), 1.0))  # determines the types of its arrays
-        self._model.prefetch()
         self._periods = 0
         self._counted = 0  # periods since the last reset; snapshots leave it alone
 

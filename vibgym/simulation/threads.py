@@ -15,7 +15,6 @@ from queue import SimpleQueue
 from typing import Any, Generic, TypeVar
 
 from vibgym import checks
-from vibgym.kernels.options import processors
 from vibgym.kernels.vector import LANES
 
 WORTH = 200.0
@@ -69,7 +68,7 @@ class Pool(Generic[Tool]):
 
 def available_threads() -> int:
     """Return the processors available to this process, at most ``VIBGYM_THREADS``."""
-    given = processors()
+    given = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     most = os.environ.get(MOST, "")
     if not most:
         return given

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.kernels.jit import prefetch
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.core.records import STATE, State
 from vibgym.tasks.assignment import EXCHANGE, exchange_goals
@@ -66,10 +65,7 @@ class Scoring:
         self.changed = self.episode.arrived
         self._context = self.context(self.relations)
         self._everyone = np.arange(worlds)
-        prefetch(score_worlds, 0, 0, True, self._everyone)
         self._several = parts > 1  # the gap and neighbour of a single part never change
-        if self._several:
-            prefetch(relate_parts, 0, True, state.pose, state.fallen, self._everyone)
 
     def context(self, relations: Relations) -> Pinned[Context]:
         """Return the kernels' arguments for such relations, with scratch memory for one thread."""

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.kernels.jit import prefetch
 from vibgym.kernels.reference import Pinned
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
@@ -38,7 +37,7 @@ from vibgym.scene.outlines import is_convex, rotation
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 from vibgym.simulation import Simulator
-from vibgym.simulation.model import NO_PATHS, NO_ROWS, Conditions, Model, Setup, worlds_from
+from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup, worlds_from
 from vibgym.simulation.models import planar_scene
 from vibgym.simulation.threads import Pool
 
@@ -268,9 +267,6 @@ class Tilting(AbovePlane):
 
         self._buffers.lend(work)
 
-    def prefetch(self) -> None:
-        prefetch_rigid()
-
     def _advance(self, buffers: Buffers, rows: np.ndarray, inputs: tuple[int, int], periods: int) -> None:
         """Advance some rows by a few periods."""
         planar, rigid, tilt = buffers.planar.address, buffers.rigid.address, self.pinned.address
@@ -280,13 +276,6 @@ class Tilting(AbovePlane):
             flat, others = sorted_rows(rows, rigid, inputs, tilt, 1)
             rock_rows(others, True, rigid, *inputs, tilt, NO_PATHS, 0, 0)
             slide_rows(flat, planar, *inputs, 1, NO_PATHS, 0)
-
-
-def prefetch_rigid() -> None:
-    """Announce the kernels of parts that may tilt, without contacts."""
-    prefetch(slide_rows, NO_ROWS, 0, 0, 0, 1, NO_PATHS, 0)
-    prefetch(rock_rows, NO_ROWS, True, 0, 0, 0, 0, NO_PATHS, 0, 0)
-    prefetch(sort_rows, NO_ROWS, NO_ROWS, NO_ROWS, 0, 0, 0, 0, 1)
 
 
 def sorted_rows(

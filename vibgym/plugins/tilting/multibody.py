@@ -10,10 +10,9 @@ from functools import partial
 
 import numpy as np
 
-from vibgym.kernels.jit import prefetch
 from vibgym.physics.contacts.multibody import BroadPhase
 from vibgym.physics.planar.friction import slide_rows
-from vibgym.plugins.tilting.model import AbovePlane, prefetch_rigid, rigid_buffers, sorted_rows
+from vibgym.plugins.tilting.model import AbovePlane, rigid_buffers, sorted_rows
 from vibgym.plugins.tilting.period import keep_toppled, rock_rows
 from vibgym.plugins.tilting.records import TiltScheme
 from vibgym.simulation.model import NO_PATHS, Conditions, Setup
@@ -29,11 +28,6 @@ class TiltingMultibody(AbovePlane, Multibody):
         Multibody.__init__(self, setup, schemes)
         AbovePlane.__init__(self, setup, scheme)
         self._rigid = Pool(partial(rigid_buffers, setup, scheme))
-
-    def prefetch(self) -> None:
-        prefetch_rigid()
-        Multibody.prefetch(self)
-        prefetch(keep_toppled, 0, 0, 0, 0)
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         self.check_contacts(conditions, where)

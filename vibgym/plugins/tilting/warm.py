@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from vibgym import Simulator, Surface
 from vibgym.warm import BLOCKS
 
 
-def compile_kernels() -> Iterator[None]:
+def compile_kernels() -> None:
     """Run a period with tilted parts, of one part and of several."""
-    simulators = [Simulator(Surface(), parts, model="tilting") for parts in (BLOCKS[:1], BLOCKS)]
-    yield
-    for simulator in simulators:
+    for parts in (BLOCKS[:1], BLOCKS):
+        simulator = Simulator(Surface(), parts, model="tilting")
         simulator.tip(0, 0.02)
         simulator.advance(0.0, 0.0)

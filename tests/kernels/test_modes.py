@@ -1,4 +1,4 @@
-"""How kernels are compiled: the same results by private and public interfaces and without compilation."""
+"""How kernels are compiled: the same results by numba's private and public interfaces, and without compilation."""
 
 import json
 import os
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from llvmlite import binding
 
-from vibgym.kernels import interfaces, vec8
+from vibgym.kernels import jit, vec8
 
 SCENES = """
 import gymnasium, json, numpy as np, sys
@@ -107,48 +107,47 @@ def test_without_compilation(expected):
     "scenes, level",
     [pytest.param(SMALL, "1", id="small"), pytest.param(LARGE, "3", id="large", marks=pytest.mark.full)],
 )
-def test_by_the_public_interface(expected, tmp_path, scenes, level):
+def test_plain_numba(expected, tmp_path, scenes, level):
     settings = {"VIBGYM_PLAIN_NUMBA": "1", "NUMBA_CACHE_DIR": str(tmp_path), "NUMBA_OPT": level}
     for _ in range(2):
         found, messages = numbers_of(scenes, **settings)
         check(found, expected)
         assert len(messages.splitlines()) == 1 and "VIBGYM_PLAIN_NUMBA" in messages
     kept = list(tmp_path.rglob("*.nbc"))
-    assert kept and all(path.relative_to(tmp_path).parts[0].startswith("public-") for path in kept)
+    assert kept and all(path.relative_to(tmp_path).parts[0].startswith("plain-") for path in kept)
 
 
-def test_the_private_modules_are_not_even_imported():
-    code = "import vibgym.simulation, sys; print([name for name in sys.modules if name.startswith('vibgym.kernels.')])"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, "VIBGYM_PLAIN_NUMBA": "1"}, capture_output=True, text=True
-    )
-    for name in ("compiler", "cache", "libraries"):
-        assert f"'vibgym.kernels.{name}'" not in done.stdout
-    assert "'vibgym.kernels.public'" in done.stdout
+def test_plain_numba_needs_no_private_interface():
+    code = "import vibgym.simulation, sys; print('vibgym.kernels.linking' in sys.modules)"
+    settings = {**os.environ, "VIBGYM_PLAIN_NUMBA": "1"}
+    done = subprocess.run([sys.executable, "-c", code], env=settings, capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
-def test_missing_interfaces_are_named():
-    needed = {"numba.core.caching": ("FunctionCache.load_overload", "FunctionCache.gone"), "numba.gone": ("a",)}
-    assert interfaces.missing(needed) == ["numba.core.caching.FunctionCache.gone", "numba.gone"]
-    assert interfaces.missing() == []
+def test_a_numba_without_an_interface_is_used_plainly():
+    code = "from numba.core.caching import IndexDataCacheFile; del IndexDataCacheFile.flush; "
+    code += "import vibgym.kernels.jit as jit; print(jit.MODE)"
+    settings = {**os.environ, "VIBGYM_PLAIN_NUMBA": ""}
+    done = subprocess.run([sys.executable, "-c", code], env=settings, capture_output=True, text=True, check=True)
+    assert done.stdout == "plain\n" and "flush" in done.stderr and len(done.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize("version", [(0, 60), (0, 69), (1, 0)])
-def test_an_untested_numba_is_used_by_its_public_interface(monkeypatch, version):
+def test_an_untested_numba_is_used_plainly(monkeypatch, version):
     monkeypatch.delenv("VIBGYM_PLAIN_NUMBA", raising=False)
     monkeypatch.setattr(numba, "version_info", numba.version_info._replace(short=version))
-    mode, reason = interfaces.decide()
-    assert mode == interfaces.PUBLIC and numba.__version__ in reason
+    mode, reason = jit.decide()
+    assert mode == jit.PLAIN and numba.__version__ in reason
     monkeypatch.setenv("VIBGYM_PLAIN_NUMBA", "0")
-    assert interfaces.decide() == (interfaces.PRIVATE, "")
+    assert jit.decide() == (jit.LINKED, "")
 
 
 def test_the_tested_versions_are_those_of_the_package():
-    project = Path(interfaces.__file__).parents[2] / "pyproject.toml"
+    project = Path(jit.__file__).parents[2] / "pyproject.toml"
     required = tomllib.loads(project.read_text())["project"]["dependencies"]
     (bounds,) = (each for each in required if each.startswith("numba"))
     first, beyond = (tuple(map(int, each.split("."))) for each in bounds.removeprefix("numba>=").split(",<"))
-    assert interfaces.TESTED[0] == first and interfaces.TESTED[1] < beyond
+    assert jit.TESTED[0] == first and jit.TESTED[1] < beyond
 
 
 def test_an_unknown_processor(monkeypatch):
@@ -160,15 +159,38 @@ def test_an_unknown_processor(monkeypatch):
     assert vec8._register_width() == 4
 
 
-@pytest.mark.parametrize("switch, name", [
-    ("VIBGYM_PLAIN_NUMBA=1", "fast compilation"), ("VIBGYM_CACHE=0", "kernel cache"),
-    ("VIBGYM_BITCODE=0", "kernels in the wheel"), ("VIBGYM_VECTOR=4", "wide registers"),
-    ("VIBGYM_THREADS=1", "threads"),
-])  # fmt: skip
-def test_capabilities_that_are_switched_off(switch, name):
-    variable, value = switch.split("=")
-    command = [sys.executable, "-m", "vibgym", "capabilities"]
-    done = subprocess.run(command, env={**os.environ, variable: value}, capture_output=True, text=True, check=True)
-    lines = done.stdout.splitlines()
-    (at,) = (k for k, line in enumerate(lines) if line.startswith(f"{name}: "))
-    assert lines[at].startswith(f"{name}: no") and lines[at + 1].endswith(switch)
+FORK = """
+import os, threading, time
+import numpy as np, vibgym
+from vibgym.kernels import linking
+from vibgym.kernels.jit import jit
+
+@jit
+def double(x):
+    return 2.0 * x
+
+compiling = threading.Event()
+announce = linking.announce
+
+def slowly(folder):
+    compiling.set()
+    time.sleep(0.5)
+    announce(folder)
+
+linking.announce = slowly
+thread = threading.Thread(target=double, args=(1,))
+thread.start()
+compiling.wait()
+child = os.fork()
+if not child:
+    os._exit(int(double(2.0)))
+print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+thread.join()
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+def test_a_fork_while_another_thread_compiles():
+    settings = {**os.environ, "VIBGYM_CACHE": "0", "VIBGYM_PLAIN_NUMBA": ""}
+    done = subprocess.run([sys.executable, "-c", FORK], env=settings, capture_output=True, text=True, timeout=120)
+    assert done.stdout == "4\n", done.stderr
