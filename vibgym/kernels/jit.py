@@ -2,7 +2,7 @@
 
 ===============  ======================================================================================================
 ``LINKED``       by :mod:`vibgym.kernels.linking`, which needs private interfaces of numba
-``PLAIN``        by ``numba.njit(cache=True)``: compiles two to three times as long
+``PLAIN``        by ``numba.njit(cache=True)``: compiles three times as long
 ``INTERPRETED``  not compiled (plain Python): slow, for a debugger; ``NUMBA_DISABLE_JIT=1``
 ===============  ======================================================================================================
 
@@ -70,7 +70,7 @@ MODE, REASON = decide()
 
 if MODE == PLAIN:
     LOGGER.warning(
-        "vibgym: %s: kernels are compiled by numba's public interface, which takes two to three times as long, once",
+        "vibgym: %s: kernels are compiled by numba's public interface, which takes three times as long, once",
         REASON,
     )
 elif MODE == INTERPRETED:
