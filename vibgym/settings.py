@@ -92,9 +92,7 @@ def in_si(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[Any, Any]:
         try:
             value = value if name in untouched else plain(value)
         except RecursionError:
-            raise checks.refuse(
-                str(key), value, "a value that does not contain itself, nor hundreds of levels"
-            ) from None
+            raise _endless(str(key), value) from None
         result[name] = value if factor == 1.0 else _scaled(value, factor)
     return result
 
