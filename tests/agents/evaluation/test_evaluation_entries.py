@@ -146,6 +146,7 @@ def test_recorded_episodes_are_those_of_the_same_files(monkeypatch):
 def test_recorded_episodes_are_those_of_the_same_class(monkeypatch):
     """A user module of ``--import`` that changes is played again."""
     monkeypatch.syspath_prepend(".")
+    monkeypatch.setattr("vibgym.imports._imported", [])  # other tests do not import the module
     Path("judged_module.py").write_text(CODE.replace('"mine"', '"judged_class"'))
     Path("suite.yaml").write_text(yaml.safe_dump({**SUITE, "tasks": ["Align"], "episodes": 1}))
     entry("mine", "judged_class")
