@@ -11,6 +11,7 @@ import json
 import logging
 import multiprocessing
 import os
+import pickle
 import sys
 import threading
 from multiprocessing.connection import Connection
@@ -18,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib.externals import cloudpickle
 
 from vibgym import checks
 from vibgym.envs.actions import ACTIONS
@@ -65,7 +65,7 @@ class EntryProcess:
         """
         if self._process is None:
             self._start()
-        sent, answers = cloudpickle.dumps(question), list[bytes]()
+        sent, answers = pickle.dumps(question), list[bytes]()
         # The exchange has a thread, since a process can also stop reading, or within an answer.
         asking = threading.Thread(target=_exchange, args=(self._connection, sent, longest, answers), daemon=True)
         asking.start()
