@@ -8,7 +8,6 @@ starts new episodes: it is not identical to an uninterrupted run.
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from agents.checkpoint import check_finite
 from agents.training_envs import make_worlds
 from agents.training_settings import TrainSettings
 from vibgym import checks
+from vibgym.config import json_values
 from vibgym.files import write_atomically
 from vibgym.seeds import training_seed
 from vibgym.settings import BaseSettings
@@ -70,7 +70,7 @@ class SB3:
         with checks.within("environment"):
             self.env = make_worlds(settings, self.observation)
         assert isinstance(settings.own, SB3.Settings)
-        arguments = json.loads(settings.own.model_dump_json())  # lists, which Stable-Baselines3 requires
+        arguments = json_values(settings.own.model_dump())  # lists, not tuples
         buffer = arguments.get("replay_buffer_class")
         if isinstance(buffer, str):  # such as HerReplayBuffer
             arguments["replay_buffer_class"] = getattr(stable_baselines3, buffer, buffer)

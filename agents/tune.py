@@ -60,7 +60,7 @@ def distribution(given: Any, where: str) -> BaseDistribution:
     Raises:
         ValueError: neither a list of values nor a range.
     """
-    if isinstance(given, list) and given and all(isinstance(each, bool | int | float | str | None) for each in given):
+    if checks.listed(given) and given and all(isinstance(each, bool | int | float | str | None) for each in given):
         return CategoricalDistribution(given)
     allowed = "a list of values, or a mapping with 'low', 'high' and optionally 'log: true'"
     if not isinstance(given, dict) or not {"low", "high"} <= set(given) <= {"low", "high", "log"}:

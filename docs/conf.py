@@ -24,6 +24,7 @@ autodoc_default_options = {"members": True, "show-inheritance": True}
 napoleon_use_ivar = True
 napoleon_use_rtype = False
 python_use_unqualified_type_names = True
+suppress_warnings = ["ref.python"]  # ``Settings`` in a signature: that of the class, which has this name in every class
 
 html_theme = "furo"
 html_title = f"vibgym {release}"

@@ -26,7 +26,7 @@ MOST_VALUES = 110_000
 def json_values(value: Any) -> Any:
     """Return settings as JSON values.
 
-    NumPy numbers and arrays become numbers and lists, enumerations their values, and :class:`vibgym.Part` and
+    NumPy numbers become numbers, arrays and tuples lists, enumerations their values, and :class:`vibgym.Part` and
     :class:`vibgym.Surface` mappings, from which :func:`vibgym.scene.parts.part_from` and
     :func:`vibgym.scene.surface.surface_from` make equal ones.
     """
@@ -41,7 +41,7 @@ def json_values(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: json_values(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return type(value)(json_values(each) for each in value) if type(value) in (list, tuple) else value
+        return [json_values(each) for each in value]
     return value
 
 

@@ -31,6 +31,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
+from pydantic_core import core_schema
 
 from vibgym import checks
 
@@ -49,6 +50,19 @@ Acceleration = Annotated[float, Unit("m/s^2")]
 
 SUFFIXES = {"m": ("mm", 1e-3), "rad": ("deg", math.pi / 180.0), "kg": ("g", 1e-3)}
 """Unit -> the one that a key may carry, and its factor to SI; ``speed_mm`` is in mm/s."""
+
+
+class AsGiven:
+    """Part of the annotation of a value that is neither converted nor validated, since what gets it does so."""
+
+    @staticmethod
+    def __get_pydantic_core_schema__(source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.any_schema()
+
+
+Value = TypeVar("Value")
+
+Given = Annotated[Value, AsGiven]
 
 
 class BaseSettings(BaseModel):
@@ -70,11 +84,16 @@ def in_si(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[Any, Any]:
         ValueError: a setting that is given twice, in two units.
     """
     suffixed, result = with_unit(model), {}
+    untouched = {name for name, field in model.model_fields.items() if AsGiven in field.metadata}
     for key, value in given.items():
         name, factor = suffixed.get(key, (key, 1.0))
         if name in result:
             raise checks.conflict(f"{name!r} is given twice, in two units")
-        result[name] = plain(value) if factor == 1.0 else _scaled(plain(value), factor)
+        try:
+            value = value if name in untouched else plain(value)
+        except RecursionError:
+            raise _endless(str(key), value) from None
+        result[name] = value if factor == 1.0 else _scaled(value, factor)
     return result
 
 
@@ -190,6 +209,18 @@ def plain(value: Any) -> Any:
     return tuple(map(plain, value)) if type(value) in (list, tuple) else value
 
 
+def _endless(name: str, value: Any) -> checks.Refused:
+    """Return the error for a value that :func:`plain` cannot follow to its end, with the path to it for a few levels."""
+    for _ in range(5):
+        for key in value if isinstance(value, Mapping) else ():
+            try:
+                plain(value[key])
+            except RecursionError:
+                name, value = f"{name}.{key}", value[key]
+                break
+    return checks.refuse(name, value, "a value that does not contain itself, nor hundreds of levels")
+
+
 def _scaled(value: Any, factor: float) -> Any:
     """Return numbers times the factor; other values as they are, for the validation to refuse."""
     if isinstance(value, tuple):
@@ -205,7 +236,8 @@ def _scaled(value: Any, factor: float) -> Any:
 # -- descriptions ------------------------------------------------------------------------------------------------------
 
 _WORDS = {float: "a finite number", int: "a whole number", bool: "True or False", str: "a string", type(None): "None"}
-_WORDS |= {complex: "a complex number", Path: "a path", Any: "any value"}
+_WORDS |= {complex: "a complex number", Path: "a path", Any: "any value", dict: "a mapping", Mapping: "a mapping"}
+_WORDS |= {Sequence: "a list"}
 
 _SIGNS = {Gt: (">", "gt"), Ge: (">=", "ge"), Lt: ("<", "lt"), Le: ("<=", "le")}
 
@@ -247,9 +279,10 @@ def _words(kind: Any, metadata: Sequence[Any], factor: float) -> str:
         for each in metadata
         if type(each) in _SIGNS
     ]
-    word = "a mapping" if origin in (dict, Mapping) or kind in (dict, Mapping) else _WORDS.get(kind, "a valid value")
+    known = origin or kind
+    word = _WORDS.get(known, f"a {getattr(known, '__name__', 'valid value')}")
     if size:
-        word += f" of {size} characters"
+        word += f" of {size} {'characters' if kind is str else 'items'}"
     return f"{word}{' ' if bounds else ''}{' and '.join(bounds)}"
 
 

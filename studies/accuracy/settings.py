@@ -125,7 +125,7 @@ def _named(given: Any, where: str, key: str, allowed: tuple[str, ...]) -> tuple[
 
 
 def _combinations(choices: Mapping[str, Any], where: str) -> list[dict[str, Any]]:
-    lists = [value if isinstance(value, list) else [value] for value in choices.values()]
+    lists = [value if checks.listed(value) else [value] for value in choices.values()]
     number = math.prod(map(len, lists))
     if number > MOST_COMBINATIONS:
         raise checks.refuse(where, f"lists of {number} combinations", f"at most {MOST_COMBINATIONS}")

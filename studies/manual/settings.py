@@ -8,6 +8,7 @@ from vibgym.actuators import ACTUATORS
 from vibgym.envs.actions import ACTIONS
 from vibgym.envs.costs import COSTS
 from vibgym.envs.observations import OBSERVATIONS
+from vibgym.envs.options import Options
 from vibgym.policies.classical.steering import LAWS
 from vibgym.policies.registry import CONTROLLERS
 from vibgym.registry import Registry
@@ -37,15 +38,15 @@ REGISTRIES: dict[str, Registry] = {
 
 INTRODUCTION = """# Settings
 
-Settings of all registered classes, for `task_settings=`, and for mappings such as `sensor={"kind": "pose", "delay": 2}`. Values
-are in SI units and radians; a length may be given in mm instead (`below_mm: 5`), an angle in degrees (`_deg`), a mass in grams
-(`_g`).
+Keyword arguments of `gym.make`, and settings of all registered classes, for `task_settings=` and for mappings such as
+`sensor={"kind": "pose", "delay": 2}`. Values are in SI units and radians; a length may be given in mm instead (`below_mm: 5`),
+an angle in degrees (`_deg`), a mass in grams (`_g`).
 """
 
 
 def page() -> str:
     """Return the page."""
-    return "\n".join([INTRODUCTION, *sections()])
+    return "\n".join([INTRODUCTION, "## Environment\n", table(Options), "", *sections()])
 
 
 def sections() -> Iterator[str]:

@@ -80,15 +80,6 @@ def test_a_reset_brings_the_elements_of_its_world_to_rest():
     assert np.abs(env.phasors(0)).max() == 0.0 and np.abs(env.phasors(1)).max() > 0.1
 
 
-@pytest.mark.parametrize("actuators, message", [
-    ({"kind": "ideal", "latency": 1}, r"actuators"),
-    ("steam", r"actuators"),
-])  # fmt: skip
-def test_bad_actuators_are_refused(actuators, message):
-    with pytest.raises(ValueError, match=message):
-        batch(2, actuators)
-
-
 def test_estimators_use_the_mean_of_drawn_actuators(monkeypatch):
     """The nominal value is the mean of the drawn range."""
     monkeypatch.setattr(Weak, "nominal", lambda self: Weak(self.surface, self.worlds, self.periods), raising=False)

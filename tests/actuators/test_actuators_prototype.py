@@ -6,7 +6,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.envs.helpers import assert_same
 from vibgym import Surface
 from vibgym.actuators import ACTUATORS, nominal
 from vibgym.physics.core.drive import all_phasors, polar_drive
@@ -213,22 +212,6 @@ def test_ranges_are_drawn_for_each_world():
     assert (drawn["latency"] == np.round(drawn["latency"])).all() and len(np.unique(drawn["dead_zone"])) == 3
 
 
-@pytest.mark.parametrize("model", ["planar", "averaged", "auto"])
-def test_a_world_does_not_depend_on_latencies_of_others(model):
-    """The averaged model depends on the splits of a step, so all worlds are split at the same instants."""
-    settings = {"model": model, "action": "field", "periods_per_step": 4, "actuators": "prototype"}
-    settings["randomize"] = {"latency": [0, 6]}
-    many = gym.make_vec("vibgym/Align-v0", num_envs=4, **settings)
-    singles = [gym.make("vibgym/Align-v0", **settings) for _ in range(4)]
-    many.reset(seed=3)
-    drawn = [env.reset(seed=3 + k)[1]["drawn"]["latency"] for k, env in enumerate(singles)]
-    assert len({each % 4 for each in drawn}) > 1
-    actions = np.random.default_rng(0).uniform(-1, 1, (5, *many.action_space.shape)).astype(np.float32)
-    for each in actions:
-        together = many.step(each)[0]
-        assert_same([env.step(own)[0] for env, own in zip(singles, each)], list(together))
-
-
 BAD = [
     ({"dead_zone": 3e-4, "limit": 2e-4}, r"actuators\.dead_zone"),
     ({"limit": 1e-3}, r"actuators\.limit"),
@@ -253,7 +236,6 @@ def test_bad_settings_are_refused(settings, message):
     ({"latency": [0, 1.5]}, r"randomize\['latency'\]\[1\]"),
     ({"limit": [5e-5, 2e-4]}, r"randomize\['limit'\]"),
     ({"dead": 0.5}, r"randomize\['dead'\]"),
-    ({"hum": [0, 1]}, r"randomize"),
 ])  # fmt: skip
 def test_bad_ranges_are_refused(ranges, message):
     with pytest.raises(ValueError, match=message):

@@ -67,6 +67,16 @@ ONE, SEVERAL, MOVING = (f"vibgym/{task}-v0" for task in ("Align", "Sort", "Follo
 
 OTHERS: dict[str, tuple[str, dict[str, Any]]] = {
     "averaged, long steps": (ONE, {"model": "averaged", "periods_per_step": 3}),
+    "averaged, latencies drawn": (
+        ONE, {"model": "averaged", "periods_per_step": 4, "actuators": "prototype", "randomize": {"latency": [0, 6]}},
+    ),
+    "auto, latencies drawn": (
+        ONE, {"model": "auto", "periods_per_step": 4, "actuators": "prototype", "randomize": {"latency": [0, 6]}},
+    ),
+    "costs": (
+        SEVERAL, {"start": "crowded", "costs": {"impulse": 2.0, "fallen": 10.0, "clearance": {"weight": 0.1, "below_mm": 8},
+                                                "effort": 0.5}},
+    ),
     "friction, mass and incline drawn": (ONE, {"randomize": {"friction": [0.5, 1.5], "mass": [0.25, 4], "incline": 0.03}}),
     "patches drawn": (ONE, {"randomize": {"patches": [0.7, 1.3]}}),
     "parts drawn too": (SEVERAL, {"randomize": {"parts": [2, 6], "mass": [0.5, 2.0], "incline": 0.02, "patches": [0.8, 1.2]}}),

@@ -20,6 +20,7 @@ REPRESENTATIVE = (
     Entry("id", "vibgym/Align-v0"),
     Entry("id", "vibgym/Sort-v0"),
     Entry("id", "vibgym/Follow-v0"),
+    Entry("id", "vibgym/AlignShapes-v0"),
     Entry("other", "everything at once"),
     Entry("other", "every effect"),
     Entry("actuators", "prototype"),

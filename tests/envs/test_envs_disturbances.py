@@ -79,26 +79,3 @@ def test_a_toppled_part_ends_the_episode_as_a_fallen_one():
         if toppled.any():
             break
     assert toppled.any() and info["fallen"][toppled[:, 0]].all()
-
-
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        (0.3, "randomize.disturbance"),
-        ({"rate": 1.0}, "missing field 'randomize.disturbance.tilt'"),
-        ({"rate": -1.0, "tilt": 0.1}, "randomize.disturbance.rate"),
-        ({"rate": 1.0, "tilt_deg": [3, 1]}, "randomize.disturbance: tilt"),
-        ({"rate": 1.0, "tilt_deg": [1, 50]}, "randomize.disturbance.tilt_deg"),
-        ({"rate": 1.0, "tilt_deg": 3, "spin": 1}, "unknown setting 'spin' of randomize.disturbance"),
-    ],
-)
-def test_bad_settings(value, message):
-    with pytest.raises(ValueError) as error:
-        VibgymVectorEnv("Align", num_envs=1, randomize={"disturbance": value})
-    assert str(error.value).startswith(message), error.value
-
-
-def test_tilts_that_topple_are_refused():
-    tall = {"shape": "rectangle", "length": 0.02, "width": 0.02, "friction": 0.2, "height": 0.09, "name": "tall"}
-    with pytest.raises(ValueError, match=r"randomize\.disturbance\.tilt"):
-        batch("tilting", 1, parts=[tall], randomize={"disturbance": {"rate": 1, "tilt_deg": [1, 30]}})

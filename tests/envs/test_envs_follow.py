@@ -110,7 +110,7 @@ def test_custom_starts():
 @pytest.mark.parametrize("settings, message", [
     ({"paths": [{**CIRCLE, "speed": 0.3}]}, r"paths\[0\].speed"),
     ({"paths": [{**CIRCLE, "laps": 9}]}, "paths"),
-    ({"paths": "circle"}, "paths"), ({"walls": ["left"]}, "walls"), ({"observation": "goal"}, "observation"),
+    ({"paths": "circle"}, "paths"), ({"walls": ["left"]}, "walls"),
     ({"surface": {"horizontal_amplitude": 0.0}}, "parts"), ({"parts": THREE * 4}, "parts"),
 ])  # fmt: skip
 def test_bad_settings(settings, message):

@@ -88,15 +88,16 @@ def test_randomised_parts_alone_draw_no_conditions():
 
 
 STEEL, LIGHT = "steel_block", {"shape": "disc", "radius": 0.02, "friction": 0.5, "mass": 1e-4}
+TALL = {"shape": "rectangle", "length": 0.02, "width": 0.02, "friction": 0.2, "height": 0.09}
 
 BAD = [
     ("Align", {"randomize": {"gravity": [1, 2]}}, r"randomize"),
-    ("Align", {"randomize": {"friction": 1.5}}, r"randomize\.friction"),
     ("Align", {"randomize": {"friction": [1.5, 0.5]}}, r"randomize: friction"),
-    ("Align", {"randomize": {"mass": [1, 101]}}, r"randomize\.mass"),
     ("Align", {"randomize": {"patches": [1, 6]}, "model": "averaged"}, r"randomize\['patches'\]"),
-    ("Align", {"randomize": {"incline_deg": 20}}, r"randomize\.incline_deg.*deg"),
-    ("Align", {"randomize": {"incline": [0.1, 0.05]}}, r"randomize: incline"),
+    ("Align", {"randomize": {"disturbance": 0.3}}, r"randomize\.disturbance"),
+    ("Align", {"randomize": {"disturbance": {"rate": 1.0, "tilt_deg": [3, 1]}}}, r"randomize\.disturbance: tilt"),
+    ("Align", {"randomize": {"disturbance": {"rate": 1, "tilt_deg": [1, 30]}}, "model": "tilting", "parts": [TALL]},
+     r"randomize\.disturbance\.tilt"),
     ("Align", {"randomize": {"friction": [1, 6]}, "model": "averaged"}, r"randomize\['friction'\]"),
     ("Sort", {"randomize": {"mass": [0.1, 1]}, "parts": [STEEL, LIGHT]}, r"randomize\['mass'\]"),
 ]  # fmt: skip

@@ -162,21 +162,22 @@ def test_an_unknown_processor(monkeypatch):
 FORK = """
 import os, threading, time
 import numpy as np, vibgym
-from vibgym.kernels import jit
+from vibgym.kernels import linking
+from vibgym.kernels.jit import jit
 
-@jit.jit
+@jit
 def double(x):
     return 2.0 * x
 
 compiling = threading.Event()
-announce = jit.announce
+announce = linking.announce
 
-def slowly():
+def slowly(folder):
     compiling.set()
     time.sleep(0.5)
-    announce()
+    announce(folder)
 
-jit.announce = slowly
+linking.announce = slowly
 thread = threading.Thread(target=double, args=(1,))
 thread.start()
 compiling.wait()

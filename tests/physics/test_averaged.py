@@ -319,21 +319,3 @@ def test_scenes_that_may_stick_are_refused_with_an_alternative(surface, part):
     with pytest.raises(ValueError, match="model.*averaged.*model='planar'"):
         Simulator(surface, part, model="averaged")
     Simulator(surface, part, model="planar")
-
-
-@pytest.mark.parametrize(
-    "model, knob, value",
-    [("planar", "order", 2), ("planar", "stride", 1), ("averaged", "substeps", 3), ("averaged", "pieces", 1),
-     ("averaged", "thread", 2)],
-)  # fmt: skip
-def test_knobs_of_another_model_are_refused_by_name(model, knob, value):
-    with pytest.raises(ValueError, match=rf"{knob}"):
-        Simulator(SURFACE, BLOCK, model=model, **{knob: value})
-
-
-@pytest.mark.parametrize(
-    "knob, value", [("order", 0), ("order", 3), ("order", 1.0), ("stride", 0), ("steps", -1), ("steps", "x")]
-)
-def test_bad_knobs_are_refused_by_name(knob, value):
-    with pytest.raises(ValueError, match=rf"^{knob}"):
-        Simulator(SURFACE, BLOCK, model="averaged", **{knob: value})

@@ -222,31 +222,6 @@ def test_narrowest_width():
         assert narrow == pytest.approx((reach.max(axis=0) - reach.min(axis=0)).min(), rel=2e-3)
 
 
-BAD_NUMBERS = [math.nan, math.inf, "1", True, [1.0], 1j]
-BAD = {
-    "length": [0.0, -1.0, 1e300, 9e-6, None], "width": [0.0, 1001.0, None], "radius": [0.0, 1e-300, 1001.0, None],
-    "friction": [-0.1, None], "static_friction": [-0.1, 0.59], "height": [0.0, -1.0, None], "mass": [0.0, 1e-320, 1.1e9],
-    "restitution": [-0.1, 1.1, None], "contact_friction": [-0.1, None],
-}  # fmt: skip
-BAD_VALUES = [(name, value) for name, values in BAD.items() for value in (*values, *BAD_NUMBERS)] + [
-    ("name", ""),
-    ("name", 3),
-]
-
-
-@pytest.mark.parametrize("argument, value", BAD_VALUES)
-@pytest.mark.filterwarnings("error")
-def test_bad_values_are_refused_by_name(argument, value):
-    good = {"friction": 0.6}
-    if argument == "radius":
-        with pytest.raises(ValueError, match="radius"):
-            Part.disc(value, friction=0.6)
-        return
-    good.update({"length": 0.05, "width": 0.03})
-    with pytest.raises(ValueError, match=f"{argument}"):
-        Part.rectangle(**{**good, argument: value})
-
-
 SHAPES = st.one_of(
     st.builds(
         lambda a, b, **more: Part.rectangle(a, b, **more), LENGTH := st.floats(1e-3, 1.0), LENGTH, friction=st.floats(0, 1)

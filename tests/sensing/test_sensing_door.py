@@ -103,16 +103,6 @@ def test_observation_and_aim_come_from_the_measurement_and_reward_from_the_truth
     assert columns[0].min() > columns[1].max()  # the patch is centred on the measured part
 
 
-@pytest.mark.parametrize("sensor, message", [
-    ({"kind": "nose"}, r"sensor\.kind"),
-    ({"delay": 1}, r"sensor"),
-    (3, r"sensor"),
-])  # fmt: skip
-def test_bad_sensors_are_refused(sensor, message):
-    with pytest.raises(ValueError, match=message):
-        batch(2, sensor=sensor)
-
-
 def test_names_that_exist_are_refused():
     with pytest.raises(ValueError, match="sensor name"):
         SENSORS.register("ideal", Shifted)

@@ -1,7 +1,5 @@
 """Bad input to simulators with several parts or walls: one clear error, and nothing has changed."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -132,13 +130,3 @@ def test_any_number_of_materials_meets_walls():
 def test_the_averaged_model_has_one_part_and_no_walls(keywords):
     with pytest.raises(ValueError, match="model"):
         Simulator(SURFACE, model="averaged", **keywords)
-
-
-@pytest.mark.parametrize("knobs", [
-    {"contact_step": 20}, {"order": 2}, {"tolerance": 1e-4}, {"contact_steps": 0}, {"contact_steps": 2.5},
-    {"contact_steps": "many"}, {"contact_steps": None}, {"contact_overlap": 0.0}, {"contact_overlap": 1e-3},
-    {"contact_overlap": math.nan}, {"contact_overlap": "none"}, {"steps": 2},
-])  # fmt: skip
-def test_knobs(knobs):
-    with pytest.raises(ValueError, match=next(iter(knobs))):
-        Simulator(SURFACE, PARTS, **knobs)

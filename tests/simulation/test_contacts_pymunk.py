@@ -167,8 +167,6 @@ def test_thin_parts_take_shorter_steps():
         ([Part.rectangle(0.05, 9e-5, friction=0.6), STEEL], {}, r"0.09 mm wide.*|at least 0\.1 mm wide"),
         ([Part.disc(0.01, friction=0.6, mass=1e-4), Part.disc(0.03, friction=0.6, mass=0.5)], {}, "ratio of at most 2000"),
         ([disc(0.01 * k) for k in range(32)], {}, r"parts must be parts with at most 31 such pairs.*got '32 different pairs"),
-        ([STEEL] * 2, {"contact_overlap": 1e-5}, "contact_overlap requires contacts='certified'"),
-        ([STEEL], {}, "contacts requires several parts or walls"),
     ],
 )  # fmt: skip
 def test_refusals(parts, more, message):

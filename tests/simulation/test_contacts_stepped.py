@@ -319,10 +319,8 @@ def test_environments(contacts, name):
 @pytest.mark.parametrize(
     "parts, knobs, message",
     [
-        ([DISC] * 2, {"contacts": "quick"}, "contacts"),
         ([DISC] * 2, {"contacts": "fast", "contact_overlap": 1e-5}, "contact_overlap requires contacts='certified'"),
         ([DISC], {"contacts": "fast"}, "contacts requires several parts or walls"),
-        ([DISC] * 2, {"model": "tilting", "contacts": "fast"}, "contacts"),
     ],
 )
 def test_errors(parts, knobs, message):

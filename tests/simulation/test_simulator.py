@@ -251,8 +251,6 @@ def test_bad_states_are_refused(name):
     + [("parts", v) for v in [None, "block", 3, [], [BLOCK, None], [SURFACE], {BLOCK: 1}]]
     + [("worlds", v) for v in [0, -1, 1.0, "1", None, True, NAN]]
     + [("model", v) for v in ["", "Planar", "tilted", None, 3, ["planar"]]]
-    + [(name, v) for name in ("steps", "substeps") for v in [0, -1, 1.0, "6", None, True]]
-    + [("pieces", v) for v in [0, -1, 65, 1.0, "many", None, True, np.array([1, 2])]]
     + [("threads", v) for v in [0, -1, 1.0, "2", True]],
 )
 def test_bad_construction_is_refused(argument, value):

@@ -207,17 +207,12 @@ def test_a_reset_sets_the_parts_that_may_arrive():
     ({"task_settings": {"heap": 12}}, r"task_settings\.heap"),
     ({"sensor": "camera"}, r"sensor"),
     ({"surface": {"columns": 3}}, r"zones"),
-    ({"task_settings": {"hold": 5}}, r"task_settings"),
 ])  # fmt: skip
 def test_bad_settings_are_refused(settings, words):
     with pytest.raises(ValueError, match=words):
         single("Feed", **settings)
-
-
-def test_poses_of_arriving_parts_are_refused():
-    env = single("Feed")
     with pytest.raises(ValueError, match=r"options\['pose'\]"):
-        env.reset(seed=1, options={"pose": [0.4, 0.1, 0.0]})
+        single("Feed").reset(seed=1, options={"pose": [0.4, 0.1, 0.0]})
 
 
 def test_gates_are_strips_of_equal_width():

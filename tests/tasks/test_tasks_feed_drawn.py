@@ -105,10 +105,10 @@ def test_batch_single_and_snapshot_play_the_same():
 
 
 @pytest.mark.parametrize("settings, words", [
-    ({"probabilities": [0.5, 0.5]}, r"task_settings\.probabilities.*3 numbers, .*: small, large, medium"),
-    ({"probabilities": [0.5, 0.4, 0.2]}, r"task_settings\.probabilities.*sum of 1.1"),
+    ({"probabilities": [0.5, 0.5]}, r"task_settings\.probabilities.*3 numbers"),
+    ({"probabilities": [0.5, 0.4, 0.2]}, r"task_settings\.probabilities.*1.1"),
     ({"probabilities": [0.7, 0.3, 0.0]}, r"task_settings\.probabilities\[2\]"),
-    ({"probabilities": PROBABILITIES, "heap": 2}, r"parts.*at least 2.*1 slots for parts equal to parts\[5\]"),
+    ({"probabilities": PROBABILITIES, "heap": 2}, r"parts\[5\]"),
     ({"most": 7}, r"task_settings\.most"),
     ({"most": 1, "heap": 2}, r"task_settings\.most"),
 ])  # fmt: skip

@@ -148,20 +148,12 @@ BAD = [
     ({"pattern": [[0.06 * k, 0.1, 0.0] for k in range(6)]}, "wholly on this surface"),
     ({"pattern": [[0.1, 0.1]] * 6}, "pattern"), ({"pattern": {"steel": []}}, "pattern"),
     ({"pattern": [[0.1 + 0.06 * k, 0.1, 0.0] for k in range(6)], "gap_mm": 2}, "'gap'"),
+    ({"start": "heaps"}, "start"), ({"start": {"kind": "pattern", "gap_mm": 60, "rows": 3}}, "start"),
+    ({"start": {"kind": "crowded", "gap_mm": 1}}, "gap_mm.*start"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("settings, message", BAD)
-def test_bad_patterns_are_refused(settings, message):
+def test_bad_patterns_and_starts_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
         made(Pack, SURFACE, SIX, **settings)
-
-
-@pytest.mark.parametrize(
-    "start, message",
-    [("heaps", "start.*heaps.*pattern"), ({"kind": "pattern", "gap_mm": 60, "rows": 3}, "start"),
-     ({"kind": "pattern", "colour": 1}, "colour.*start"), ({"kind": "crowded", "gap_mm": 1}, "gap_mm.*start")],
-)  # fmt: skip
-def test_bad_starts_are_refused(start, message):
-    with pytest.raises(ValueError, match=message):
-        made(Pack, SURFACE, SIX, start=start)

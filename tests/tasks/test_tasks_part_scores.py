@@ -122,15 +122,3 @@ def test_terms_of_single_parts(name, spread):
         before = now
     assert unlimited > 100 and (limited > 5 or spread < 1.0 or name == "Singulate")
     assert successes > 0 or name != "Align"
-
-
-def test_a_longer_hold():
-    for hold, steps in ((3, 3), (25, 25), (24, 12)):
-        periods = hold // steps
-        task = made(Align, Surface(), [STEEL], hold=hold)
-        scorer = Scorer(task, 2, periods)
-        pose = np.tile([0.4, 0.1, 0.2], (2, 1, 1))
-        scorer.begin(Start(pose, np.ones((2, 1), dtype=bool), pose))
-        for step in range(1, steps + 1):
-            scorer.score(pose)
-            assert scorer.episode.success.tolist() == [step == steps] * 2

@@ -132,7 +132,6 @@ def test_coverage_of_a_tee_agrees_with_counting_points():
     ({"parts": [PUSHER, PUSHER]}, "parts"),
     ({"parts": [TEE]}, "parts"),
     ({"parts": [PUSHER] * 5 + [TEE]}, "parts"),
-    ({"parts": [PUSHER, {**TEE, "coupling": 2.0}]}, "coupling"),
 ])  # fmt: skip
 def test_bad_settings_are_refused(settings, words):
     with pytest.raises(ValueError, match=words):

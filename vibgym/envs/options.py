@@ -7,11 +7,10 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeVar
+from typing import Any
 
 import numpy as np
 from pydantic import Field
-from pydantic_core import core_schema
 
 from vibgym import checks
 from vibgym.actuators.stage import ActuatorStage
@@ -20,7 +19,7 @@ from vibgym.scene import overlaps
 from vibgym.scene.parts import Part, part_from
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Sensor
-from vibgym.settings import BaseSettings, read
+from vibgym.settings import BaseSettings, Given, read
 from vibgym.simulation.simulator import Simulator
 from vibgym.tasks import Start, Task
 
@@ -35,19 +34,6 @@ MOST_EPISODE = 10**12
 
 MOST_PERIODS = 1_000_000
 """Most periods of a step: eleven hours of simulated time."""
-
-
-class AsGiven:
-    """Annotation of a value that a component of the environment reads and checks."""
-
-    @staticmethod
-    def __get_pydantic_core_schema__(source: Any, handler: Any) -> core_schema.CoreSchema:
-        return core_schema.any_schema()
-
-
-Value = TypeVar("Value")
-
-Given = Annotated[Value, AsGiven]
 
 
 class Options(BaseSettings):

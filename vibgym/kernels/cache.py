@@ -1,4 +1,4 @@
-"""What cached kernels depend on: environment variables, and the source files of a kernel.
+"""What cached kernels depend on, and messages about compilation.
 
 numba's cache checks a kernel's own file only and does not detect that a kernel or constant of another file has changed. Here a
 kernel depends on its own file and all that it imports, directly or indirectly, from its own package or from this one.
@@ -13,6 +13,8 @@ import os
 import re
 from pathlib import Path
 
+import numba
+
 LOGGER = logging.getLogger("vibgym")
 
 CACHE = os.environ.get("VIBGYM_CACHE", "1") != "0"
@@ -22,6 +24,20 @@ _TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:(?: .*)?\n)+", re.MULTILINE)
 """Imports for type checkers, which do not run."""
 
 _IMPORT = re.compile(r"^ *(?:from|import) ([\w.]+)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
+
+
+@functools.cache
+def announce(folder: str | None) -> None:
+    """Warn on stderr, once per process, that kernels are compiled, and about how long that takes.
+
+    ``folder``: numba's default for compiled kernels; None: they are not kept.
+    """
+    kept = f"kept in {numba.config.CACHE_DIR or folder}" if folder else "not kept"  # type: ignore[attr-defined]
+    # A warning, so that it appears without logging configuration and at level WARNING.
+    LOGGER.warning(
+        "vibgym: compiling kernels on first use, about 10 to 40 s of processor time (%s); python -m vibgym warm compiles all",
+        kept,
+    )
 
 
 @functools.cache

@@ -2,7 +2,7 @@
 
 ===============  ======================================================================================================
 ``LINKED``       by :mod:`vibgym.kernels.linking`, which needs private interfaces of numba
-``PLAIN``        by ``numba.njit(cache=True)``: compiles two to three times as long
+``PLAIN``        by ``numba.njit(cache=True)``: compiles three times as long
 ``INTERPRETED``  not compiled (plain Python): slow, for a debugger; ``NUMBA_DISABLE_JIT=1``
 ===============  ======================================================================================================
 
@@ -14,7 +14,6 @@ names the reason. ``VIBGYM_PLAIN_NUMBA=0`` tries the private interfaces of an un
 
 from __future__ import annotations
 
-import functools
 import importlib
 import logging
 import os
@@ -71,7 +70,7 @@ MODE, REASON = decide()
 
 if MODE == PLAIN:
     LOGGER.warning(
-        "vibgym: %s: kernels are compiled by numba's public interface, which takes two to three times as long, once",
+        "vibgym: %s: kernels are compiled by numba's public interface, which takes three times as long, once",
         REASON,
     )
 elif MODE == INTERPRETED:
@@ -147,14 +146,3 @@ def cache_folder() -> str | None:
     except OSError:
         return None
     return folder if os.access(folder, os.W_OK) else None
-
-
-@functools.cache
-def announce() -> None:
-    """Warn on stderr, once per process, that kernels are compiled, and about how long that takes."""
-    folder = cache_folder()
-    # A warning, so that it appears without logging configuration and at level WARNING.
-    LOGGER.warning(
-        "vibgym: compiling kernels on first use, about 10 to 40 s of processor time (%s); python -m vibgym warm compiles all",
-        "not kept" if folder is None else f"kept in {folder}",
-    )

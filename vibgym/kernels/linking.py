@@ -3,8 +3,6 @@
 numba optimises each function, generates its machine code, and optimises the copy in each caller again, so that compilation
 takes longer the deeper calls are nested. Here each kernel has two dispatchers: :class:`_Callee` for calls from other kernels,
 which stops at LLVM IR, and :class:`_Kernel` for calls from Python, which links the IR of all direct and indirect callees.
-
-Importing this module fails if the installed numba lacks one of the interfaces.
 """
 
 from __future__ import annotations
@@ -25,17 +23,16 @@ from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 
-from vibgym.kernels.cache import warn_about_cache, warn_about_damage
+from vibgym.kernels.cache import CACHE, announce, warn_about_cache, warn_about_damage
 from vibgym.kernels.pointers import argument_type
 
-for _owner, _names in (  # AttributeError: this numba lacks one
+for _owner, _names in (  # importing this module fails where numba lacks one
     (codegen.JITCodeLibrary, ("_optimize_functions", "enable_object_caching", "finalize")),
     (caching.FunctionCache, ("_guard_against_spurious_io_errors",)),
     (caching.IndexDataCacheFile, ("flush", "load", "save")),
     (compiler.Compiler, ("define_pipelines",)),
     (compiler_machinery, ("PassManager._runPass", "_pass_registry.get")),
     (CPUDispatcher, ("add_overload", "compile", "get_call_template")),
-    (ffi.lib._lock._lock, ("acquire", "release")),
 ):
     operator.attrgetter(*_names)(_owner)
 
@@ -100,9 +97,7 @@ class _CalleeCompiler(compiler.Compiler):
 
     def define_pipelines(self) -> Any:
         if self.linked:
-            from vibgym.kernels.jit import announce
-
-            announce()
+            announce(default_folder())
         state: Any = self.state
         state.flags.no_cfunc_wrapper = True  # kernels are not called by the address of a C function
         state.flags.no_compile = state.flags.no_cpython_wrapper = not self.linked
@@ -139,7 +134,6 @@ class _Kernel(CPUDispatcher):
 
     @functools.cached_property
     def callee(self) -> _Callee:
-        """Dispatcher for other kernels."""
         return _Callee(py_func=self.py_func, targetoptions=self.targetoptions, pipeline_class=_CalleeCompiler)
 
     @property
@@ -188,12 +182,10 @@ class _Files(caching.IndexDataCacheFile):
     """
 
     def save(self, key: Any, data: Any) -> None:
-        """Store the kernel's code."""
         content = dumps(data)
         super().save(key, (self._digest(key, content), content))
 
     def load(self, key: Any) -> Any:
-        """Return the kernel's code; None if it is missing."""
         try:
             digest, content = super().load(key) or ("", None)
             if content is None:
@@ -218,9 +210,9 @@ def kernel(function: Any, options: dict[str, Any], state: str) -> Any:
 
 
 def default_folder() -> str | None:
-    """Return numba's folder for kernels of this file; None if no folder may be written."""
+    """Return numba's folder for kernels of this file; None if kernels are not cached, or no folder may be written."""
     try:
-        return _Cache(default_folder, "").cache_path
+        return _Cache(default_folder, "").cache_path if CACHE else None
     except RuntimeError:
         return None
 

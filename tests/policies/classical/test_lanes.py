@@ -121,9 +121,3 @@ def test_choices_stay_on_the_surface():
     assert second[1] > -8.0 * 0.005 - 1e-9
     first, _ = chosen([[0.812, 0.1], [0.2, 0.1]], [[TOP, 0.0], [0.0, 0.0]])
     assert first[0] <= 0.0
-
-
-def test_bad_settings_are_refused():
-    for task in ("Feed", "Swap"):
-        with pytest.raises(ValueError, match="near"):
-            make_policy({"kind": "lanes", "near": -1.0}, batch(task, 1))

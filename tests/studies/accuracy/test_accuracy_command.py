@@ -39,7 +39,7 @@ BAD = {
     "report.models": {"models": None},
     "models.0.model": {"models": [{"model": "exact"}]},
     "models.0": {"models": ["planar"]},
-    "models.0.order": {"models": [{"model": "averaged", "order": [1, 3]}]},
+    "models.0.model.order": {"models": [{"model": "averaged", "order": [1, 3]}]},
     "peers.0.peer": {"peers": [{"peer": "bullet"}]},
     "peers.0.atol": {"peers": [{"peer": "LSODA", "atol": 1}]},
     "peers.0.rtol": {"peers": [{"peer": "LSODA", "rtol": 2.0}]},

@@ -137,9 +137,6 @@ def test_parts_may_be_as_near_as_an_elements_diagonal():
 BAD = {
     "no shape": (3, r"paths\[0\]"),
     "unknown shape": ({"shape": "star"}, r"paths\[0\].shape"),
-    "unknown key": ({**CIRCLE, "colour": 1}, r"paths\[0\].colour"),
-    "missing": ({"shape": "circle", "radius": 0.05}, r"paths\[0\].centre"),
-    "no size": ({**CIRCLE, "radius_mm": 0}, r"paths\[0\].radius"),
     "too fast": ({**CIRCLE, "speed": 0.3}, r"paths\[0\].speed"),
     "too bent": ({**CIRCLE, "radius_mm": 5}, r"paths\[0\].speed"),
     "too hasty": ({**CIRCLE, "acceleration": 3}, r"paths\[0\].acceleration"),
@@ -149,16 +146,12 @@ BAD = {
     "twice": ({"shape": "polyline", "points_mm": [[100, 50], [100, 50]]}, r"paths\[0\].points"),
     "no room for corners": ({**SQUARE, "side_mm": 30}, r"paths\[0\].side"),
     "laps of a line": ({**LINE, "laps": 2}, r"paths\[0\].laps"),
-    "heading": ({**CIRCLE, "heading": "north"}, r"paths\[0\].heading"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("path, message", BAD.values(), ids=BAD)
 def test_bad_paths_are_refused_by_name(path, message):
-    with pytest.raises(ValueError, match=message.split(r"\]")[0]):
+    with pytest.raises(ValueError, match=message):
         given_paths(path)
-
-
-def test_each_part_needs_a_path():
-    with pytest.raises(ValueError, match="paths"):
+    with pytest.raises(ValueError, match="paths"):  # each part needs one
         GivenPaths(SURFACE, [BLOCK, BLOCK], [CIRCLE], APART)
