@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import os
 import platform
 import subprocess
-from collections.abc import Iterable, Iterator, Mapping
+import sys
+import sysconfig
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import vibgym
 from vibgym.simulation.threads import available_threads
 
 PACKAGES = (
@@ -39,8 +44,6 @@ def versions() -> dict[str, str | None]:
         except metadata.PackageNotFoundError:
             found[name] = None
     if found["vibgym"] is None:  # run from a checkout that is not installed
-        import vibgym
-
         found["vibgym"] = getattr(vibgym, "__version__", None)
     return found
 
@@ -115,42 +118,75 @@ def _portable(text: str) -> str:
 
 
 def policy_files(policies: Iterable[tuple[Any, str]]) -> dict[str, str | None]:
-    """Return the files that policies are read from, by their given paths, with the digests of their contents.
+    """Return the files that policies are read from, with the digests of their contents, see :func:`policy_sources`.
 
     Args:
         policies: what :func:`vibgym.policies.registry.make_policy` takes, and the name of a task.
 
     Returns:
-        A JSON file and the tensors that it names, for each path in settings, see :func:`portable`; None for one that cannot
-        be read.
+        The digests by path, see :func:`portable`; None for a JSON file that cannot be read.
     """
     found: dict[str, str | None] = {}
     for content, task in policies:
-        for path in _paths(content):
-            found |= _file_and_tensors(Path(path.replace("{task}", task.lower())), found)
+        found |= policy_sources(content, task)[1]
     return {_portable(name): found[name] for name in sorted(found)}
 
 
-def _paths(content: Any) -> Iterator[str]:
-    """Yield the names of all JSON files in a policy's settings, nested ones included."""
-    if isinstance(content, str) and content.endswith(".json"):
-        yield content
-    elif isinstance(content, Mapping):
-        for each in content.values():
-            yield from _paths(each)
+def policy_sources(content: Any, task: str) -> tuple[set[str], dict[str, str | None]]:
+    """Return all texts in a policy's settings and in the bases of its files, and the files that they name.
+
+    Args:
+        content: what :func:`vibgym.policies.registry.make_policy` takes.
+        task: name of a task, which ``{task}`` stands for.
+
+    Returns:
+        The texts, and path -> digest of every file: texts that are names of files, and tensors that a JSON file names. None for
+        a JSON file that cannot be read.
+    """
+    texts: set[str] = set()
+    files: dict[str, str | None] = {}
+    todo = [content]
+    while todo:
+        each = todo.pop()
+        if isinstance(each, Mapping):
+            todo.extend(each.values())
+        elif isinstance(each, list | tuple):
+            todo.extend(each)
+        elif isinstance(each, str | os.PathLike):
+            text = os.fspath(each).replace("{task}", task.lower())
+            if text not in texts and (text.endswith(".json") or os.path.isfile(text)):
+                todo.append(_file_and_tensors(Path(text), files))
+            texts.add(text)
+    return texts, files
 
 
-def _file_and_tensors(path: Path, known: Mapping[str, str | None]) -> dict[str, str | None]:
-    if path.as_posix() in known:
-        return {}
+def _file_and_tensors(path: Path, files: dict[str, str | None]) -> Any:
+    """Add the digests of a file and of the tensors that it names to ``files``; return the settings of its base policy."""
+    base = None
     try:
         data = path.read_bytes()
     except (OSError, ValueError):  # ValueError: an invalid file name
-        return {path.as_posix(): None}
-    found: dict[str, str | None] = {path.as_posix(): digest(data)}
+        files[path.as_posix()] = None
+        return None
+    files[path.as_posix()] = digest(data)
     try:
-        tensors = path.with_name(json.loads(data)["tensors"])
-        found[tensors.as_posix()] = digest(tensors.read_bytes())
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        record = json.loads(data)
+        base = record.get("residual")
+        tensors = path.with_name(record["tensors"])
+        files[tensors.as_posix()] = digest(tensors.read_bytes())
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass  # a file without tensors is complete; missing tensors are refused when the policy is made
+    return base
+
+
+def user_modules() -> dict[str, str]:
+    """Return the digests of all loaded modules that are neither installed nor in ``vibgym`` or ``agents``, by name."""
+    places = [*(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib"))]
+    places += [str(Path(__file__).parent), *vibgym.__path__]
+    found = {}
+    for name, module in list(sys.modules.items()):
+        file = getattr(module, "__dict__", {}).get("__file__")
+        if file and not any(Path(file).is_relative_to(place) for place in places):
+            with contextlib.suppress(OSError):
+                found[name] = digest(Path(file).read_bytes())
     return found

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -101,7 +100,14 @@ def _score_arguments(parser: argparse.ArgumentParser) -> None:
         "--entries",
         type=Path,
         metavar="DIR",
-        help="check, play and rank the entries of a directory (--episodes: of each task)",
+        help="play and rank the entries of a directory",
+    )
+    parser.add_argument(
+        "--trust",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="with --entries: run the code of this entry, in a process of its own; may be repeated",
     )
     _episodes(parser)
     command_line.side_by_side(parser, processes=False)
@@ -111,10 +117,12 @@ def score(arguments: argparse.Namespace) -> None:
     """Play a suite, or the rest of it, write the scores and print them."""
     from agents.evaluation import score as suite
 
-    if arguments.enter is not None and (arguments.policy is None or arguments.episodes is not None):
-        raise checks.conflict("--enter requires --policy, and all episodes")
+    if arguments.enter is not None and arguments.policy is None:
+        raise checks.conflict("--enter requires --policy")
+    if arguments.trust and arguments.entries is None:
+        raise checks.conflict("--trust requires --entries")
     if arguments.entries is not None:
-        _verify_entries(arguments)
+        _rank_entries(arguments)
         return
     settings = _settings(suite.SuiteSettings, arguments)
     if arguments.policy is not None:
@@ -124,31 +132,33 @@ def score(arguments: argparse.Namespace) -> None:
         return
     from agents.evaluation import entries
 
-    name = settings.entries()[0].name
-    entries.new_folder(name)  # refused before anything is played
-    results = _run(suite, settings, arguments, source=arguments.policy)
-    print(f"entry: {entries.enter(results, name, arguments.policy, arguments.enter)}")
+    assert arguments.policy is not None
+    policy = settings.entries()[0]
+    entries.new_folder(policy, arguments.policy, settings)  # refused before anything is played
+    _run(suite, settings, arguments, source=arguments.policy)
+    print(f"entry: {entries.enter(policy, arguments.policy, arguments.enter, settings)}")
 
 
-def _verify_entries(arguments: argparse.Namespace) -> None:
-    """Check, play and rank entries; exit with 1 if one is not verified."""
+def _rank_entries(arguments: argparse.Namespace) -> None:
+    """Play and rank entries."""
     from agents.evaluation import entries
     from agents.evaluation import score as suite
 
     if arguments.policy is not None:
         raise checks.conflict("--entries excludes --policy")
-    episodes, arguments.episodes = arguments.episodes, None  # the suite's seeds do not change
-    settings = _settings(suite.SuiteSettings, arguments)
-    found = entries.load_entries(arguments.entries, settings)
-    with _played(suite, entries.entered(settings, found, episodes), arguments, arguments.entries) as results:
-        verdicts = {each.name: entries.verify(each, results) for each in found}
-        rows = entries.ranking(found, settings, verdicts)
-        page = entries.write(rows, Path(settings.output))
-    print(f"{entries.table(rows)}\n\ntable: {page}")
-    wrong = [name for name, verdict in verdicts.items() if not verdict.verified]
-    if wrong:
-        print(f"not verified: {', '.join(wrong)}", file=sys.stderr)
-        raise SystemExit(1)
+    settings, protocol = _settings(suite.SuiteSettings, arguments), suite.SuiteSettings.load(arguments.config)
+    found = entries.load_entries(arguments.entries, settings, arguments.trust)
+    try:
+        with _played(suite, entries.entered(settings, found), arguments, arguments.entries, found) as played:
+            results = entries.without_failures(played)
+            ranked = entries.ranking(found, results)
+            text = entries.table(ranked, results, protocol)
+            page = entries.write(ranked, text, Path(settings.output))
+    finally:
+        for entry in found.values():
+            if entry.process is not None:
+                entry.process.stop()
+    print(f"{text}\n\ntable: {page}")
 
 
 def _datasheet_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,63 +1,60 @@
-"""Verified entries of a suite: ``python -m agents score --entries DIR`` checks, plays and ranks them.
+"""Entries of a suite: ``python -m agents score --entries DIR`` plays and ranks them.
 
-An entry is a folder with ``entry.yaml`` (policy, budget of training, digests of all files that it uses), these files, and
-``episodes.csv``, the scores that it claims for each episode. ``--enter AUTHORS`` writes one from a scored policy.
+An entry is a folder with ``entry.yaml`` and the files of a policy. ``--enter AUTHORS`` writes one from a policy's file.
 """
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import math
+import os
+import re
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import Field
 from ruamel.yaml import YAML
 
+from agents.evaluation.entry_process import EntryPolicy, EntryProcess
 from agents.evaluation.run import Results
-from agents.evaluation.score import LEARNED, SuiteSettings
-from agents.evaluation.statistics import suite_interval, suite_score
+from agents.evaluation.score import LEARNED, SuiteSettings, rows
+from agents.evaluation.settings import MOST_NAME, PolicyEntry
 from agents.evaluation.table import markdown
-from agents.provenance import digest, policy_files
+from agents.provenance import digest, policy_sources
 from agents.training_settings import Plain
 from vibgym import checks
 from vibgym.config import load_yaml
 from vibgym.files import csv_text, output_directory, write_together
-from vibgym.imports import take_part
-from vibgym.policies.trained.catalogue import HARDWARE, shipped_agents
+from vibgym.policies.registry import CONTROLLERS
+from vibgym.policies.trained.catalogue import SHIPPED, shipped_agents
 from vibgym.settings import BaseSettings, read
 
 ENTRIES = Path("entries")
-ENTRY, CLAIMS = "entry.yaml", "episodes.csv"
-COLUMNS = ("task", "hardware", "seed", "score")
+ENTRY = "entry.yaml"
 HERE = "{entry}"
 """Text in a policy's settings that stands for the entry's folder."""
 
-ERRORS, MOST_DIFFERENCE = 3.0, 0.05
-"""Standard errors by which the mean of played scores may differ from that of claimed ones, and the most in any case: chaotic
-episodes can depend on the processor."""
+SET_ELSEWHERE = ("name", "episodes", "training_steps")
+"""Keys of a policy in a suite that an entry's policy cannot have."""
 
-SAME = 1e-9
-"""Difference of two scores that are the same; claims have ten decimals."""
+LEAST_EPISODES = 5
+"""Fewest episodes of a task with which a score has an interval. The bootstrap underestimates the variance by a factor of
+(n - 1) / n, so that with five the interval is 11 % too narrow, with two 29 %, and with one there is none."""
 
 
 class EntryFile(BaseSettings):
     """Content of ``entry.yaml``."""
 
     policy: Plain  # name or mapping, as in a suite's settings
-    training_steps: int = Field(ge=0)  # environment steps of all trainings, data of other policies included
     authors: str = Field(min_length=1, max_length=200)
     description: str = Field(default="", max_length=2000)
-    episodes: int | None = Field(default=None, ge=1)  # at most so many of each task, for slow policies
-    imports: tuple[str, ...] = ()  # modules that register the policy, such as entries.mine.policy
-    sha256: dict[str, str] = {}  # file -> digest: all files of the folder, and those that the policy is read from
+    training_steps: int = Field(default=0, ge=0)  # environment steps of all trainings, data of other policies included
+    module: str | None = None  # "policy": policy.py in the folder, which registers the policy
 
 
 @dataclass(frozen=True)
@@ -67,42 +64,78 @@ class Entry:
     Attributes:
         name: of its folder.
         content: policy, with the folder's path in place of :data:`HERE`.
-        claims: (task, hardware) -> seed -> score.
+        training_steps: those that it states, or those that its files state if these are more.
+        digest: of all files of the folder.
+        process: that runs its code; None without code.
     """
 
     name: str
     file: EntryFile
     content: Any
-    claims: dict[tuple[str, str], dict[int, float]]
+    training_steps: int
+    digest: str
+    process: EntryProcess | None
 
 
-def load_entries(directory: Path, settings: SuiteSettings) -> list[Entry]:
-    """Return all entries of a directory, by name.
+def load_entries(directory: Path, settings: SuiteSettings, trusted: Collection[str] = ()) -> dict[str, Entry]:
+    """Return all entries of a directory by name. Runs no code of an entry.
+
+    Args:
+        directory: of the folders.
+        settings: of the suite.
+        trusted: names of entries whose code may run.
 
     Raises:
-        ValueError: there is none; a bad file, a wrong digest, a budget above the suite's, or claims for other episodes.
+        ValueError: there is none; a bad file, a file outside the folder, too many training steps, or code that is not trusted.
     """
     folders = sorted(path.parent for path in directory.glob(f"*/{ENTRY}"))
     if not folders:
         raise checks.refuse("--entries", str(directory), f"a directory with folders that contain {ENTRY}")
-    return [_load(folder, settings) for folder in folders]
+    for name in trusted:
+        checks.choice("--trust", name, tuple(folder.name for folder in folders))
+    found = {}
+    for folder in folders:
+        with checks.within(folder):
+            found[folder.name] = _load(folder, settings, trusted)
+    return found
 
 
-def _load(folder: Path, settings: SuiteSettings) -> Entry:
-    with checks.within(folder / ENTRY):
-        file = read(EntryFile, load_yaml(folder / ENTRY), "entry")
-        if file.training_steps > settings.training_steps:
-            most = f"at most {settings.training_steps}, the suite's budget"
-            raise checks.refuse("entry.training_steps", file.training_steps, most)
-        content = _placed(file.policy, folder)
-        found = digests(folder, content, settings.tasks)
-        for name in sorted({*found, *file.sha256}):
-            if found.get(name) != file.sha256.get(name):
-                got = "no such file" if name not in found else f"{found[name]}"
-                raise checks.refuse(f"entry.sha256[{name!r}]", file.sha256.get(name, "nothing"), f"its digest: {got}")
-        take_part(file.imports, "entry.imports")
-    with checks.within(folder / CLAIMS):
-        return Entry(folder.name, file, content, _claims(folder / CLAIMS, settings, file.episodes))
+def _load(folder: Path, settings: SuiteSettings, trusted: Collection[str]) -> Entry:
+    _word("name of the entry", folder.name)
+    files = _files(folder)
+    file = read(EntryFile, load_yaml(folder / ENTRY), "entry")
+    content, process = _placed(file.policy, folder), None
+    texts, named = _inside(folder, content, settings.tasks)
+    if file.module is not None:
+        module = folder / f"{_word('entry.module', file.module)}.py"
+        if module not in files:
+            raise checks.refuse("entry.module", file.module, f"the name of a Python file in {folder}, without .py")
+        if folder.name not in trusted:
+            raise checks.conflict(f"{module.name} is code: it runs only with --trust {folder.name}")
+        process = EntryProcess(folder.name, module, content)
+    steps = max(
+        file.training_steps, _stated_steps({*files, *named, *(_shipped(settings.tasks) if LEARNED in texts else ())})
+    )
+    if steps > settings.training_steps:
+        raise checks.refuse("entry.training_steps", steps, f"at most {settings.training_steps}, the suite's budget")
+    contents = {path.relative_to(folder).as_posix(): digest(path.read_bytes()) for path in files}
+    return Entry(folder.name, file, content, steps, digest(json.dumps(contents)), process)
+
+
+def _word(field: str, value: str) -> str:
+    """Return a name that is safe as that of a file."""
+    if not re.fullmatch("[A-Za-z0-9_-]+", value) or len(value) > MOST_NAME:
+        raise checks.refuse(field, value, f"at most {MOST_NAME} letters, digits, '-' and '_'")
+    return value
+
+
+def _files(folder: Path) -> list[Path]:
+    """Return all files of a folder, hidden ones included; raise ValueError if it contains anything but files and folders."""
+    found = sorted(folder.rglob("*"))
+    for path in (folder, *found):
+        if path.is_symlink() or not (path.is_file() or path.is_dir()):
+            raise checks.refuse("file of the entry", str(path), "a file or folder, no link and no device")
+    return [path for path in found if path.is_file()]
 
 
 def _placed(value: Any, folder: Path) -> Any:
@@ -114,203 +147,185 @@ def _placed(value: Any, folder: Path) -> Any:
     return [_placed(each, folder) for each in value] if isinstance(value, list | tuple) else value
 
 
-def digests(folder: Path, content: Any, tasks: Sequence[str]) -> dict[str, str]:
-    """Return the digests of an entry's files by name: those in its folder, of its policy, and of shipped agents if used."""
-    own = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name not in (ENTRY, CLAIMS))
-    found = {path.relative_to(folder).as_posix(): path for path in own if "__pycache__" not in path.parts}
-    named = {name: value or "unreadable" for name, value in policy_files((content, task) for task in tasks).items()}
-    inside = {(folder / name).as_posix() for name in found}
-    named = {name: value for name, value in named.items() if name not in inside}
-    if LEARNED in json.dumps(content, default=repr):
-        named |= _shipped(tasks)
-    return {name: digest(path.read_bytes()) for name, path in found.items()} | named
+def _inside(folder: Path, content: Any, tasks: Sequence[str]) -> tuple[set[str], set[Path]]:
+    """Return the texts and the files of an entry's policy for all tasks.
 
-
-def _shipped(tasks: Sequence[str]) -> dict[str, str]:
-    """Return the digests of the files of the usual shipped agents for these tasks."""
-    found: dict[str, str] = {}
-    for task in tasks:
-        for hardware in HARDWARE:
-            mine = [each for each in shipped_agents() if task in each.tasks and each.hardware == hardware]
-            if mine:
-                agent = min(mine, key=lambda each: (each.variant, each.tasks.index(task)))
-                files = policy_files([(str(agent.path), task)])
-                found |= {name: value or "unreadable" for name, value in files.items()}
-    return found
-
-
-def _claims(path: Path, settings: SuiteSettings, most: int | None) -> dict[tuple[str, str], dict[int, float]]:
-    try:
-        text = path.read_text(encoding="utf-8")
-        rows = [(row["task"], row["hardware"], int(row["seed"]), float(row["score"])) for row in _rows(text)]
-    except (OSError, ValueError, KeyError, TypeError):
-        raise checks.refuse("claims", str(path), f"a CSV file with columns {', '.join(COLUMNS)}") from None
-    found: dict[tuple[str, str], dict[int, float]] = {}
-    for task, hardware, seed, score in rows:
-        if not 0.0 <= score <= 1.0:
-            raise checks.refuse(f"score of {task}, {hardware}, seed {seed}", score, "a number in [0, 1]")
-        if seed in found.setdefault((task, hardware), {}):
-            raise checks.conflict(f"{task}, {hardware}: seed {seed} occurs twice")
-        found[task, hardware][seed] = score
-    limits = {machine.name: machine.episodes for machine in settings.hardware_entries()}
-    for (task, hardware), scores in found.items():
-        checks.choice("task", task, settings.tasks)
-        seeds = settings.seed_list(task, limits[checks.choice("hardware", hardware, tuple(limits))])[:most]
-        if list(scores) != seeds:
-            raise checks.conflict(f"{task}, {hardware}: seeds must be those of the suite, {seeds[0]} to {seeds[-1]}")
-    return found
-
-
-def _rows(text: str) -> list[dict[str, str]]:
-    return list(csv.DictReader(io.StringIO(text)))
-
-
-def entered(settings: SuiteSettings, entries: Sequence[Entry], episodes: int | None) -> SuiteSettings:
-    """Return a suite whose policies are the entries.
-
-    Args:
-        episodes: at most so many of each task; None: all that are claimed.
+    Raises:
+        ValueError: a file that is neither in the folder nor shipped, or a key of :data:`SET_ELSEWHERE`.
     """
+    for key in SET_ELSEWHERE:
+        if isinstance(content, Mapping) and key in content:
+            raise checks.conflict(f"entry.policy.{key} cannot be set")
+    texts: set[str] = set()
+    files: set[Path] = set()
+    places = [Path(os.path.realpath(place)) for place in (folder, SHIPPED)]
+    for task in tasks:
+        named, found = policy_sources(content, task)
+        for name in sorted({*found, *(text for text in named if "/" in text or os.sep in text)} - set(CONTROLLERS)):
+            if not any(Path(os.path.realpath(name)).is_relative_to(place) for place in places):
+                raise checks.refuse("file of entry.policy", name, f"in the entry's folder, as '{HERE}/NAME'")
+        texts |= named
+        files |= {Path(name) for name in found}
+    return texts, files
+
+
+def _shipped(tasks: Sequence[str]) -> set[Path]:
+    """Return the files of all shipped agents that serve one of the tasks."""
+    return {agent.path for agent in shipped_agents() if set(agent.tasks) & set(tasks)}
+
+
+def _stated_steps(files: Iterable[Path]) -> int:
+    """Return the environment steps that trained policies state, with those of their data, in total."""
+    total = 0
+    for path in {Path(os.path.realpath(path)) for path in files}:
+        try:
+            training = json.loads(path.read_bytes())["training"]
+            steps = training["steps"], training.get("data", {}).get("steps", 0)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            continue  # not a trained policy
+        total += sum(checks.count(f"training.steps of {path.name}", each, least=0) for each in steps)
+    return total
+
+
+def entered(settings: SuiteSettings, entries: Mapping[str, Entry]) -> SuiteSettings:
+    """Return a suite whose policies are the entries."""
     policies = []
-    for each in entries:
-        content = each.content if isinstance(each.content, Mapping) else {"kind": each.content}
-        most = min((n for n in (episodes, each.file.episodes) if n is not None), default=None)
-        limit = {} if most is None else {"episodes": most}
-        policies.append({**content, "name": each.name, "training_steps": each.file.training_steps, **limit})
+    for name, entry in entries.items():
+        content = entry.content if isinstance(entry.content, Mapping) else {"kind": entry.content}
+        policies.append({**content, "name": name, "training_steps": entry.training_steps})
     return settings.model_copy(update={"policies": tuple(policies)})
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """Comparison of an entry's claims with what was played."""
-
-    name: str
-    episodes: int  # played and claimed
-    same: int  # of these, with the claimed score
-    difference: float  # mean of played minus claimed
-    error: float  # standard error of the difference
-    missing: int  # played, but not claimed
-
-    @property
-    def verified(self) -> bool:
-        """Whether the claims agree with what was played."""
-        allowed = min(ERRORS * self.error, MOST_DIFFERENCE) + SAME
-        return self.missing == 0 and self.episodes > 0 and abs(self.difference) <= allowed
+def without_failures(results: Results) -> Results:
+    """Return results in which an entry does not serve the tasks where its code failed."""
+    failed = {
+        run.place: run.policy.failure
+        for run in results.cases
+        if isinstance(run.policy, EntryPolicy) and run.policy.failure is not None
+    }
+    kept = {key: found for key, found in results.rollouts.items() if key[0] not in failed}
+    return replace(results, rollouts=kept, refused={**results.refused, **failed})
 
 
-def verify(entry: Entry, results: Results) -> Verdict:
-    """Compare the played episodes of an entry with its claims."""
-    differences, missing = [], 0
-    for (place, _), found in results.rollouts.items():
-        if place.policy == entry.name:
-            claimed = entry.claims.get((place.task, place.hardware), {})
-            for seed, score in zip(found.seeds, results.settings.scores(found).tolist(), strict=True):
-                if seed in claimed:
-                    differences.append(score - claimed[seed])
-                else:
-                    missing += 1
-    values = np.array(differences) if differences else np.zeros(1)
-    error = float(values.std() / math.sqrt(len(values)))
-    same = int((np.abs(values) <= SAME).sum()) if differences else 0
-    return Verdict(entry.name, len(differences), same, float(values.mean()), error, missing)
+def ranking(entries: Mapping[str, Entry], results: Results) -> list[dict[str, Any]]:
+    """Return a row for each entry and hardware, the best first on each hardware."""
+    found, totals = rows(results)
+    ranked = []
+    for total in totals:
+        entry = entries[total["policy"]]
+        mine = [row for row in found if all(row[name] == total[name] for name in ("hardware", "policy"))]
+        enough = all(row["episodes"] >= LEAST_EPISODES for row in mine if row["served"])
+        ranked.append({
+            "hardware": total["hardware"],
+            "entry": entry.name,
+            "authors": entry.file.authors,
+            "score": total["score"],
+            **{f"score_{end}": total[f"score_{end}"] if enough else math.nan for end in ("low", "high")},
+            "training_steps": entry.training_steps,
+            "episodes": sum(row["episodes"] for row in mine),
+            "sha256": entry.digest,
+            **{row["task"]: row["score"] for row in mine},
+        })  # fmt: skip
+    order = list(results.settings.named_hardware())
+    return sorted(ranked, key=lambda row: (order.index(row["hardware"]), -row["score"]))
 
 
-def ranking(entries: Sequence[Entry], settings: SuiteSettings, verdicts: Mapping[str, Verdict]) -> list[dict[str, Any]]:
-    """Return a row for each entry and hardware by claimed score, the best first; entries that are not verified come last."""
-    rows = []
-    for entry in entries:
-        for hardware in settings.named_hardware():
-            claimed = [np.array(list(entry.claims.get((task, hardware), {0: 0.0}).values())) for task in settings.tasks]
-            interval = suite_interval(claimed, settings.confidence, settings.resamples)
-            verdict = verdicts[entry.name]
-            rows.append({
-                "hardware": hardware,
-                "entry": entry.name,
-                "authors": entry.file.authors,
-                "score": suite_score(claimed),
-                "score_low": math.nan if interval is None else interval.low,
-                "score_high": math.nan if interval is None else interval.high,
-                "training_steps": entry.file.training_steps,
-                "verified": verdict.verified,
-                "episodes_played": verdict.episodes,
-                "same": verdict.same,
-                "difference": verdict.difference,
-                **{task: float(each.mean()) for task, each in zip(settings.tasks, claimed, strict=True)},
-            })  # fmt: skip
-    order = list(settings.named_hardware())
-    return sorted(rows, key=lambda row: (order.index(row["hardware"]), not row["verified"], -row["score"]))
+def table(ranked: Sequence[Mapping[str, Any]], results: Results, protocol: SuiteSettings) -> str:
+    """Return the ranking in Markdown, with the numbers of episodes and the tasks that entries do not serve.
 
-
-def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return the ranking in Markdown."""
-    heads = ("hardware", "entry", "score", "training steps", "verified", "played again", "the same", "mean difference")
+    Args:
+        ranked: see :func:`ranking`.
+        results: of all entries.
+        protocol: the suite with all its episodes.
+    """
+    heads = ("hardware", "entry", "score", "training steps", "episodes")
     lines = [
         [
-            row["hardware"], row["entry"], f"{row['score']:.3f} ({row['score_low']:.3f} to {row['score_high']:.3f})",
-            f"{row['training_steps']:,}".replace(",", " "), "yes" if row["verified"] else "NO", str(row["episodes_played"]),
-            str(row["same"]), f"{row['difference']:+.4f}",
+            row["hardware"],
+            row["entry"],
+            _score(row),
+            f"{row['training_steps']:,}".replace(",", " "),
+            str(row["episodes"]),
         ]
-        for row in rows
-    ]  # fmt: skip
-    return markdown(heads, lines)
+        for row in ranked
+    ]
+    played, asked = _episodes(results.settings), _episodes(protocol)
+    text = f"Episodes of each task: {played}" + ("." if played == asked else f"; the protocol has {asked}.")
+    unserved = [
+        f"- {place.policy}, {place.task}, {place.hardware}: scores 0 ({reason})"
+        for place, reason in results.refused.items()
+    ]
+    return "\n\n".join([markdown(heads, lines), text, *(["\n".join(unserved)] if unserved else [])])
 
 
-def write(rows: Sequence[Mapping[str, Any]], directory: Path) -> Path:
+def _score(row: Mapping[str, Any]) -> str:
+    low, high = row["score_low"], row["score_high"]
+    return f"{row['score']:.3f} " + ("(no interval)" if math.isnan(low) else f"({low:.3f} to {high:.3f})")
+
+
+def _episodes(settings: SuiteSettings) -> str:
+    """Return the numbers of episodes of all tasks: "2", or "50 to 200"."""
+    numbers = {
+        len(settings.seed_list(task, machine.episodes))
+        for task in settings.tasks
+        for machine in settings.hardware_entries()
+    }
+    return " to ".join(str(each) for each in sorted({min(numbers), max(numbers)}))
+
+
+def write(ranked: Sequence[Mapping[str, Any]], text: str, directory: Path) -> Path:
     """Write ``ranking.csv`` and ``ranking.md``; return the path of the latter."""
     directory = output_directory(directory, "--output")
     page = directory / "ranking.md"
-    write_together({directory / "ranking.csv": csv_text(rows), page: table(rows) + "\n"})
+    write_together({directory / "ranking.csv": csv_text(ranked), page: f"{text}\n"})
     return page
 
 
-def enter(results: Results, name: str, source: Path | None, authors: str) -> Path:
-    """Write an entry from the results of one policy; return its folder.
+def enter(entry: PolicyEntry, source: Path, authors: str, settings: SuiteSettings) -> Path:
+    """Write an entry; return its folder.
 
     Args:
-        results: of a suite with this policy alone, or among others.
-        name: of the entry, and of the policy in the results.
-        source: policy file of ``--policy``; the JSON file of a trained policy is copied with its tensors.
-        authors: who made it.
+        entry: policy.
+        source: its file. The JSON file of a trained policy is copied with its tensors.
+        authors: of the entry.
+        settings: of the suite.
 
     Raises:
-        ValueError: the folder exists.
+        ValueError: see :func:`new_folder` and :func:`load_entries`.
     """
-    entry = next(each for each in results.settings.entries() if each.name == name)
-    rows: list[dict[str, Any]] = [
-        dict(zip(COLUMNS, (place.task, place.hardware, seed, round(score, 10)), strict=True))
-        for (place, _), found in results.rollouts.items()
-        if place.policy == name
-        for seed, score in zip(found.seeds, results.settings.scores(found).tolist(), strict=True)
-    ]
-    content, folder = entry.content, new_folder(name)
+    content, folder = entry.content, new_folder(entry, source, settings)
     ENTRIES.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".entry-", dir=ENTRIES) as place:
-        made = Path(place) / name
+        made = Path(place) / folder.name
         made.mkdir()
-        if source is not None and source.suffix == ".json":
-            tensors = source.with_name(json.loads(source.read_text(encoding="utf-8"))["tensors"])
-            for path in (source, tensors):
-                shutil.copy(path, made / path.name)
+        if _trained(entry, source):
+            for path in policy_sources(str(source), "")[1]:
+                shutil.copy(path, made / Path(path).name)
             content = {"kind": "trained", "path": f"{HERE}/{source.name}"}
-        plain = {
-            "policy": content, "training_steps": entry.training_steps or 0, "authors": authors,
-            **({} if entry.episodes is None else {"episodes": entry.episodes}),
-            "sha256": digests(made, _placed(content, made), results.settings.tasks),
-        }  # fmt: skip
+        plain = {"policy": content, "training_steps": entry.training_steps or 0, "authors": authors}
         text = io.StringIO()
         YAML().dump(json.loads(json.dumps(plain)), text)
-        write_together({made / ENTRY: text.getvalue(), made / CLAIMS: csv_text(rows)})
+        write_together({made / ENTRY: text.getvalue()})
+        _load(made, settings, ())
         made.rename(folder)
     return folder
 
 
-def new_folder(name: str) -> Path:
+def new_folder(entry: PolicyEntry, source: Path, settings: SuiteSettings) -> Path:
     """Return the folder of a new entry in :data:`ENTRIES`.
 
     Raises:
-        ValueError: it exists, or a bad name.
+        ValueError: it exists, a bad name, or files of the policy that would be outside.
     """
-    folder = ENTRIES / checks.label("--enter", name)
+    folder = ENTRIES / _word("name of the entry", entry.name)
     if folder.exists():
-        raise checks.refuse("--enter", name, f"the name of a folder that does not exist yet in {ENTRIES}")
+        raise checks.refuse("--enter", entry.name, f"the name of a folder that does not exist yet in {ENTRIES}")
+    if not _trained(entry, source):
+        with checks.within(source):
+            _inside(folder, entry.content, settings.tasks)
     return folder
+
+
+def _trained(entry: PolicyEntry, source: Path) -> bool:
+    """Return whether a policy's file is that of a trained policy."""
+    return entry.content == {"kind": "trained", "path": str(source)}

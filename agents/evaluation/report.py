@@ -54,12 +54,11 @@ Row = Mapping[str, Any]
 
 
 TERMS = (
-    "Medians, with the middle half of the episodes in small print. Times count successes only and include the hold at the "
-    "goal; errors are those at the end of all episodes. Time / bound: over the least time in which any policy could have "
-    "done it (docs/bound.md); a dash where no bound is known. Throughput: parts done at the end over the simulated time. "
-    "Collisions: pairs newly in touch, mean of the episodes, with the smallest distance on the way in small print. Path "
-    "efficiency: straight ways over ways travelled, of successes. Steps per second, policy and environment together, depend "
-    "on the host and its load."
+    "Medians, with the middle half of the episodes in small print. Times count successes only and include the hold; "
+    "errors are those at the end of all episodes. Time / bound: over the least time in which any policy could have done it "
+    "(docs/bound.md); a dash where no bound is known. Throughput: parts done at the end over the simulated time. Collisions: "
+    "pairs newly in touch, mean of the episodes. Efficiency: straight ways over ways travelled, of successes. Steps a second, "
+    "policy and environment together, depend on the host and its load."
 )
 
 

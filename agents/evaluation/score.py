@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -24,7 +24,7 @@ from agents.evaluation.run import Case, Infos, Prepared, Results, writable
 from agents.evaluation.settings import PolicyEntry, RunSettings, laid_over
 from agents.evaluation.statistics import episode_scores, interval_of, quartiles, suite_interval, suite_score
 from agents.evaluation.table import BY_NAME, REPORT, Place, ends, frame, quantity
-from agents.provenance import code, digest, policy_files
+from agents.provenance import code, digest, policy_sources, user_modules
 from vibgym import checks
 from vibgym.config import load_yaml
 from vibgym.files import csv_text, write_atomically, write_together
@@ -32,7 +32,10 @@ from vibgym.policies.measures import Measured, Measures, check_cost_limit, least
 from vibgym.policies.rollout import OWN_FACTS, Timing, worlds_of
 from vibgym.policies.trained.catalogue import SHIPPED
 
-LEARNED = '"learned"'
+if TYPE_CHECKING:
+    from agents.evaluation.entries import Entry
+
+LEARNED = "learned"
 """Policy that is read from the shipped files."""
 
 FILES = ("scores.csv", "suite.csv", "results.json", "scores.md", "scores.html")
@@ -143,13 +146,18 @@ class Recorder(Measures):
         return Timed(task, self.seeds, self.env.step_time, **self.fields, seconds=np.array([seconds]))
 
 
-def prepare(settings: SuiteSettings) -> Prepared:
+def prepare(settings: SuiteSettings, entered: Mapping[str, Entry] | None = None) -> Prepared:
     """Build everything that can fail for bad input, before anything runs.
 
+    Args:
+        settings: of the suite.
+        entered: entries by the name of their policy.
+
     Raises:
-        ValueError: a bad setting, a task without a bound or without a limit, or a policy that serves no task.
+        ValueError: a bad setting, a task without a bound or without a limit, a policy that serves no task, or a file of
+            recorded episodes that cannot be read.
     """
-    infos, tasks, entries = Infos(), {}, settings.entries()
+    infos, tasks, entries, entered = Infos(), {}, settings.entries(), entered or {}
     runs: list[Case] = []
     refused: dict[Place, str] = {}
     for task in settings.tasks:
@@ -166,15 +174,25 @@ def prepare(settings: SuiteSettings) -> Prepared:
                     continue
                 seeds = settings.seed_list(task, machine.episodes)[: entry.episodes]
                 try:
-                    runs.append(Case(place, None, task, info, seeds, environment, entry.content, Recorder).made())
+                    process = entered[entry.name].process if entry.name in entered else None
+                    content = entry.content if process is None else process.policy(info, seeds[0])
+                    runs.append(Case(place, None, task, info, seeds, environment, content, Recorder).made())
                 except checks.Refused as error:
                     refused[place] = str(error)
     for entry in entries:
         if not any(run.place.policy == entry.name for run in runs):
             reason = next(why for place, why in refused.items() if place.policy == entry.name)
             raise checks.conflict(f"suite.policies: {entry.name!r} serves none of {', '.join(tasks)}: {reason}")
+    origin = digest(json.dumps([code(*SOURCES), user_modules()], sort_keys=True))
+    origins = {each.name: origin for each in entries} | {
+        name: digest(origin + each.digest) for name, each in entered.items()
+    }
+    files = {run.place: _file(run, origins) for run in runs}
+    folder = Path(settings.output) / KEPT
+    for run in runs:
+        _read(folder, files[run.place], run)
     writable(settings, FILES)
-    play = functools.partial(_recorded, Path(settings.output) / KEPT, code(*SOURCES))
+    play = functools.partial(_recorded, folder, origins, files)
     return Prepared(settings, tasks, tuple(runs), refused=refused, play=play)
 
 
@@ -187,19 +205,49 @@ def _check_bound(task: str, environment: Mapping[str, Any]) -> None:
         raise checks.refuse("suite.tasks", task, "a task with a bound, see vibgym.bounds")
 
 
-def _recorded(folder: Path, origin: str, run: Case, quiet: bool) -> Timed:
-    """Return a run's episodes: from a file if the same code has played them, else played now and written there."""
-    content = run.content if run.plain else None
-    files = policy_files([(content, run.info.name)])
-    if LEARNED in json.dumps(content, default=repr):
-        files |= {each.name: digest(each.read_bytes()) for each in sorted(SHIPPED.iterdir()) if each.is_file()}
-    key = json.dumps([run.place[1:], run.environment, run.seeds, content, origin, files], sort_keys=True, default=repr)
-    path = folder / f"{digest(key)[:24]}.json"
-    if content is not None and path.exists():
-        return Timed.of_json(path.read_text(encoding="utf-8"))
+def _file(run: Case, origins: Mapping[str, str]) -> str | None:
+    """Return the name of the file of a run's episodes: a digest of the run, of code and of all files that the policy reads.
+
+    None for a policy that is an object, whose code and files are not known.
+    """
+    if not run.plain:
+        return None
+    texts, files = policy_sources(run.content, run.info.name)
+    if LEARNED in texts:
+        files |= {str(each): digest(each.read_bytes()) for each in sorted(SHIPPED.iterdir()) if each.is_file()}
+    values = [run.place[1:], run.environment, run.seeds, run.content, origins[run.place.policy], files]
+    return f"{digest(json.dumps(values, sort_keys=True, default=repr))[:24]}.json"
+
+
+def _read(folder: Path, name: str | None, run: Case) -> Timed | None:
+    """Return recorded episodes, None if there are none; raise ValueError for a file of anything else."""
+    if name is None or not (folder / name).exists():
+        return None
+    try:
+        found = Timed.of_json((folder / name).read_text(encoding="utf-8"))
+        lengths = {len(value) for key, value in vars(found).items() if key not in ("task", "step_time", "seconds")}
+        if found.task == run.task and list(found.seeds) == run.seeds and lengths == {len(run.seeds)}:
+            return found
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        pass
+    raise checks.refuse(
+        "recorded episodes", str(folder / name), "those of this run; without the file they are played again"
+    )
+
+
+def _recorded(
+    folder: Path, origins: Mapping[str, str], files: Mapping[Place, str | None], run: Case, quiet: bool
+) -> Timed:
+    """Return a run's episodes: recorded ones if code and files are the same, else played now, and written."""
+    name = files[run.place]
+    kept = _read(folder, name, run)
+    if kept is not None:
+        return kept
     found = run.play(quiet)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, found.to_json())
+    # A file that changed meanwhile: it is not known which content was played.
+    if name is not None and name == _file(run, origins):
+        folder.mkdir(parents=True, exist_ok=True)
+        write_atomically(folder / name, found.to_json())
     return found
 
 
