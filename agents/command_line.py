@@ -25,6 +25,7 @@ EXTRAS = {
     "jinja2": "report",
     "joblib": "report",
     "matplotlib": "report",
+    "pandas": "report",
     "minari": "data",
     "optuna": "tune",
     "pandas": "learn",

@@ -16,7 +16,7 @@ from vibgym.config import from_text
 PUBLISHED = Path("results/report")
 SUITE = Path("configs/suite/open.yaml")
 FIGURES = "verification.csv"
-"""Written by ``verify``: all figures and their intervals."""
+"""Written by ``verify``: all figures and their tests."""
 
 
 def _compare_arguments(parser: argparse.ArgumentParser) -> None:
@@ -242,5 +242,5 @@ COMMANDS = {
     "score": Command(_score_arguments, score, OUTPUT),
     "datasheet": Command(_datasheet_arguments, datasheet, OUTPUT),
     "publish": Command(_publish_arguments, publish, f"directory of published results (default: {PUBLISHED})"),
-    "verify": Command(_verify_arguments, verify, f"directory of {FIGURES}: all figures and their intervals"),
+    "verify": Command(_verify_arguments, verify, f"directory of {FIGURES}: all figures and their tests"),
 }

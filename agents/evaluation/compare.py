@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from agents.evaluation import pages, plots
-from agents.evaluation.pages import data_address
-from agents.evaluation.run import Infos, Prepared, Results, main_runs, study_runs, writable
-from agents.evaluation.settings import ComparisonSettings
+from agents.evaluation.pages import Cell, Grid, Heading, Picture, Section, data_address, grid
+from agents.evaluation.run import Prepared, Results, main_cases, study_cases, writable
+from agents.evaluation.settings import ComparisonSettings, MatrixSettings
 from agents.evaluation.statistics import (
     Estimate,
     interval_of,
@@ -26,18 +27,19 @@ from agents.evaluation.statistics import (
     quartiles,
     success_difference,
 )
-from agents.evaluation.study_settings import MatrixSettings
 from agents.evaluation.table import (
     REPORT,
     Place,
-    Table,
+    by_run,
     ends,
-    markdown,
     percent,
-    percent_between,
+    places,
     quantity,
     span,
     successes,
+    table,
+    values,
+    where,
 )
 from agents.learning_curve import Curve, read_curve
 from vibgym import checks
@@ -48,6 +50,13 @@ FILES = ("compare.csv", "compare.json", "compare.html")
 
 UNEQUAL = 1.05
 """Largest ratio of training budgets that count as equal."""
+
+TERMS = (
+    "Time to goal: the interquartile mean over all episodes, in which a failure counts as the longest episode. Time / bound: "
+    "the same time over the least one in which any policy could have done it (docs/bound.md). The median is that of the "
+    "successes alone. Intervals are bootstraps over episodes, and over training runs where there are several (Owen 2007): "
+    "look at the runs, too. Exact ones (Clopper-Pearson) where all episodes end alike."
+)
 
 Row = Mapping[str, Any]
 
@@ -64,33 +73,33 @@ def prepare(settings: ComparisonSettings) -> Prepared:
         ValueError: a bad environment setting, an unknown or unfitting policy, a bad learning curve, or a place that cannot be
             written to.
     """
-    tasks, scenery, runs = main_runs(settings, Measures)
-    ran = {run.place for run in runs}
+    tasks, scenery, cases = main_cases(settings, Measures)
+    ran = {case.place for case in cases}
     curves: dict[tuple[str, str], dict[int | None, Curve]] = {}
     for task, info in tasks.items():
-        for each in settings.entries():
-            if each.curve is not None and any((run.task, run.policy) == (task, each.name) for run in ran):
-                field = f"comparison.policies ({each.name}).curve"
-                curves[task, each.name] = {
-                    seed: read_curve(each.curve_path(info.name, seed), field) for seed in each.seeds
+        for entry in settings.entries():
+            if entry.curve is not None and any((place.task, place.policy) == (task, entry.name) for place in ran):
+                field = f"comparison.policies ({entry.name}).curve"
+                curves[task, entry.name] = {
+                    seed: read_curve(entry.curve_path(info.name, seed), field) for seed in entry.seeds
                 }
     for index, ladder in enumerate(settings.ladders):
+        hardware = settings.ladder_hardware(ladder)
         for name in ladder.policies:
-            hardware = settings.ladder_hardware(ladder)
             if Place(REPORT, ladder.task, hardware, name) not in ran:
                 where = f"comparison.ladders.{index}.policies"
                 raise checks.conflict(f"{where}: {name!r} does not run on {ladder.task}, hardware {hardware}")
-    infos, refused = Infos(), dict[Place, str]()
+    refused: dict[Place, str] = {}
     for index, matrix in enumerate(settings.generalisation):
         where = f"comparison.generalisation.{index}"
-        found = list(study_runs(settings, matrix, matrix_label(matrix), where, infos, refused))
-        for column in matrix.columns(where, [each.name for each in settings.entries()]):
-            if not any(run.place.policy == column.name for run in found):
+        found = list(study_cases(settings, matrix, matrix_label(matrix), where, refused))
+        for column in matrix.columns(where, [entry.name for entry in settings.entries()]):
+            if not any(case.place.policy == column.name for case in found):
                 why = next(text for place, text in refused.items() if place.policy == column.name)
                 raise checks.conflict(f"{where}.policies: {column.name!r} can act in none of the cases: {why}")
-        runs += found
+        cases += found
     writable(settings, FILES)
-    return Prepared(settings, tasks, tuple(runs), scenery, refused, curves)
+    return Prepared(settings, tasks, tuple(cases), scenery, refused, curves)
 
 
 def rows(results: Results) -> list[dict[str, Any]]:
@@ -98,18 +107,23 @@ def rows(results: Results) -> list[dict[str, Any]]:
 
     Interquartile means are over all episodes, a failure counting as the longest episode; medians are over successes.
     """
-    found = []
-    groups = {each.name: each.group for each in results.settings.entries()}
+    groups, found = {entry.name: entry.group for entry in results.settings.entries()}, []
+
+    def columns(episodes: pd.DataFrame, seed: int | None = None) -> dict[str, Any]:
+        group = groups[values(episodes, "policy")[0]]
+        return {"group": group, "training_seed": seed, **_statistics(results, episodes)}
+
+    by = ("task", "hardware", "policy")
+    for row in table(results.main, by, columns):
+        found.append(row)
+        if row["runs"] > 1:
+            some = where(results.main, **{name: row[name] for name in by})
+            for seed in dict.fromkeys(values(some, "training_seed").tolist()):
+                runs = where(some, training_seed=seed)
+                found += table(runs, by, lambda rows, seed=seed: columns(rows, seed))
     # All policies of one task and hardware together, in the order of the settings.
-    where, order = list(dict.fromkeys(place[1:3] for place in results.places)), list(groups)
-    for place, table in sorted(
-        results.places.items(), key=lambda each: (where.index(each[0][1:3]), order.index(each[0].policy))
-    ):
-        labels, runs = {**place.labels, "group": groups[place.policy]}, table.groups("training_seed")
-        found.append(_row(results, {**labels, "training_seed": None}, table))
-        if len(runs) > 1:
-            found += [_row(results, {**labels, "training_seed": seed}, each) for (seed,), each in runs.items()]
-    return found
+    there, order = list(dict.fromkeys((row["task"], row["hardware"]) for row in found)), list(groups)
+    return sorted(found, key=lambda row: (there.index((row["task"], row["hardware"])), order.index(row["policy"])))
 
 
 def longest(results: Results, task: str) -> float:
@@ -119,31 +133,34 @@ def longest(results: Results, task: str) -> float:
     return info.step_limit * info.step_time
 
 
-def _limited(results: Results, table: Table) -> np.ndarray:
+def _limited(results: Results, episodes: pd.DataFrame) -> np.ndarray:
     """Return times to goal (runs, episodes), s, in which a failure counts as the longest episode."""
-    limit = longest(results, str(table["task"][0]))
-    return np.where(table.by_run("success") > 0.0, table.by_run("time_to_goal_s"), limit)
+    limit = longest(results, values(episodes, "task")[0])
+    return np.where(by_run(episodes, "success") > 0.0, by_run(episodes, "time_to_goal_s"), limit)
 
 
-def _row(results: Results, labels: Row, table: Table) -> dict[str, Any]:
-    limited, bound, collisions = _limited(results, table), table.by_run("bound_s"), table.by_run("collisions")
-    time, bounded = interval_of(limited, *results.asked, iqm), bool(np.isfinite(bound).all())
-    counted = bool(np.isfinite(collisions).all())
+def _statistics(results: Results, episodes: pd.DataFrame) -> dict[str, Any]:
+    asked, limited = results.settings.asked, _limited(results, episodes)
+    bound, collisions = by_run(episodes, "bound_s"), by_run(episodes, "collisions")
+    time, bounded, counted = (
+        interval_of(limited, *asked, statistic=iqm),
+        np.isfinite(bound).all(),
+        np.isfinite(collisions).all(),
+    )
     return {
-        **labels,
         "runs": len(limited),
-        **successes(table.by_run("success") > 0.0, *results.asked),  # episodes of one run, successes of all
+        **successes(by_run(episodes, "success") > 0.0, *asked),  # episodes of one run, successes of all
         "time_iqm_s": float(iqm(limited.ravel())),
         **ends("time_iqm", time, "_s"),
         "over_bound_iqm": float(iqm((limited / bound).ravel())) if bounded else math.nan,
-        **ends("over_bound_iqm", interval_of(limited / bound, *results.asked, iqm) if bounded else None),
+        **ends("over_bound_iqm", interval_of(limited / bound, *asked, statistic=iqm) if bounded else None),
         "iqm_interval_method": "" if time is None else time.method,
-        "time_median_s": quartiles(table["time_to_goal_s"]).median,
-        "over_bound_median": quartiles(table["time_over_bound"]).median,
+        "time_median_s": quartiles(values(episodes, "time_to_goal_s")).median,
+        "over_bound_median": quartiles(values(episodes, "time_over_bound")).median,
         "collisions_mean": float(collisions.mean()) if counted else math.nan,
-        **ends("collisions", interval_of(collisions, *results.asked) if counted else None),
-        "fallen": int(table["fallen"].sum()),
-        "diverged": int(table["diverged"].sum()),
+        **ends("collisions", interval_of(collisions, *asked) if counted else None),
+        "fallen": int(values(episodes, "fallen").sum()),
+        "diverged": int(values(episodes, "diverged").sum()),
     }
 
 
@@ -152,24 +169,26 @@ def best_classical(found: Sequence[Row]) -> dict[tuple[str, str], str]:
 
     It is chosen on the episodes on which others are compared with it, so chance may favour it slightly.
     """
-    best: dict[tuple[str, str], Row] = {}
-    for row in found:
-        if row["group"] == "classical" and row["training_seed"] is None:
-            other = best.setdefault((row["task"], row["hardware"]), row)
-            if (-row["successes"], row["time_iqm_s"]) < (-other["successes"], other["time_iqm_s"]):
-                best[row["task"], row["hardware"]] = row
-    return {place: row["policy"] for place, row in best.items()}
+    some = [row for row in found if row["group"] == "classical" and row["training_seed"] is None]
+    return {
+        place: min(
+            (row for row in some if (row["task"], row["hardware"]) == place),
+            key=lambda row: (-row["successes"], row["time_iqm_s"]),
+        )["policy"]
+        for place in dict.fromkeys((row["task"], row["hardware"]) for row in some)
+    }
 
 
 def differences(results: Results, found: Sequence[Row]) -> list[dict[str, Any]]:
     """Return the paired differences of learned and hybrid policies to the best classical one."""
-    best, gaps, asked, places = best_classical(found), [], results.asked, results.places
+    best, gaps, asked, known = best_classical(found), [], results.settings.asked, places(results.main)
     for row in found:
         place = row["task"], row["hardware"]
         if row["group"] == "classical" or row["training_seed"] is not None or place not in best:
             continue
-        first, second = (places[Place(REPORT, *place, name)] for name in (row["policy"], best[place]))
-        times = first.by_run("time_to_goal_s") - second.by_run("time_to_goal_s")
+        first, second = (known[Place(REPORT, *place, name)] for name in (row["policy"], best[place]))
+        mine, theirs = (by_run(some, "success") > 0.0 for some in (first, second))
+        times, collisions = (by_run(first, n) - by_run(second, n) for n in ("time_to_goal_s", "collisions"))
         gaps.append(
             {
                 "task": place[0],
@@ -178,11 +197,11 @@ def differences(results: Results, found: Sequence[Row]) -> list[dict[str, Any]]:
                 "second": best[place],
                 "episodes": row["episodes"],
                 "runs": row["runs"],
-                "success": success_difference(first.by_run("success") > 0.0, second.by_run("success") > 0.0, *asked),
+                "success": success_difference(mine, theirs, *asked),
                 "both": int(np.isfinite(times).sum()),
                 "time": mean_difference(times, *asked),
                 "iqm": iqm_difference(_limited(results, first), _limited(results, second), *asked),
-                "collisions": mean_difference(first.by_run("collisions") - second.by_run("collisions"), *asked),
+                "collisions": mean_difference(collisions, *asked),
             }
         )
     return gaps
@@ -193,29 +212,27 @@ def matrices(results: Results) -> list[dict[str, Any]]:
     found = []
     for index, matrix in enumerate(results.settings.generalisation):
         where, label = f"comparison.generalisation.{index}", matrix_label(matrix)
-        lines = matrix.columns(where, [each.name for each in results.settings.entries()])
-        cases, cells = matrix.tested(where), []
-        places = results.table.where(study=label).places()
+        lines = matrix.columns(where, [entry.name for entry in results.settings.entries()])
+        tests, cells, known = matrix.tests(where), [], places(results.episodes, label)
         for line in lines:
-            for case in cases:
-                place = Place(label, matrix.task, case.name, line.name)
-                labels = {"policy": line.name, "case": case.name, "refusal": results.refused.get(place, "")}
-                if place in places:
-                    success = places[place].by_run("success") > 0.0
-                    cell = {"runs": len(success), **successes(success, *results.asked)}
-                    time = quartiles(places[place]["time_to_goal_s"]).median
-                else:
-                    none = {"success_rate": math.nan, **ends("success", None), "success_interval_method": ""}
-                    cell, time = {"runs": 0, "episodes": 0, **none}, math.nan
-                cells.append({**labels, **cell, "time_median_s": time})
-        found.append({"name": matrix.name, "policies": lines, "cases": cases, "results": cells})
+            for test in tests:
+                place = Place(label, matrix.task, test.name, line.name)
+                cell = {"runs": 0, "episodes": 0, "success_rate": math.nan, "success_interval_method": ""}
+                time = math.nan
+                if place in known:
+                    success = by_run(known[place], "success") > 0.0
+                    cell = {"runs": len(success), **successes(success, *results.settings.asked)}
+                    time = quartiles(values(known[place], "time_to_goal_s")).median
+                labels = {"policy": line.name, "case": test.name, "refusal": results.refused.get(place, "")}
+                cells.append({**labels, **ends("success", None), **cell, "time_median_s": time})
+        found.append({"name": matrix.name, "policies": lines, "cases": tests, "results": cells})
     return found
 
 
 def ladders(results: Results, found: Sequence[Row]) -> list[dict[str, Any]]:
     """Return the ladders: of every policy its action, training budget and rows of statistics."""
     result = []
-    actions = {run.place: run.policy.action for run in results.runs if run.policy is not None}
+    actions = {case.place: case.policy.action for case in results.cases if case.policy is not None}
     for ladder in results.settings.ladders:
         hardware, steps = results.settings.ladder_hardware(ladder), []
         for name in ladder.policies:
@@ -236,27 +253,46 @@ def ladders(results: Results, found: Sequence[Row]) -> list[dict[str, Any]]:
     return result
 
 
+def results_table(results: Results, found: Sequence[Row]) -> Grid:
+    """Return the table of results; the best classical policies are named so, training runs stand below their policy."""
+    names, best = [entry.name for entry in results.settings.entries()], best_classical(found)
+
+    def policy(row: Row) -> Cell:
+        if row["training_seed"] is not None:
+            return Cell(f"training seed {row['training_seed']}", kind="run")
+        tag = "best classical" if best.get((row["task"], row["hardware"])) == row["policy"] else row["group"]
+        tag += f", {row['runs']} seeds" if row["runs"] > 1 else ""
+        return Cell(row["policy"], tag, "name", dot=_dot(row["policy"], names))
+
+    columns: dict[str, Callable[[Row], Cell | str]] = {
+        "task": lambda row: Cell(row["task"], kind="name"),
+        "hardware": lambda row: row["hardware"],
+        "policy": policy,
+        "success": pages.success_cell,
+        "time to goal (IQM)": _iqm,
+        "time / bound (IQM)": lambda row: _between(row, "over_bound_iqm", 3),
+        "median time": lambda row: quantity(row["time_median_s"], 1.0, 2, "s"),
+        "collisions": lambda row: _between({**row, "collisions": row["collisions_mean"]}, "collisions", 2),
+        "fallen": lambda row: str(row["fallen"]),
+    }
+    return grid("Results", found, columns)
+
+
+def _between(row: Row, name: str, digits: int) -> Cell:
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    return Cell(quantity(row[name], 1.0, digits, ""), "" if math.isnan(low) else span(low, high, digits))
+
+
+def _iqm(row: Row) -> Cell:
+    low, high = row["time_iqm_low_s"], row["time_iqm_high_s"]
+    small = "" if math.isnan(low) else span(low, high, 3)
+    return Cell(quantity(row["time_iqm_s"], 1.0, 3, "s"), small, title=row["iqm_interval_method"])
+
+
 def summary_table(results: Results) -> str:
     """Return the table of the command in Markdown."""
     found = rows(results)
-    labels = ["task", *(["hardware"] if len(results.hardware_of()) > 1 else [])]
-    level = f"{100 * results.settings.confidence:g} % interval"
-    heads = [*labels, "policy", "success", level, "time to goal (IQM)", level, "time / bound", "collisions"]
-    lines = [
-        [
-            *(row[label] for label in labels),
-            row["policy"] if row["runs"] == 1 else f"{row['policy']} ({row['runs']} seeds)",
-            f"{percent(row)} %",
-            f"{percent_between(row)} %",
-            quantity(row["time_iqm_s"], 1.0, 3, "s"),
-            span(row["time_iqm_low_s"], row["time_iqm_high_s"], 3),
-            quantity(row["over_bound_iqm"], 1.0, 2, ""),
-            quantity(row["collisions_mean"], 1.0, 2, ""),
-        ]
-        for row in found
-        if row["training_seed"] is None
-    ]
-    return markdown(heads, lines)
+    return results_table(results, found).markdown()
 
 
 def write(results: Results, quiet: bool = False) -> Path:
@@ -283,11 +319,11 @@ def write(results: Results, quiet: bool = False) -> Path:
         ],
         "generalisation": [
             {
-                **each,
-                "policies": [line.model_dump() for line in each["policies"]],
-                "cases": [asdict(case) for case in each["cases"]],
+                **matrix,
+                "policies": [line.model_dump() for line in matrix["policies"]],
+                "cases": [asdict(test) for test in matrix["cases"]],
             }
-            for each in tested
+            for matrix in tested
         ],
         "ladders": rungs,
     }
@@ -296,86 +332,134 @@ def write(results: Results, quiet: bool = False) -> Path:
     return directory / FILES[-1]
 
 
+# -- page --------------------------------------------------------------------------------------------------------------
+
+
 def page(
     results: Results, found: Sequence[Row], gaps: Sequence[Row], tested: Sequence[Row], rungs: Sequence[Row]
 ) -> str:
     """Return the page as HTML."""
-    names, best = [each.name for each in results.settings.entries()], best_classical(found)
-    curves = {
-        task: {policy: runs for (each, policy), runs in results.curves.items() if each == task}
-        for task in results.tasks
+    names = [entry.name for entry in results.settings.entries()]
+    sections = [
+        Section("asked", "Tasks", [pages.task_cards(results)]),
+        Section("results", "Results", [TERMS, results_table(results, found)]),
+    ]
+    if gaps:
+        sections.append(Section("differences", "Against the best classical policy", _differences(gaps)))
+    if results.curves:
+        sections.append(Section("curves", "Learning curves", _curves(results, names)))
+    if rungs:
+        sections.append(
+            Section("ladders", "Ladders", [each for ladder in rungs for each in _ladder(results, ladder, names)])
+        )
+    if tested:
+        sections.append(Section("generalisation", "Generalisation", [each for one in tested for each in _matrix(one)]))
+    lead = "Learned, hybrid and classical policies on the same starts and goals."
+    return pages.page(results, "compare", f"Comparison: {', '.join(results.tasks)}", lead, sections)
+
+
+def _dot(name: str, names: Sequence[str]) -> str:
+    return plots.look_of(name, names)["color"]
+
+
+def _differences(gaps: Sequence[Row]) -> list[Any]:
+    text = (
+        "Episode by episode, learned or hybrid policy minus the best classical one; bold: zero is outside the interval in "
+        "small print. The best classical policy was chosen on these episodes, so chance may favour it a little."
+    )
+    columns: dict[str, Callable[[Row], Cell | str]] = {
+        "task": lambda gap: Cell(gap["task"], kind="name"),
+        "hardware": lambda gap: gap["hardware"],
+        "policies": lambda gap: Cell(gap["first"], f"against {gap['second']}", "left"),
+        "success, points": lambda gap: pages.estimate_cell(gap["success"], 100, 1),
+        "time (IQM)": lambda gap: pages.estimate_cell(gap["iqm"], 1, 3, " s"),
+        "mean time, both succeed": lambda gap: pages.estimate_cell(gap["time"], 1, 3, " s"),
+        "collisions": lambda gap: pages.estimate_cell(gap["collisions"], 1, 2),
     }
-    return pages.render(
-        "compare.html.j2",
-        **pages.common(results),
-        tasks=[
-            {
-                "name": task,
-                "criterion": pages.success_criterion(info),
-                "limit": f"{longest(results, task):g} s",
-                "sections": [
-                    {
-                        "hardware": hardware,
-                        "rows": [row for row in found if (row["task"], row["hardware"]) == (task, hardware)],
-                        "best": best.get((task, hardware)),
-                    }
-                    for hardware in results.hardware_of(task)
-                ],
-            }
-            for task, info in results.tasks.items()
-        ],
-        seeded=any(row["runs"] > 1 for row in found),
-        differences=gaps,
-        collisions=any(math.isfinite(gap["collisions"].value) for gap in gaps),
-        curves=[
-            {
-                "task": task,
-                "plot": data_address(plots.draw_curves(runs, names)),
-                "runs": {name: list(each.values()) for name, each in runs.items()},
-            }
-            for task, runs in curves.items()
-            if runs
-        ],
-        listed=_listed,
-        ladders=[
-            {
-                **each,
-                "plot": data_address(
-                    plots.draw_curves({step["policy"]: curves[each["task"]][step["policy"]] for step in each["steps"]}, names)
-                ),
-                "unequal": max(budgets) > UNEQUAL * min(budgets),
-            }
-            for each in rungs
-            if (budgets := [steps for step in each["steps"] for steps in step["steps"]])
-        ],
-        matrices=[_matrix(each) for each in tested],
-        colours={name: plots.look_of(name, names)["color"] for name in names},
-    )  # fmt: skip
+    return [text, grid("Differences", gaps, columns)]
 
 
-TEXTS: dict[str, Callable[[float], str]] = {
-    "steps": plots.steps_text,
-    "seconds": lambda value: f"{value / 60.0:.1f}",
-    "success": lambda value: f"{100.0 * value:.1f} %",
-    "time_to_goal": lambda value: quantity(value, 1.0, 2, "s"),
+def _curves(results: Results, names: Sequence[str]) -> list[Any]:
+    blocks: list[Any] = [
+        "Deterministic evaluations during training, one line a training seed. Dashed: imitation of a controller."
+    ]
+    for task in results.tasks:
+        runs = {policy: curves for (each, policy), curves in results.curves.items() if each == task}
+        if runs:
+            alt = f"Success rate and median time to goal over environment steps, {task}"
+            columns: dict[str, Callable[[Any], Cell | str]] = {
+                "policy": lambda each: Cell(each[0], kind="name", dot=_dot(each[0], names)),
+                "training seeds": lambda each: str(len(each[1])),
+                **{head: lambda each, what=what: _last(what, each[1]) for what, (head, _) in TEXTS.items()},
+            }
+            lines = grid(f"Learning curves, {task}", list(runs.items()), columns)
+            blocks += [Heading(task), Picture(data_address(plots.draw_curves(runs, names)), alt), lines]
+    return blocks
+
+
+TEXTS: dict[str, tuple[str, Callable[[float], str]]] = {
+    "steps": ("steps", plots.steps_text),
+    "seconds": ("minutes", lambda value: f"{value / 60.0:.1f}"),
+    "success": ("last success", lambda value: f"{100.0 * value:.1f} %"),
+    "time_to_goal": ("last median time", lambda value: quantity(value, 1.0, 2, "s")),
 }
-"""How the page writes the last values of learning curves; seconds are shown as minutes."""
+"""Head and text of the last values of learning curves; seconds are shown as minutes."""
+
+
+def _last(name: str, curves: Mapping[int | None, Curve]) -> str:
+    return _listed(name, [getattr(curve, name)[-1] for curve in curves.values()])
 
 
 def _listed(name: str, values: Iterable[float]) -> str:
     """Return values with commas, or one if their texts are equal; ``name`` is one of :data:`TEXTS`."""
-    found = [TEXTS[name](value) for value in values]
+    found = [TEXTS[name][1](value) for value in values]
     return found[0] if len(set(found)) == 1 else ", ".join(found)
 
 
-def _matrix(matrix: Row) -> dict[str, Any]:
-    """Return what the page shows of a matrix: cells by policy, with the refusals numbered."""
-    tasks = list(dict.fromkeys(case.task for case in matrix["cases"]))
-    return {
-        **matrix,
-        "task": tasks[0] if len(tasks) == 1 else "",
-        "lines": [
-            (line, [cell for cell in matrix["results"] if cell["policy"] == line.name]) for line in matrix["policies"]
-        ],
-        "reasons": list(dict.fromkeys(cell["refusal"] for cell in matrix["results"] if cell["refusal"])),
+def _ladder(results: Results, ladder: Row, names: Sequence[str]) -> list[Any]:
+    steps = ladder["steps"]
+    budgets = [count for step in steps for count in step["steps"]]
+    unequal = max(budgets) > UNEQUAL * min(budgets)
+    columns: dict[str, Callable[[Row], Cell | str]] = {
+        "policy": lambda step: Cell(step["policy"], kind="name", dot=_dot(step["policy"], names)),
+        "action": lambda step: step["action"],
+        "success": lambda step: pages.success_cell(step["row"]),
+        "of each seed": lambda step: ", ".join(f"{percent(run)} %" for run in step["runs"]) or "–",
+        "time (IQM)": lambda step: _iqm(step["row"]),
+        "time of each seed": lambda step: (
+            ", ".join(quantity(run["time_iqm_s"], 1.0, 3, "s") for run in step["runs"]) or "–"
+        ),
+        "time / bound": lambda step: quantity(step["row"]["over_bound_iqm"], 1.0, 3, ""),
+        "steps": lambda step: _listed("steps", step["steps"]),
+        "minutes": lambda step: _listed("seconds", step["seconds"]),
     }
+    plot = plots.draw_curves({step["policy"]: results.curves[ladder["task"], step["policy"]] for step in steps}, names)
+    text = "The training budgets differ." if unequal else "All were trained with the same number of steps."
+    return [
+        Heading(ladder["name"]),
+        f"{ladder['task']}, {ladder['hardware']} hardware. {text}",
+        grid(f"Ladder {ladder['name']}", steps, columns),
+        Picture(data_address(plot), f"Learning curves of {ladder['name']}"),
+    ]
+
+
+def _matrix(matrix: Row) -> list[Any]:
+    reasons = list(dict.fromkeys(cell["refusal"] for cell in matrix["results"] if cell["refusal"]))
+
+    def shown(cell: Row) -> Cell:
+        if cell["refusal"]:
+            return Cell(f"cannot act ({reasons.index(cell['refusal']) + 1})", title=cell["refusal"])
+        time = quantity(cell["time_median_s"], 1.0, 2, "s")
+        title = f"{cell['runs']} × {cell['episodes']} episodes, median time {time}, {cell['success_interval_method']}"
+        return pages.success_cell(cell, title=title)
+
+    columns: dict[str, Callable[[Any], Cell | str]] = {
+        "policy": lambda line: Cell(line.name, f"trained on {line.trained_on}" if line.trained_on else "", "left")
+    }
+    for test in matrix["cases"]:
+        columns[f"{test.name} ({test.task})"] = lambda line, name=test.name: next(
+            shown(cell) for cell in matrix["results"] if (cell["policy"], cell["case"]) == (line.name, name)
+        )
+    text = "Rows: policies, and what they were trained on. Columns: what they are tested on, nothing trained again."
+    lines = grid(f"Generalisation, {matrix['name']}", matrix["policies"], columns, "matrix")
+    return [Heading(matrix["name"]), text, lines, *([tuple(reasons)] if reasons else [])]

@@ -13,9 +13,8 @@ from pydantic import Field
 
 from agents.evaluation.films import Log, Rollout
 from agents.evaluation.part_limits import Limits, limits_of
-from agents.evaluation.run import Infos, Run
-from agents.evaluation.settings import FileSettings
-from agents.evaluation.study_settings import Seed
+from agents.evaluation.run import Case, Infos
+from agents.evaluation.settings import FileSettings, Seed
 from agents.evaluation.table import Place
 from agents.provenance import provenance
 from agents.training_settings import Plain
@@ -221,7 +220,7 @@ def measure(settings: DatasheetSettings, quiet: bool = False) -> Sheet:
         task, arguments = ("Align", {"rest": resting, **variants}[name]) if name not in TASKS else (name, environment)
         with checks.within(f"datasheet ({task})"):
             of_task, place = infos.of(task, arguments, "environment"), Place("datasheet", task, "", name)
-            runs[name] = Run(place, None, task, of_task, settings.seeds, arguments, settings.policy, Log).made()
+            runs[name] = Case(place, None, task, of_task, settings.seeds, arguments, settings.policy, Log).made()
     played = {name: run.play(quiet) for name, run in runs.items()}
     of_tasks = {name: run.info for name, run in runs.items() if name in TASKS}
     hardware = {"actuators": settings.actuators, "sensor": settings.sensor}

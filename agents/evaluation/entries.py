@@ -23,8 +23,7 @@ from ruamel.yaml import YAML
 from agents.evaluation.entry_process import EntryPolicy, EntryProcess
 from agents.evaluation.run import Results
 from agents.evaluation.score import LEARNED, SuiteSettings, rows
-from agents.evaluation.settings import PolicyEntry
-from agents.evaluation.study_settings import MOST_NAME
+from agents.evaluation.settings import MOST_NAME, PolicyEntry
 from agents.evaluation.table import markdown
 from agents.provenance import digest, policy_sources
 from agents.training_settings import Plain
@@ -201,7 +200,7 @@ def without_failures(results: Results) -> Results:
     """Return results in which an entry does not serve the tasks where its code failed."""
     failed = {
         run.place: run.policy.failure
-        for run in results.runs
+        for run in results.cases
         if isinstance(run.policy, EntryPolicy) and run.policy.failure is not None
     }
     kept = {key: found for key, found in results.rollouts.items() if key[0] not in failed}

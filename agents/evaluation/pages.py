@@ -1,4 +1,4 @@
-"""Pages from templates: HTML files that open offline; and what several of them show: tasks, parts, settings as YAML."""
+"""Pages: HTML files that open offline, from one template and blocks of text, tables, pictures and cards."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import base64
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
-from agents.evaluation.table import number, percent, percent_between, plain, quantity, signed, span
+from agents.evaluation.table import markdown, percent, percent_between, plain, signed
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene import Part
 
@@ -29,12 +30,110 @@ STRONGEST = 0.42
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
 
-def render(template: Path | str, **values: Any) -> str:
-    """Return a page from a template: a path, or the name of one of this folder.
+@dataclass(frozen=True)
+class Cell:
+    """Cell of a table: text and small print. ``kind``: classes; ``colour``: of the background; ``dot``: before it."""
 
-    Templates may extend ``base.html.j2``, import ``pieces.html.j2`` and use :data:`FILTERS`; ``inline(name)`` is a script of
-    this folder.
+    text: str
+    small: str = ""
+    kind: str = ""
+    colour: str = ""
+    dot: str = ""
+    link: str = ""
+    title: str = ""
+    sort: str | None = None
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table: rows of as many cells as there are heads."""
+
+    label: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[Cell | str]]
+    kind: str = ""
+    block = "grid"
+
+    def markdown(self) -> str:
+        """Return the table in Markdown, small print in parentheses."""
+        return markdown(self.heads, [[_text(cell) for cell in row] for row in self.rows])
+
+
+def _text(cell: Cell | str) -> str:
+    if isinstance(cell, str):
+        return cell
+    return f"{cell.text} ({cell.small})" if cell.small else cell.text
+
+
+def grid(label: str, rows: Sequence[Any], columns: Mapping[str, Callable[[Any], Cell | str]], kind: str = "") -> Grid:
+    """Return a table with a line for every row; columns without a value and a hardware that is always the same are left out.
+
+    Args:
+        label: of the table.
+        rows: of statistics.
+        columns: head -> function of a row that returns its cell.
+        kind: class of the table.
     """
+    cells = {head: [make(row) for row in rows] for head, make in columns.items()}
+    texts = {head: {_text(cell) for cell in column} for head, column in cells.items()}
+    heads = [head for head in cells if texts[head] != {"–"} and not (head == "hardware" and len(texts[head]) == 1)]
+    return Grid(label, heads, list(zip(*(cells[head] for head in heads), strict=True)), kind)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An embedded picture; with ``summary`` it opens on a click."""
+
+    source: str
+    alt: str
+    caption: str = ""
+    summary: str = ""
+    block = "picture"
+
+
+@dataclass(frozen=True)
+class Card:
+    """Text and pictures in a frame; ``code`` is shown as it is."""
+
+    title: str
+    text: str = ""
+    note: str = ""
+    code: str = ""
+    aside: str = ""
+    dot: str = ""
+    id: str = ""
+    pictures: Sequence[Picture] = ()
+
+
+@dataclass(frozen=True)
+class Cards:
+    """Cards side by side; ``wide`` ones two in a row."""
+
+    cards: Sequence[Card]
+    wide: bool = False
+    block = "cards"
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A heading within a section."""
+
+    text: str
+    id: str = ""
+    block = "heading"
+
+
+@dataclass(frozen=True)
+class Section:
+    """Blocks under a heading: a text is a paragraph, and a tuple a list."""
+
+    id: str
+    title: str
+    blocks: Sequence[Any]
+
+
+def render(template: Path | str, **values: Any) -> str:
+    """Return a page from a template: a path, or the name of one of this folder."""
     path = HOME / template
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader([path.parent, HOME]),
@@ -43,10 +142,56 @@ def render(template: Path | str, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {each.__name__: each for each in FILTERS}
-    environment.tests["finite"] = math.isfinite
     environment.globals["inline"] = lambda name: Markup((HOME / name).read_text(encoding="utf-8"))
     return environment.get_template(path.name).render(**values)
+
+
+def page(results: Any, command: str, title: str, lead: str, sections: Sequence[Section]) -> str:
+    """Return the page of results (:class:`agents.evaluation.run.Results`), with settings and versions at the end."""
+    settings, origin = results.settings, results.provenance
+    ran = {name: settings.environments()[name] for name in results.hardware_of()}
+    keys = ("model", "actuators", "sensor", "randomize")
+    machines = {name: {key: each[key] for key in keys if key in each} for name, each in ran.items()}
+    cards = [Card(name, code=as_yaml(each) if each else "ideal") for name, each in machines.items()]
+    about = (
+        "Settings of the hardware models of actuators and sensor (docs/hardware.md). All results are simulated; rewards and "
+        "success are computed from the true poses, not from measurements."
+    )
+    if any(machines.values()):
+        sections = [*sections, Section("hardware", "Hardware", [about, Cards(cards)])]
+    facts = {
+        "Date": origin["time"],
+        "Commit": origin["commit"] or "not known",
+        "Seeds": seeds_text(settings.seed_list()),
+        "Processor": f"{origin['machine']['processor']}, {origin['machine']['cores']} cores",
+        "System": origin["machine"]["system"],
+        **{name: version or "not installed" for name, version in origin["versions"].items()},
+    }
+    return render(
+        "page.html.j2",
+        command=command,
+        title=title,
+        lead=lead,
+        sections=sections,
+        facts=facts,
+        settings_text=as_yaml(settings.as_written()),
+    )
+
+
+def success_cell(row: Mapping[str, Any], **more: Any) -> Cell:
+    """Return the cell of a success rate, with its interval."""
+    shown = {"colour": colour(row["success_rate"]), "title": row["success_interval_method"], **more}
+    return Cell(f"{percent(row)} %", f"{percent_between(row)} %", **shown)
+
+
+def estimate_cell(each: Any, factor: float, digits: int, unit: str = "") -> Cell:
+    """Return the cell of an :class:`agents.evaluation.statistics.Estimate`, bold if zero is outside its interval."""
+    interval = each.interval
+    text = f"{signed(factor * each.value, digits)}{unit}" if math.isfinite(each.value) else "–"
+    if interval is None:
+        return Cell(text)
+    small = f"{signed(factor * interval.low, digits)} to {signed(factor * interval.high, digits)}"
+    return Cell(text, small, kind="clear" if each.clear else "", title=interval.method)
 
 
 def data_address(content: bytes, kind: str = "png") -> str:
@@ -68,26 +213,10 @@ def as_yaml(value: Any, flow: bool = False) -> str:
     return found.removeprefix("{").removesuffix("}") if flow else found
 
 
-def hardware_cards(environments: Mapping[str, Mapping[str, Any]]) -> list[dict[str, str]]:
-    """Return name and settings (YAML) of every hardware model; none if all are ideal."""
-    keys = ("model", "actuators", "sensor", "randomize")
-    found = {name: {key: each[key] for key in keys if key in each} for name, each in environments.items()}
-    if not any(found.values()):
-        return []
-    return [{"name": name, "settings": as_yaml(each) if each else "ideal"} for name, each in found.items()]
-
-
 def colour(share: float) -> str:
     """Return the colour of a success rate: strong at 0 and 1, faint at one half."""
     red, green, blue = GOOD if share > 0.5 else BAD
     return f"rgba({red}, {green}, {blue}, {STRONGEST * abs(2.0 * share - 1.0):.3f})"
-
-
-def thousands(rate: float) -> str:
-    """Return steps per second in thousands or millions; "–" for nan."""
-    if not math.isfinite(rate):
-        return "–"
-    return f"{1e-6 * rate:.1f} M" if rate >= 999_500 else f"{1e-3 * rate:.0f} k"
 
 
 def seeds_text(seeds: list[int]) -> str:
@@ -117,16 +246,6 @@ def inventory(parts: Sequence[Part]) -> str:
     return joined(found)
 
 
-def loads(tasks: Mapping[str, tuple[TaskInfo, int]]) -> list[dict[str, Any]]:
-    """Return parts and number of episodes of tasks; tasks with the same ones together."""
-    found: dict[tuple[str, int], list[str]] = {}
-    for task, (info, episodes) in tasks.items():
-        found.setdefault((inventory(info.parts), episodes), []).append(task)
-    return [
-        {"tasks": joined(names), "inventory": parts, "episodes": episodes} for (parts, episodes), names in found.items()
-    ]
-
-
 def success_criterion(task: TaskInfo) -> str:
     """Return what counts as success."""
     if task.flows:
@@ -141,6 +260,17 @@ def success_criterion(task: TaskInfo) -> str:
     if task.apart is not None:
         criteria.append(f"all parts more than {1e3 * task.apart:.1f} mm apart")
     return joined(criteria) or "see its documentation"
+
+
+def task_cards(results: Any) -> Cards:
+    """Return a card for each task: what is asked, with which parts, and what counts."""
+    cards = []
+    for name, info in results.tasks.items():
+        limit = f"{info.step_limit} steps ({info.step_limit * info.step_time:g} s)"
+        count = len(results.settings.seed_list(name))
+        note = f"{inventory(info.parts)}; counted: {success_criterion(info)}; limit: {limit}; {count} episodes"
+        cards.append(Card(name, info.summary, note))
+    return Cards(cards)
 
 
 def task_facts(task: TaskInfo, episodes: int) -> dict[str, Any]:
@@ -176,23 +306,3 @@ def json_text(results: Any, rows: Sequence[Mapping[str, Any]], more: Mapping[str
         **more,
     }
     return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
-
-
-def common(results: Any) -> dict[str, Any]:
-    """Return the values that all pages of results show."""
-    settings = results.settings
-    ran = results.hardware_of()
-    return {
-        "settings": settings,
-        "confidence": f"{100 * settings.confidence:g} %",
-        "hardware": ran,
-        "machines": hardware_cards({name: settings.environments()[name] for name in ran}),
-        "loads": loads({task: (info, len(settings.seed_list(task))) for task, info in results.tasks.items()}),
-        "seeds": seeds_text(settings.seed_list()),
-        "provenance": results.provenance,
-        "settings_text": as_yaml(settings.as_written()),
-    }
-
-
-FILTERS = (colour, number, percent, percent_between, quantity, signed, span, thousands)
-"""Functions that templates use to write values."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,7 +28,7 @@ from agents.evaluation.figures import (
 )
 from agents.evaluation.films import Rollout
 from agents.evaluation.run import Results
-from agents.evaluation.table import RATES
+from agents.evaluation.table import RATES, REPORT
 from agents.learning_curve import Curve
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
@@ -50,18 +50,49 @@ FLOOR = 0.1
 """mm and degrees at which the logarithmic axes of errors begin."""
 
 
+class Panel(NamedTuple):
+    """Axes of one of :data:`agents.evaluation.films.SERIES`: values times ``factor``, at least ``floor``."""
+
+    label: str
+    factor: float
+    floor: float
+    log: bool = False
+
+
+PANELS = {
+    "position_error": Panel("distance (mm)", 1e3, FLOOR, log=True),
+    "heading_error": Panel("heading error (deg)", 180.0 / math.pi, FLOOR, log=True),
+    "parts_done": Panel("parts done", 1.0, 0.0),
+    "clearance": Panel("smallest distance (mm)", 1e3, 0.0),
+}
+
+
 def trajectories(rollout: Rollout, task: TaskInfo, scenery: Scenery) -> bytes:
     """Draw the paths of the first episodes on the surface, to scale, and below them their errors over time."""
     shown = ("position_error", "heading_error") if task.has_goal else ("parts_done", "clearance")
-    panels = [(PANELS[name], values) for name in shown if (values := rollout.over_time(name)) is not None]
+    panels = [(name, values[:SHOWN]) for name in shown if (values := rollout.over_time(name)) is not None]
+    # What counts as success, shaded.
+    good = {
+        "position_error": (FLOOR, 1e3 * task.position_tolerance),
+        "heading_error": (FLOOR, math.degrees(task.heading_tolerance)),
+        "clearance": None if task.apart is None else (1e3 * task.apart, 1.3e3 * task.apart),
+    }
     height = height_of_map(task.surface)
     figure = new_figure(6.2, height + 1.5)
-    grid = figure.add_gridspec(2, max(len(panels), 1), height_ratios=[height, 1.5])
-    _map(figure.add_subplot(grid[0, :]), rollout, task, scenery)
-    for column, (draw, values) in enumerate(panels):
-        axes = figure.add_subplot(grid[1, column])
-        draw(axes, rollout, task, values[:SHOWN])
+    layout = figure.add_gridspec(2, max(len(panels), 1), height_ratios=[height, 1.5])
+    _map(figure.add_subplot(layout[0, :]), rollout, task, scenery)
+    for column, (name, values) in enumerate(panels):
+        axes, panel = figure.add_subplot(layout[1, column]), PANELS[name]
+        for each, colour in zip(np.maximum(panel.factor * values, panel.floor), outcome_colours(rollout), strict=True):
+            axes.plot(times(rollout), each, color=colour, linewidth=0.8, alpha=0.6)
+        if good.get(name) is not None:
+            axes.axhspan(*good[name], color=SUCCESS, alpha=0.10, linewidth=0)
         axes.set(xlim=(0.0, float(rollout.steps[:SHOWN].max()) * rollout.step_time))
+        if panel.log:
+            axes.set(yscale="log")
+            axes.minorticks_off()
+            axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        style(axes, xlabel="time (s)", ylabel=panel.label)
     return png(figure)
 
 
@@ -126,87 +157,31 @@ def _map(axes: Axes, rollout: Rollout, task: TaskInfo, scenery: Scenery) -> None
     draw_table(axes, task.surface)
 
 
-def _distances(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
-    _errors(axes, rollout, 1e3 * values, 1e3 * task.position_tolerance, "distance (mm)")
-
-
-def _turns(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
-    _errors(axes, rollout, np.degrees(values), math.degrees(task.heading_tolerance), "heading error (deg)")
-
-
-def _errors(axes: Axes, rollout: Rollout, errors: np.ndarray, tolerance: float, label: str) -> None:
-    _lines(axes, rollout, np.maximum(errors, FLOOR), alpha=0.6)
-    axes.axhspan(FLOOR, tolerance, color=SUCCESS, alpha=0.10, linewidth=0)
-    axes.set(yscale="log", ylim=(FLOOR, 1.4 * max(float(np.nanmax(errors)), 10.0 * tolerance)))
-    axes.minorticks_off()
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    style(axes, xlabel="time (s)", ylabel=label)
-
-
-def _shares(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
-    present = len(task.parts) if task.flows else parts_at_start(rollout)[:SHOWN, None]
-    _lines(axes, rollout, 100.0 * values / present, alpha=0.5, drawstyle="steps-post")
-    axes.set(ylim=(-4.0, 104.0))
-    style(axes, xlabel="time (s)", ylabel="parts done (%)")
-
-
-def parts_at_start(rollout: Rollout) -> np.ndarray:
-    """Return the number of parts at the start, (episodes,)."""
-    return np.isfinite(rollout.poses[:, 0, :, 0]).sum(axis=1)
-
-
-def _clearances(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
-    clearances = 1e3 * values
-    _lines(axes, rollout, np.maximum(clearances, 0.0), alpha=0.5)
-    finite = clearances[np.isfinite(clearances)]
-    top = max(float(finite.max()) if finite.size else 0.0, 10.0)
-    if task.apart is not None:
-        top = max(top, 1.3e3 * task.apart)
-        axes.axhspan(1e3 * task.apart, 1.05 * top, color=SUCCESS, alpha=0.10, linewidth=0)
-    axes.set(ylim=(-0.03 * top, 1.05 * top))
-    style(axes, xlabel="time (s)", ylabel="smallest distance (mm)")
-
-
-PANELS = {"position_error": _distances, "heading_error": _turns, "parts_done": _shares, "clearance": _clearances}
-"""How each of :data:`agents.evaluation.films.SERIES` is drawn."""
-
-
-def _lines(axes: Axes, rollout: Rollout, values: np.ndarray, **drawn: Any) -> None:
-    """Draw values (episodes, steps) over time, coloured by the outcomes."""
-    for each, colour in zip(values, outcome_colours(rollout), strict=True):
-        axes.plot(times(rollout), each, color=colour, linewidth=0.8, **drawn)
-
-
 def times(rollout: Rollout) -> np.ndarray:
     """Return the times of the steps, s, (most steps + 1,)."""
     return np.arange(rollout.poses.shape[1]) * rollout.step_time
 
 
-def policy_colour(results: Results, name: str) -> str:
-    """Return the colour of a policy, the same throughout the report."""
-    names = [each.name for each in results.settings.entries()]
-    return POLICY_COLOURS[names.index(name) % len(POLICY_COLOURS)]
-
-
 def arrivals(results: Results, task: str, hardware: str) -> bytes:
-    """Draw the share of episodes at the goal over time for every policy; of parts that are done, where they are counted."""
-    names = [place.policy for place in results.places if (place.task, place.hardware) == (task, hardware)]
+    """Draw the share of episodes at the goal over time for every policy; where parts come and go, parts a minute."""
+    names = [place.policy for place, _ in results.rollouts if place[:3] == (REPORT, task, hardware)]
     rollouts = {name: results.rollout(task, hardware, name) for name in names}
     if results.tasks[task].flows:
         return _rates(rollouts)
-    done = {name: each.over_time("parts_done") for name, each in rollouts.items()}
     figure = new_figure(8.6, 2.8)
-    counted = all(each is not None for each in done.values())
-    left, *others = figure.subplots(1, 2 if counted else 1, squeeze=False)[0]
-    end = _draw_arrivals(left, results, rollouts)
-    for axes in others:
-        for name, rollout in rollouts.items():
-            share = 100.0 * _held(done[name] / parts_at_start(rollout)[:, None], rollout.steps).mean(axis=0)
-            shown = {"color": policy_colour(results, name), "linewidth": 1.9, "drawstyle": "steps-post"}
-            axes.plot(times(rollout), share, **shown)
-        axes.set(xlim=(0.0, end), ylim=(-2.0, 103.0))
-        style(axes, xlabel="time (s)", ylabel="parts done, mean (%)")
-    name_lines(figure, left.get_lines())
+    axes, order = figure.subplots(), [entry.name for entry in results.settings.entries()]
+    first = next(iter(rollouts.values()))
+    episodes, end = len(first.seeds), float(times(first)[-1])
+    arrived = {name: np.sort(each.time_to_goal[each.success]) for name, each in rollouts.items()}
+    # A few late successes would squeeze the rest into a corner; the legend has all of them.
+    last = [float(each[-1]) for each in arrived.values() if len(each) >= WORTH_SHOWING * episodes]
+    for name, at in arrived.items():
+        share = 100.0 * np.arange(len(at) + 1) / episodes
+        look: dict[str, Any] = {**look_of(name, order), "linewidth": 1.9, "where": "post"}
+        axes.step([0.0, *at, end], [*share, share[-1]], label=f"{name} ({share[-1]:.1f} %)", **look)
+    axes.set(xlim=(0.0, min(end, 1.08 * max(last, default=end))), ylim=(-2.0, 103.0))
+    style(axes, xlabel="time to goal, hold included (s)", ylabel="episodes at the goal (%)")
+    name_lines(figure, axes.get_lines())
     return png(figure)
 
 
@@ -222,29 +197,6 @@ def _rates(rollouts: Mapping[str, Rollout]) -> bytes:
     style(axes, xlabel="parts a minute")
     figure.legend(loc="outside lower center", ncols=len(RATES), frameon=False, fontsize=8, labelcolor=INK)
     return png(figure)
-
-
-def _held(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Return ``values`` (episodes, most steps + 1), after the end of each episode its last one."""
-    last = values[np.arange(len(steps)), steps]
-    return np.where(np.arange(values.shape[1]) > steps[:, None], last[:, None], values)
-
-
-def _draw_arrivals(axes: Axes, results: Results, rollouts: dict[str, Rollout]) -> float:
-    """Draw the curves of the left plot; return where the time axis ends, s."""
-    first = next(iter(rollouts.values()))
-    episodes, end = len(first.seeds), float(times(first)[-1])
-    arrived = {name: np.sort(each.time_to_goal[each.success]) for name, each in rollouts.items()}
-    # A few late successes would squeeze the rest into a corner; the legend has all of them.
-    last = [float(each[-1]) for each in arrived.values() if len(each) >= WORTH_SHOWING * episodes]
-    shown = min(end, 1.08 * max(last, default=end))
-    for name, at in arrived.items():
-        share = 100.0 * np.arange(len(at) + 1) / episodes
-        look: dict[str, Any] = {"color": policy_colour(results, name), "linewidth": 1.9, "where": "post"}
-        axes.step([0.0, *at, end], [*share, share[-1]], label=f"{name} ({share[-1]:.1f} %)", **look)
-    axes.set(xlim=(0.0, shown), ylim=(-2.0, 103.0))
-    style(axes, xlabel="time to goal, hold included (s)", ylabel="episodes at the goal (%)")
-    return shown
 
 
 LINE_COLOURS = (*POLICY_COLOURS[1:], POLICY_COLOURS[0])

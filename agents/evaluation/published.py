@@ -5,16 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from agents.evaluation.run import effects_runs, main_runs
+from agents.evaluation.run import effects_cases, main_cases
 from agents.evaluation.settings import EvaluationSettings
-from agents.evaluation.table import EFFECTS, METRICS, OWN, QUANTITIES, REPORT, Place, Table
+from agents.evaluation.table import EFFECTS, METRICS, OWN, PLACE, QUANTITIES, REPORT, Place, places, records, values
 from agents.locks import one_run
 from agents.provenance import digest, portable
 from vibgym import checks
@@ -48,7 +50,7 @@ class Published:
         directory: of the files.
         record: content of report.json: provenance, settings, digests.
         settings: of the evaluation.
-        table: all episodes, with the metrics :data:`COLUMNS`.
+        episodes: all episodes, with the metrics :data:`COLUMNS`.
         figures: place and name of a figure -> value in figures.csv.
         digests: of the two CSV files as they are now.
     """
@@ -56,29 +58,28 @@ class Published:
     directory: Path
     record: Mapping[str, Any]
     settings: EvaluationSettings
-    table: Table
+    episodes: pd.DataFrame
     figures: dict[tuple[Place, str], float]
     digests: Mapping[str, str]
 
     @property
     def last_seed(self) -> int:
         """Largest seed."""
-        return int(self.table["seed"].max())
+        return int(values(self.episodes, "seed").max())
 
 
-def rounded(table: Table) -> Table:
+def rounded(episodes: pd.DataFrame) -> pd.DataFrame:
     """Return labels and metrics of published episodes, rounded to :data:`DIGITS`."""
-    labels = {name: table[name] for name in (*Place._fields, "seed")}
-    metrics = {name: np.array([float(f"{each:.{DIGITS}g}") for each in table[name]]) for name in COLUMNS}
-    return Table({**labels, "training_seed": np.full(len(table), -1), **metrics})
+    metrics = {name: [float(f"{value:.{DIGITS}g}") for value in episodes[name]] for name in COLUMNS}
+    return episodes[[*PLACE, "seed"]].assign(training_seed=-1, **metrics)
 
 
-def figure_rows(table: Table, level: float | None = None, resamples: int = 9999) -> list[dict[str, Any]]:
+def figure_rows(episodes: pd.DataFrame, level: float | None = None, resamples: int = 9999) -> list[dict[str, Any]]:
     """Return one row for every figure in every place; without ``level``, no intervals."""
     rows = []
-    for place, those in table.places().items():
+    for place, some in places(episodes).items():
         for figure in QUANTITIES:
-            sample = figure.sample(those)
+            sample = figure.sample(some)
             if len(sample):
                 row = place._asdict() | {"figure": figure.name, "episodes": len(sample), "value": figure.value(sample)}
                 if level is not None:
@@ -94,7 +95,7 @@ def written_settings(settings: EvaluationSettings) -> dict[str, Any]:
     Raises:
         ValueError: a policy is an object, or a file outside the current directory.
     """
-    values = {key: value for key, value in settings.as_written().items() if key not in LEFT_OUT}
+    kept = {key: value for key, value in settings.as_written().items() if key not in LEFT_OUT}
     policies = []
     for entry in settings.entries():
         content, field = entry.content, f"evaluation.policies ({entry.name})"
@@ -107,7 +108,7 @@ def written_settings(settings: EvaluationSettings) -> dict[str, Any]:
             raise checks.refuse(f"{field}.path", path, f"a path below {Path.cwd()}, which others have")
         policies.append({**portable(content), "name": entry.name, **entry.own})
     try:
-        return json.loads(json.dumps({**values, "policies": policies}, allow_nan=False))
+        return json.loads(json.dumps({**kept, "policies": policies}, allow_nan=False))
     except (TypeError, ValueError) as error:
         raise checks.refuse("evaluation", str(error), "plain data, so that it can be published") from None
 
@@ -152,17 +153,17 @@ def load(directory: Path) -> Published:
     texts = {name: _text(directory / name) for name in (FIGURE_FILE, EPISODE_FILE)}
     path = directory / EPISODE_FILE
     episodes = _columns(path, texts[EPISODE_FILE], ("seed", *COLUMNS))
-    binary = np.isin(episodes["success"], (0.0, 1.0)) & np.isin(episodes["fallen"], (0.0, 1.0))
-    wrong = np.flatnonzero(~(binary & (episodes["seed"] >= 0) & (episodes["seed"] < 2**63)))
+    good = episodes["success"].isin((0.0, 1.0)) & episodes["fallen"].isin((0.0, 1.0))
+    wrong = np.flatnonzero(~(good & (episodes["seed"] >= 0) & (episodes["seed"] < 2**63)))
     if len(wrong):
-        given = {name: float(episodes[name][wrong[0]]) for name in ("seed", "success", "fallen")}
+        given = {name: float(episodes[name].iloc[wrong[0]]) for name in ("seed", "success", "fallen")}
         raise checks.refuse(f"{path}, line {wrong[0] + 2}", given, "a seed, and 0 or 1")
-    episodes |= {"seed": episodes["seed"].astype(int), "training_seed": np.full(len(episodes["seed"]), -1)}
+    episodes = episodes.assign(seed=episodes["seed"].astype(int), training_seed=-1)
     figures = _columns(directory / FIGURE_FILE, texts[FIGURE_FILE], ("value",), ("figure",))
-    places = map(Place, *(figures[name] for name in Place._fields))
-    values = dict(zip(zip(places, figures["figure"], strict=True), figures["value"].tolist(), strict=True))
-    digests = {name: digest(text) for name, text in texts.items()}
-    return Published(directory, record, settings, Table(episodes), values, digests)
+    stated = {(Place(*row[:4]), row[4]): row[5] for row in figures.itertuples(index=False)}
+    return Published(
+        directory, record, settings, episodes, stated, {name: digest(text) for name, text in texts.items()}
+    )
 
 
 def _text(path: Path) -> str:
@@ -185,31 +186,36 @@ def _record(path: Path, needed: Sequence[str]) -> dict[str, Any]:
     return found
 
 
-def _columns(path: Path, text: str, numbers: Sequence[str], texts: Sequence[str] = ()) -> dict[str, np.ndarray]:
-    """Return columns of a CSV file: ``numbers`` as floats, nan if empty, and labels of places and ``texts`` as objects."""
-    reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
+def _columns(path: Path, text: str, numbers: Sequence[str], texts: Sequence[str] = ()) -> pd.DataFrame:
+    """Return labels of places, ``texts`` and ``numbers`` (float64, nan if empty) of a CSV file, in this order."""
     try:
-        rows = list(reader)
-    except csv.Error as error:
+        heads, *rows = csv.reader(io.StringIO(text, newline=""), strict=True)
+    except (csv.Error, ValueError) as error:
         raise checks.refuse(str(path), str(error), "comma-separated values") from None
-    labels = (*Place._fields, *texts)
-    absent = [name for name in (*labels, *numbers) if name not in (*(reader.fieldnames or ()), *OPTIONAL)]
-    if absent or not rows:
-        raise checks.missing(", ".join(absent) or "rows", f"of {path}")
     for line, row in enumerate(rows, 2):
-        if None in row or None in row.values():
-            raise checks.refuse(f"{path}, line {line}", len(row) - 1, f"{len(reader.fieldnames or ())} cells")
-        checks.choice(f"{path}, line {line}: study", row["study"], (REPORT, EFFECTS))
+        if len(row) != len(heads):
+            raise checks.refuse(f"{path}, line {line}", len(row), f"{len(heads)} cells")
+    found = pd.DataFrame(rows, columns=heads)
+    labels = (*PLACE, *texts)
+    absent = [name for name in (*labels, *numbers) if name not in (*found.columns, *OPTIONAL)]
+    if absent or found.empty:
+        raise checks.missing(", ".join(absent) or "rows", f"of {path}")
 
-    def number(line: int, name: str) -> float:
+    def number(line: int, name: str, cell: str) -> float:
         try:
-            return float(rows[line].get(name) or "nan")
+            return float(cell or "nan")
         except ValueError:
-            raise checks.refuse(f"{path}, line {line + 2}: {name}", rows[line][name], "a number, or empty") from None
+            raise checks.refuse(f"{path}, line {line}: {name}", cell, "a number, or empty") from None
 
-    # csv_text puts an apostrophe before names that a spreadsheet would read as a formula.
-    named = {name: np.array([row[name].removeprefix("'") for row in rows], dtype=object) for name in labels}
-    return named | {name: np.array([number(line, name) for line in range(len(rows))]) for name in numbers}
+    columns: dict[str, Any] = {}
+    for name in labels:  # csv_text puts an apostrophe before names that a spreadsheet would read as a formula
+        columns[name] = found[name].str.removeprefix("'")
+    for line, study in enumerate(columns["study"], 2):
+        checks.choice(f"{path}, line {line}: study", study, (REPORT, EFFECTS))
+    for name in numbers:
+        cells = found[name] if name in found else [""] * len(found)
+        columns[name] = [number(line, name, cell) for line, cell in enumerate(cells, 2)]
+    return pd.DataFrame(columns)
 
 
 def publish(config: Path, run: Path | None, directory: Path) -> Path:
@@ -233,18 +239,21 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
     found = _record(path, (*kept, "policy_files", "settings", "episodes"))
     with checks.within(config):
         written = written_settings(settings)
-        main_runs(EvaluationSettings.stored(written))
-        effects_runs(settings)
+        main_cases(EvaluationSettings.stored(written))
+        effects_cases(settings)
     wanted = json.loads(canonical(settings.as_written()))
-    apart = [each for each in settings_apart(wanted, found["settings"]) if each != "output"]
+    apart = [name for name in settings_apart(wanted, found["settings"]) if name != "output"]
     if apart:
         raise checks.refuse(str(path), f"one with other settings ({', '.join(apart)})", f"a run of {config}")
-    table = _episodes(path, found)
-    episodes = table.records((*Place._fields, "seed", *COLUMNS))
-    short = [{name: _short(value) for name, value in row.items()} for row in episodes]
+    episodes = _episodes(path, found)
     files = {
-        FIGURE_FILE: csv_text(figure_rows(table, settings.confidence, settings.resamples)),
-        EPISODE_FILE: csv_text(short),
+        FIGURE_FILE: csv_text(figure_rows(episodes, settings.confidence, settings.resamples)),
+        EPISODE_FILE: csv_text(
+            [
+                {name: _short(value) for name, value in row.items()}
+                for row in records(episodes, (*PLACE, "seed", *COLUMNS))
+            ]
+        ),
     }
     record = {
         "format": FORMAT,
@@ -272,15 +281,15 @@ def _short(value: Any) -> Any:
     return int(value) if isinstance(value, bool) or (isinstance(value, float) and value.is_integer()) else value
 
 
-def _episodes(path: Path, found: Mapping[str, Any]) -> Table:
+def _episodes(path: Path, found: Mapping[str, Any]) -> pd.DataFrame:
     """Return the rounded table of all episodes in results.json."""
     try:
         effects = found.get("effects", {"task": "", "episodes": []})
         rows = [{"study": REPORT, **row} for row in found["episodes"]]
         for row in effects["episodes"]:
             rows.append({"study": EFFECTS, "task": effects["task"], "hardware": row["case"], **row})
-        labels = {name: np.array([row[name] for row in rows], dtype=object) for name in Place._fields}
-        metrics = {name: np.array([row.get(name) for row in rows], dtype=np.float64) for name in METRICS}
-        return rounded(Table({**labels, "seed": np.array([int(row["seed"]) for row in rows]), **metrics}))
+        labels = {name: [row[name] for row in rows] for name in PLACE}
+        metrics = {name: np.array([row.get(name, math.nan) for row in rows], dtype=np.float64) for name in METRICS}
+        return rounded(pd.DataFrame({**labels, "seed": [int(row["seed"]) for row in rows], **metrics}))
     except (KeyError, TypeError, ValueError) as error:
         raise checks.refuse(f"{path}: episodes", repr(error), "the episodes of an evaluation") from None

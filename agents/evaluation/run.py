@@ -1,4 +1,4 @@
-"""From settings to runs, built and checked before anything is simulated, and from runs to the table of episodes."""
+"""From settings to cases, built and checked before anything is simulated, and from cases to the table of episodes."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import pandas as pd
 from gymnasium.vector import VectorEnv
 from tqdm import tqdm
 
 from agents import parallel
 from agents.evaluation.films import Log, Rollout
-from agents.evaluation.settings import EvaluationSettings, RunSettings, laid_over, with_sensor
-from agents.evaluation.study_settings import EffectsSettings
-from agents.evaluation.table import EFFECTS, LOAD, REPORT, Place, Table
+from agents.evaluation.settings import EffectsSettings, EvaluationSettings, RunSettings, laid_over, with_sensor
+from agents.evaluation.table import EFFECTS, LOAD, REPORT, Place, frame, where
 from agents.provenance import policy_files, provenance
 from vibgym import checks
 from vibgym.envs.vector import environment_id
@@ -26,27 +26,27 @@ from vibgym.imports import taking_part
 from vibgym.policies.measures import Measures
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import CONTROLLERS, NEED_MORE, make_policy
-from vibgym.policies.rollout import Ends, Outcomes, rollout, worlds_of
+from vibgym.policies.rollout import Ends, rollout, worlds_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
 from vibgym.simulation.models import has_fast_contacts
 
 
 @dataclass(frozen=True)
-class Run:
+class Case:
     """Episodes of one policy on one task and hardware.
 
     Attributes:
         place: labels in the table.
         training_seed: of the policy, if it was trained several times.
-        task: as in the settings.
+        task: environment; in a study it may differ from the label.
         info: public information on the task.
         seeds: of the episodes.
         environment: arguments other than action and observation.
         content: argument of :func:`vibgym.policies.registry.make_policy`.
         recorder: what is recorded, see :func:`vibgym.policies.rollout.rollout`.
         policy: None until :meth:`made`, and in transfer to a worker process.
-        line: of the progress bar; 0 for runs in this process.
+        line: of the progress bar; 0 for cases in this process.
     """
 
     place: Place
@@ -60,18 +60,24 @@ class Run:
     policy: Policy | None = None
     line: int = 0
 
-    def made(self) -> Run:
-        """Return the run with its policy."""
+    def made(self) -> Case:
+        """Return the case with its policy."""
         return replace(self, policy=make_policy(self.content, self.info, self.seeds[0]))
 
     def play(self, quiet: bool) -> Any:
         """Return what the recorder keeps of the episodes."""
-        name = f"{self.task:>9} {self.place.policy:<12}"
-        with tqdm(
-            total=len(self.seeds), desc=name, unit="ep", disable=quiet, position=self.line, leave=not self.line
-        ) as bar:
+        bar = tqdm(
+            total=len(self.seeds),
+            desc=f"{self.task:>9} {self.place.policy:<12}",
+            unit="ep",
+            disable=quiet,
+            position=self.line,
+            leave=not self.line,
+        )
+        with bar:
+            policy = self.policy or self.made().policy
             asked = {"seeds": self.seeds, "keep": self.recorder, "progress": bar.update}
-            return rollout(self.policy, self.task, **asked, **self.environment)
+            return rollout(policy, self.task, **asked, **self.environment)
 
     @property
     def plain(self) -> bool:
@@ -90,48 +96,43 @@ class Run:
 
 @dataclass(frozen=True)
 class Prepared:
-    """Checked settings and their runs: environments and policies exist, and the output directory is writable.
+    """Checked settings and their cases: environments and policies exist, and the output directory is writable.
 
     Attributes:
         tasks: public information by task, on the settings' own environment.
         scenery: what pictures of each task show.
         refused: place -> why the policy cannot run there, where that is no error.
         curves: (task, policy) -> training seed -> learning curve.
-        film: run and path of the film that is written as a GIF.
-        play: function of a run and ``quiet``; workers must be able to import it.
+        film: case and path of the film that is written as a GIF.
+        play: function of a case and ``quiet``; workers must be able to import it.
     """
 
     settings: Any
     tasks: dict[str, TaskInfo]
-    runs: tuple[Run, ...]
+    cases: tuple[Case, ...]
     scenery: dict[str, Scenery] = field(default_factory=dict)
     refused: dict[Place, str] = field(default_factory=dict)
     curves: dict[tuple[str, str], dict[int | None, Any]] = field(default_factory=dict)
     film: tuple[Place, Path] | None = None
-    play: Callable[[Run, bool], Any] = Run.play
+    play: Callable[[Case, bool], Any] = Case.play
 
 
 @dataclass(frozen=True, kw_only=True)
 class Results(Prepared):
-    """Prepared runs and their results: the table of episodes, and of each run what its recorder kept."""
+    """Prepared cases and their results: the table of episodes, and of each case what its recorder kept."""
 
-    table: Table
+    episodes: pd.DataFrame
     rollouts: dict[tuple[Place, int | None], Any]
     provenance: dict[str, Any]
 
     @property
-    def asked(self) -> tuple[float, int]:
-        """Level and number of resamples of the intervals."""
-        return self.settings.confidence, self.settings.resamples
-
-    @property
-    def places(self) -> dict[Place, Table]:
-        """Episodes of every policy on every task and hardware, without those of studies."""
-        return self.table.where(study=REPORT).places()
+    def main(self) -> pd.DataFrame:
+        """Episodes without those of studies."""
+        return where(self.episodes, study=REPORT)
 
     def hardware_of(self, task: str | None = None) -> list[str]:
         """Return the hardware models that the task (or any) ran on, in the order of the settings."""
-        ran = {place.hardware for place in self.places if task in (None, place.task)}
+        ran = {place.hardware for place, _ in self.rollouts if place.study == REPORT and task in (None, place.task)}
         return [name for name in self.settings.named_hardware() if name in ran]
 
     def rollout(self, task: str, hardware: str, policy: str) -> Rollout:
@@ -139,50 +140,55 @@ class Results(Prepared):
         return self.rollouts[Place(REPORT, task, hardware, policy), None]
 
 
-def run_all(
-    runs: Sequence[Run],
-    processes: int,
+def play_all(
+    cases: Sequence[Case],
+    processes: int = 1,
     ray: str | None = None,
     quiet: bool = False,
-    play: Callable[[Run, bool], Any] = Run.play,
+    play: Callable[[Case, bool], Any] = Case.play,
 ) -> list[Any]:
-    """Play runs in parallel and return their results in order.
+    """Play cases in parallel and return what their recorders kept, in order.
 
     Args:
-        runs: those whose policy is an object are played in this process.
+        cases: those whose policy is an object are played in this process.
         processes: worker processes on this host.
         ray: address of a Ray cluster, or None.
         quiet: no progress bars.
         play: see :class:`Prepared`.
     """
-    alone = ray is None and parallel.usable(processes) == 1
-    elsewhere = [] if alone else sorted((k for k, run in enumerate(runs) if run.plain), key=lambda k: runs[k].order)
-    found: list[Any] = [None if k in elsewhere else play(run, quiet) for k, run in enumerate(runs)]
     workers = parallel.usable(processes)
+    alone = ray is None and workers == 1
+    elsewhere = [] if alone else sorted((k for k, case in enumerate(cases) if case.plain), key=lambda k: cases[k].order)
+    found: list[Any] = [None if k in elsewhere else play(case, quiet) for k, case in enumerate(cases)]
     items = [
-        (play, replace(runs[k], policy=None, line=n % workers + 1), quiet or ray is not None)
+        (replace(cases[k], policy=None, line=n % workers + 1), quiet or ray is not None)
         for n, k in enumerate(elsewhere)
     ]
     with tqdm(total=len(items), desc="running policies", unit="run", disable=quiet or alone) as bar:
-        played = parallel.run(_made_and_played, items, workers=processes, ray=ray, done=bar.update)
+        played = parallel.run(play, items, workers=processes, ray=ray, done=bar.update)
     for k, each in zip(elsewhere, played, strict=True):
         found[k] = each
     return found
 
 
-def _made_and_played(play: Callable[[Run, bool], Any], run: Run, quiet: bool) -> Any:
-    return play(run.made(), quiet)
+def run(cases: Sequence[Case], processes: int = 1, ray: str | None = None, quiet: bool = False) -> pd.DataFrame:
+    """Return the episodes of cases, one row each; see :func:`play_all` and :mod:`agents.evaluation.table`."""
+    return _table(cases, play_all(cases, processes, ray, quiet))
+
+
+def _table(cases: Sequence[Case], found: Sequence[Any]) -> pd.DataFrame:
+    frames = [frame(each, case.place, case.training_seed) for case, each in zip(cases, found, strict=True)]
+    return pd.concat(frames, ignore_index=True)
 
 
 def evaluate(prepared: Prepared, quiet: bool = False, ray: str | None = None) -> Results:
-    """Play all runs; see :func:`run_all`. Writes nothing."""
-    runs = prepared.runs
+    """Play all cases; see :func:`play_all`. Writes nothing."""
+    cases = prepared.cases
     # Before the runs: files may change meanwhile.
-    origin = provenance() | {"policy_files": policy_files((run.content, run.info.name) for run in runs)}
-    found: list[Outcomes] = run_all(runs, prepared.settings.processes, ray, quiet, prepared.play)
-    tables = [Table.of(each, run.place, run.training_seed) for run, each in zip(runs, found, strict=True)]
-    kept = {(run.place, run.training_seed): each for run, each in zip(runs, found, strict=True)}
-    return Results(**vars(prepared), table=Table.joined(tables), rollouts=kept, provenance=origin)
+    origin = provenance() | {"policy_files": policy_files((case.content, case.info.name) for case in cases)}
+    found = play_all(cases, prepared.settings.processes, ray, quiet, prepared.play)
+    kept = {(case.place, case.training_seed): each for case, each in zip(cases, found, strict=True)}
+    return Results(**vars(prepared), episodes=_table(cases, found), rollouts=kept, provenance=origin)
 
 
 def writable(settings: RunSettings, names: Iterable[str]) -> None:
@@ -226,10 +232,10 @@ class Infos:
         return info
 
 
-def main_runs(
+def main_cases(
     settings: RunSettings, recorder: type[Ends] = Log
-) -> tuple[dict[str, TaskInfo], dict[str, Scenery], list[Run]]:
-    """Return the tasks, their scenery and the runs of every policy on every task and hardware that it serves.
+) -> tuple[dict[str, TaskInfo], dict[str, Scenery], list[Case]]:
+    """Return the tasks, their scenery and the cases of every policy on every task and hardware that it serves.
 
     Raises:
         ValueError: a bad environment setting, an unknown or unfitting policy, or a task or hardware without any policy.
@@ -238,7 +244,7 @@ def main_runs(
     entries, hardware = settings.entries(), settings.hardware_entries()
     tasks: dict[str, TaskInfo] = {}
     scenery: dict[str, Scenery] = {}
-    runs: list[Run] = []
+    cases: list[Case] = []
     unserved: dict[str, str] = {}
     for task in settings.tasks:
         with checks.within(f"{where}.environment"):
@@ -246,97 +252,94 @@ def main_runs(
         tasks[task], scenery[task] = TaskInfo.of(env), scenery_of(env.unwrapped)  # type: ignore[arg-type]
         env.close()
         reasons = {
-            each.name: None if each.tasks is not None else refusal(each.content, tasks[task]) for each in entries
+            entry.name: None if entry.tasks is not None else refusal(entry.content, tasks[task]) for entry in entries
         }
         unserved |= {name: f": {reason}" for name, reason in reasons.items() if reason is not None}
-        serving = [each for each in entries if reasons[each.name] is None]
         for machine in hardware:
             environment, info = laid_over(settings.environment, machine.arguments), tasks[task]
             seeds = settings.seed_list(task, machine.episodes)
             there = task if settings.hardware is None else f"{task}, {machine.name}"
-            for entry in serving:
-                if not machine.runs(entry, task):
+            for entry in entries:
+                if reasons[entry.name] is not None or not machine.runs(entry, task):
                     continue
                 if machine.arguments:
                     info = infos.of(task, environment, f"{where}.hardware.{machine.name}")
                 place = Place(REPORT, task, machine.name, entry.name)
                 for seed in entry.seeds:
                     with checks.within(f"{where}.policies ({entry.name} on {there})"):
-                        run = Run(place, seed, task, info, seeds, environment, entry.run(seed), recorder)
-                        runs.append(run.made())
-        if not any(run.place.task == task for run in runs):
+                        case = Case(place, seed, task, info, seeds, environment, entry.run(seed), recorder)
+                        cases.append(case.made())
+        if not any(case.place.task == task for case in cases):
             raise checks.conflict(f"{where}.tasks: no policy serves {task!r}")
     for entry in entries:
-        if not any(run.place.policy == entry.name for run in runs):
+        if not any(case.place.policy == entry.name for case in cases):
             raise checks.conflict(
                 f"{where}.policies: {entry.name!r} serves none of {', '.join(tasks)}{unserved.get(entry.name, '')}"
             )
     for machine in hardware:
-        if not any(run.place.hardware == machine.name for run in runs):
+        if not any(case.place.hardware == machine.name for case in cases):
             raise checks.conflict(f"{where}.hardware.{machine.name}: no policy runs on it")
-    return tasks, scenery, runs
+    return tasks, scenery, cases
 
 
-def study_runs(
+def study_cases(
     settings: RunSettings,
     study: EffectsSettings,
     label: str,
     where: str,
-    infos: Infos,
     refused: dict[Place, str] | None = None,
-) -> Iterator[Run]:
-    """Yield the runs of every cell of a study, case after case.
+) -> Iterator[Case]:
+    """Yield the cases of every cell of a study.
 
     Args:
         settings: of the evaluation.
         study: its policies and cases.
         label: of the study in the table.
         where: start of errors.
-        infos: environments made so far.
         refused: place -> why a policy cannot act there, extended by this function; None: that is an error.
 
     Raises:
         ValueError: an environment that cannot be made.
     """
-    entries = {each.name: each for each in settings.entries()}
-    for case in study.tested(where):
-        environment = laid_over(settings.environment, case.arguments)
-        infos.of(case.task, environment, f"{where}.cases.{case.name}")
+    entries, infos = {entry.name: entry for entry in settings.entries()}, Infos()
+    for test in study.tests(where):
+        environment = laid_over(settings.environment, test.arguments)
+        infos.of(test.task, environment, f"{where}.cases.{test.name}")
         for column in study.columns(where, list(entries)):
-            entry, there = entries[column.policy], f"{where}.policies ({column.name} in {case.name})"
+            entry, there = entries[column.policy], f"{where}.policies ({column.name} in {test.name})"
             own = with_sensor(environment, column.sensor)
-            info, seeds = infos.of(case.task, own, there), settings.seed_list(case.task, study.episodes)
-            place = Place(label, study.task, case.name, column.name)
-            runs = [Run(place, seed, case.task, info, seeds, own, entry.run(seed), Ends) for seed in entry.seeds]
+            info, seeds = infos.of(test.task, own, there), settings.seed_list(test.task, study.episodes)
+            place = Place(label, study.task, test.name, column.name)
+            cases = [Case(place, seed, test.task, info, seeds, own, entry.run(seed), Ends) for seed in entry.seeds]
             try:
                 with checks.within(there):
-                    runs = [_acting(run) for run in runs]
+                    cases = [_acting(case) for case in cases]
             except ValueError as error:
                 if refused is None:
                     raise
                 refused[place] = " ".join(str(error).split())
                 continue
-            yield from runs
+            yield from cases
 
 
-def _acting(run: Run) -> Run:
-    """Return the run with its policy; raise ValueError if its environment lacks the policy's action or observation."""
-    made = run.made()
+def _acting(case: Case) -> Case:
+    """Return the case with its policy; raise ValueError if its environment lacks the policy's action or observation."""
+    made = case.made()
     assert made.policy is not None
     spoken = {"action": made.policy.action, "observation": made.policy.observation}
-    worlds_of(run.task, 1, **{**run.environment, **spoken}).close()
+    worlds_of(case.task, 1, **{**case.environment, **spoken}).close()
     return made
 
 
-def effects_runs(settings: EvaluationSettings) -> list[Run]:
-    """Return the runs of the study of effects, case after case; none without one."""
+def effects_cases(settings: EvaluationSettings) -> list[Case]:
+    """Return the cases of the study of effects; none without one."""
     if settings.effects is None:
         return []
-    return list(study_runs(settings, settings.effects, EFFECTS, "evaluation.effects", Infos()))
+    return list(study_cases(settings, settings.effects, EFFECTS, "evaluation.effects"))
 
 
-def load_runs(settings: EvaluationSettings) -> list[Run]:
-    """Return the runs of the study of throughput: every policy with every number of parts, kinds in turn.
+def load_cases(settings: EvaluationSettings) -> list[Case]:
+    """Return the cases of the study of throughput: every policy with every number of parts, kinds in turn.
 
     Raises:
         ValueError: a task without flow, more parts than fit, or an unfitting policy.
@@ -349,15 +352,15 @@ def load_runs(settings: EvaluationSettings) -> list[Run]:
         raise checks.refuse(f"{where}.task", asked.task, "a task in which parts come and go")
     kinds = [info.parts[info.kind.index(kind)].to_dict() for kind in range(len(info.kinds))]
     contents = {each.name: each.content for each in settings.entries()}
-    seeds, found = settings.seed_list(asked.task, asked.episodes), []
+    seeds, cases = settings.seed_list(asked.task, asked.episodes), []
     for name in asked.policies:
         for count in sorted(asked.parts):
             environment = {**settings.environment, "parts": [kinds[k % len(kinds)] for k in range(count)]}
             own = infos.of(asked.task, environment, f"{where}.parts.{count}")
             place = Place(LOAD, asked.task, str(count), name)
             with checks.within(f"{where}.policies ({name}, {count} parts)"):
-                found.append(Run(place, None, asked.task, own, seeds, environment, contents[name]).made())
-    return found
+                cases.append(Case(place, None, asked.task, own, seeds, environment, contents[name]).made())
+    return cases
 
 
 def refusal(content: Any, info: TaskInfo) -> str | None:
@@ -376,9 +379,9 @@ def refusal(content: Any, info: TaskInfo) -> str | None:
 def described(prepared: Prepared) -> dict[str, str]:
     """Return the first line of each policy's docstring by name, without markup."""
     first: dict[str, Policy | None] = {}
-    for run in prepared.runs:
-        if run.place.study == REPORT:
-            first.setdefault(run.place.policy, run.policy)
+    for case in prepared.cases:
+        if case.place.study == REPORT:
+            first.setdefault(case.place.policy, case.policy)
     return {
         name: (inspect.getdoc(policy) or "").partition("\n")[0].replace("`", "").replace('"', "")
         for name, policy in first.items()

@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -19,10 +19,11 @@ import numpy as np
 from pydantic import Field
 
 from agents.evaluation import pages
-from agents.evaluation.run import Infos, Prepared, Results, Run, writable
+from agents.evaluation.pages import Cell, Grid, Section, grid
+from agents.evaluation.run import Case, Infos, Prepared, Results, writable
 from agents.evaluation.settings import PolicyEntry, RunSettings, laid_over
 from agents.evaluation.statistics import episode_scores, interval_of, quartiles, suite_interval, suite_score
-from agents.evaluation.table import REPORT, Place, ends, markdown, quantity, spread
+from agents.evaluation.table import BY_NAME, REPORT, Place, ends, frame, quantity
 from agents.provenance import code, digest, policy_sources, user_modules
 from vibgym import checks
 from vibgym.config import load_yaml
@@ -46,17 +47,19 @@ KEPT = "episodes"
 
 FAULTS = ("tilted", "close", "wrong", "lost")
 
-HEADS = (
-    "success", "time to goal", "bound", "collisions", "cost", "within the limit", "good a minute", "faulty", "pattern error",
-    "coverage", "policy, a step",
-)  # fmt: skip
-"""Heads of :func:`_measured`."""
-
 VALUES = (
     "bound_median_s", "collisions_mean", "cost_median", "cost_high", "within_limit", "fallen", "rate_bound_per_minute",
     *OWN_FACTS, "seconds_per_step",
 )  # fmt: skip
 """Columns of scores.csv that are empty for a task that a policy does not serve."""
+
+TIMES = ("time_to_goal_q25_s", "time_to_goal_median_s", "time_to_goal_q75_s")
+
+TERMS = (
+    "An episode that succeeds scores the least possible time over the time that it took, 0 without success; where parts come "
+    "and go, good parts a minute over the most that are possible. A task's score is the mean of its episodes. The score of "
+    "all is the interquartile mean of the tasks', those that a policy does not serve counting as 0. In brackets: intervals."
+)
 
 Row = Mapping[str, Any]
 
@@ -155,7 +158,7 @@ def prepare(settings: SuiteSettings, entered: Mapping[str, Entry] | None = None)
             recorded episodes that cannot be read.
     """
     infos, tasks, entries, entered = Infos(), {}, settings.entries(), entered or {}
-    runs: list[Run] = []
+    runs: list[Case] = []
     refused: dict[Place, str] = {}
     for task in settings.tasks:
         for machine in settings.hardware_entries():
@@ -173,7 +176,7 @@ def prepare(settings: SuiteSettings, entered: Mapping[str, Entry] | None = None)
                 try:
                     process = entered[entry.name].process if entry.name in entered else None
                     content = entry.content if process is None else process.policy(info, seeds[0])
-                    runs.append(Run(place, None, task, info, seeds, environment, content, Recorder).made())
+                    runs.append(Case(place, None, task, info, seeds, environment, content, Recorder).made())
                 except checks.Refused as error:
                     refused[place] = str(error)
     for entry in entries:
@@ -202,7 +205,7 @@ def _check_bound(task: str, environment: Mapping[str, Any]) -> None:
         raise checks.refuse("suite.tasks", task, "a task with a bound, see vibgym.bounds")
 
 
-def _file(run: Run, origins: Mapping[str, str]) -> str | None:
+def _file(run: Case, origins: Mapping[str, str]) -> str | None:
     """Return the name of the file of a run's episodes: a digest of the run, of code and of all files that the policy reads.
 
     None for a policy that is an object, whose code and files are not known.
@@ -216,7 +219,7 @@ def _file(run: Run, origins: Mapping[str, str]) -> str | None:
     return f"{digest(json.dumps(values, sort_keys=True, default=repr))[:24]}.json"
 
 
-def _read(folder: Path, name: str | None, run: Run) -> Timed | None:
+def _read(folder: Path, name: str | None, run: Case) -> Timed | None:
     """Return recorded episodes, None if there are none; raise ValueError for a file of anything else."""
     if name is None or not (folder / name).exists():
         return None
@@ -233,7 +236,7 @@ def _read(folder: Path, name: str | None, run: Run) -> Timed | None:
 
 
 def _recorded(
-    folder: Path, origins: Mapping[str, str], files: Mapping[Place, str | None], run: Run, quiet: bool
+    folder: Path, origins: Mapping[str, str], files: Mapping[Place, str | None], run: Case, quiet: bool
 ) -> Timed:
     """Return a run's episodes: recorded ones if code and files are the same, else played now, and written."""
     name = files[run.place]
@@ -260,15 +263,18 @@ def rows(results: Results) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
                 scores.append(np.zeros(1) if played is None else settings.scores(played))
                 found.append(_row(place, played, scores[-1], results))
             total = {"hardware": hardware, "policy": entry.name, "score": suite_score(scores)}
-            totals.append({**total, **ends("score", suite_interval(scores, *results.asked))})
+            totals.append({**total, **ends("score", suite_interval(scores, *results.settings.asked))})
     return found, totals
 
 
 def _row(place: Place, found: Timed | None, scores: np.ndarray, results: Results) -> dict[str, Any]:
-    interval = None if found is None else interval_of(scores[None], *results.asked)
-    success, times, values = math.nan, np.full(1, np.nan), dict.fromkeys(VALUES, math.nan)
+    interval = None if found is None else interval_of(scores[None], *results.settings.asked)
+    time = BY_NAME["time_to_goal_median_s"]
+    success = math.nan
+    times: dict[str, float] = dict.fromkeys(TIMES, math.nan)
+    values: dict[str, float] = dict.fromkeys(VALUES, math.nan)
     if found is not None:
-        success, times = float(found.success.mean()), found.time_to_goal
+        success, times = float(found.success.mean()), time.columns(frame(found, place))
         values = {
             "bound_median_s": quartiles(found.bound).median,
             "collisions_mean": float(found.collisions.mean()),
@@ -286,7 +292,7 @@ def _row(place: Place, found: Timed | None, scores: np.ndarray, results: Results
         "score": float(scores.mean()),
         **ends("score", interval),
         "success_rate": success,
-        **spread("time_to_goal", times, "_s"),
+        **times,
         **values,
     }
 
@@ -300,49 +306,53 @@ def _costs(found: Timed, limit: float | None) -> dict[str, float]:
 
 def summary_table(results: Results) -> str:
     """Return the table of scores in Markdown: a line for every policy on every hardware."""
-    return _summary(*rows(results))
+    return totals_table(*rows(results)).markdown()
 
 
-def _summary(found: Sequence[Row], totals: Sequence[Row]) -> str:
-    tasks = list(dict.fromkeys(row["task"] for row in found))
-    lines = [[each["hardware"], each["policy"], *_scores(found, each)] for each in totals]
-    return markdown(("hardware", "policy", "**score**", *tasks), lines)
+def totals_table(found: Sequence[Row], totals: Sequence[Row]) -> Grid:
+    """Return the table of scores: of all tasks, and of each."""
+    known = {(row["hardware"], row["policy"], row["task"]): row for row in found}
+    columns: dict[str, Callable[[Row], Cell | str]] = {
+        "policy": lambda row: Cell(row["policy"], kind="name"),
+        "hardware": lambda row: row["hardware"],
+        "score": _score,
+    }
+    for task in dict.fromkeys(row["task"] for row in found):
+        columns[task] = lambda row, task=task: _score(known[row["hardware"], row["policy"], task])
+    return grid("Scores", totals, columns)
 
 
-def _measured(row: Row) -> list[str]:
-    """Return the cells of :data:`HEADS`: times or rates, and metrics of some tasks only."""
-    flows = math.isfinite(row["rate_bound_per_minute"])
-    faulty = sum(row[f"{name}_per_minute"] for name in FAULTS)
-    bound = row["rate_bound_per_minute"] if flows else row["bound_median_s"]
-    return [
-        "–" if flows else quantity(row["success_rate"], 100.0, 1, "%"),
-        quantity(row["time_to_goal_median_s"], 1.0, 2, "s"),
-        quantity(bound, 1.0, 0, "a minute") if flows else quantity(bound, 1.0, 2, "s"),
-        quantity(row["collisions_mean"], 1.0, 1, ""),
-        quantity(row["cost_median"], 1.0, 3, ""),
-        quantity(row["within_limit"], 100.0, 1, "%"),
-        quantity(row["good_per_minute"], 1.0, 1, ""),
-        quantity(faulty, 1.0, 1, ""),
-        quantity(row["pattern_error"], 1e3, 2, "mm"),
-        quantity(row["coverage"], 100.0, 1, "%"),
-        quantity(row["seconds_per_step"], 1e3, 2, "ms"),
-    ]
+DETAILS: dict[str, Callable[[Row], Cell | str]] = {
+    "task": lambda row: Cell(row["task"], kind="name"),
+    "hardware": lambda row: row["hardware"],
+    "policy": lambda row: row["policy"],
+    "score": lambda row: _score(row),
+    "success": lambda row: "–" if _flows(row) else quantity(row["success_rate"], 100.0, 1, "%"),
+    "time to goal": lambda row: quantity(row["time_to_goal_median_s"], 1.0, 2, "s"),
+    "bound": lambda row: quantity(row["bound_median_s"], 1.0, 2, "s"),
+    "bound a minute": lambda row: quantity(row["rate_bound_per_minute"], 1.0, 0, ""),
+    "collisions": lambda row: quantity(row["collisions_mean"], 1.0, 1, ""),
+    "cost": lambda row: quantity(row["cost_median"], 1.0, 3, ""),
+    "within the limit": lambda row: quantity(row["within_limit"], 100.0, 1, "%"),
+    "good a minute": lambda row: quantity(row["good_per_minute"], 1.0, 1, ""),
+    "faulty": lambda row: quantity(sum(row[f"{name}_per_minute"] for name in FAULTS), 1.0, 1, ""),
+    "pattern error": lambda row: quantity(row["pattern_error"], 1e3, 2, "mm"),
+    "coverage": lambda row: quantity(row["coverage"], 100.0, 1, "%"),
+    "policy, a step": lambda row: quantity(row["seconds_per_step"], 1e3, 2, "ms"),
+}
+"""Columns of the table of what scores are made of."""
 
 
-def _scores(found: Sequence[Row], total: Row) -> list[str]:
-    """Return the score of a policy on some hardware, and its scores on all tasks."""
-    return [
-        _score(total),
-        *(_score(row) for row in found if all(row[name] == total[name] for name in ("hardware", "policy"))),
-    ]
+def _flows(row: Row) -> bool:
+    return math.isfinite(row["rate_bound_per_minute"])
 
 
-def _score(row: Row) -> str:
-    """Return "0.480 (0.450 to 0.510)"; "–" for a task that a policy does not serve, which counts as 0."""
+def _score(row: Row) -> Cell:
+    """Return 0.480 and "0.450 to 0.510"; "–" for a task that a policy does not serve, which counts as 0."""
     if not row.get("served", True):
-        return "–"
-    between = "" if math.isnan(row["score_low"]) else f" ({row['score_low']:.3f} to {row['score_high']:.3f})"
-    return f"{row['score']:.3f}{between}"
+        return Cell("–")
+    between = "" if math.isnan(row["score_low"]) else f"{row['score_low']:.3f} to {row['score_high']:.3f}"
+    return Cell(f"{row['score']:.3f}", between)
 
 
 def write(results: Results, quiet: bool = False) -> Path:
@@ -351,33 +361,27 @@ def write(results: Results, quiet: bool = False) -> Path:
     Raises:
         WriteError: a file could not be written; then none is new.
     """
-    directory = Path(results.settings.output)
+    directory, limit = Path(results.settings.output), results.settings.cost_limit
     found, totals = rows(results)
-    served = [(row, _measured(row)) for row in found if row["served"]]
-    used = [k for k in range(len(HEADS)) if any(cells[k] != "–" for _, cells in served)]
-    details = [(row, [_score(row), *(cells[k] for k in used)]) for row, cells in served]
-    heads = [HEADS[k] for k in used]
-    text = markdown(
-        ("task", "hardware", "policy", "score", *heads),
-        ([row["task"], row["hardware"], row["policy"], *cells] for row, cells in details),
+    scores = totals_table(found, totals)
+    details = grid("What the scores are made of", [row for row in found if row["served"]], DETAILS)
+    about = (
+        "Medians of times over the successes, and of costs; means of collisions, rates, pattern errors and coverage. Faulty: "
+        "tilted, close, wrong and lost parts a minute. Time of the policy: of predict(), a step of one world, while all "
+        "worlds are at work."
     )
-    page = pages.render(
-        "scores.html.j2",
-        **pages.common(results),
-        tasks=[
-            {"name": name, "summary": info.summary, "inventory": pages.inventory(info.parts)}
-            for name, info in results.tasks.items()
-        ],
-        lines=[(each, _scores(found, each)) for each in totals],
-        details=details,
-        heads=heads,
-    )
+    sections = [
+        Section("scores", "Scores", [scores]),
+        Section("details", "What they are made of", [details, about]),
+        Section("asked", "Tasks", [pages.task_cards(results)]),
+    ]
+    lead = TERMS + ("" if limit is None else f" Episodes whose cost exceeds {limit} score 0.")
     contents = (
         csv_text(found),
         csv_text(totals),
         pages.json_text(results, found, {"suite": totals}),
-        f"{_summary(found, totals)}\n\n{text}\n",
-        page,
+        f"{scores.markdown()}\n\n{details.markdown()}\n",
+        pages.page(results, "score", "Scores between doing nothing and the bound", lead, sections),
     )
     write_together({directory / name: each for name, each in zip(FILES, contents, strict=True)})
     return directory / FILES[-1]

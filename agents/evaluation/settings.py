@@ -3,29 +3,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field
 
-from agents.evaluation.study_settings import (
-    CASE_KEYS,
-    ENVIRONMENT_KEYS,
-    HARDWARE_KEYS,
-    MOST_EPISODES,
-    MOST_NAME,
-    EffectsSettings,
-    Episodes,
-    LadderSettings,
-    LoadSettings,
-    MatrixSettings,
-    Names,
-    Seed,
-    all_differ,
-    mapping_of,
-    some_of,
-)
 from agents.provenance import portable
 from agents.training_settings import Arguments, Plain, for_seed
 from vibgym import checks
@@ -34,34 +19,40 @@ from vibgym.envs.vector import environment_id
 from vibgym.seeds import RANGES, check_seeds
 from vibgym.settings import BaseSettings, read
 
-DEFAULT_EPISODES = 100
+HARDWARE_KEYS = ("actuators", "sensor", "randomize")
+"""Arguments of environments that describe the hardware model."""
 
-SEED, TASK = "{seed}", "{task}"
+CASE_KEYS = (*HARDWARE_KEYS, "model")
+"""Arguments that a hardware entry or a case of the study of effects may set."""
+
+ENVIRONMENT_KEYS = (
+    "surface", "parts", "model", "actuators", "sensor", "randomize", "start", "zones", "paths", "walls", "costs",
+    "periods_per_step", "task_settings",
+)  # fmt: skip
+"""Arguments that all environments share. Action and observation belong to the policies."""
+
+MOST_NAME = 40
+"""Characters of a name in tables."""
+
+MOST_EPISODES = 100_000
+DEFAULT_EPISODES = 100
+Episodes = Annotated[int, Field(ge=1, le=MOST_EPISODES)]
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+Names = Annotated[tuple[str, ...], Field(min_length=1)]
 
 
 class PolicyEntry(BaseSettings):
-    """One policy of the settings.
+    """One policy of the settings."""
 
-    Attributes:
-        name: in tables.
-        content: argument of :func:`vibgym.policies.registry.make_policy`; its texts may hold ``{seed}``.
-        tasks, hardware: names on which it runs; None: all that it serves.
-        group: in comparisons. A hybrid is a learned residual on a classical controller.
-        training_seeds: of its training runs; empty for a single policy.
-        curve: path of the learning curve, with ``{task}`` and ``{seed}``; None without one.
-        training_steps: what it was trained on.
-        episodes: at most so many on each task.
-    """
-
-    name: str
-    content: Any
-    tasks: Names | None = None
+    name: str  # in tables
+    content: Any  # argument of make_policy; its texts may hold {seed}
+    tasks: Names | None = None  # on which it runs; None: all that it serves
     hardware: Names | None = None
-    group: Literal["learned", "hybrid", "classical"] | None = None
-    training_seeds: tuple[Seed, ...] = Field(default=(), min_length=2, max_length=100)
-    curve: str | None = Field(default=None, min_length=1)
+    group: Literal["learned", "hybrid", "classical"] | None = None  # a hybrid is a residual on a classical controller
+    training_seeds: tuple[Seed, ...] = Field(default=(), min_length=2, max_length=100)  # empty: a single policy
+    curve: str | None = Field(default=None, min_length=1)  # path of the learning curve, with {task} and {seed}
     training_steps: int | None = Field(default=None, ge=0)
-    episodes: Episodes | None = None
+    episodes: Episodes | None = None  # at most so many on each task
 
     @property
     def own(self) -> dict[str, Any]:
@@ -81,7 +72,7 @@ class PolicyEntry(BaseSettings):
     def curve_path(self, task: str, seed: int | None) -> Path:
         """Return the path of the learning curve of one training run."""
         assert self.curve is not None
-        path = self.curve.replace(TASK, task.lower())
+        path = self.curve.replace("{task}", task.lower())
         return Path(path if seed is None else for_seed(path, seed))
 
 
@@ -97,6 +88,95 @@ class HardwareEntry(BaseSettings):
         """Return whether a policy is to run on a task on this hardware."""
         wanted = all(tasks is None or task in tasks for tasks in (policy.tasks, self.tasks))
         return wanted and (policy.hardware is None or self.name in policy.hardware)
+
+
+class StudyPolicy(BaseSettings):
+    """One policy of a study: its name in the table, the evaluation's policy, settings laid over every sensor."""
+
+    name: str
+    policy: str
+    sensor: Arguments = {}
+    trained_on: str = ""
+
+
+@dataclass(frozen=True)
+class StudyCase:
+    """One case of a study: arguments of the environments of a task."""
+
+    name: str
+    task: str
+    arguments: dict[str, Any]
+
+
+class EffectsSettings(BaseSettings):
+    """Study of hardware effects: success of policies on one task in several cases."""
+
+    task: str  # one of the evaluation's
+    policies: tuple[Plain, ...] = Field(min_length=1, max_length=40)  # names of the evaluation's, or StudyPolicy
+    cases: Arguments = Field(min_length=1, max_length=100)  # name -> arguments of the environments
+    episodes: Episodes | None = None  # at most so many in each case; None: as many as the task has
+
+    keys: ClassVar[tuple[str, ...]] = CASE_KEYS
+
+    def columns(self, where: str, policies: Sequence[str]) -> list[StudyPolicy]:
+        """Return the policies of the study, checked against the names of the evaluation's."""
+        found: list[StudyPolicy] = []
+        for index, entry in enumerate(self.policies):
+            field = f"{where}.policies.{index}"
+            if not isinstance(entry, Mapping):
+                checks.choice(field, entry, policies)
+                entry = {"policy": entry}
+            policy = read(StudyPolicy, {"name": entry.get("policy"), **entry}, field)
+            checks.choice(f"{field}.policy", policy.policy, policies)
+            checks.label(f"{field}.name", policy.name, most=MOST_NAME)
+            if policy.trained_on:
+                checks.label(f"{field}.trained_on", policy.trained_on)
+            found.append(policy)
+        all_differ(f"{where}.policies", [policy.name for policy in found])
+        return found
+
+    def tests(self, where: str) -> list[StudyCase]:
+        """Return the cases, checked."""
+        found = []
+        for name, content in self.cases.items():
+            field = f"{where}.cases.{checks.label(f'{where}.cases (a name)', name, most=MOST_NAME)}"
+            arguments = mapping_of(field, content, self.keys)
+            task = arguments.pop("task", self.task)
+            environment_id(task, f"{field}.task")
+            found.append(StudyCase(name, task, arguments))
+        return found
+
+    def check(self, where: str, policies: Sequence[str]) -> None:
+        """Check all of it; errors begin with ``where``."""
+        environment_id(self.task, f"{where}.task")
+        self.columns(where, policies)
+        self.tests(where)
+
+
+class MatrixSettings(EffectsSettings):
+    """Generalisation matrix: policies, ``trained_on`` one thing, by cases, which may set another task and everything else."""
+
+    name: str
+
+    keys: ClassVar[tuple[str, ...]] = (*ENVIRONMENT_KEYS, "task")
+
+
+class LoadSettings(BaseSettings):
+    """Study of throughput: parts a minute against the number of parts in play, on a task in which parts come and go."""
+
+    task: str
+    policies: tuple[str, ...] = Field(min_length=1, max_length=8)
+    parts: tuple[Annotated[int, Field(ge=1, le=10_000)], ...] = Field(min_length=1, max_length=40)
+    episodes: Episodes | None = None
+
+
+class LadderSettings(BaseSettings):
+    """Ablation: policies with learning curves that differ in one thing, such as the action; default hardware: the first."""
+
+    name: str
+    task: str
+    hardware: str | None = None
+    policies: tuple[Any, ...] = Field(min_length=2, max_length=20)
 
 
 class FileSettings(BaseSettings):
@@ -199,6 +279,11 @@ class RunSettings(FileSettings):
     def ranges(self) -> tuple[str, ...]:
         """Names of the ranges of seeds that the command uses, see :mod:`vibgym.seeds`."""
         return "evaluation", "own"
+
+    @property
+    def asked(self) -> tuple[float, int]:
+        """Level and number of resamples of the intervals."""
+        return self.confidence, self.resamples
 
     def check_ranges(self) -> None:
         """Check that all seeds are in one of :attr:`ranges`."""
@@ -380,7 +465,9 @@ class ComparisonSettings(RunSettings):
         all_differ(f"{field}.training_seeds", entry.training_seeds)
         for what, value in (("policy", entry.content), ("curve", entry.curve)):
             if value is not None and (for_seed(value, 0) != value) != bool(entry.training_seeds):
-                raise checks.conflict(f"{field} ({what}): training_seeds requires {SEED} in all paths, and vice versa")
+                raise checks.conflict(
+                    f"{field} ({what}): training_seeds requires {{seed}} in all paths, and vice versa"
+                )
         return entry
 
     def ladder_hardware(self, ladder: LadderSettings) -> str:
@@ -404,6 +491,30 @@ class ComparisonSettings(RunSettings):
         for title in titles:
             checks.label("comparison (name of a study)", title)
         all_differ("comparison (name of a study)", titles)
+
+
+def some_of(field: str, names: Sequence[Any], known: Sequence[str]) -> Sequence[str]:
+    """Return ``names``, checked: all different and among ``known``."""
+    for name in names:
+        checks.choice(field, name, known)
+    all_differ(field, names)
+    return names
+
+
+def all_differ(field: str, values: Sequence[Any]) -> None:
+    """Raise ValueError if a value occurs twice."""
+    for value, count in Counter(values).items():
+        if count > 1:
+            raise checks.refuse(field, value, "in the list only once")
+
+
+def mapping_of(field: str, content: Any, allowed: tuple[str, ...]) -> dict[str, Any]:
+    """Return a copy of a mapping whose keys are among ``allowed``, checked."""
+    if not isinstance(content, Mapping):
+        raise checks.refuse(field, content, f"a mapping with keys among {', '.join(map(repr, allowed))}")
+    for key in content:
+        checks.choice(field, key, allowed)
+    return dict(content)
 
 
 def laid_over(environment: Mapping[str, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,12 +1,11 @@
 "use strict";
-/* Tables of class "sorts": a button in every head. Rows are sorted between the lines that head them, and stay among themselves. */
+/* Tables of class "sorts": a button in every head. */
 document.querySelectorAll("table.sorts").forEach((table) => {
   const heads = [...table.querySelectorAll("thead th")];
 
   function key(row, column) {
     const cell = row.cells[column];
-    const large = [...(cell.querySelector("b") ?? cell).childNodes].filter((each) => each.nodeName !== "SMALL");
-    const text = (cell.dataset.sort ?? large.map((each) => each.textContent).join("")).trim();
+    const text = (cell.dataset.sort ?? (cell.querySelector("b") ?? cell).textContent).trim();
     const found = /^[<>]?\s*([+\u2212-]?[\d.]+)\s*([kM]?)/.exec(text);
     if (!found) return text === "" || text === "\u2013" ? null : text.toLowerCase();
     return Number(found[1].replace("\u2212", "-")) * ({ k: 1e3, M: 1e6 }[found[2]] ?? 1);
@@ -19,22 +18,6 @@ document.querySelectorAll("table.sorts").forEach((table) => {
     return typeof one === "string" ? 1 : -1;
   }
 
-  function sort(column, way) {
-    for (const body of table.tBodies) {
-      let rows = [];
-      const put = (before) => {
-        rows.sort((one, other) => compare(key(one, column), key(other, column), way));
-        rows.forEach((row) => body.insertBefore(row, before));
-        rows = [];
-      };
-      for (const row of [...body.rows]) {
-        if (row.cells.length === heads.length) rows.push(row);
-        else put(row);
-      }
-      put(null);
-    }
-  }
-
   heads.forEach((head, column) => {
     const button = document.createElement("button");
     button.type = "button";
@@ -44,11 +27,10 @@ document.querySelectorAll("table.sorts").forEach((table) => {
       const falling = head.getAttribute("aria-sort") === "descending";
       const fresh = !head.hasAttribute("aria-sort");
       heads.forEach((each) => each.removeAttribute("aria-sort"));
-      // Names from A, numbers from the largest.
-      const first = column === 0 ? 1 : -1;
-      const way = fresh ? first : falling ? 1 : -1;
+      const way = fresh ? (column === 0 ? 1 : -1) : falling ? 1 : -1; // names from A, numbers from the largest
       head.setAttribute("aria-sort", way > 0 ? "ascending" : "descending");
-      sort(column, way);
+      const rows = [...table.tBodies[0].rows].sort((one, other) => compare(key(one, column), key(other, column), way));
+      table.tBodies[0].append(...rows);
     });
   });
 });

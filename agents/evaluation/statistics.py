@@ -18,7 +18,6 @@ import numpy as np
 from scipy import stats
 
 from vibgym.policies.measures import Measured
-from vibgym.policies.rollout import Outcomes
 
 RNG_SEED = 20021
 """Seed of all resampling, so that results are reproducible."""
@@ -220,22 +219,6 @@ def iqm_difference(first: np.ndarray, second: np.ndarray, level: float, resample
     return Estimate(value, None if np.ptp(draws) < 1e-9 else percentiles(draws, level, runs))
 
 
-def paired(first: Outcomes, second: Outcomes, level: float, resamples: int) -> dict[str, Any]:
-    """Compare two policies seed by seed: ``success`` and ``time`` (both succeed) as :class:`Estimate`, ``both`` as count.
-
-    Raises:
-        ValueError: the rollouts are not of the same task and seeds.
-    """
-    if (first.task, first.seeds) != (second.task, second.seeds):
-        raise ValueError("a paired comparison needs the same task and the same seeds")
-    times = (first.time_to_goal - second.time_to_goal)[None]  # nan unless both succeed
-    return {
-        "success": success_difference(first.success[None], second.success[None], level, resamples),
-        "both": int(np.isfinite(times).sum()),
-        "time": mean_difference(times, level, resamples),
-    }
-
-
 def episode_scores(found: Measured, cost_limit: float | None = None) -> np.ndarray:
     """Return scores in [0, 1] (episodes,); nan where no bound is known.
 
@@ -259,12 +242,27 @@ def suite_score(tasks: Sequence[np.ndarray]) -> float:
 
 
 def suite_interval(tasks: Sequence[np.ndarray], level: float, resamples: int) -> Interval | None:
-    """Return the interval of :func:`suite_score`: episodes are resampled within each task; None where all are equal."""
-    if all(np.ptp(scores) < 1e-12 for scores in tasks):
+    """Return the interval of :func:`suite_score`: episodes are resampled within each task.
+
+    None where it cannot be estimated: in no task do two episodes differ.
+    """
+    varied = [k for k, scores in enumerate(tasks) if len(scores) > 1 and np.ptp(scores) >= 1e-12]
+    if not varied:
         return None
-    rng = np.random.default_rng(RNG_SEED)
-    means = np.stack(
-        [scores[rng.integers(len(scores), size=(resamples, len(scores)))].mean(axis=1) for scores in tasks]
-    )
-    low, high = np.quantile(iqm(means, axis=0), [0.5 - 0.5 * level, 0.5 + 0.5 * level])
-    return Interval(float(low), float(high), "stratified percentile bootstrap over episodes")
+
+    def score(*samples: np.ndarray, axis: int = -1) -> np.ndarray:
+        means = [np.full(samples[0].shape[:-1], scores.mean()) for scores in tasks]
+        for k, sample in zip(varied, samples, strict=True):
+            means[k] = sample.mean(axis=axis)
+        return iqm(np.stack(means), axis=0)
+
+    found = stats.bootstrap(
+        [tasks[k] for k in varied],
+        score,
+        confidence_level=level,
+        n_resamples=resamples,
+        batch=1000,
+        method="percentile",
+        rng=np.random.default_rng(RNG_SEED),
+    ).confidence_interval
+    return Interval(float(found.low), float(found.high), "stratified percentile bootstrap over episodes")

@@ -1,17 +1,19 @@
-"""The table of episodes that all commands share, its metrics, and how numbers are written.
+"""The table of episodes that all commands share, its metrics and figures, and how numbers are written.
 
-One row is one episode. Label columns: ``study`` ("report", "effects", ...), ``task``, ``hardware`` (or case), ``policy``,
-``training_seed`` (-1 without one) and ``seed``. All other columns are metrics, float64, nan where they do not apply.
+A :class:`pandas.DataFrame` with one row per episode. Label columns: ``study`` ("report", "effects", ...), ``task``,
+``hardware`` (or case), ``policy``, ``training_seed`` (-1 without one) and ``seed``. All other columns are metrics, float64, nan
+where they do not apply. A new metric is one line in :data:`METRICS`, and a figure of it one in :data:`QUANTITIES`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from agents.evaluation.statistics import Interval, bootstrap, median_interval, quartiles, success_interval
 from vibgym.policies.measures import Measured
@@ -48,8 +50,10 @@ METRICS = {
     "clearance_m": "clearance",
     "rate_over_bound": "rate_over_bound",
     **OWN,
+    "rate_bound_per_minute": "rate_bound",
+    "cost": "cost",
 }
-"""Column -> attribute of the outcomes: the metrics of episodes.csv."""
+"""Column -> attribute of the outcomes."""
 
 ENDS = ("success", "steps", "time_to_goal_s", "position_error_m", "heading_error_rad", "fallen")
 """Metrics of studies that record only how episodes end."""
@@ -78,70 +82,69 @@ class Place(NamedTuple):
         return ", ".join(self[1:] if self.study == REPORT else self)
 
 
-class Table:
-    """Columns of equal length by name, one row per episode."""
+PLACE = list(Place._fields)
 
-    def __init__(self, columns: Mapping[str, np.ndarray]) -> None:
-        self.columns = dict(columns)
 
-    @classmethod
-    def of(cls, found: Outcomes, place: Place, training_seed: int | None = None) -> Table:
-        """Return the table of one policy's rollout."""
-        count = len(found.seeds)
-        columns: dict[str, Any] = {name: np.full(count, value, dtype=object) for name, value in place._asdict().items()}
-        columns["training_seed"] = np.full(count, -1 if training_seed is None else training_seed)
-        columns["seed"] = np.array(found.seeds)
-        for name, what in METRICS.items():
-            values = np.full(count, np.nan)
-            if name in ENDS or isinstance(found, Measured):
-                values = found.fact(what) if name in OWN else getattr(found, what, values)
-            columns[name] = np.asarray(values, dtype=np.float64)
-        return cls(columns)
+def frame(found: Outcomes, place: Place, training_seed: int | None = None) -> pd.DataFrame:
+    """Return the episodes of one policy's rollout."""
+    columns: dict[str, Any] = {"training_seed": -1 if training_seed is None else training_seed, "seed": found.seeds}
+    for name, what in METRICS.items():
+        applies = name in ENDS or isinstance(found, Measured)
+        value = found.fact(what) if name in OWN else getattr(found, what, np.nan)
+        columns[name] = np.asarray(value if applies else np.nan, dtype=np.float64)[()]
+    return pd.DataFrame({**place._asdict(), **columns}, index=pd.RangeIndex(len(found.seeds)))
 
-    @classmethod
-    def joined(cls, tables: Sequence[Table]) -> Table:
-        """Return all rows of some tables with the same columns."""
-        return cls({name: np.concatenate([each[name] for each in tables]) for name in tables[0].columns})
 
-    def __getitem__(self, name: str) -> np.ndarray:
-        return self.columns[name]
+def places(episodes: pd.DataFrame, study: str | None = None) -> dict[Place, pd.DataFrame]:
+    """Return the episodes of every policy in every place, in their order; of one study alone with ``study``."""
+    some = episodes if study is None else where(episodes, study=study)
+    return {Place(*key): rows for key, rows in some.groupby(PLACE, sort=False)}  # type: ignore[misc]
 
-    def __len__(self) -> int:
-        return len(next(iter(self.columns.values())))
 
-    def rows(self, which: np.ndarray | slice) -> Table:
-        """Return some rows."""
-        return Table({name: values[which] for name, values in self.columns.items()})
+def table(
+    episodes: pd.DataFrame, by: Sequence[str], columns: Callable[[pd.DataFrame], Mapping[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return a row of statistics for every group of episodes, in the order of their first episodes.
 
-    def where(self, **labels: Any) -> Table:
-        """Return the rows with these labels."""
-        return self.rows(np.logical_and.reduce([self[name] == value for name, value in labels.items()]))
+    Args:
+        episodes: see above.
+        by: label columns that define a group.
+        columns: statistics of one group, such as :func:`summary`.
+    """
+    groups = episodes.groupby(list(by), sort=False)
+    return [{**dict(zip(by, key, strict=True)), **columns(rows)} for key, rows in groups]  # type: ignore[arg-type]
 
-    def groups(self, *names: str) -> dict[tuple[Any, ...], Table]:
-        """Return the rows by the values of some columns, in the order of their first rows."""
-        found: dict[tuple[Any, ...], list[int]] = {}
-        for index, key in enumerate(zip(*(self[name].tolist() for name in names), strict=True)):
-            found.setdefault(key, []).append(index)
-        return {key: self.rows(np.array(which)) for key, which in found.items()}
 
-    def places(self) -> dict[Place, Table]:
-        """Return the rows of every policy in every place."""
-        return {Place(*key): those for key, those in self.groups(*Place._fields).items()}
+def where(episodes: pd.DataFrame, **labels: Any) -> pd.DataFrame:
+    """Return the episodes with these labels."""
+    which = np.logical_and.reduce([episodes[name] == value for name, value in labels.items()])
+    return episodes.loc[which]
 
-    def by_run(self, name: str) -> np.ndarray:
-        """Return a metric (runs, episodes) of one policy, whose training runs follow one another on the same seeds."""
-        runs = len(np.unique(self["training_seed"]))
-        return self[name].reshape(runs, -1)
 
-    def records(self, names: Iterable[str]) -> list[dict[str, Any]]:
-        """Return one mapping per row for CSV and JSON; booleans and counts are not floats."""
-        columns = {name: self[name].tolist() for name in names}
-        for name, values in columns.items():
-            if name in BOOLEANS:
-                columns[name] = [bool(each) for each in values]
-            elif name in WHOLE:
-                columns[name] = [int(each) if math.isfinite(each) else each for each in values]
-        return [dict(zip(columns, each, strict=True)) for each in zip(*columns.values(), strict=True)]
+def values(episodes: pd.DataFrame, name: str) -> np.ndarray:
+    """Return a column (episodes,)."""
+    return np.asarray(episodes[name])
+
+
+def by_run(episodes: pd.DataFrame, name: str) -> np.ndarray:
+    """Return a metric (runs, episodes) of one policy, whose training runs follow one another on the same seeds."""
+    return values(episodes, name).reshape(len(np.unique(values(episodes, "training_seed"))), -1)
+
+
+def mean(episodes: pd.DataFrame, name: str) -> float:
+    """Return the mean of a metric; nan if it does not apply to all episodes."""
+    return float(values(episodes, name).mean())
+
+
+def records(episodes: pd.DataFrame, names: Iterable[str]) -> list[dict[str, Any]]:
+    """Return one mapping per row for CSV and JSON; booleans and counts are not floats."""
+    columns: dict[str, list[Any]] = {name: episodes[name].tolist() for name in names}
+    for name, values in columns.items():
+        if name in BOOLEANS:
+            columns[name] = [bool(value) for value in values]
+        elif name in WHOLE:
+            columns[name] = [int(value) if math.isfinite(value) else value for value in values]
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 @dataclass(frozen=True)
@@ -173,18 +176,24 @@ class Quantity:
         value = row[self.name] if isinstance(row, Mapping) else getattr(row, self.name)
         return quantity(value, self.factor, self.digits, self.unit)
 
-    def middle_half(self, row: Mapping[str, Any]) -> str | None:
-        """Return the quartiles, "1.20 – 3.40"; None if the row has none."""
-        names = [self.name.replace("median", which) for which in ("q25", "q75")]
-        if names[0] not in row:
-            return None
-        low, high = (number(self.factor * row[name], 2) for name in names)
+    def middle_half(self, row: Mapping[str, Any]) -> str:
+        """Return the quartiles of a row, "1.20 – 3.40"; empty for a mean."""
+        if not self.median:
+            return ""
+        low, high = (number(self.factor * row[self.name.replace("median", q)], 2) for q in ("q25", "q75"))
         return "" if high == "–" or float(high) == 0.0 else f"{low} – {high}"
 
-    def sample(self, table: Table) -> np.ndarray:
+    def columns(self, episodes: pd.DataFrame) -> dict[str, float]:
+        """Return its columns of a table of statistics: a mean, or quartiles of the finite values."""
+        if not self.median:
+            return {self.name: mean(episodes, self.column)}
+        found = quartiles(values(episodes, self.column))
+        return {self.name.replace("median", q): v for q, v in zip(("q25", "median", "q75"), found, strict=True)}
+
+    def sample(self, episodes: pd.DataFrame) -> np.ndarray:
         """Return the finite values (n,)."""
-        values = table[self.column]
-        return values[np.isfinite(values)]
+        found = values(episodes, self.column)
+        return found[np.isfinite(found)]
 
     def value(self, sample: np.ndarray) -> float:
         """Return the figure of a sample with at least one value."""
@@ -224,29 +233,18 @@ QUANTITIES = (
 BY_NAME = {each.name: each for each in QUANTITIES}
 
 
-def summary(table: Table, level: float, resamples: int) -> dict[str, Any]:
+def summary(episodes: pd.DataFrame, level: float, resamples: int) -> dict[str, Any]:
     """Return the statistics of one policy in one place: times are over successes, everything else over all episodes."""
-    return {
-        **successes(table.by_run("success") > 0.0, level, resamples),
-        **spread("time_to_goal", table["time_to_goal_s"], "_s"),
-        **spread("time_over_bound", table["time_over_bound"]),
-        **spread("position_error", table["position_error_m"], "_m"),
-        **spread("heading_error", table["heading_error_rad"], "_rad"),
-        **spread("path_error", table["path_error_m"], "_m"),
-        "fallen": int(table["fallen"].sum()),
-        "diverged": int(np.nansum(table["diverged"])),
-        "mean_return": float(table["return"].mean()),
-        "path_efficiency_median": quartiles(table["path_efficiency"]).median,
-        **spread("throughput", table["throughput_parts_per_s"], "_parts_per_s"),
-        "collisions_mean": float(table["collisions"].mean()),
-        "clearance_median_m": quartiles(table["clearance_m"]).median,
-        "parts_done_mean": float(table["parts_done"].mean()),
-        "rate_over_bound_mean": float(table["rate_over_bound"].mean()),
-        **{f"{name}_mean": float(table[name].mean()) for name in RATES},
-        "transit_mean_s": float(table["transit_s"].mean()),
-        "on_table_mean": float(table["on_table"].mean()),
-        **spread("pattern_error", table["pattern_error_m"], "_m"),
-        **spread("coverage", table["coverage"]),
+    row = successes(by_run(episodes, "success") > 0.0, level, resamples)
+    for figure in QUANTITIES:
+        if not figure.rate:
+            row |= figure.columns(episodes)
+    return row | {
+        "fallen": int(np.nansum(values(episodes, "fallen"))),
+        "diverged": int(np.nansum(values(episodes, "diverged"))),
+        "mean_return": mean(episodes, "return"),
+        "clearance_median_m": quartiles(values(episodes, "clearance_m")).median,
+        "parts_done_mean": mean(episodes, "parts_done"),
     }
 
 
@@ -266,12 +264,6 @@ def ends(name: str, interval: Interval | None, unit: str = "") -> dict[str, floa
     """Return the columns on the ends of an interval; nan without one."""
     low, high = (math.nan, math.nan) if interval is None else (interval.low, interval.high)
     return {f"{name}_low{unit}": low, f"{name}_high{unit}": high}
-
-
-def spread(name: str, values: np.ndarray, unit: str = "") -> dict[str, float]:
-    """Return the columns on quartiles of the finite values."""
-    found = quartiles(values)
-    return {f"{name}_{which}{unit}": value for which, value in zip(("q25", "median", "q75"), found, strict=True)}
 
 
 def quantity(value: float, factor: float, digits: int, unit: str) -> str:

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.evaluation import statistics
-from agents.evaluation.statistics import Interval, bootstrap, quartiles
+from agents.evaluation.statistics import Interval, bootstrap, mean_difference, quartiles, success_difference
 from agents.evaluation.table import quantity
 from studies.benchmarks import common
 from studies.kept import show
@@ -68,10 +67,11 @@ class Difference(NamedTuple):
 
 def differences(camera: Outcomes, model: Outcomes) -> list[Difference]:
     """Return a difference for each of :data:`QUANTITIES`."""
-    found = statistics.paired(camera, model, LEVEL, RESAMPLES)
+    success = success_difference(camera.success[None], model.success[None], LEVEL, RESAMPLES)
+    time = mean_difference((camera.time_to_goal - model.time_to_goal)[None], LEVEL, RESAMPLES)
     return [
-        Difference(found["success"].value, found["success"].interval),
-        Difference(found["time"].value, found["time"].interval),
+        Difference(success.value, success.interval),
+        Difference(time.value, time.interval),
         paired(camera.position_error, model.position_error),
         paired(camera.heading_error, model.heading_error),
     ]

@@ -98,14 +98,14 @@ def test_what_cannot_be_imported_is_one_line(tmp_path, monkeypatch, capsys, text
 
 
 def test_jobs_in_an_environment_that_was_brought_may_leave_the_process(brought, monkeypatch):
-    from agents.evaluation.run import Run
+    from agents.evaluation.run import Case
     from agents.evaluation.table import Place
 
     name, package = brought
     imports.take_part([package])
     info: Any = None  # is not asked for
     place = Place("report", "", "", "zero")
-    mine, ours = (Run(place, None, task, info, [1], {}, "zero") for task in (f"mine/{name}-v0", "Align"))
+    mine, ours = (Case(place, None, task, info, [1], {}, "zero") for task in (f"mine/{name}-v0", "Align"))
     assert mine.plain and ours.plain
     monkeypatch.setattr(imports, "_imported", [])  # registered by the program itself, which workers do not know
     assert not mine.plain and ours.plain

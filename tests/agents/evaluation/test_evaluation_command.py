@@ -192,7 +192,7 @@ def test_whole_command(tmp_path, capsys):
     assert command.main(["evaluate", str(path), *arguments, "--quiet"]) == 0
     caught = capsys.readouterr()
     assert caught.err == ""
-    assert "| Rotate | steered | 100.0 % |" in caught.out
+    assert "| Rotate | steered | 100.0 % (" in caught.out
     assert str(tmp_path / "there" / "report.html") in caught.out
     assert len((tmp_path / "there" / "episodes.csv").read_text().splitlines()) == 1 + 2 * 2
     assert gif.read_bytes().startswith(b"GIF89a")

@@ -146,7 +146,7 @@ def test_the_shipped_comparison_runs(tmp_path, capsys):
     asked = ["compare", str(path), "--episodes", "2", "--output", str(tmp_path / "out"), "--quiet"]
     assert command.main(asked) == 0
     printed = capsys.readouterr().out
-    assert "| Rotate | learned |" in printed and "compare.html" in printed
+    assert "| Rotate | learned (learned) |" in printed and "compare.html" in printed
     assert sorted(each.name for each in (tmp_path / "out").glob("compare.*")) == [
         "compare.csv",
         "compare.html",

@@ -11,7 +11,7 @@ import yaml
 from agents.__main__ import main
 from agents.evaluation import entry_process
 from agents.evaluation.entries import load_entries
-from agents.evaluation.run import Run
+from agents.evaluation.run import Case
 from agents.evaluation.score import SuiteSettings
 from agents.provenance import policy_sources
 from vibgym.policies.trained.catalogue import SHIPPED
@@ -93,8 +93,8 @@ def refused(capsys, named, *more):
 
 def plays(monkeypatch):
     """Return the list of the runs that are played from now on."""
-    found, play = [], Run.play
-    monkeypatch.setattr(Run, "play", lambda run, quiet: found.append(run.place[1:]) or play(run, quiet))
+    found, play = [], Case.play
+    monkeypatch.setattr(Case, "play", lambda run, quiet: found.append(run.place[1:]) or play(run, quiet))
     return found
 
 

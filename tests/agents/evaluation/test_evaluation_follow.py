@@ -68,8 +68,8 @@ def test_path_errors_are_those_of_the_poses(tmp_path):
     row = next(row for row in report.rows(results) if (row["task"], row["policy"]) == ("Follow", "pose"))
     assert row["path_error_median_m"] == np.median(run.path_error)
     tables = evaluation.summary_table(results).split("\n\n")
-    assert ["path error" in table for table in tables] == ["Follow" in table for table in tables] == [False, True]
-    assert f"{1e3 * row['path_error_median_m']:.2f} mm" in tables[1] and "Path error (rms)" in page
+    assert ["path error" in table for table in tables] == ["Follow" in table for table in tables] == [True, False]
+    assert f"{1e3 * row['path_error_median_m']:.2f} mm" in tables[0] and "Path error (rms)" in page
     with (tmp_path / "episodes.csv").open() as file:
         rows = [each for each in csv.DictReader(file) if (each["task"], each["policy"]) == ("Follow", "pose")]
     assert [float(each["path_error_m"]) for each in rows] == run.path_error.tolist()

@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from agents.evaluation import report, report_rows
+from agents.evaluation import report
 
 
 class Links(HTMLParser):
@@ -57,13 +57,9 @@ def test_page_says_what_was_found(found, written):
         assert f"Film of seed {found.rollout(row['task'], row['hardware'], row['policy']).film.seed}" in text
 
 
-def best_rows(found, rows):
-    return {(task, "ideal"): report_rows.best_row(found, rows, task, "ideal") for task in found.tasks}
-
-
 def test_bold_differences_are_those_that_are_clear(found, written):
     text = (written / "report.html").read_text(encoding="utf-8")
-    gaps = report_rows.against_best(found, report.comparisons(found), best_rows(found, report.rows(found)))
+    gaps = report.against_best(found, report.comparisons(found), report.best_rows(found, report.rows(found)))
     clear = [gap[name].clear for gap in gaps for name in ("success", "time") if gap[name].interval is not None]
     assert text.count('<td class="clear"') == sum(clear) and not all(clear)
 
@@ -73,7 +69,7 @@ def test_best_policy_has_most_successes_then_the_lowest_time(found):
 
     def best(**changes):
         changed = [{**row, **changes.get(row["policy"], {})} if row["task"] == "Transport" else row for row in rows]
-        return report_rows.best_row(found, changed, "Transport", "ideal")["policy"]
+        return report.best_row(found, changed, "Transport", "ideal")["policy"]
 
     nan, every = float("nan"), {"successes": 8, "success_rate": 1.0}
     assert (

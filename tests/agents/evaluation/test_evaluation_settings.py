@@ -50,7 +50,7 @@ def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves():
         ("Sort", "local_fields"),
         ("Sort", "zero"),
     ]
-    assert [(run.place.task, run.place.policy) for run in prepared.runs] == pairs
+    assert [(case.place.task, case.place.policy) for case in prepared.cases] == pairs
 
 
 def test_every_environment_can_be_evaluated():

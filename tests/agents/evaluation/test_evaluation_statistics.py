@@ -12,7 +12,6 @@ from agents.evaluation.statistics import (
     iqm,
     iqm_difference,
     mean_difference,
-    paired,
     pigeonhole,
     quartiles,
     success_difference,
@@ -126,14 +125,3 @@ def test_several_runs_against_one():
     same = np.repeat(hard, 3, axis=0)
     assert mean_difference(same - hard, LEVEL, DRAWS).interval is None
     assert iqm_difference(same, hard, LEVEL, DRAWS).interval is None
-
-
-def test_comparison_needs_the_same_task(found):
-    pusher, still = found.rollout("Transport", "ideal", "pusher"), found.rollout("Transport", "ideal", "still <&>")
-    gap = paired(pusher, still, LEVEL, 500)
-    assert gap["success"].value == pytest.approx(pusher.success.mean())
-    assert gap["both"] == 0 and np.isnan(gap["time"].value) and gap["time"].interval is None
-    same = paired(pusher, pusher, LEVEL, 500)
-    assert same["time"].value == 0.0 and same["time"].interval is None
-    with pytest.raises(ValueError, match="same seeds"):
-        paired(pusher, found.rollout("Align", "ideal", "pusher"), LEVEL, 500)

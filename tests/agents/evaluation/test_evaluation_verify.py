@@ -76,9 +76,9 @@ def test_published_and_verified(folder, capsys):
     code, text, errors = verified(capsys, "out", "--output", "all")
     assert code == 0 and errors == ""
     assert "6 of 6 published episodes have the same metrics when played again" in text
-    assert "outside: " not in text and "different: " not in text and "version: " not in text
+    assert "apart: " not in text and "different: " not in text and "version: " not in text
     rows = list(csv.DictReader((folder / "all" / "verification.csv").open(newline="")))
-    assert {row["study"] for row in rows} == {"report", "effects"} and {row["inside"] for row in rows} == {"True"}
+    assert {row["study"] for row in rows} == {"report", "effects"} and {row["agrees"] for row in rows} == {"True"}
     assert f"{len(rows)} of {len(rows)} figures" in text
     record = json.loads((folder / "out" / "report.json").read_text())
     assert set(record["versions"]) >= {"python", "numpy", "numba", "vibgym"} and record["commit"]
@@ -94,9 +94,11 @@ def test_a_policy_that_is_worse_than_published_lies_outside(folder, capsys):
     (folder / "out" / "report.json").write_text(json.dumps(record))
     code, text, _ = verified(capsys, "out")
     assert code == 1 and text.endswith("\nnot verified\n")
-    assert "outside: Align, ideal, learned: success 0.0 % of 4 episodes, published 100.0 %, should be in" in text
+    assert (
+        "apart: Align, ideal, learned: success 0.0 % of 4 episodes, published 100.0 %, by chance with 2.1e-04" in text
+    )
     assert "different: mine.yaml: other policies (learned) than published\n" in text
-    assert "outside: effects, Align, noise, learned: success" in text
+    assert "apart: effects, Align, noise, learned: success" in text
 
 
 def falsified_figure(out):

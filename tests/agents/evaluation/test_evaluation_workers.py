@@ -47,4 +47,4 @@ def test_same_files_with_one_process_and_two(tmp_path, two):
                 np.testing.assert_array_equal(value, getattr(other.rollouts[pair], name))
     assert one_files["episodes.csv"] == other_files["episodes.csv"]
     pictures = [re.findall(r"data:image/[^\"]*", files["report.html"]) for files in (one_files, other_files)]
-    assert pictures[0] == pictures[1] and len(pictures[0]) > 3 * 3
+    assert pictures[0] == pictures[1] and len(pictures[0]) == 8
