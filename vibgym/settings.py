@@ -179,9 +179,9 @@ def with_unit(model: type[BaseModel]) -> dict[str, tuple[str, float]]:
     """Return the keys with a unit that a model takes: name of the field, and factor to SI."""
     keys = {}
     for name, field in model.model_fields.items():
-        symbol = unit_of(field)
-        if symbol is not None:
-            suffix, factor = SUFFIXES[symbol.partition("/")[0]]
+        symbol, _, _ = (unit_of(field) or "").partition("/")
+        if symbol in SUFFIXES:  # others, such as s, have no further unit
+            suffix, factor = SUFFIXES[symbol]
             keys[f"{name}_{suffix}"] = name, factor
     return keys
 

@@ -104,7 +104,7 @@ def test_entries_are_played_on_the_same_episodes_and_ranked(capsys, monkeypatch)
     with open("out/suite.csv", newline="") as file:
         score = next(csv.DictReader(file))["score"]
     entry("still", "zero", training_steps=7)
-    # An entry that serves one task scores 0 on the others, whatever it claims.
+    # An entry that serves one task scores 0 on the others, even if it claims more.
     claims = "task,hardware,seed,score\nTransport,ideal,300000,1.0\n"
     entry("one", {"kind": "by_task", "Align": "pose"}, {"episodes.csv": claims})
     played = plays(monkeypatch)
@@ -193,7 +193,7 @@ print("| ideal | mine | 1.000 |")
     assert {path.name for path in Path("entries/mine").iterdir()} == {"entry.yaml", "policy.py"}
 
 
-@pytest.mark.parametrize(("body", "said"), [
+@pytest.mark.parametrize(("body", "message"), [
     ("raise KeyError('x')", "KeyError"),
     ("import os; os._exit(3)", "ends"),
     ("time.sleep(600)", "no answer within"),
@@ -202,14 +202,14 @@ print("| ideal | mine | 1.000 |")
     ("return 'nothing', state", "ValueError"),
     ("return [0.0] * 10**6, state", "too much"),
 ])  # fmt: skip
-def test_code_that_fails_scores_0(body, said, capsys, monkeypatch, caplog):
+def test_code_that_fails_scores_0(body, message, capsys, monkeypatch, caplog):
     Path("suite.yaml").write_text(yaml.safe_dump({**SUITE, "tasks": ["Transport"]}))
     if "sleep" in body:
         monkeypatch.setattr(entry_process, "ANSWER_SECONDS", 40.0)
     entry("mine", "mine", {"policy.py": FAULTY.format(body)}, module="policy")
     assert rank("--trust", "mine") == 0
     assert float(ranking()["mine"]["score"]) == 0.0
-    assert said in capsys.readouterr().out
+    assert message in capsys.readouterr().out
 
 
 def test_code_that_cannot_be_loaded_is_one_error(capsys):
@@ -217,7 +217,7 @@ def test_code_that_cannot_be_loaded_is_one_error(capsys):
     refused(capsys, "nothing_of_this_name", "--trust", "mine")
 
 
-@pytest.mark.parametrize(("policy", "more", "said"), [
+@pytest.mark.parametrize(("policy", "more", "message"), [
     ("zero", {"training_steps": 1_000_001}, "training_steps"),
     ("zero", {"authors": ""}, "authors"),
     ("zero", {"sha256": {}}, "sha256"),
@@ -232,14 +232,14 @@ def test_code_that_cannot_be_loaded_is_one_error(capsys):
     ({"kind": "trained", "path": "{entry}/base.json"}, {}, "elsewhere"),
     ({"kind": "trained", "path": "{entry}/steps.json"}, {}, "steps"),
 ])  # fmt: skip
-def test_a_bad_entry_is_one_error_before_anything_is_played(policy, more, said, capsys):
+def test_a_bad_entry_is_one_error_before_anything_is_played(policy, more, message, capsys):
     Path("weights").write_text("x")
     files = {
         "base.json": json.dumps({"residual": {"base": {"kind": "trained", "path": "elsewhere/policy"}}}),
         "steps.json": json.dumps({"training": {"steps": 2_000_000}}),
     }
     entry("mine", policy, files, **more)
-    refused(capsys, said)
+    refused(capsys, message)
     assert not Path("found").exists()
 
 

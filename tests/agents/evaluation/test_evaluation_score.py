@@ -104,10 +104,10 @@ def test_the_command_scores_goes_on_and_lets_others_enter(tmp_path, capsys, monk
     for name in ("scores.csv", "suite.csv", "scores.md", "scores.html"):
         assert (tmp_path / "out" / name).stat().st_size > 0
 
-    def nobody(*_):
+    def never(*_):
         raise AssertionError("played again")
 
-    monkeypatch.setattr(Case, "play", nobody)
+    monkeypatch.setattr(Case, "play", never)
     assert command.main(["score", str(path), "--quiet"]) == 0  # all from the files of the first run
     assert capsys.readouterr().out == table
     monkeypatch.undo()
