@@ -10,11 +10,23 @@ import pytest
 from filelock import FileLock
 from hypothesis import settings
 
+from vibgym.kernels import jit
+from vibgym.kernels.cache import announce
+
 # No deadline: kernels compile on first use. Derandomized, so that runs are reproducible.
 settings.register_profile("vibgym", deadline=None, derandomize=True, max_examples=100)
 settings.load_profile("vibgym")
 
 ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _announcement():
+    """Announce compilation before all tests, so that no test's standard error depends on which test compiles first."""
+    if jit.MODE == jit.LINKED:
+        from vibgym.kernels.linking import default_folder
+
+        announce(default_folder())
 
 
 @pytest.fixture(scope="session")
