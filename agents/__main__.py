@@ -8,12 +8,14 @@ from collections.abc import Sequence
 from agents.command_line import Entry, run_one_of
 
 COMMANDS = {
-    "evaluate": Entry("agents.evaluation.commands", "run policies on tasks and write a report"),
-    "compare": Entry("agents.evaluation.commands", "compare learned with classical policies on the same seeds"),
-    "score": Entry("agents.evaluation.commands", "score policies on a suite of tasks, or a user-defined policy"),
-    "datasheet": Entry("agents.evaluation.commands", "one printable page: rates and limits of a surface with a part"),
-    "publish": Entry("agents.evaluation.commands", "publish the figures and episodes of an evaluation"),
-    "verify": Entry("agents.evaluation.commands", "play a sample of published results and test every figure"),
+    "evaluate": Entry("agents.evaluation.report", "run policies on tasks and write a report"),
+    "compare": Entry("agents.evaluation.report", "compare learned with classical policies on the same seeds"),
+    "score": Entry("agents.evaluation.score", "score policies on a suite of tasks, or a user-defined policy"),
+    "datasheet": Entry(
+        "agents.evaluation.datasheet_page", "one printable page: rates and limits of a surface with a part"
+    ),
+    "publish": Entry("agents.evaluation.published", "publish the figures and episodes of an evaluation"),
+    "verify": Entry("agents.evaluation.verify", "play a sample of published results and test every figure"),
     "train": Entry("agents.train", "train a policy, or continue from its last checkpoint"),
     "tabulate": Entry("agents.tabulate", "evaluate the seeds of trained agents, write their table, ship the best"),
     "tune": Entry("agents.tune", "tune hyperparameters, or continue a study"),

@@ -1,25 +1,34 @@
 """Evaluation of policies on seeded episodes: reports, comparisons, scores, verification of published results, data sheets.
 
-One path: settings -> cases (:mod:`.run`) -> one table of episodes (:mod:`.table`) -> statistics (:mod:`.statistics`) -> a view
-(:mod:`.report`, :mod:`.compare`, :mod:`.score`, :mod:`.published`, :mod:`.verify`, :mod:`.datasheet`).
+One path: settings -> cases (:mod:`.plan`) -> one table of episodes (:mod:`.run`, :mod:`.table`) -> statistics
+(:mod:`.statistics`) -> a view (:mod:`.report`, :mod:`.score`, :mod:`.published`, :mod:`.verify`). Data sheets are measurements
+of their own (:mod:`.datasheet`)::
+
+    settings = EvaluationSettings.checked({"tasks": ["Align"], "policies": ["pose", "zero"], "episodes": 20})
+    episodes = run(cases(settings))
+    table(episodes, by=["task", "policy"])
 """
 
-from agents.evaluation.films import Rollout
-from agents.evaluation.report import Gif, prepare, summary_table, write
-from agents.evaluation.run import Case, Prepared, Results, evaluate
-from agents.evaluation.settings import EvaluationSettings, load_settings, settings_from
+from agents.evaluation.plan import cases, prepare
+from agents.evaluation.run import Case, Prepared, Results, evaluate, run
+from agents.evaluation.score import score
+from agents.evaluation.settings import ComparisonSettings, EvaluationSettings, SuiteSettings
+from agents.evaluation.table import difference, table
+from agents.evaluation.verify import check
 
 __all__ = [
     "Case",
+    "ComparisonSettings",
     "EvaluationSettings",
-    "Gif",
     "Prepared",
     "Results",
-    "Rollout",
+    "SuiteSettings",
+    "cases",
+    "check",
+    "difference",
     "evaluate",
-    "load_settings",
     "prepare",
-    "settings_from",
-    "summary_table",
-    "write",
+    "run",
+    "score",
+    "table",
 ]

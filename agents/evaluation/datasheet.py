@@ -10,17 +10,19 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field
+from tqdm import tqdm
 
 from agents.evaluation.films import Log, Rollout
 from agents.evaluation.part_limits import Limits, limits_of
-from agents.evaluation.run import Case, Infos
+from agents.evaluation.plan import Infos
 from agents.evaluation.settings import FileSettings, Seed
-from agents.evaluation.table import Place
 from agents.provenance import provenance
 from agents.training_settings import Plain
 from vibgym import Part, checks
 from vibgym.config import load_yaml
 from vibgym.policies.applicable import tasks_with
+from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.drawings.records import StablePose
 from vibgym.scene.parts import part_and_drawing, part_from
@@ -206,7 +208,7 @@ def measure(settings: DatasheetSettings, quiet: bool = False) -> Sheet:
     """
     part, poses = part_of(settings)
     environment, infos = settings.environment(part), Infos()
-    info = infos.of("Align", environment, "datasheet")
+    info, _ = infos.of("Align", environment, "datasheet")
     with checks.within("datasheet"):
         limits = limits_of(info)
     # An episode at rest is a success only after all of its periods at the goal, so none ends before.
@@ -215,14 +217,18 @@ def measure(settings: DatasheetSettings, quiet: bool = False) -> Sheet:
     names = ("Transport", "Align", "rest", *(("Rotate",) if info.parts[0].symmetry else ()))
     variants = {name: {**environment, key: value} for name, (key, value) in VARIANTS.items()}
     unfit = unfit_of(variants, infos)
-    runs = {}
+    runs, of_tasks = {}, {}
     for name in (*names, *(each for each in variants if each not in unfit)):
         task, arguments = ("Align", {"rest": resting, **variants}[name]) if name not in TASKS else (name, environment)
         with checks.within(f"datasheet ({task})"):
-            of_task, place = infos.of(task, arguments, "environment"), Place("datasheet", task, "", name)
-            runs[name] = Case(place, None, task, of_task, settings.seeds, arguments, settings.policy, Log).made()
-    played = {name: run.play(quiet) for name, run in runs.items()}
-    of_tasks = {name: run.info for name, run in runs.items() if name in TASKS}
+            of_task, _ = infos.of(task, arguments, "environment")
+            runs[name] = task, arguments, make_policy(settings.policy, of_task, settings.first_seed)
+        if name in TASKS:
+            of_tasks[name] = of_task
+    played = {
+        name: rollout(policy, task, seeds=settings.seeds, keep=Log, **arguments)
+        for name, (task, arguments, policy) in tqdm(runs.items(), desc="measuring", disable=quiet)
+    }
     hardware = {"actuators": settings.actuators, "sensor": settings.sensor}
     tasks = tasks_with(part.to_dict(), settings.surface, **hardware)
     return Sheet(settings, environment, info, limits, played, of_tasks, provenance(), poses, unfit, tasks)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+import contextlib
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,16 +11,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.command_line import Command
 from agents.evaluation import films
-from agents.evaluation.datasheet import RESTING, VARIANTS, DatasheetSettings, Sheet
+from agents.evaluation.commands import OUTPUT
+from agents.evaluation.datasheet import RESTING, VARIANTS, DatasheetSettings, Sheet, measure
 from agents.evaluation.pages import data_address, render
 from agents.evaluation.part_limits import TURNABLE, Limits
 from agents.evaluation.statistics import quartiles
 from agents.evaluation.table import quantity
-from vibgym import Part, Surface
+from vibgym import Part, Surface, checks
+from vibgym.config import from_text
 from vibgym.envs.viewer import scenery_of
-from vibgym.files import write_atomically
+from vibgym.files import output_directory, output_files, write_atomically
 from vibgym.policies.rollout import worlds_of
+from vibgym.rendering.files import png
 from vibgym.tasks.base import HOLD_PERIODS
 
 PAGE = "datasheet.html"
@@ -41,7 +47,7 @@ def _picture(sheet: Sheet) -> bytes:
     film = sheet.played["Align"].film
     left = np.hypot(*np.moveaxis(film.poses[:, 0, :2] - film.goals[:, 0, :2], -1, 0))
     frame = int((left <= 0.5 * left[0]).argmax())
-    return films.png(films.picture(film, scenery, frame, films.painter_for(scenery, 1064)), 64)
+    return png(films.picture(film, scenery, frame, films.painter_for(scenery, 1064)), 64)
 
 
 class Line(NamedTuple):
@@ -267,3 +273,34 @@ def summary(sheet: Sheet) -> str:
     for title, lines in groups(sheet).items():
         found += [title, *(f"  {each.label}: {each.value}; {each.note}" for each in lines)]
     return "\n".join(found)
+
+
+# -- command -----------------------------------------------------------------------------------------------------------
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "config", type=Path, nargs="?", metavar="CONFIG", help="see configs/datasheets (default: the prototype)"
+    )
+    parser.add_argument("--machine", metavar="FILE", help="settings of an identified machine, such as machine.yaml")
+    parser.add_argument(
+        "--part", metavar="PART", help="drawing, name of a shipped part, or a JSON mapping as in CONFIG"
+    )
+    parser.add_argument("--episodes", type=int, metavar="N", help="episodes of each measurement")
+
+
+def command(arguments: argparse.Namespace) -> None:
+    """Measure a part on a surface, and write and print the sheet."""
+    given = {name: getattr(arguments, name) for name in ("machine", "part") if getattr(arguments, name) is not None}
+    if "part" in given:
+        given["part"] = from_text("--part", given["part"])
+    output = None if arguments.output is None else str(arguments.output)
+    settings = DatasheetSettings.given(arguments.config, given, arguments.episodes, output)
+    output_files([output_directory(Path(settings.output), "datasheet.output") / PAGE], "datasheet.output")
+    with contextlib.nullcontext() if arguments.config is None else checks.within(arguments.config):
+        found = measure(settings, arguments.quiet)
+    page = write(found)
+    print(f"{summary(found)}\n\npage: {page}")
+
+
+COMMANDS = {"datasheet": Command(_arguments, command, OUTPUT)}

@@ -21,10 +21,9 @@ from pydantic import Field
 from ruamel.yaml import YAML
 
 from agents.evaluation.entry_process import EntryPolicy, EntryProcess
-from agents.evaluation.run import Results
-from agents.evaluation.score import LEARNED, SuiteSettings, rows
-from agents.evaluation.settings import MOST_NAME, PolicyEntry
-from agents.evaluation.table import markdown
+from agents.evaluation.run import LEARNED, Results
+from agents.evaluation.settings import MAX_NAME, PolicyEntry, SuiteSettings
+from agents.evaluation.table import markdown, where
 from agents.provenance import digest, policy_sources
 from agents.training_settings import Plain
 from vibgym import checks
@@ -39,7 +38,7 @@ ENTRY = "entry.yaml"
 HERE = "{entry}"
 """Text in a policy's settings that stands for the entry's folder."""
 
-SET_ELSEWHERE = ("name", "episodes", "training_steps")
+SET_ELSEWHERE = ("name", "episodes", "training_steps", "group", "training_seeds", "curve")
 """Keys of a policy in a suite that an entry's policy cannot have."""
 
 LEAST_EPISODES = 5
@@ -124,8 +123,8 @@ def _load(folder: Path, settings: SuiteSettings, trusted: Collection[str]) -> En
 
 def _word(field: str, value: str) -> str:
     """Return a name that is safe as that of a file."""
-    if not re.fullmatch("[A-Za-z0-9_-]+", value) or len(value) > MOST_NAME:
-        raise checks.refuse(field, value, f"at most {MOST_NAME} letters, digits, '-' and '_'")
+    if not re.fullmatch("[A-Za-z0-9_-]+", value) or len(value) > MAX_NAME:
+        raise checks.refuse(field, value, f"at most {MAX_NAME} letters, digits, '-' and '_'")
     return value
 
 
@@ -189,31 +188,44 @@ def _stated_steps(files: Iterable[Path]) -> int:
 
 def entered(settings: SuiteSettings, entries: Mapping[str, Entry]) -> SuiteSettings:
     """Return a suite whose policies are the entries."""
-    policies = []
-    for name, entry in entries.items():
-        content = entry.content if isinstance(entry.content, Mapping) else {"kind": entry.content}
-        policies.append({**content, "name": name, "training_steps": entry.training_steps})
-    return settings.model_copy(update={"policies": tuple(policies)})
+    return settings.with_policies([
+        {**(entry.content if isinstance(entry.content, Mapping) else {"kind": entry.content}), "name": name}
+        for name, entry in entries.items()
+    ])  # fmt: skip
 
 
 def without_failures(results: Results) -> Results:
     """Return results in which an entry does not serve the tasks where its code failed."""
     failed = {
-        run.place: run.policy.failure
-        for run in results.cases
-        if isinstance(run.policy, EntryPolicy) and run.policy.failure is not None
+        case.place: case.policy.failure
+        for case in results.cases
+        if isinstance(case.policy, EntryPolicy) and case.policy.failure is not None
     }
-    kept = {key: found for key, found in results.rollouts.items() if key[0] not in failed}
-    return replace(results, rollouts=kept, refused={**results.refused, **failed})
+    episodes = results.episodes
+    for place in failed:
+        episodes = episodes.drop(where(episodes, **place._asdict()).index)
+    return replace(results, episodes=episodes, refused={**results.refused, **failed})
 
 
-def ranking(entries: Mapping[str, Entry], results: Results) -> list[dict[str, Any]]:
-    """Return a row for each entry and hardware, the best first on each hardware."""
-    found, totals = rows(results)
+def write(
+    entries: Mapping[str, Entry],
+    results: Results,
+    rows: Sequence[Mapping[str, Any]],
+    totals: Sequence[Mapping[str, Any]],
+    protocol: SuiteSettings,
+) -> tuple[str, Path]:
+    """Write ``ranking.csv`` and ``ranking.md``; return the text and the path of the latter.
+
+    Args:
+        entries: by name.
+        results: of all entries.
+        rows, totals: see :func:`agents.evaluation.score.rows`.
+        protocol: the suite with all its episodes.
+    """
     ranked = []
     for total in totals:
         entry = entries[total["policy"]]
-        mine = [row for row in found if all(row[name] == total[name] for name in ("hardware", "policy"))]
+        mine = [row for row in rows if all(row[name] == total[name] for name in ("hardware", "policy"))]
         enough = all(row["episodes"] >= LEAST_EPISODES for row in mine if row["served"])
         ranked.append({
             "hardware": total["hardware"],
@@ -226,59 +238,39 @@ def ranking(entries: Mapping[str, Entry], results: Results) -> list[dict[str, An
             "sha256": entry.digest,
             **{row["task"]: row["score"] for row in mine},
         })  # fmt: skip
-    order = list(results.settings.named_hardware())
-    return sorted(ranked, key=lambda row: (order.index(row["hardware"]), -row["score"]))
+    order = list(results.settings.machines())
+    ranked.sort(key=lambda row: (order.index(row["hardware"]), -row["score"]))
+    text = "\n\n".join(_ranking(ranked, results, protocol))
+    directory = output_directory(Path(results.settings.output), "--output")
+    page = directory / "ranking.md"
+    write_together({directory / "ranking.csv": csv_text(ranked), page: f"{text}\n"})
+    return text, page
 
 
-def table(ranked: Sequence[Mapping[str, Any]], results: Results, protocol: SuiteSettings) -> str:
-    """Return the ranking in Markdown, with the numbers of episodes and the tasks that entries do not serve.
-
-    Args:
-        ranked: see :func:`ranking`.
-        results: of all entries.
-        protocol: the suite with all its episodes.
-    """
-    heads = ("hardware", "entry", "score", "training steps", "episodes")
-    lines = [
-        [
-            row["hardware"],
-            row["entry"],
-            _score(row),
-            f"{row['training_steps']:,}".replace(",", " "),
-            str(row["episodes"]),
-        ]
-        for row in ranked
-    ]
-    played, asked = _episodes(results.settings), _episodes(protocol)
-    text = f"Episodes of each task: {played}" + ("." if played == asked else f"; the protocol has {asked}.")
+def _ranking(ranked: Sequence[Mapping[str, Any]], results: Results, protocol: SuiteSettings) -> list[str]:
+    """Return the ranking in Markdown, the numbers of episodes, and the tasks that entries do not serve."""
+    heads, lines = ("hardware", "entry", "score", "training steps", "episodes"), []
+    for row in ranked:
+        low, high = row["score_low"], row["score_high"]
+        between = "(no interval)" if math.isnan(low) else f"({low:.3f} to {high:.3f})"
+        steps = f"{row['training_steps']:,}".replace(",", " ")
+        lines.append([row["hardware"], row["entry"], f"{row['score']:.3f} {between}", steps, str(row["episodes"])])
+    played, all_of_them = _episodes(results.settings), _episodes(protocol)
+    about = f"Episodes of each task: {played}" + (
+        "." if played == all_of_them else f"; the protocol has {all_of_them}."
+    )
     unserved = [
         f"- {place.policy}, {place.task}, {place.hardware}: scores 0 ({reason})"
         for place, reason in results.refused.items()
     ]
-    return "\n\n".join([markdown(heads, lines), text, *(["\n".join(unserved)] if unserved else [])])
-
-
-def _score(row: Mapping[str, Any]) -> str:
-    low, high = row["score_low"], row["score_high"]
-    return f"{row['score']:.3f} " + ("(no interval)" if math.isnan(low) else f"({low:.3f} to {high:.3f})")
+    return [markdown(heads, lines), about, *(["\n".join(unserved)] if unserved else [])]
 
 
 def _episodes(settings: SuiteSettings) -> str:
     """Return the numbers of episodes of all tasks: "2", or "50 to 200"."""
-    numbers = {
-        len(settings.seed_list(task, machine.episodes))
-        for task in settings.tasks
-        for machine in settings.hardware_entries()
-    }
+    machines = settings.machines().values()
+    numbers = {len(settings.seed_list(task, machine.episodes)) for task in settings.tasks for machine in machines}
     return " to ".join(str(each) for each in sorted({min(numbers), max(numbers)}))
-
-
-def write(ranked: Sequence[Mapping[str, Any]], text: str, directory: Path) -> Path:
-    """Write ``ranking.csv`` and ``ranking.md``; return the path of the latter."""
-    directory = output_directory(directory, "--output")
-    page = directory / "ranking.md"
-    write_together({directory / "ranking.csv": csv_text(ranked), page: f"{text}\n"})
-    return page
 
 
 def enter(entry: PolicyEntry, source: Path, authors: str, settings: SuiteSettings) -> Path:

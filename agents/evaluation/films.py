@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from PIL import Image
 
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.shared import SharedInterface
@@ -17,6 +15,7 @@ from vibgym.envs.viewer import side_of
 from vibgym.policies.measures import Measured, Measures
 from vibgym.policies.rollout import Step, Timing
 from vibgym.rendering import Scenery, Side, SurfacePainter
+from vibgym.rendering.files import gif
 
 WATCHED_AMONG = 30
 """The filmed world is one of the first so many, which are also those of the trajectory plot."""
@@ -42,8 +41,6 @@ class Film:
     goals: np.ndarray  # (frames, parts, 3); zeros for tasks without goal poses
     paths: tuple[np.ndarray, ...]  # (n, 2) m, along which the goals of the parts move; empty where they stay
     captions: tuple[str, ...]  # of the frames
-    done: float  # parts done at the end; nan where they are not counted
-    success: bool
     sides: tuple[Side | None, ...]  # views from the side, of frames whose parts may tilt
 
 
@@ -58,8 +55,12 @@ class Rollout(Measured):
     series: (
         np.ndarray
     )  # (SERIES, episodes, most steps + 1) float32; nan after the end, and where a task lacks the field
-    timing: Timing
     film: Film
+
+    @property
+    def filmed(self) -> np.ndarray:
+        """Whether it is the episode of the film."""
+        return np.array(self.seeds) == self.film.seed
 
     @property
     def path_length(self) -> np.ndarray:
@@ -193,10 +194,8 @@ class Log(Measures):
         world, fields = self.watched, self.fields
         *arrays, captions, sides = zip(*self.frames, strict=True)
         poses, present, phasors, goals = (np.array(each) for each in arrays)
-        done = float(fields["series"][SERIES.index("parts_done"), world, len(poses) - 1])
-        success = bool(fields["success"][world])
-        film = Film(self.seeds[world], poses, present, phasors, goals, self.paths, captions, done, success, sides)
-        return Rollout(task, self.seeds, self.env.step_time, timing=timing, film=film, **fields)
+        film = Film(self.seeds[world], poses, present, phasors, goals, self.paths, captions, sides)
+        return Rollout(task, self.seeds, self.env.step_time, timing, film=film, **fields)
 
 
 class Format(NamedTuple):
@@ -213,9 +212,6 @@ FILE, PAGE = Format(840, 120, 255), Format(440, 24, 64)
 BORDER = 40
 """Width of the part of a picture that is not table, pixels."""
 
-REST = 1500
-"""Duration of the last frame, ms."""
-
 
 def painter_for(scenery: Scenery, width: int) -> SurfacePainter:
     """Return a painter whose pictures are about ``width`` pixels wide."""
@@ -230,43 +226,10 @@ def picture(film: Film, scenery: Scenery, frame: int, painter: SurfacePainter) -
     return painter.paint(view)
 
 
-def frames_of(film: Film, scenery: Scenery, form: Format = FILE) -> tuple[list[np.ndarray], int]:
-    """Return frames of a film at equal distances, and its last one, with the number of steps between them."""
+def film_gif(film: Film, scenery: Scenery, step_time: float, form: Format = FILE) -> bytes:
+    """Return a film as a GIF file, of frames at equal distances and the last one; ``step_time`` is that of a step, s."""
     painter = painter_for(replace(scenery, side=film.sides[0] is not None), form.width)
     last = len(film.poses) - 1
     stride = max(1, math.ceil(last / (form.frames - 1)))
-    return [picture(film, scenery, frame, painter) for frame in [*range(0, last, stride), last]], stride
-
-
-def png(frame: np.ndarray, colours: int = 256) -> bytes:
-    """Return a picture as a PNG file, with few colours to keep the page small."""
-    file = io.BytesIO()
-    Image.fromarray(frame).quantize(colours, dither=Image.Dither.NONE).save(file, format="PNG", optimize=True)
-    return file.getvalue()
-
-
-def gif(frames: Sequence[np.ndarray], interval: float, colours: int = FILE.colours) -> bytes:
-    """Return a looping GIF file.
-
-    Args:
-        frames: pictures (height, width, 3) uint8 of one size, at least one; the last one has a longer duration.
-        interval: time between frames, s; browsers show at most 50 frames per second.
-        colours: of all frames together, at most 256.
-    """
-    # One palette for all frames, from pictures spread over the film: colours do not flicker, and the file is smaller. An octree
-    # keeps the hues of few elements, which the median cut loses.
-    chosen = [frames[k] for k in np.unique(np.linspace(0, len(frames) - 1, 8).astype(int))]
-    palette = Image.fromarray(np.concatenate(chosen)).quantize(colours, method=Image.Quantize.FASTOCTREE)
-    images = [Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    durations = [max(20, round(1e3 * interval))] * (len(frames) - 1) + [REST]
-    file = io.BytesIO()
-    images[0].save(
-        file, format="GIF", save_all=True, append_images=images[1:], duration=durations, loop=0, optimize=True
-    )
-    return file.getvalue()
-
-
-def film_gif(film: Film, scenery: Scenery, step_time: float, form: Format = FILE) -> bytes:
-    """Return a film as a GIF file; ``step_time`` is that of a step, s."""
-    frames, stride = frames_of(film, scenery, form)
+    frames = [picture(film, scenery, frame, painter) for frame in [*range(0, last, stride), last]]
     return gif(frames, stride * step_time, form.colours)

@@ -15,6 +15,7 @@ import jinja2
 import numpy as np
 from markupsafe import Markup
 
+from agents.evaluation.statistics import Estimate
 from agents.evaluation.table import markdown, percent, percent_between, plain, signed
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene import Part
@@ -184,8 +185,10 @@ def success_cell(row: Mapping[str, Any], **more: Any) -> Cell:
     return Cell(f"{percent(row)} %", f"{percent_between(row)} %", **shown)
 
 
-def estimate_cell(each: Any, factor: float, digits: int, unit: str = "") -> Cell:
-    """Return the cell of an :class:`agents.evaluation.statistics.Estimate`, bold if zero is outside its interval."""
+def estimate_cell(each: Estimate | None, factor: float, digits: int, unit: str = "") -> Cell:
+    """Return the cell of a difference, bold if zero is outside its interval; "–" for None."""
+    if each is None:
+        return Cell("–")
     interval = each.interval
     text = f"{signed(factor * each.value, digits)}{unit}" if math.isfinite(each.value) else "–"
     if interval is None:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
@@ -27,8 +28,7 @@ from agents.evaluation.figures import (
     style,
 )
 from agents.evaluation.films import Rollout
-from agents.evaluation.run import Results
-from agents.evaluation.table import RATES, REPORT
+from agents.evaluation.table import RATES, values, where
 from agents.learning_curve import Curve
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
@@ -162,22 +162,25 @@ def times(rollout: Rollout) -> np.ndarray:
     return np.arange(rollout.poses.shape[1]) * rollout.step_time
 
 
-def arrivals(results: Results, task: str, hardware: str) -> bytes:
-    """Draw the share of episodes at the goal over time for every policy; where parts come and go, parts a minute."""
-    names = [place.policy for place, _ in results.rollouts if place[:3] == (REPORT, task, hardware)]
-    rollouts = {name: results.rollout(task, hardware, name) for name in names}
-    if results.tasks[task].flows:
-        return _rates(rollouts)
+def arrivals(episodes: pd.DataFrame, names: Sequence[str], flows: bool) -> bytes:
+    """Draw the share of episodes at the goal over time for every policy; where parts come and go, parts a minute.
+
+    Args:
+        episodes: of all policies on one task and hardware.
+        names: of all policies of the page, which have the same colours everywhere.
+        flows: whether parts come and go.
+    """
+    some = {name: where(episodes, policy=name) for name in dict.fromkeys(episodes["policy"])}
+    if flows:
+        return _rates(some)
     figure = new_figure(8.6, 2.8)
-    axes, order = figure.subplots(), [entry.name for entry in results.settings.entries()]
-    first = next(iter(rollouts.values()))
-    episodes, end = len(first.seeds), float(times(first)[-1])
-    arrived = {name: np.sort(each.time_to_goal[each.success]) for name, each in rollouts.items()}
+    axes, end = figure.subplots(), float(values(episodes, "limit_s").max())
+    arrived = {name: np.sort(each["time_to_goal_s"].dropna()) for name, each in some.items()}
     # A few late successes would squeeze the rest into a corner; the legend has all of them.
-    last = [float(each[-1]) for each in arrived.values() if len(each) >= WORTH_SHOWING * episodes]
+    last = [float(at[-1]) for name, at in arrived.items() if len(at) >= max(WORTH_SHOWING * len(some[name]), 1)]
     for name, at in arrived.items():
-        share = 100.0 * np.arange(len(at) + 1) / episodes
-        look: dict[str, Any] = {**look_of(name, order), "linewidth": 1.9, "where": "post"}
+        share = 100.0 * np.arange(len(at) + 1) / len(some[name])
+        look: dict[str, Any] = {**look_of(name, names), "linewidth": 1.9, "where": "post"}
         axes.step([0.0, *at, end], [*share, share[-1]], label=f"{name} ({share[-1]:.1f} %)", **look)
     axes.set(xlim=(0.0, min(end, 1.08 * max(last, default=end))), ylim=(-2.0, 103.0))
     style(axes, xlabel="time to goal, hold included (s)", ylabel="episodes at the goal (%)")
@@ -185,13 +188,13 @@ def arrivals(results: Results, task: str, hardware: str) -> bytes:
     return png(figure)
 
 
-def _rates(rollouts: Mapping[str, Rollout]) -> bytes:
+def _rates(some: Mapping[str, pd.DataFrame]) -> bytes:
     """Draw parts a minute by outcome, a bar for every policy."""
-    figure = new_figure(8.6, 0.9 + 0.34 * len(rollouts))
-    axes, left = figure.subplots(), np.zeros(len(rollouts))
-    for name, event in RATES.items():
-        rates = np.array([each.fact(name).mean() for each in rollouts.values()])
-        axes.barh(list(rollouts), rates, left=left, color=COLOURS[event], height=0.66, label=event)
+    figure = new_figure(8.6, 0.9 + 0.34 * len(some))
+    axes, left = figure.subplots(), np.zeros(len(some))
+    for column, event in RATES.items():
+        rates = np.array([each[column].mean() for each in some.values()])
+        axes.barh(list(some), rates, left=left, color=COLOURS[event], height=0.66, label=event)
         left += rates
     axes.invert_yaxis()
     style(axes, xlabel="parts a minute")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import io
+import argparse
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -14,14 +13,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from agents.evaluation.run import effects_cases, main_cases
+from agents import command_line
+from agents.command_line import Command
+from agents.evaluation.plan import prepare
 from agents.evaluation.settings import EvaluationSettings
-from agents.evaluation.table import EFFECTS, METRICS, OWN, PLACE, QUANTITIES, REPORT, Place, places, records, values
+from agents.evaluation.table import EFFECTS, METRICS, OWN, PLACE, QUANTITIES, REPORT, Place, places, records
 from agents.locks import one_run
 from agents.provenance import digest, portable
 from vibgym import checks
 from vibgym.files import csv_text, output_directory, output_files, reason, write_together
 
+PUBLISHED = Path("results/report")
 FORMAT, VERSION = "vibgym-published", 1
 RECORD, FIGURE_FILE, EPISODE_FILE = "report.json", "figures.csv", "episodes.csv"
 RESULTS = "results.json"
@@ -62,11 +64,6 @@ class Published:
     figures: dict[tuple[Place, str], float]
     digests: Mapping[str, str]
 
-    @property
-    def last_seed(self) -> int:
-        """Largest seed."""
-        return int(values(self.episodes, "seed").max())
-
 
 def rounded(episodes: pd.DataFrame) -> pd.DataFrame:
     """Return labels and metrics of published episodes, rounded to :data:`DIGITS`."""
@@ -95,9 +92,8 @@ def written_settings(settings: EvaluationSettings) -> dict[str, Any]:
     Raises:
         ValueError: a policy is an object, or a file outside the current directory.
     """
-    kept = {key: value for key, value in settings.as_written().items() if key not in LEFT_OUT}
     policies = []
-    for entry in settings.entries():
+    for entry in settings.policies:
         content, field = entry.content, f"evaluation.policies ({entry.name})"
         if isinstance(content, str):
             content = {"kind": "trained", "path": content} if content.endswith(".json") else {"kind": content}
@@ -107,6 +103,7 @@ def written_settings(settings: EvaluationSettings) -> dict[str, Any]:
         if isinstance(path, str) and Path(path).is_absolute() and not Path(path).is_relative_to(Path.cwd()):
             raise checks.refuse(f"{field}.path", path, f"a path below {Path.cwd()}, which others have")
         policies.append({**portable(content), "name": entry.name, **entry.own})
+    kept = {key: value for key, value in settings.as_written().items() if key not in LEFT_OUT}
     try:
         return json.loads(json.dumps({**kept, "policies": policies}, allow_nan=False))
     except (TypeError, ValueError) as error:
@@ -120,19 +117,16 @@ def canonical(values: Any) -> str:
 
 def settings_apart(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
     """Return the names of settings that differ; of policies also their names."""
-    named = []
-    for key in {**one, **other}:
-        if one.get(key) != other.get(key):
-            named.append(key)
-            if key == "policies":
-                first, second = (_by_name(each.get(key)) for each in (one, other))
-                apart = [name for name in {**first, **second} if first.get(name) != second.get(name)]
-                named[-1] = f"policies ({', '.join(apart) or 'their order'})"
+    named = [key for key in {**one, **other} if one.get(key) != other.get(key)]
+    if "policies" in named:
+        first, second = (_by_name(each["policies"]) for each in (one, other))
+        apart = [name for name in {**first, **second} if first.get(name) != second.get(name)]
+        named[named.index("policies")] = f"policies ({', '.join(apart) or 'their order'})"
     return named
 
 
 def _by_name(policies: Any) -> Mapping[str, Any]:
-    return policies if isinstance(policies, Mapping) else {each["name"]: each for each in policies or ()}
+    return policies if isinstance(policies, Mapping) else {each["name"]: each for each in policies}
 
 
 def load(directory: Path) -> Published:
@@ -150,34 +144,26 @@ def load(directory: Path) -> Published:
         raise checks.missing("digests.settings, .files, .policies", f"of {path}")
     with checks.within(path):
         settings = EvaluationSettings.stored(record["settings"])
-    texts = {name: _text(directory / name) for name in (FIGURE_FILE, EPISODE_FILE)}
     path = directory / EPISODE_FILE
-    episodes = _columns(path, texts[EPISODE_FILE], ("seed", *COLUMNS))
+    episodes = _columns(path, PLACE, ("seed", *COLUMNS))
     good = episodes["success"].isin((0.0, 1.0)) & episodes["fallen"].isin((0.0, 1.0))
-    wrong = np.flatnonzero(~(good & (episodes["seed"] >= 0) & (episodes["seed"] < 2**63)))
-    if len(wrong):
-        given = {name: float(episodes[name].iloc[wrong[0]]) for name in ("seed", "success", "fallen")}
-        raise checks.refuse(f"{path}, line {wrong[0] + 2}", given, "a seed, and 0 or 1")
-    episodes = episodes.assign(seed=episodes["seed"].astype(int), training_seed=-1)
-    figures = _columns(directory / FIGURE_FILE, texts[FIGURE_FILE], ("value",), ("figure",))
+    good &= (episodes["seed"] >= 0) & (episodes["seed"] < 2**63) & episodes["study"].isin((REPORT, EFFECTS))
+    for line in np.flatnonzero(~good)[:1]:
+        given = episodes.loc[line, ["study", "seed", "success", "fallen"]].to_dict()
+        raise checks.refuse(f"{path}, line {line + 2}", given, "a study, a seed, and 0 or 1")
+    episodes = episodes.astype({"seed": int}).assign(training_seed=-1)
+    figures = _columns(directory / FIGURE_FILE, (*PLACE, "figure"), ("value",))
     stated = {(Place(*row[:4]), row[4]): row[5] for row in figures.itertuples(index=False)}
-    return Published(
-        directory, record, settings, episodes, stated, {name: digest(text) for name, text in texts.items()}
-    )
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_bytes().decode()
-    except (OSError, ValueError) as error:  # ValueError: not UTF-8, or an invalid file name
-        raise checks.refuse(str(path), reason(error), "a readable file of an evaluation") from None
+    digests = {name: digest((directory / name).read_bytes()) for name in (FIGURE_FILE, EPISODE_FILE)}
+    return Published(directory, record, settings, episodes, stated, digests)
 
 
 def _record(path: Path, needed: Sequence[str]) -> dict[str, Any]:
     """Return the content of a JSON file with at least the keys ``needed``."""
-    text = _text(path)
     try:
-        found = json.loads(text)
+        found = json.loads(path.read_bytes())
+    except OSError as error:
+        raise checks.refuse(str(path), reason(error), "a readable file of an evaluation") from None
     except (ValueError, RecursionError) as error:
         raise checks.refuse(str(path), f"not JSON ({error})", "the results of an evaluation") from None
     absent = [name for name in needed if not isinstance(found, dict) or name not in found]
@@ -186,35 +172,24 @@ def _record(path: Path, needed: Sequence[str]) -> dict[str, Any]:
     return found
 
 
-def _columns(path: Path, text: str, numbers: Sequence[str], texts: Sequence[str] = ()) -> pd.DataFrame:
-    """Return labels of places, ``texts`` and ``numbers`` (float64, nan if empty) of a CSV file, in this order."""
+def _columns(path: Path, texts: Sequence[str], numbers: Sequence[str]) -> pd.DataFrame:
+    """Return ``texts`` and ``numbers`` (float64, nan if empty) of a CSV file, in this order."""
     try:
-        heads, *rows = csv.reader(io.StringIO(text, newline=""), strict=True)
-    except (csv.Error, ValueError) as error:
-        raise checks.refuse(str(path), str(error), "comma-separated values") from None
-    for line, row in enumerate(rows, 2):
-        if len(row) != len(heads):
-            raise checks.refuse(f"{path}, line {line}", len(row), f"{len(heads)} cells")
-    found = pd.DataFrame(rows, columns=heads)
-    labels = (*PLACE, *texts)
-    absent = [name for name in (*labels, *numbers) if name not in (*found.columns, *OPTIONAL)]
+        found = pd.read_csv(path, dtype=str, keep_default_na=False)
+    except (OSError, ValueError) as error:  # ValueError: not UTF-8, no CSV, or an invalid file name
+        raise checks.refuse(str(path), reason(error), "a readable file of an evaluation") from None
+    absent = [name for name in (*texts, *numbers) if name not in (*found.columns, *OPTIONAL)]
     if absent or found.empty:
         raise checks.missing(", ".join(absent) or "rows", f"of {path}")
-
-    def number(line: int, name: str, cell: str) -> float:
-        try:
-            return float(cell or "nan")
-        except ValueError:
-            raise checks.refuse(f"{path}, line {line}: {name}", cell, "a number, or empty") from None
-
-    columns: dict[str, Any] = {}
-    for name in labels:  # csv_text puts an apostrophe before names that a spreadsheet would read as a formula
-        columns[name] = found[name].str.removeprefix("'")
-    for line, study in enumerate(columns["study"], 2):
-        checks.choice(f"{path}, line {line}: study", study, (REPORT, EFFECTS))
+    for line in np.flatnonzero(found.isna().any(axis=1))[:1]:
+        raise checks.refuse(f"{path}, line {line + 2}", found.loc[line].count(), f"{found.shape[1]} cells")
+    # csv_text puts an apostrophe before names that a spreadsheet would read as a formula.
+    columns: dict[str, Any] = {name: found[name].str.removeprefix("'") for name in texts}
     for name in numbers:
-        cells = found[name] if name in found else [""] * len(found)
-        columns[name] = [number(line, name, cell) for line, cell in enumerate(cells, 2)]
+        cells = found[name] if name in found else pd.Series("", index=found.index)
+        columns[name] = np.asarray(pd.to_numeric(cells.where(cells != "", "nan"), errors="coerce"), dtype=np.float64)
+        for line in np.flatnonzero(np.isnan(columns[name]) & ~cells.str.lower().isin(("", "nan")))[:1]:
+            raise checks.refuse(f"{path}, line {line + 2}: {name}", cells[line], "a number, or empty")
     return pd.DataFrame(columns)
 
 
@@ -239,8 +214,7 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
     found = _record(path, (*kept, "policy_files", "settings", "episodes"))
     with checks.within(config):
         written = written_settings(settings)
-        main_cases(EvaluationSettings.stored(written))
-        effects_cases(settings)
+        prepare(EvaluationSettings.stored(written))
     wanted = json.loads(canonical(settings.as_written()))
     apart = [name for name in settings_apart(wanted, found["settings"]) if name != "output"]
     if apart:
@@ -293,3 +267,16 @@ def _episodes(path: Path, found: Mapping[str, Any]) -> pd.DataFrame:
         return rounded(pd.DataFrame({**labels, "seed": [int(row["seed"]) for row in rows], **metrics}))
     except (KeyError, TypeError, ValueError) as error:
         raise checks.refuse(f"{path}: episodes", repr(error), "the episodes of an evaluation") from None
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    command_line.config(parser, "YAML file of the evaluation")
+    parser.add_argument("--run", type=Path, metavar="DIR", help="the evaluation's files (default: its 'output')")
+
+
+def command(arguments: argparse.Namespace) -> None:
+    """Publish the figures and episodes of an evaluation."""
+    print(f"published: {publish(arguments.config, arguments.run, arguments.output or PUBLISHED)}")
+
+
+COMMANDS = {"publish": Command(_arguments, command, f"directory of published results (default: {PUBLISHED})")}

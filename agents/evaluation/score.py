@@ -7,53 +7,29 @@ the edge of the statistical precipice", NeurIPS 2021).
 
 from __future__ import annotations
 
-import functools
-import json
+import argparse
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any
 
 import numpy as np
-from pydantic import Field
+import pandas as pd
 
-from agents.evaluation import pages
+from agents.command_line import Command
+from agents.evaluation import commands, entries, pages
 from agents.evaluation.pages import Cell, Grid, Section, grid
-from agents.evaluation.run import Case, Infos, Prepared, Results, writable
-from agents.evaluation.settings import PolicyEntry, RunSettings, laid_over
-from agents.evaluation.statistics import episode_scores, interval_of, quartiles, suite_interval, suite_score
-from agents.evaluation.table import BY_NAME, REPORT, Place, ends, frame, quantity
-from agents.provenance import code, digest, policy_sources, user_modules
+from agents.evaluation.plan import prepare
+from agents.evaluation.run import Results
+from agents.evaluation.settings import SuiteSettings
+from agents.evaluation.statistics import interval_of, quartiles, suite_interval, suite_score
+from agents.evaluation.table import BY_NAME, OWN, ends, mean, quantity, values, where
 from vibgym import checks
-from vibgym.config import load_yaml
-from vibgym.files import csv_text, write_atomically, write_together
-from vibgym.policies.measures import Measured, Measures, check_cost_limit, least_times, most_rates
-from vibgym.policies.rollout import OWN_FACTS, Timing, worlds_of
-from vibgym.policies.trained.catalogue import SHIPPED
+from vibgym.files import csv_text, write_together
 
-if TYPE_CHECKING:
-    from agents.evaluation.entries import Entry
-
-LEARNED = "learned"
-"""Policy that is read from the shipped files."""
-
+SUITE = Path("configs/suite/open.yaml")
 FILES = ("scores.csv", "suite.csv", "results.json", "scores.md", "scores.html")
-SOURCES = (":/vibgym", ":/agents/evaluation", ":(top,exclude)vibgym/policies/trained/shipped")
-"""Code that determines episodes: if it and the files of policies are unchanged, recorded episodes are reused."""
-
-KEPT = "episodes"
-"""Folder of recorded episodes in the output directory, see :func:`_recorded`."""
-
 FAULTS = ("tilted", "close", "wrong", "lost")
-
-VALUES = (
-    "bound_median_s", "collisions_mean", "cost_median", "cost_high", "within_limit", "fallen", "rate_bound_per_minute",
-    *OWN_FACTS, "seconds_per_step",
-)  # fmt: skip
-"""Columns of scores.csv that are empty for a task that a policy does not serve."""
-
-TIMES = ("time_to_goal_q25_s", "time_to_goal_median_s", "time_to_goal_q75_s")
 
 TERMS = (
     "An episode that succeeds scores the least possible time over the time that it took, 0 without success; where parts come "
@@ -64,249 +40,87 @@ TERMS = (
 Row = Mapping[str, Any]
 
 
-class SuiteSettings(RunSettings):
-    """Settings of ``python -m agents score``: every policy on every task and all hardware; unserved tasks score 0.
+def task_scores(episodes: pd.DataFrame, cost_limit: float | None = None) -> np.ndarray:
+    """Return the scores of episodes of one policy on one task (episodes,), (0,) becoming a zero: a task that is not served.
 
-    A policy's mapping may have ``training_steps``, what it was trained on, and ``episodes``, at most so many of each task.
-
-    Attributes:
-        training_steps: environment steps, all tasks together, that a policy may have been trained on.
-        cost_limit: largest cost of an episode, for environments with ``costs``; others score 0 (reward at limited cost).
+    With a ``cost_limit``, episodes whose cost exceeds it score 0.
     """
-
-    where: ClassVar[str] = "suite"
-    policy_keys: ClassVar[tuple[str, ...]] = ("training_steps", "episodes")
-
-    training_steps: int = Field(ge=1)
-    cost_limit: float | None = Field(default=None, ge=0.0)
-    output: str = Field(default="runs/suite", min_length=1)
-
-    @property
-    def ranges(self) -> tuple[str, ...]:
-        """Names of the ranges of seeds."""
-        return ("held_out",)
-
-    def entry(self, policy: Any, field: str) -> PolicyEntry:
-        """Return one policy with its number of episodes."""
-        entry = super().entry(policy, field)
-        if entry.training_steps is not None:
-            checks.count(f"{field}.training_steps", entry.training_steps, least=0, most=self.training_steps)
-        return entry
-
-    def scores(self, found: Measured) -> np.ndarray:
-        """Return the scores of episodes (episodes,)."""
-        return episode_scores(found, self.cost_limit)
-
-    def entered_by(self, path: Path) -> SuiteSettings:
-        """Return the same protocol for the policy of a file alone.
-
-        Args:
-            path: YAML or JSON, a mapping as in ``policies``; or the JSON file of a trained policy.
-
-        Raises:
-            ValueError: the file cannot be read, or describes no policy.
-        """
-        content = load_yaml(path)
-        if "kind" not in content:
-            if path.suffix != ".json":
-                raise checks.missing("kind", f"required in {path}, unless it is a trained policy's JSON file")
-            content = {"kind": "trained", "path": str(path)}
-        entered = self.model_copy(update={"policies": ({"name": path.stem, **content},)})
-        with checks.within(path):
-            entered.entries()
-        return entered
+    scores = values(episodes, "score")
+    if cost_limit is not None:
+        scores = np.where(values(episodes, "cost") <= cost_limit, scores, 0.0)
+    return scores if len(scores) else np.zeros(1)
 
 
-@dataclass(frozen=True)
-class Timed(Measured):
-    """Outcomes with ``seconds`` (1,), the time of the policy for a step of one world."""
-
-    seconds: np.ndarray
-
-    def to_json(self) -> str:
-        """Return the text for :meth:`of_json`."""
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        return json.dumps({k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()})
-
-    @classmethod
-    def of_json(cls, text: str) -> Timed:
-        """Return the outcomes that :meth:`to_json` wrote."""
-        content = json.loads(text)
-        task, seeds, step_time = (content.pop(name) for name in ("task", "seeds", "step_time"))
-        arrays: dict[str, Any] = {name: np.array(value) for name, value in content.items()}
-        return cls(task, tuple(seeds), step_time, **arrays)
-
-
-class Recorder(Measures):
-    """Recorder of :class:`Timed`."""
-
-    def result(self, task: str, timing: Timing) -> Timed:
-        """Return the outcomes of all episodes."""
-        seconds = timing.policy / timing.world_steps if timing.world_steps else np.nan
-        return Timed(task, self.seeds, self.env.step_time, **self.fields, seconds=np.array([seconds]))
-
-
-def prepare(settings: SuiteSettings, entered: Mapping[str, Entry] | None = None) -> Prepared:
-    """Build everything that can fail for bad input, before anything runs.
+def score(
+    episodes: pd.DataFrame,
+    tasks: Sequence[str],
+    level: float = 0.95,
+    resamples: int = 9999,
+    cost_limit: float | None = None,
+) -> pd.DataFrame:
+    """Return the score of every policy on every hardware, with its interval.
 
     Args:
-        settings: of the suite.
-        entered: entries by the name of their policy.
-
-    Raises:
-        ValueError: a bad setting, a task without a bound or without a limit, a policy that serves no task, or a file of
-            recorded episodes that cannot be read.
+        episodes: see :mod:`agents.evaluation.table`.
+        tasks: of the suite; those without episodes score 0.
+        level, resamples: of the intervals.
+        cost_limit: see :func:`task_scores`.
     """
-    infos, tasks, entries, entered = Infos(), {}, settings.entries(), entered or {}
-    runs: list[Case] = []
-    refused: dict[Place, str] = {}
-    for task in settings.tasks:
-        for machine in settings.hardware_entries():
-            environment = laid_over(settings.environment, machine.arguments)
-            info = tasks[task] = infos.of(task, environment, f"suite.hardware.{machine.name}")
-            _check_bound(task, environment)
-            if settings.cost_limit is not None:
-                check_cost_limit("suite.cost_limit", settings.cost_limit, task, environment)
-            for entry in entries:
-                place = Place(REPORT, task, machine.name, entry.name)
-                if not machine.runs(entry, task):
-                    refused[place] = "not entered here"
-                    continue
-                seeds = settings.seed_list(task, machine.episodes)[: entry.episodes]
-                try:
-                    process = entered[entry.name].process if entry.name in entered else None
-                    content = entry.content if process is None else process.policy(info, seeds[0])
-                    runs.append(Case(place, None, task, info, seeds, environment, content, Recorder).made())
-                except checks.Refused as error:
-                    refused[place] = str(error)
-    for entry in entries:
-        if not any(run.place.policy == entry.name for run in runs):
-            reason = next(why for place, why in refused.items() if place.policy == entry.name)
-            raise checks.conflict(f"suite.policies: {entry.name!r} serves none of {', '.join(tasks)}: {reason}")
-    origin = digest(json.dumps([code(*SOURCES), user_modules()], sort_keys=True))
-    origins = {each.name: origin for each in entries} | {
-        name: digest(origin + each.digest) for name, each in entered.items()
-    }
-    files = {run.place: _file(run, origins) for run in runs}
-    folder = Path(settings.output) / KEPT
-    for run in runs:
-        _read(folder, files[run.place], run)
-    writable(settings, FILES)
-    play = functools.partial(_recorded, folder, origins, files)
-    return Prepared(settings, tasks, tuple(runs), refused=refused, play=play)
-
-
-def _check_bound(task: str, environment: Mapping[str, Any]) -> None:
-    env = worlds_of(task, 1, **environment)
-    env.reset(seed=0)
-    known = np.isfinite([least_times(env.unwrapped)[0], most_rates(env.unwrapped)[0]]).any()  # type: ignore[arg-type]
-    env.close()
-    if not known:
-        raise checks.refuse("suite.tasks", task, "a task with a bound, see vibgym.bounds")
-
-
-def _file(run: Case, origins: Mapping[str, str]) -> str | None:
-    """Return the name of the file of a run's episodes: a digest of the run, of code and of all files that the policy reads.
-
-    None for a policy that is an object, whose code and files are not known.
-    """
-    if not run.plain:
-        return None
-    texts, files = policy_sources(run.content, run.info.name)
-    if LEARNED in texts:
-        files |= {str(each): digest(each.read_bytes()) for each in sorted(SHIPPED.iterdir()) if each.is_file()}
-    values = [run.place[1:], run.environment, run.seeds, run.content, origins[run.place.policy], files]
-    return f"{digest(json.dumps(values, sort_keys=True, default=repr))[:24]}.json"
-
-
-def _read(folder: Path, name: str | None, run: Case) -> Timed | None:
-    """Return recorded episodes, None if there are none; raise ValueError for a file of anything else."""
-    if name is None or not (folder / name).exists():
-        return None
-    try:
-        found = Timed.of_json((folder / name).read_text(encoding="utf-8"))
-        lengths = {len(value) for key, value in vars(found).items() if key not in ("task", "step_time", "seconds")}
-        if found.task == run.task and list(found.seeds) == run.seeds and lengths == {len(run.seeds)}:
-            return found
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        pass
-    raise checks.refuse(
-        "recorded episodes", str(folder / name), "those of this run; without the file they are played again"
-    )
-
-
-def _recorded(
-    folder: Path, origins: Mapping[str, str], files: Mapping[Place, str | None], run: Case, quiet: bool
-) -> Timed:
-    """Return a run's episodes: recorded ones if code and files are the same, else played now, and written."""
-    name = files[run.place]
-    kept = _read(folder, name, run)
-    if kept is not None:
-        return kept
-    found = run.play(quiet)
-    # A file that changed meanwhile: it is not known which content was played.
-    if name is not None and name == _file(run, origins):
-        folder.mkdir(parents=True, exist_ok=True)
-        write_atomically(folder / name, found.to_json())
-    return found
+    rows = []
+    for key, some in episodes.groupby(["hardware", "policy"], sort=False):
+        scores = [task_scores(where(some, task=task), cost_limit) for task in tasks]
+        interval = suite_interval(scores, level, resamples)
+        labels = dict(zip(("hardware", "policy"), key, strict=True))  # type: ignore[arg-type]
+        rows.append({**labels, "score": suite_score(scores), **ends("score", interval)})
+    return pd.DataFrame(rows)
 
 
 def rows(results: Results) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Return the rows of scores.csv (policy, task, hardware) and of suite.csv (policy, hardware)."""
-    settings, found, totals = results.settings, [], []
-    for hardware in settings.named_hardware():
-        for entry in settings.entries():
-            scores = []
-            for task in settings.tasks:
-                place = Place(REPORT, task, hardware, entry.name)
-                played = results.rollouts.get((place, None))
-                scores.append(np.zeros(1) if played is None else settings.scores(played))
-                found.append(_row(place, played, scores[-1], results))
-            total = {"hardware": hardware, "policy": entry.name, "score": suite_score(scores)}
-            totals.append({**total, **ends("score", suite_interval(scores, *results.settings.asked))})
-    return found, totals
-
-
-def _row(place: Place, found: Timed | None, scores: np.ndarray, results: Results) -> dict[str, Any]:
-    interval = None if found is None else interval_of(scores[None], *results.settings.asked)
-    time = BY_NAME["time_to_goal_median_s"]
-    success = math.nan
-    times: dict[str, float] = dict.fromkeys(TIMES, math.nan)
-    values: dict[str, float] = dict.fromkeys(VALUES, math.nan)
-    if found is not None:
-        success, times = float(found.success.mean()), time.columns(frame(found, place))
-        values = {
-            "bound_median_s": quartiles(found.bound).median,
-            "collisions_mean": float(found.collisions.mean()),
-            **_costs(found, results.settings.cost_limit),
-            "fallen": float(found.fallen.sum()),
-            "rate_bound_per_minute": quartiles(found.rate_bound).median,
-            **{name: float(found.fact(name).mean()) for name in OWN_FACTS},
-            "seconds_per_step": float(found.seconds[0]),
-        }
-    return {
-        **place.labels,
-        "served": found is not None,
-        "why_not": results.refused.get(place, ""),
-        "episodes": 0 if found is None else len(found.seeds),
-        "score": float(scores.mean()),
-        **ends("score", interval),
-        "success_rate": success,
-        **times,
-        **values,
+    settings, found = results.settings, []
+    limit, intervals = settings.cost_limit, settings.intervals
+    order = [(hardware, policy) for hardware in settings.machines() for policy in settings.names]
+    for hardware, policy in order:
+        for task in settings.tasks:
+            some = where(results.main, task=task, hardware=hardware, policy=policy)
+            found.append({
+                "task": task,
+                "hardware": hardware,
+                "policy": policy,
+                "served": len(some) > 0,
+                "why_not": next((why for place, why in results.refused.items() if place[1:] == (task, hardware, policy)), ""),
+                "episodes": len(some),
+                "score": float(task_scores(some, limit).mean()),
+                **ends("score", interval_of(task_scores(some, limit)[None], *intervals) if len(some) else None),
+                **_details(some, limit),
+            })  # fmt: skip
+    known = {
+        (row["hardware"], row["policy"]): row
+        for row in score(results.main, settings.tasks, *intervals, cost_limit=limit).to_dict("records")
     }
+    nothing = {"score": 0.0, **ends("score", None)}
+    return found, [known.get(key, {"hardware": key[0], "policy": key[1], **nothing}) for key in order]
 
 
-def _costs(found: Timed, limit: float | None) -> dict[str, float]:
-    """Return median and 95 % quantile of the costs, and the share of episodes within the limit; nan without costs."""
-    median, high = np.quantile(found.cost, [0.5, 0.95])
-    within = math.nan if limit is None else float((found.cost <= limit).mean())
-    return {"cost_median": float(median), "cost_high": float(high), "within_limit": within}
-
-
-def summary_table(results: Results) -> str:
-    """Return the table of scores in Markdown: a line for every policy on every hardware."""
-    return totals_table(*rows(results)).markdown()
+def _details(episodes: pd.DataFrame, limit: float | None) -> dict[str, float]:
+    """Return what a score is made of; nan without episodes."""
+    cost = values(episodes, "cost")
+    steps, policy = (
+        float(episodes[name].iloc[0]) if len(episodes) else math.nan for name in ("timed_steps", "policy_s")
+    )
+    return {
+        "success_rate": mean(episodes, "success"),
+        **BY_NAME["time_to_goal_median_s"].columns(episodes),
+        "bound_median_s": quartiles(values(episodes, "bound_s")).median,
+        "collisions_mean": mean(episodes, "collisions"),
+        "cost_median": float(np.quantile(cost, 0.5)) if len(cost) else math.nan,
+        "cost_high": float(np.quantile(cost, 0.95)) if len(cost) else math.nan,
+        "within_limit": math.nan if limit is None or not len(cost) else float((cost <= limit).mean()),
+        "fallen": float(values(episodes, "fallen").sum()) if len(episodes) else math.nan,
+        "rate_bound_per_minute": quartiles(values(episodes, "rate_bound_per_minute")).median,
+        **{name: mean(episodes, column) for column, name in OWN.items()},
+        "seconds_per_step": policy / steps if steps else math.nan,
+    }
 
 
 def totals_table(found: Sequence[Row], totals: Sequence[Row]) -> Grid:
@@ -355,8 +169,8 @@ def _score(row: Row) -> Cell:
     return Cell(f"{row['score']:.3f}", between)
 
 
-def write(results: Results, quiet: bool = False) -> Path:
-    """Write :data:`FILES`; return the page's path.
+def write(results: Results) -> tuple[Path, str]:
+    """Write :data:`FILES`; return the page's path, and the table of scores in Markdown.
 
     Raises:
         WriteError: a file could not be written; then none is new.
@@ -384,4 +198,68 @@ def write(results: Results, quiet: bool = False) -> Path:
         pages.page(results, "score", "Scores between doing nothing and the bound", lead, sections),
     )
     write_together({directory / name: each for name, each in zip(FILES, contents, strict=True)})
-    return directory / FILES[-1]
+    return directory / FILES[-1], scores.markdown()
+
+
+# -- command -----------------------------------------------------------------------------------------------------------
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "config", type=Path, nargs="?", default=SUITE, metavar="CONFIG", help=f"suite (default: {SUITE})"
+    )
+    parser.add_argument(
+        "--policy", type=Path, metavar="FILE", help="score this policy alone: YAML or JSON, as an entry of 'policies'"
+    )
+    parser.add_argument(
+        "--enter", metavar="AUTHORS", help="with --policy: write an entry of these authors into entries/"
+    )
+    parser.add_argument("--entries", type=Path, metavar="DIR", help="play and rank the entries of a directory")
+    parser.add_argument(
+        "--trust",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="with --entries: run the code of this entry, in a process of its own; may be repeated",
+    )
+    commands.add_episodes(parser)
+
+
+def command(arguments: argparse.Namespace) -> None:
+    """Play a suite, or the rest of it, write the scores and print them."""
+    for option, needed in (("enter", "policy"), ("trust", "entries")):
+        if getattr(arguments, option) and getattr(arguments, needed) is None:
+            raise checks.conflict(f"--{option} requires --{needed}")
+    settings, source = commands.load(SuiteSettings, arguments), arguments.policy or arguments.config
+    if arguments.entries is not None:
+        if arguments.policy is not None:
+            raise checks.conflict("--entries excludes --policy")
+        _rank(settings, arguments)
+        return
+    if arguments.policy is not None:
+        settings = settings.entered_by(arguments.policy)
+    if arguments.enter is not None:
+        entries.new_folder(settings.policies[0], source, settings)  # refused before anything is played
+    with commands.played(lambda: prepare(settings), FILES, arguments, source) as results:
+        page, text = write(results)
+        print(f"{text}\n\npage: {page}")
+    if arguments.enter is not None:
+        print(f"entry: {entries.enter(settings.policies[0], source, arguments.enter, settings)}")
+
+
+def _rank(settings: SuiteSettings, arguments: argparse.Namespace) -> None:
+    """Play and rank entries."""
+    found = entries.load_entries(arguments.entries, settings, arguments.trust)
+    entered, protocol = entries.entered(settings, found), SuiteSettings.load(arguments.config)
+    try:
+        with commands.played(lambda: prepare(entered, found), FILES, arguments, arguments.entries) as played:
+            results = entries.without_failures(played)
+            text, path = entries.write(found, results, *rows(results), protocol)
+            print(f"{text}\n\ntable: {path}")
+    finally:
+        for entry in found.values():
+            if entry.process is not None:
+                entry.process.stop()
+
+
+COMMANDS = {"score": Command(_arguments, command, commands.OUTPUT)}

@@ -1,20 +1,19 @@
-"""Settings of all evaluations: policies on tasks and hardware with the same seeds, and the studies of each command."""
+"""Settings of all evaluations: policies on tasks and hardware with the same seeds, and studies of them."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
+import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
 from agents.provenance import portable
 from agents.training_settings import Arguments, Plain, for_seed
 from vibgym import checks
-from vibgym.config import load_yaml
+from vibgym.config import json_values, load_yaml
 from vibgym.envs.vector import environment_id
 from vibgym.seeds import RANGES, check_seeds
 from vibgym.settings import BaseSettings, read
@@ -22,161 +21,205 @@ from vibgym.settings import BaseSettings, read
 HARDWARE_KEYS = ("actuators", "sensor", "randomize")
 """Arguments of environments that describe the hardware model."""
 
-CASE_KEYS = (*HARDWARE_KEYS, "model")
-"""Arguments that a hardware entry or a case of the study of effects may set."""
-
 ENVIRONMENT_KEYS = (
-    "surface", "parts", "model", "actuators", "sensor", "randomize", "start", "zones", "paths", "walls", "costs",
-    "periods_per_step", "task_settings",
+    "surface", "parts", "model", *HARDWARE_KEYS, "start", "zones", "paths", "walls", "costs", "periods_per_step",
+    "task_settings",
 )  # fmt: skip
 """Arguments that all environments share. Action and observation belong to the policies."""
 
-MOST_NAME = 40
+MAX_NAME = 40
 """Characters of a name in tables."""
 
-MOST_EPISODES = 100_000
+MAX_EPISODES = 100_000
 DEFAULT_EPISODES = 100
-Episodes = Annotated[int, Field(ge=1, le=MOST_EPISODES)]
+
+
+def _known(*keys: str) -> AfterValidator:
+    """Return a validator of mappings whose keys are among ``keys``."""
+
+    def check(value: dict[str, Any]) -> dict[str, Any]:
+        for key in value:
+            checks.choice("key", key, keys)
+        return value
+
+    return AfterValidator(check)
+
+
+def _differ(values: Sequence[Any]) -> Sequence[Any]:
+    for value, count in Counter(values).items():
+        if count > 1:
+            raise checks.refuse("each value", value, "in the list only once")
+    return values
+
+
+Different = AfterValidator(_differ)
+"""No value of a list occurs twice."""
+
+Name = Annotated[str, AfterValidator(lambda value: checks.label("name", value, MAX_NAME))]
+Names = Annotated[tuple[str, ...], Field(min_length=1), Different]
+Task = Annotated[str, AfterValidator(lambda value: (environment_id(value, "task"), value)[1])]
+Episodes = Annotated[int, Field(ge=1, le=MAX_EPISODES)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
-Names = Annotated[tuple[str, ...], Field(min_length=1)]
+Environment = Annotated[Arguments, _known(*ENVIRONMENT_KEYS)]
 
 
 class PolicyEntry(BaseSettings):
-    """One policy of the settings."""
+    """One policy: a name ("zero"), the path of a trained policy, an object with ``predict``, or a mapping of the keys below and
+    of ``kind`` and the policy's own arguments, or ``policy`` (an object) with ``action``."""
 
-    name: str  # in tables
-    content: Any  # argument of make_policy; its texts may hold {seed}
-    tasks: Names | None = None  # on which it runs; None: all that it serves
+    name: Name
+    """In tables; by default the kind, or the stem of the path."""
+
+    content: Any
+    """Argument of :func:`vibgym.policies.make_policy`; its texts may hold {seed}."""
+
+    tasks: Names | None = None
+    """Those that it runs on; None: all that it serves."""
+
     hardware: Names | None = None
-    group: Literal["learned", "hybrid", "classical"] | None = None  # a hybrid is a residual on a classical controller
-    training_seeds: tuple[Seed, ...] = Field(default=(), min_length=2, max_length=100)  # empty: a single policy
-    curve: str | None = Field(default=None, min_length=1)  # path of the learning curve, with {task} and {seed}
+    """Those that it runs on; None: all."""
+
+    group: Literal["learned", "hybrid", "classical"]
+    """By default trained policies are learned, residual policies hybrid and all others classical."""
+
+    training_seeds: Annotated[tuple[Seed, ...], Different] = Field(default=(), min_length=2, max_length=100)
+    """They replace ``{seed}`` in its paths; empty: a single policy."""
+
+    curve: str | None = Field(default=None, min_length=1)
+    """Path of the learning curve, with {task} (in lower case) and {seed}."""
+
     training_steps: int | None = Field(default=None, ge=0)
-    episodes: Episodes | None = None  # at most so many on each task
+    """Environment steps that it was trained on."""
+
+    episodes: Episodes | None = None
+    """At most so many on each task."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _split(cls, given: Any) -> Any:
+        given = json_values(given)
+        own, content = {}, given
+        if isinstance(given, Mapping):
+            own = {key: value for key, value in given.items() if key in cls.model_fields}
+            content = {key: value for key, value in given.items() if key not in own}
+            if "policy" in content:
+                if not hasattr(content["policy"], "predict") or set(content) - {"policy", "action"}:
+                    allowed = "an object with predict() as 'policy', with 'action' and the keys of all policies only"
+                    raise checks.refuse("policy", given, allowed)
+                content = content if "action" in content else content["policy"]
+        elif not isinstance(given, str) and not hasattr(given, "predict"):
+            raise checks.refuse("policy", given, "a name, the path of a trained policy, or a mapping with 'kind'")
+        if isinstance(content, Mapping) and "policy" not in content:
+            name = kind = content.get("kind")
+        elif isinstance(content, str):
+            name, kind = Path(content).stem if content.endswith(".json") else content, content
+        else:
+            model = content["policy"] if isinstance(content, Mapping) else content
+            name, kind = str(getattr(model, "name", type(model).__name__)), None
+        trained = kind == "trained" or (isinstance(kind, str) and kind.endswith(".json"))
+        group = "hybrid" if kind == "residual" else "learned" if trained else "classical"
+        return {"name": name, "group": group} | own | {"content": content}
+
+    @model_validator(mode="after")
+    def _check_seeds(self) -> Self:
+        if self.training_seeds and self.group == "classical":
+            raise checks.conflict("training_seeds cannot be set where group is classical")
+        for what, value in (("policy", self.content), ("curve", self.curve)):
+            if value is not None and ("{seed}" in json.dumps(value, default=repr)) != bool(self.training_seeds):
+                raise checks.conflict(f"({what}): training_seeds requires {{seed}} in all paths, and vice versa")
+        return self
 
     @property
     def own(self) -> dict[str, Any]:
-        """Keys other than name and content that are set."""
-        values = self.model_dump(include={"tasks", "hardware", "group", "training_seeds", "curve"})
-        return {key: value for key, value in values.items() if value}
+        """Keys other than name and content that were set."""
+        return {
+            key: value for key, value in self if key in self.model_fields_set - {"name", "content", "group"} and value
+        }
 
     @property
     def seeds(self) -> Sequence[int | None]:
         """Training seeds; (None,) for a single policy."""
         return self.training_seeds or (None,)
 
-    def run(self, seed: int | None) -> Any:
+    def of_run(self, seed: int | None) -> Any:
         """Return the content for the policy of one training run."""
         return self.content if seed is None else for_seed(self.content, seed)
 
     def curve_path(self, task: str, seed: int | None) -> Path:
         """Return the path of the learning curve of one training run."""
-        assert self.curve is not None
-        path = self.curve.replace("{task}", task.lower())
+        path = str(self.curve).replace("{task}", task.lower())
         return Path(path if seed is None else for_seed(path, seed))
 
 
 class HardwareEntry(BaseSettings):
-    """One hardware model: ``arguments`` of the environments, ``tasks`` that run on it, at most so many ``episodes`` of each."""
+    """One hardware model: arguments of the environments that replace those of ``environment``."""
 
-    name: str
-    arguments: dict[str, Any]
+    actuators: Plain = None
+    sensor: Plain = None
+    randomize: Plain = None
+    model: Plain = None
     tasks: Names | None = None
-    episodes: Episodes | None = None
+    """That run on it; None: all."""
 
-    def runs(self, policy: PolicyEntry, task: str) -> bool:
-        """Return whether a policy is to run on a task on this hardware."""
-        wanted = all(tasks is None or task in tasks for tasks in (policy.tasks, self.tasks))
-        return wanted and (policy.hardware is None or self.name in policy.hardware)
+    episodes: Episodes | None = None
+    """At most so many of each task."""
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """The arguments that were set."""
+        return {key: getattr(self, key) for key in (*HARDWARE_KEYS, "model") if key in self.model_fields_set}
 
 
 class StudyPolicy(BaseSettings):
-    """One policy of a study: its name in the table, the evaluation's policy, settings laid over every sensor."""
+    """One policy of a study."""
 
-    name: str
     policy: str
+    """Name of one of the evaluation's."""
+
+    name: Name
+    """In the table of the study."""
+
     sensor: Arguments = {}
+    """Settings laid over every sensor."""
+
     trained_on: str = ""
 
-
-@dataclass(frozen=True)
-class StudyCase:
-    """One case of a study: arguments of the environments of a task."""
-
-    name: str
-    task: str
-    arguments: dict[str, Any]
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, given: Any) -> Any:
+        given = {"policy": given} if isinstance(given, str) else given
+        return {"name": given.get("policy"), **given} if isinstance(given, Mapping) else given
 
 
-class EffectsSettings(BaseSettings):
-    """Study of hardware effects: success of policies on one task in several cases."""
+class Study(BaseSettings):
+    """Policies in several cases: arguments of the environments, which may name another ``task``."""
 
-    task: str  # one of the evaluation's
-    policies: tuple[Plain, ...] = Field(min_length=1, max_length=40)  # names of the evaluation's, or StudyPolicy
-    cases: Arguments = Field(min_length=1, max_length=100)  # name -> arguments of the environments
-    episodes: Episodes | None = None  # at most so many in each case; None: as many as the task has
-
-    keys: ClassVar[tuple[str, ...]] = CASE_KEYS
-
-    def columns(self, where: str, policies: Sequence[str]) -> list[StudyPolicy]:
-        """Return the policies of the study, checked against the names of the evaluation's."""
-        found: list[StudyPolicy] = []
-        for index, entry in enumerate(self.policies):
-            field = f"{where}.policies.{index}"
-            if not isinstance(entry, Mapping):
-                checks.choice(field, entry, policies)
-                entry = {"policy": entry}
-            policy = read(StudyPolicy, {"name": entry.get("policy"), **entry}, field)
-            checks.choice(f"{field}.policy", policy.policy, policies)
-            checks.label(f"{field}.name", policy.name, most=MOST_NAME)
-            if policy.trained_on:
-                checks.label(f"{field}.trained_on", policy.trained_on)
-            found.append(policy)
-        all_differ(f"{where}.policies", [policy.name for policy in found])
-        return found
-
-    def tests(self, where: str) -> list[StudyCase]:
-        """Return the cases, checked."""
-        found = []
-        for name, content in self.cases.items():
-            field = f"{where}.cases.{checks.label(f'{where}.cases (a name)', name, most=MOST_NAME)}"
-            arguments = mapping_of(field, content, self.keys)
-            task = arguments.pop("task", self.task)
-            environment_id(task, f"{field}.task")
-            found.append(StudyCase(name, task, arguments))
-        return found
-
-    def check(self, where: str, policies: Sequence[str]) -> None:
-        """Check all of it; errors begin with ``where``."""
-        environment_id(self.task, f"{where}.task")
-        self.columns(where, policies)
-        self.tests(where)
-
-
-class MatrixSettings(EffectsSettings):
-    """Generalisation matrix: policies, ``trained_on`` one thing, by cases, which may set another task and everything else."""
-
-    name: str
-
-    keys: ClassVar[tuple[str, ...]] = (*ENVIRONMENT_KEYS, "task")
+    name: Name = "effects"
+    task: Task
+    policies: tuple[StudyPolicy, ...] = Field(min_length=1, max_length=40)
+    cases: dict[Name, Annotated[Arguments, _known(*ENVIRONMENT_KEYS, "task")]] = Field(min_length=1, max_length=100)
+    episodes: Episodes | None = None
+    """At most so many in each case; None: as many as the task has."""
 
 
 class LoadSettings(BaseSettings):
     """Study of throughput: parts a minute against the number of parts in play, on a task in which parts come and go."""
 
     task: str
-    policies: tuple[str, ...] = Field(min_length=1, max_length=8)
-    parts: tuple[Annotated[int, Field(ge=1, le=10_000)], ...] = Field(min_length=1, max_length=40)
+    policies: Names = Field(max_length=8)
+    parts: Annotated[tuple[Annotated[int, Field(ge=1, le=10_000)], ...], Different] = Field(min_length=1, max_length=40)
     episodes: Episodes | None = None
 
 
 class LadderSettings(BaseSettings):
-    """Ablation: policies with learning curves that differ in one thing, such as the action; default hardware: the first."""
+    """Ablation: policies with learning curves that differ in one thing, such as the action."""
 
-    name: str
+    name: Name
     task: str
     hardware: str | None = None
-    policies: tuple[Any, ...] = Field(min_length=2, max_length=20)
+    """None: the first."""
+
+    policies: Names = Field(min_length=2, max_length=20)
 
 
 class FileSettings(BaseSettings):
@@ -184,6 +227,9 @@ class FileSettings(BaseSettings):
 
     where: ClassVar[str]
     """Name in errors."""
+
+    output: str = Field(min_length=1)
+    """Directory for the results, created if needed."""
 
     @classmethod
     def checked(cls, data: Any, episodes: int | None = None, output: str | None = None) -> Self:
@@ -199,9 +245,7 @@ class FileSettings(BaseSettings):
         """
         settings = cls.stored(data)
         changes: dict[str, Any] = {} if output is None else {"output": output}
-        if episodes is not None:
-            changes |= settings.limited(episodes)
-        settings = settings.model_copy(update=changes)
+        settings = settings.model_copy(update=changes | ({} if episodes is None else settings.limited(episodes)))
         settings.check_ranges()
         return settings
 
@@ -213,80 +257,85 @@ class FileSettings(BaseSettings):
         return settings
 
     @classmethod
-    def load(cls, path: Path | None, episodes: int | None = None, output: str | None = None) -> Self:
-        """Return checked settings from a YAML file, see :meth:`checked`; None: the defaults. Errors name the file."""
-        if path is None:
-            return cls.checked({}, episodes, output)
+    def load(cls, path: Path, episodes: int | None = None, output: str | None = None) -> Self:
+        """Return checked settings from a YAML file, see :meth:`checked`. Errors name the file."""
         data = load_yaml(path)
         with checks.within(path):
             return cls.checked(data, episodes, output)
 
     def check(self) -> None:
-        """Check the settings; raise ValueError at the first fault."""
+        """Raise ValueError at the first setting that does not fit others."""
 
-    @abstractmethod
     def check_ranges(self) -> None:
-        """Check that the seeds are in a range of the command; raise ValueError at the first that is not."""
+        """Raise ValueError at the first seed outside the ranges of the command."""
 
-    @abstractmethod
     def limited(self, episodes: int) -> dict[str, Any]:
         """Return the fields to change for another number of episodes, that of ``--episodes``."""
+        raise NotImplementedError
 
 
 class RunSettings(FileSettings):
-    """Policies on tasks, all on the same seeds.
+    """Policies on tasks, all on the same seeds."""
 
-    Attributes:
-        tasks: ids of registered environments; those of vibgym also without ``vibgym/`` and version.
-        policies: each a name ("zero"), the path of a trained policy, or a mapping of ``name`` (in the tables), ``kind`` and the
-            policy's own arguments, see :func:`vibgym.policies.make_policy`. From Python also objects with ``predict``, alone
-            or as ``policy`` of such a mapping, with ``action`` if they do not declare it. Relative paths start from the current
-            directory. A mapping may have ``tasks`` and ``hardware``, lists of names; by default a policy runs on all it serves.
-        episodes: number of episodes, with the seeds ``first_seed``, ``first_seed + 1``, ...
-        task_episodes: other numbers of episodes for some tasks, by name.
-        first_seed: seed of the first episode, by default the first of :attr:`ranges`.
-        seeds: explicit seeds, instead of ``episodes`` and ``first_seed``.
-        environment: arguments of the environments, see :data:`ENVIRONMENT_KEYS`.
-        hardware: hardware models: name -> arguments of the environments that replace those of ``environment`` (see
-            :data:`CASE_KEYS`), ``tasks`` that run on it, and ``episodes``, at most so many of each. By default one, of
-            ``environment`` alone.
-        confidence: level of the intervals.
-        resamples: number of bootstrap resamples.
-        output: directory for the results, created if needed.
-        processes: worker processes, at most one per processor. They affect only the times. Each starts a new interpreter, so a
-            script that calls this must be guarded by ``if __name__ == "__main__":``.
-    """
+    tasks: Annotated[tuple[Task, ...], Different] = Field(min_length=1)
+    """Ids of registered environments; those of vibgym also without ``vibgym/`` and version."""
 
-    where: ClassVar[str] = "evaluation"
-
-    policy_keys: ClassVar[tuple[str, ...]] = ()
-    """Keys of a policy's mapping in addition to ``name``, ``tasks`` and ``hardware`` that are no arguments of the policy."""
-
-    tasks: tuple[str, ...] = Field(min_length=1)
-    policies: tuple[Plain, ...] = Field(min_length=1)
+    policies: tuple[PolicyEntry, ...] = Field(min_length=1)
     episodes: Episodes | None = None
+    """With the seeds ``first_seed``, ``first_seed + 1``, ..."""
+
     task_episodes: dict[str, Episodes] = {}
+    """Other numbers of episodes for some tasks."""
+
     first_seed: Seed | None = None
-    seeds: tuple[Seed, ...] | None = Field(default=None, min_length=1, max_length=MOST_EPISODES)
-    environment: Arguments = {}
-    hardware: Arguments | None = Field(default=None, min_length=1, max_length=20)
+    """By default the first of the range."""
+
+    seeds: Annotated[tuple[Seed, ...], Different] | None = Field(default=None, min_length=1, max_length=MAX_EPISODES)
+    """Instead of ``episodes`` and ``first_seed``."""
+
+    held_out: bool = False
+    """Whether the seeds are those of suites, for results that are published beside scores."""
+
+    environment: Environment = {}
+    """Arguments of the environments."""
+
+    hardware: dict[Name, HardwareEntry] | None = Field(default=None, min_length=1, max_length=20)
+    """By default one, of ``environment`` alone."""
+
     confidence: float = Field(default=0.95, gt=0.0, lt=1.0)
+    """Level of the intervals."""
+
     resamples: int = Field(default=9999, ge=100, le=1_000_000)
-    output: str = Field(default="runs/report", min_length=1)
+    """Of bootstraps."""
+
     processes: int = Field(default=1, ge=1, le=256)
+    """Worker processes, at most one per processor. They affect only the times. Each starts a new interpreter, so a script that
+    calls this must be guarded by ``if __name__ == "__main__":``."""
 
     @property
     def ranges(self) -> tuple[str, ...]:
         """Names of the ranges of seeds that the command uses, see :mod:`vibgym.seeds`."""
-        return "evaluation", "own"
+        return ("held_out",) if self.held_out else ("evaluation", "own")
 
     @property
-    def asked(self) -> tuple[float, int]:
+    def intervals(self) -> tuple[float, int]:
         """Level and number of resamples of the intervals."""
         return self.confidence, self.resamples
 
+    @property
+    def names(self) -> list[str]:
+        """Names of the policies."""
+        return [policy.name for policy in self.policies]
+
+    def with_policies(self, policies: Sequence[Any]) -> Self:
+        """Return the same settings with other policies, checked."""
+        data = {"tasks": self.tasks, "policies": policies, "output": self.output}
+        entries = read(RunSettings, data, self.where).policies
+        changed = self.model_copy(update={"policies": entries})
+        changed.check()
+        return changed
+
     def check_ranges(self) -> None:
-        """Check that all seeds are in one of :attr:`ranges`."""
         if self.seeds is None:
             longest = max((self.seed_list(task) for task in self.tasks), key=len)
             check_seeds(f"{self.where}.first_seed", longest[0], len(longest), *self.ranges)
@@ -301,220 +350,163 @@ class RunSettings(FileSettings):
         first = RANGES[self.ranges[0]].start if self.first_seed is None else self.first_seed
         return list(range(first, first + (own or self.episodes or DEFAULT_EPISODES)))[:most]
 
-    def named_hardware(self) -> dict[str, Any]:
-        """Return the hardware as given, or the default: "ideal", or "own" if ``environment`` describes one."""
-        return self.hardware or {"own" if set(self.environment) & set(HARDWARE_KEYS) else "ideal": {}}
-
-    def hardware_entries(self) -> list[HardwareEntry]:
-        """Return the hardware, checked."""
-        found = []
-        for name, content in self.named_hardware().items():
-            field = f"{self.where}.hardware"
-            field += f".{checks.label(f'{field} (a name)', name, most=MOST_NAME)}"
-            arguments = mapping_of(field, content, (*CASE_KEYS, "tasks", "episodes"))
-            limits = {key: arguments.pop(key, None) for key in ("tasks", "episodes")}
-            entry = read(HardwareEntry, {"name": name, "arguments": arguments, **limits}, field)
-            some_of(f"{field}.tasks", entry.tasks or (), self.tasks)
-            found.append(entry)
-        return found
+    def machines(self) -> dict[str, HardwareEntry]:
+        """Return the hardware, or the default: "ideal", or "own" if ``environment`` describes one."""
+        return self.hardware or {"own" if set(self.environment) & set(HARDWARE_KEYS) else "ideal": HardwareEntry()}
 
     def environments(self) -> dict[str, dict[str, Any]]:
         """Return the arguments of the environments by hardware."""
-        return {each.name: laid_over(self.environment, each.arguments) for each in self.hardware_entries()}
-
-    def entries(self) -> list[PolicyEntry]:
-        """Return the policies, checked."""
-        found: list[PolicyEntry] = []
-        for index, policy in enumerate(self.policies):
-            field = f"{self.where}.policies.{index}"
-            entry = self.entry(policy, field)
-            checks.label(f"{field}.name", entry.name, most=MOST_NAME)
-            if any(entry.name == other.name for other in found):
-                raise checks.conflict(f"{field}.name: {entry.name!r} is the name of another policy")
-            found.append(entry)
-        return found
-
-    def entry(self, policy: Any, field: str) -> PolicyEntry:
-        """Return one policy, checked; errors begin with ``field``."""
-        content, own = policy, {}
-        if isinstance(policy, Mapping):
-            keys = ("name", "tasks", "hardware", *self.policy_keys)
-            own = {key: policy[key] for key in keys if key in policy}
-            content = {key: value for key, value in policy.items() if key not in own}
-            if "policy" in content:
-                if not hasattr(content["policy"], "predict") or set(content) - {"policy", "action"}:
-                    allowed = "an object with predict() as 'policy', with 'action', 'name', 'tasks' and 'hardware' only"
-                    raise checks.refuse(field, policy, allowed)
-                content = content if "action" in content else content["policy"]
-        elif not isinstance(policy, str) and not hasattr(policy, "predict"):
-            raise checks.refuse(field, policy, "a name, the path of a trained policy, or a mapping with 'kind'")
-        entry = read(PolicyEntry, self.defaults(content) | own | {"content": content}, field)
-        some_of(f"{field}.tasks", entry.tasks or (), self.tasks)
-        some_of(f"{field}.hardware", entry.hardware or (), tuple(self.named_hardware()))
-        return entry
-
-    def defaults(self, content: Any) -> dict[str, Any]:
-        """Return the keys of a policy that follow from its content."""
-        if isinstance(content, str):
-            return {"name": Path(content).stem if content.endswith(".json") else content}
-        if isinstance(content, Mapping) and "policy" not in content:
-            return {"name": content.get("kind")}
-        model = content["policy"] if isinstance(content, Mapping) else content
-        return {"name": str(getattr(model, "name", type(model).__name__))}
+        return {name: laid_over(self.environment, each.arguments) for name, each in self.machines().items()}
 
     def as_written(self) -> dict[str, Any]:
         """Return all of it as JSON values: policies by name, without absolute paths and studies that are not set."""
-        unset = {name for name in ("effects", "under_load") if getattr(self, name, None) is None}
-        given = self.model_dump(exclude={"policies", "processes", "hardware", "held_out"} | unset)
-        policies = {
-            entry.name: {"policy": entry.content, **entry.own} if entry.own else entry.content
-            for entry in self.entries()
+        values = self.model_dump(exclude={"policies", "processes", "hardware", "held_out", "environment"})
+        for name in ("effects", "under_load", "generalisation", "ladders", "cost_limit"):
+            if values.get(name) in (None, ()):
+                values.pop(name, None)
+        hardware = {
+            name: each.arguments | each.model_dump(include={"tasks", "episodes"}, exclude_none=True)
+            for name, each in self.machines().items()
         }
-        return portable({**given, "hardware": self.named_hardware(), "policies": policies})
+        policies = {
+            each.name: {"policy": each.content, **each.own} if each.own else each.content for each in self.policies
+        }
+        return portable({**values, "environment": self.environment, "hardware": hardware, "policies": policies})
 
     def check(self) -> None:
-        """Check the settings; raise ValueError at the first fault."""
         where = self.where
         for field in ("episodes", "first_seed"):
             if self.seeds is not None and getattr(self, field) is not None:
                 raise checks.conflict(f"{where}.{field} cannot be set together with seeds")
-        for field in ("tasks", "seeds"):
-            all_differ(f"{where}.{field}", getattr(self, field) or [])
-        for index, task in enumerate(self.tasks):
-            environment_id(task, f"{where}.tasks.{index}")
         for task, count in self.task_episodes.items():
             checks.choice(f"{where}.task_episodes", task, self.tasks)
-            checks.count(f"{where}.task_episodes.{task}", count, most=len(self.seeds or range(MOST_EPISODES)))
-        for key in self.environment:
-            checks.choice(f"{where}.environment", key, ENVIRONMENT_KEYS)
-        self.hardware_entries()
-        self.entries()
+            checks.count(f"{where}.task_episodes.{task}", count, most=len(self.seeds or range(MAX_EPISODES)))
+        machines = self.machines()
+        for name, machine in machines.items():
+            some_of(f"{where}.hardware.{name}.tasks", machine.tasks or (), self.tasks)
+        for index, policy in enumerate(self.policies):
+            field = f"{where}.policies.{index}"
+            if policy.name in self.names[:index]:
+                raise checks.conflict(f"{field}.name: {policy.name!r} is the name of another policy")
+            some_of(f"{field}.tasks", policy.tasks or (), self.tasks)
+            some_of(f"{field}.hardware", policy.hardware or (), machines)
 
     def limited(self, episodes: int) -> dict[str, Any]:
-        """Return the fields to change for another number of episodes, that of ``--episodes``."""
-        checks.count("--episodes", episodes, most=len(self.seeds or range(MOST_EPISODES)))
+        checks.count("--episodes", episodes, most=len(self.seeds or range(MAX_EPISODES)))
         number = {"episodes": episodes} if self.seeds is None else {"seeds": self.seeds[:episodes]}
         return {"task_episodes": {}, **number}
 
 
 class EvaluationSettings(RunSettings):
-    """Settings of ``python -m agents evaluate``.
+    """Settings of ``python -m agents evaluate``: runs and their studies."""
 
-    Attributes:
-        effects: study of hardware effects, see :class:`EffectsSettings`.
-        under_load: study of throughput, see :class:`LoadSettings`.
-        animations: whether the report has a film of each policy on each task.
-        held_out: whether the seeds are those of suites, for results that are published beside scores.
-    """
+    where: ClassVar[str] = "evaluation"
+    draws: ClassVar[bool] = True
+    """Whether paths are recorded and drawn."""
 
-    effects: EffectsSettings | None = None
+    effects: Study | None = None
+    """Effects of the hardware."""
+
+    generalisation: tuple[Study, ...] = ()
+    """Policies, trained on one thing, by cases."""
+
+    ladders: tuple[LadderSettings, ...] = ()
     under_load: LoadSettings | None = None
     animations: bool = True
-    held_out: bool = False
+    """Whether the report has a film of each policy on each task."""
+
+    output: str = Field(default="runs/report", min_length=1)
 
     @property
-    def ranges(self) -> tuple[str, ...]:
-        """Names of the ranges of seeds."""
-        return ("held_out",) if self.held_out else super().ranges
+    def studies(self) -> dict[str, Study]:
+        """The studies by their place in the settings."""
+        found = {} if self.effects is None else {"effects": self.effects}
+        return found | {f"generalisation.{k}": study for k, study in enumerate(self.generalisation)}
 
     def check(self) -> None:
-        """Check the settings and the studies."""
         super().check()
-        names, load, effects = [each.name for each in self.entries()], self.under_load, self.effects
+        where, entries, load = self.where, {each.name: each for each in self.policies}, self.under_load
+        for place, study in self.studies.items():
+            for index, policy in enumerate(study.policies):
+                checks.choice(f"{where}.{place}.policies.{index}", policy.policy, entries)
+            _all_differ(f"{where}.{place}.policies", [each.name for each in study.policies])
+        if self.effects is not None:
+            checks.choice(f"{where}.effects.task", self.effects.task, self.tasks)
         if load is not None:
-            where = "evaluation.under_load"
-            checks.choice(f"{where}.task", load.task, self.tasks)
-            some_of(f"{where}.policies", load.policies, names)
-            all_differ(f"{where}.parts", load.parts)
-        if effects is not None:
-            checks.choice("evaluation.effects.task", effects.task, self.tasks)
-            effects.check("evaluation.effects", names)
-
-
-class ComparisonSettings(RunSettings):
-    """Settings of ``python -m agents compare``.
-
-    A policy's mapping may also have ``group`` ("learned", "hybrid" or "classical"; by default trained policies are learned,
-    residual policies hybrid and all others classical), ``training_seeds``, a list of integers that replace ``{seed}`` in its
-    paths, and ``curve``, the path of the learning curves, in which ``{task}`` is the task's name in lower case.
-
-    Attributes:
-        generalisation: matrices of policies by cases.
-        ladders: lists of policies that differ in one thing.
-    """
-
-    where: ClassVar[str] = "comparison"
-    policy_keys: ClassVar[tuple[str, ...]] = ("group", "training_seeds", "curve")
-
-    generalisation: tuple[MatrixSettings, ...] = ()
-    ladders: tuple[LadderSettings, ...] = ()
-    output: str = Field(default="runs/comparison", min_length=1)
-
-    def defaults(self, content: Any) -> dict[str, Any]:
-        """Return the keys of a policy that follow from its content."""
-        kind = content.get("kind") if isinstance(content, Mapping) else content
-        trained = kind == "trained" or (isinstance(kind, str) and kind.endswith(".json"))
-        group = "hybrid" if kind == "residual" else "learned" if trained else "classical"
-        return {**super().defaults(content), "group": group}
-
-    def entry(self, policy: Any, field: str) -> PolicyEntry:
-        """Return one policy with group, training seeds and curve."""
-        entry = super().entry(policy, field)
-        if entry.training_seeds and entry.group == "classical":
-            raise checks.conflict(f"{field}.training_seeds cannot be set where group is classical")
-        all_differ(f"{field}.training_seeds", entry.training_seeds)
-        for what, value in (("policy", entry.content), ("curve", entry.curve)):
-            if value is not None and (for_seed(value, 0) != value) != bool(entry.training_seeds):
-                raise checks.conflict(
-                    f"{field} ({what}): training_seeds requires {{seed}} in all paths, and vice versa"
-                )
-        return entry
+            checks.choice(f"{where}.under_load.task", load.task, self.tasks)
+            some_of(f"{where}.under_load.policies", load.policies, entries)
+        for index, ladder in enumerate(self.ladders):
+            field = f"{where}.ladders.{index}"
+            checks.choice(f"{field}.task", ladder.task, self.tasks)
+            checks.choice(f"{field}.hardware", self.ladder_hardware(ladder), self.machines())
+            for name in some_of(f"{field}.policies", ladder.policies, entries):
+                if entries[name].curve is None:
+                    raise checks.conflict(f"{field}.policies: {name!r} has no curve")
+        _all_differ(f"{where} (name of a study)", [each.name for each in (*self.generalisation, *self.ladders)])
 
     def ladder_hardware(self, ladder: LadderSettings) -> str:
         """Return the hardware of a ladder, by default the first."""
-        return ladder.hardware or next(iter(self.named_hardware()))
+        return ladder.hardware or next(iter(self.machines()))
+
+
+class ComparisonSettings(EvaluationSettings):
+    """Settings of ``python -m agents compare``: the same, without pictures."""
+
+    where: ClassVar[str] = "comparison"
+    draws: ClassVar[bool] = False
+
+    output: str = Field(default="runs/comparison", min_length=1)
+
+
+class SuiteSettings(RunSettings):
+    """Settings of ``python -m agents score``: every policy on every task and all hardware; unserved tasks score 0."""
+
+    where: ClassVar[str] = "suite"
+
+    training_steps: int = Field(ge=1)
+    """Environment steps, all tasks together, that a policy may have been trained on."""
+
+    cost_limit: float | None = Field(default=None, ge=0.0)
+    """Largest cost of an episode, for environments with ``costs``; others score 0 (reward at limited cost)."""
+
+    held_out: bool = True
+    output: str = Field(default="runs/suite", min_length=1)
 
     def check(self) -> None:
-        """Check the settings, matrices and ladders."""
         super().check()
-        entries = {each.name: each for each in self.entries()}
-        for index, matrix in enumerate(self.generalisation):
-            matrix.check(f"comparison.generalisation.{index}", list(entries))
-        for index, ladder in enumerate(self.ladders):
-            where = f"comparison.ladders.{index}"
-            checks.choice(f"{where}.task", ladder.task, self.tasks)
-            checks.choice(f"{where}.hardware", self.ladder_hardware(ladder), tuple(self.named_hardware()))
-            for name in some_of(f"{where}.policies", ladder.policies, list(entries)):
-                if entries[name].curve is None:
-                    raise checks.conflict(f"{where}.policies: {name!r} has no curve")
-        titles = [study.name for study in (*self.generalisation, *self.ladders)]
-        for title in titles:
-            checks.label("comparison (name of a study)", title)
-        all_differ("comparison (name of a study)", titles)
+        for index, policy in enumerate(self.policies):
+            if policy.training_steps is not None:
+                field = f"{self.where}.policies.{index}.training_steps"
+                checks.count(field, policy.training_steps, least=0, most=self.training_steps)
+
+    def entered_by(self, path: Path) -> SuiteSettings:
+        """Return the same protocol for the policy of a file alone.
+
+        Args:
+            path: YAML or JSON, a mapping as in ``policies``; or the JSON file of a trained policy.
+
+        Raises:
+            ValueError: the file cannot be read, or describes no policy.
+        """
+        content = load_yaml(path)
+        if "kind" not in content:
+            if path.suffix != ".json":
+                raise checks.missing("kind", f"required in {path}, unless it is a trained policy's JSON file")
+            content = {"kind": "trained", "path": str(path)}
+        with checks.within(path):
+            return self.with_policies([{"name": path.stem, **content}])
 
 
-def some_of(field: str, names: Sequence[Any], known: Sequence[str]) -> Sequence[str]:
-    """Return ``names``, checked: all different and among ``known``."""
+def some_of(field: str, names: Sequence[Any], known: Any) -> Sequence[Any]:
+    """Return ``names``, checked to be among ``known``."""
     for name in names:
-        checks.choice(field, name, known)
-    all_differ(field, names)
+        checks.choice(field, name, tuple(known))
     return names
 
 
-def all_differ(field: str, values: Sequence[Any]) -> None:
-    """Raise ValueError if a value occurs twice."""
-    for value, count in Counter(values).items():
-        if count > 1:
-            raise checks.refuse(field, value, "in the list only once")
-
-
-def mapping_of(field: str, content: Any, allowed: tuple[str, ...]) -> dict[str, Any]:
-    """Return a copy of a mapping whose keys are among ``allowed``, checked."""
-    if not isinstance(content, Mapping):
-        raise checks.refuse(field, content, f"a mapping with keys among {', '.join(map(repr, allowed))}")
-    for key in content:
-        checks.choice(field, key, allowed)
-    return dict(content)
+def _all_differ(field: str, values: Sequence[Any]) -> None:
+    with checks.within(field):
+        _differ(values)
 
 
 def laid_over(environment: Mapping[str, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:
@@ -532,7 +524,3 @@ def with_sensor(environment: Mapping[str, Any], settings: Mapping[str, Any]) -> 
         return dict(environment)
     sensor = environment.get("sensor", "ideal")
     return {**environment, "sensor": {**(sensor if isinstance(sensor, Mapping) else {"kind": sensor}), **settings}}
-
-
-settings_from = EvaluationSettings.checked
-load_settings = EvaluationSettings.load

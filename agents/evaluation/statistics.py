@@ -10,6 +10,7 @@ independent: runs and episodes are resampled separately (Owen, "The pigeonhole b
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -75,15 +76,17 @@ def bootstrap(values: np.ndarray, level: float, resamples: int, statistic: Calla
     BCa is undefined for some very uneven samples; the percentile interval is used then.
     """
     for method in ("BCa", "percentile"):
-        result = stats.bootstrap(
-            (values,),
-            statistic,
-            confidence_level=level,
-            n_resamples=resamples,
-            batch=1000,
-            method=method,
-            rng=np.random.default_rng(RNG_SEED),
-        )
+        with np.errstate(invalid="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", stats.DegenerateDataWarning)
+            result = stats.bootstrap(
+                (values,),
+                statistic,
+                confidence_level=level,
+                n_resamples=resamples,
+                batch=1000,
+                method=method,
+                rng=np.random.default_rng(RNG_SEED),
+            )
         low, high = (float(each) for each in result.confidence_interval)
         if np.isfinite([low, high]).all():
             return Interval(low, high, f"{method} bootstrap")
@@ -219,21 +222,16 @@ def iqm_difference(first: np.ndarray, second: np.ndarray, level: float, resample
     return Estimate(value, None if np.ptp(draws) < 1e-9 else percentiles(draws, level, runs))
 
 
-def episode_scores(found: Measured, cost_limit: float | None = None) -> np.ndarray:
+def episode_scores(found: Measured) -> np.ndarray:
     """Return scores in [0, 1] (episodes,); nan where no bound is known.
-
-    With a ``cost_limit``, episodes whose cost exceeds it score 0.
 
     Least possible time over time to goal, 0 without success (success weighted by path length, Anderson et al., "On evaluation
     of embodied navigation agents", 2018, with times for lengths). Where parts come and go: good parts over their bound.
     """
     if np.isfinite(found.rate_bound).all():
-        scores = found.rate_over_bound
-    else:
-        scores = np.where(
-            found.success, found.bound / np.where(found.success, found.time_to_goal, 1.0), 0.0 * found.bound
-        )
-    return scores if cost_limit is None else np.where(found.cost <= cost_limit, scores, 0.0)
+        return found.rate_over_bound
+    times = np.where(found.success, found.time_to_goal, 1.0)
+    return np.where(found.success, found.bound / times, 0.0 * found.bound)
 
 
 def suite_score(tasks: Sequence[np.ndarray]) -> float:

@@ -1,8 +1,9 @@
 """The table of episodes that all commands share, its metrics and figures, and how numbers are written.
 
 A :class:`pandas.DataFrame` with one row per episode. Label columns: ``study`` ("report", "effects", ...), ``task``,
-``hardware`` (or case), ``policy``, ``training_seed`` (-1 without one) and ``seed``. All other columns are metrics, float64, nan
-where they do not apply. A new metric is one line in :data:`METRICS`, and a figure of it one in :data:`QUANTITIES`.
+``hardware`` (or case), ``policy``, ``training_seed`` (-1 without one), ``limit_s`` (duration of the longest episode) and
+``seed``. All other columns are metrics, float64, nan where they do not apply. A new metric is one line in :data:`METRICS`, and
+a figure of it one in :data:`QUANTITIES`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,20 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from agents.evaluation.statistics import Interval, bootstrap, median_interval, quartiles, success_interval
+from agents.evaluation.statistics import (
+    Interval,
+    bootstrap,
+    episode_scores,
+    interval_of,
+    iqm,
+    iqm_difference,
+    mean_difference,
+    median_interval,
+    quartiles,
+    success_difference,
+    success_interval,
+)
+from vibgym import checks
 from vibgym.policies.measures import Measured
 from vibgym.policies.rollout import OWN_FACTS, Outcomes
 from vibgym.tasks.episode import EVENTS
@@ -52,8 +66,12 @@ METRICS = {
     **OWN,
     "rate_bound_per_minute": "rate_bound",
     "cost": "cost",
+    "filmed": "filmed",
 }
 """Column -> attribute of the outcomes."""
+
+TIMING = {"timed_steps": "world_steps", "policy_s": "policy", "environment_s": "environment"}
+"""Column -> attribute of :class:`vibgym.policies.rollout.Timing`: of all episodes of a case together."""
 
 ENDS = ("success", "steps", "time_to_goal_s", "position_error_m", "heading_error_rad", "fallen")
 """Metrics of studies that record only how episodes end."""
@@ -73,11 +91,6 @@ class Place(NamedTuple):
     hardware: str
     policy: str
 
-    @property
-    def labels(self) -> dict[str, str]:
-        """Columns of tables of the main study."""
-        return {"task": self.task, "hardware": self.hardware, "policy": self.policy}
-
     def __str__(self) -> str:
         return ", ".join(self[1:] if self.study == REPORT else self)
 
@@ -85,14 +98,16 @@ class Place(NamedTuple):
 PLACE = list(Place._fields)
 
 
-def frame(found: Outcomes, place: Place, training_seed: int | None = None) -> pd.DataFrame:
-    """Return the episodes of one policy's rollout."""
-    columns: dict[str, Any] = {"training_seed": -1 if training_seed is None else training_seed, "seed": found.seeds}
+def frame(found: Outcomes) -> pd.DataFrame:
+    """Return the episodes of one policy's rollout: seed, metrics, score and timing."""
+    columns: dict[str, Any] = {"seed": found.seeds}
     for name, what in METRICS.items():
         applies = name in ENDS or isinstance(found, Measured)
         value = found.fact(what) if name in OWN else getattr(found, what, np.nan)
         columns[name] = np.asarray(value if applies else np.nan, dtype=np.float64)[()]
-    return pd.DataFrame({**place._asdict(), **columns}, index=pd.RangeIndex(len(found.seeds)))
+    columns["score"] = episode_scores(found) if isinstance(found, Measured) else np.nan
+    columns |= {name: float(getattr(found.timing, what)) for name, what in TIMING.items()}
+    return pd.DataFrame(columns, index=pd.RangeIndex(len(found.seeds)))
 
 
 def places(episodes: pd.DataFrame, study: str | None = None) -> dict[Place, pd.DataFrame]:
@@ -102,17 +117,23 @@ def places(episodes: pd.DataFrame, study: str | None = None) -> dict[Place, pd.D
 
 
 def table(
-    episodes: pd.DataFrame, by: Sequence[str], columns: Callable[[pd.DataFrame], Mapping[str, Any]]
-) -> list[dict[str, Any]]:
+    episodes: pd.DataFrame,
+    by: Sequence[str] = ("task", "hardware", "policy"),
+    columns: Callable[[pd.DataFrame], Mapping[str, Any]] | None = None,
+) -> pd.DataFrame:
     """Return a row of statistics for every group of episodes, in the order of their first episodes.
 
     Args:
         episodes: see above.
         by: label columns that define a group.
-        columns: statistics of one group, such as :func:`summary`.
+        columns: statistics of one group; by default :func:`summary`.
     """
+    columns = columns or summary
     groups = episodes.groupby(list(by), sort=False)
-    return [{**dict(zip(by, key, strict=True)), **columns(rows)} for key, rows in groups]  # type: ignore[arg-type]
+    return pd.DataFrame(
+        [{**dict(zip(by, key, strict=True)), **columns(rows)} for key, rows in groups],  # type: ignore[arg-type]
+        dtype=object,
+    )
 
 
 def where(episodes: pd.DataFrame, **labels: Any) -> pd.DataFrame:
@@ -132,8 +153,14 @@ def by_run(episodes: pd.DataFrame, name: str) -> np.ndarray:
 
 
 def mean(episodes: pd.DataFrame, name: str) -> float:
-    """Return the mean of a metric; nan if it does not apply to all episodes."""
-    return float(values(episodes, name).mean())
+    """Return the mean of a metric; nan if it does not apply to all episodes, and without episodes."""
+    return float(values(episodes, name).mean()) if len(episodes) else math.nan
+
+
+def limited_times(episodes: pd.DataFrame) -> np.ndarray:
+    """Return times to goal (runs, episodes), s, in which a failure counts as the longest episode."""
+    success, time, limit = (by_run(episodes, name) for name in ("success", "time_to_goal_s", "limit_s"))
+    return np.where(success > 0.0, time, limit)
 
 
 def records(episodes: pd.DataFrame, names: Iterable[str]) -> list[dict[str, Any]]:
@@ -233,23 +260,42 @@ QUANTITIES = (
 BY_NAME = {each.name: each for each in QUANTITIES}
 
 
-def summary(episodes: pd.DataFrame, level: float, resamples: int) -> dict[str, Any]:
-    """Return the statistics of one policy in one place: times are over successes, everything else over all episodes."""
-    row = successes(by_run(episodes, "success") > 0.0, level, resamples)
+def summary(episodes: pd.DataFrame, level: float = 0.95, resamples: int = 9999) -> dict[str, Any]:
+    """Return the statistics of one policy in one place.
+
+    Medians of times are over successes, everything else is over all episodes; interquartile means count a failure as the
+    longest episode.
+    """
+    limited, bound, collisions = limited_times(episodes), by_run(episodes, "bound_s"), by_run(episodes, "collisions")
+    time = interval_of(limited, level, resamples, iqm)
+    over = limited / bound if np.isfinite(bound).all() else None
+    counted = np.isfinite(collisions).all()
+    row = {"runs": len(limited), **successes(by_run(episodes, "success") > 0.0, level, resamples)}
     for figure in QUANTITIES:
         if not figure.rate:
             row |= figure.columns(episodes)
+    steps, policy, environment = (values(episodes, name)[0] for name in TIMING)
     return row | {
+        "time_iqm_s": float(iqm(limited.ravel())),
+        **ends("time_iqm", time, "_s"),
+        "over_bound_iqm": math.nan if over is None else float(iqm(over.ravel())),
+        **ends("over_bound_iqm", None if over is None else interval_of(over, level, resamples, iqm)),
+        "iqm_interval_method": "" if time is None else time.method,
+        **ends("collisions", interval_of(collisions, level, resamples) if counted else None),
         "fallen": int(np.nansum(values(episodes, "fallen"))),
         "diverged": int(np.nansum(values(episodes, "diverged"))),
         "mean_return": mean(episodes, "return"),
         "clearance_median_m": quartiles(values(episodes, "clearance_m")).median,
         "parts_done_mean": mean(episodes, "parts_done"),
+        **{
+            f"{name}steps_per_second": steps / seconds if seconds > 0.0 else math.nan
+            for name, seconds in (("", policy + environment), ("policy_", policy), ("environment_", environment))
+        },
     }
 
 
 def successes(success: np.ndarray, level: float, resamples: int) -> dict[str, Any]:
-    """Return the columns on success, from (runs, episodes) bool: counts, rate and its interval."""
+    """Return the columns on success, from (runs, episodes) bool: episodes of one run, successes of all, rate and interval."""
     interval = success_interval(success, level, resamples)
     return {
         "episodes": success.shape[-1],
@@ -258,6 +304,36 @@ def successes(success: np.ndarray, level: float, resamples: int) -> dict[str, An
         **ends("success", interval),
         "success_interval_method": interval.method,
     }
+
+
+def difference(
+    first: pd.DataFrame, second: pd.DataFrame, level: float = 0.95, resamples: int = 9999, middle: bool = True
+) -> dict[str, Any]:
+    """Return paired differences of two policies on the same seeds, first minus second, as :class:`.statistics.Estimate`.
+
+    Args:
+        first: episodes of a policy, of several training runs too.
+        second: of a policy without training runs.
+        level, resamples: of the intervals.
+        middle: whether interquartile means and collisions are compared, too.
+
+    Raises:
+        ValueError: the policies were not played on the same seeds.
+    """
+    seeds = [by_run(each, "seed") for each in (first, second)]
+    if seeds[0].shape[1:] != seeds[1].shape[1:] or len(seeds[1]) != 1 or (seeds[0] != seeds[1]).any():
+        raise checks.conflict("a comparison requires the same episodes of both policies")
+    times, collisions = (by_run(first, name) - by_run(second, name) for name in ("time_to_goal_s", "collisions"))
+    mine, theirs = (by_run(each, "success") > 0.0 for each in (first, second))
+    found = {
+        "success": success_difference(mine, theirs, level, resamples),
+        "both": int(np.isfinite(times).sum()),
+        "time": mean_difference(times, level, resamples),
+    }
+    if middle:
+        found["iqm"] = iqm_difference(limited_times(first), limited_times(second), level, resamples)
+        found["collisions"] = mean_difference(collisions, level, resamples)
+    return found
 
 
 def ends(name: str, interval: Interval | None, unit: str = "") -> dict[str, float]:

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.evaluation.films import gif
 from vibgym import Simulator, Surface
 from vibgym.fields import MovingSqueeze
 from vibgym.files import output_directory, write_atomically
 from vibgym.rendering import SurfacePainter, View, Zone
+from vibgym.rendering.files import gif
 from vibgym.scene.parts import Part, shipped_part
 
 FILM = Path("docs/squeeze-line.gif")

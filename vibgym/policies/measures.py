@@ -75,7 +75,7 @@ class Measures(Ends):
 
     def result(self, task: str, timing: Timing) -> Measured:
         """Return the result, when all episodes have ended."""
-        return Measured(task, self.seeds, self.env.step_time, **self.fields)
+        return Measured(task, self.seeds, self.env.step_time, timing, **self.fields)
 
     def _new_contacts(self, some: np.ndarray) -> np.ndarray:
         """Return the number (worlds,) of pairs in contact that were not at the last call; (worlds,) bool: where any are."""
@@ -158,7 +158,7 @@ class MotionMeasures(Measures):
 
     def result(self, task: str, timing: Timing) -> MotionMeasured:
         """Return the result, when all episodes have ended."""
-        return MotionMeasured(task, self.seeds, self.env.step_time, **self.fields)
+        return MotionMeasured(task, self.seeds, self.env.step_time, timing, **self.fields)
 
 
 def least_times(env: SharedInterface) -> np.ndarray:

@@ -140,6 +140,7 @@ class Outcomes:
     task: str
     seeds: tuple[int, ...]
     step_time: float  # s, simulated time of a step
+    timing: Timing
     steps: np.ndarray  # int64, until success, fall, divergence or the step limit
     success: np.ndarray  # bool
     fallen: np.ndarray  # bool
@@ -203,7 +204,7 @@ class Ends:
 
     def result(self, task: str, timing: Timing) -> Outcomes:
         """Return the result, when all episodes have ended."""
-        return Outcomes(task, self.seeds, self.env.step_time, **self.fields)
+        return Outcomes(task, self.seeds, self.env.step_time, timing, **self.fields)
 
 
 def rollout(
