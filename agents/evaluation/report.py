@@ -25,7 +25,7 @@ from agents.evaluation.settings import ComparisonSettings, EvaluationSettings
 from agents.evaluation.statistics import Estimate
 from agents.evaluation.table import EFFECTS, ENDS, METRICS, REPORT, records, values, where
 from vibgym import checks
-from vibgym.files import csv_text, output_files, write_together
+from vibgym.files import csv_text, output_directory, output_files, write_together
 
 FILES = {
     "evaluation": ("results.csv", "results.json", "report.html", "episodes.csv"),
@@ -124,7 +124,7 @@ def write(results: Results, gif: Gif | None = None, quiet: bool = False) -> Path
         csv_text(found), pages.json_text(results, found, more), page(results, found, gaps, cells, rungs),
         csv_text(episodes),
     )  # fmt: skip
-    directory, files = Path(settings.output), FILES[settings.where]
+    directory, files = output_directory(Path(settings.output), f"{settings.where}.output"), FILES[settings.where]
     contents: dict[Path, str | bytes] = {
         directory / name: content for name, content in zip(files, written, strict=False)
     }

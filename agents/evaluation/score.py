@@ -25,7 +25,7 @@ from agents.evaluation.settings import SuiteSettings
 from agents.evaluation.statistics import interval_of, quartiles, suite_interval, suite_score
 from agents.evaluation.table import BY_NAME, OWN, ends, mean, quantity, values, where
 from vibgym import checks
-from vibgym.files import csv_text, write_together
+from vibgym.files import csv_text, output_directory, write_together
 
 SUITE = Path("configs/suite/open.yaml")
 FILES = ("scores.csv", "suite.csv", "results.json", "scores.md", "scores.html")
@@ -175,7 +175,7 @@ def write(results: Results) -> tuple[Path, str]:
     Raises:
         WriteError: a file could not be written; then none is new.
     """
-    directory, limit = Path(results.settings.output), results.settings.cost_limit
+    directory, limit = output_directory(Path(results.settings.output), "suite.output"), results.settings.cost_limit
     found, totals = rows(results)
     scores = totals_table(found, totals)
     details = grid("What the scores are made of", [row for row in found if row["served"]], DETAILS)
