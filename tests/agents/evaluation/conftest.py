@@ -1,13 +1,14 @@
-"""Two small evaluations that run once for all tests of this folder: of one part, and of several."""
+"""Two small evaluations that run once for all tests of this folder: of one part, and of several and other hardware."""
 
-from __future__ import annotations
-
-from pathlib import Path
+import csv
 
 import numpy as np
 import pytest
 
-from agents import evaluation
+from agents.evaluation import EvaluationSettings, evaluate, prepare, report
+from agents.evaluation.films import Log
+from agents.evaluation.table import REPORT
+from vibgym.policies.rollout import rollout
 
 STATE_ERROR = slice(8, 10)  # tanh of goal minus centre in 50 mm, see the environment's table
 
@@ -48,29 +49,6 @@ class Still(Pusher):
         return np.zeros((len(observation), 1, 6), dtype=np.float32), state
 
 
-@pytest.fixture(scope="session")
-def found(tmp_path_factory):
-    """Results of three policies on two tasks."""
-    directory: Path = tmp_path_factory.mktemp("evaluation") / "new" / "report"
-    settings = evaluation.settings_from(
-        {
-            "tasks": ["Transport", "Align"],
-            "policies": [Still(), Pusher(), Counting()],
-            "episodes": 8,
-            "first_seed": 300,
-            "resamples": 200,
-            "output": str(directory),
-        }
-    )
-    return evaluation.evaluate(evaluation.prepare(settings), quiet=True)
-
-
-@pytest.fixture(scope="session")
-def written(found):
-    """Directory with the files of these results."""
-    return evaluation.write(found, quiet=True).parent
-
-
 class Shepherd:
     """Pushes every part towards its zone, and away from a near neighbour and from the long borders."""
 
@@ -98,29 +76,95 @@ class LazyShepherd(Shepherd):
         return 0.0 * action, state
 
 
+LATE = {"kind": "prototype", "dead_zone": 0.0, "gain_spread": 0.0, "phase_spread": 0.0, "latency": 3}
+BROKEN = {"kind": "prototype", "dead": 1.0, "latency": 0}
+SENSOR = {"kind": "pose", "noise": 0.0, "delay": 5}
+CASES = {"none": {}, "latency": {"actuators": {**LATE, "latency": 4}}, "all dead": {"actuators": {**LATE, "dead": 1.0}}}
+
+PLAIN = {
+    "tasks": ["Transport", "Align"],
+    "policies": [Still(), Pusher(), Counting()],
+    "episodes": 8,
+    "first_seed": 300,
+    "resamples": 200,
+}
+SEVERAL = {
+    "tasks": ["Transport", "Sort", "Singulate"],
+    "policies": [
+        {"name": "still", "policy": Still(), "tasks": ["Transport"], "hardware": ["ideal"]},
+        {"name": "pusher", "policy": Pusher(), "tasks": ["Transport"]},
+        {"name": "shepherd", "policy": Shepherd(), "tasks": ["Sort", "Singulate"]},
+        {"name": "lazy shepherd", "policy": LazyShepherd(), "tasks": ["Sort", "Singulate"]},
+    ],
+    "episodes": 5,
+    "task_episodes": {"Sort": 6},
+    "first_seed": 300,
+    "resamples": 200,
+    "hardware": {
+        "ideal": {},
+        "broken": {"actuators": BROKEN, "tasks": ["Transport"], "episodes": 4},
+        "late": {"actuators": LATE, "tasks": ["Transport"]},
+    },
+    "effects": {
+        "task": "Transport",
+        "policies": ["pusher", {"policy": "pusher", "name": "late <eyes>", "sensor": SENSOR}],
+        "episodes": 4,
+        "cases": CASES,
+    },
+}
+
+
+def evaluated(data, output, kind=EvaluationSettings):
+    """Return the results of settings."""
+    return evaluate(prepare(kind.checked(data, output=str(output))), quiet=True)
+
+
+def rows_of(path):
+    """Return the rows of a CSV file."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def rollouts(results):
+    """Return records of the same episodes with all poses, by task, hardware and policy."""
+    return {
+        case.place[1:]: rollout(case.policy, case.task, seeds=case.seeds, keep=Log, **case.environment)
+        for case in results.cases
+        if case.place.study == REPORT
+    }
+
+
+@pytest.fixture(scope="session")
+def found(tmp_path_factory):
+    """Results of three policies on two tasks."""
+    return evaluated(PLAIN, tmp_path_factory.mktemp("evaluation") / "new" / "report")
+
+
+@pytest.fixture(scope="session")
+def played(found):
+    """Its episodes with all poses."""
+    return rollouts(found)
+
+
+@pytest.fixture(scope="session")
+def written(found):
+    """Directory with its files."""
+    return report.write(found, quiet=True).parent
+
+
 @pytest.fixture(scope="session")
 def several(tmp_path_factory):
-    """Results on tasks for several parts, and on one for one part."""
-    directory: Path = tmp_path_factory.mktemp("several") / "report"
-    settings = evaluation.settings_from(
-        {
-            "tasks": ["Transport", "Sort", "Singulate"],
-            "policies": [
-                {"name": "pusher", "policy": Pusher(), "tasks": ["Transport"]},
-                {"name": "shepherd", "policy": Shepherd(), "tasks": ["Sort", "Singulate"]},
-                {"name": "lazy shepherd", "policy": LazyShepherd(), "tasks": ["Sort", "Singulate"]},
-            ],
-            "episodes": 5,
-            "task_episodes": {"Sort": 6},
-            "first_seed": 300,
-            "resamples": 200,
-            "output": str(directory),
-        }
-    )
-    return evaluation.evaluate(evaluation.prepare(settings), quiet=True)
+    """Results on tasks for several parts, and on one for one part with three hardware models and a study of effects."""
+    return evaluated(SEVERAL, tmp_path_factory.mktemp("several") / "report")
+
+
+@pytest.fixture(scope="session")
+def played_several(several):
+    """Its episodes with all poses."""
+    return rollouts(several)
 
 
 @pytest.fixture(scope="session")
 def written_several(several):
-    """Directory with the files of these results."""
-    return evaluation.write(several, quiet=True).parent
+    """Directory with its files."""
+    return report.write(several, quiet=True).parent

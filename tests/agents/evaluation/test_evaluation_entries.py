@@ -12,7 +12,7 @@ from agents.__main__ import main
 from agents.evaluation import entry_process
 from agents.evaluation.entries import load_entries
 from agents.evaluation.run import Case
-from agents.evaluation.score import SuiteSettings
+from agents.evaluation.settings import SuiteSettings
 from agents.provenance import policy_sources
 from vibgym.policies.trained.catalogue import SHIPPED
 

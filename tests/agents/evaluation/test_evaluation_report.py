@@ -1,6 +1,5 @@
 """The files: whole, complete, and readable without a network."""
 
-import csv
 import json
 import re
 from html.parser import HTMLParser
@@ -8,11 +7,15 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from agents.evaluation import report
+from agents.evaluation import EvaluationSettings, difference, prepare, report, table
+from agents.evaluation.rows import against_best, best_rows, differences, rows
+from agents.evaluation.settings import laid_over, with_sensor
+from agents.evaluation.table import where
+from tests.agents.evaluation.conftest import BROKEN, CASES, SEVERAL, Pusher, Shepherd, Still, rows_of
 
 
 class Links(HTMLParser):
-    """Collects what a page would load, and the tags that are open."""
+    """What a page would load, and the tags that are open."""
 
     VOID = {"meta", "img", "input", "br"}
 
@@ -36,63 +39,69 @@ class Links(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_page_opens_offline(written):
-    text = (written / "report.html").read_text(encoding="utf-8")
-    page = Links()
-    page.feed(text)
-    assert not page.open
-    assert page.loads and all(each.startswith("data:image/") for each in page.loads)
-    assert page.anchors and all(each.startswith("#") and each[1:] in page.targets for each in page.anchors)
-    assert "@import" not in text and not re.search(r"url\(", text)
-    assert len(text) < 1e6
+def test_pages_open_offline(written, written_several):
+    for directory in (written, written_several):
+        text = (directory / "report.html").read_text(encoding="utf-8")
+        page = Links()
+        page.feed(text)
+        assert not page.open
+        assert page.loads and all(each.startswith("data:image/") for each in page.loads)
+        assert page.anchors and all(each.startswith("#") and each[1:] in page.targets for each in page.anchors)
+        assert "@import" not in text and not re.search(r"url\(", text) and len(text) < 1.5e6
 
 
-def test_page_says_what_was_found(found, written):
+def test_page_shows_what_was_found(found, written):
     text = (written / "report.html").read_text(encoding="utf-8")
     assert "still &lt;&amp;&gt;" in text and "still <&>" not in text
     assert "Does &lt;nothing&gt; &amp; says so." in text
-    assert text.count("data:image/gif;") == len(found.rollouts)
-    for row in report.rows(found):
+    assert text.count("data:image/gif;") == len(found.cases) == 6
+    for row in rows(found):
         assert f"{100 * row['success_rate']:.1f} %" in text
-        assert f"Film of seed {found.rollout(row['task'], row['hardware'], row['policy']).film.seed}" in text
-
-
-def test_bold_differences_are_those_that_are_clear(found, written):
-    text = (written / "report.html").read_text(encoding="utf-8")
-    gaps = report.against_best(found, report.comparisons(found), report.best_rows(found, report.rows(found)))
+    for seed in found.main.loc[found.main["filmed"] == 1.0, "seed"]:
+        assert f"Film of seed {seed}" in text
+    every = rows(found)
+    gaps = against_best(found, differences(found, every), best_rows(found, every))
     clear = [gap[name].clear for gap in gaps for name in ("success", "time") if gap[name].interval is not None]
     assert text.count('<td class="clear"') == sum(clear) and not all(clear)
 
 
+def test_page_shows_hardware_and_effects(written_several):
+    text = (written_several / "report.html").read_text(encoding="utf-8")
+    assert "latency: 3" in text and text.count('id="card-') == 8
+    section = text[text.index('<h2 id="effects"') : text.index('<h2 id="Transport"')]
+    assert "late &lt;eyes&gt;" in section and "<eyes>" not in section and "delay: 5" in section
+    assert section.count("<td style=") == 6
+
+
 def test_best_policy_has_most_successes_then_the_lowest_time(found):
-    rows = report.rows(found)
+    every = rows(found)
 
     def best(**changes):
-        changed = [{**row, **changes.get(row["policy"], {})} if row["task"] == "Transport" else row for row in rows]
-        return report.best_row(found, changed, "Transport", "ideal")["policy"]
+        changed = [{**row, **changes.get(row["policy"], {})} if row["task"] == "Transport" else row for row in every]
+        return best_rows(found, changed)["Transport", "ideal"]["policy"]
 
-    nan, every = float("nan"), {"successes": 8, "success_rate": 1.0}
-    assert (
-        best(counting={**every, "time_over_bound_median": 1.5}, pusher={**every, "time_over_bound_median": 1.6})
-        == "counting"
-    )
-    unknown = {**every, "time_over_bound_median": nan}
-    assert (
-        best(counting={**unknown, "time_to_goal_median_s": 0.5}, pusher={**unknown, "time_to_goal_median_s": 0.4})
-        == "pusher"
-    )
-    assert best(counting=every, pusher={"successes": 7}) == "counting"
+    all_of_them = {"successes": 8, "success_rate": 1.0}
+    ratio, time = "time_over_bound_median", "time_to_goal_median_s"
+    assert best(counting={**all_of_them, ratio: 1.5}, pusher={**all_of_them, ratio: 1.6}) == "counting"
+    unknown = {**all_of_them, ratio: float("nan")}
+    assert best(counting={**unknown, time: 0.5}, pusher={**unknown, time: 0.4}) == "pusher"
+    assert best(counting=all_of_them, pusher={"successes": 7}) == "counting"
 
 
-def test_times_are_multiples_of_the_bound(found):
-    for row in report.rows(found):
-        rollout = found.rollout(row["task"], row["hardware"], row["policy"])
-        each = (rollout.steps * rollout.step_time / rollout.bound)[rollout.success]
-        expected = np.median(each) if len(each) else np.nan
-        assert row["time_over_bound_median"] == pytest.approx(expected, nan_ok=True) and not expected <= 1.0
+def test_any_table_of_episodes(found):
+    """A group is any choice of labels, and a difference that of two policies on the same seeds."""
+    tasks = table(found.main, by=["task"], columns=lambda some: {"rate": some["success"].mean(), "count": len(some)})
+    assert tasks["task"].tolist() == ["Transport", "Align"] and tasks["count"].tolist() == [24, 24]
+    first, second = (where(found.main, task="Transport", policy=name) for name in ("pusher", "still <&>"))
+    assert tasks["rate"][0] == where(found.main, task="Transport")["success"].mean()
+    gap = difference(first, second, resamples=200)
+    assert gap["success"].value == first["success"].mean() and gap["both"] == 0 and np.isnan(gap["time"].value)
+    assert gap["iqm"].value < 0.0  # a failure counts as the longest episode
+    with pytest.raises(ValueError, match="the same episodes"):
+        difference(first, second.iloc[1:])
 
 
-def test_json_holds_everything(found, written):
+def test_json_holds_everything(written, written_several):
     def refuse(constant):
         raise AssertionError(f"{constant} is not JSON")
 
@@ -104,25 +113,97 @@ def test_json_holds_everything(found, written):
     assert len(content["results"]) == 6 and len(content["comparisons"]) == 6 and len(content["episodes"]) == 48
     assert content["results"][0]["time_to_goal_median_s"] is None
     assert content["tasks"]["Align"]["position_tolerance"] == 0.002
+    content = json.loads((written_several / "results.json").read_text(encoding="utf-8"), parse_constant=refuse)
+    assert content["hardware"]["ideal"] == {} and content["hardware"]["broken"] == {"actuators": BROKEN}
+    assert content["settings"]["policies"]["still"]["hardware"] == ["ideal"]
+    effects = content["effects"]
+    assert effects["seeds"] == list(range(300, 304)) and effects["cases"] == CASES and len(effects["episodes"]) == 24
 
 
-def test_csv_rows(found, written):
-    with (written / "results.csv").open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    assert [(row["task"], row["hardware"], row["policy"]) for row in rows] == [place[1:] for place, _ in found.rollouts]
-    assert rows[0]["time_to_goal_median_s"] == "" and float(rows[0]["success_rate"]) == 0.0
-    with (written / "episodes.csv").open(newline="", encoding="utf-8") as file:
-        episodes = list(csv.DictReader(file))
-    pusher = found.rollout("Transport", "ideal", "pusher")
-    mine = [row for row in episodes if (row["task"], row["policy"]) == ("Transport", "pusher")]
-    assert [int(row["seed"]) for row in mine] == list(pusher.seeds)
-    np.testing.assert_array_equal([float(row["position_error_m"]) for row in mine], pusher.position_error)
+def test_csv_files(found, several, written, written_several):
+    for results, directory in ((found, written), (several, written_several)):
+        summary, episodes = (rows_of(directory / name) for name in ("results.csv", "episodes.csv"))
+        assert [(row["task"], row["hardware"], row["policy"]) for row in summary] == [
+            case.place[1:] for case in results.cases if case.place.study == "report"
+        ]
+        assert len(episodes) == len(results.main)
+        for name in ("position_error_m", "collisions", "throughput_parts_per_s", "clearance_m", "time_to_goal_s"):
+            values = [float(row[name] or "nan") for row in episodes]
+            np.testing.assert_array_equal(values, results.main[name])
+        for row in summary:
+            some = where(results.main, **{key: row[key] for key in ("task", "hardware", "policy")})
+            assert (int(row["episodes"]), float(row["success_rate"])) == (len(some), some["success"].mean())
+            figures = {
+                "collisions_mean": some["collisions"].mean(),
+                "throughput_median_parts_per_s": some["throughput_parts_per_s"].median(),
+                "clearance_median_m": some["clearance_m"].median(),
+                "time_over_bound_median": some["time_over_bound"].median(),
+            }
+            for name, value in figures.items():
+                assert float(row[name] or "nan") == pytest.approx(value, nan_ok=True)
+        assert {row[key] for row in episodes for key in ("good_per_minute", "pattern_error_m", "coverage")} == {""}
+    assert sorted(path.name for path in written.iterdir()) == [  # policies that are objects are not recorded
+        "episodes.csv", "report.html", "results.csv", "results.json"
+    ]  # fmt: skip
+    lines = report.summary_table(several).splitlines()
+    assert lines[0].startswith("| task | hardware | policy |")
+    assert lines[4].startswith("| Transport | broken | pusher | 0.0 % (")
 
 
-def test_only_the_files_are_left(written):
-    assert sorted(path.name for path in written.iterdir()) == [
-        "episodes.csv",
-        "report.html",
-        "results.csv",
-        "results.json",
+# -- settings ----------------------------------------------------------------------------------------------------------
+
+
+def settings(**changes):
+    return EvaluationSettings.checked(
+        {"tasks": ["Transport", "Sort"], "policies": ["zero"], "first_seed": 9, **changes}
+    )
+
+
+def test_episodes_of_a_task():
+    found = settings(episodes=5, task_episodes={"Sort": 2})
+    assert found.seed_list() == found.seed_list("Transport") == [9, 10, 11, 12, 13]
+    assert found.seed_list("Sort") == [9, 10]
+    found = settings(first_seed=None, seeds=[7, 3, 5], task_episodes={"Sort": 1})
+    assert found.seed_list("Transport") == [7, 3, 5] and found.seed_list("Sort") == [7]
+    assert len(settings().seed_list("Sort")) == 100
+    # The command line's are those of all tasks, at most those of the hardware and of the study.
+    for given, broken, effects in ((5, 4, 4), (3, 3, 3)):
+        cases = prepare(EvaluationSettings.checked(SEVERAL, given)).cases
+        main = {case.place[1:3]: len(case.seeds) for case in cases if case.place.study == "report"}
+        assert main["Sort", "ideal"] == main["Transport", "late"] == given and main["Transport", "broken"] == broken
+        assert {len(case.seeds) for case in cases if case.place.study == "effects"} == {effects}
+
+
+def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves():
+    policies = [
+        "open_loop",
+        {"name": "mine", "policy": Pusher(), "tasks": ["Transport"]},
+        Shepherd(),
+        {"kind": "local_field", "name": "local_fields", "tasks": ["Sort"]},
+        {"policy": Still(), "action": "field", "name": "with its action"},
+        "zero",
     ]
+    served = {
+        "Transport": ["open_loop", "mine", "shepherd", "with its action", "zero"],  # what an object serves is not known
+        "Sort": ["shepherd", "local_fields", "with its action", "zero"],
+    }
+    pairs = [case.place[1::2] for case in prepare(settings(policies=policies)).cases]
+    assert pairs == [(task, name) for task, names in served.items() for name in names]
+
+
+def test_every_environment_can_be_evaluated():
+    prepared = prepare(settings(tasks=["SortThreeKinds", "SortCrowded"], policies=["local_field"]))
+    info, scenery = prepared.tasks["SortThreeKinds"], prepared.cases[0].scenery
+    assert info.kinds == ("steel_block", "aluminium_block", "disc") and info.step_limit == 750
+    assert scenery.kinds == (0, 1, 2, 0, 1, 2)
+    assert [zone.label for zone in scenery.zones] == ["steel block", "aluminium block", "disc"]
+
+
+def test_hardware_replaces_arguments_of_the_environment():
+    environment = {"surface": "prototype", "actuators": "ideal", "randomize": {"parts": [1, 3], "friction": [1, 2]}}
+    over = laid_over(environment, {"actuators": BROKEN, "randomize": {"friction": [0.9, 1.1]}})
+    assert over == {"surface": "prototype", "actuators": BROKEN, "randomize": {"parts": [1, 3], "friction": [0.9, 1.1]}}
+    assert laid_over({"randomize": {"parts": [1, 3]}}, {"randomize": None}) == {"randomize": None}
+    assert with_sensor({}, {"estimator": "model"}) == {"sensor": {"kind": "ideal", "estimator": "model"}}
+    noisy = {"kind": "pose", "noise": [0.1, 0.2], "estimator": "none"}
+    assert with_sensor({"sensor": noisy}, {"estimator": "model"})["sensor"] == {**noisy, "estimator": "model"}

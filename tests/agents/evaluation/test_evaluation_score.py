@@ -10,7 +10,7 @@ import yaml
 
 from agents import __main__ as command
 from agents.evaluation.run import Case
-from agents.evaluation.score import SuiteSettings
+from agents.evaluation.settings import SuiteSettings
 from agents.evaluation.statistics import episode_scores, suite_interval, suite_score
 
 SMALL = {
@@ -39,8 +39,8 @@ def found(success, time, bound):
 
 def test_the_shipped_protocol_is_sound():
     settings = SuiteSettings.load(Path("configs/suite/open.yaml"))
-    assert settings.seed_list("Swap")[0] == 300_000 and set(settings.named_hardware()) == {"ideal", "prototype"}
-    entries = {entry.name: entry.content for entry in settings.entries()}
+    assert settings.seed_list("Swap")[0] == 300_000 and set(settings.machines()) == {"ideal", "prototype"}
+    entries = {entry.name: entry.content for entry in settings.policies}
     assert list(entries) == ["zero", "random", "classical", "planner", "mpc", "learned", "parallel_rollout"]
     assert len(settings.tasks) == 8
     for name in ("classical", "parallel_rollout"):

@@ -1,0 +1,117 @@
+"""Films: the frames of a GIF are those that were painted, in time, and small in pages."""
+
+import dataclasses
+import io
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from agents.evaluation import films
+from tests.envs.helpers import single
+from vibgym.envs.viewer import scenery_of
+from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
+from vibgym.policies.task_info import TaskInfo
+from vibgym.rendering.files import REST, gif
+from vibgym.rendering.side import HEIGHT
+
+
+def scenery_at(results, place):
+    return next(case.scenery for case in results.cases if case.place[1:] == place)
+
+
+@pytest.fixture
+def filmed(monkeypatch):
+    """Returns the painted frames of a film, its interval, and the file, its frames and their durations, ms."""
+    given = []
+    monkeypatch.setattr(films, "gif", lambda *arguments: given.append(arguments) or gif(*arguments))
+
+    def film_of(film, scenery, form=films.PAGE):
+        data = films.film_gif(film, scenery, 0.04, form)
+        painted, interval, _ = given[-1]
+        pictures, durations = [], []
+        with Image.open(io.BytesIO(data)) as image:
+            assert image.info["loop"] == 0
+            for k in range(image.n_frames):
+                image.seek(k)
+                pictures.append(np.asarray(image.convert("RGB")))
+                durations.append(image.info["duration"])
+        return np.array(painted), interval, data, np.array(pictures), durations
+
+    return film_of
+
+
+def test_films_of_pages_are_small_and_true_to_time(found, several, played, played_several, filmed):
+    for results, runs in ((found, played), (several, played_several)):
+        for place, run in runs.items():
+            film, scenery = run.film, scenery_at(results, place)
+            painted, interval, data, pictures, durations = filmed(film, scenery)
+            assert len(data) < 200_000 and len(painted) <= films.PAGE.frames, place
+            assert pictures.shape == painted.shape and pictures.shape[2] <= films.PAGE.width
+            assert durations == [round(1e3 * interval)] * (len(painted) - 1) + [REST]
+            assert np.abs(pictures - painted.astype(float)).mean() < 3.0, place
+            # Frames at equal distances, and the last one.
+            stride, painter = round(interval / 0.04), films.painter_for(scenery, films.PAGE.width)
+            for k, frame in ((1, stride), (-1, len(film.poses) - 1)):
+                assert (painted[k] == films.picture(film, scenery, frame, painter)).all()
+    # Few elements move in a picture: their hues, which are the phases, survive.
+    place = "Align", "ideal", "counting"
+    painted, _, _, pictures, _ = filmed(played[place].film, scenery_at(found, place))
+    for picture, wanted in zip(pictures[1:, 20:-84], painted[1:, 20:-84].astype(float), strict=True):
+        coloured = np.ptp(wanted, axis=-1) > 60
+        assert coloured.sum() > 500 and np.abs(picture - wanted)[coloured].mean() < 12.0
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_short_films(found, played, filmed, frames):
+    place = "Align", "ideal", "pusher"
+    short = dataclasses.replace(played[place].film, poses=played[place].film.poses[:frames])
+    assert len(filmed(short, scenery_at(found, place), films.FILE)[3]) == frames
+
+
+def test_films_show_zones(several, played_several):
+    """A zone tints its end of the table: pictures differ from Singulate's at the left and at the right, not between."""
+    film = played_several["Sort", "ideal", "shepherd"].film
+    assert re.match(r"0\.00 s   \d of 6 parts done ", film.captions[0]) and len(film.captions) == len(film.poses)
+    pictures = []
+    for place in (("Sort", "ideal", "lazy shepherd"), ("Singulate", "ideal", "lazy shepherd")):
+        own, scenery = played_several[place].film, scenery_at(several, place)
+        empty = dataclasses.replace(own, present=np.zeros_like(own.present))
+        pictures.append(films.picture(empty, scenery, 0, films.painter_for(scenery, 520)))
+    columns = (pictures[0][:140] != pictures[1][:140]).any(axis=(0, 2))
+    assert columns[40:80].all() and columns[-80:-40].all() and not columns[200:-200].any()
+
+
+def test_films_of_parts_that_may_tilt_show_them_from_the_side(filmed):
+    """Under every frame, while those of the plane stay the same."""
+    frames = {}
+    for model in ("planar", "tilting"):
+        env = single("Align", model=model)
+        policy = make_policy("pose", TaskInfo.of(env))
+        film = rollout(policy, "Align", seeds=[1], keep=films.Log, model=model).film
+        painted, _, _, pictures, _ = filmed(film, scenery_of(env.unwrapped))
+        frames[model] = painted
+        assert pictures.shape == painted.shape
+    flat, tall = frames["planar"], frames["tilting"]
+    assert tall.shape[1:] == (flat.shape[1] + HEIGHT, *flat.shape[2:])
+    assert (tall[0, : flat.shape[1]] == flat[0]).all()
+    side = tall[:, flat.shape[1] :]
+    assert (np.ptp(side, axis=(1, 2, 3)) > 100).all() and (side[0] != side[8]).any()
+
+
+def test_goals_that_move_are_where_they_are_at_each_instant():
+    paths = [{"shape": "polyline", "points_mm": [[100, 80], [100, 110]]}]
+    env = single("Follow", paths=paths)
+    run = rollout(make_policy("zero", TaskInfo.of(env)), "Follow", seeds=[1, 2], keep=films.Log, paths=paths)
+    film, scenery = run.film, scenery_of(env.unwrapped)
+    assert film.goals.shape == (501, 1, 3) and not run.success.any() and (run.steps == 500).all()
+    assert film.goals[0, 0, :2] == pytest.approx([0.1, 0.08]) and film.goals[-1, 0, :2] == pytest.approx([0.1, 0.11])
+    assert (np.diff(film.goals[:, 0, 1]) >= 0).all() and (film.goals[:, 0, 2] == film.goals[0, 0, 2]).all()
+    assert film.paths[0][-1] == pytest.approx([0.1, 0.11])
+    first, later = (films.picture(film, scenery, k, films.painter_for(scenery, 400)) for k in (0, 30))
+    assert (first != later).any()
+    away = np.linalg.norm(film.poses[1:, 0, :2] - film.goals[1:, 0, :2], axis=-1)
+    error = run.path_error[run.seeds.index(film.seed)]
+    assert error == pytest.approx(np.sqrt((away**2).mean()), rel=1e-6) and error > 0.01
