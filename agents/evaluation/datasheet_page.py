@@ -7,7 +7,7 @@ import contextlib
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +15,11 @@ from agents.command_line import Command
 from agents.evaluation import films
 from agents.evaluation.commands import OUTPUT
 from agents.evaluation.datasheet import RESTING, VARIANTS, DatasheetSettings, Sheet, measure
-from agents.evaluation.pages import data_address, render
+from agents.evaluation.pages import Lines, Picture, Section, data_address, render
 from agents.evaluation.part_limits import TURNABLE, Limits
 from agents.evaluation.statistics import quartiles
 from agents.evaluation.table import quantity
-from vibgym import Part, Surface, checks
+from vibgym import checks
 from vibgym.config import from_text
 from vibgym.envs.viewer import scenery_of
 from vibgym.files import output_directory, output_files, write_atomically
@@ -50,12 +50,8 @@ def _picture(sheet: Sheet) -> bytes:
     return png(films.picture(film, scenery, frame, films.painter_for(scenery, 1064)), 64)
 
 
-class Line(NamedTuple):
-    """A line of the sheet."""
-
-    label: str
-    value: str
-    note: str = ""
+Line = tuple[str, str, str]
+"""Label, value and note."""
 
 
 def groups(sheet: Sheet) -> dict[str, list[Line]]:
@@ -67,7 +63,7 @@ def groups(sheet: Sheet) -> dict[str, list[Line]]:
         "Tasks and controllers": _tasks(sheet),
     }
     poses = [
-        Line(f"Pose {k}", f"{100 * each.probability:.1f} %", f"{each.height:.3g} mm high, on {each.area:.3g} mm²")
+        (f"Pose {k}", f"{100 * each.probability:.1f} %", f"{each.height:.3g} mm high, on {each.area:.3g} mm²")
         for k, each in enumerate(sheet.poses[:MOST_POSES])
     ]
     return {**found, "Stable poses": poses} if poses else found
@@ -78,37 +74,37 @@ def _rates(sheet: Sheet) -> list[Line]:
     hold = HOLD_PERIODS * sheet.info.surface.period
     least_way = float(bound.seconds([0.0, 0.0, 0.0], [DISTANCE, 0.0, 0.0])[0])
     lines = [
-        Line("Parts moved", _middle(60.0 / seconds, 1.0, 1, "a minute"), "one after another, to drawn places"),
-        Line("Transport", _middle(sheet.speed, 1e3, 0, "mm/s"), f"from rest to rest, with {hold:.2g} s to stay"),
-        Line("Top speed", quantity(sheet.limits.top_speed, 1e3, 0, "mm/s"), "on elements that all push one way"),
-        Line(f"Least time for {1e3 * DISTANCE:g} mm", quantity(least_way, 1.0, 2, "s"), "no policy is faster"),
+        ("Parts moved", _middle(60.0 / seconds, 1.0, 1, "a minute"), "one after another, to drawn places"),
+        ("Transport", _middle(sheet.speed, 1e3, 0, "mm/s"), f"from rest to rest, with {hold:.2g} s to stay"),
+        ("Top speed", quantity(sheet.limits.top_speed, 1e3, 0, "mm/s"), "on elements that all push one way"),
+        (f"Least time for {1e3 * DISTANCE:g} mm", quantity(least_way, 1.0, 2, "s"), "no policy is faster"),
     ]
     if sheet.turn_speed is not None:
         # A quarter turn, or half of what makes the part look the same, if that is less.
         turn = min(0.5 * math.pi, math.pi / sheet.info.parts[0].symmetry)
         least_turn = float(bound.seconds([0.0, 0.0, 0.0], [0.0, 0.0, turn])[0])
         lines += [
-            Line("Rotation in place", _middle(np.degrees(sheet.turn_speed), 1.0, 0, "°/s"), "from rest to rest"),
-            Line(f"Least time for {math.degrees(turn):g}°", quantity(least_turn, 1.0, 2, "s"), "no policy is faster"),
+            ("Rotation in place", _middle(np.degrees(sheet.turn_speed), 1.0, 0, "°/s"), "from rest to rest"),
+            (f"Least time for {math.degrees(turn):g}°", quantity(least_turn, 1.0, 2, "s"), "no policy is faster"),
         ]
     return lines
 
 
 def _accuracy(sheet: Sheet) -> list[Line]:
     position = _most(sheet.at_rest("position_error"), 1e3, "mm")
-    lines = [Line("Position at rest", position, f"mean of {RESTING} periods at the goal")]
+    lines = [("Position at rest", position, f"mean of {RESTING} periods at the goal")]
     if sheet.turn_speed is not None:
         heading = _most(sheet.at_rest("heading_error"), 180.0 / math.pi, "°")
-        lines.append(Line("Heading at rest", heading, "likewise"))
+        lines.append(("Heading at rest", heading, "likewise"))
     for task, asked in sheet.infos.items():
         within = f"{1e3 * asked.position_tolerance:g} mm"
         if asked.has_heading:
             within += f", {math.degrees(asked.heading_tolerance):g}°"
         reached = f"{sheet.played[task].success.sum()} of {sheet.settings.episodes}"
-        lines.append(Line(f"{task} within {within}", reached, f"episodes, held for {HOLD_PERIODS} periods"))
+        lines.append((f"{task} within {within}", reached, f"episodes, held for {HOLD_PERIODS} periods"))
     lines += [_variant(sheet, name) for name in VARIANTS]
-    lines.append(Line("Circle at rest", quantity(sheet.limits.circle, 1e3, 2, "mm"), "radius, once a period"))
-    lines.append(Line("Parts lost", str(sheet.lost), "off the surface, all episodes"))
+    lines.append(("Circle at rest", quantity(sheet.limits.circle, 1e3, 2, "mm"), "radius, once a period"))
+    lines.append(("Parts lost", str(sheet.lost), "off the surface, all episodes"))
     return lines
 
 
@@ -124,19 +120,19 @@ def _limits(sheet: Sheet) -> list[Line]:
     spare = 100.0 * (1.0 - part.static_friction / limits.most_friction)
     slides = f"beyond it parts may stick; here {part.static_friction:.3g}, {spare:.0f} % less"
     lines = [
-        Line("Acceleration", quantity(limits.acceleration, 1.0, 2, "m/s²"), force),
-        Line("Turning", f"{worst:.0f} to {best:.0f} rad/s²", "from rest, by where the part lies"),
-        Line("Sticking", f"static friction up to {limits.most_friction:.2f}", slides),
-        Line("Smallest part", smallest, turns),
-        Line("Gap between elements", _gap(sheet), "that the part bridges, also where rows and columns cross"),
-        Line("Dead zone", dead, f"of {1e3 * hardware.limit:.2f} mm amplitude{_pulse(limits)}"),
-        Line("Latency", late, "from command to motion"),
+        ("Acceleration", quantity(limits.acceleration, 1.0, 2, "m/s²"), force),
+        ("Turning", f"{worst:.0f} to {best:.0f} rad/s²", "from rest, by where the part lies"),
+        ("Sticking", f"static friction up to {limits.most_friction:.2f}", slides),
+        ("Smallest part", smallest, turns),
+        ("Gap between elements", _gap(sheet), "that the part bridges, also where rows and columns cross"),
+        ("Dead zone", dead, f"of {1e3 * hardware.limit:.2f} mm amplitude{_pulse(limits)}"),
+        ("Latency", late, "from command to motion"),
     ]
     if limits.tipping is None:
-        lines.append(Line("Tipping", "not known", "the part's height is not given"))
+        lines.append(("Tipping", "not known", "the part's height is not given"))
     else:
         tallest = f"friction alone tips it from {1e3 * part.height / limits.tipping:.0f} mm of height on"
-        lines.append(Line("Margin to tipping", f"{100 * (1.0 - limits.tipping):.0f} %", tallest))
+        lines.append(("Margin to tipping", f"{100 * (1.0 - limits.tipping):.0f} %", tallest))
     return lines
 
 
@@ -159,10 +155,10 @@ def _variant(sheet: Sheet, name: str) -> Line:
     }
     label = f"Align, {name.lower()}"
     if name in sheet.unfit:
-        return Line(label, "–", sheet.unfit[name])
+        return (label, "–", sheet.unfit[name])
     run = sheet.played[name]
     seconds = _middle(run.time_to_goal, 1.0, 2, "s")
-    return Line(label, f"{run.success.sum()} of {sheet.settings.episodes}, {seconds}", models[name])
+    return (label, f"{run.success.sum()} of {sheet.settings.episodes}, {seconds}", models[name])
 
 
 def _tasks(sheet: Sheet) -> list[Line]:
@@ -186,20 +182,8 @@ def _tasks(sheet: Sheet) -> list[Line]:
     count = len(sheet.tasks)
     values = (f"{len(accepted)} of {count}", f"for {len(learned)}", str(len(everywhere)), f"{len(refused)} of {count}")
     return [
-        Line(label, value, ", ".join(those) or empty)
-        for (label, those, empty), value in zip(named, values, strict=True)
+        (label, value, ", ".join(those) or empty) for (label, those, empty), value in zip(named, values, strict=True)
     ]
-
-
-def _hardware_lines(settings: DatasheetSettings) -> list[str]:
-    """Return actuators and sensor as printed, a line each; the elements of an identified machine are summed up."""
-    actuators = settings.actuators
-    if isinstance(actuators, Mapping) and actuators.get("elements") is not None:
-        gain, phase = np.moveaxis(np.array(actuators["elements"], dtype=float), -1, 0)
-        turn = np.degrees(phase)
-        elements = f"gain {gain.min():.2f} to {gain.max():.2f}, phase {turn.min():.0f} to {turn.max():.0f} deg"
-        actuators = {**actuators, "elements": elements}
-    return [f"actuators: {_flat(actuators)}", f"sensor: {_flat(settings.sensor)}"]
 
 
 def _flat(value: Any) -> str:
@@ -229,20 +213,31 @@ def _most(values: np.ndarray, factor: float, unit: str) -> str:
     return f"{middle:.2f} {unit}, 95 % below {most:.2f} {unit}".replace(" °", "°")
 
 
-def _surface_lines(surface: Surface) -> list[str]:
-    return [
-        f"{surface.rows} × {surface.columns} elements of {1e3 * surface.element_size:g} mm",
-        f"{1e3 * surface.width:.0f} × {1e3 * surface.depth:.0f} mm",
-        f"circles with {1e3 * surface.horizontal_amplitude:.4g} mm at {surface.frequency:.4g} Hz",
-    ]
-
-
-def _part_lines(part: Part) -> list[str]:
+def _about(sheet: Sheet) -> list[Line]:
+    """Return surface, part and hardware; the elements of an identified machine are summed up."""
+    surface, part, actuators = sheet.info.surface, sheet.info.parts[0], sheet.settings.actuators
     size = 1e3 * np.ptp(part.outline, axis=0)
     height = f", {1e3 * part.height:g} mm high" if part.height_is_known else ""
     corners = f"{size[0]:.3g} × {size[1]:.3g} mm, {len(part.outline)} corners"
     shape = f"disc of {size[0]:.3g} mm" if part.symmetry == 0 else corners
-    return [part.name, shape + height, f"friction {part.friction:.4g}, {1e3 * part.mass:.3g} g"]
+    circles = f"circles with {1e3 * surface.horizontal_amplitude:.4g} mm at {surface.frequency:.4g} Hz"
+    if isinstance(actuators, Mapping) and actuators.get("elements") is not None:
+        gain, phase = np.moveaxis(np.array(actuators["elements"], dtype=float), -1, 0)
+        turn = np.degrees(phase)
+        elements = f"gain {gain.min():.2f} to {gain.max():.2f}, phase {turn.min():.0f} to {turn.max():.0f} deg"
+        actuators = {**actuators, "elements": elements}
+    lines = [
+        (
+            "Surface",
+            f"{surface.rows} × {surface.columns} elements of {1e3 * surface.element_size:g} mm",
+            f"{1e3 * surface.width:.0f} × {1e3 * surface.depth:.0f} mm, {circles}",
+        ),
+        ("Part", part.name, f"{shape}{height}, friction {part.friction:.4g}, {1e3 * part.mass:.3g} g"),
+    ]
+    for label, given in (("Actuators", actuators), ("Sensor", sheet.settings.sensor)):
+        settings = dict(given) if isinstance(given, Mapping) else {"kind": given}
+        lines.append((label, str(settings.pop("kind")), _flat(settings)))
+    return lines
 
 
 def write(sheet: Sheet) -> Path:
@@ -251,17 +246,29 @@ def write(sheet: Sheet) -> Path:
     Raises:
         vibgym.files.WriteError: it cannot be written.
     """
-    path, part = Path(sheet.settings.output) / PAGE, sheet.info.parts[0]
+    path, part, settings = Path(sheet.settings.output) / PAGE, sheet.info.parts[0], sheet.settings
+    origin, versions = sheet.provenance, sheet.provenance["versions"]
+    alt = "The part on the surface, on its way to a goal, and the drive of every element"
+    sections = [
+        Section(
+            "about", "Surface, part and hardware", [Lines(_about(sheet)), Picture(data_address(_picture(sheet)), alt)]
+        )
+    ]
+    sections += [Section(title, title, [Lines(lines)]) for title, lines in groups(sheet).items()]
+    source = (
+        f"Surface, actuators and sensor are those of {settings.machine}; the episodes are simulated."
+        if settings.machine
+        else "No figure comes from a real machine."
+    )
+    footer = (
+        f"Rates: median and middle half of {settings.episodes} simulated episodes with drawn starts and goals, seeds "
+        f"{settings.seeds[0]} to {settings.seeds[-1]}. {source} Least times hold for every policy on the planar model; limits "
+        "follow from surface, part and the actuators' data sheet.",
+        f"Made on {origin['time']}, vibgym {versions['vibgym'] or ''}, commit {origin['commit'] or 'not known'}.",
+    )
+    title = settings.title or part.name
     text = render(
-        "datasheet.html.j2",
-        title=sheet.settings.title or part.name,
-        surface=_surface_lines(sheet.info.surface),
-        part=_part_lines(part),
-        hardware=_hardware_lines(sheet.settings),
-        groups=groups(sheet),
-        picture=data_address(_picture(sheet)),
-        settings=sheet.settings,
-        provenance=sheet.provenance,
+        "page.html.j2", command="datasheet", title=title, lead="vibgym data sheet", sections=sections, footer=footer
     )
     write_atomically(path, text)
     return path
@@ -271,7 +278,7 @@ def summary(sheet: Sheet) -> str:
     """Return the lines as text."""
     found: list[str] = []
     for title, lines in groups(sheet).items():
-        found += [title, *(f"  {each.label}: {each.value}; {each.note}" for each in lines)]
+        found += [title, *(f"  {label}: {value}; {note}" for label, value, note in lines)]
     return "\n".join(found)
 
 

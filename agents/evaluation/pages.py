@@ -116,6 +116,14 @@ class Cards:
 
 
 @dataclass(frozen=True)
+class Lines:
+    """A table without heads: label, value and notes of each line."""
+
+    lines: Sequence[tuple[str, ...]]
+    block = "lines"
+
+
+@dataclass(frozen=True)
 class Heading:
     """A heading within a section."""
 
@@ -174,6 +182,7 @@ def page(results: Any, command: str, title: str, lead: str, sections: Sequence[S
         title=title,
         lead=lead,
         sections=sections,
+        footer=(),
         facts=facts,
         settings_text=as_yaml(settings.as_written()),
     )

@@ -361,9 +361,7 @@ class RunSettings(FileSettings):
     def as_written(self) -> dict[str, Any]:
         """Return all of it as JSON values: policies by name, without absolute paths and studies that are not set."""
         values = self.model_dump(exclude={"policies", "processes", "hardware", "held_out", "environment"})
-        for name in ("effects", "under_load", "generalisation", "ladders", "cost_limit"):
-            if values.get(name) in (None, ()):
-                values.pop(name, None)
+        values = {name: value for name, value in values.items() if value is not None and value != ()}
         hardware = {
             name: each.arguments | each.model_dump(include={"tasks", "episodes"}, exclude_none=True)
             for name, each in self.machines().items()
