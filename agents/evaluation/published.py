@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -175,14 +176,16 @@ def _record(path: Path, needed: Sequence[str]) -> dict[str, Any]:
 def _columns(path: Path, texts: Sequence[str], numbers: Sequence[str]) -> pd.DataFrame:
     """Return ``texts`` and ``numbers`` (float64, nan if empty) of a CSV file, in this order."""
     try:
+        with path.open(newline="", encoding="utf-8") as file:
+            widths = [len(cells) for cells in csv.reader(file)]
         found = pd.read_csv(path, dtype=str, keep_default_na=False)
-    except (OSError, ValueError) as error:  # ValueError: not UTF-8, no CSV, or an invalid file name
+    except (OSError, ValueError, csv.Error) as error:  # ValueError: not UTF-8, no CSV, or an invalid file name
         raise checks.refuse(str(path), reason(error), "a readable file of an evaluation") from None
     absent = [name for name in (*texts, *numbers) if name not in (*found.columns, *OPTIONAL)]
     if absent or found.empty:
         raise checks.missing(", ".join(absent) or "rows", f"of {path}")
-    for line in np.flatnonzero(found.isna().any(axis=1))[:1]:
-        raise checks.refuse(f"{path}, line {line + 2}", found.loc[line].count(), f"{found.shape[1]} cells")
+    for line in np.flatnonzero(np.array(widths) != widths[0])[:1]:
+        raise checks.refuse(f"{path}, line {line + 1}", widths[line], f"{widths[0]} cells")
     # csv_text puts an apostrophe before names that a spreadsheet would read as a formula.
     columns: dict[str, Any] = {name: found[name].str.removeprefix("'") for name in texts}
     for name in numbers:

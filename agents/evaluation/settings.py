@@ -219,7 +219,7 @@ class LadderSettings(BaseSettings):
     hardware: str | None = None
     """None: the first."""
 
-    policies: Names = Field(min_length=2, max_length=20)
+    policies: Annotated[tuple[str, ...], Different] = Field(min_length=2, max_length=20)
 
 
 class FileSettings(BaseSettings):
