@@ -1,0 +1,228 @@
+"""Bad settings, files and places: one line that names the setting and the value, and nothing is written."""
+
+import os
+
+import gymnasium as gym
+import pytest
+
+from agents import __main__ as command
+from agents.evaluation import EvaluationSettings, prepare
+from agents.locks import one_run
+from tests.agents.evaluation.conftest import Pusher
+from tests.commands import file_at, folder_at, refusal, saved
+
+GOOD = {
+    "evaluate": {"tasks": ["Rotate"], "policies": ["zero", "local_field"], "episodes": 3, "animations": False},
+    "compare": {"tasks": ["Rotate"], "policies": ["zero"], "episodes": 2},
+    "score": {"tasks": ["Transport", "Feed"], "policies": ["zero"], "episodes": 3, "training_steps": 1000},
+}
+ZERO = {"kind": "zero"}
+FAST = {"model": {"kind": "planar", "contacts": "fast"}}
+LEARNED = {"kind": "trained", "path": "runs/{seed}.json", "training_seeds": [1, 2]}
+EFFECTS = {"task": "Rotate", "policies": ["zero"], "cases": {"none": {}}}
+STUDY = {"name": "m", **EFFECTS}
+LADDER = {"name": "l", "task": "Rotate", "policies": ["zero", "pose"]}
+LOAD = {"task": "Feed", "policies": ["lanes"], "parts": [6, 2], "episodes": 1}
+FEED = {"tasks": ["Feed"], "policies": ["zero", "lanes"]}
+SORT = {"tasks": ["Rotate", "Sort"]}
+
+BAD = [
+    ("evaluate", {"taks": ["Rotate"]}, ["taks"]),
+    ("evaluate", {"tasks": ["Stack"]}, ["evaluation.tasks[0]", "Stack"]),
+    ("evaluate", {"tasks": ["CartPole-v1"]}, ["evaluation.tasks[0]", "CartPole"]),
+    ("evaluate", {"tasks": ["Align", "Align"]}, ["evaluation.tasks", "Align"]),
+    ("evaluate", {"policies": ["fuzzy"]}, ["policies (fuzzy on Rotate", "'fuzzy'"]),
+    ("evaluate", {"policies": [{**ZERO, "tasks": ["Align"]}]}, ["policies.0.tasks", "Align"]),
+    ("evaluate", {**SORT, "policies": ["zero", {"kind": "open_loop", "tasks": ["Sort"]}]}, ["(open_loop on Sort"]),
+    ("evaluate", {"tasks": ["Sort"], "policies": ["zero", "open_loop"]}, ["'open_loop'", "Sort", "one part"]),
+    ("evaluate", {**SORT, "policies": [{**ZERO, "tasks": ["Rotate"]}]}, ["evaluation.tasks", "Sort"]),
+    ("evaluate", {"policies": [{"policy": "zero"}]}, ["policies[0]", "zero"]),
+    ("evaluate", {"policies": [{**ZERO, "gain": 1}]}, ["policies (zero on Rotate", "gain"]),
+    ("evaluate", {"policies": ["zero", {"name": "zero", "kind": "random"}]}, ["policies.1.name", "'zero'"]),
+    ("evaluate", {"policies": [{"kind": "trained", "path": "nowhere/{task}.json"}]}, ["nowhere/rotate.json"]),
+    ("evaluate", {"episodes": None, "seeds": [1, 2], "task_episodes": {"Rotate": 3}}, ["task_episodes.Rotate", "3"]),
+    ("evaluate", {"task_episodes": {"Sort": 3}}, ["evaluation.task_episodes", "Sort"]),
+    ("evaluate", {"episodes": 0}, ["evaluation.episodes", "0"]),
+    ("evaluate", {"seeds": [1, 2]}, ["evaluation.episodes", "seeds"]),
+    ("evaluate", {"episodes": None, "seeds": [1, 1]}, ["evaluation.seeds", "1"]),
+    ("evaluate", {"confidence": 95}, ["evaluation.confidence", "95"]),
+    ("evaluate", {"environment": {"action": "patch"}}, ["evaluation.environment", "action"]),
+    ("evaluate", {"environment": {"parts": ["brick"]}}, ["evaluation.environment", "brick"]),
+    ("evaluate", {"hardware": {"a": {"walls": []}}}, ["evaluation.hardware", "a", "walls"]),
+    (
+        "evaluate",
+        {"hardware": {"a": {}, "b": {}}, "policies": [{**ZERO, "hardware": ["a"]}]},
+        ["evaluation.hardware.b"],
+    ),
+    (
+        "evaluate",
+        {"hardware": {"a": {}}, "policies": [{**ZERO, "hardware": ["ideal"]}]},
+        ["policies.0.hardware", "ideal"],
+    ),
+    ("evaluate", {"hardware": {"a": {"tasks": ["Sort"]}}}, ["evaluation.hardware.a.tasks", "Sort"]),
+    ("evaluate", {"effects": {**EFFECTS, "policies": ["pid"]}}, ["evaluation.effects.policies.0", "pid"]),
+    ("evaluate", {"effects": {**EFFECTS, "task": "Align"}}, ["evaluation.effects.task", "Align"]),
+    (
+        "evaluate",
+        {"effects": {**EFFECTS, "cases": {"dust": {"actuators": {"kind": "prototype", "dust": 1}}}}},
+        ["evaluation.effects.cases.dust", "dust"],
+    ),
+    (
+        "evaluate",
+        {"effects": {**EFFECTS, "policies": [{"policy": "zero", "sensor": {"zoom": 2}}]}},
+        ["evaluation.effects", "zoom"],
+    ),
+    ("evaluate", {**FEED, "under_load": {**LOAD, "task": "Sort"}}, ["evaluation.under_load.task", "Sort"]),
+    ("evaluate", {**FEED, "under_load": {**LOAD, "policies": ["magic"]}}, ["under_load.policies", "magic"]),
+    ("evaluate", {**FEED, "under_load": {**LOAD, "parts": [4, 4]}}, ["evaluation.under_load.parts", "4"]),
+    ("evaluate", {**FEED, "under_load": {**LOAD, "parts": [0]}}, ["evaluation.under_load.parts[0]", "0"]),
+    ("evaluate", {**FEED, "under_load": {**LOAD, "episodes": 0}}, ["evaluation.under_load.episodes", "0"]),
+    (
+        "evaluate",
+        {"under_load": {"task": "Rotate", "policies": ["zero"], "parts": [2]}},
+        ["evaluation.under_load.task", "Rotate"],
+    ),
+    ("evaluate", {"environment": FAST, "tasks": ["Sort"]}, ["contacts='fast'"]),
+    ("evaluate", {"hardware": {"one": {}, "other": FAST}, "tasks": ["Sort"]}, ["hardware.other", "contacts='fast'"]),
+    (
+        "evaluate",
+        {"effects": {**EFFECTS, "cases": {"one": {**FAST, "task": "Sort"}}}},
+        ["effects.cases.one", "contacts='fast'"],
+    ),
+    ("compare", {"environment": FAST, "tasks": ["Sort"]}, ["contacts='fast'"]),
+    ("compare", {"policies": [{**ZERO, "group": "best"}]}, ["policies[0].group", "best", "hybrid"]),
+    ("compare", {"policies": [{**LEARNED, "training_seeds": [1]}]}, ["policies[0].training_seeds", "2"]),
+    ("compare", {"policies": [{**LEARNED, "training_seeds": [1, 1]}]}, ["policies[0].training_seeds", "1"]),
+    ("compare", {"policies": [{**LEARNED, "training_seeds": [1, "b"]}]}, ["training_seeds", "'b'"]),
+    ("compare", {"policies": [{**ZERO, "training_seeds": [1, 2]}]}, ["training_seeds", "classical"]),
+    ("compare", {"policies": [{**LEARNED, "path": "a.json"}]}, ["policies[0]", "(policy)", "{seed}"]),
+    (
+        "compare",
+        {"policies": [{"kind": "trained", "path": "{seed}.json"}]},
+        ["policies[0]", "(policy)", "training_seeds"],
+    ),
+    ("compare", {"policies": [{**LEARNED, "curve": "a.csv"}]}, ["policies[0]", "(curve)", "{seed}"]),
+    ("compare", {"policies": [{**ZERO, "curve": "nowhere.csv"}]}, ["comparison.policies (zero).curve", "nowhere.csv"]),
+    ("compare", {"generalisation": [{**STUDY, "policies": ["pid"]}]}, ["generalisation.0.policies.0", "pid"]),
+    (
+        "compare",
+        {"generalisation": [{**STUDY, "cases": {"a": {"action": "patch"}}}]},
+        ["generalisation[0].cases", "a", "action", "randomize"],
+    ),
+    (
+        "compare",
+        {
+            "policies": ["zero", "open_loop"],
+            "generalisation": [{**STUDY, "policies": ["open_loop"], "cases": {"a": {"task": "Sort"}}}],
+        },
+        ["generalisation.0.policies", "open_loop"],
+    ),
+    ("compare", {"generalisation": [STUDY, STUDY]}, ["name of a study", "'m'"]),
+    ("compare", {"policies": ["zero", "pose"], "ladders": [LADDER]}, ["ladders.0.policies", "curve"]),
+    ("compare", {"ladders": [{**LADDER, "policies": ["zero"]}]}, ["ladders[0].policies", "2"]),
+    ("compare", {"ladders": [{**LADDER, "task": "Align"}]}, ["ladders.0.task", "Align", "Rotate"]),
+    ("score", {"training_steps": 0}, ["suite.training_steps", "0"]),
+    ("score", {"tasks": ["Sort"]}, ["suite.tasks", "Sort"]),
+    ("score", {"policies": [{"kind": "pose", "training_steps": 2000}]}, ["suite.policies.0.training_steps", "2000"]),
+    ("score", {"policies": ["open_loop"], "tasks": ["Feed"]}, ["suite.policies", "open_loop"]),
+    ("score", {"policies": [{**ZERO, "episodes": 0}]}, ["suite.policies[0].episodes", "0"]),
+    ("score", {"cost_limit": 1.0}, ["suite.cost_limit", "environment.costs"]),
+    ("score", {"cost_limit": -1.0, "environment": {"costs": {"effort": 1.0}}}, ["suite.cost_limit", "-1"]),
+    ("score", {"environment": FAST, "tasks": ["Swap"]}, ["contacts='fast'"]),
+]
+
+
+@pytest.mark.parametrize("name, changes, words", BAD)
+def test_bad_settings(name, changes, words, tmp_path, capsys):
+    path = saved(tmp_path, GOOD[name], **changes)
+    line = refusal(capsys, command.main, name, path)
+    assert line.startswith(f"{path}: ") and all(word in line for word in words), line
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", ["\ud800", "a\nb", "", "x" * 41, 3])
+def test_bad_names(name):
+    policies = [{"kind": "zero", "name": name}]
+    if isinstance(name, str):
+        policies += [type("Own", (Pusher,), {"name": name * 2})(), *([f"{name * 2}.json"] if name else [])]
+    for policy in policies:
+        with pytest.raises(ValueError, match=r"policies\[0\].*name"):
+            EvaluationSettings.checked({"tasks": ["Transport"], "policies": [policy]})
+
+
+def test_an_episode_without_an_end_is_refused(monkeypatch):
+    entry = {"entry_point": "vibgym.envs:VibgymEnv", "vector_entry_point": "vibgym.envs:VibgymVectorEnv"}
+    spec = gym.envs.registration.EnvSpec("endless/Feed-v0", kwargs={"task": "Feed"}, **entry)
+    monkeypatch.setitem(gym.registry, "endless/Feed-v0", spec)
+    with pytest.raises(ValueError, match="'endless/Feed-v0'"):
+        prepare(EvaluationSettings.checked({"tasks": ["endless/Feed-v0"], "policies": ["zero"]}))
+
+
+@pytest.mark.parametrize(
+    "content", [None, "tasks: [Rotate", "- a\n- list\n", "tasks: !!python/object/apply:os.getcwd []\n", "\x00"]
+)
+def test_bad_files(content, tmp_path, capsys):
+    path = tmp_path / "bad.yaml"
+    if content is not None:
+        path.write_text(content)
+    assert str(path) in refusal(capsys, command.main, "evaluate", path)
+
+
+@pytest.mark.parametrize("make", [
+    folder_at, lambda path: path.with_name("x" * 300 + ".json"), lambda path: path.with_name("a\0.json"),
+])  # fmt: skip
+def test_policies_that_are_no_files(make, tmp_path, capsys):
+    path = saved(tmp_path, GOOD["evaluate"], policies=[str(make(tmp_path / "policy.json"))])
+    line = refusal(capsys, command.main, "evaluate", path)
+    assert "policies" in line and str(tmp_path) in line
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [("{colour: 1}", "kind"), ("{kind: magic}", "magic"), ("[1]", "mine.yaml"), ("{kind: zero, name: 3}", "name")],
+)
+def test_bad_files_of_policies(tmp_path, capsys, text, said):
+    own, suite = tmp_path / "mine.yaml", tmp_path / "suite"
+    own.write_text(text)
+    suite.mkdir()
+    assert said in refusal(capsys, command.main, "score", saved(suite, GOOD["score"]), "--policy", own)
+
+
+FILM = ["--gif", "Rotate", "zero"]
+
+
+@pytest.mark.parametrize("make, named", [
+    (lambda folder: ["--episodes", "0"], "--episodes"),
+    (lambda folder: ["--gif", "Align", "zero", folder / "a.gif"], "--gif TASK"),
+    (lambda folder: ["--gif", "Rotate", "nobody", folder / "a.gif"], "--gif POLICY"),
+    (lambda folder: [*FILM, folder / "a.gif", "--gif-hardware", "prototype"], "--gif-hardware"),
+    (lambda folder: ["--gif-hardware", "ideal"], "--gif-hardware requires --gif"),
+    (lambda folder: [*FILM, file_at(folder / "file") / "a.gif"], "--gif PATH"),
+    (lambda folder: [*FILM, folder / "out" / "report.html"], "--gif PATH"),
+    (lambda folder: ["--output", file_at(folder / "file") / "below"], "evaluation.output"),
+    (lambda folder: ["--output", file_at(folder / "file")], "evaluation.output"),
+    (lambda folder: ["--output", folder / "a\0b"], "evaluation.output"),
+    (lambda folder: ["--output", folder_at(folder / "there" / "report.html").parent], "evaluation.output"),
+])  # fmt: skip
+def test_bad_arguments(make, named, tmp_path, capsys):
+    path = saved(tmp_path, GOOD["evaluate"])
+    line = refusal(capsys, command.main, "evaluate", path, *make(tmp_path))
+    assert named in line and len(line) < 500
+    assert not (tmp_path / "file").exists() or (tmp_path / "file").read_text() == "mine"
+    assert not (tmp_path / "out").exists() or not any((tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize("arguments", [[], ["fly"], ["evaluate"], ["evaluate", "x.yaml", "--episodes", "many"]])
+def test_bad_commands(arguments):
+    with pytest.raises(SystemExit) as stop:
+        command.main(arguments)
+    assert stop.value.code == 2
+
+
+def test_a_second_evaluation_in_a_directory_is_refused(tmp_path, capsys):
+    path = saved(tmp_path, GOOD["evaluate"])
+    (tmp_path / "out").mkdir()
+    with one_run(tmp_path / "out"):
+        line = refusal(capsys, command.main, "evaluate", path)
+        assert "evaluation.output" in line and f"process {os.getpid()} on host" in line
+    assert os.listdir(tmp_path / "out") == []
