@@ -1,21 +1,18 @@
-"""The whole way: files of several training seeds, learning curves, ladder and matrix; and one line for bad input."""
+"""The whole way: files of several training seeds, learning curves, ladder and matrix."""
 
-import csv
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 
 from agents import __main__ as command
-from agents.evaluation import compare as comparison
-from agents.evaluation.run import evaluate
-from agents.evaluation.settings import ComparisonSettings
+from agents.evaluation import ComparisonSettings, report
+from agents.evaluation.rows import best_classical, differences, ladders, rows, study_rows
 from agents.learning_curve import read_curve
-from tests.commands import refusal
+from tests.agents.evaluation.conftest import evaluated, rows_of
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, VERSION
 
@@ -37,10 +34,18 @@ def runs(tmp_path_factory):
     return directory
 
 
-def settings(runs, **changes):
+@pytest.fixture(scope="module")
+def found(runs):
     seeded = {"kind": "trained", "path": f"{runs}/{{task}}-{{seed}}.json", "training_seeds": [3, 4]}
     once = {"kind": "trained", "path": f"{runs}/transport-3.json", "curve": f"{runs}/curve-3.csv"}
-    return {
+    study = {
+        "name": "elsewhere",
+        "task": "Transport",
+        "episodes": 3,
+        "policies": [{"policy": "two <seeds>", "trained_on": "one block"}, "pose"],
+        "cases": {"none": {}, "another task": {"task": "Rotate"}},
+    }
+    settings = {
         "tasks": ["Transport"],
         "policies": [
             {"name": "two <seeds>", **seeded, "curve": f"{runs}/curve-{{seed}}.csv"},
@@ -51,89 +56,59 @@ def settings(runs, **changes):
         "episodes": 6,
         "first_seed": 50,
         "resamples": 200,
-        "generalisation": [
-            {
-                "name": "elsewhere",
-                "task": "Transport",
-                "episodes": 3,
-                "policies": [{"policy": "two <seeds>", "trained_on": "one block"}, "pose"],
-                "cases": {"none": {}, "another task": {"task": "Rotate"}},
-            }
-        ],
+        "generalisation": [study],
         "ladders": [{"name": "steps", "task": "Transport", "policies": ["two <seeds>", "once"]}],
-        **changes,
     }
-
-
-@pytest.fixture(scope="module")
-def found(runs):
-    prepared = comparison.prepare(ComparisonSettings.checked(settings(runs), output=str(runs / "out")))
-    return evaluate(prepared, quiet=True)
-
-
-@pytest.fixture(scope="module")
-def files(found):
-    return comparison.write(found).parent
+    return evaluated(settings, runs / "out", ComparisonSettings)
 
 
 def test_runs_stand_together_and_apart(found):
-    rows = {(row["policy"], row["training_seed"]): SimpleNamespace(**row) for row in comparison.rows(found)}
-    assert list(rows) == [
+    every = rows(found)
+    known = {(row["policy"], row["training_seed"]): row for row in every}
+    both, first, second, once, pose, zero = known.values()
+    assert list(known) == [
         ("two <seeds>", None), ("two <seeds>", 3), ("two <seeds>", 4), ("once", None), ("pose", None), ("zero", None)
     ]  # fmt: skip
-    both = rows["two <seeds>", None]
-    assert (both.runs, both.successes) == (2, sum(rows["two <seeds>", seed].successes for seed in (3, 4)))
+    assert (both["runs"], both["successes"]) == (2, first["successes"] + second["successes"])
     # The same file under two names does the same.
-    same, once = rows["two <seeds>", 3], rows["once", None]
-    assert (same.successes, same.time_iqm_s, same.over_bound_iqm) == (
-        once.successes,
-        once.time_iqm_s,
-        once.over_bound_iqm,
-    )
-    assert rows["zero", None].success_rate == 0.0 and rows["zero", None].time_iqm_s == 10.0
+    for name in ("successes", "time_iqm_s", "over_bound_iqm"):
+        assert first[name] == once[name]
+    assert (zero["success_rate"], zero["time_iqm_s"]) == (0.0, 10.0)
     # The bound is one: nothing is faster, and the weaker pushes are slower.
-    assert 1.0 <= min(rows["pose", None].over_bound_iqm, once.over_bound_iqm)
-    assert once.over_bound_iqm < rows["two <seeds>", 4].over_bound_iqm
+    assert (
+        1.0 <= min(pose["over_bound_iqm"], once["over_bound_iqm"]) and once["over_bound_iqm"] < second["over_bound_iqm"]
+    )
+    # Learned and hybrid policies stand against the best classical one.
+    assert {place: row["policy"] for place, row in best_classical(every).items()} == {("Transport", "ideal"): "pose"}
+    pairs = [(each["first"], each["second"], each["runs"]) for each in differences(found, every)]
+    assert pairs == [("two <seeds>", "pose", 2), ("once", "pose", 1)]
 
 
-def test_learned_and_hybrid_policies_stand_against_the_best_classical_one(found):
-    rows = comparison.rows(found)
-    assert comparison.best_classical(rows) == {("Transport", "ideal"): "pose"}
-    assert [(each["first"], each["second"], each["runs"]) for each in comparison.differences(found, rows)] == [
-        ("two <seeds>", "pose", 2),
-        ("once", "pose", 1),
-    ]
-
-
-def test_a_cell_says_what_was_found_or_why_nothing_was(found):
-    (matrix,) = comparison.matrices(found)
-    learned, refused, _, pose = matrix["results"]
+def test_a_cell_holds_what_was_found_or_why_nothing_was(found):
+    learned, pose, refused, _ = study_rows(found, "generalisation.0", found.settings.generalisation[0])
     assert (learned["runs"], learned["episodes"], learned["refusal"]) == (2, 3, "")
     assert "rotate-3.json" in refused["refusal"] and np.isnan(refused["success_rate"])
     assert pose["success_rate"] == 1.0
 
 
-def test_a_ladder_says_action_and_budget(found):
-    (ladder,) = comparison.ladders(found, comparison.rows(found))
-    assert [(step["policy"], step["action"], step["steps"]) for step in ladder["steps"]] == [
-        ("two <seeds>", "wrench", [9000, 9000]),
-        ("once", "wrench", [9000]),
-    ]
+def test_a_ladder_has_action_and_budget(found):
+    (ladder,) = ladders(found, rows(found))
+    steps = [(step["policy"], step["action"], step["steps"]) for step in ladder["steps"]]
+    assert steps == [("two <seeds>", "wrench", [9000, 9000]), ("once", "wrench", [9000])]
 
 
-def test_files(files, found):
-    with (files / "compare.csv").open() as file:
-        assert [row["policy"] for row in csv.DictReader(file)] == [row["policy"] for row in comparison.rows(found)]
-    content = json.loads((files / "compare.json").read_text())
+def test_files(found):
+    folder = report.write(found, quiet=True).parent
+    assert [row["policy"] for row in rows_of(folder / "compare.csv")] == [row["policy"] for row in rows(found)]
+    content = json.loads((folder / "compare.json").read_text())
     assert [each["training_seed"] for each in content["curves"]] == [3, 4, None]
     assert content["settings"]["policies"]["two <seeds>"]["training_seeds"] == [3, 4]
-    assert {row["action"] for row in content["ladders"][0]["steps"]} == {"wrench"}
-    page = (files / "compare.html").read_text()
+    page = (folder / "compare.html").read_text()
     assert "two &lt;seeds&gt;" in page and "<seeds>" not in page
     # It opens without a network.
     assert not re.findall(r'(?:src|href)="(?!data:|#)', page) and page.count("data:image/png") == 2
-    for said in ("best classical", "cannot act (1)", "training seed 4", "trained on one block"):
-        assert said in page
+    for text in ("best classical", "cannot act (1)", "training seed 4", "trained on one block"):
+        assert text in page
 
 
 def test_the_shipped_comparison_runs(tmp_path, capsys):
@@ -152,53 +127,6 @@ def test_the_shipped_comparison_runs(tmp_path, capsys):
         "compare.html",
         "compare.json",
     ]
-
-
-POLICY = {"kind": "trained", "path": "runs/{seed}.json", "training_seeds": [1, 2]}
-MATRIX = {"name": "m", "task": "Rotate", "policies": ["zero"], "cases": {"none": {}}}
-LADDER = {"name": "l", "task": "Rotate", "policies": ["zero", "pose"]}
-
-BAD = {
-    "group": ({"policies": [{"kind": "zero", "group": "best"}]}, ["policies.0.group", "best", "hybrid"]),
-    "one seed": ({"policies": [{**POLICY, "training_seeds": [1]}]}, ["policies.0.training_seeds", "at least 2"]),
-    "seed twice": ({"policies": [{**POLICY, "training_seeds": [1, 1]}]}, ["training_seeds"]),
-    "seed of wrong type": ({"policies": [{**POLICY, "training_seeds": [1, "b"]}]}, ["training_seeds", "'b'"]),
-    "seeds of a law": ({"policies": [{"kind": "zero", "training_seeds": [1, 2]}]}, ["training_seeds", "classical"]),
-    "path without its seed": ({"policies": [{**POLICY, "path": "a.json"}]}, ["policies.0 (policy)", "{seed}"]),
-    "path with a seed too many": (
-        {"policies": [{"kind": "trained", "path": "{seed}.json"}]},
-        ["policies.0 (policy)"],
-    ),
-    "curve without its seed": ({"policies": [{**POLICY, "curve": "a.csv"}]}, ["policies.0 (curve)", "{seed}"]),
-    "no curve": (
-        {"policies": [{"kind": "zero", "curve": "nowhere.csv"}]},
-        ["comparison.policies (zero).curve", "nowhere.csv"],
-    ),
-    "policy of a matrix": ({"generalisation": [{**MATRIX, "policies": ["pid"]}]}, ["generalisation.0.policies.0", "pid"]),
-    "key of a case": (
-        {"generalisation": [{**MATRIX, "cases": {"a": {"action": "patch"}}}]},
-        ["generalisation.0.cases.a", "action", "randomize"],
-    ),
-    "policy that can act nowhere": (
-        {"policies": ["zero", "open_loop"],
-         "generalisation": [{**MATRIX, "policies": ["open_loop"], "cases": {"a": {"task": "Sort"}}}]},
-        ["generalisation.0.policies", "open_loop"],
-    ),
-    "title twice": ({"generalisation": [MATRIX, MATRIX]}, ["name of a study", "'m'"]),
-    "ladder without curves": ({"policies": ["zero", "pose"], "ladders": [LADDER]}, ["ladders.0.policies", "curve"]),
-    "ladder of one": ({"ladders": [{**LADDER, "policies": ["zero"]}]}, ["ladders[0].policies", "2"]),
-    "ladder of another task": ({"ladders": [{**LADDER, "task": "Align"}]}, ["ladders.0.task", "Align", "Rotate"]),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_bad_input_is_one_line_and_nothing_runs(name, tmp_path, capsys):
-    changes, words = BAD[name]
-    path, output = tmp_path / "bad.yaml", tmp_path / "out"
-    path.write_text(yaml.safe_dump({"tasks": ["Rotate"], "policies": ["zero"], "episodes": 2, **changes}))
-    line = refusal(capsys, command.main, "compare", path, "--output", output)
-    assert line.startswith(str(path)) and all(word in line for word in words), line
-    assert not output.exists()
 
 
 def test_a_curve_is_read(tmp_path):
