@@ -4,6 +4,7 @@ import os
 
 import gymnasium as gym
 import pytest
+import yaml
 
 from agents import __main__ as command
 from agents.evaluation import EvaluationSettings, prepare
@@ -16,127 +17,91 @@ GOOD = {
     "compare": {"tasks": ["Rotate"], "policies": ["zero"], "episodes": 2},
     "score": {"tasks": ["Transport", "Feed"], "policies": ["zero"], "episodes": 3, "training_steps": 1000},
 }
-ZERO = {"kind": "zero"}
-FAST = {"model": {"kind": "planar", "contacts": "fast"}}
-LEARNED = {"kind": "trained", "path": "runs/{seed}.json", "training_seeds": [1, 2]}
-EFFECTS = {"task": "Rotate", "policies": ["zero"], "cases": {"none": {}}}
-STUDY = {"name": "m", **EFFECTS}
-LADDER = {"name": "l", "task": "Rotate", "policies": ["zero", "pose"]}
-LOAD = {"task": "Feed", "policies": ["lanes"], "parts": [6, 2], "episodes": 1}
-FEED = {"tasks": ["Feed"], "policies": ["zero", "lanes"]}
-SORT = {"tasks": ["Rotate", "Sort"]}
+SHORT = {
+    "FAST": "model: {kind: planar, contacts: fast}",
+    "SEEDED": "kind: trained, path: '{seed}.json', training_seeds:",
+    "ROTATE": "task: Rotate, policies: [zero], cases:",
+    "STUDY": "name: m, task: Rotate, policies: [zero], cases:",
+    "FEED": "tasks: [Feed], policies: [zero, lanes]",
+    "LOAD": "task: Feed, policies: [lanes], parts: [6], episodes: 1",
+}
 
-BAD = [
-    ("evaluate", {"taks": ["Rotate"]}, ["taks"]),
-    ("evaluate", {"tasks": ["Stack"]}, ["evaluation.tasks[0]", "Stack"]),
-    ("evaluate", {"tasks": ["CartPole-v1"]}, ["evaluation.tasks[0]", "CartPole"]),
-    ("evaluate", {"tasks": ["Align", "Align"]}, ["evaluation.tasks", "Align"]),
-    ("evaluate", {"policies": ["fuzzy"]}, ["policies (fuzzy on Rotate", "'fuzzy'"]),
-    ("evaluate", {"policies": [{**ZERO, "tasks": ["Align"]}]}, ["policies.0.tasks", "Align"]),
-    ("evaluate", {**SORT, "policies": ["zero", {"kind": "open_loop", "tasks": ["Sort"]}]}, ["(open_loop on Sort"]),
-    ("evaluate", {"tasks": ["Sort"], "policies": ["zero", "open_loop"]}, ["'open_loop'", "Sort", "one part"]),
-    ("evaluate", {**SORT, "policies": [{**ZERO, "tasks": ["Rotate"]}]}, ["evaluation.tasks", "Sort"]),
-    ("evaluate", {"policies": [{"policy": "zero"}]}, ["policies[0]", "zero"]),
-    ("evaluate", {"policies": [{**ZERO, "gain": 1}]}, ["policies (zero on Rotate", "gain"]),
-    ("evaluate", {"policies": ["zero", {"name": "zero", "kind": "random"}]}, ["policies.1.name", "'zero'"]),
-    ("evaluate", {"policies": [{"kind": "trained", "path": "nowhere/{task}.json"}]}, ["nowhere/rotate.json"]),
-    ("evaluate", {"episodes": None, "seeds": [1, 2], "task_episodes": {"Rotate": 3}}, ["task_episodes.Rotate", "3"]),
-    ("evaluate", {"task_episodes": {"Sort": 3}}, ["evaluation.task_episodes", "Sort"]),
-    ("evaluate", {"episodes": 0}, ["evaluation.episodes", "0"]),
-    ("evaluate", {"seeds": [1, 2]}, ["evaluation.episodes", "seeds"]),
-    ("evaluate", {"episodes": None, "seeds": [1, 1]}, ["evaluation.seeds", "1"]),
-    ("evaluate", {"confidence": 95}, ["evaluation.confidence", "95"]),
-    ("evaluate", {"environment": {"action": "patch"}}, ["evaluation.environment", "action"]),
-    ("evaluate", {"environment": {"parts": ["brick"]}}, ["evaluation.environment", "brick"]),
-    ("evaluate", {"hardware": {"a": {"walls": []}}}, ["evaluation.hardware", "a", "walls"]),
-    (
-        "evaluate",
-        {"hardware": {"a": {}, "b": {}}, "policies": [{**ZERO, "hardware": ["a"]}]},
-        ["evaluation.hardware.b"],
-    ),
-    (
-        "evaluate",
-        {"hardware": {"a": {}}, "policies": [{**ZERO, "hardware": ["ideal"]}]},
-        ["policies.0.hardware", "ideal"],
-    ),
-    ("evaluate", {"hardware": {"a": {"tasks": ["Sort"]}}}, ["evaluation.hardware.a.tasks", "Sort"]),
-    ("evaluate", {"effects": {**EFFECTS, "policies": ["pid"]}}, ["evaluation.effects.policies.0", "pid"]),
-    ("evaluate", {"effects": {**EFFECTS, "task": "Align"}}, ["evaluation.effects.task", "Align"]),
-    (
-        "evaluate",
-        {"effects": {**EFFECTS, "cases": {"dust": {"actuators": {"kind": "prototype", "dust": 1}}}}},
-        ["evaluation.effects.cases.dust", "dust"],
-    ),
-    (
-        "evaluate",
-        {"effects": {**EFFECTS, "policies": [{"policy": "zero", "sensor": {"zoom": 2}}]}},
-        ["evaluation.effects", "zoom"],
-    ),
-    ("evaluate", {**FEED, "under_load": {**LOAD, "task": "Sort"}}, ["evaluation.under_load.task", "Sort"]),
-    ("evaluate", {**FEED, "under_load": {**LOAD, "policies": ["magic"]}}, ["under_load.policies", "magic"]),
-    ("evaluate", {**FEED, "under_load": {**LOAD, "parts": [4, 4]}}, ["evaluation.under_load.parts", "4"]),
-    ("evaluate", {**FEED, "under_load": {**LOAD, "parts": [0]}}, ["evaluation.under_load.parts[0]", "0"]),
-    ("evaluate", {**FEED, "under_load": {**LOAD, "episodes": 0}}, ["evaluation.under_load.episodes", "0"]),
-    (
-        "evaluate",
-        {"under_load": {"task": "Rotate", "policies": ["zero"], "parts": [2]}},
-        ["evaluation.under_load.task", "Rotate"],
-    ),
-    ("evaluate", {"environment": FAST, "tasks": ["Sort"]}, ["contacts='fast'"]),
-    ("evaluate", {"hardware": {"one": {}, "other": FAST}, "tasks": ["Sort"]}, ["hardware.other", "contacts='fast'"]),
-    (
-        "evaluate",
-        {"effects": {**EFFECTS, "cases": {"one": {**FAST, "task": "Sort"}}}},
-        ["effects.cases.one", "contacts='fast'"],
-    ),
-    ("compare", {"environment": FAST, "tasks": ["Sort"]}, ["contacts='fast'"]),
-    ("compare", {"policies": [{**ZERO, "group": "best"}]}, ["policies[0].group", "best", "hybrid"]),
-    ("compare", {"policies": [{**LEARNED, "training_seeds": [1]}]}, ["policies[0].training_seeds", "2"]),
-    ("compare", {"policies": [{**LEARNED, "training_seeds": [1, 1]}]}, ["policies[0].training_seeds", "1"]),
-    ("compare", {"policies": [{**LEARNED, "training_seeds": [1, "b"]}]}, ["training_seeds", "'b'"]),
-    ("compare", {"policies": [{**ZERO, "training_seeds": [1, 2]}]}, ["training_seeds", "classical"]),
-    ("compare", {"policies": [{**LEARNED, "path": "a.json"}]}, ["policies[0]", "(policy)", "{seed}"]),
-    (
-        "compare",
-        {"policies": [{"kind": "trained", "path": "{seed}.json"}]},
-        ["policies[0]", "(policy)", "training_seeds"],
-    ),
-    ("compare", {"policies": [{**LEARNED, "curve": "a.csv"}]}, ["policies[0]", "(curve)", "{seed}"]),
-    ("compare", {"policies": [{**ZERO, "curve": "nowhere.csv"}]}, ["comparison.policies (zero).curve", "nowhere.csv"]),
-    ("compare", {"generalisation": [{**STUDY, "policies": ["pid"]}]}, ["generalisation.0.policies.0", "pid"]),
-    (
-        "compare",
-        {"generalisation": [{**STUDY, "cases": {"a": {"action": "patch"}}}]},
-        ["generalisation[0].cases", "a", "action", "randomize"],
-    ),
-    (
-        "compare",
-        {
-            "policies": ["zero", "open_loop"],
-            "generalisation": [{**STUDY, "policies": ["open_loop"], "cases": {"a": {"task": "Sort"}}}],
-        },
-        ["generalisation.0.policies", "open_loop"],
-    ),
-    ("compare", {"generalisation": [STUDY, STUDY]}, ["name of a study", "'m'"]),
-    ("compare", {"policies": ["zero", "pose"], "ladders": [LADDER]}, ["ladders.0.policies", "curve"]),
-    ("compare", {"ladders": [{**LADDER, "policies": ["zero"]}]}, ["ladders[0].policies", "2"]),
-    ("compare", {"ladders": [{**LADDER, "task": "Align"}]}, ["ladders.0.task", "Align", "Rotate"]),
-    ("score", {"training_steps": 0}, ["suite.training_steps", "0"]),
-    ("score", {"tasks": ["Sort"]}, ["suite.tasks", "Sort"]),
-    ("score", {"policies": [{"kind": "pose", "training_steps": 2000}]}, ["suite.policies.0.training_steps", "2000"]),
-    ("score", {"policies": ["open_loop"], "tasks": ["Feed"]}, ["suite.policies", "open_loop"]),
-    ("score", {"policies": [{**ZERO, "episodes": 0}]}, ["suite.policies[0].episodes", "0"]),
-    ("score", {"cost_limit": 1.0}, ["suite.cost_limit", "environment.costs"]),
-    ("score", {"cost_limit": -1.0, "environment": {"costs": {"effort": 1.0}}}, ["suite.cost_limit", "-1"]),
-    ("score", {"environment": FAST, "tasks": ["Swap"]}, ["contacts='fast'"]),
-]
+# Command, changes of its settings (YAML, with abbreviations), and words of the error.
+BAD = """
+evaluate | taks: [Rotate] | taks
+evaluate | tasks: [Stack] | evaluation.tasks[0] 'Stack'
+evaluate | tasks: [CartPole-v1] | evaluation.tasks[0] 'CartPole-v1'
+evaluate | tasks: [Align, Align] | evaluation.tasks 'Align'
+evaluate | policies: [fuzzy] | (fuzzy on Rotate 'fuzzy'
+evaluate | policies: [{kind: zero, tasks: [Align]}] | policies.0.tasks 'Align'
+evaluate | tasks: [Rotate, Sort], policies: [zero, {kind: open_loop, tasks: [Sort]}] | (open_loop on Sort
+evaluate | tasks: [Sort], policies: [zero, open_loop] | 'open_loop' Sort: one part
+evaluate | tasks: [Rotate, Sort], policies: [{kind: zero, tasks: [Rotate]}] | evaluation.tasks 'Sort'
+evaluate | policies: [{policy: zero}] | policies[0] zero
+evaluate | policies: [{kind: zero, gain: 1}] | (zero on Rotate gain
+evaluate | policies: [zero, {name: zero, kind: random}] | policies.1.name 'zero'
+evaluate | policies: [{kind: trained, path: 'nowhere/{task}.json'}] | nowhere/rotate.json
+evaluate | episodes: null, seeds: [1, 2], task_episodes: {Rotate: 3} | task_episodes.Rotate 3
+evaluate | task_episodes: {Sort: 3} | evaluation.task_episodes 'Sort'
+evaluate | episodes: 0 | evaluation.episodes 0
+evaluate | seeds: [1, 2] | evaluation.episodes seeds
+evaluate | episodes: null, seeds: [1, 1] | evaluation.seeds 1
+evaluate | confidence: 95 | evaluation.confidence 95
+evaluate | environment: {action: patch} | evaluation.environment 'action'
+evaluate | environment: {parts: [brick]} | evaluation.environment 'brick'
+evaluate | environment: {FAST}, tasks: [Sort] | contacts='fast'
+evaluate | hardware: {a: {walls: []}} | evaluation.hardware a walls
+evaluate | hardware: {a: {}, b: {}}, policies: [{kind: zero, hardware: [a]}] | evaluation.hardware.b
+evaluate | hardware: {a: {}}, policies: [{kind: zero, hardware: [ideal]}] | policies.0.hardware 'ideal'
+evaluate | hardware: {a: {tasks: [Sort]}} | evaluation.hardware.a.tasks 'Sort'
+evaluate | hardware: {one: {}, other: {FAST}}, tasks: [Sort] | hardware.other contacts='fast'
+evaluate | effects: {ROTATE {none: {}}, policies: [pid]} | evaluation.effects.policies.0 'pid'
+evaluate | effects: {ROTATE {none: {}}, task: Align} | evaluation.effects.task 'Align'
+evaluate | effects: {ROTATE {dust: {actuators: {kind: prototype, dust: 1}}}} | evaluation.effects.cases.dust 'dust'
+evaluate | effects: {ROTATE {none: {}}, policies: [{policy: zero, sensor: {zoom: 2}}]} | evaluation.effects zoom
+evaluate | effects: {ROTATE {one: {FAST, task: Sort}}} | effects.cases.one contacts='fast'
+evaluate | FEED, under_load: {LOAD, task: Sort} | evaluation.under_load.task 'Sort'
+evaluate | FEED, under_load: {LOAD, policies: [magic]} | under_load.policies 'magic'
+evaluate | FEED, under_load: {LOAD, parts: [4, 4]} | evaluation.under_load.parts 4
+evaluate | FEED, under_load: {LOAD, parts: [0]} | evaluation.under_load.parts[0] 0
+evaluate | FEED, under_load: {LOAD, episodes: 0} | evaluation.under_load.episodes 0
+evaluate | under_load: {LOAD, task: Rotate, policies: [zero]} | evaluation.under_load.task 'Rotate'
+compare | environment: {FAST}, tasks: [Sort] | contacts='fast'
+compare | policies: [{kind: zero, group: best}] | policies[0].group 'best' hybrid
+compare | policies: [{SEEDED [1]}] | policies[0].training_seeds 2
+compare | policies: [{SEEDED [1, 1]}] | policies[0].training_seeds 1
+compare | policies: [{SEEDED [1, b]}] | training_seeds 'b'
+compare | policies: [{kind: zero, training_seeds: [1, 2]}] | training_seeds classical
+compare | policies: [{kind: trained, path: a.json, training_seeds: [1, 2]}] | policies[0] (policy) {seed}
+compare | policies: [{kind: trained, path: '{seed}.json'}] | policies[0] (policy) training_seeds
+compare | policies: [{SEEDED [1, 2], curve: a.csv}] | policies[0] (curve) {seed}
+compare | policies: [{kind: zero, curve: nowhere.csv}] | comparison.policies (zero).curve nowhere.csv
+compare | generalisation: [{STUDY {none: {}}, policies: [pid]}] | generalisation.0.policies.0 'pid'
+compare | generalisation: [{STUDY {a: {action: patch}}}] | generalisation[0].cases a 'action' randomize
+compare | generalisation: [{STUDY {a: {}}}, {STUDY {b: {}}}] | (name of a study) 'm'
+compare | policies: [open_loop], generalisation: [{STUDY {a: {task: Sort}}, policies: [open_loop]}] | .0.policies 'open_loop'
+compare | policies: [zero, pose], ladders: [{name: l, task: Rotate, policies: [zero, pose]}] | ladders.0.policies curve
+compare | ladders: [{name: l, task: Rotate, policies: [zero]}] | ladders[0].policies 2
+compare | ladders: [{name: l, task: Align, policies: [zero, pose]}] | ladders.0.task 'Align' Rotate
+score | training_steps: 0 | suite.training_steps 0
+score | tasks: [Sort] | suite.tasks 'Sort'
+score | environment: {FAST}, tasks: [Swap] | contacts='fast'
+score | policies: [{kind: pose, training_steps: 2000}] | suite.policies.0.training_steps 2000
+score | policies: [open_loop], tasks: [Feed] | suite.policies 'open_loop'
+score | policies: [{kind: zero, episodes: 0}] | suite.policies[0].episodes 0
+score | cost_limit: 1.0 | suite.cost_limit environment.costs
+score | cost_limit: -1.0, environment: {costs: {effort: 1.0}} | suite.cost_limit -1
+"""
 
 
-@pytest.mark.parametrize("name, changes, words", BAD)
-def test_bad_settings(name, changes, words, tmp_path, capsys):
-    path = saved(tmp_path, GOOD[name], **changes)
-    line = refusal(capsys, command.main, name, path)
-    assert line.startswith(f"{path}: ") and all(word in line for word in words), line
+@pytest.mark.parametrize("row", BAD.strip().splitlines())
+def test_bad_settings(row, tmp_path, capsys):
+    name, changes, words = row.split(" | ")
+    for short, text in SHORT.items():
+        changes = changes.replace(short, text)
+    path = saved(tmp_path, GOOD[name], **yaml.load(f"{{{changes}}}", Loader=yaml.SafeLoader))
+    before, _, fault = refusal(capsys, command.main, name, path).partition(f"{path}: ")
+    assert before == "" and all(word in fault for word in words.split()), fault
     assert list(tmp_path.iterdir()) == [path]
 
 

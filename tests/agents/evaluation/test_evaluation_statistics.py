@@ -1,6 +1,7 @@
-"""Intervals and paired differences against known values and closed forms."""
+"""Intervals, paired differences and scores against known values and closed forms; false alarms by simulation."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,15 +9,20 @@ from scipy import stats
 
 from agents.evaluation.statistics import (
     bootstrap,
+    episode_scores,
     interval_of,
     iqm,
     iqm_difference,
     mean_difference,
+    median_interval,
     pigeonhole,
     quartiles,
     success_difference,
     success_interval,
+    suite_interval,
+    suite_score,
 )
+from agents.evaluation.verify import chance_of
 
 LEVEL, RESAMPLES, DRAWS = 0.95, 9999, 2000
 
@@ -125,3 +131,66 @@ def test_several_runs_against_one():
     same = np.repeat(hard, 3, axis=0)
     assert mean_difference(same - hard, LEVEL, DRAWS).interval is None
     assert iqm_difference(same, hard, LEVEL, DRAWS).interval is None
+
+
+def test_nothing_scores_0_and_the_bound_1():
+    nan = np.full(3, np.nan)
+    at = {"success": np.array([False, True, True]), "time_to_goal": np.array([np.nan, 2.0, 4.0]), "rate_bound": nan}
+    assert episode_scores(SimpleNamespace(**at, bound=np.full(3, 2.0))).tolist() == [0.0, 1.0, 0.5]
+    assert np.isnan(episode_scores(SimpleNamespace(**at, bound=nan))).all()
+    feeding = SimpleNamespace(rate_bound=np.array([300.0, 300.0]), rate_over_bound=np.array([0.0, 1.0]))
+    assert episode_scores(feeding).tolist() == [0.0, 1.0]
+
+
+def test_the_score_of_all_is_the_interquartile_mean_of_the_tasks():
+    tasks = [np.full(5, share) for share in (0.0, 0.1, 0.4, 0.5, 0.7, 0.8, 0.9, 1.0)]
+    assert suite_score(tasks) == pytest.approx((0.4 + 0.5 + 0.7 + 0.8) / 4)
+    assert suite_score(tasks[::-1]) == suite_score(tasks) and suite_interval(tasks, 0.95, 200) is None
+    assert suite_score([np.zeros(3)] * 8) == 0.0 and suite_score([np.ones(3)] * 8) == 1.0
+
+
+def test_its_interval_is_that_of_the_episodes_of_each_task():
+    random = np.random.default_rng(0)
+    one = random.random(200)
+    interval = suite_interval([one], 0.95, 4000)
+    half = 1.96 * one.std() / np.sqrt(200)
+    assert (interval.low, interval.high) == pytest.approx((one.mean() - half, one.mean() + half), abs=0.1 * half)
+    # Of four tasks the middle two count: their mean varies less by sqrt(2).
+    four = suite_interval([np.zeros(200), one, one[::-1].copy(), np.ones(200)], 0.95, 4000)
+    assert four.high - four.low == pytest.approx((interval.high - interval.low) / np.sqrt(2.0), rel=0.1)
+
+
+ALPHA, TRIALS = 0.05, 2000
+ALARMS = stats.binom.ppf(0.9999, TRIALS, ALPHA) / TRIALS
+"""More false alarms than this show that there are too many."""
+
+SAMPLES = {
+    "rare": lambda rng, count: rng.binomial(1, 0.03, count),
+    "often": lambda rng, count: rng.binomial(1, 0.6, count),
+    "times": lambda rng, count: rng.lognormal(size=count),
+    "whole steps": lambda rng, count: np.round(rng.lognormal(size=count) / 0.3) * 0.3,
+    "counts": lambda rng, count: rng.negative_binomial(1, 0.3, count),
+}
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_false_alarms(name):
+    rng, rate = np.random.default_rng(1), name in ("rare", "often")
+    pairs = [(SAMPLES[name](rng, 100), SAMPLES[name](rng, 20)) for _ in range(TRIALS)]
+    assert np.mean([chance_of(before, now, rate) <= ALPHA for before, now in pairs]) <= ALARMS
+
+
+def test_what_is_found():
+    alpha, rng = 0.01 / 500, np.random.default_rng(4)
+    every, published = np.ones(500), rng.lognormal(sigma=0.3, size=500)
+    assert chance_of(every, np.arange(20) < 14, True) < alpha < chance_of(every, np.arange(20) < 18, True)
+    other = rng.lognormal(sigma=0.3, size=20)
+    assert chance_of(published, 1.6 * other, False) < alpha < chance_of(published, 1.02 * other, False)
+    assert chance_of(every, np.ones(5), False) == 1.0
+
+
+def test_confidence_of_a_median():
+    rng = np.random.default_rng(5)
+    found = [median_interval(rng.lognormal(size=60), 0.95) for _ in range(TRIALS)]
+    missed = np.mean([not each.low <= 1.0 <= each.high for each in found])
+    assert 0.01 < missed <= ALARMS
