@@ -100,14 +100,14 @@ def _start_worker(threads: int) -> None:
     """Limit the threads of a worker process, exit quietly on Ctrl-C, and exit when its parent has been killed."""
     os.environ[MOST] = str(threads)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=_exit_with, args=(os.getppid(),), daemon=True).start()
+    parent = os.getppid()
 
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)  # a restarted command needs the directories that this process has locked
 
-def _exit_with(parent: int) -> None:
-    """Exit when the parent process has ended: a restarted command needs the directories that this process has locked."""
-    while os.getppid() == parent:
-        time.sleep(0.5)
-    os._exit(1)
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _call(directory: str, modules: tuple[str, ...], compile_first: bool, function: Any, *arguments: Any) -> Any:
@@ -145,7 +145,9 @@ def _cluster(address: str, workers: int) -> Iterator[None]:
     own = {"num_cpus": workers, "include_dashboard": False} if address == "local" else {}
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # or Ray warns about its later versions
     try:
-        _check_answers(address)
+        if address not in ("local", "auto"):  # where nothing listens, Ray itself retries for minutes
+            host, _, port = address.removeprefix("ray://").rpartition(":")
+            socket.create_connection((host, int(port)), 5.0).close()
         ray.init(
             address=address,
             log_to_driver=False,
@@ -165,13 +167,6 @@ def _cluster(address: str, workers: int) -> Iterator[None]:
         yield
     finally:
         ray.shutdown()
-
-
-def _check_answers(address: str) -> None:
-    """Connect to a ``host:port``: where nothing listens, Ray itself retries for minutes."""
-    if address not in ("local", "auto"):
-        host, _, port = address.removeprefix("ray://").rpartition(":")
-        socket.create_connection((host, int(port)), 5.0).close()
 
 
 def compile_once() -> None:

@@ -22,13 +22,6 @@ class Episode(NamedTuple):
     success: bool
     drawn: dict[str, np.ndarray]  # randomized values of the episode, see ``info["drawn"]``
 
-    @property
-    def ends(self) -> np.ndarray:
-        """Terminations and truncations, (2, steps) bool."""
-        ends = np.zeros((2, len(self.rewards)), dtype=bool)
-        ends[:, -1] = self.terminated, self.truncated
-        return ends
-
 
 def play(policy: Any, env: Any, seeds: Sequence[int]) -> Iterator[Episode]:
     """Yield an episode for every seed, in their order. A world whose episode has ended begins the next one.

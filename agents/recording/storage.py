@@ -35,7 +35,9 @@ def write(dataset: Any, episodes: Iterable[Episode]) -> float:
             returns.append(float(each.rewards.sum()))
             drawn = {f"drawn_{name}": value for name, value in each.drawn.items()}
             metadata.append({"success": each.success, **drawn})
-            data: Any = each.observations, each.actions, each.rewards, *each.ends
+            ends = np.zeros((2, len(each.rewards)), dtype=bool)
+            ends[:, -1] = each.terminated, each.truncated
+            data: Any = each.observations, each.actions, each.rewards, *ends
             yield EpisodeBuffer(None, each.seed, None, *data)
 
     dataset.storage.update_episodes(buffers())
