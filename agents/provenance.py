@@ -48,12 +48,15 @@ def commit() -> str | None:
         return None
 
 
-def code(*places: str) -> str:
-    """Return a digest of the tracked files at ``places`` (Git's pathspecs) and their changes; without Git, of the version."""
-    try:
-        return digest(_git("ls-files", "--full-name", "-s", "--", *places) + _git("diff", "HEAD", "--", *places))
-    except (OSError, subprocess.SubprocessError):
-        return digest(str(versions()["vibgym"]))
+def code(*packages: Path, without: Path) -> str:
+    """Return a digest of names and contents of all files of packages, tracked by Git or not, but compiled and ``without`` ones."""
+    contents = {
+        str(path.relative_to(package.parent)): digest(path.read_bytes())
+        for package in packages
+        for path in package.rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts and not path.is_relative_to(without)
+    }
+    return digest(json.dumps(contents, sort_keys=True))
 
 
 def _git(*arguments: str) -> str:
