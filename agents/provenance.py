@@ -49,7 +49,7 @@ def commit() -> str | None:
 
 
 def code(*packages: Path, without: Path) -> str:
-    """Return a digest of names and contents of all files of packages, tracked by Git or not, but compiled and ``without`` ones."""
+    """Return a digest of all files of packages, tracked by Git or not, but compiled ones and those ``without``."""
     contents = {
         str(path.relative_to(package.parent)): digest(path.read_bytes())
         for package in packages
