@@ -40,12 +40,9 @@ def one_run(directory: Path, field: str = "output", file: str = FILE) -> Iterato
     lock = FileLock(path, fallback_to_soft=False, on_acquired=_sign)
     try:
         lock.acquire(timeout=PATIENCE, poll_interval=0.02)
-    except Timeout:
-        allowed = f"a directory in which no other run is at work (in use by {_owner(path)})"
-        raise checks.refuse(field, str(directory), allowed) from None
     except OSError as error:
-        allowed = f"a directory in which {file} can be locked ({reason(error)})"
-        raise checks.refuse(field, str(directory), allowed) from None
+        why = f"in use by {_owner(path)}" if isinstance(error, Timeout) else f"{file} cannot be locked: {reason(error)}"
+        raise checks.refuse(field, str(directory), f"a directory in which no other run is at work ({why})") from None
     try:
         yield
     finally:
@@ -61,8 +58,7 @@ def _sign(handle: int) -> None:
 
 
 def _owner(path: Path) -> str:
-    try:
+    text = ""
+    with contextlib.suppress(OSError):  # where a lock also keeps others from reading
         text = " ".join(path.read_text(encoding="utf-8", errors="replace")[:200].split())
-    except OSError:  # where a lock also keeps others from reading
-        text = ""
     return text or "another process"

@@ -6,6 +6,8 @@ Results do not depend on where or in how many processes the work is done.
 from __future__ import annotations
 
 import contextlib
+import functools
+import logging
 import os
 import signal
 import socket
@@ -29,9 +31,6 @@ from vibgym.simulation.threads import MOST, available_threads
 from vibgym.warm import warm
 
 Result = TypeVar("Result")
-
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", MOST)
-"""Environment variables that limit the threads of numerical libraries and of vibgym."""
 
 ATTEMPTS = 5
 """How often work starts whose process was killed: a killed process breaks the whole pool."""
@@ -72,74 +71,64 @@ def run(
 
     Raises:
         ValueError: no cluster answers at ``ray``, or it rejects the token.
+        ConnectionError: worker processes were killed again and again.
         ModuleNotFoundError: Ray is not installed.
     """
     workers = usable(workers)
+    call = functools.partial(_call, os.getcwd(), taking_part(), ray is not None, function)
+    calls = [joblib.delayed(call)(*item) for item in items]
     if ray is not None:
         with _cluster(ray, workers):
-            return _on_ray(function, items, done)
-    if workers > 1:
-        return _in_processes(function, items, done, workers)
-    results = []
-    for item in items:
-        results.append(function(*item))
-        done(1)
-    return results
-
-
-def _in_processes(function: Any, items: Sequence[tuple[Any, ...]], done: Any, workers: int) -> list[Any]:
-    results: list[Any] = []
-    threads, context = str(max(available_threads() // workers, 1)), (os.getcwd(), taking_part())
-    for attempt in range(ATTEMPTS):
-        todo = [joblib.delayed(_call)(context, function, item) for item in items[len(results) :]]
+            return _on_ray(calls, done)
+    results: list[Result] = []
+    threads = max(available_threads() // workers, 1)
+    limits = {"inner_max_num_threads": threads, "initializer": _start_worker, "initargs": (threads,)}
+    for _ in range(ATTEMPTS):
         try:
-            with joblib.parallel_config(backend="loky", initializer=_limit_threads, initargs=(threads,)):
-                for result in joblib.Parallel(n_jobs=workers, return_as="generator", **ONE_BY_ONE)(todo):
+            with joblib.parallel_config(backend="loky", **limits):
+                parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator", **ONE_BY_ONE)
+                for result in parallel(calls[len(results) :]):
                     results.append(result)
                     done(1)
             return results
         except BrokenProcessPool:
-            if attempt == ATTEMPTS - 1:
-                raise
-    return results
+            pass
+    raise ConnectionError(f"worker processes were killed {ATTEMPTS} times; they may need more memory than there is")
 
 
-def _limit_threads(threads: str) -> None:
-    """Initialise a worker process: limit its threads, exit quietly on Ctrl-C, and exit when its parent has been killed."""
-    os.environ.update(dict.fromkeys(THREADS, threads))
+def _start_worker(threads: int) -> None:
+    """Limit the threads of a worker process, exit quietly on Ctrl-C, and exit when its parent has been killed."""
+    os.environ[MOST] = str(threads)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=_exit_with, args=(os.getppid(),), daemon=True).start()
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)  # a restarted command needs the directories that this process has locked
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
-def _exit_with(parent: int) -> None:
-    """Exit when the parent process has ended: a restarted command needs the directories that this process has locked."""
-    while os.getppid() == parent:
-        time.sleep(0.5)
-    os._exit(1)
-
-
-def _on_ray(function: Any, items: Sequence[tuple[Any, ...]], done: Any) -> list[Any]:
-    class Reporting(joblib.Parallel):
-        def print_progress(self) -> None:
-            done(self.n_completed_tasks - reported[0])
-            reported[0] = self.n_completed_tasks
-
-    reported, context = [0], (os.getcwd(), taking_part())
-    calls = [joblib.delayed(_call)(context, function, item, True) for item in items]
-    with joblib.parallel_config(backend="ray"):
-        return list(Reporting(n_jobs=-1, pre_dispatch="all", **ONE_BY_ONE)(calls))
-
-
-def _call(
-    context: tuple[str, tuple[str, ...]], function: Any, arguments: tuple[Any, ...], compile_first: bool = False
-) -> Any:
+def _call(directory: str, modules: tuple[str, ...], compile_first: bool, function: Any, *arguments: Any) -> Any:
     """Call a function in the directory of the command, with the modules of its ``--import``."""
-    directory, modules = context
     os.chdir(directory)
     take_part(modules)
     if compile_first:
         compile_once()
     return function(*arguments)
+
+
+def _on_ray(calls: Sequence[Any], done: Callable[[int], object]) -> list[Any]:
+    class Reporting(joblib.Parallel):  # Ray's backend has no generators
+        reported = 0
+
+        def print_progress(self) -> None:
+            done(self.n_completed_tasks - self.reported)
+            self.reported = self.n_completed_tasks
+
+    with joblib.parallel_config(backend="ray"):
+        return list(Reporting(n_jobs=-1, pre_dispatch="all", **ONE_BY_ONE)(calls))
 
 
 @contextlib.contextmanager
@@ -149,46 +138,35 @@ def _cluster(address: str, workers: int) -> Iterator[None]:
     from ray.exceptions import AuthenticationError
     from ray.util.joblib import register_ray
 
-    _check_answers(address)
     path = os.pathsep.join([os.getcwd(), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
-    cache = {name: os.environ[name] for name in ("NUMBA_CACHE_DIR",) if name in os.environ}
-    variables = {"PYTHONPATH": path, **cache, **dict.fromkeys((*THREADS, "NUMBA_NUM_THREADS"), "1")}
-    settings: dict[str, Any] = {
-        "log_to_driver": False,
-        "logging_level": "ERROR",
-        "runtime_env": {"env_vars": variables},
-    }
-    if address == "local":
-        settings |= {"num_cpus": workers, "include_dashboard": False}
+    variables = {"PYTHONPATH": path, MOST: "1"}
+    variables |= dict.fromkeys(joblib.parallel.ParallelBackendBase.MAX_NUM_THREADS_VARS, "1")
+    variables |= {name: os.environ[name] for name in ("NUMBA_CACHE_DIR",) if name in os.environ}
+    own = {"num_cpus": workers, "include_dashboard": False} if address == "local" else {}
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # or Ray warns about its later versions
     try:
-        ray.init(address=address, configure_logging=True, **settings)
+        if address not in ("local", "auto"):  # where nothing listens, Ray itself retries for minutes
+            host, _, port = address.removeprefix("ray://").rpartition(":")
+            socket.create_connection((host, int(port)), 5.0).close()
+        ray.init(
+            address=address,
+            log_to_driver=False,
+            logging_level=logging.ERROR,
+            runtime_env={"env_vars": variables},
+            **own,
+        )
     except AuthenticationError as error:
-        raise checks.conflict(
-            f"--ray: the cluster rejects the token ({str(error).partition('. ')[0]}); {TOKEN}"
-        ) from None
-    except (ConnectionError, ValueError, OSError, RuntimeError) as error:
-        first = str(error).strip().partition("\n")[0]
-        raise checks.refuse("--ray", address, f"the address of a running cluster ({first})") from None
+        first = str(error).partition(". ")[0]
+        raise checks.conflict(f"--ray: the cluster rejects the token ({first}); {TOKEN}") from None
+    except (ConnectionError, ValueError, OSError, OverflowError, RuntimeError) as error:
+        first = reason(error).strip().partition("\n")[0]
+        allowed = f"'local', 'auto' or host:port of a running cluster ({first})"
+        raise checks.refuse("--ray", address, allowed) from None
     try:
         register_ray()
         yield
     finally:
         ray.shutdown()
-
-
-def _check_answers(address: str) -> None:
-    """Reject a ``host:port`` on which nothing listens; Ray itself retries for minutes."""
-    if address in ("local", "auto"):
-        return
-    host, colon, port = address.removeprefix("ray://").rpartition(":")
-    allowed = "'local', 'auto' or host:port"
-    if not colon or not host or not port.isdigit() or int(port) > 65535:
-        raise checks.refuse("--ray", address, allowed)
-    try:
-        socket.create_connection((host, int(port)), 5.0).close()
-    except OSError as error:
-        raise checks.refuse("--ray", address, f"{allowed} of a cluster ({reason(error)})") from None
 
 
 def compile_once() -> None:

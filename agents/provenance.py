@@ -7,6 +7,7 @@ import hashlib
 import json
 import os
 import platform
+import re
 import subprocess
 import sys
 import sysconfig
@@ -20,19 +21,9 @@ import vibgym
 from vibgym.simulation.threads import available_threads
 
 PACKAGES = (
-    "vibgym",
-    "numpy",
-    "numba",
-    "gymnasium",
-    "scipy",
-    "torch",
-    "stable-baselines3",
-    "safetensors",
-    "pygame-ce",
-    "cma",
-    "matplotlib",
-    "pillow",
-)
+    "vibgym", "numpy", "numba", "gymnasium", "scipy", "torch", "stable-baselines3", "safetensors", "pygame-ce", "cma",
+    "matplotlib", "pillow",
+)  # fmt: skip
 
 
 def versions() -> dict[str, str | None]:
@@ -44,7 +35,7 @@ def versions() -> dict[str, str | None]:
         except metadata.PackageNotFoundError:
             found[name] = None
     if found["vibgym"] is None:  # run from a checkout that is not installed
-        found["vibgym"] = getattr(vibgym, "__version__", None)
+        found["vibgym"] = vibgym.__version__
     return found
 
 
@@ -57,12 +48,15 @@ def commit() -> str | None:
         return None
 
 
-def code(*places: str) -> str:
-    """Return a digest of the tracked files at ``places`` (Git's pathspecs) and their changes; without Git, of the version."""
-    try:
-        return digest(_git("ls-files", "--full-name", "-s", "--", *places) + _git("diff", "HEAD", "--", *places))
-    except (OSError, subprocess.SubprocessError):
-        return digest(str(versions()["vibgym"]))
+def code(*packages: Path, without: Path) -> str:
+    """Return a digest of all files of packages, tracked by Git or not, but compiled ones and those ``without``."""
+    contents = {
+        str(path.relative_to(package.parent)): digest(path.read_bytes())
+        for package in packages
+        for path in package.rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts and not path.is_relative_to(without)
+    }
+    return digest(json.dumps(contents, sort_keys=True))
 
 
 def _git(*arguments: str) -> str:
@@ -72,12 +66,9 @@ def _git(*arguments: str) -> str:
 
 def processor() -> str:
     """Return the name of the processor."""
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass  # not Linux
+    with contextlib.suppress(OSError):  # not Linux
+        if named := re.search(r"model name\s*: (.+)", Path("/proc/cpuinfo").read_text(encoding="utf-8")):
+            return named[1].strip()
     return platform.processor() or platform.machine()
 
 
@@ -102,17 +93,12 @@ def portable(value: Any) -> Any:
     Args:
         value: a text, or mappings and lists of values; keys and other values are unchanged.
     """
-    if isinstance(value, str):
-        return _portable(value)
     if isinstance(value, Mapping):
         return {key: portable(each) for key, each in value.items()}
-    return [portable(each) for each in value] if isinstance(value, list | tuple) else value
-
-
-def _portable(text: str) -> str:
-    path = Path(text)
-    if not path.is_absolute():
-        return text
+    if isinstance(value, list | tuple):
+        return [portable(each) for each in value]
+    if not isinstance(value, str) or not (path := Path(value)).is_absolute():
+        return value
     here = Path.cwd()
     return path.relative_to(here).as_posix() if path.is_relative_to(here) else path.name
 
@@ -129,7 +115,7 @@ def policy_files(policies: Iterable[tuple[Any, str]]) -> dict[str, str | None]:
     found: dict[str, str | None] = {}
     for content, task in policies:
         found |= policy_sources(content, task)[1]
-    return {_portable(name): found[name] for name in sorted(found)}
+    return {portable(name): found[name] for name in sorted(found)}
 
 
 def policy_sources(content: Any, task: str) -> tuple[set[str], dict[str, str | None]]:
@@ -145,37 +131,35 @@ def policy_sources(content: Any, task: str) -> tuple[set[str], dict[str, str | N
     """
     texts: set[str] = set()
     files: dict[str, str | None] = {}
-    todo = [content]
-    while todo:
-        each = todo.pop()
-        if isinstance(each, Mapping):
-            todo.extend(each.values())
-        elif isinstance(each, list | tuple):
-            todo.extend(each)
-        elif isinstance(each, str | os.PathLike):
-            text = os.fspath(each).replace("{task}", task.lower())
+
+    def collect(value: Any) -> None:
+        if isinstance(value, Mapping):
+            value = list(value.values())
+        if isinstance(value, list | tuple):
+            for each in value:
+                collect(each)
+        elif isinstance(value, str | os.PathLike):
+            text = os.fspath(value).replace("{task}", task.lower())
             if text not in texts and (text.endswith(".json") or os.path.isfile(text)):
-                todo.append(_file_and_tensors(Path(text), files))
+                texts.add(text)
+                collect(_file_and_tensors(Path(text), files))
             texts.add(text)
+
+    collect(content)
     return texts, files
 
 
 def _file_and_tensors(path: Path, files: dict[str, str | None]) -> Any:
     """Add the digests of a file and of the tensors that it names to ``files``; return the settings of its base policy."""
-    base = None
-    try:
+    base = files[path.as_posix()] = None
+    with contextlib.suppress(OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        # A file without tensors is complete; what is missing or invalid is refused when the policy is made.
         data = path.read_bytes()
-    except (OSError, ValueError):  # ValueError: an invalid file name
-        files[path.as_posix()] = None
-        return None
-    files[path.as_posix()] = digest(data)
-    try:
+        files[path.as_posix()] = digest(data)
         record = json.loads(data)
         base = record.get("residual")
         tensors = path.with_name(record["tensors"])
         files[tensors.as_posix()] = digest(tensors.read_bytes())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        pass  # a file without tensors is complete; missing tensors are refused when the policy is made
     return base
 
 

@@ -6,6 +6,7 @@ import base64
 import io
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,8 +28,6 @@ GOOD, BAD = (11, 122, 117), (209, 87, 42)
 
 STRONGEST = 0.42
 """Their opacity: text on it stays readable on light and on dark pages."""
-
-NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
 
 @dataclass(frozen=True)
@@ -244,18 +243,13 @@ def joined(words: Sequence[str]) -> str:
 
 
 def inventory(parts: Sequence[Part]) -> str:
-    """Return the parts of a task in words."""
-    alike: dict[Any, list[Part]] = {}
-    for part in parts:
-        alike.setdefault((part.name, part.friction, part.outline.tobytes()), []).append(part)
-    found = []
-    for (name, friction, _), those in alike.items():
-        length, width = 1e3 * np.ptp(np.array(those[0].outline), axis=0)
-        count = len(those)
-        number = NUMBERS[count] if count < len(NUMBERS) else str(count)
-        plural = name.replace("_", " ") + ("s" if count > 1 else "")
-        found.append(f"{number} {plural} ({length:.3g} × {width:.3g} mm, friction {friction:g})")
-    return joined(found)
+    """Return the parts of a task in words: "3 × steel block (50 × 40 mm, friction 0.64)"."""
+    sizes = [1e3 * np.ptp(np.array(part.outline), axis=0) for part in parts]
+    kinds = Counter(
+        f"{part.name.replace('_', ' ')} ({length:.3g} × {width:.3g} mm, friction {part.friction:g})"
+        for part, (length, width) in zip(parts, sizes, strict=True)
+    )
+    return joined([f"{count} × {kind}" for kind, count in kinds.items()])
 
 
 def success_criterion(task: TaskInfo) -> str:

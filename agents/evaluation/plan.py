@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.vector import VectorEnv
 
+import vibgym
 from agents.evaluation.films import Log
 from agents.evaluation.run import FILM, PLOT, Case, Prepared
 from agents.evaluation.settings import (
@@ -31,14 +33,16 @@ from vibgym.policies.measures import Measures, check_cost_limit, least_times, mo
 from vibgym.policies.registry import CONTROLLERS, NEED_MORE, make_policy
 from vibgym.policies.rollout import Ends, worlds_of
 from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.catalogue import SHIPPED
 from vibgym.rendering import Scenery
 from vibgym.simulation.models import has_fast_contacts
 
 if TYPE_CHECKING:
     from agents.evaluation.entries import Entry
 
-SOURCES = (":/vibgym", ":/agents/evaluation", ":(top,exclude)vibgym/policies/trained/shipped")
-"""Code that determines episodes: if it and the files of policies are unchanged, recorded episodes are reused."""
+PACKAGES = Path(vibgym.__file__).parent, Path(__file__).parent
+"""Code that determines episodes: if it and the files of policies are unchanged, recorded episodes are reused. Shipped agents
+count where a policy reads them, see :meth:`.run.Case.file`."""
 
 
 def cases(settings: RunSettings) -> list[Case]:
@@ -92,7 +96,7 @@ class _Plan:
 
     def __init__(self, settings: Any, entries: Mapping[str, Entry]) -> None:
         self.settings, self.entries, self.where = settings, entries, settings.where
-        self.origin = digest(json.dumps([code(*SOURCES), user_modules()], sort_keys=True))
+        self.origin = digest(json.dumps([code(*PACKAGES, without=SHIPPED), user_modules()], sort_keys=True))
         self.tasks: dict[str, TaskInfo] = {}
         self.cases: list[Case] = []
         self.refused: dict[Place, str] = {}

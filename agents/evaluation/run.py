@@ -61,7 +61,7 @@ class Case:
         seeds: of the episodes.
         environment: arguments other than action and observation.
         content: argument of :func:`vibgym.policies.registry.make_policy`.
-        origin: digest of code that determines the episodes, see :data:`SOURCES`.
+        origin: digest of code that determines the episodes, see :data:`agents.evaluation.plan.PACKAGES`.
         recorder: what is recorded, see :func:`vibgym.policies.rollout.rollout`.
         pictures: among :data:`PLOT`, :data:`FILM` and :data:`GIF`, of a case with the recorder :class:`.films.Log`.
         scenery: of pictures.

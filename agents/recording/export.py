@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from agents.command_line import Command
 from agents.recording.play import Episode
-from agents.recording.replay import Recorded, opened
+from agents.recording.replay import opened
 from agents.recording.storage import SCENE
 from vibgym import checks
 from vibgym.adapters.lerobot import KEYS, KINDS, names_of, observation_from, text_of
@@ -57,24 +56,31 @@ def export(name: str, output: Path, directory: Path | None = None, quiet: bool =
         raise checks.refuse("output", str(output), "a directory that does not exist; remove it")
     dataset_class = _lerobot()
     with opened(name, directory) as data:
-        kind = data.scene["observation"]
-        checks.choice(f"{name}: observation", kind, KINDS)
-        rate = 1.0 / data.replayer.env.step_time
+        kind = checks.choice(f"{name}: observation", data.scene["observation"], KINDS)
+        rate = 1.0 / data.env.step_time
         if abs(rate - round(rate)) > 1e-9 * rate:
             raise checks.conflict(f"LeRobot requires a whole number of steps per second; {name} has {rate:.4g}")
+        features = _features(data.env, kind)
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(prefix=".exporting-", dir=output.parent) as folder:
                 root = Path(folder) / "dataset"
-                made = dataset_class.create(
-                    name, round(rate), _features(data, kind), root, use_videos=False, video_backend="pyav"
-                )
-                seeds, frames = _write(made, data, kind, quiet)
-                (root / ORIGIN).write_text(json.dumps(_origin(name, data, seeds), indent=2) + "\n", encoding="utf-8")
+                made = dataset_class.create(name, round(rate), features, root, use_videos=False, video_backend="pyav")
+                seeds, text = list[int](), text_of(type(data.env.task))
+                for episode in data.episodes(quiet):
+                    with warnings.catch_warnings():
+                        warnings.filterwarnings("ignore", "Converting input from bool", RuntimeWarning)  # statistics
+                        made.save_episode(made.create_episode_buffer() | _buffer(episode, kind, text, made.fps))
+                    seeds.append(episode.seed)
+                made.finalize()
+                about = data.found.storage.metadata
+                origin = {"dataset": name, "settings": data.settings, SCENE: data.scene, "seeds": seeds}
+                origin |= {key: float(about[key]) for key in ("ref_min_score", "ref_max_score")}
+                (root / ORIGIN).write_text(json.dumps(origin, indent=2) + "\n", encoding="utf-8")
                 os.rename(root, output)
         except OSError as error:
             raise WriteError(f"{output}: not exported ({reason(error)})") from error
-    return len(seeds), frames
+    return len(seeds), int(data.found.total_steps)
 
 
 def _lerobot() -> Any:
@@ -89,36 +95,17 @@ def _lerobot() -> Any:
     return LeRobotDataset
 
 
-def _features(data: Recorded, kind: str) -> dict[str, dict[str, Any]]:
-    env = data.replayer.env
+def _features(env: Any, kind: str) -> dict[str, dict[str, Any]]:
+    """Return the type, shape and names of the values of each feature."""
     named = {KEYS[key]: names for key, names in names_of(env, kind).items()}
     named["action"] = ["action_" + "_".join(map(str, index)) for index in np.ndindex(env.action_shape)]
     features = {key: {"dtype": "float32", "shape": (len(names),), "names": names} for key, names in named.items()}
     return features | {key: {"dtype": dtype, "shape": (1,), "names": None} for key, dtype in ENDS.items()}
 
 
-def _write(made: Any, data: Recorded, kind: str, quiet: bool) -> tuple[list[int], int]:
-    """Add the episodes to LeRobot's data set; return their seeds and the number of frames."""
-    seeds, frames, text = list[int](), 0, text_of(type(data.replayer.env.task))
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Converting input from bool", RuntimeWarning)  # statistics of the ends
-        for episode in tqdm(data.episodes(), total=data.found.total_episodes, unit="episode", disable=quiet):
-            steps = len(episode.rewards)
-            own = made.create_episode_buffer() | {
-                "size": steps,
-                "task": [text] * steps,
-                "frame_index": np.arange(steps),
-                "timestamp": np.arange(steps) / made.fps,
-            }
-            made.save_episode(own | _columns(episode, kind))
-            seeds.append(episode.seed)
-            frames += steps
-        made.finalize()
-    return seeds, frames
-
-
-def _columns(episode: Episode, kind: str) -> dict[str, np.ndarray]:
+def _buffer(episode: Episode, kind: str, text: str, rate: int) -> dict[str, Any]:
     """Return the features of an episode: (steps, width) each, and (steps,) for those of one value."""
+    # Not by add_frame, whose features of one value LeRobot does not save with NumPy 2.4.
     steps, seen = len(episode.rewards), observation_from(kind, episode.observations)
     done = np.arange(steps) == steps - 1
     return {
@@ -127,13 +114,11 @@ def _columns(episode: Episode, kind: str) -> dict[str, np.ndarray]:
         "next.reward": episode.rewards,
         "next.success": done & episode.success,
         "next.done": done,
+        "size": steps,
+        "task": [text] * steps,
+        "frame_index": np.arange(steps),
+        "timestamp": np.arange(steps) / rate,
     }
-
-
-def _origin(name: str, data: Recorded, seeds: list[int]) -> dict[str, Any]:
-    about = data.found.storage.metadata
-    scores = {key: float(about[key]) for key in ("ref_min_score", "ref_max_score")}
-    return {"dataset": name, "settings": data.settings, SCENE: data.scene, **scores, "seeds": seeds}
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:

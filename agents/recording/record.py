@@ -4,36 +4,40 @@ from __future__ import annotations
 
 import argparse
 import copy
+import itertools
 import json
 import os
 import re
 import tempfile
 import time
 import warnings
-from collections.abc import Iterable, Iterator
+from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
 import minari
 import numpy as np
 from minari.storage.datasets_root_dir import get_dataset_path
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 from tqdm import tqdm
 
 import vibgym
 from agents import command_line, locks
 from agents.command_line import Command
 from agents.recording import storage
-from agents.recording.play import Episode, Recorder
-from agents.recording.replay import Replayer
+from agents.recording.play import play
+from agents.recording.replay import WORLDS, replayed
 from agents.recording.storage import SCENE, kept_in
 from agents.training_settings import Arguments, Plain
 from vibgym import checks
 from vibgym.config import load_yaml
-from vibgym.envs.vector import environment_id
+from vibgym.envs.vector import batch_of, environment_id
 from vibgym.files import WriteError, reason
-from vibgym.policies.rollout import rollout
+from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout, worlds_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.trained import described
 from vibgym.seeds import RANGES, check_seeds
@@ -42,7 +46,8 @@ from vibgym.settings import BaseSettings, read
 REFERENCE = 20
 """Episodes of the lower reference score."""
 
-NAME = re.compile(r"([\w-]+/)*[\w-]+-v\d+")
+NAME = re.compile(r"(?!.?/[^/]*$)([\w-]+/)*[\w-]+-v\d+")
+"""Names of data sets; Minari's namespaces have two characters at least."""
 
 
 class RecordSettings(BaseSettings):
@@ -80,17 +85,63 @@ class RecordSettings(BaseSettings):
 
     @field_validator("dataset")
     @classmethod
-    def _named(cls, dataset: str) -> str:
+    def _with_version(cls, dataset: str) -> str:
         if not NAME.fullmatch(dataset):
             raise checks.conflict(f"requires a name such as 'vibgym/align/pose-v0', with a version, got {dataset!r}")
         return dataset
 
+    @field_validator("environment")
+    @classmethod
+    def _free(cls, environment: dict[str, Any]) -> dict[str, Any]:
+        for name in {"observation", "num_envs", "autoreset_mode"} & environment.keys():
+            raise checks.conflict(f"{name} cannot be set for recordings")
+        return environment
+
+    @model_validator(mode="after")
+    def _registered(self) -> RecordSettings:
+        environment_id(self.task)
+        check_seeds("first_seed", self.first_seed, self.episodes, "recordings")
+        return self
+
+    @property
+    def label(self) -> str:
+        """Kind of the policy."""
+        return str(self.policy.get("kind") if isinstance(self.policy, dict) else self.policy)
+
+
+class Actor:
+    """Policy with its own observation, independent of the recorded one, and with noise on its actions.
+
+    Args:
+        policy, env: the policy and its environment.
+        settings: of the recording.
+    """
+
+    def __init__(self, policy: Policy, env: Any, settings: RecordSettings) -> None:
+        self.policy, self.env, self.settings = policy, env, settings
+        self._seeds = itertools.count(settings.first_seed)
+        self._noise: list[Any] = [None] * env.num_envs
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """See :class:`vibgym.policies.protocol.Policy`."""
+        if self.policy.observation != self.settings.observation:
+            observation = self.env.unwrapped.observed(self.policy.observation)
+        action, state = self.policy.predict(observation, state, episode_start, deterministic)
+        if self.settings.noise > 0.0:
+            for world in np.flatnonzero(episode_start):  # take the seeds in the order of the worlds
+                self._noise[world] = np.random.default_rng([next(self._seeds), 1])
+            action = action + self.settings.noise * np.stack(
+                [each.standard_normal(action.shape[1]) for each in self._noise]
+            )
+        space = self.env.single_action_space
+        return np.clip(action, space.low, space.high).astype(np.float32), state
+
 
 def load_settings(path: Path) -> RecordSettings:
     """Return the settings of a YAML file; the first fault is a one-line ValueError that names file and field."""
-    settings = read(RecordSettings, load_yaml(path), str(path))
-    environment_id(settings.task, f"{path}.task")
-    return settings
+    return read(RecordSettings, load_yaml(path), str(path))
 
 
 def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, float]:
@@ -105,10 +156,10 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
         The data set's directory, its steps, and the seconds that it took.
 
     Raises:
-        ValueError: invalid settings, or a data set of this name exists; it is unchanged. An episode that does not replay.
+        ValueError: an invalid environment, a policy that does not serve it, or a data set of this name exists; it is unchanged.
+            An episode that does not replay.
         WriteError: no space is left, for instance; nothing is left behind.
     """
-    check_seeds("first_seed", settings.first_seed, settings.episodes, "recordings")
     began = time.perf_counter()
     with kept_in(settings.directory):
         place = Path(get_dataset_path(settings.dataset))
@@ -117,10 +168,10 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
     with locks.one_run(root, "dataset", f".{settings.dataset.replace('/', '-')}.lock"):
         if place.exists():
             raise checks.refuse("dataset", settings.dataset, f"a name that is not taken in {place.parent}; remove it")
-        recorder = Recorder(settings)
+        policy, arguments = _policy(settings)
         try:
             with tempfile.TemporaryDirectory(prefix=".recording-", dir=root) as folder, kept_in(folder):
-                steps = _write(recorder, quiet)
+                steps = _write(settings, policy, arguments, quiet)
                 place.parent.mkdir(parents=True, exist_ok=True)
                 os.rename(Path(folder) / settings.dataset, place)
                 for file in list(Path(folder).rglob("namespace_metadata.json")):
@@ -129,73 +180,65 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
                         os.rename(file, target)
         except OSError as error:
             raise WriteError(f"{place}: not recorded ({reason(error)})") from error
-        finally:
-            recorder.env.close()
     return place, steps, time.perf_counter() - began
 
 
-def _write(recorder: Recorder, quiet: bool) -> int:
+def _policy(settings: RecordSettings) -> tuple[Policy, dict[str, Any]]:
+    """Return the policy and the arguments of its environment."""
+    given = dict(settings.environment)
+    action = given.pop("action", None)
+    with closing(batch_of(settings.task, num_envs=1, **given)) as env:
+        policy = make_policy(settings.policy, TaskInfo.of(env), settings.first_seed)
+    checks.choice("environment.action", action or policy.action, (policy.action,))
+    return policy, {**given, "action": policy.action}
+
+
+def _write(settings: RecordSettings, policy: Policy, arguments: dict[str, Any], quiet: bool) -> int:
     """Record episodes in Minari's current directory; return the number of steps."""
-    settings, env = recorder.settings, recorder.env
-    name = environment_id(settings.task)
+    name, given = environment_id(settings.task), {**arguments, "observation": settings.observation}
     spec = copy.deepcopy(gym.registry.get(name))
     if spec is not None:  # a task by name has none
-        spec.kwargs.update(recorder.kwargs)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # about the missing author and permanent link
-        made = minari.create_dataset_from_buffers(
-            settings.dataset,
-            [],
-            env=spec,
-            action_space=env.single_action_space,
-            observation_space=env.single_observation_space,
-            algorithm_name=_named(settings.policy),
-            description=f"{settings.episodes} episodes of {_named(settings.policy)} on {name}.",
-            code_permalink=None,
-            requirements=[f"vibgym=={vibgym.__version__}"],
-            jpeg_encoding=False,
-        )
-    replayer, returns = Replayer(settings.task, recorder.kwargs), list[float]()
-    episodes = tqdm(replayer.checked(recorder.episodes()), total=settings.episodes, unit="episode", disable=quiet)
-    count, steps = storage.write(made.storage.data_path, _noted(episodes, returns))
-    replayer.close()
-    how = {"action": recorder.policy.action, "observation": settings.observation, "vibgym": vibgym.__version__}
-    reference = {"ref_min_score": random_return(recorder), "ref_max_score": float(np.mean(returns))}
-    facts = reference | {"total_episodes": count, "total_steps": steps, "dataset_size": made.storage.get_size()}
-    scene = json.dumps({**scene_of(env.unwrapped), **how})
-    made.storage.update_metadata({**facts, "settings": settings.model_dump_json(), SCENE: scene})
-    return steps
+        spec.kwargs.update(given)
+    count = min(settings.worlds, settings.episodes)
+    with (
+        closing(worlds_of(settings.task, count, **given)) as env,
+        closing(worlds_of(settings.task, WORLDS, **given)) as other,
+    ):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # about the missing author and permanent link
+            data = minari.create_dataset_from_buffers(
+                settings.dataset,
+                [],
+                env=spec,
+                action_space=env.single_action_space,
+                observation_space=env.single_observation_space,
+                algorithm_name=settings.label,
+                description=f"{settings.episodes} episodes of {settings.label} on {name}.",
+                code_permalink=None,
+                requirements=[f"vibgym=={vibgym.__version__}"],
+                jpeg_encoding=False,
+            )
+        seeds = range(settings.first_seed, settings.first_seed + settings.episodes)
+        episodes = replayed(play(Actor(policy, env, settings), env, seeds), other)
+        highest = storage.write(data, tqdm(episodes, total=settings.episodes, unit="episode", disable=quiet))
+        how = {"action": policy.action, "observation": settings.observation, "vibgym": vibgym.__version__}
+        scene = json.dumps({**scene_of(env.unwrapped), **how})
+        lowest = random_return(settings, env.single_action_space.shape, arguments)
+    scores = {"ref_min_score": lowest, "ref_max_score": highest}
+    data.storage.update_metadata({**scores, "settings": settings.model_dump_json(), SCENE: scene})
+    return data.storage.total_steps
 
 
-def _noted(episodes: Iterable[Episode], returns: list[float]) -> Iterator[Episode]:
-    """Yield episodes, and append their returns."""
-    for episode in episodes:
-        returns.append(float(episode.rewards.sum()))
-        yield episode
+def random_return(settings: RecordSettings, shape: Any, arguments: dict[str, Any]) -> float:
+    """Return the mean return of random actions of this shape in :data:`REFERENCE` episodes."""
+    generator = np.random.default_rng(settings.first_seed)
 
+    def predict(observation: Any, state: Any, *more: Any, **how: Any) -> tuple[np.ndarray, Any]:
+        return generator.uniform(-1.0, 1.0, (len(observation), *shape)).astype(np.float32), state
 
-class RandomActions:
-    """Policy with uniformly random values of any action, the lower reference of a data set."""
-
-    observation = "state"
-
-    def __init__(self, action: str, size: int, seed: int) -> None:
-        self.action, self.size, self.generator = action, size, np.random.default_rng(seed)
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Any]:
-        """Return an action for every observation."""
-        return self.generator.uniform(-1.0, 1.0, (len(observation), self.size)).astype(np.float32), state
-
-
-def random_return(recorder: Recorder) -> float:
-    """Return the mean return of random actions in :data:`REFERENCE` episodes."""
-    settings, core = recorder.settings, recorder.env.unwrapped.core
-    random = RandomActions(recorder.policy.action, core.action.size, settings.first_seed)
-    arguments = {name: value for name, value in recorder.kwargs.items() if name != "observation"}
+    policy = SimpleNamespace(predict=predict, action=arguments["action"], observation="state")
     seeds = range(settings.first_seed, settings.first_seed + REFERENCE)
-    return float(rollout(random, settings.task, seeds=seeds, **arguments).returns.mean())
+    return float(rollout(policy, settings.task, seeds=seeds, **arguments).returns.mean())
 
 
 def scene_of(env: Any) -> dict[str, Any]:
@@ -206,11 +249,6 @@ def scene_of(env: Any) -> dict[str, Any]:
         "parts": len(env.parts),
         "columns": [[row.name, row.width] for row in env.parts_layout],
     }
-
-
-def _named(policy: Any) -> str:
-    kind = policy.get("kind") if isinstance(policy, dict) else policy
-    return str(kind)
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:

@@ -8,97 +8,80 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import minari
 import numpy as np
 from tqdm import tqdm
 
 import vibgym
 from agents.command_line import Command
-from agents.recording.play import Episode
-from agents.recording.storage import SCENE, kept_in
+from agents.recording.play import Episode, play
+from agents.recording.storage import SCENE, kept_in, read
 from vibgym import checks
-from vibgym.envs.vector import batch_of
+from vibgym.policies.rollout import worlds_of
 
 WORLDS = 64
 """Episodes that are replayed at the same time."""
 
 
-class Replayer:
-    """Replays episodes, several at a time.
+class RecordedActions:
+    """Policy that repeats the actions of an episode in each world, and zeros afterwards."""
 
-    Args:
-        task, arguments: of the environment, see :func:`vibgym.envs.vector.batch_of`.
+    def __init__(self, actions: list[np.ndarray]) -> None:
+        padded = np.zeros((len(actions), max(map(len, actions)) + 1, actions[0].shape[1]), dtype=np.float32)
+        for world, own in enumerate(actions):
+            padded[world, : len(own)] = own
+        self._actions = itertools.chain(np.moveaxis(padded, 1, 0), itertools.repeat(padded[:, -1]))
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Return the actions of the next step."""
+        return next(self._actions), state
+
+
+def replayed(episodes: Iterable[Episode], env: Any) -> Iterator[Episode]:
+    """Yield episodes, each after it has been replayed in a batch of :data:`WORLDS` worlds.
+
+    Raises:
+        ValueError: names the seed, and the first step and quantity that differ.
     """
-
-    def __init__(self, task: str, arguments: Mapping[str, Any]) -> None:
-        self.env: Any = batch_of(task, num_envs=WORLDS, autoreset_mode="Disabled", **arguments)
-
-    def check(self, episodes: Sequence[Episode]) -> None:
-        """Replay at most :data:`WORLDS` episodes.
-
-        Raises:
-            ValueError: names the seed, and the first step and quantity that differ.
-        """
-        count = len(episodes)
-        seeds = [episodes[min(k, count - 1)].seed for k in range(WORLDS)]
-        seen, _ = self.env.reset(seed=seeds)
-        for k, episode in enumerate(episodes):
-            self._observed(episode, 0, seen, k)
-        action, playing = np.zeros(self.env.action_space.shape, dtype=np.float32), np.arange(WORLDS) < count
-        for step in range(max(len(episode.rewards) for episode in episodes)):
-            for k in np.flatnonzero(playing).tolist():
-                action[k] = episodes[k].actions[step]
-            seen, reward, terminated, truncated, info = self.env.step(action)
-            for k in np.flatnonzero(playing).tolist():
-                episode, last = episodes[k], step + 1 == len(episodes[k].rewards)
-                self._observed(episode, step + 1, seen, k)
-                ends = episode.terminated and last, episode.truncated and last
-                same = reward[k] == episode.rewards[step] and (bool(terminated[k]), bool(truncated[k])) == ends
-                if not same or (last and bool(info["is_success"][k]) != episode.success):
-                    raise _differs(episode, step + 1, "reward or end")
-                playing[k] = not last
-            if (terminated | truncated).any():
-                self.env.reset(options={"reset_mask": terminated | truncated})
-
-    @staticmethod
-    def _observed(episode: Episode, step: int, seen: Any, k: int) -> None:
-        recorded = episode.observations
-        pairs = [(seen[key], recorded[key]) for key in recorded] if isinstance(recorded, dict) else [(seen, recorded)]
-        if not all(np.array_equal(now[k], then[step]) for now, then in pairs):
-            raise _differs(episode, step, "observation")
-
-    def checked(self, episodes: Iterable[Episode]) -> Iterator[Episode]:
-        """Yield episodes, each after it has been replayed."""
-        remaining = iter(episodes)
-        while group := list(itertools.islice(remaining, WORLDS)):
-            self.check(group)
-            yield from group
-
-    def close(self) -> None:
-        """Close the environment."""
-        self.env.close()
+    remaining = iter(episodes)
+    while group := list(itertools.islice(remaining, WORLDS)):
+        worlds = group + [group[-1]] * (WORLDS - len(group))
+        policy = RecordedActions([each.actions for each in worlds])
+        for episode, now in zip(group, play(policy, env, [each.seed for each in worlds]), strict=False):
+            _compare(episode, now)
+        yield from group
 
 
-def _differs(episode: Episode, step: int, name: str) -> checks.Refused:
-    return checks.conflict(f"the episode of seed {episode.seed} does not replay: {name} of step {step} differs")
+def _compare(episode: Episode, now: Episode) -> None:
+    """Raise for the first quantity and step of an episode that differ from its replay."""
+    for name in ("observations", "rewards", "terminated", "truncated", "success"):
+        then, again = getattr(episode, name), getattr(now, name)
+        for one, other in [(then[key], again[key]) for key in then] if isinstance(then, dict) else [(then, again)]:
+            if not np.array_equal(one, other):
+                steps = itertools.zip_longest(np.atleast_1d(one), np.atleast_1d(other))
+                first = next(k for k, values in enumerate(steps) if not np.array_equal(*values))
+                raise checks.conflict(f"the episode of seed {episode.seed} does not replay: {name}[{first}] differs")
 
 
 class Recorded(NamedTuple):
     """Open data set of ``python -m agents record``."""
 
-    found: Any  # minari.MinariDataset
+    found: minari.MinariDataset
     settings: dict[str, Any]  # of the recording
     scene: dict[str, Any]  # see agents.recording.record.scene_of
-    replayer: Replayer
+    env: Any  # for its replay
 
-    def episodes(self) -> Iterator[Episode]:
-        """Yield the episodes, each after it has been replayed, in order."""
-        episodes = (_stored(self.found, each) for each in self.found.iterate_episodes())
-        return self.replayer.checked(episodes)
+    def episodes(self, quiet: bool) -> Iterator[Episode]:
+        """Yield the episodes, each after it has been replayed, in order, with a progress bar unless quiet."""
+        episodes = replayed(read(self.found), self.env)
+        return iter(tqdm(episodes, total=int(self.found.total_episodes), unit="episode", disable=quiet))
 
 
 @contextmanager
@@ -112,8 +95,6 @@ def opened(name: str, directory: Path | None = None) -> Iterator[Recorded]:
     Raises:
         ValueError: no such data set, or one that ``python -m agents record`` of this version has not written.
     """
-    import minari
-
     with kept_in(None if directory is None else str(directory)):
         try:
             found = minari.load_dataset(name)
@@ -126,36 +107,8 @@ def opened(name: str, directory: Path | None = None) -> Iterator[Recorded]:
         if scene["vibgym"] != vibgym.__version__:
             raise checks.refuse(f"{name}: version", scene["vibgym"], f"this version of vibgym, {vibgym.__version__}")
         arguments = {**settings["environment"], "action": scene["action"], "observation": scene["observation"]}
-        replayer = Replayer(settings["task"], arguments)
-        try:
-            yield Recorded(found, settings, scene, replayer)
-        finally:
-            replayer.close()
-
-
-def replay(name: str, directory: Path | None = None, quiet: bool = False) -> int:
-    """Replay all episodes of a data set; return their number.
-
-    Args:
-        name, directory: see :func:`opened`.
-        quiet: no progress bar.
-
-    Raises:
-        ValueError: see :func:`opened`; or an episode that differs.
-    """
-    with opened(name, directory) as data:
-        total = int(data.found.total_episodes)
-        for _ in tqdm(data.episodes(), total=total, unit="episode", disable=quiet):
-            pass
-    return total
-
-
-def _stored(dataset: Any, episode: Any) -> Episode:
-    """Return an episode of Minari as it was recorded."""
-    own = next(iter(dataset.storage.get_episode_metadata([episode.id])))
-    ends = bool(episode.terminations[-1]), bool(episode.truncations[-1]), bool(own["success"])
-    actions, rewards = np.asarray(episode.actions), np.asarray(episode.rewards)
-    return Episode(int(own["seed"]), episode.observations, actions, rewards, *ends, {})
+        with closing(worlds_of(settings["task"], WORLDS, **arguments)) as env:
+            yield Recorded(found, settings, scene, env)
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -164,7 +117,8 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(arguments: argparse.Namespace) -> None:
     """Replay a data set."""
-    count = replay(arguments.dataset, arguments.output, arguments.quiet)
+    with opened(arguments.dataset, arguments.output) as data:
+        count = sum(1 for _ in data.episodes(arguments.quiet))
     print(f"{arguments.dataset}: {count} episodes replay bit for bit")
 
 

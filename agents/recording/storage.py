@@ -1,18 +1,14 @@
-"""The file of a Minari data set, in Minari's layout.
-
-Minari writes every array in resizable chunks, which takes longer than the simulation of an episode of some tens of steps. Here
-arrays are contiguous; Minari reads both.
-"""
+"""Data sets of Minari."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from typing import Any
 
-import h5py
 import numpy as np
+from minari.data_collector import EpisodeBuffer
 
 from agents.recording.play import Episode
 
@@ -23,34 +19,38 @@ SCENE = "vibgym_scene"
 """Key of the scene in the metadata of a data set."""
 
 FILE = "main_data.hdf5"
+"""File of all episodes."""
 
 
-def write(directory: Path, episodes: Iterable[Episode]) -> tuple[int, int]:
-    """Add episodes to an empty data set of Minari; return the numbers of episodes and steps.
-
-    Args:
-        directory: of its data.
-        episodes: in order.
+def write(dataset: Any, episodes: Iterable[Episode]) -> float:
+    """Add episodes to an empty data set of Minari; return the mean of their returns.
 
     Raises:
         OSError: no space is left, for instance.
     """
-    count = steps = 0
-    with h5py.File(directory / FILE, "r+") as file:
-        for episode in episodes:
-            length, seen = len(episode.rewards), episode.observations
-            ends = np.zeros((2, length), dtype=bool)
-            ends[:, -1] = episode.terminated, episode.truncated
-            group = file.create_group(f"episode_{count}")
-            group.attrs.update({"id": count, "seed": episode.seed, "total_steps": length, "success": episode.success})
-            group.attrs.update({f"drawn_{name}": value for name, value in episode.drawn.items()})
-            named = {f"observations/{name}": each for name, each in seen.items()} if isinstance(seen, dict) else {}
-            arrays = named or {"observations": seen}
-            arrays |= {"actions": episode.actions, "rewards": episode.rewards}
-            for name, each in (arrays | dict(zip(("terminations", "truncations"), ends, strict=True))).items():
-                group.create_dataset(name, data=each)
-            count, steps = count + 1, steps + length
-    return count, steps
+    returns, metadata = list[float](), list[dict[str, Any]]()
+
+    def buffers() -> Iterator[EpisodeBuffer]:
+        for each in episodes:
+            returns.append(float(each.rewards.sum()))
+            drawn = {f"drawn_{name}": value for name, value in each.drawn.items()}
+            metadata.append({"success": each.success, **drawn})
+            ends = np.zeros((2, len(each.rewards)), dtype=bool)
+            ends[:, -1] = each.terminated, each.truncated
+            data: Any = each.observations, each.actions, each.rewards, *ends
+            yield EpisodeBuffer(None, each.seed, None, *data)
+
+    dataset.storage.update_episodes(buffers())
+    dataset.storage.update_episode_metadata(metadata)
+    return float(np.mean(returns))
+
+
+def read(dataset: Any) -> Iterator[Episode]:
+    """Yield the episodes of a data set as they were recorded, without randomized values."""
+    for each in dataset.iterate_episodes():
+        (own,) = dataset.storage.get_episode_metadata([each.id])
+        ends = bool(each.terminations[-1]), bool(each.truncations[-1]), bool(own["success"])
+        yield Episode(int(own["seed"]), each.observations, each.actions, each.rewards, *ends, {})
 
 
 @contextmanager

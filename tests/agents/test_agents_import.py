@@ -8,6 +8,8 @@ import pytest
 
 from agents import __main__ as command
 from agents import parallel
+from agents.evaluation.run import Case
+from agents.evaluation.table import Place
 from vibgym import imports
 
 PACKAGE = """
@@ -73,11 +75,17 @@ def knows(name):
     return name in TASKS
 
 
-def test_workers_take_it_over(brought, monkeypatch):
+def test_workers_and_evaluations_take_it_over(brought, monkeypatch):
     name, package = brought
     imports.take_part([package])
     monkeypatch.setattr(parallel, "available_threads", lambda: 2)
     assert parallel.run(knows, [(name,)] * 2, workers=2) == [True, True]
+    info: Any = None  # is not asked for
+    place = Place("report", "", "", "zero")
+    mine, ours = (Case(place, None, task, info, [1], {}, "zero") for task in (f"mine/{name}-v0", "Align"))
+    assert mine.plain and ours.plain
+    monkeypatch.setattr(imports, "_imported", [])  # registered by the program itself, which workers do not know
+    assert not mine.plain and ours.plain
 
 
 TAKEN = "import vibgym\nvibgym.tasks.TASKS.register('Align', object)"
@@ -95,17 +103,3 @@ def test_what_cannot_be_imported_is_one_line(tmp_path, monkeypatch, capsys, text
     assert command.main(["train", "none.yaml", "--import", name]) == 2
     line = capsys.readouterr().err
     assert line.startswith("--import") and said in line and line.count("\n") == 1
-
-
-def test_jobs_in_an_environment_that_was_brought_may_leave_the_process(brought, monkeypatch):
-    from agents.evaluation.run import Case
-    from agents.evaluation.table import Place
-
-    name, package = brought
-    imports.take_part([package])
-    info: Any = None  # is not asked for
-    place = Place("report", "", "", "zero")
-    mine, ours = (Case(place, None, task, info, [1], {}, "zero") for task in (f"mine/{name}-v0", "Align"))
-    assert mine.plain and ours.plain
-    monkeypatch.setattr(imports, "_imported", [])  # registered by the program itself, which workers do not know
-    assert not mine.plain and ours.plain

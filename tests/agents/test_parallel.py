@@ -2,9 +2,12 @@
 
 import os
 import signal
-from pathlib import Path
+import subprocess
+import sys
+import time
 
 import pytest
+import torch
 
 from agents import parallel
 from vibgym import checks
@@ -19,15 +22,24 @@ def fails(text):
     raise ArithmeticError(text)
 
 
-def killed_once(mark: Path):
+def killed_once(mark):
     if not mark.exists():
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return os.getpid()
 
 
+def killed():
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def wait_in(directory):
+    (directory / f"{os.getpid()}").touch()
+    time.sleep(60)
+
+
 def thread_limits():
-    return [os.environ.get(name) for name in parallel.THREADS], threads.available_threads()
+    return os.environ["OMP_NUM_THREADS"], torch.get_num_threads(), threads.available_threads()
 
 
 @pytest.fixture
@@ -35,35 +47,47 @@ def two(monkeypatch):
     monkeypatch.setattr(parallel, "available_threads", lambda: 2)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_results_keep_their_order_and_errors_are_raised(workers, two):
+@pytest.mark.parametrize("given", [{"workers": 1}, {"workers": 2}, {"ray": "local"}])
+def test_results_keep_their_order_and_errors_are_raised(given, two):
+    if "ray" in given:
+        pytest.importorskip("ray")
     finished = []
-    found = parallel.run(square, [(k,) for k in range(5)], workers=workers, done=finished.append)
+    found = parallel.run(square, [(k,) for k in range(5)], **given, done=finished.append)
     assert found == [(k**2, os.getcwd()) for k in range(5)] and sum(finished) == 5
     with pytest.raises(ArithmeticError, match="reason"):
-        parallel.run(fails, [("reason",)] * 3, workers=workers)
+        parallel.run(fails, [("reason",)] * 3, **given)
 
 
-def test_work_of_a_killed_process_starts_again(tmp_path, two):
+def test_work_of_a_killed_process_starts_again(tmp_path, two, monkeypatch):
     found = parallel.run(killed_once, [(tmp_path / str(k),) for k in range(2)], workers=2)
     assert len(found) == 2 and os.getpid() not in found
+    monkeypatch.setattr(parallel, "ATTEMPTS", 2)
+    with pytest.raises(ConnectionError, match="killed 2 times"):
+        parallel.run(killed, [()] * 2, workers=2)
+
+
+def test_workers_exit_when_their_parent_is_killed(tmp_path):
+    code = (
+        "import sys; from pathlib import Path; from agents import parallel; from tests.agents.test_parallel import wait_in;"
+        "parallel.available_threads = lambda: 2; parallel.run(wait_in, [(Path(sys.argv[1]),)] * 2, workers=2)"
+    )
+    parent = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)])
+    while len(os.listdir(tmp_path)) < 2:
+        assert parent.poll() is None
+        time.sleep(0.1)
+    parent.kill()
+    parent.wait()
+    started = time.monotonic()
+    while any(os.path.exists(f"/proc/{each}/fd/0") for each in os.listdir(tmp_path)):  # a zombie has no files
+        assert time.monotonic() - started < 20
+        time.sleep(0.1)
 
 
 def test_processors_are_shared(two):
-    limits, count = parallel.run(thread_limits, [()] * 2, workers=2)[0]
-    assert set(limits) == {"1"} and count == 1
+    assert parallel.run(thread_limits, [()] * 2, workers=2) == [("1", 1, 1)] * 2
 
 
-def test_on_ray():
-    pytest.importorskip("ray")
-    finished = []
-    found = parallel.run(square, [(k,) for k in range(4)], ray="local", workers=1, done=finished.append)
-    assert found == [(k**2, os.getcwd()) for k in range(4)] and sum(finished) == 4
-    with pytest.raises(ArithmeticError, match="reason"):
-        parallel.run(fails, [("reason",)] * 2, ray="local")
-
-
-@pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere", "host:port"])
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere", "host:port", "127.0.0.1:99999"])
 def test_unreachable_clusters_are_refused(address):
     pytest.importorskip("ray")
     with pytest.raises(checks.Refused, match="--ray"):

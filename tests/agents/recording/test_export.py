@@ -6,7 +6,6 @@ import os
 
 import gymnasium as gym
 import h5py
-import minari
 import numpy as np
 import pytest
 
@@ -14,14 +13,12 @@ import gym_vibgym  # noqa: F401  registers its environments
 from agents.__main__ import main
 from agents.recording import export as exporting
 from agents.recording.export import ORIGIN, export
-from agents.recording.record import RecordSettings, record
-from agents.recording.storage import kept_in
+from tests.agents.recording.conftest import NAME
+from tests.commands import refusal
 from vibgym.adapters.lerobot import names_of, observation_from, text_of
 from vibgym.envs import VibgymEnv
 from vibgym.files import WriteError
 from vibgym.tasks import TASKS
-
-NAME = "vibgym/align/pose-v0"
 
 
 class Writer:
@@ -51,52 +48,40 @@ def writer(monkeypatch):
     monkeypatch.setattr(exporting, "_lerobot", lambda: Writer)
 
 
-def recorded(directory, **changes):
-    given = {"dataset": NAME, "task": "Align", "policy": {"kind": "pose", "action": "wrench"}, "observation": "parts",
-             "episodes": 2, "worlds": 2, "first_seed": 1_000_007, "directory": str(directory)}  # fmt: skip
-    settings = RecordSettings.model_validate({**given, **changes})
-    record(settings, quiet=True)
-    with kept_in(settings.directory):
-        return minari.load_dataset(settings.dataset)
-
-
 @pytest.mark.parametrize("kind", ["parts", "state"])
-def test_episodes_are_those_of_the_recording(tmp_path, kind):
+def test_episodes_are_those_of_the_recording(recorded, tmp_path, kind):
     """Bit for bit, with empty slots; and names and shapes fit the values."""
-    changes = {"task": "Sort", "policy": {"kind": "planner", "law": "pose", "action": "wrench"}}
-    data = recorded(tmp_path, observation=kind, environment={"randomize": {"parts": [2, 4]}}, **changes)
+    policy = {"kind": "planner", "law": "pose", "action": "wrench"}
+    data = recorded(observation=kind, environment={"randomize": {"parts": [2, 4]}}, task="Sort", policy=policy)
     episodes, frames = export(NAME, tmp_path / "out", tmp_path, quiet=True)
     assert (episodes, frames) == (2, data.total_steps) and Writer.last.finalized and Writer.last.fps == 25
     features = Writer.last.features
     for key, feature in features.items():
-        assert feature["names"] is None or len(set(feature["names"])) == len(feature["names"]) == feature["shape"][0], (
-            key
-        )
-    for own, episode, about in zip(
-        Writer.last.episodes, data.iterate_episodes(), data.storage.get_episode_metadata([0, 1]), strict=True
-    ):
+        names = feature["names"]
+        assert names is None or len(set(names)) == len(names) == feature["shape"][0], key
+    about = data.storage.get_episode_metadata([0, 1])
+    for own, episode, kept in zip(Writer.last.episodes, data.iterate_episodes(), about, strict=True):
         steps, seen = len(episode.rewards), episode.observations
-        assert own["size"] == steps and set(own["task"]) == {text_of(TASKS["Sort"])}
         if kind == "parts":
             mask = seen["mask"][:-1]
-            state = np.concatenate([seen["parts"][:-1, slot] for slot in range(mask.shape[1])], axis=1)
+            state = seen["parts"][:-1].reshape(steps, -1)
             world = np.concatenate((state, mask.astype(np.float32)), axis=1)
-            assert not mask.all() and not state.reshape(steps, mask.shape[1], -1)[mask == 0].any()
+            assert not mask.all() and not seen["parts"][:-1][mask == 0].any()
         else:
             state = world = seen[:-1]
-        for key, values in (("observation.state", state), ("observation.environment_state", world)):
-            assert own[key].dtype == np.float32 and np.array_equal(own[key], values)
-            assert features[key]["shape"] == own[key].shape[1:]
-        assert np.array_equal(own["action"], episode.actions) and np.array_equal(own["next.reward"], episode.rewards)
-        assert own["next.done"].tolist() == [False] * (steps - 1) + [True]
-        assert own["next.success"].tolist() == [False] * (steps - 1) + [bool(about["success"])]
+        done = np.arange(steps) == steps - 1
+        expected = {
+            "observation.state": state, "observation.environment_state": world, "action": episode.actions,
+            "next.reward": episode.rewards, "next.done": done, "next.success": done & bool(kept["success"]),
+        }  # fmt: skip
+        for key, values in expected.items():
+            assert own[key].dtype == features[key]["dtype"] == values.dtype and np.array_equal(own[key], values), key
+            assert features[key]["shape"] == (values.shape[1:] or (1,))
+        assert own["size"] == steps and set(own["task"]) == {text_of(TASKS["Sort"])}
         assert np.array_equal(own["timestamp"], np.arange(steps) / 25)
     origin = json.loads((tmp_path / "out" / ORIGIN).read_text())
-    assert (
-        origin["dataset"] == NAME
-        and origin["seeds"] == [1_000_007, 1_000_008]
-        and origin["vibgym_scene"]["observation"] == kind
-    )
+    assert origin["dataset"] == NAME and origin["seeds"] == [1_000_007, 1_000_008]
+    assert origin["vibgym_scene"]["observation"] == kind and origin["ref_min_score"] < origin["ref_max_score"]
 
 
 def test_names_of_the_state_follow_its_layout():
@@ -108,33 +93,25 @@ def test_names_of_the_state_follow_its_layout():
         assert row.part is None or {name.split(".")[0] for name in own} == {f"part_{row.part}"}
 
 
-@pytest.mark.parametrize("case, named", [
-    ("differs", "seed 1000008 does not replay"), ("exists", "output"), ("image", "observation"), ("rate", "12.5"),
-    ("name", "no/such-v0"),
+@pytest.mark.parametrize("case, changes, named", [
+    ("differs", {}, "seed 1000008 does not replay"), ("exists", {}, "output"), ("no/such-v0", {}, "no/such-v0"),
+    ("image", {"observation": "image"}, "observation"), ("rate", {"environment": {"periods_per_step": 2}}, "12.5"),
 ])  # fmt: skip
-def test_refusals_leave_nothing_behind(tmp_path, capsys, case, named):
+def test_refusals_leave_nothing_behind(recorded, tmp_path, capsys, case, changes, named):
     """An episode that does not replay, a directory that exists, images, 12.5 steps per second, an unknown name."""
-    changes = {"image": {"observation": "image"}, "rate": {"environment": {"periods_per_step": 2}}}.get(case, {})
-    recorded(tmp_path, **changes)
-    output = tmp_path / "some" / "out"
+    data, output = recorded(**changes), tmp_path / "some" / "out"
     if case == "differs":
-        with h5py.File(tmp_path / NAME / "data" / "main_data.hdf5", "r+") as file:
-            rewards = file["episode_1/rewards"][()]
-            del file["episode_1/rewards"]
-            file["episode_1/rewards"] = rewards + 1e-9
-    output.parent.mkdir()
-    if case == "exists":
-        output.mkdir()
+        with h5py.File(data.storage.data_path / "main_data.hdf5", "r+") as file:
+            file["episode_1/rewards"][0] += 1e-9
+    (output if case == "exists" else output.parent).mkdir(parents=True)
     before = sorted(tmp_path.rglob("*"))
-    name = "no/such-v0" if case == "name" else NAME
-    assert main(["export", name, "--datasets", str(tmp_path), "--output", str(output), "--quiet"]) == 2
-    error = capsys.readouterr().err
-    assert named in error and error.count("\n") == 1
+    name = case if "/" in case else NAME
+    assert named in refusal(capsys, main, "export", name, "--datasets", tmp_path, "--output", output)
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_full_disk_leaves_nothing_behind(tmp_path, monkeypatch):
-    recorded(tmp_path)
+def test_a_full_disk_leaves_nothing_behind(recorded, tmp_path, monkeypatch):
+    recorded()
     before = sorted(tmp_path.rglob("*"))
 
     def full(self, episode):
@@ -153,11 +130,11 @@ def test_environments_have_the_observations_of_the_data_sets(kind):
     assert env.task_description == text_of(TASKS["Swap"]) and env._max_episode_steps == alone.spec.max_episode_steps
     seen, _ = env.reset(seed=3)
     other, _ = alone.reset(seed=3)
-    action = np.full(alone.action_space.shape, 0.3, dtype=np.float32)
-    for _ in range(3):
+    for _ in range(4):
         expected = observation_from(kind, other)
         assert seen.keys() == expected.keys() and env.observation_space.contains(seen)
         assert all(np.array_equal(seen[key], expected[key]) for key in seen)
+        action = np.full(alone.action_space.shape, 0.3, dtype=np.float32)
         seen, reward, *ends, info = env.step(action)
         other, same, *own, about = alone.step(action)
         assert reward == same and ends == own and info["is_success"] == about["is_success"]
