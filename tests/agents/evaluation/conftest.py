@@ -49,33 +49,6 @@ class Still(Pusher):
         return np.zeros((len(observation), 1, 6), dtype=np.float32), state
 
 
-class Shepherd:
-    """Pushes every part towards its zone, and away from a near neighbour and from the long borders."""
-
-    action, observation = "field", "state"
-    name = "shepherd"
-
-    def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        seen = np.asarray(observation)
-        blocks = seen.reshape(*seen.shape[:-1], -1, 20)
-        near = np.maximum(0.8 - blocks[..., 17:18], 0.0)  # tanh of the distance in largest element sizes
-        centre = blocks[..., 8:10]
-        border = np.sign(centre) * np.maximum(np.abs(centre) - 0.6, 0.0)
-        action = np.zeros((*blocks.shape[:-1], 6), dtype=np.float32)
-        way = 0.5 * np.sign(blocks[..., 12:14])  # not less near the zone: parts shall cross its border, not creep to it
-        push = way - 0.5 * blocks[..., 14:16] - 0.25 * near * blocks[..., 18:20]
-        action[..., 0:2] = push - border * [0.0, 1.0]
-        return action, state
-
-
-class LazyShepherd(Shepherd):
-    """Leaves the parts where they are."""
-
-    def predict(self, observation, state=None, episode_start=None, deterministic=True):
-        action, state = super().predict(observation)
-        return 0.0 * action, state
-
-
 LATE = {"kind": "prototype", "dead_zone": 0.0, "gain_spread": 0.0, "phase_spread": 0.0, "latency": 3}
 BROKEN = {"kind": "prototype", "dead": 1.0, "latency": 0}
 SENSOR = {"kind": "pose", "noise": 0.0, "delay": 5}
@@ -93,8 +66,8 @@ SEVERAL = {
     "policies": [
         {"name": "still", "policy": Still(), "tasks": ["Transport"], "hardware": ["ideal"]},
         {"name": "pusher", "policy": Pusher(), "tasks": ["Transport"]},
-        {"name": "shepherd", "policy": Shepherd(), "tasks": ["Sort", "Singulate"]},
-        {"name": "lazy shepherd", "policy": LazyShepherd(), "tasks": ["Sort", "Singulate"]},
+        {"kind": "local_field", "tasks": ["Sort", "Singulate"]},
+        {"kind": "zero", "tasks": ["Sort", "Singulate"]},
     ],
     "episodes": 5,
     "task_episodes": {"Sort": 6},

@@ -73,10 +73,10 @@ def test_short_films(found, played, filmed, frames):
 
 def test_films_show_zones(several, played_several):
     """A zone tints its end of the table: pictures differ from Singulate's at the left and at the right, not between."""
-    film = played_several["Sort", "ideal", "shepherd"].film
+    film = played_several["Sort", "ideal", "local_field"].film
     assert re.match(r"0\.00 s   \d of 6 parts done ", film.captions[0]) and len(film.captions) == len(film.poses)
     pictures = []
-    for place in (("Sort", "ideal", "lazy shepherd"), ("Singulate", "ideal", "lazy shepherd")):
+    for place in (("Sort", "ideal", "zero"), ("Singulate", "ideal", "zero")):
         own, scenery = played_several[place].film, scenery_at(several, place)
         empty = dataclasses.replace(own, present=np.zeros_like(own.present))
         pictures.append(films.picture(empty, scenery, 0, films.painter_for(scenery, 520)))

@@ -11,7 +11,7 @@ from agents.evaluation import EvaluationSettings, difference, prepare, report, t
 from agents.evaluation.rows import against_best, best_rows, differences, rows
 from agents.evaluation.settings import laid_over, with_sensor
 from agents.evaluation.table import where
-from tests.agents.evaluation.conftest import BROKEN, CASES, SEVERAL, Pusher, Shepherd, Still, rows_of
+from tests.agents.evaluation.conftest import BROKEN, CASES, SEVERAL, Counting, Pusher, Still, rows_of
 
 
 class Links(HTMLParser):
@@ -178,14 +178,14 @@ def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves():
     policies = [
         "open_loop",
         {"name": "mine", "policy": Pusher(), "tasks": ["Transport"]},
-        Shepherd(),
+        Counting(),
         {"kind": "local_field", "name": "local_fields", "tasks": ["Sort"]},
         {"policy": Still(), "action": "field", "name": "with its action"},
         "zero",
     ]
     served = {
-        "Transport": ["open_loop", "mine", "shepherd", "with its action", "zero"],  # what an object serves is not known
-        "Sort": ["shepherd", "local_fields", "with its action", "zero"],
+        "Transport": ["open_loop", "mine", "counting", "with its action", "zero"],  # what an object serves is not known
+        "Sort": ["counting", "local_fields", "with its action", "zero"],
     }
     pairs = [case.place[1::2] for case in prepare(settings(policies=policies)).cases]
     assert pairs == [(task, name) for task, names in served.items() for name in names]

@@ -61,25 +61,6 @@ def test_load(feeding):
     assert "| policy | parts | good |" in lines and "rate / bound" in lines and "success" not in lines
 
 
-def test_path_errors_of_goals_that_move(tmp_path):
-    """In the table, the files and on the page; a task whose goals stay has none, and no such column."""
-    settings = {"tasks": ["Follow", "Transport"], "policies": ["pose", "zero"], "episodes": 2, "animations": False}
-    found = evaluated(settings, tmp_path)
-    page = report.write(found, quiet=True).read_text()
-    errors = {
-        (task, policy): where(found.main, task=task, policy=policy)["path_error_m"].tolist()
-        for task in settings["tasks"]
-        for policy in settings["policies"]
-    }
-    assert max(errors["Follow", "pose"]) < 0.5e-3 and min(errors["Follow", "zero"]) > 0.01
-    assert np.isnan(errors["Transport", "pose"]).all()
-    row = next(row for row in rows(found) if (row["task"], row["policy"]) == ("Follow", "pose"))
-    assert row["path_error_median_m"] == np.median(errors["Follow", "pose"])
-    tables = report.summary_table(found).split("\n\n")
-    assert ["path error" in each for each in tables] == ["Follow" in each for each in tables] == [True, False]
-    assert f"{1e3 * row['path_error_median_m']:.2f} mm" in tables[0] and "Path error (rms)" in page
-
-
 class Park(PoseTask):
     """Bring the part to the left end, whatever its heading."""
 
