@@ -12,6 +12,7 @@ from agents import __main__ as command
 from agents.evaluation import ComparisonSettings, report
 from agents.evaluation.rows import best_classical, differences, ladders, rows, study_rows
 from tests.agents.evaluation.conftest import evaluated, rows_of
+from tests.commands import saved
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, VERSION
 
@@ -112,17 +113,9 @@ def test_files(found):
 
 def test_the_shipped_comparison_runs(tmp_path, capsys):
     config = yaml.safe_load(Path("configs/comparisons/quick.yaml").read_text())
-    config["processes"] = 1
-    config["resamples"] = 100
     config["generalisation"][0]["episodes"] = 1
-    path = tmp_path / "quick.yaml"
-    path.write_text(yaml.safe_dump(config))
-    asked = ["compare", str(path), "--episodes", "2", "--output", str(tmp_path / "out"), "--quiet"]
-    assert command.main(asked) == 0
-    printed = capsys.readouterr().out
-    assert "| Rotate | learned (learned) |" in printed and "compare.html" in printed
-    assert sorted(each.name for each in (tmp_path / "out").glob("compare.*")) == [
-        "compare.csv",
-        "compare.html",
-        "compare.json",
-    ]
+    path = saved(tmp_path, config, processes=1, resamples=100)
+    assert command.main(["compare", str(path), "--episodes", "2", "--quiet"]) == 0
+    assert "| Rotate | learned (learned) |" in capsys.readouterr().out
+    names = {each.name for each in (tmp_path / "out").glob("compare.*")}
+    assert names == {"compare.csv", "compare.html", "compare.json"}

@@ -256,7 +256,7 @@ def test_names_are_plain_words_and_entries_are_written_into_their_folder_only(na
     Path("mine.yaml").write_text(yaml.safe_dump({"kind": "zero", "name": name}))
     before = sorted(place.parent.rglob("*"))
     assert main(["score", "suite.yaml", "--policy", "mine.yaml", "--enter", "me", "--output", "out"]) == 2
-    assert "letters, digits" in capsys.readouterr().err and sorted(place.parent.rglob("*")) == before
+    assert "at most 40" in capsys.readouterr().err and sorted(place.parent.rglob("*")) == before
 
 
 def test_a_trained_policy_is_entered_with_its_files(capsys):

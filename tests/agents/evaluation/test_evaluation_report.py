@@ -145,7 +145,10 @@ def test_csv_files(found, several, written, written_several):
     assert sorted(path.name for path in written.iterdir()) == [  # policies that are objects are not recorded
         "episodes.csv", "report.html", "results.csv", "results.json"
     ]  # fmt: skip
-    lines = report.summary_table(several).splitlines()
+    # Tasks with the same figures stand together.
+    tables = report.summary_table(several).split("\n\n")
+    assert [("throughput" in each, "Sort" in each) for each in tables] == [(False, False), (True, True), (False, False)]
+    lines = tables[0].splitlines()
     assert lines[0].startswith("| task | hardware | policy |")
     assert lines[4].startswith("| Transport | broken | pusher | 0.0 % (")
 

@@ -21,7 +21,7 @@ from agents.evaluation.statistics import (
     success_interval,
     suite_interval,
     suite_score,
-)
+)  # fmt: skip
 from agents.evaluation.verify import chance_of
 
 LEVEL, RESAMPLES, DRAWS = 0.95, 9999, 2000
@@ -67,21 +67,17 @@ def test_paired_success_differences():
     found = success_difference(first, second, LEVEL, RESAMPLES)
     # 20 of 100 seeds differ, all the same way, so this is the interval of 20 / 100; unpaired it were 0.2 +- 0.124.
     wilson = stats.binomtest(20, 100).proportion_ci(LEVEL, method="wilson")
-    assert (found.interval.low, found.interval.high) == pytest.approx(
-        (wilson.low, wilson.high), abs=0.01
-    ) and found.clear
+    assert (found.interval.low, found.interval.high) == pytest.approx((wilson.low, wilson.high), abs=0.01)
+    assert found.clear
     same = success_difference(first, first, LEVEL, RESAMPLES).interval
     assert same.low == -same.high == pytest.approx(0.025 ** (1 / 100) - 1.0)
     always = success_difference(outcomes(0, 100)[None], outcomes(100, 100)[None], LEVEL, RESAMPLES).interval
     assert (always.low, always.high) == (-1.0, pytest.approx(-(0.025 ** (1 / 100))))
 
 
-def test_quartiles_ignore_nan():
+def test_quartiles_and_the_mean_of_the_middle_half():
     found = quartiles(np.array([1.0, np.nan, 2.0, 3.0, 4.0, 5.0]))
     assert tuple(found) == (2.0, 3.0, 4.0) and np.isnan(quartiles(np.array([np.nan])).median)
-
-
-def test_iqm_is_the_mean_of_the_middle_half():
     assert iqm(np.array([9.0, 1.0, 2.0, 100.0, 3.0, 4.0, -50.0, 5.0])) == pytest.approx((2 + 3 + 4 + 5) / 4)
     values = np.random.default_rng(0).normal(size=1003)
     assert iqm(values) == pytest.approx(np.sort(values)[250:-250].mean())
