@@ -17,7 +17,7 @@ from tqdm import tqdm
 from agents import parallel
 from agents.evaluation import plots
 from agents.evaluation.films import FILE, PAGE, Rollout, film_gif
-from agents.evaluation.table import REPORT, Place, frame, where
+from agents.evaluation.table import RECORDED, REPORT, Place, frame, where
 from agents.learning_curve import Curve
 from agents.provenance import digest, policy_files, policy_sources, provenance
 from vibgym import checks
@@ -149,9 +149,10 @@ class Case:
         if path is None or not path.exists():
             return None
         try:
-            episodes = pd.read_csv(path, float_precision="round_trip")
-            numbers = episodes.drop(columns="seed").astype(np.float64)
-            if episodes["seed"].tolist() == self.seeds and bool(np.isin(numbers["success"], (0.0, 1.0)).all()):
+            texts = pd.read_csv(path, dtype=str)  # pandas' own parser of numbers was not always exact
+            episodes = texts.astype({name: np.int64 if name == "seed" else np.float64 for name in RECORDED})
+            known = tuple(episodes) == RECORDED and bool(np.isin(episodes["success"], (0.0, 1.0)).all())
+            if known and episodes["seed"].tolist() == self.seeds:
                 pictures = {name: path.with_suffix(f".{name}").read_bytes() for name in self.pictures}
                 return Played(episodes, pictures)
         except (OSError, ValueError, KeyError, TypeError):

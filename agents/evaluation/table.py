@@ -73,6 +73,9 @@ METRICS = {
 TIMING = {"timed_steps": "world_steps", "policy_s": "policy", "environment_s": "environment"}
 """Column -> attribute of :class:`vibgym.policies.rollout.Timing`: of all episodes of a case together."""
 
+RECORDED = ("seed", *METRICS, "score", *TIMING)
+"""Columns of recorded episodes, which have no labels."""
+
 ENDS = ("success", "steps", "time_to_goal_s", "position_error_m", "heading_error_rad", "fallen")
 """Metrics of studies that record only how episodes end."""
 
