@@ -9,7 +9,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents import evaluation
+from agents.evaluation import EvaluationSettings, prepare
 from studies.accuracy import report
 from studies.accuracy import settings as accuracy_settings
 from tests.fuzz.campaign import count, fuzz, numpy_warns_of_nothing, places  # noqa: F401 - for this module
@@ -45,9 +45,9 @@ def train(path, output):
 
 def evaluate(path, output):
     """As far as ``python -m agents evaluate`` can."""
-    settings = evaluation.load_settings(path, output=str(output))
+    settings = EvaluationSettings.load(path, output=str(output))
     try:
-        evaluation.prepare(settings)
+        prepare(settings)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
