@@ -194,14 +194,6 @@ def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves():
     assert pairs == [(task, name) for task, names in served.items() for name in names]
 
 
-def test_every_environment_can_be_evaluated():
-    prepared = prepare(settings(tasks=["SortThreeKinds", "SortCrowded"], policies=["local_field"]))
-    info, scenery = prepared.tasks["SortThreeKinds"], prepared.cases[0].scenery
-    assert info.kinds == ("steel_block", "aluminium_block", "disc") and info.step_limit == 750
-    assert scenery.kinds == (0, 1, 2, 0, 1, 2)
-    assert [zone.label for zone in scenery.zones] == ["steel block", "aluminium block", "disc"]
-
-
 def test_hardware_replaces_arguments_of_the_environment():
     environment = {"surface": "prototype", "actuators": "ideal", "randomize": {"parts": [1, 3], "friction": [1, 2]}}
     over = laid_over(environment, {"actuators": BROKEN, "randomize": {"friction": [0.9, 1.1]}})

@@ -124,17 +124,6 @@ def test_a_full_disk_leaves_the_old_report_and_its_film(tmp_path, capsys, monkey
     assert files_in(tmp_path / "out") | files_in(tmp_path / "film") == before
 
 
-@pytest.mark.parametrize("place", ["commands.evaluate", "report.prepare"])
-def test_interruption_is_one_line(place, tmp_path, capsys, monkeypatch):
-    def interrupted(*arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(f"agents.evaluation.{place}", interrupted)
-    assert command.main(["evaluate", str(saved(tmp_path, GOOD)), "--quiet"]) == 130
-    line = capsys.readouterr().err
-    assert line.startswith("interrupted") and line.count("\n") == 1
-
-
 def test_shipped_settings_are_sound():
     for path in sorted(Path("configs/evaluations").glob("*.yaml")):
         assert EvaluationSettings.load(path).seed_list()[0] in (100_000, 300_000)
