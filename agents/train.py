@@ -6,7 +6,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
 from typing import Any
 
@@ -58,20 +58,22 @@ def train(
         Path of the policy's file.
 
     Raises:
-        ValueError: invalid settings, or see :meth:`Training.run`.
-        TrainingError: the training diverged; the last checkpoint and the last policy stay.
-        WriteError: files cannot be written.
+        ValueError: invalid settings.
+        TrainingError, WriteError: see :meth:`Training.run`.
     """
     settings = load_settings(config, agent, seed)
-    directory = output or Path(settings.output or Path("runs") / config.stem)
     with checks.within(config):
-        training = Training(settings, directory, quiet, line)
+        training = Training(settings, output or _output(settings, config), quiet, line)
     with training:
         path = training.run()
     if not quiet and not line:
         steps, seconds = training.learner.steps, training.seconds
         print(f"{path}: {steps} steps in {seconds:.0f} s, {steps / seconds:.0f} steps/s, everything included")
     return path
+
+
+def _output(settings: TrainSettings, config: Path) -> Path:
+    return Path("runs") / config.stem if settings.output is None else Path(settings.output)
 
 
 def train_seeds(
@@ -90,18 +92,16 @@ def train_seeds(
         seeds: different from each other.
         output: directory with one subdirectory per seed, ``seed-0`` and so on; None: the file's.
         processes, ray: see :func:`agents.parallel.run`.
-
-    Raises:
-        ValueError: invalid settings, or a repeated seed.
     """
     if len(set(seeds)) < len(seeds):
         raise checks.refuse("--seeds", list(seeds), "different seeds")
     folders = []
     for seed in seeds:
         settings = load_settings(config, agent, seed)
-        default = Path(settings.output or Path("runs") / config.stem)
-        own = agent is not None and settings.output is not None and output is None  # its default names the seed
-        folders.append(default if own else (output or default) / f"seed-{seed}")
+        if agent is not None and output is None:  # its directory names the seed
+            folders.append(_output(settings, config))
+        else:
+            folders.append((output or _output(settings, config)) / f"seed-{seed}")
     # Each run has a bar of its own, below that of all; not on a cluster, whose nodes write elsewhere.
     calls = [
         (config, folder, quiet or ray is not None, agent, seed, k % parallel.usable(processes) + 1)
@@ -111,7 +111,7 @@ def train_seeds(
         return parallel.run(train, calls, workers=processes, ray=ray, done=bar.update)
 
 
-class Training:
+class Training(AbstractContextManager["Training"]):
     """One run: its learner, learning curve and checkpoints. A context that closes the environment.
 
     A run of PPO or from a data set that was killed at any instant ends with the weights of an uninterrupted one, bit for bit
@@ -123,9 +123,6 @@ class Training:
             policy, and for each session ``log-from-STEPS`` with ``progress.csv`` and the events of both for TensorBoard.
         quiet: no progress bar.
         line: of the progress bar.
-
-    Raises:
-        ValueError: invalid settings.
     """
 
     def __init__(self, settings: TrainSettings, directory: Path, quiet: bool = False, line: int = 0) -> None:
@@ -144,9 +141,6 @@ class Training:
     def close(self) -> None:
         """Close the environment."""
         getattr(self.learner, "close", lambda: None)()
-
-    def __enter__(self) -> Training:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -24,14 +24,22 @@ from vibgym.policies.trained.residual import CORRECTED, base_named
 from vibgym.settings import BaseSettings, Unit
 
 MOST_STEPS = 10**12
-MOST_BYTES = 4e9
-"""Of a rollout, and of the demonstrations of imitation."""
 
 Plain = Annotated[Any, BeforeValidator(json_values)]
 """A policy or a scene as JSON values: parts and surfaces become mappings, NumPy's arrays lists."""
 
 Arguments = Annotated[dict[str, Any], BeforeValidator(json_values)]
 """Arguments of an environment or a policy as JSON values."""
+
+
+def _without_num_envs(arguments: dict[str, Any]) -> dict[str, Any]:
+    if "num_envs" in arguments:
+        raise checks.conflict("num_envs cannot be set for training: worlds is their number")
+    return arguments
+
+
+Scene = Annotated[Arguments, AfterValidator(_without_num_envs)]
+"""Arguments of the worlds of a run."""
 
 
 def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
@@ -52,16 +60,6 @@ Steps = Annotated[
     Field(ge=0, le=MOST_REMEMBERED),
 ]
 Widths = Annotated[tuple[Width, ...], Field(min_length=1, max_length=8)]
-
-
-def check_bytes(name: str, value: int, bytes_each: float) -> None:
-    """Raise if ``value`` items of ``bytes_each`` bytes have more than :data:`MOST_BYTES`.
-
-    Raises:
-        ValueError: names the setting.
-    """
-    if value * bytes_each > MOST_BYTES:
-        raise checks.refuse(name, value, f"at most {MOST_BYTES:.1e} bytes in all; each has {bytes_each:.1e}")
 
 
 def for_seed(value: Any, seed: int) -> Any:
@@ -216,7 +214,7 @@ class UntilSettings(BaseSettings):
 
 
 class StageSettings(BaseSettings):
-    """Stage of a curriculum, see :class:`agents.curriculum.Curriculum`."""
+    """Stage of a curriculum, see :class:`agents.training_envs.Worlds`."""
 
     environment: Arguments
     """Arguments that differ from those of the run's environment; mappings are merged."""
@@ -231,7 +229,7 @@ class TrainSettings(BaseSettings):
     task: str
     """See :func:`vibgym.envs.vector.batch_of`."""
 
-    environment: Arguments = {"action": "patch"}
+    environment: Scene = {"action": "patch"}
     """Arguments of the environment."""
 
     worlds: int = Field(default=512, ge=1, le=100_000)
@@ -249,7 +247,7 @@ class TrainSettings(BaseSettings):
     output: str | None = None
     """Directory; None: runs/<name of the file>."""
 
-    scenes: tuple[Arguments, ...] = Field(default=(), max_length=10_000)
+    scenes: tuple[Scene, ...] = Field(default=(), max_length=10_000)
     """Arguments that are added to ``environment``; worlds are divided among them."""
 
     start: str | None = None
@@ -297,11 +295,7 @@ class TrainSettings(BaseSettings):
         return self
 
     def check_alone(self) -> None:
-        """Reject ``residual``, ``imitation``, ``start`` and ``curriculum``, which PPO alone supports.
-
-        Raises:
-            ValueError: one is set.
-        """
+        """Reject ``residual``, ``imitation``, ``start`` and ``curriculum``, which PPO alone supports."""
         for name in ("residual", "imitation", "start", "curriculum"):
             if getattr(self, name):
                 raise checks.conflict(f"{name} requires algorithm 'ppo', got {self.algorithm!r}")

@@ -12,7 +12,7 @@ from agents.algorithms import ALGORITHMS
 from agents.networks import PartsActor, PartsCritic
 from agents.training_envs import make_worlds
 from agents.training_file import load_settings
-from agents.worlds import Worlds
+from agents.training_envs import Worlds
 from tests.agents.training.checkpoints import same
 from vibgym.envs.actions import ACTIONS, Field
 from vibgym.policies.trained.networks import ACTING
@@ -178,7 +178,7 @@ def test_a_user_registered_algorithm_is_trained_and_continues(tmp_path, monkeypa
 @pytest.mark.parametrize("changes, named", [
     ({"algorithm": "sb3.Nothing"}, "algorithm"), ({"ppo": {"network": "nothing"}}, "network"), ({"steps": 0}, "steps"),
     ({"algorithm": "sb3.SAC", "imitation": IMITATION}, "imitation"), ({"ppo": {"n_steps": 10**6}, "worlds": 1000}, "n_steps"),
-    ({"environment": {"num_envs": 3}}, "environment.num_envs"), ({"scenes": [{}, {"num_envs": 3}]}, "scenes\\[1\\].num_envs"),
+    ({"environment": {"num_envs": 3}}, "environment: num_envs"), ({"scenes": [{}, {"num_envs": 3}]}, "scenes\\[1\\]: num_envs"),
     ({"serves": {"frequency": [30.0, 20.0]}}, "frequency"),
     ({"curriculum": [{"environment": {}}]}, "curriculum\\[0\\].until"),
     ({"curriculum": [{"environment": {}, "until": {}}]}, "curriculum\\[0\\].until"),

@@ -5,9 +5,10 @@ import csv
 import numpy as np
 import pytest
 
-from agents.learning_curve import COLUMNS, RATE, LearningCurve, evaluation_environments, play, rank, without_hold
+from agents.learning_curve import COLUMNS, RATE, LearningCurve, evaluation_environments, rank, without_hold
 from agents.training_file import settings_from
 from tests.envs.helpers import batch
+from vibgym.policies.rollout import run
 from vibgym.simulation.multibody import Multibody
 
 SETTINGS = {
@@ -51,27 +52,13 @@ def test_rows_tell_what_the_policy_does(tmp_path):
     assert (first["steps"], first["seconds"], first["phase"]) == ("10", "1.2", "imitation")
     assert (second["steps"], second["seconds"], second["phase"]) == ("20", "4.6", "ppo")
     env = batch("Transport", 5, action="field", max_episode_steps=20, observation="parts", autoreset_mode="Disabled")
-    found = play(Still(), env, 400_070)
+    found = run(Still(), env, range(400_070, 400_075), "Transport")
     assert np.isnan(found.fact(RATE)).all() and first["rate"] == ""
     assert not found.success.any() and (found.steps == 20).all() and len(set(found.returns.round(9))) > 1
     for each in (first, second):  # the same seeds every time
         assert (each["success"], each["time_to_goal"]) == ("0.0", "")
         assert float(each["mean_time"]) == pytest.approx(20 * env.step_time)  # the limit, of episodes that fail
         assert float(each["return_"]) == pytest.approx(np.median(found.returns), abs=1e-4)
-
-
-def test_an_episode_counts_to_its_end_and_no_further():
-    """As worlds that are played one by one."""
-    env = batch("Transport", 4, action="field", surface={"rows": 3, "columns": 4}, max_episode_steps=40,
-                observation="parts", autoreset_mode="Disabled")  # fmt: skip
-    found = play(Still(0.8), env, 3)
-    assert len(set(found.steps)) > 1 and found.steps.min() < 40  # they fall off
-    for world in range(4):
-        alone = batch("Transport", 1, action="field", surface={"rows": 3, "columns": 4}, max_episode_steps=40,
-                      observation="parts", autoreset_mode="Disabled")  # fmt: skip
-        one = play(Still(0.8), alone, 3 + world)
-        assert (one.success[0], one.steps[0]) == (found.success[world], found.steps[world])
-        assert one.returns[0] == pytest.approx(found.returns[world], abs=1e-12)
 
 
 def test_a_run_that_goes_on_keeps_the_rows_up_to_its_checkpoint(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from agents.learning_curve import LearningCurve, play
+from agents.learning_curve import LearningCurve
 from agents.ppo import PPO
 from agents.tabulate import tabulate
 from agents.train import train
@@ -15,6 +15,7 @@ from agents.training_file import load_settings
 from tests.policies.helpers import info_of
 from vibgym.files import csv_text
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import run as play
 from vibgym.policies.trained.residual import ResidualPolicy, load_correction
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import KIND, VERSION, load_trained
@@ -119,7 +120,9 @@ def test_a_correction_of_zero_is_evaluated_as_the_base(learner, tmp_path):
     curve.begin(0)
     row = curve.measure(made.acting(), 0, 0.0, "ppo")
     alone = gym.make_vec("vibgym/Align-v0", num_envs=4, action="wrench", autoreset_mode="Disabled")
-    found = play(make_policy(POSE, info_of("Align", action="wrench")), alone, 500_000)
+    found = play(
+        make_policy(POSE, info_of("Align", action="wrench")), alone, range(500_000, 500_000 + alone.num_envs), "Align"
+    )
     seconds = alone.unwrapped.step_time * found.steps
     assert row["success"] == found.success.mean() == 1.0
     assert row["return_"] == round(float(np.median(found.returns)), 4)
