@@ -130,20 +130,13 @@ class Training(AbstractContextManager["Training"]):
         self._bar_options: dict[str, Any] = {"unit": "step", "unit_scale": True, "disable": quiet}
         if line:  # it leaves when the run ends
             self._bar_options |= {"desc": f"seed {settings.seed}", "position": line, "leave": False}
-        self.learner: Any = ALGORITHMS[settings.algorithm.partition(".")[0]](settings)
         self.seconds, self.saved_at = 0.0, 0
-        try:
-            self.curve = None if settings.judging is None else LearningCurve(settings, directory)
-        except ValueError:
-            self.close()
-            raise
-
-    def close(self) -> None:
-        """Close the environment."""
-        getattr(self.learner, "close", lambda: None)()
+        self.curve = None if settings.judging is None else LearningCurve(settings, directory)
+        self.learner: Any = ALGORITHMS[settings.algorithm.partition(".")[0]](settings)
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        """Close the environment."""
+        getattr(self.learner, "close", lambda: None)()
 
     def run(self, listener: Listener | None = None) -> Path:
         """Train to the end and write the policy; return its path.
