@@ -95,27 +95,6 @@ def test_files_of_other_runs_and_damaged_ones_are_refused(copied, tmp_path, caps
     assert str(copied) in line and named in line and files_in(copied) == before
 
 
-def damaged(run, how):
-    """Damage the policy of a run; return its path."""
-    path, record = run / "policy.json", json.loads((run / "policy.json").read_text())
-    tensors = run / record["tensors"]
-    if how == "version":
-        path.write_text(json.dumps({**record, "version": 1}))
-    elif how == "truncated":
-        os.truncate(tensors, 40)
-    else:
-        data = tensors.read_bytes()
-        tensors.write_bytes(data[:-2] + bytes([data[-2] ^ 1]) + data[-1:])
-    return path
-
-
-@pytest.mark.parametrize("how", ["truncated", "version", "altered tensors"])
-def test_damaged_policies_are_no_start(copied, tmp_path, capsys, how):
-    path = damaged(copied, how)
-    line = refusal(capsys, command.main, "train", written(tmp_path, start=str(path)), "--output", tmp_path / "new")
-    assert str(path) in line and not (tmp_path / "new").exists()
-
-
 def test_reading_a_checkpoint_runs_no_code(copied, tmp_path):
     class Code:
         def __reduce__(self):

@@ -10,7 +10,6 @@ from agents.training_settings import NetworkSettings
 from tests.envs.helpers import batch
 from tests.policies.trained.helpers import coding_for
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.coding import Coding
 from vibgym.policies.trained.trained import TrainedPolicy
 
 WORLDS = 8
@@ -74,9 +73,8 @@ def imitation_of(seed=5, turned=False, remembers=False, made=TowardsTheGoal, **s
 def test_a_network_learns_a_law_from_few_steps(turned):
     imitation, expert, coding = imitation_of(turned=turned)
     errors = list(imitation.rounds())
-    assert len(errors) == 3 and imitation.steps == 3 * 40 * WORLDS
+    assert len(errors) == 3 and imitation.steps == 3 * 40 * WORLDS and coding.turned is turned
     assert errors[-1] < 5e-3 and errors[-1] < 0.5 * errors[0]
-    assert isinstance(coding, Coding) and coding.turned is turned
     # On new observations its action in the scene is the law's.
     env = batch("Transport", 200, action="field", observation="parts")
     seen, _ = env.reset(seed=9000)

@@ -9,8 +9,6 @@ from agents import __main__ as command
 from agents.training_file import agents_in, load_settings
 from tests.agents.training.helpers import DATA, POSE, PPO, written
 from tests.commands import refusal
-from vibgym.policies.trained.storage import load_set, save_set
-from vibgym.policies.trained.trained import KIND, VERSION
 
 MANY = """
 defaults:
@@ -122,7 +120,6 @@ def offline(algorithm="offline", environment=WRENCH, **changes):
 
 REFUSED = {
     "no task": ({"task": None}, "task"),
-    "no steps": ({"steps": 0}, "steps"),
     "negative seed": ({"seed": -1}, "seed"),
     "algorithm": ({"algorithm": "nothing"}, "algorithm"),
     "algorithm of another library": ({"algorithm": "sb3.Nothing"}, "algorithm"),
@@ -154,6 +151,7 @@ REFUSED = {
         "all elements rest",
     ),
     "judging without costs": ({"judging": {"cost_limit": 1.0}}, "judging.cost_limit"),
+    "no start": ({"start": "nowhere.json"}, "nowhere.json"),
     "start of another task": ({**START, "task": "Transport"}, "tasks"),
     "start with another action": ({**START, "environment": {"action": "patch"}}, "action"),
     "start on another surface": (
@@ -170,7 +168,6 @@ REFUSED = {
     "base that is corrected": ({**HYBRID, "residual": {"base": {"kind": "residual", "path": "x.json"}}}, "residual.base"),
     "unknown base": ({**HYBRID, "residual": {"base": {"kind": "nobody"}}}, "nobody"),
     "action of the base": ({**HYBRID, "residual": {"base": {"kind": "pose", "action": "phasor"}}}, "base.action"),
-    "scale": ({**HYBRID, "residual": {"base": POSE, "scale": 0}}, "residual.scale"),
     "base with memory": ({**HYBRID, **own(remembers=True)}, "ppo.remembers"),
     "base that turns": ({**HYBRID, **own(turned=True)}, "ppo.turned"),
     "base of images": ({**HYBRID, **own(network="pixels")}, "ppo.network"),
@@ -206,11 +203,3 @@ def test_settings_are_refused_before_anything_is_written(name, tmp_path, capsys,
     line = refusal(capsys, command.main, "train", path, "--output", tmp_path / "out")
     assert named in line and str(path) in line
     assert not (tmp_path / "out").exists()
-
-
-def test_a_policy_with_other_columns_is_no_start(agent, tmp_path, capsys):
-    tensors, record = load_set(agent / "policy.json", KIND, VERSION)
-    plain = {key: value for key, value in record.items() if key not in ("format", "version", "tensors", "sha256")}
-    save_set(tmp_path / "other.json", KIND, tensors, {**plain, "columns": [*plain["columns"], ["age", 1]]}, VERSION)
-    config = written(tmp_path, start=str(tmp_path / "other.json"))
-    assert "columns" in refusal(capsys, command.main, "train", config, "--output", tmp_path / "out")
