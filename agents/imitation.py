@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from agents.networks import ActorCritic
-from agents.training_settings import ImitationSettings, for_seed
+from agents.training_settings import ImitationSettings, check_bytes, for_seed
 from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
@@ -103,9 +103,9 @@ class Demonstrator:
 
 
 def check_memory(settings: ImitationSettings, coding: Coding, worlds: int) -> None:
-    """Raise if the demonstrations of all worlds exceed the memory of this host."""
+    """Raise if the demonstrations of all worlds have more than :data:`agents.training_settings.MOST_BYTES`."""
     sample = np.dtype(coding.dtype).itemsize * coding.shape.columns + 4 * (1 + coding.shape.action)
-    checks.fitting("imitation.steps", settings.steps, settings.rounds * worlds * len(coding.parts) * sample)
+    check_bytes("imitation.steps", settings.steps, settings.rounds * worlds * len(coding.parts) * sample)
 
 
 def relative_error(mean: torch.Tensor, labels: torch.Tensor, weight: torch.Tensor, floor: float) -> torch.Tensor:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from vibgym import checks
+from agents.training_settings import check_bytes
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding, Inputs
 
@@ -42,7 +42,7 @@ class Rollout:
         parts, shape = len(coding.parts), coding.shape
         lead = (steps, worlds, parts)
         row = np.dtype(coding.dtype).itemsize * shape.columns
-        checks.fitting("ppo.n_steps", steps, worlds * parts * (row + 4 * (shape.action + 6)))
+        check_bytes("ppo.n_steps", steps, worlds * parts * (row + 4 * (shape.action + 6)))
         self.rows = np.zeros((steps + 1, worlds, parts, shape.columns), dtype=coding.dtype)
         self.mask = np.zeros((steps + 1, worlds, parts), dtype=np.float32)
         self.actions = np.zeros((*lead, shape.action), dtype=np.float32)

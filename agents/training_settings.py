@@ -24,6 +24,8 @@ from vibgym.policies.trained.residual import CORRECTED, base_named
 from vibgym.settings import BaseSettings, Unit
 
 MOST_STEPS = 10**12
+MOST_BYTES = 4e9
+"""Of a rollout, and of the demonstrations of imitation."""
 
 Plain = Annotated[Any, BeforeValidator(json_values)]
 """A policy or a scene as JSON values: parts and surfaces become mappings, NumPy's arrays lists."""
@@ -60,6 +62,12 @@ Steps = Annotated[
     Field(ge=0, le=MOST_REMEMBERED),
 ]
 Widths = Annotated[tuple[Width, ...], Field(min_length=1, max_length=8)]
+
+
+def check_bytes(name: str, value: int, bytes_each: float) -> None:
+    """Raise if ``value`` items of ``bytes_each`` bytes have more than :data:`MOST_BYTES`; ``name`` is that of the setting."""
+    if value * bytes_each > MOST_BYTES:
+        raise checks.refuse(name, value, f"at most {MOST_BYTES:.1e} bytes in all; each has {bytes_each:.1e}")
 
 
 def for_seed(value: Any, seed: int) -> Any:
