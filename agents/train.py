@@ -32,9 +32,6 @@ BEST_KIND = "vibgym-actor"
 FREE = {"steps", "checkpoint_steps", "output", "judging", "serves"}
 """Settings that may change when a run continues."""
 
-Listener = Callable[[dict[str, Any]], None]
-"""Receives each row of the learning curve."""
-
 
 def train(
     config: Path,
@@ -133,12 +130,13 @@ class Training(AbstractContextManager["Training"]):
         self.seconds, self.saved_at = 0.0, 0
         self.curve = None if settings.judging is None else LearningCurve(settings, directory)
         self.learner: Any = ALGORITHMS[settings.algorithm.partition(".")[0]](settings)
+        self.phase = getattr(self.learner, "phase", settings.algorithm)
 
     def __exit__(self, *_: object) -> None:
         """Close the environment."""
         getattr(self.learner, "close", lambda: None)()
 
-    def run(self, listener: Listener | None = None) -> Path:
+    def run(self, listener: Callable[[dict[str, Any]], None] = lambda row: None) -> Path:
         """Train to the end and write the policy; return its path.
 
         Args:
@@ -153,7 +151,7 @@ class Training(AbstractContextManager["Training"]):
         output_files((self.directory / name for name in (POLICY, checkpoint.FILE)), "output")
         with locks.one_run(self.directory):
             self._restore()
-            self._listener, self._began = listener or (lambda row: None), time.perf_counter() - self.seconds
+            self._listener, self._began = listener, time.perf_counter() - self.seconds
             try:
                 total, initial = self.settings.steps, self.learner.steps
                 self._log = Log(self.directory / f"log-from-{initial}")
@@ -206,12 +204,8 @@ class Training(AbstractContextManager["Training"]):
             self._save()
         if learner.steps < settings.steps:
             learner.learn(settings.steps, self._between_updates)
-            self._evaluate(self._phase)
+            self._evaluate(self.phase)
         self._save()
-
-    @property
-    def _phase(self) -> str:
-        return getattr(self.learner, "phase", self.settings.algorithm)
 
     def _between_updates(self, metrics: dict[str, float]) -> None:
         """Report progress, measure the learning curve, write a checkpoint: each when it is due."""
@@ -225,7 +219,7 @@ class Training(AbstractContextManager["Training"]):
         if steps >= self.settings.steps:
             return
         if self.curve is not None and self.curve.due(steps):
-            self._evaluate(self._phase)
+            self._evaluate(self.phase)
         if steps - self.saved_at >= self.settings.checkpoint_steps:
             self._save()
 

@@ -68,11 +68,6 @@ def distribution(given: Any, where: str) -> BaseDistribution:
         raise checks.refuse(where, given, f"{allowed} ({error})") from None
 
 
-def _ends(each: Any) -> tuple[Any, ...]:
-    """Return the values of a list, or both ends of a range."""
-    return each.choices if isinstance(each, CategoricalDistribution) else (each.low, each.high)
-
-
 def run_trial(
     config: Path,
     agent: str | None,
@@ -157,9 +152,14 @@ def tune(
     common: dict[str, Any] = {"judging": {**judging, "first_seed": FIRST_SEED}}
     if tuning.steps is not None:
         common["steps"] = tuning.steps
-    space = {name: distribution(given, f"{where}: space.{name}") for name, given in tuning.space.items()}
+    space: dict[str, Any] = {
+        name: distribution(given, f"{where}: space.{name}") for name, given in tuning.space.items()
+    }
     for end in (0, -1):  # of every list and range
-        values = {name: _ends(each)[end] for name, each in space.items()}
+        values = {
+            name: each.choices[end] if hasattr(each, "choices") else (each.low, each.high)[end]
+            for name, each in space.items()
+        }
         load_settings(config, agent, SEED, {**common, **values})
     count = tuning.trials if trials is None else checks.count("--trials", trials, least=1, most=100_000)
     directory = output or Path("runs/tuning") / (agent or config.stem).replace("/", "-")

@@ -1,4 +1,4 @@
-"""Training runs: exact resume, curricula, several seeds, user-registered actions, networks and algorithms."""
+"""Training runs: exact resume, curricula, several seeds, user-registered networks and algorithms."""
 
 import json
 import os
@@ -18,8 +18,7 @@ from agents.networks import PartsActor, PartsCritic
 from agents.train import BEST, BEST_KIND, Training, train_seeds
 from agents.training_envs import Worlds, make_worlds
 from agents.training_file import load_settings
-from tests.agents.training.helpers import DATA, POSE, PPO, SB3, rows_of, same, trained, written
-from vibgym.envs.actions import ACTIONS, Field
+from tests.agents.training.helpers import DATA, POSE, PPO, rows_of, same, trained, written
 from vibgym.policies.trained.networks import ACTING
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import CODINGS
@@ -160,16 +159,6 @@ def test_training_several_seeds_shows_the_progress_of_each(tmp_path, capfd):
 # -- registered by users -----------------------------------------------------------------------------------------------
 
 
-def test_a_user_registered_action_is_trained(tmp_path, monkeypatch):
-    class Half(Field):
-        pass
-
-    monkeypatch.setitem(ACTIONS._items, "half", Half)
-    own = {"n_steps": 16, "batch_size": 32}
-    path = trained(tmp_path, algorithm="sb3.PPO", environment={"action": "half"}, sb3=own, steps=128)
-    assert path.with_suffix(".zip").exists()
-
-
 def test_a_user_registered_network_is_trained(tmp_path, monkeypatch):
     for names in (networks.NETWORKS, ACTING, CODINGS):
         monkeypatch.delitem(names, "mine", raising=False)
@@ -224,12 +213,3 @@ def test_a_user_registered_algorithm_is_trained_and_continues(tmp_path, monkeypa
         trained(tmp_path, **settings, steps=steps)
     assert (tmp_path / "run" / "mine.txt").read_text() == "128"
     assert [row["steps"] for row in rows_of(tmp_path / "run" / "curve.csv")] == ["32", "64", "96", "128"]
-
-
-def test_algorithms_of_stable_baselines3_run_by_name(tmp_path):
-    """TD3; SAC and PPO are those of test_training_sb3.py."""
-    settings = {"algorithm": "sb3.TD3", "sb3": SB3, "judging": {"episodes": 3, "every": 200}}
-    path = trained(tmp_path, **settings)
-    assert len(rows_of(path.parent / "curve.csv")) >= 1 and path.with_suffix(".zip").exists()
-    assert json.loads((path.parent / "run.json").read_text())["settings"]["algorithm"] == "sb3.TD3"
-    trained(tmp_path, **settings, steps=512)  # continues
