@@ -14,6 +14,7 @@ from gymnasium import spaces
 
 from agents import networks
 from agents.algorithms import ALGORITHMS
+from agents.learning_curve import LearningCurve
 from agents.networks import PartsActor, PartsCritic
 from agents.train import BEST, BEST_KIND, Training, train_seeds
 from agents.training_envs import Worlds, make_worlds
@@ -21,7 +22,7 @@ from agents.training_file import load_settings
 from tests.agents.training.helpers import DATA, POSE, PPO, rows_of, same, trained, written
 from vibgym.policies.trained.networks import ACTING
 from vibgym.policies.trained.storage import load_set
-from vibgym.policies.trained.trained import CODINGS
+from vibgym.policies.trained.trained import CODINGS, KIND, VERSION
 from vibgym.settings import BaseSettings
 
 OWN = {**PPO, "n_epochs": 2, "target_kl": 0.02}
@@ -147,6 +148,22 @@ def test_a_stage_ends_with_its_success_or_its_steps_and_changes_the_environment(
     worlds.begin(whole + 100)
     assert worlds.stage == 2 and worlds.environment(2) == own and not worlds.is_over(10**6)
     worlds.env.close()
+
+
+def test_the_policy_is_the_best_actor_of_the_learning_curve(tmp_path, monkeypatch):
+    measure, successes = LearningCurve.measure, [0.9, 0.1]
+
+    def measured(self, *given):
+        row = measure(self, *given)
+        row.update(success=successes.pop(0), time_to_goal=1.0)
+        return row
+
+    monkeypatch.setattr(LearningCurve, "measure", measured)
+    path = trained(tmp_path, judging={"episodes": 3, "every": 128})
+    policy, record = load_set(path, KIND, VERSION)
+    best, _ = load_set(path.parent / BEST, BEST_KIND)
+    assert not successes and record["training"]["kept_from_step"] == 128 < record["training"]["steps"]
+    assert all(np.array_equal(policy[name], best[name]) for name in best)
 
 
 def test_training_several_seeds_shows_the_progress_of_each(tmp_path, capfd):
