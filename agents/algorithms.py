@@ -31,20 +31,15 @@ class Algorithm(Protocol):
     - ``close()``.
 
     Args:
-        settings: of the run; ``settings.own`` are the algorithm's.
-
-    Raises:
-        ValueError: settings that it does not support.
+        settings: of the run; ``settings.own`` are the algorithm's. Those that it does not support are a ValueError.
     """
 
     Settings: ClassVar[type[BaseSettings]]
     """Settings under the algorithm's name in a training file."""
 
     action: str
-    """``action=`` of the environment that the policy acts in."""
-
     observation: str
-    """``observation=`` of the environment that the policy acts in."""
+    """Those of the environment that the policy acts in."""
 
     def __init__(self, settings: TrainSettings) -> None: ...
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,18 +52,21 @@ def load(directory: Path) -> dict[str, Any] | None:
     raise checks.conflict(f"{path}: not a checkpoint ({fault}); remove it or choose another output")
 
 
-@contextmanager
-def restoring(directory: Path) -> Iterator[None]:
-    """Turn the errors of restoring a checkpoint into one that names the file.
+def restore(directory: Path, set_state: Callable[[dict[str, Any]], None]) -> bool:
+    """Continue from the checkpoint in ``directory``; return False if there is none.
 
     Raises:
-        ValueError: it belongs to other networks, worlds or data.
+        ValueError: it is damaged, or ``set_state`` rejects it: it belongs to other networks, worlds or data.
     """
+    state = load(directory)
+    if state is None:
+        return False
     try:
-        yield
+        set_state(state)
     except (ValueError, KeyError, TypeError, RuntimeError) as error:  # RuntimeError: other shapes of networks
         text = " ".join(str(error).split())[:200]
         raise checks.conflict(f"{directory / FILE}: of another run ({text}); choose another output") from None
+    return True
 
 
 def arrays(tree: Any) -> Any:

@@ -98,7 +98,7 @@ class Flow(DataLearner):
     advice = "flow.learning_rate"
 
     def make_networks(self, coding: Coding) -> None:
-        """See :meth:`agents.offline.DataLearner.make_networks`."""
+        """Make the learned and the acting network, and find the last step of every step's episode."""
         self.learning = FlowActor(coding, self.own)
         acting = copy.deepcopy(self.learning).requires_grad_(False)
         self.policy: Any = SimpleNamespace(coding=coding, actor=acting)

@@ -37,17 +37,7 @@ class Demonstrations(NamedTuple):
 
 
 def experts(settings: ImitationSettings, action: str, seed: int, env: VecEnv) -> list[tuple[Policy, VibgymVectorEnv]]:
-    """Return an expert and the unwrapped environment for each scene of a run.
-
-    Args:
-        settings: name the expert.
-        action: of the run.
-        seed: of the run.
-        env: of the run.
-
-    Raises:
-        ValueError: an expert that does not support the task or the action.
-    """
+    """Return an expert, for ``action`` and the run's ``seed``, and the unwrapped environment for each scene of a run."""
     found = []
     for wrapped in env.envs:
         scene = wrapped.unwrapped  # rewards are not used
@@ -86,15 +76,13 @@ class Demonstrator:
         """Reset all worlds."""
         self._observation, _ = self.env.reset(seed=seed)
 
-    def collect(self, policy: ActorCritic, steps: int, noise: float, share: float) -> Demonstrations:
-        """Make ``steps`` steps in all worlds; the network acts in a random ``share`` of them."""
-        worlds, parts, shape = self.env.num_envs, len(self.coding.parts), self.coding.shape
-        rows = np.zeros((steps, worlds, parts, shape.columns), dtype=self.coding.dtype)
-        mask = np.zeros((steps, worlds, parts), dtype=np.float32)
-        labels = np.zeros((steps, worlds, parts, shape.action), dtype=np.float32)
+    def collect(self, policy: ActorCritic, into: Demonstrations, noise: float, share: float) -> None:
+        """Make a step in all worlds for each of ``into``; the network acts in a random ``share`` of the worlds."""
+        worlds, parts = self.env.num_envs, len(self.coding.parts)
+        rows, mask, labels = (array.reshape(-1, worlds, *array.shape[1:]) for array in into)  # of all steps
         student = self.generator.random(worlds) < share
         deviation = (noise * self.generator.random((worlds, 1, 1))).astype(np.float32)
-        for step in range(steps):
+        for step in range(len(rows)):
             self._inputs = inputs = self.coding.encode(self._observation, self._inputs, self._new)
             action, self._memory = self.expert.predict(
                 self.env.observed(self.expert.observation), self._memory, self._new
@@ -112,18 +100,10 @@ class Demonstrator:
                 self._memory = self._acted(self._memory, action, done)
             self._observation, _, terminated, truncated, _ = self.env.step(done)
             self._new = terminated | truncated
-        flat = (each.reshape(-1, *each.shape[2:]) for each in (rows, mask, labels))
-        return Demonstrations(*flat)
 
 
 def check_memory(settings: ImitationSettings, coding: Coding, worlds: int) -> None:
-    """Raise if the demonstrations have more than :data:`agents.training_settings.MOST_BYTES`.
-
-    Args:
-        settings: of the imitation.
-        coding: of the network.
-        worlds: of all scenes.
-    """
+    """Raise if the demonstrations of all worlds have more than :data:`agents.training_settings.MOST_BYTES`."""
     sample = np.dtype(coding.dtype).itemsize * coding.shape.columns + 4 * (1 + coding.shape.action)
     check_bytes("imitation.steps", settings.steps, settings.rounds * worlds * len(coding.parts) * sample)
 
@@ -173,18 +153,17 @@ class Imitation:
 
     def rounds(self) -> Iterator[float]:
         """Collect and train in rounds; yield the mean error of the last epoch after each."""
-        settings, first = self.settings, training_seed(self.seed, "imitation")
+        settings, seed = self.settings, training_seed(self.seed, "imitation")
         for scene in self.scenes:
-            scene.begin(first)
-            first += scene.env.num_envs
+            scene.begin(seed)
+            seed += scene.env.num_envs
         optimizer = torch.optim.Adam(self.policy.actor.parameters(), lr=settings.learning_rate, fused=True)
         for number in range(settings.rounds):
             share = 0.0 if number == 0 else STUDENT_SHARE
             for scene in self.scenes:
-                found = scene.collect(self.policy, settings.steps, settings.noise, share)
-                for kept, new in zip(self._demonstrations, found, strict=True):
-                    kept[self.steps : self.steps + len(new)] = new
-                self.steps += len(found.mask)
+                first, self.steps = self.steps, self.steps + settings.steps * scene.env.num_envs
+                into = Demonstrations(*(array[first : self.steps] for array in self._demonstrations))
+                scene.collect(self.policy, into, settings.noise, share)
             yield self._learn(optimizer, settings.epochs * (3 if number == settings.rounds - 1 else 1))
 
     def _learn(self, optimizer: torch.optim.Optimizer, epochs: int) -> float:

@@ -196,11 +196,7 @@ class PartsLearner:
         Raises:
             ValueError: it is damaged or belongs to other settings.
         """
-        state = checkpoint.load(directory)
-        if state is not None:
-            with checkpoint.restoring(directory):
-                self.set_state(state)
-        return state is not None
+        return checkpoint.restore(directory, self.set_state)
 
     def close(self) -> None:
         """Close the environment."""

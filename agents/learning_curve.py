@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -13,6 +10,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pandas as pd
 from pydantic import ConfigDict, Field
 
 from agents.training_settings import TrainSettings
@@ -21,7 +19,7 @@ from vibgym.envs.vector import batch_of, environment_id
 from vibgym.files import reason, write_atomically
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
-from vibgym.policies.rollout import Outcomes, run
+from vibgym.policies.rollout import run
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.residual import ResidualPolicy
 from vibgym.settings import BaseSettings, read
@@ -77,9 +75,9 @@ def read_curve(path: Path, field: str) -> Curve:
         ValueError: the file cannot be read, or is not a learning curve.
     """
     try:
-        lines = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
-    except (OSError, ValueError) as error:  # ValueError: not UTF-8, or an invalid file name
-        why = reason(error) if isinstance(error, OSError) else "not UTF-8"
+        lines = read_texts(path).to_dict("records")
+    except (OSError, ValueError) as error:  # ValueError: not UTF-8, no CSV, or an invalid file name
+        why = reason(error) if isinstance(error, OSError) else "not UTF-8, or no CSV"
         raise checks.refuse(field, str(path), f"a readable learning curve ({why})") from None
     if not lines:
         raise checks.refuse(f"{path}: line 1", "no lines below", f"the columns {', '.join(COLUMNS)}, with lines below")
@@ -89,15 +87,20 @@ def read_curve(path: Path, field: str) -> Curve:
         rows.append(read(CurveRow, {name: cell for name, cell in line.items() if cell}, where))
         if rows[-1].success > 0.0 and math.isnan(rows[-1].time_to_goal):
             raise checks.missing(f"{where}: time_to_goal", "required with success")
-    for index, (before, row) in enumerate(itertools.pairwise(rows), 3):
         for name in ("steps", "seconds"):
-            if getattr(row, name) < getattr(before, name):
-                where = f"{path}: line {index}: {name}"
-                raise checks.refuse(where, getattr(row, name), "at least that of the line before")
-    columns = {each.name: [getattr(row, each.name) for row in rows] for each in fields(Curve)}
-    arrays: dict[str, Any] = {name: np.array(values) for name, values in columns.items()}
-    arrays["phase"] = tuple(columns["phase"])
-    return Curve(**arrays)
+            if index > 2 and getattr(rows[-1], name) < getattr(rows[-2], name):
+                raise checks.refuse(f"{where}: {name}", getattr(rows[-1], name), "at least that of the line before")
+    columns: dict[str, Any] = {each.name: [getattr(row, each.name) for row in rows] for each in fields(Curve)}
+    arrays = {name: np.array(values) for name, values in columns.items() if name != "phase"}
+    return Curve(phase=tuple(columns["phase"]), **arrays)
+
+
+def read_texts(path: Path) -> pd.DataFrame:
+    """Return a CSV file as texts, without rows if it is empty."""
+    try:
+        return pd.read_csv(path, dtype=str, na_filter=False)
+    except pd.errors.EmptyDataError:
+        return pd.DataFrame()
 
 
 class LearningCurve:
@@ -143,8 +146,7 @@ class LearningCurve:
         """Start a run, or continue it from ``steps``: later rows are removed."""
         self.rows = []
         if steps and self.path.exists():
-            with self.path.open(encoding="utf-8", newline="") as file:
-                self.rows = [row for row in csv.DictReader(file) if int(row["steps"]) <= steps]
+            self.rows = [row for row in read_texts(self.path).to_dict("records") if int(row["steps"]) <= steps]
         self._write()
         self._last = int(self.rows[-1]["steps"]) if self.rows else 0
 
@@ -166,25 +168,19 @@ class LearningCurve:
                 observation = policy.observation if self.residual is None else ResidualPolicy.observation
                 env = batch_of(self.task, **{**arguments, "observation": observation})
                 self._envs.append((env, self.judging.first_seed + first))
-        found = [play(self._whole(policy, env), env, seed) for env, seed in self._envs]
-        success, steps_taken, returns, rate, cost = (
-            np.concatenate(each)
-            for each in zip(
-                *((one.success, one.steps, one.returns, one.fact(RATE), one.cost) for one in found), strict=True
-            )
-        )
-        env = self._envs[0][0].unwrapped
-        reached = env.step_time * steps_taken[success]
-        limits = [np.full(each.num_envs, each.unwrapped.max_episode_steps) for each, _ in self._envs]
-        mean = env.step_time * np.where(success, steps_taken, np.concatenate(limits)).mean()
+        episodes = pd.concat([self._episodes(policy, env, first) for env, first in self._envs])
+        columns = ("success", "steps", "limit", "return_", "rate", "cost")
+        success, taken, limit, returns, rate, cost = (episodes[name].to_numpy() for name in columns)
+        step = self._envs[0][0].unwrapped.step_time
+        time = step * taken
         row = {
             "steps": steps,
             "seconds": round(seconds, 1),
             "phase": phase,
             "success": round(float(success.mean()), 4),
-            "time_to_goal": round(float(np.median(reached)), 4) if len(reached) else "",
-            "mean_time": round(float(mean), 4),
-            "speed": round(float((success / np.maximum(env.step_time * steps_taken, env.step_time)).mean()), 5),
+            "time_to_goal": round(float(np.median(time[success])), 4) if success.any() else "",
+            "mean_time": round(float(np.where(success, time, step * limit).mean()), 4),
+            "speed": round(float((success / np.maximum(time, step)).mean()), 5),
             "return_": round(float(np.median(returns)), 4),
             "rate": round(float(rate.mean()), 4) if np.isfinite(rate).all() else "",
             "cost": round(float(np.quantile(cost, COST_SHARE)), 5) if np.isfinite(cost).all() else "",
@@ -198,19 +194,18 @@ class LearningCurve:
         asked = self.judging.best, self.judging.cost_limit
         return all(rank(each, *asked) >= rank(row, *asked) for each in self.rows)
 
-    def _whole(self, policy: Policy, env: Any) -> Policy:
-        """Return the policy, or the residual policy with its base."""
-        if self.residual is None:
-            return policy
-        info = TaskInfo.of(env)
-        return ResidualPolicy(info, make_policy(self.residual.base, info), policy, scale=self.residual.scale)
+    def _episodes(self, policy: Policy, env: Any, first: int) -> pd.DataFrame:
+        """Run an episode in every world; world k starts with seed ``first + k``. Return a row for each."""
+        if self.residual is not None:
+            info = TaskInfo.of(env)
+            policy = ResidualPolicy(info, make_policy(self.residual.base, info), policy, scale=self.residual.scale)
+        found = run(policy, env, range(first, first + env.num_envs), env.spec.name)
+        measured = {"success": found.success, "steps": found.steps, "return_": found.returns, "cost": found.cost}
+        return pd.DataFrame({**measured, "rate": found.fact(RATE), "limit": env.unwrapped.max_episode_steps})
 
     def _write(self) -> None:
-        text = io.StringIO()
-        writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(self.rows)
-        write_atomically(self.path, text.getvalue())
+        text = pd.DataFrame(self.rows, columns=list(COLUMNS)).to_csv(index=False, lineterminator="\n")
+        write_atomically(self.path, text)
 
 
 def rank(row: Mapping[str, Any], best: str = "success", cost_limit: float | None = None) -> tuple[float, ...]:
@@ -234,13 +229,3 @@ def evaluation_environments(settings: TrainSettings) -> list[dict[str, Any]]:
         if "model" in each:
             each["model"] = with_certified_contacts(each["model"])
     return changed
-
-
-def play(policy: Policy, env: Any, first_seed: int) -> Outcomes:
-    """Play one deterministic episode in every world of ``env``; world k starts with seed ``first_seed + k``.
-
-    Args:
-        policy: in NumPy.
-        env: a batch of worlds with ``autoreset_mode="Disabled"``, with the action and observation of the policy.
-    """
-    return run(policy, env, range(first_seed, first_seed + env.num_envs), env.spec.name)

@@ -62,9 +62,6 @@ class DataLearner(PartsLearner):
         own: settings of the algorithm.
         data: all steps.
         optimizer: of all weights that learn.
-
-    Raises:
-        ValueError: no such data set, or one of another environment, scene or version.
     """
 
     class Settings(NetworkSettings, RateSettings):
@@ -116,20 +113,15 @@ class DataLearner(PartsLearner):
         """Called after every update, with their number so far."""
 
     def learn(self, until: int, report: Report) -> None:
-        """Make updates until there are ``until``; ``report`` is called every :data:`BLOCK` updates.
-
-        Raises:
-            Diverged: a weight is not finite.
-        """
+        """Make updates until there are ``until``; ``report`` is called every :data:`BLOCK` updates."""
         metrics: dict[str, float] = {}
         while self.steps < until:
             report(metrics)
-            losses: list[dict[str, float]] = []
-            while len(losses) < BLOCK - self.steps % BLOCK and self.steps + len(losses) < until:
-                losses.append(self._update(self.steps + len(losses)))
-            self.steps += len(losses)
+            end = min(self.steps - self.steps % BLOCK + BLOCK, until)
+            losses = [self._update(step) for step in range(self.steps, end)]
+            self.steps = end
             self.check_finite()
-            metrics = {name: float(np.mean([each[name] for each in losses])) for name in losses[0]}
+            metrics = {name: float(np.mean([loss[name] for loss in losses])) for name in losses[0]}
         report(metrics)
 
     def _update(self, step: int) -> dict[str, float]:
@@ -212,14 +204,12 @@ class Offline(DataLearner):
         own = self.own
         self.policy = ActorCritic(coding, own, log_std=-3.0)  # not trained
         self.values: ActionValues | None = None
-        learn = dict(self.policy.named_parameters())
+        learn = list(self.policy.actor.parameters())
         if own.method == "iql":
             self.values = ActionValues(coding, own)
             self.target = copy.deepcopy(self.values).requires_grad_(False)
-            learn |= {f"values.{name}": each for name, each in self.values.named_parameters()}
-        else:
-            learn = {name: each for name, each in learn.items() if name.startswith("actor.")}
-        self.optimizer = torch.optim.Adam(learn.values(), lr=own.learning_rate, fused=True)
+            learn = [*self.policy.parameters(), *self.values.parameters()]
+        self.optimizer = torch.optim.Adam(learn, lr=own.learning_rate, fused=True)
 
     def loss(self, chosen: torch.Tensor) -> tuple[torch.Tensor, dict[str, float]]:
         """See :meth:`DataLearner.loss`."""

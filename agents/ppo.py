@@ -22,6 +22,7 @@ from agents.learner import PartsLearner, Report
 from agents.learning_curve import without_hold
 from agents.networks import ActorCritic, log_probability
 from agents.rollout import Rollout
+from agents.training_envs import Worlds
 from agents.training_settings import (
     MOST_STEPS,
     ImitationSettings,
@@ -30,7 +31,6 @@ from agents.training_settings import (
     TrainSettings,
     for_seed,
 )
-from agents.worlds import Worlds
 from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.policies.measures import check_cost_limit

@@ -45,9 +45,6 @@ class SB3:
 
     Args:
         settings: of the run; ``algorithm`` is ``sb3.NAME``.
-
-    Attributes:
-        model: of Stable-Baselines3.
     """
 
     class Settings(BaseSettings):
@@ -62,23 +59,20 @@ class SB3:
 
     def __init__(self, settings: TrainSettings) -> None:
         settings.check_alone()
-        self.settings, self.observation = settings, settings.environment.get("observation", "state")
-        self.action = settings.action
+        self.settings, self.action = settings, settings.action
+        self.observation = settings.environment.get("observation", "state")
         name = settings.algorithm.removeprefix("sb3.")
-        self._class: type[BaseAlgorithm] = getattr(stable_baselines3, name)
-        self.title = f"{name} of Stable-Baselines3"
+        self.title, self._class = f"{name} of Stable-Baselines3", getattr(stable_baselines3, name)
         with checks.within("environment"):
             self.env = make_worlds(settings, self.observation)
-        assert isinstance(settings.own, SB3.Settings)
         arguments = json_values(settings.own.model_dump())  # lists, not tuples
         buffer = arguments.get("replay_buffer_class")
         if isinstance(buffer, str):  # such as HerReplayBuffer
             arguments["replay_buffer_class"] = getattr(stable_baselines3, buffer, buffer)
-        policy = arguments.pop("policy") or (
-            "MultiInputPolicy" if isinstance(self.env.observation_space, gym.spaces.Dict) else "MlpPolicy"
-        )
+        named = isinstance(self.env.observation_space, gym.spaces.Dict)
+        policy = arguments.pop("policy") or ("MultiInputPolicy" if named else "MlpPolicy")
         try:
-            self.model = self._class(policy, self.env, seed=settings.seed, device="cpu", **arguments)  # type: ignore[call-arg]
+            self.model: BaseAlgorithm = self._class(policy, self.env, seed=settings.seed, device="cpu", **arguments)
         except (TypeError, ValueError, AssertionError) as error:
             self.env.close()
             raise checks.conflict(f"sb3: {error}") from None
@@ -94,11 +88,7 @@ class SB3:
         return self.model.num_timesteps
 
     def learn(self, until: int, report: Callable[[dict[str, float]], None]) -> None:
-        """Train until ``until`` steps; ``report`` is called between rollouts.
-
-        Raises:
-            Diverged: a weight is not finite.
-        """
+        """Train until ``until`` steps; ``report`` is called between rollouts."""
 
         class Between(BaseCallback):
             def _on_step(self) -> bool:
@@ -122,23 +112,14 @@ class SB3:
         check_finite(dict(self.model.policy.state_dict()))
 
     def save(self, directory: Path) -> None:
-        """Write the model and, off-policy, its replay buffer.
-
-        Raises:
-            Diverged: a weight is not finite.
-            WriteError: the last checkpoint stays.
-        """
+        """Write the model and, off-policy, its replay buffer."""
         self.check_finite()
         if isinstance(self.model, OffPolicyAlgorithm):
             write_atomically(directory / REPLAY, _bytes(self.model.save_replay_buffer))
         write_atomically(directory / CHECKPOINT, _bytes(self.model.save))
 
     def load(self, directory: Path) -> bool:
-        """Continue from what :meth:`save` wrote; return False if there is nothing.
-
-        Raises:
-            ValueError: the file is damaged or of another network.
-        """
+        """Continue from what :meth:`save` wrote; return False if there is nothing."""
         path = directory / CHECKPOINT
         if not path.exists():
             return False
@@ -162,11 +143,7 @@ class SB3:
         self.model.policy.load_state_dict({name: torch.from_numpy(each.copy()) for name, each in tensors.items()})
 
     def save_policy(self, path: Path, training: dict[str, Any]) -> Path:
-        """Write the policy as Stable-Baselines3's ``.zip`` beside ``path``; return its path.
-
-        Raises:
-            Diverged: a weight is not finite.
-        """
+        """Write the policy as Stable-Baselines3's ``.zip`` beside ``path``; return its path."""
         self.check_finite()
         path = path.with_suffix(".zip")
         write_atomically(path, _bytes(self.model.save))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,14 +19,14 @@ from agents import command_line
 from agents.command_line import Command
 from agents.evaluation.statistics import bootstrap, quartiles, success_interval
 from agents.learning_curve import FILE as CURVE
-from agents.learning_curve import RATE, evaluation_environments, rank, without_hold
+from agents.learning_curve import RATE, evaluation_environments, rank, read_texts, without_hold
 from agents.train import POLICY
 from agents.training_file import agents_in, load_settings
 from agents.training_settings import TrainSettings
 from vibgym import checks
 from vibgym.files import csv_text, write_together
 from vibgym.policies.measures import Measures
-from vibgym.policies.rollout import Outcomes, rollout
+from vibgym.policies.rollout import rollout
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
 from vibgym.seeds import RANGES
@@ -79,30 +80,25 @@ def tabulate(
         if (path.parent / CURVE).exists():
             files[output / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
         _copy(path, output / "policies" / f"{run}.json")
-    table = new.drop(columns=["judged", "path"]).astype(object)
-    rows = table.to_dict("records")
-    former = read_table(output / TABLE)  # rows of older tables lack the last columns
-    if len(former):
-        both = pd.concat([former[~former["agent"].isin(names)], table])
-        table = pd.DataFrame(both, columns=table.columns).fillna("")
-    every = table.sort_values(
+    rows = new.drop(columns=["judged", "path"]).astype(object)
+    table = rows
+    if (output / TABLE).exists():  # rows of older tables lack the last columns
+        former = read_texts(output / TABLE)
+        table = pd.concat([former[~former["agent"].isin(names)], rows])
+        table = pd.DataFrame(table, columns=rows.columns).fillna("")
+    table = table.sort_values(
         ["agent", "seed"], key=lambda column: column if column.name == "agent" else column.astype(int)
     )
-    files[output / TABLE] = csv_text(every.to_dict("records"))
+    files[output / TABLE] = csv_text(table.to_dict("records"))
     if page is not None:
-        files[page] = markdown(every.to_dict("records"))
+        files[page] = markdown(table.to_dict("records"))
     for path in files:
         path.parent.mkdir(parents=True, exist_ok=True)
     write_together(files)
     if ship is not None:
         for row in new.loc[best].to_dict("records"):
             _copy(Path(row["path"]), ship / f"{shipped_name(row['agent'])}.json")
-    return rows
-
-
-def read_table(path: Path) -> pd.DataFrame:
-    """Return a CSV file as texts, without rows if there is none."""
-    return pd.read_csv(path, dtype=str, keep_default_na=False) if path.exists() else pd.DataFrame()
+    return rows.to_dict("records")
 
 
 def markdown(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -155,6 +151,9 @@ def _line(row: Mapping[str, Any]) -> str:
     return "| " + " | ".join(map(str, cells)) + " |"
 
 
+MEASURED = ("success", "time_to_goal", "time_over_bound", "collisions", "fallen")
+"""Attributes of the outcomes of episodes."""
+
 FAULTY = tuple(f"{event}_per_minute" for event in EVENTS[1:] if event != RATE.removesuffix("_per_minute"))
 """Fields of ``info`` of parts that leave otherwise than they should."""
 
@@ -172,26 +171,19 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     record = load_set(path, KIND, VERSION)[1]
     training, kind = record["training"], RESIDUAL if RESIDUAL in record else "trained"
     policy = {"kind": kind, "path": str(path)}
-    certified, trained_in = evaluation_environments(settings), without_hold(settings)
-    played = _played(policy, settings.task, certified, episodes)
+    trained_in, judging = without_hold(settings), settings.judging
+    played = _played(policy, settings.task, evaluation_environments(settings), episodes)
     # Agents trained with fast contacts: the difference that these make.
-    quick = any(has_fast_contacts(each.get("model", "")) for each in trained_in)
-    fast = _played(policy, settings.task, trained_in, episodes) if quick else []
-    reached, time, over, collisions, fallen = (
-        np.concatenate([getattr(each, what) for each in played])
-        for what in ("success", "time_to_goal", "time_over_bound", "collisions", "fallen")
-    )
-    interval = success_interval(reached, LEVEL, RESAMPLES)
-    seconds = time[np.isfinite(time)]
-    middle = bootstrap(seconds, LEVEL, RESAMPLES) if len(set(seconds.tolist())) > 1 else None
-    good, faulty = (
-        np.concatenate([sum(each.fact(name) for name in names) for each in played]) for names in ((RATE,), FAULTY)
-    )
-    judging = settings.judging
-    asked: dict[str, Any] = {} if judging is None else {"best": judging.best, "cost_limit": judging.cost_limit}
-    judged = min(
-        read_table(directory / CURVE).to_dict("records"), key=lambda each: rank(each, **asked), default=NOT_JUDGED
-    )
+    fast: dict[str, Any] = {"success_fast_contacts": None, "good_per_minute_fast_contacts": None}
+    if any(has_fast_contacts(scene.get("model", "")) for scene in trained_in):
+        quick = _played(policy, settings.task, trained_in, episodes)
+        fast = {"success_fast_contacts": quick["success"].mean(), "good_per_minute_fast_contacts": quick["good"].mean()}
+    success, time = played["success"], played["time_to_goal"]
+    interval, seconds = success_interval(success, LEVEL, RESAMPLES), time[np.isfinite(time)]
+    middle = bootstrap(seconds, LEVEL, RESAMPLES) if len(np.unique(seconds)) > 1 else None
+    criterion: dict[str, Any] = {} if judging is None else {"best": judging.best, "cost_limit": judging.cost_limit}
+    curve = read_texts(directory / CURVE).to_dict("records") if (directory / CURVE).exists() else []
+    judged = min(curve, key=lambda row: rank(row, **criterion), default=NOT_JUDGED)
     return {
         "agent": name,
         "seed": settings.seed,
@@ -203,46 +195,46 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "threads": training["threads"],
         "processor": training["processor"],
         "versions": " ".join(f"{key} {value}" for key, value in sorted(training["versions"].items()) if value),
-        "judged": rank(judged, **asked),
+        "judged": rank(judged, **criterion),
         "judged_success": float(judged["success"]),
         "judged_time_s": float(judged["time_to_goal"] or "inf"),
         "episodes": episodes,
         "first_seed": FIRST_SEED,
-        "success": float(reached.mean()),
+        "success": float(success.mean()),
         "success_low": interval.low,
         "success_high": interval.high,
         "time_to_goal_median_s": quartiles(time).median,
-        "time_to_goal_mean_s": float(np.mean(seconds)) if len(seconds) else float("nan"),
-        "time_to_goal_mean_low_s": middle.low if middle else float("nan"),
-        "time_to_goal_mean_high_s": middle.high if middle else float("nan"),
-        "time_over_bound_median": quartiles(over).median,
-        "collisions_mean": float(np.mean(collisions)),
-        "fallen": int(fallen.sum()),
+        "time_to_goal_mean_s": float(np.mean(seconds)) if len(seconds) else math.nan,
+        "time_to_goal_mean_low_s": middle.low if middle else math.nan,
+        "time_to_goal_mean_high_s": middle.high if middle else math.nan,
+        "time_over_bound_median": quartiles(played["time_over_bound"]).median,
+        "collisions_mean": played["collisions"].mean(),
+        "fallen": int(played["fallen"].sum()),
         "judged_rate": float(judged.get("rate") or 0.0),
-        "good_per_minute_mean": float(good.mean()),
-        "faulty_share": float(faulty.sum() / (good + faulty).sum()),
-        "success_fast_contacts": np.mean(np.concatenate([each.success for each in fast])) if fast else None,
-        "good_per_minute_fast_contacts": np.mean(np.concatenate([each.fact(RATE) for each in fast])) if fast else None,
+        "good_per_minute_mean": played["good"].mean(),
+        "faulty_share": played["faulty"].sum() / (played["good"] + played["faulty"]).sum(),
+        **fast,
         "path": str(path),
         "shipped": False,
     }
 
 
-def _played(policy: Any, task: str, scenes: Sequence[Mapping[str, Any]], episodes: int) -> list[Outcomes]:
-    """Return the outcomes of a policy on new episodes, divided among scenes."""
-    hidden, found = ("action", "observation", "autoreset_mode"), []
+def _played(policy: Any, task: str, scenes: Sequence[Mapping[str, Any]], episodes: int) -> dict[str, np.ndarray]:
+    """Return the measures of new episodes of a policy, (episodes,) each; they are divided among scenes."""
+    tables = []
     for scene, share in zip(scenes, np.array_split(np.arange(episodes), len(scenes)), strict=True):
-        own = {key: value for key, value in scene.items() if key not in hidden}
-        found.append(rollout(policy, task, seeds=[FIRST_SEED + int(k) for k in share], keep=Measures, **own))
-    return found
+        own = {key: value for key, value in scene.items() if key not in ("action", "observation", "autoreset_mode")}
+        found = rollout(policy, task, seeds=[FIRST_SEED + int(k) for k in share], keep=Measures, **own)
+        measured = {name: getattr(found, name) for name in MEASURED}
+        tables.append(pd.DataFrame({**measured, "good": found.fact(RATE), "faulty": sum(map(found.fact, FAULTY))}))
+    return {str(name): column.to_numpy() for name, column in pd.concat(tables).items()}
 
 
 def _copy(path: Path, to: Path) -> None:
     """Copy a policy file and its tensors, whose name follows the file's."""
     tensors, record = load_set(path, KIND, VERSION)
-    save_set(
-        to, KIND, tensors, {key: value for key, value in record.items() if key not in ("tensors", "sha256")}, VERSION
-    )
+    content = {key: value for key, value in record.items() if key not in ("tensors", "sha256")}
+    save_set(to, KIND, tensors, content, VERSION)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

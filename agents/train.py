@@ -6,7 +6,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import AbstractContextManager, closing
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +32,6 @@ BEST_KIND = "vibgym-actor"
 FREE = {"steps", "checkpoint_steps", "output", "judging", "serves"}
 """Settings that may change when a run continues."""
 
-Listener = Callable[[dict[str, Any]], None]
-"""Receives each row of the learning curve."""
-
 
 def train(
     config: Path,
@@ -58,20 +55,22 @@ def train(
         Path of the policy's file.
 
     Raises:
-        ValueError: invalid settings, or see :meth:`Training.run`.
-        TrainingError: the training diverged; the last checkpoint and the last policy stay.
-        WriteError: files cannot be written.
+        ValueError: invalid settings.
+        TrainingError, WriteError: see :meth:`Training.run`.
     """
     settings = load_settings(config, agent, seed)
-    directory = output or Path(settings.output or Path("runs") / config.stem)
     with checks.within(config):
-        training = Training(settings, directory, quiet, line)
+        training = Training(settings, output or _output(settings, config), quiet, line)
     with training:
         path = training.run()
     if not quiet and not line:
         steps, seconds = training.learner.steps, training.seconds
         print(f"{path}: {steps} steps in {seconds:.0f} s, {steps / seconds:.0f} steps/s, everything included")
     return path
+
+
+def _output(settings: TrainSettings, config: Path) -> Path:
+    return Path("runs") / config.stem if settings.output is None else Path(settings.output)
 
 
 def train_seeds(
@@ -90,18 +89,16 @@ def train_seeds(
         seeds: different from each other.
         output: directory with one subdirectory per seed, ``seed-0`` and so on; None: the file's.
         processes, ray: see :func:`agents.parallel.run`.
-
-    Raises:
-        ValueError: invalid settings, or a repeated seed.
     """
     if len(set(seeds)) < len(seeds):
         raise checks.refuse("--seeds", list(seeds), "different seeds")
     folders = []
     for seed in seeds:
         settings = load_settings(config, agent, seed)
-        default = Path(settings.output or Path("runs") / config.stem)
-        own = agent is not None and settings.output is not None and output is None  # its default names the seed
-        folders.append(default if own else (output or default) / f"seed-{seed}")
+        if agent is not None and output is None:  # its directory names the seed
+            folders.append(_output(settings, config))
+        else:
+            folders.append((output or _output(settings, config)) / f"seed-{seed}")
     # Each run has a bar of its own, below that of all; not on a cluster, whose nodes write elsewhere.
     calls = [
         (config, folder, quiet or ray is not None, agent, seed, k % parallel.usable(processes) + 1)
@@ -111,7 +108,7 @@ def train_seeds(
         return parallel.run(train, calls, workers=processes, ray=ray, done=bar.update)
 
 
-class Training:
+class Training(AbstractContextManager["Training"]):
     """One run: its learner, learning curve and checkpoints. A context that closes the environment.
 
     A run of PPO or from a data set that was killed at any instant ends with the weights of an uninterrupted one, bit for bit
@@ -123,9 +120,6 @@ class Training:
             policy, and for each session ``log-from-STEPS`` with ``progress.csv`` and the events of both for TensorBoard.
         quiet: no progress bar.
         line: of the progress bar.
-
-    Raises:
-        ValueError: invalid settings.
     """
 
     def __init__(self, settings: TrainSettings, directory: Path, quiet: bool = False, line: int = 0) -> None:
@@ -133,25 +127,16 @@ class Training:
         self._bar_options: dict[str, Any] = {"unit": "step", "unit_scale": True, "disable": quiet}
         if line:  # it leaves when the run ends
             self._bar_options |= {"desc": f"seed {settings.seed}", "position": line, "leave": False}
-        self.learner: Any = ALGORITHMS[settings.algorithm.partition(".")[0]](settings)
         self.seconds, self.saved_at = 0.0, 0
-        try:
-            self.curve = None if settings.judging is None else LearningCurve(settings, directory)
-        except ValueError:
-            self.close()
-            raise
+        self.curve = None if settings.judging is None else LearningCurve(settings, directory)
+        self.learner: Any = ALGORITHMS[settings.algorithm.partition(".")[0]](settings)
+        self.phase = getattr(self.learner, "phase", settings.algorithm)
 
-    def close(self) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the environment."""
         getattr(self.learner, "close", lambda: None)()
 
-    def __enter__(self) -> Training:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def run(self, listener: Listener | None = None) -> Path:
+    def run(self, listener: Callable[[dict[str, Any]], None] = lambda row: None) -> Path:
         """Train to the end and write the policy; return its path.
 
         Args:
@@ -166,7 +151,7 @@ class Training:
         output_files((self.directory / name for name in (POLICY, checkpoint.FILE)), "output")
         with locks.one_run(self.directory):
             self._restore()
-            self._listener, self._began = listener or (lambda row: None), time.perf_counter() - self.seconds
+            self._listener, self._began = listener, time.perf_counter() - self.seconds
             try:
                 total, initial = self.settings.steps, self.learner.steps
                 self._log = Log(self.directory / f"log-from-{initial}")
@@ -219,12 +204,8 @@ class Training:
             self._save()
         if learner.steps < settings.steps:
             learner.learn(settings.steps, self._between_updates)
-            self._evaluate(self._phase)
+            self._evaluate(self.phase)
         self._save()
-
-    @property
-    def _phase(self) -> str:
-        return getattr(self.learner, "phase", self.settings.algorithm)
 
     def _between_updates(self, metrics: dict[str, float]) -> None:
         """Report progress, measure the learning curve, write a checkpoint: each when it is due."""
@@ -238,7 +219,7 @@ class Training:
         if steps >= self.settings.steps:
             return
         if self.curve is not None and self.curve.due(steps):
-            self._evaluate(self._phase)
+            self._evaluate(self.phase)
         if steps - self.saved_at >= self.settings.checkpoint_steps:
             self._save()
 

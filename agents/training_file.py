@@ -56,9 +56,6 @@ def settings_from(data: Mapping[str, Any], where: str = "training") -> TrainSett
     Args:
         data: contents of a training file.
         where: prefix of errors.
-
-    Raises:
-        ValueError: names the first fault.
     """
     data = dict(data)
     if "own" in data:
@@ -70,19 +67,14 @@ def settings_from(data: Mapping[str, Any], where: str = "training") -> TrainSett
     elif variant:
         with checks.within(where):
             raise checks.unknown("algorithm", data["algorithm"], ALGORITHMS)
-    blocks = {each: data.pop(each, None) for each in ALGORITHMS}
-    blocks[name] = {} if blocks[name] is None else blocks[name]
+    blocks = {key: data.pop(key, None) for key in ALGORITHMS}
     own = {
-        each: read(ALGORITHMS[each].Settings, block, f"{where}: {each}")
-        for each, block in blocks.items()
-        if block is not None
-    }[name]
-    settings = read(TrainSettings, {**data, "own": own}, where)
+        key: read(ALGORITHMS[key].Settings, {} if block is None else block, f"{where}: {key}")
+        for key, block in blocks.items()
+        if block is not None or key == name
+    }
+    settings = read(TrainSettings, {**data, "own": own[name]}, where)
     environment_id(settings.task, f"{where}.task")
-    named = {"environment": settings.environment, **{f"scenes[{k}]": each for k, each in enumerate(settings.scenes)}}
-    for place, given in named.items():
-        if "num_envs" in given:
-            raise checks.conflict(f"{where}: {place}.num_envs cannot be set for training: worlds is their number")
     if (judging := settings.judging) is not None:
         check_seeds(f"{where}: judging.first_seed", judging.first_seed, judging.episodes, "selection")
     return settings
@@ -110,23 +102,22 @@ def agents_in(path: Path) -> tuple[str, ...]:
 
 
 def _agents(data: dict[str, Any], where: str) -> dict[str, dict[str, Any]]:
-    found = {}
-    for key, own in data.items():
+    """Return the settings of all agents by name, such as ``Align/prototype``, without the defaults."""
+    agents: dict[str, dict[str, Any]] = {}
+    for key, variants in data.items():
         if key == "defaults":
             continue
         spec = gym.registry.get(key) if isinstance(key, str) else None
-        if spec is None or not isinstance(own, dict):
-            raise checks.refuse(
-                where, key, "a mapping with 'task', for one run, or with 'defaults' and ids of environments"
-            )
-        for name, settings in own.items():
+        if spec is None or not isinstance(variants, dict):
+            allowed = "a mapping with 'task', for one run, or with 'defaults' and ids of environments"
+            raise checks.refuse(where, key, allowed)
+        for name, settings in variants.items():
             if not isinstance(settings, dict) or "task" in settings:
                 raise checks.refuse(f"{where}: {key}.{name}", settings, "a mapping of settings without 'task'")
-            task = spec.name if spec.namespace == "vibgym" else key
-            if f"{spec.name}/{name}" in found:
+            if f"{spec.name}/{name}" in agents:
                 raise checks.refuse(f"{where}: {key}", name, "a name that is unique among environments of this name")
-            found[f"{spec.name}/{name}"] = {"task": task, **settings}
-    return found
+            agents[f"{spec.name}/{name}"] = {"task": spec.name if spec.namespace == "vibgym" else key, **settings}
+    return agents
 
 
 def _of_agent(data: dict[str, Any], where: str, agent: str | None, seed: int | None) -> tuple[dict[str, Any], str]:

@@ -34,6 +34,16 @@ Arguments = Annotated[dict[str, Any], BeforeValidator(json_values)]
 """Arguments of an environment or a policy as JSON values."""
 
 
+def _without_num_envs(arguments: dict[str, Any]) -> dict[str, Any]:
+    if "num_envs" in arguments:
+        raise checks.conflict("num_envs cannot be set for training: worlds is their number")
+    return arguments
+
+
+Scene = Annotated[Arguments, AfterValidator(_without_num_envs)]
+"""Arguments of the worlds of a run."""
+
+
 def _ordered(ends: tuple[float, float]) -> tuple[float, float]:
     if ends[0] > ends[1]:
         raise checks.conflict(f"the low end must be <= the high one, got {list(ends)}")
@@ -55,11 +65,7 @@ Widths = Annotated[tuple[Width, ...], Field(min_length=1, max_length=8)]
 
 
 def check_bytes(name: str, value: int, bytes_each: float) -> None:
-    """Raise if ``value`` items of ``bytes_each`` bytes have more than :data:`MOST_BYTES`.
-
-    Raises:
-        ValueError: names the setting.
-    """
+    """Raise if ``value`` items of ``bytes_each`` bytes have more than :data:`MOST_BYTES`; ``name`` is that of the setting."""
     if value * bytes_each > MOST_BYTES:
         raise checks.refuse(name, value, f"at most {MOST_BYTES:.1e} bytes in all; each has {bytes_each:.1e}")
 
@@ -216,7 +222,7 @@ class UntilSettings(BaseSettings):
 
 
 class StageSettings(BaseSettings):
-    """Stage of a curriculum, see :class:`agents.curriculum.Curriculum`."""
+    """Stage of a curriculum, see :class:`agents.training_envs.Worlds`."""
 
     environment: Arguments
     """Arguments that differ from those of the run's environment; mappings are merged."""
@@ -231,7 +237,7 @@ class TrainSettings(BaseSettings):
     task: str
     """See :func:`vibgym.envs.vector.batch_of`."""
 
-    environment: Arguments = {"action": "patch"}
+    environment: Scene = {"action": "patch"}
     """Arguments of the environment."""
 
     worlds: int = Field(default=512, ge=1, le=100_000)
@@ -249,7 +255,7 @@ class TrainSettings(BaseSettings):
     output: str | None = None
     """Directory; None: runs/<name of the file>."""
 
-    scenes: tuple[Arguments, ...] = Field(default=(), max_length=10_000)
+    scenes: tuple[Scene, ...] = Field(default=(), max_length=10_000)
     """Arguments that are added to ``environment``; worlds are divided among them."""
 
     start: str | None = None
@@ -297,11 +303,7 @@ class TrainSettings(BaseSettings):
         return self
 
     def check_alone(self) -> None:
-        """Reject ``residual``, ``imitation``, ``start`` and ``curriculum``, which PPO alone supports.
-
-        Raises:
-            ValueError: one is set.
-        """
+        """Reject ``residual``, ``imitation``, ``start`` and ``curriculum``, which PPO alone supports."""
         for name in ("residual", "imitation", "start", "curriculum"):
             if getattr(self, name):
                 raise checks.conflict(f"{name} requires algorithm 'ppo', got {self.algorithm!r}")

@@ -72,24 +72,15 @@ def read(settings: DataLearner.Settings, env: Any, action: str, coding: Coding, 
         except (OSError, ValueError, KeyError, AssertionError, TypeError, AttributeError) as error:
             raise checks.refuse(f"{where}.dataset", str(place), f"a complete data set ({error})") from None
     observations = np.cumsum([0, *(len(each["rows"]) for each in found)])
-    for each, first in zip(found, observations[:-1], strict=True):
-        each["at"] += first
-    whole = {name: torch.from_numpy(np.concatenate([each[name] for each in found])) for name in found[0]}
-    facts = {
-        "dataset": settings.dataset,
-        "episodes": count,
-        "steps": len(whole["reward"]),
-        "sha256": digest,
-    }
+    for group, first in zip(found, observations[:-1], strict=True):
+        group["at"] += first
+    whole = {name: torch.from_numpy(np.concatenate([group[name] for group in found])) for name in found[0]}
+    facts = {"dataset": settings.dataset, "episodes": count, "steps": len(whole["reward"]), "sha256": digest}
     return Transitions(**whole, facts=facts)
 
 
 def check(name: str, data: Any, env: Any, action: str, observation: str, where: str) -> None:
-    """Raise if a data set has another origin, environment, scene, action, observation or version.
-
-    Raises:
-        ValueError: it has.
-    """
+    """Raise if a data set has another origin, environment, scene, action, observation or version."""
     kept = json.loads(data.storage.metadata.get(SCENE, "{}"))
     if not kept:
         raise checks.refuse(f"{where}.dataset", name, "a data set written by 'python -m agents record'")

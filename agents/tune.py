@@ -24,7 +24,6 @@ from agents.command_line import Command
 from agents.failures import TrainingError
 from agents.train import Training
 from agents.training_file import load_settings, load_tuning
-from agents.training_settings import TrainSettings
 from vibgym import checks
 from vibgym.files import csv_text, output_directory, write_atomically
 from vibgym.settings import BaseSettings, read
@@ -55,11 +54,7 @@ class TuningSettings(BaseSettings):
 
 
 def distribution(given: Any, where: str) -> BaseDistribution:
-    """Return the distribution of a setting from its entry in a file.
-
-    Raises:
-        ValueError: neither a list of values nor a range.
-    """
+    """Return the distribution of a setting from its entry in a file."""
     if checks.listed(given) and given and all(isinstance(each, bool | int | float | str | None) for each in given):
         return CategoricalDistribution(given)
     allowed = "a list of values, or a mapping with 'low', 'high' and optionally 'log: true'"
@@ -73,61 +68,57 @@ def distribution(given: Any, where: str) -> BaseDistribution:
         raise checks.refuse(where, given, f"{allowed} ({error})") from None
 
 
-def _ends(each: Any) -> tuple[Any, ...]:
-    """Return the values of a list, or both ends of a range."""
-    return each.choices if isinstance(each, CategoricalDistribution) else (each.low, each.high)
-
-
-class Pruned(Exception):
-    """The trial is worse than the median."""
-
-
 def run_trial(
-    settings: TrainSettings,
-    values: dict[str, Any],
+    config: Path,
+    agent: str | None,
+    common: dict[str, Any],
+    startup: int,
     space: dict[str, BaseDistribution],
     before: list[FrozenTrial],
+    number: int,
     directory: Path,
 ) -> FrozenTrial:
-    """Run a trial, or continue it from its checkpoint.
+    """Propose a trial from those of earlier batches alone and run it, or continue its run.
 
     The score is the mean time to the goal (s) at the best point of the learning curve; failures count with their limit.
 
     Args:
-        settings: of its run.
-        values: of the tuned settings.
-        space: their distributions.
-        before: trials of earlier batches, for pruning.
+        config, agent: see :func:`tune`.
+        common: settings of all trials, instead of the file's.
+        startup: number of random trials.
+        space: distributions of settings.
+        before: trials of earlier batches.
+        number: of the trial.
         directory: of its run.
     """
-    study = optuna.create_study(pruner=optuna.pruners.MedianPruner(n_startup_trials=4))
+    sampler = optuna.samplers.TPESampler(n_startup_trials=startup, seed=1_000_003 * number)
+    study = optuna.create_study(sampler=sampler, pruner=optuna.pruners.MedianPruner(n_startup_trials=4))
     study.add_trials(before)
-    trial, scores, state = study.ask(), dict[int, float](), TrialState.COMPLETE
+    trial = study.ask(space)
+    scores, state = dict[int, float](), TrialState.COMPLETE
 
     def listener(row: dict[str, Any]) -> None:
         scores[int(row["steps"])] = float(row["mean_time"])
         trial.report(float(row["mean_time"]), int(row["steps"]))
         if trial.should_prune():
-            raise Pruned
+            raise optuna.TrialPruned
 
     try:
-        with Training(settings, directory, quiet=True) as training:
+        with Training(
+            load_settings(config, agent, SEED, {**common, **trial.params}), directory, quiet=True
+        ) as training:
             training.run(listener=listener)
-    except Pruned:
+    except optuna.TrialPruned:
         state = TrialState.PRUNED
     except TrainingError:
         state = TrialState.FAIL
-    value = None if state is TrialState.FAIL else min(scores.values())
     return optuna.trial.create_trial(
-        state=state, value=value, params=values, distributions=space, intermediate_values=scores
+        state=state,
+        value=None if state is TrialState.FAIL else min(scores.values()),
+        params=trial.params,
+        distributions=trial.distributions,
+        intermediate_values=scores,
     )
-
-
-def propose(space: dict[str, BaseDistribution], startup: int, number: int, before: list[FrozenTrial]) -> dict[str, Any]:
-    """Return the values of trial ``number``, a function of the trials of earlier batches alone."""
-    study = optuna.create_study(sampler=optuna.samplers.TPESampler(n_startup_trials=startup, seed=1_000_003 * number))
-    study.add_trials(before)
-    return dict(study.ask(space).params)
 
 
 def tune(
@@ -157,16 +148,19 @@ def tune(
     """
     data, where = load_tuning(config, agent)
     tuning, base = read(TuningSettings, data, where), load_settings(config, agent)
-    space = {name: distribution(given, f"{where}: space.{name}") for name, given in tuning.space.items()}
     judging = {} if base.judging is None else base.judging.model_dump()
-    steps = {} if tuning.steps is None else {"steps": tuning.steps}
-    common = {"judging": {**judging, "first_seed": FIRST_SEED}, **steps}
-
-    def of_trial(values: dict[str, Any]) -> TrainSettings:
-        return load_settings(config, agent, SEED, {**common, **values})
-
-    for end in (0, -1):
-        of_trial({name: _ends(each)[end] for name, each in space.items()})
+    common: dict[str, Any] = {"judging": {**judging, "first_seed": FIRST_SEED}}
+    if tuning.steps is not None:
+        common["steps"] = tuning.steps
+    space: dict[str, Any] = {
+        name: distribution(given, f"{where}: space.{name}") for name, given in tuning.space.items()
+    }
+    for end in (0, -1):  # of every list and range
+        values = {
+            name: each.choices[end] if hasattr(each, "choices") else (each.low, each.high)[end]
+            for name, each in space.items()
+        }
+        load_settings(config, agent, SEED, {**common, **values})
     count = tuning.trials if trials is None else checks.count("--trials", trials, least=1, most=100_000)
     directory = output or Path("runs/tuning") / (agent or config.stem).replace("/", "-")
     output_directory(directory)
@@ -176,10 +170,9 @@ def tune(
         with tqdm(total=count, initial=len(study.trials), desc="tuning", unit="trial", disable=quiet) as bar:
             while (finished := len(study.trials)) < count:
                 first = finished // tuning.abreast * tuning.abreast  # of the batch
-                before, calls = study.trials[:first], []
-                for number in range(finished, min(first + tuning.abreast, count)):
-                    values = propose(space, tuning.startup, number, before)
-                    calls.append((of_trial(values), values, space, before, directory / f"trial-{number:03d}"))
+                numbers = range(finished, min(first + tuning.abreast, count))
+                trial = (config, agent, common, tuning.startup, space, study.trials[:first])
+                calls = [(*trial, number, directory / f"trial-{number:03d}") for number in numbers]
                 study.add_trials(parallel.run(run_trial, calls, workers=processes, ray=ray, done=bar.update))
         done = study.trials
     rows = [{"trial": t.number, "state": t.state.name.lower(), "score_s": t.value, **t.params} for t in done]
@@ -189,15 +182,7 @@ def tune(
 
 
 def _study(path: Path, mine: str) -> optuna.Study:
-    """Return the study in a file, a new one if there is none.
-
-    Args:
-        path: of the file.
-        mine: everything that the study's results depend on.
-
-    Raises:
-        ValueError: it has other settings, or is damaged.
-    """
+    """Return the study in a file, or a new one; ``mine`` is everything that its results depend on."""
     try:
         study = optuna.create_study(storage=f"sqlite:///{path}", study_name=NAME, load_if_exists=True)
         theirs = study.user_attrs.get(SETTINGS, None if study.trials else mine)

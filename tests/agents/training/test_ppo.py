@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 import torch
@@ -43,6 +42,23 @@ def filled(reward, done, truncated=(), driven=(True, True), **settings):
     rows = generator.normal(size=(WORLDS, PARTS, coding.shape.columns)).astype(np.float32)
     rollout.finish(Inputs(rows, mask), first_column)
     return rollout, finals
+
+
+@pytest.fixture
+def learner():
+    """Makes a learner that has reset its worlds."""
+    made = []
+
+    def make(task="Align", action="field", worlds=WORLDS, steps=1, environment=(), **own):
+        given = {"task": task, "environment": {"action": action, **dict(environment)}, "worlds": worlds, "steps": steps}
+        made.append(PPO(settings_from({**given, "ppo": {"n_steps": STEPS, "net": [8], "critic_net": [8], **own}})))
+        made[-1].env.seed(0)
+        made[-1].worlds.observation = made[-1].env.reset()
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
 
 
 def case():
@@ -98,11 +114,8 @@ def test_parts_share_the_rewards_of_others(flows):
     assert found.advantage == pytest.approx(expected.advantage, abs=1e-5)
 
 
-def test_the_gradient_is_that_of_the_policy_gradient_at_ratio_one():
-    settings = {"task": "Sort", "environment": {"action": "field"}, "worlds": 2, "steps": 1}
-    learner = PPO(settings_from({**settings, "ppo": {"n_steps": 4, "net": [8], "critic_net": [8]}}))
-    learner.env.seed(0)
-    learner.worlds.observation = learner.env.reset()
+def test_the_gradient_is_that_of_the_policy_gradient_at_ratio_one(learner):
+    learner = learner("Sort")
     learner.collect()
     batch = learner.rollout.samples()
     batch["advantage"] = torch.randn_like(batch["advantage"])
@@ -115,19 +128,15 @@ def test_the_gradient_is_that_of_the_policy_gradient_at_ratio_one():
     for name, each in learner.policy.actor.named_parameters():
         if each.grad is not None:
             assert torch.allclose(each.grad, found[name], atol=1e-5), name
-    learner.close()
-    assert isinstance(learner.env.action_space, gym.spaces.Box)
 
 
 @pytest.mark.parametrize("cost", [0.0, 0.25])
-def test_touching_parts_pay_in_training_only(cost, monkeypatch):
+def test_touching_parts_pay_in_training_only(learner, cost, monkeypatch):
     """In world 0 the parts touch, in world 1 the second part alone reports it, in world 2 none."""
-    settings = {"task": "Sort", "environment": {"action": "field", "parts": TWO}, "worlds": WORLDS, "steps": 1}
-    own = {"n_steps": STEPS, "net": [8], "critic_net": [8], "touch_cost": cost}
-    learner, paid = PPO(settings_from({**settings, "ppo": own})), []
+    learner, paid = learner("Sort", environment={"parts": TWO}, touch_cost=cost), []
     rows = {row.name: row.start for row in learner.env.env.parts_layout}
     there, gap = rows["neighbour_1_there"], rows["neighbour_1_gap"]
-    step, reset = learner.env.step, learner.env.reset
+    step = learner.env.step
 
     def close(observation):
         parts = observation["parts"].copy()
@@ -141,36 +150,29 @@ def test_touching_parts_pay_in_training_only(cost, monkeypatch):
         return close(observation), *rest
 
     monkeypatch.setattr(learner.env, "step", watched)
-    learner.env.seed(0)
-    learner.worlds.observation = close(reset())
+    learner.worlds.observation = close(learner.worlds.observation)
     learner.collect()
     expected = np.zeros((STEPS, WORLDS, PARTS))
     expected[:, 0] = expected[:, 1, 1] = cost
     assert np.array(paid) - learner.rollout.reward == pytest.approx(expected, abs=1e-6)
     assert not learner.rollout.truncated and np.any(paid)
-    learner.close()
 
 
-def test_the_critic_learns_first():
-    settings = {"task": "Align", "environment": {"action": "field"}, "worlds": WORLDS, "steps": 2 * STEPS * WORLDS}
-    own = {"n_steps": STEPS, "batch_size": 8, "net": [8], "critic_net": [8], "critic_steps": STEPS * WORLDS}
-    learner, changed = PPO(settings_from({**settings, "ppo": own})), []
+def test_the_critic_learns_first(learner):
+    steps = 2 * STEPS * WORLDS
+    learner, changed = learner(steps=steps, batch_size=8, critic_steps=steps // 2), []
     before = {name: each.clone() for name, each in learner.policy.state_dict().items()}
 
     def report(metrics):
         now = learner.policy.state_dict().items()
         changed.append({name.split(".")[0] for name, each in now if not torch.equal(each, before[name])})
 
-    learner.learn(settings["steps"], report)
+    learner.learn(steps, report)
     assert changed == [set(), {"critic"}, {"critic", "actor"}]
-    learner.close()
 
 
-def test_correlated_noise_is_standard_normal_and_begins_anew_with_episodes():
-    own = {"n_steps": 4, "net": [8], "critic_net": [8], "noise_correlation": 0.9}
-    learner = PPO(
-        settings_from({"task": "Align", "environment": {"action": "velocity"}, "worlds": 400, "steps": 1, "ppo": own})
-    )
+def test_correlated_noise_is_standard_normal_and_begins_anew_with_episodes(learner):
+    learner = learner(action="velocity", worlds=400, n_steps=4, noise_correlation=0.9)
     shape, steps, begins = (400, 1, 3), 30, 20
     noise = []
     for step in range(steps):
@@ -184,4 +186,3 @@ def test_correlated_noise_is_standard_normal_and_begins_anew_with_episodes():
     assert correlation[within] == pytest.approx(0.9, abs=0.05)
     assert abs(correlation[~within]) < 0.15
     assert np.corrcoef(noise[0], noise[10])[0, 1] == pytest.approx(0.9**10, abs=0.15)
-    learner.env.close()

@@ -1,73 +1,127 @@
-"""Training runs: exact resume, Stable-Baselines3 by name, user-registered actions, observations, networks and algorithms."""
+"""Training runs: exact resume, curricula, several seeds, user-registered networks and algorithms."""
 
 import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
-import yaml
 from gymnasium import spaces
 
-from agents import networks, ppo, train
+from agents import networks
 from agents.algorithms import ALGORITHMS
+from agents.learning_curve import LearningCurve
 from agents.networks import PartsActor, PartsCritic
-from agents.training_envs import make_worlds
+from agents.train import BEST, BEST_KIND, Training, train_seeds
+from agents.training_envs import Worlds, make_worlds
 from agents.training_file import load_settings
-from agents.worlds import Worlds
-from tests.agents.training.checkpoints import same
-from vibgym.envs.actions import ACTIONS, Field
+from tests.agents.training.helpers import DATA, POSE, PPO, rows_of, same, trained, written
 from vibgym.policies.trained.networks import ACTING
-from vibgym.policies.trained.trained import CODINGS
+from vibgym.policies.trained.storage import load_set
+from vibgym.policies.trained.trained import CODINGS, KIND, VERSION
 from vibgym.settings import BaseSettings
 
-PPO = {"n_steps": 16, "batch_size": 64, "n_epochs": 2, "net": [8], "critic_net": [8], "target_kl": 0.02}
-BASE = {"task": "Align", "worlds": 8, "steps": 768, "checkpoint_steps": 256, "judging": {"episodes": 3, "every": 200}}
-IMITATION = {"expert": {"kind": "pose", "action": "wrench"}, "rounds": 2, "steps": 20, "epochs": 2}
+OWN = {**PPO, "n_epochs": 2, "target_kl": 0.02}
+IMITATION = {"expert": POSE, "rounds": 2, "steps": 20, "epochs": 2}
+WRENCH = {"action": "wrench"}
+LEARNED = {"dataset": DATA, "batch_size": 32, "net": [8], "turned": True, "remembers": True, "blind": ["position"]}
+DELAYED = {"action": "field", "sensor": {"delay": 2, "dropout": 0.3, "kind": "ideal", "tell": ["age"]}}
 RUNS = {
-    "field": {"environment": {"action": "field"}, "ppo": PPO},
+    "field": {},
     "imitation": {
-        "environment": {"action": "wrench"}, "imitation": IMITATION, "ppo": {**PPO, "remembers": True, "turned": True},
+        "environment": WRENCH, "imitation": IMITATION, "ppo": {**OWN, "remembers": True, "turned": True},
     },
     "memory": {
-        "environment": {"action": "field", "sensor": {"delay": 2, "dropout": 0.3, "kind": "ideal", "tell": ["age"]}},
-        "ppo": {**PPO, "turned": True, "remembers": 3, "recalls": ["velocity", "age"]},
+        "environment": DELAYED, "ppo": {**OWN, "turned": True, "remembers": 3, "recalls": ["velocity", "age"]},
     },
-    "noise": {"environment": {"action": "field"}, "ppo": {**PPO, "noise_correlation": 0.9}},
-    "curriculum": {
-        "environment": {"action": "field"}, "ppo": PPO,
-        "curriculum": [{"environment": {"max_episode_steps": 20}, "until": {"steps": 384}}],
-    },
-    "residual": {"environment": {"action": "wrench"}, "residual": {"base": {"kind": "pose"}}, "ppo": PPO},
+    "noise": {"ppo": {**OWN, "noise_correlation": 0.9}},
+    "curriculum": {"curriculum": [{"environment": {"max_episode_steps": 20}, "until": {"steps": 384}}]},
+    "residual": {"environment": WRENCH, "residual": {"base": {"kind": "pose"}}},
+    "cloning": {"environment": WRENCH, "algorithm": "offline", "offline": LEARNED},
+    "iql": {"environment": WRENCH, "algorithm": "offline", "offline": {**LEARNED, "method": "iql", "critic_net": [8]}},
+    "flow": {"environment": WRENCH, "algorithm": "flow", "flow": {**LEARNED, "network": "parts"}},
 }  # fmt: skip
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 
-def run(folder, settings, name="run"):
-    config = folder / "config.yaml"
-    config.write_text(yaml.safe_dump({**BASE, **settings}))
-    return train.train(config, folder / name, quiet=True)
-
-
 @pytest.mark.parametrize("name", RUNS)
-def test_interrupted_runs_end_with_the_same_weights(tmp_path, monkeypatch, name):
-    run(tmp_path, RUNS[name], "whole")
-    collect, stops = ppo.PPO.collect, [300, 500]
+def test_interrupted_runs_end_with_the_same_weights(tmp_path, monkeypatch, request, name):
+    settings = {
+        "ppo": OWN,
+        "steps": 768,
+        "checkpoint_steps": 256,
+        "judging": {"episodes": 3, "every": 200},
+        **RUNS[name],
+    }
+    for algorithm in {"offline", "flow"} & settings.keys():
+        settings[algorithm] = {**settings[algorithm], "directory": str(request.getfixturevalue("recorded"))}
+    trained(tmp_path, "whole", **settings)
+    between, stops = Training._between_updates, [300, 500]
 
-    def interrupted(self):
-        steps = collect(self)
-        if stops and self.steps >= stops[0]:
+    def interrupted(self, metrics):
+        between(self, metrics)
+        if stops and self.learner.steps >= stops[0]:
             stops.pop(0)
             raise KeyboardInterrupt
-        return steps
 
-    monkeypatch.setattr(ppo.PPO, "collect", interrupted)
-    while not (tmp_path / "broken" / "policy.json").exists():
-        try:
-            run(tmp_path, RUNS[name], "broken")
-        except KeyboardInterrupt:
-            pass
-    assert not stops
+    monkeypatch.setattr(Training, "_between_updates", interrupted)
+    while stops:
+        with pytest.raises(KeyboardInterrupt):
+            trained(tmp_path, "broken", **settings)
+    trained(tmp_path, "broken", **settings)
     assert same(tmp_path / "whole", tmp_path / "broken")
+    one, two = (rows_of(tmp_path / name / "curve.csv") for name in ("whole", "broken"))
+    assert [{**row, "seconds": ""} for row in one] == [{**row, "seconds": ""} for row in two]
+
+
+def started(config, run):
+    command = [sys.executable, "-m", "agents", "train", str(config), "--output", str(run), "--quiet"]
+    return subprocess.Popen(command, env={**os.environ, "OMP_NUM_THREADS": "1"})
+
+
+def stamps(run):
+    return {path: path.stat().st_mtime_ns for path in run.glob("*.*") if path.suffix in (".json", ".pt")}
+
+
+def kill_at_random(process, run):
+    """Kill the process after a random number of changes of its directory, and a random time."""
+    seen = stamps(run)
+    for _ in range(random.randint(1, 8)):
+        while process.poll() is None:
+            try:
+                now = stamps(run)
+            except FileNotFoundError:  # renamed between glob and stat
+                continue
+            if now != seen:
+                seen = now
+                break
+            time.sleep(0.001)
+    time.sleep(0.1 * random.random())
+    process.kill()
+    assert process.wait() == -signal.SIGKILL
+
+
+@pytest.mark.full
+@pytest.mark.skipif(os.name != "posix", reason="SIGKILL")
+def test_a_killed_run_ends_with_the_same_weights(tmp_path):
+    """By SIGKILL at random instants, five times."""
+    own, judging = {**OWN, "remembers": True}, {"episodes": 3, "every": 2000}
+    config = written(tmp_path, environment=WRENCH, steps=16_384, checkpoint_steps=256, judging=judging, ppo=own)
+    assert started(config, tmp_path / "whole").wait() == 0
+    for _ in range(5):
+        kill_at_random(started(config, tmp_path / "killed"), tmp_path / "killed")
+    assert len(list(tmp_path.glob("killed/log-from-*/progress.csv"))) > 1  # of killed sessions
+    assert started(config, tmp_path / "killed").wait() == 0
+    runs = [tmp_path / "whole", tmp_path / "killed"]
+    curves = [[{**row, "seconds": ""} for row in rows_of(run / "curve.csv")] for run in runs]
+    one, two = (load_set(run / BEST, BEST_KIND)[0] for run in runs)
+    assert curves[0] == curves[1] and same(*runs)
+    assert one.keys() == two.keys() and all(np.array_equal(one[name], two[name]) for name in one)
 
 
 def test_a_stage_ends_with_its_success_or_its_steps_and_changes_the_environment(tmp_path):
@@ -75,10 +129,9 @@ def test_a_stage_ends_with_its_success_or_its_steps_and_changes_the_environment(
         {"environment": {"task_settings": {"hold": 3}}, "until": {"success": 0.9}},
         {"environment": {"max_episode_steps": 7}, "until": {"success": 1.0, "steps": 100}},
     ]
-    config = tmp_path / "config.yaml"
     own = {"action": "field", "task_settings": {"weights": {"fallen": 9.0}}}
-    config.write_text(yaml.safe_dump({**BASE, "environment": own, "curriculum": stages}))
-    worlds = Worlds(load_settings(config), "parts")
+    settings = load_settings(written(tmp_path, environment=own, curriculum=stages))
+    worlds = Worlds(settings, "parts")
     assert worlds.environment(0)["task_settings"] == {"weights": {"fallen": 9.0}, "hold": 3}
     won, lost = (1.0, 5, True, 0.0), (0.0, 5, False, 0.0)
     whole = 8 * worlds.env.env.unwrapped.max_episode_steps  # steps of an episode that fails in every world
@@ -92,32 +145,35 @@ def test_a_stage_ends_with_its_success_or_its_steps_and_changes_the_environment(
     worlds.begin(whole)
     assert worlds.stage == 1 and not worlds.episodes and worlds.env.env.unwrapped.max_episode_steps == 7
     assert not worlds.is_over(whole + 99) and worlds.is_over(whole + 100)
-    other = Worlds(load_settings(config), "parts")
-    other.set_state(worlds.get_state())
-    for each in (worlds, other):
-        each.begin(whole + 100)
-        assert each.stage == 2 and each.environment(each.stage) == own and not each.is_over(10**6)
-        each.env.close()
+    worlds.begin(whole + 100)
+    assert worlds.stage == 2 and worlds.environment(2) == own and not worlds.is_over(10**6)
+    worlds.env.close()
 
 
-def test_algorithms_of_stable_baselines3_run_by_name(tmp_path):
-    """TD3; SAC and PPO are those of test_training_sb3.py."""
-    own = {"policy_kwargs": {"net_arch": [8]}, "learning_starts": 100, "buffer_size": 500}
-    settings = {"algorithm": "sb3.TD3", "environment": {"action": "field"}, "sb3": own, "steps": 256}
-    path = run(tmp_path, settings)
-    assert len((path.parent / "curve.csv").read_text().splitlines()) >= 2
-    assert path.with_suffix(".zip").exists()
-    assert json.loads((path.parent / "run.json").read_text())["settings"]["algorithm"] == "sb3.TD3"
-    run(tmp_path, {**settings, "steps": 512})  # continues
+def test_the_policy_is_the_best_actor_of_the_learning_curve(tmp_path, monkeypatch):
+    measure, successes = LearningCurve.measure, [0.9, 0.1]
+
+    def measured(self, *given):
+        row = measure(self, *given)
+        row.update(success=successes.pop(0), time_to_goal=1.0)
+        return row
+
+    monkeypatch.setattr(LearningCurve, "measure", measured)
+    path = trained(tmp_path, judging={"episodes": 3, "every": 128})
+    policy, record = load_set(path, KIND, VERSION)
+    best, _ = load_set(path.parent / BEST, BEST_KIND)
+    assert not successes and record["training"]["kept_from_step"] == 128 < record["training"]["steps"]
+    assert all(np.array_equal(policy[name], best[name]) for name in best)
 
 
-def test_a_user_registered_action_is_trained(tmp_path, monkeypatch):
-    class Half(Field):
-        pass
+def test_training_several_seeds_shows_the_progress_of_each(tmp_path, capfd):
+    paths = train_seeds(written(tmp_path), [3, 4], tmp_path / "out")
+    assert paths == [tmp_path / "out" / f"seed-{seed}" / "policy.json" for seed in (3, 4)]
+    shown = capfd.readouterr().err
+    assert all(f"seed {seed}" in shown for seed in (3, 4))
 
-    monkeypatch.setitem(ACTIONS._items, "half", Half)
-    settings = {"algorithm": "sb3.PPO", "environment": {"action": "half"}, "sb3": {"n_steps": 16, "batch_size": 32}}
-    assert run(tmp_path, {**settings, "steps": 128}).with_suffix(".zip").exists()
+
+# -- registered by users -----------------------------------------------------------------------------------------------
 
 
 def test_a_user_registered_network_is_trained(tmp_path, monkeypatch):
@@ -128,12 +184,12 @@ def test_a_user_registered_network_is_trained(tmp_path, monkeypatch):
         kind = "mine"
 
     networks.register_network("mine", Mine, PartsCritic, ACTING["parts"])
-    path = run(tmp_path, {"environment": {"action": "field"}, "ppo": {**PPO, "network": "mine"}, "steps": 128})
+    path = trained(tmp_path, ppo={**PPO, "network": "mine"}, steps=128)
     assert json.loads(path.read_text())["network"] == "mine"
 
 
 class RandomSearch:
-    """An algorithm without torch: it remembers how many steps it made."""
+    """An algorithm without torch: it stores how many steps it made."""
 
     class Settings(BaseSettings):
         """Settings of the algorithm."""
@@ -145,7 +201,7 @@ class RandomSearch:
     def __init__(self, settings):
         self.action, self.steps = settings.action, 0
         self.env = make_worlds(settings, "state")
-        assert isinstance(self.env.action_space, spaces.Box)
+        assert isinstance(self.env.action_space, spaces.Box) and settings.own.scale == 2.0
 
     def learn(self, until, report):
         self.env.reset()
@@ -169,23 +225,8 @@ class RandomSearch:
 
 def test_a_user_registered_algorithm_is_trained_and_continues(tmp_path, monkeypatch):
     monkeypatch.setitem(ALGORITHMS._items, "mine", RandomSearch)
-    settings = {"algorithm": "mine", "environment": {"action": "field"}, "mine": {"scale": 2.0}, "steps": 64}
-    run(tmp_path, settings)
-    run(tmp_path, {**settings, "steps": 128})
+    settings = {"algorithm": "mine", "mine": {"scale": 2.0}, "judging": {"episodes": 3, "every": 32}}
+    for steps in (64, 128):
+        trained(tmp_path, **settings, steps=steps)
     assert (tmp_path / "run" / "mine.txt").read_text() == "128"
-
-
-@pytest.mark.parametrize("changes, named", [
-    ({"algorithm": "sb3.Nothing"}, "algorithm"), ({"ppo": {"network": "nothing"}}, "network"), ({"steps": 0}, "steps"),
-    ({"algorithm": "sb3.SAC", "imitation": IMITATION}, "imitation"), ({"ppo": {"n_steps": 10**6}, "worlds": 1000}, "n_steps"),
-    ({"environment": {"num_envs": 3}}, "environment.num_envs"), ({"scenes": [{}, {"num_envs": 3}]}, "scenes\\[1\\].num_envs"),
-    ({"serves": {"frequency": [30.0, 20.0]}}, "frequency"),
-    ({"curriculum": [{"environment": {}}]}, "curriculum\\[0\\].until"),
-    ({"curriculum": [{"environment": {}, "until": {}}]}, "curriculum\\[0\\].until"),
-    ({"curriculum": [{"environment": {"near": 1.0}, "until": {"steps": 9}}]}, "curriculum\\[0\\].environment"),
-    ({"curriculum": [{"environment": {"action": "phasor"}, "until": {"steps": 9}}]}, "curriculum\\[0\\].environment"),
-    ({"curriculum": [{"environment": {}, "until": {"steps": 9}}], "algorithm": "sb3.SAC"}, "curriculum"),
-])  # fmt: skip
-def test_invalid_settings_are_refused_by_name(tmp_path, changes, named):
-    with pytest.raises(ValueError, match=named):
-        run(tmp_path, {"environment": {"action": "field"}, **changes})
+    assert [row["steps"] for row in rows_of(tmp_path / "run" / "curve.csv")] == ["32", "64", "96", "128"]

@@ -1,6 +1,5 @@
 """Files of a run: damaged and foreign ones are one error and stay as they are; failures keep the last checkpoint."""
 
-import csv
 import io
 import json
 import math
@@ -10,69 +9,35 @@ import zipfile
 import numpy as np
 import pytest
 import torch
-import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from agents import __main__ as command
-from agents import checkpoint, train
-from agents.failures import Diverged, TrainingError
+from agents import checkpoint
+from agents.failures import Diverged
 from agents.ppo import PPO
+from agents.sb3 import SB3
+from agents.train import Log, Training
 from agents.training_file import load_settings
+from tests.agents.training import helpers
+from tests.agents.training.helpers import rows_of, trained, written
 from tests.commands import file_at, files_in, fill_the_disk, folder_at, refusal, said_in_one_line
 from tests.policies.helpers import info_of
 from vibgym import checks
-from vibgym.files import WriteError
-from vibgym.policies.trained.storage import load_set, save_set
+from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import KIND, VERSION, load_trained
 
-SETTINGS = {
-    "task": "Align", "environment": {"action": "field"}, "worlds": 8, "steps": 256, "seed": 3, "checkpoint_steps": 128,
-    "ppo": {"n_steps": 16, "batch_size": 64, "n_epochs": 1, "net": [8], "critic_net": [8]},
-}  # fmt: skip
-OWN = SETTINGS["ppo"]
+OWN = helpers.PPO
+SAC = {"algorithm": "sb3.SAC", "sb3": helpers.SB3}
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 
-def written(folder, **changes):
-    path = folder / "tiny.yaml"
-    path.write_text(yaml.safe_dump({**SETTINGS, **changes}))
-    return path
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory):
-    """Directory of one whole run."""
-    folder = tmp_path_factory.mktemp("trained")
-    train.train(written(folder), folder / "run", quiet=True)
-    return folder / "run"
-
-
-@pytest.fixture
-def copied(trained, tmp_path):
-    """A copy of it that may be damaged."""
-    run = folder_at(tmp_path / "run")
-    for path in trained.iterdir():
-        if path.is_file():
-            (run / path.name).write_bytes(path.read_bytes())
-    return run
-
-
 def kept(run):
-    return {name: data for name, data in files_in(run).items() if "log-from" not in name}
+    """Return the files of a run except its logs, and its record, which has the new number of steps."""
+    return {name: data for name, data in files_in(run).items() if "log-from" not in name and "run.json" not in name}
 
 
 # -- checkpoints -------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("changes, named", [
-    ({"task": "Transport"}, "task"), ({"seed": 4}, "seed"), ({"environment": {"action": "patch"}}, "environment"),
-    ({"ppo": {**OWN, "net": [9]}}, "ppo"), ({"algorithm": "sb3.SAC"}, "algorithm"),
-])  # fmt: skip
-def test_checkpoints_of_other_settings_are_refused(copied, tmp_path, capsys, changes, named):
-    before = files_in(copied)
-    line = refusal(capsys, command.main, "train", written(tmp_path, **changes), "--output", copied)
-    assert str(copied) in line and named in line and files_in(copied) == before
 
 
 def altered(content):
@@ -83,62 +48,51 @@ def altered(content):
     return content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :]
 
 
-def damage(run, name, how):
-    """Damage a set of the run."""
-    path = run / name
-    if path.suffix == ".pt":
-        content = path.read_bytes()
-        if how == "version":
-            torch.save({"version": 1}, path)
-        else:
-            path.write_bytes(content[:400] if how == "truncated" else altered(content))
-        return path
-    record = json.loads(path.read_text())
-    tensors = run / record["tensors"]
-    data = tensors.read_bytes()
-    if how == "truncated":
-        os.truncate(path, 40)
-    elif how == "version":
-        path.write_text(json.dumps({**record, "version": 1}))
-    else:
-        tensors.write_bytes(data[:-2] + bytes([data[-2] ^ 1]) + data[-1:])
-    return path
+def with_contents(**changes):
+    def change(run):
+        content = checkpoint.load(run)
+        checkpoint.save(run, content | {name: change(content[name]) for name, change in changes.items()})
+
+    return change
 
 
-@pytest.mark.parametrize("name", ["checkpoint.pt", "policy.json"])
-@pytest.mark.parametrize("how", ["truncated", "version", "altered tensors"])
-def test_damaged_files_are_refused(copied, tmp_path, capsys, name, how):
-    """Checkpoints to continue, policies to start from."""
-    path = damage(copied, name, how)
-    new = name == "policy.json"
-    config = written(tmp_path, **({"start": str(path)} if new else {}))
+MEAN = "actor.mean.weight"
+
+
+def rewritten(name, change):
+    return lambda run: (run / name).write_bytes(change((run / name).read_bytes()))
+
+
+FOREIGN = {  # changes of the settings, or of the files; what the error names
+    "task": ({"task": "Transport"}, "task"),
+    "seed": ({"seed": 4}, "seed"),
+    "environment": ({"environment": {"action": "patch"}}, "environment"),
+    "network": ({"ppo": {**OWN, "net": [9]}}, "ppo"),
+    "algorithm": (SAC, "algorithm"),
+    "truncated": (rewritten("checkpoint.pt", lambda data: data[:400]), "checkpoint.pt"),
+    "altered": (rewritten("checkpoint.pt", altered), "checkpoint.pt"),
+    "version": (lambda run: torch.save({"version": 1}, run / "checkpoint.pt"), "checkpoint.pt"),
+    "shapes": (with_contents(policy=lambda policy: {**policy, MEAN: policy[MEAN].T}), "checkpoint.pt"),
+    "weights": (with_contents(policy=lambda policy: {}), "checkpoint.pt"),
+    "optimizer": (with_contents(optimizer=lambda optimizer: {}), "checkpoint.pt"),
+    "generator": (with_contents(torch=lambda state: state[:9]), "checkpoint.pt"),
+    "worlds": (with_contents(worlds=lambda worlds: {**worlds, "env": {}}), "checkpoint.pt"),
+    "record": (rewritten("run.json", lambda data: b""), "run.json"),
+    "contents of the record": (rewritten("run.json", lambda data: b'{"settings": 3, "seconds": 1}'), "run.json"),
+    "no record": (lambda run: (run / "run.json").unlink(), "run.json"),
+    "policy alone": (lambda run: [(run / name).unlink() for name in ("run.json", "checkpoint.pt")], "policy.json"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_files_of_other_runs_and_damaged_ones_are_refused(copied, tmp_path, capsys, name):
+    change, named = FOREIGN[name]
+    if callable(change):
+        change(copied)
+    config = written(tmp_path, steps=512, **(change if isinstance(change, dict) else {}))
     before = files_in(copied)
-    line = refusal(capsys, command.main, "train", config, "--output", tmp_path / "new" if new else copied)
-    assert str(path) in line and files_in(copied) == before and not (tmp_path / "new").exists()
-
-
-@pytest.mark.parametrize("text", ["", '{"settings": 3, "seconds": 1}', None])
-def test_a_damaged_record_of_the_run_is_refused(copied, tmp_path, capsys, text):
-    path = copied / "run.json"
-    path.unlink() if text is None else path.write_text(text)
-    before = files_in(copied)
-    line = refusal(capsys, command.main, "train", written(tmp_path, steps=512), "--output", copied)
-    assert str(path) in line and files_in(copied) == before
-
-
-@pytest.mark.parametrize("name, change", [
-    ("policy", lambda value: {**value, "actor.mean.weight": value["actor.mean.weight"].T}),
-    ("policy", lambda value: {}), ("optimizer", lambda value: {}), ("torch", lambda value: value[:9]),
-    ("worlds", lambda value: {**value, "env": {}}),
-])  # fmt: skip
-def test_a_checkpoint_with_wrong_contents_is_refused(copied, tmp_path, name, change):
-    content = checkpoint.load(copied)
-    checkpoint.save(copied, {**content, name: change(content[name])})
-    before = files_in(copied)
-    with pytest.raises(checks.Refused) as error:
-        train.train(written(tmp_path), copied, quiet=True)
-    assert str(copied / "checkpoint.pt") in str(error.value) and "\n" not in str(error.value)
-    assert files_in(copied) == before
+    line = refusal(capsys, command.main, "train", config, "--output", copied)
+    assert str(copied) in line and named in line and files_in(copied) == before
 
 
 def test_reading_a_checkpoint_runs_no_code(copied, tmp_path):
@@ -155,26 +109,27 @@ def test_reading_a_checkpoint_runs_no_code(copied, tmp_path):
 # -- failures ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("place, method", [("actor.mean", "collect"), ("critic.value", "update")])
+@pytest.mark.parametrize("place, method", [("actor.mean", "collect"), ("critic.value", "update"), (None, "learn")])
 def test_a_diverged_training_keeps_the_last_checkpoint(copied, tmp_path, monkeypatch, capsys, place, method):
-    config, before, original = written(tmp_path, steps=1024), kept(copied), getattr(PPO, method)
+    """Of PPO, and of Stable-Baselines3."""
+    changes, run, kind = ({}, copied, PPO) if place else (SAC, tmp_path / "sac", SB3)
+    trained(tmp_path, run.name, **changes)
+    before, original = kept(run), getattr(kind, method)
 
     def poisoned(self, *arguments):
+        weights = self.policy.get_submodule(place) if place else self.model.policy.actor.mu
         with torch.no_grad():
-            self.policy.get_submodule(place).weight[0, 0] = math.nan
+            weights.weight[0, 0] = math.nan
         return original(self, *arguments)
 
-    monkeypatch.setattr(PPO, method, poisoned)
-    assert command.main(["train", str(config), "--output", str(copied), "--quiet"]) == 1
+    monkeypatch.setattr(kind, method, poisoned)
+    config = written(tmp_path, steps=1024, **changes)
+    assert command.main(["train", str(config), "--output", str(run), "--quiet"]) == 1
     line = said_in_one_line(capsys)
-    assert str(copied) in line and "diverged" in line and "256 steps" in line
-    after = kept(copied)
-    changed = {name for name in before | after if before.get(name) != after.get(name)}
-    assert changed <= {str(copied / "run.json")}  # has the new number of steps
-    with pytest.raises(TrainingError):
-        train.train(config, copied, quiet=True)
+    assert str(run) in line and "diverged" in line and "256 steps" in line and kept(run) == before
     monkeypatch.undo()
-    assert load_set(train.train(config, copied, quiet=True), KIND, VERSION)[1]["training"]["steps"] == 1024
+    assert command.main(["train", str(config), "--output", str(run), "--quiet"]) == 0
+    assert json.loads((run / "run.json").read_text())["settings"]["steps"] == 1024
 
 
 @pytest.mark.parametrize("place", ["actor.log_std", "critic.value", "optimizer"])
@@ -196,33 +151,19 @@ def test_values_that_are_not_finite_are_not_written(copied, tmp_path, place):
     assert files_in(copied) == before
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sb3.SAC"])
-def test_a_full_disk_is_one_error_and_keeps_the_checkpoint(tmp_path, monkeypatch, capsys, algorithm):
-    own = {
-        "algorithm": algorithm,
-        "sb3": {"policy_kwargs": {"net_arch": [8]}, "learning_starts": 64, "buffer_size": 200},
-    }
-    run, arguments = (
-        tmp_path / "run",
-        ("train", str(tmp_path / "tiny.yaml"), "--output", str(tmp_path / "run"), "--quiet"),
-    )
-    written(tmp_path, **own)
-    assert command.main(arguments) == 0
-    config, before = written(tmp_path, **own, steps=1024), kept(run)
-    save = train.Training._save
+@pytest.mark.parametrize("changes", [{}, SAC], ids=["ppo", "sac"])
+def test_a_full_disk_is_one_error_and_keeps_the_checkpoint(tmp_path, monkeypatch, capsys, changes):
+    run = trained(tmp_path, **changes).parent
+    config, before, save = written(tmp_path, **changes, steps=1024), kept(run), Training._save
 
     def while_full(self):
         with pytest.MonkeyPatch.context() as patch:
             fill_the_disk(patch)
             save(self)
 
-    monkeypatch.setattr(train.Training, "_save", while_full)
-    capsys.readouterr()
-    assert command.main(arguments) == 1
-    assert "256 steps" in said_in_one_line(capsys)
-    assert {name for name in before if kept(run)[name] != before[name]} <= {str(run / "run.json")}
-    with pytest.raises(WriteError):
-        train.train(config, run, quiet=True)
+    monkeypatch.setattr(Training, "_save", while_full)
+    assert command.main(["train", str(config), "--output", str(run), "--quiet"]) == 1
+    assert "256 steps" in said_in_one_line(capsys) and kept(run) == before
 
 
 BAD_PLACES = {
@@ -237,62 +178,33 @@ def test_places_that_cannot_be_written_are_refused_before_training(tmp_path, mon
     monkeypatch.setattr(PPO, "learn", lambda *_, **__: pytest.fail("trains"))
     run = tmp_path / "runs"
     BAD_PLACES[case](run)
-    assert command.main(["train", str(written(tmp_path)), "--output", str(run), "--quiet"]) == 2
-    assert "output" in said_in_one_line(capsys)
+    assert "output" in refusal(capsys, command.main, "train", written(tmp_path), "--output", run)
     assert run.is_dir() or run.read_text() == "mine"
     assert not list(tmp_path.rglob("*.safetensors")) and not list(tmp_path.rglob("log-from-*"))
 
 
-# -- start -------------------------------------------------------------------------------------------------------------
+# -- policies and logs -------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("changes, named", [
-    ({"task": "Transport"}, "tasks"), ({"environment": {"action": "patch"}}, "action"),
-    ({"environment": {"action": "field", "surface": {"rows": 12, "columns": 16}}}, "surface"),
-    *(({"ppo": {**OWN, key: value}}, named) for key, value, named in (
-        ("blind", ["position"], "columns"), ("turned", True, "turned"), ("remembers", True, "remembers"),
-        ("activation", "relu", "activation"), ("net", [9], "layers"))),
-    ({"algorithm": "sb3.SAC"}, "start"),
-])  # fmt: skip
-def test_policies_that_do_not_fit_are_no_start(trained, tmp_path, capsys, changes, named):
-    config, before = written(tmp_path, **changes, start=str(trained / "policy.json")), files_in(trained)
-    line = refusal(capsys, command.main, "train", config, "--output", tmp_path / "next")
-    assert named in line and str(config) in line
-    assert not (tmp_path / "next").exists() and files_in(trained) == before
-
-
-def test_a_run_starts_with_the_weights_of_a_policy(trained, tmp_path):
+def test_a_run_starts_with_the_weights_of_a_policy(agent, tmp_path):
     """Its first steps train the critic alone; exploration starts anew."""
-    start = trained / "policy.json"
-    config = written(tmp_path, start=str(start), ppo={**OWN, "critic_steps": 256})
-    path = train.train(config, tmp_path / "next", quiet=True)
+    start = agent / "policy.json"
+    path = trained(tmp_path, "next", start=str(start), ppo={**OWN, "critic_steps": 256})
     before, after = (load_set(each, KIND, VERSION)[0] for each in (start, path))
     same = {name for name in before if np.array_equal(before[name], after[name])}
     assert before.keys() == after.keys() and {"hidden.0.weight", "mean.weight", "mean.bias"} <= same
     assert (after["log_std.bias"] == np.float32(-0.5)).all() and (before["log_std.bias"] != -0.5).any()
 
 
-def test_a_policy_with_other_columns_is_refused(trained, tmp_path):
-    tensors, record = load_set(trained / "policy.json", KIND, VERSION)
-    plain = {key: value for key, value in record.items() if key not in ("format", "version", "tensors", "sha256")}
-    save_set(tmp_path / "policy.json", KIND, tensors, {**plain, "columns": [*plain["columns"], ["age", 1]]}, VERSION)
-    with pytest.raises(ValueError, match="columns"):
-        load_trained(tmp_path / "policy.json", info_of("Align"))
-    # Columns of the scene that the policy does not have are skipped.
-    found = load_trained(trained / "policy.json", info_of("Align", sensor="pose"))
-    assert found.coding.columns == plain["columns"]
-
-
-# -- progress.csv ------------------------------------------------------------------------------------------------------
-
-
-def rows_of(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
+def test_columns_that_a_policy_does_not_have_are_skipped(agent):
+    columns = load_set(agent / "policy.json", KIND, VERSION)[1]["columns"]
+    info = info_of("Align", sensor={"kind": "ideal", "tell": ["age"]})
+    assert load_trained(agent / "policy.json", info).coding.columns == columns
+    assert len(info.parts_layout) > len(columns)
 
 
 def test_progress_is_written_row_by_row(tmp_path):
-    log, path = train.Log(tmp_path / "log"), tmp_path / "log" / "progress.csv"
+    log, path = Log(tmp_path / "log"), tmp_path / "log" / "progress.csv"
     assert not path.parent.exists()
     log.write({"steps": 1, "loss": 0.5})
     assert rows_of(path) == [{"steps": "1", "loss": "0.5"}]
@@ -302,12 +214,8 @@ def test_progress_is_written_row_by_row(tmp_path):
     log.add("evaluation", {"steps": 4, "phase": "ppo", "success": 0.5, "rate": ""})
     log.close()
     events = EventAccumulator(str(path.parent)).Reload()
-    assert [(each.step, each.value) for each in events.Scalars("training/loss")] == [
-        (1, 0.5),
-        (2, 0.25),
-        (3, 0.125),
-        (4, 0.0),
-    ]
+    losses = [(each.step, each.value) for each in events.Scalars("training/loss")]
+    assert losses == [(1, 0.5), (2, 0.25), (3, 0.125), (4, 0.0)]
     assert events.Scalars("evaluation/success")[0].value == 0.5 and len(events.Tags()["scalars"]) == 3
     found = rows_of(path)
     assert [row["steps"] for row in found] == ["1", "2", "3", "4"]

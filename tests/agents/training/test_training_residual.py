@@ -6,55 +6,52 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+import yaml
 
-from agents.learning_curve import LearningCurve, play
+from agents.learning_curve import LearningCurve
 from agents.ppo import PPO
 from agents.tabulate import tabulate
 from agents.train import train
 from agents.training_file import load_settings
+from tests.agents.training import helpers
+from tests.agents.training.helpers import POSE, rows_of
 from tests.policies.helpers import info_of
 from vibgym.files import csv_text
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
 from vibgym.policies.trained.residual import ResidualPolicy, load_correction
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import KIND, VERSION, load_trained
 
-POSE = {"kind": "pose", "action": "wrench"}
-TEXT = """
-vibgym/Align-v0:
-  hybrid:
-    environment: {action: wrench}
-    residual: {base: {kind: pose}, scale: 0.3}
-    worlds: 8
-    steps: 256
-    output: OUTPUT
-    judging: {episodes: 4, every: 128}
-    ppo: {n_steps: 16, batch_size: 64, n_epochs: 1, net: [8], critic_net: [8], log_std_init: -3.0}
-"""
-
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """Configuration and directory of a whole, tiny run."""
-    folder = tmp_path_factory.mktemp("hybrid")
+def written(folder, **changes):
+    """Write a file of one agent."""
+    own = {
+        "environment": {"action": "wrench"}, "residual": {"base": {"kind": "pose"}, "scale": 0.3}, "worlds": 8,
+        "steps": 256, "output": str(folder / "run"), "judging": {"episodes": 4, "every": 128},
+        "ppo": {**helpers.PPO, "log_std_init": -3.0},
+    }  # fmt: skip
     path = folder / "many.yaml"
-    path.write_text(TEXT.replace("OUTPUT", str(folder / "run")))
-    train(path, quiet=True, agent="Align/hybrid")
-    return path, folder / "run"
+    path.write_text(yaml.safe_dump({"vibgym/Align-v0": {"hybrid": {**own, **changes}}}))
+    return path
+
+
+@pytest.fixture(scope="module")
+def hybrid(tmp_path_factory):
+    """Settings file and policy of a whole, tiny run."""
+    path = written(tmp_path_factory.mktemp("hybrid"))
+    return path, train(path, quiet=True, agent="Align/hybrid")
 
 
 @pytest.fixture
 def learner(tmp_path):
-    """Makes a learner of the file with one change."""
+    """Makes a learner with changed settings."""
     made = []
 
-    def make(old="", new=""):
-        assert old in TEXT
-        path = tmp_path / "many.yaml"
-        path.write_text(TEXT.replace(old, new, 1).replace("OUTPUT", str(tmp_path / "run")))
-        made.append(PPO(load_settings(path, "Align/hybrid")))
+    def make(**changes):
+        made.append(PPO(load_settings(written(tmp_path, **changes), "Align/hybrid")))
         return made[-1]
 
     yield make
@@ -62,50 +59,37 @@ def learner(tmp_path):
         each.close()
 
 
-def test_the_file_has_the_base_and_loads_with_no_other(run):
-    tensors, record = load_set(run[1] / "policy.json", KIND, VERSION)
+def test_the_file_has_the_base_and_loads_with_no_other(hybrid):
+    _, path = hybrid
+    tensors, record = load_set(path, KIND, VERSION)
     assert record["residual"] == {"base": POSE, "scale": 0.3} and record["columns"][-1] == ["base", 3]
     assert all(np.isfinite(each).all() for each in tensors.values())
-    path, info = str(run[1] / "policy.json"), info_of("Align", action="wrench")
-    policy = make_policy({"kind": "residual", "path": path}, info)
-    found = load_correction(run[1] / "policy.json", info)
-    again = ResidualPolicy(info, make_policy(POSE, info), found.learned, scale=0.3)
+    kind, info = {"kind": "residual", "path": str(path)}, info_of("Align", action="wrench")
+    base = make_policy(POSE, info)
+    again = ResidualPolicy(info, base, load_correction(path, info).learned, scale=0.3)
     env = gym.make_vec("vibgym/Align-v0", num_envs=4, action="wrench", observation="parts_and_state")
     seen, _ = env.reset(seed=0)
-    action, _ = policy.predict(seen)
-    assert (action == again.predict(seen)[0]).all() and (
-        action != make_policy(POSE, info).predict(seen["state"])[0]
-    ).any()
-    same = make_policy({"kind": "residual", "path": path, "base": "pose", "scale": 0.3}, info)
-    assert (action == same.predict(seen)[0]).all()
-    for wrong in ({"base": "lqr"}, {"base": make_policy(POSE, info)}, {"scale": 0.5}):
+    action, _ = make_policy(kind, info).predict(seen)
+    assert (action == again.predict(seen)[0]).all() and (action != base.predict(seen["state"])[0]).any()
+    assert (action == make_policy({**kind, "base": "pose", "scale": 0.3}, info).predict(seen)[0]).all()
+    for wrong in ({"base": "lqr"}, {"base": base}, {"scale": 0.5}):
         with pytest.raises(ValueError, match=next(iter(wrong))):
-            make_policy({"kind": "residual", "path": path, **wrong}, info)
+            make_policy({**kind, **wrong}, info)
     with pytest.raises(ValueError, match="residual"):
-        load_trained(run[1] / "policy.json", info)
+        load_trained(path, info)
 
 
-def test_the_table_plays_the_hybrid(run, tmp_path):
-    older = {
-        "agent": "Align/before",
-        "seed": "0",
-        "processor": "one",
-        "threads": "1",
-        "versions": "",
-        "steps": "5",
-        "success": "1",
-    }
-    (tmp_path / "agents.csv").write_text(csv_text([{**older, "episodes": "2", "fallen": "0", "shipped": "True"}]))
-    rows = tabulate(run[0], ["Align/hybrid"], [0], 2, tmp_path, ship=tmp_path / "shipped")
+def test_the_table_plays_the_hybrid(hybrid, tmp_path):
+    older = {"agent": "Align/before", "seed": "0", "processor": "one", "threads": "1", "versions": "", "steps": "5"}
+    former = {**older, "success": "1", "episodes": "2", "fallen": "0", "shipped": "True"}
+    (tmp_path / "agents.csv").write_text(csv_text([former]))
+    page = tmp_path / "agents.md"
+    rows = tabulate(hybrid[0], ["Align/hybrid"], [0], 2, tmp_path, page, ship=tmp_path / "shipped")
     assert rows[0]["success"] == 1.0  # as the base; the network alone would fail
     shipped = tmp_path / "shipped" / "align-hybrid.json"
     assert json.loads(shipped.read_text())["residual"]["scale"] == 0.3
-    table = (tmp_path / "agents.csv").read_text().splitlines()
-    assert [line.split(",")[0] for line in table] == [
-        "agent",
-        "Align/before",
-        "Align/hybrid",
-    ]  # the other agent's row is kept
+    assert [row["agent"] for row in rows_of(tmp_path / "agents.csv")] == ["Align/before", "Align/hybrid"]
+    assert "| Align/before | 0 | 5 | – | 100.0 % |" in page.read_text()
     make_policy({"kind": "residual", "path": str(shipped)}, info_of("Align", action="wrench"))
 
 
@@ -114,44 +98,25 @@ def test_a_correction_of_zero_is_evaluated_as_the_base(learner, tmp_path):
     with torch.no_grad():
         made.policy.actor.mean.weight.zero_()
         made.policy.actor.mean.bias.zero_()
-    (tmp_path / "run").mkdir()
-    curve = LearningCurve(made.settings, tmp_path / "run")
-    curve.begin(0)
+    curve = LearningCurve(made.settings, tmp_path)
     row = curve.measure(made.acting(), 0, 0.0, "ppo")
-    alone = gym.make_vec("vibgym/Align-v0", num_envs=4, action="wrench", autoreset_mode="Disabled")
-    found = play(make_policy(POSE, info_of("Align", action="wrench")), alone, 500_000)
-    seconds = alone.unwrapped.step_time * found.steps
+    found = rollout(POSE, "Align", seeds=range(500_000, 500_004))
     assert row["success"] == found.success.mean() == 1.0
     assert row["return_"] == round(float(np.median(found.returns)), 4)
-    assert row["time_to_goal"] == round(float(np.median(seconds)), 4)
+    assert row["time_to_goal"] == round(float(np.median(found.time_to_goal)), 4)
     assert made.env.envs[0].parts_layout[-1].name == "base"
 
 
 def test_each_scene_has_its_own_base(learner):
-    disc = "{parts: [{shape: disc, radius: 0.03, friction: 0.6}]}"
-    one, other = learner("    worlds: 8", f"    scenes: [{{}}, {disc}]\n    worlds: 8").env.envs
+    disc = {"parts": [{"shape": "disc", "radius": 0.03, "friction": 0.6}]}
+    one, other = learner(scenes=[{}, disc]).env.envs
     assert one.base.policy is not other.base.policy and other.base.policy.info.parts == other.parts != one.parts
 
 
-def test_a_run_starts_from_a_correction_of_the_same_base(learner, run):
-    path = run[1] / "policy.json"
-    made = learner("    worlds", f"    start: {path}\n    worlds")
-    assert (made.actor()["mean.weight"] == load_set(path, KIND, VERSION)[0]["mean.weight"]).all()
-    with pytest.raises(ValueError, match="scale"):
-        learner("scale: 0.3}\n", f"scale: 0.4}}\n    start: {path}\n")
-    with pytest.raises(ValueError, match="residual"):
-        learner("    residual: {base: {kind: pose}, scale: 0.3}\n", f"    start: {path}\n")
-
-
-@pytest.mark.parametrize("old, new, named", [
-    ("{kind: pose}", "pose", "residual.base"), ("{kind: pose}", "{law: pose}", "residual.base"),
-    ("{kind: pose}", "{kind: residual, path: x.json}", "residual.base"), ("{kind: pose}", "{kind: nobody}", "nobody"),
-    ("{kind: pose}", "{kind: pose, action: phasor}", "base.action"), ("scale: 0.3", "scale: 0", "residual.scale"),
-    ("ppo: {", "ppo: {remembers: true, ", "ppo.remembers"),
-    ("ppo: {", "ppo: {turned: true, ", "ppo.turned"), ("ppo: {", "ppo: {network: pixels, ", "ppo.network"),
-    ("{action: wrench}", "{action: patch}", "environment.action"),
-    ("    worlds", "    imitation: {expert: pose}\n    worlds", "imitation"),
-])  # fmt: skip
-def test_settings_that_conflict_with_a_correction_are_refused(learner, old, new, named):
-    with pytest.raises(ValueError, match=named):
-        learner(old, new)
+def test_a_run_starts_from_a_correction_of_the_same_base(learner, hybrid):
+    start = str(hybrid[1])
+    weights = load_set(hybrid[1], KIND, VERSION)[0]
+    assert (learner(start=start).actor()["mean.weight"] == weights["mean.weight"]).all()
+    for residual, named in (({"base": {"kind": "pose"}, "scale": 0.4}, "scale"), (None, "residual")):
+        with pytest.raises(ValueError, match=named):
+            learner(start=start, residual=residual)

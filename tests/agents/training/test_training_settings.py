@@ -1,12 +1,14 @@
-"""Settings of training: files of one run, and files of many agents."""
+"""Settings of training: files of one run, files of many agents, and what is refused before anything is written."""
 
 from pathlib import Path
 
 import gymnasium as gym
 import pytest
 
-from agents.train import Training, train_seeds
+from agents import __main__ as command
 from agents.training_file import agents_in, load_settings
+from tests.agents.training.helpers import DATA, POSE, PPO, written
+from tests.commands import refusal
 
 MANY = """
 defaults:
@@ -44,19 +46,13 @@ def test_agents_have_their_own_settings_on_top_of_the_defaults(many):
     assert (plain.own.learning_rate, plain.own.net) == (0.002, (32,))
     assert (own.own.learning_rate, own.own.net) == (0.002, (64, 64))
     assert plain.imitation is None and (own.imitation.expert, own.imitation.rounds) == ("pose", 2)
-    assert load_settings(many, "SortTwelve/ideal").task == "SortTwelve"
 
 
 def test_every_agent_and_seed_has_a_directory_of_its_own(many):
-    found = {
-        load_settings(many, agent, seed).output
-        for agent in ("Align/ideal", "Align/prototype") for seed in (None, 1, 2)
-    }  # fmt: skip
-    assert found == {
-        *(f"runs/agents/Align-ideal/seed-{seed}" for seed in (0, 1, 2)),
-        *(f"runs/agents/Align-prototype/seed-{seed}" for seed in (4, 1, 2)),
-    }
-    assert load_settings(many, "Align/ideal", 2).seed == 2
+    agents = [("Align/ideal", 0, None), ("Align/ideal", 2, 2), ("Align/prototype", 4, None), ("Align/prototype", 1, 1)]
+    for agent, seed, given in agents:
+        settings = load_settings(many, agent, given)
+        assert settings.seed == seed and settings.output == f"runs/agents/{agent.replace('/', '-')}/seed-{seed}"
     assert load_settings(many, "SortTwelve/ideal", 5).output == "runs/mine"
 
 
@@ -72,81 +68,138 @@ def test_environments_of_others_keep_their_whole_name(tmp_path, monkeypatch):
         load_settings(path, "Align/own")
 
 
-@pytest.mark.parametrize("agent", [None, "Align/real"])
-def test_agents_that_a_file_has_not_are_refused(many, agent):
-    with pytest.raises(ValueError, match="agent") as error:
-        load_settings(many, agent)
-    assert "\n" not in str(error.value)
+FOLDER = Path(__file__).parents[3] / "configs" / "agents"
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.yaml")), ids=lambda path: path.name)
+def test_shipped_files_are_sound(path):
+    agents = [None] if "\ntask:" in f"\n{path.read_text()}" else agents_in(path)
+    assert all(load_settings(path, agent).steps > 0 for agent in agents)
 
 
 @pytest.mark.parametrize("old, new, named", [
+    ("", "", "'Align/real'"),
+    ("defaults:", "defaults: 3\nothers:", "ppo.yaml"),
     ("vibgym/Align-v0:", "vibgym/Juggle-v0:", "ppo.yaml"),
     ("vibgym/Align-v0:", "3:", "ppo.yaml"),
     ("  ideal: {}", "  ideal: 3", "vibgym/Align-v0.ideal"),
     ("  ideal: {}", "  ideal: {task: Sort}", "vibgym/Align-v0.ideal"),
     ("  worlds: 16", "  worlds: 0", "Align/prototype.worlds"), ("net: [64, 64]", "net: [0]", "Align/prototype: ppo.net"),
     ("ppo: {net: [64, 64]}", "ppo: 3", "Align/prototype: ppo"),
+    (MANY, "task: Align\nsteps: 5", "--agent"),
+    (MANY, "defaults: 3\nvibgym/Align-v0: {prototype: {steps: 5}}", "ppo.yaml: defaults"),
 ])  # fmt: skip
-def test_faults_are_one_line_with_file_and_agent(many, old, new, named):
-    assert old in MANY
-    many.write_text(MANY.replace(old, new))
-    with pytest.raises(ValueError, match=named) as error:
-        load_settings(many, "Align/prototype")
-    assert "\n" not in str(error.value) and str(many) in str(error.value)
+def test_faults_of_files_of_many_agents_are_one_line_with_file_and_agent(many, capsys, old, new, named):
+    many.write_text(MANY.replace(old, new, 1) if old else MANY)
+    line = refusal(capsys, command.main, "train", many, "--agent", "Align/prototype" if old else "Align/real")
+    assert named in line and str(many) in line
+    assert [path.name for path in many.parent.iterdir()] == ["ppo.yaml"]
 
 
-def test_defaults_that_are_none_are_refused(tmp_path):
-    path = tmp_path / "many.yaml"
-    path.write_text("defaults: 3\nvibgym/Align-v0: {ideal: {steps: 5}}")
-    with pytest.raises(ValueError, match="many.yaml: defaults"):
-        load_settings(path, "Align/ideal")
+# -- settings of one run -----------------------------------------------------------------------------------------------
+
+WRENCH = {"action": "wrench"}
+HYBRID = {"environment": WRENCH, "residual": {"base": POSE}}
+PAIR = [{"shape": "disc", "radius_mm": 20, "friction": 0.6, "name": "disc"}] * 2
+COSTLY = {"action": "velocity", "parts": PAIR, "costs": {"effort": 1.0}, "max_episode_steps": 8}
+START = {"start": "START"}
 
 
-def test_a_file_of_one_run_has_no_agents(tmp_path):
-    path = tmp_path / "one.yaml"
-    path.write_text("task: Align\nsteps: 5")
-    assert load_settings(path).task == "Align" and load_settings(path, seed=7).seed == 7
-    with pytest.raises(ValueError, match="--agent"):
-        load_settings(path, "Align/ideal")
-    with pytest.raises(ValueError, match="one.yaml.seed"):
-        load_settings(path, seed=-1)
-    for text, needed in (("task: Align", "steps"), ("steps: 5", "task")):
-        path.write_text(text)
-        with pytest.raises(ValueError, match=f"one.yaml.{needed}"):
-            load_settings(path)
+def own(**changes):
+    return {"ppo": {**PPO, **changes}}
 
 
-FOLDER = Path(__file__).parents[3] / "configs" / "agents"
-SHIPPED = [path for path in sorted(FOLDER.glob("*.yaml")) if path.stem != "sensorless"]
-"""All but the study of schedules, which has settings of its own."""
+def stage(environment, until=None):
+    return {"curriculum": [{"environment": environment, "until": {"steps": 9} if until is None else until}]}
 
 
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
-def test_shipped_files_are_sound(path):
-    text = path.read_text()
-    if "\ntask:" in f"\n{text}":
-        assert load_settings(path).steps > 0
-    else:
-        for agent in agents_in(path):
-            assert load_settings(path, agent).steps > 0
+def offline(algorithm="offline", environment=WRENCH, **changes):
+    given = {"dataset": DATA, "directory": "RECORDED", "net": [8, 8], **changes}
+    return {"algorithm": algorithm, "environment": environment, algorithm: given}
 
 
-def test_a_policy_of_another_run_is_not_overwritten(tmp_path):
-    path = tmp_path / "policy.json"
-    path.write_text("mine")
-    with pytest.raises(ValueError, match=r"policy\.json: a policy of another run, without run\.json"):
-        Training(load_settings_of(tmp_path), tmp_path, quiet=True).run()
-    assert path.read_text() == "mine" and not (tmp_path / "run.json").exists()
+REFUSED = {
+    "no task": ({"task": None}, "task"),
+    "negative seed": ({"seed": -1}, "seed"),
+    "algorithm": ({"algorithm": "nothing"}, "algorithm"),
+    "algorithm of another library": ({"algorithm": "sb3.Nothing"}, "algorithm"),
+    "variant of PPO": ({"algorithm": "ppo.two"}, "algorithm"),
+    "settings as own": ({"own": {}}, "'own'"),
+    "settings of another algorithm": ({"offline": {"dataset": ""}}, "offline.dataset"),
+    "network": (own(network="nothing"), "network"),
+    "memory": ({**own(n_steps=10**6), "worlds": 1000}, "ppo.n_steps"),
+    "memory of imitation": (
+        {"imitation": {"expert": "pose", "steps": 10**6, "rounds": 1000}, "environment": WRENCH}, "imitation.steps",
+    ),
+    "one sample": ({**own(n_steps=1), "worlds": 1}, "ppo.n_steps"),
+    "worlds twice": ({"environment": {"num_envs": 3}}, "environment: num_envs"),
+    "worlds of a scene": ({"scenes": [{}, {"num_envs": 3}]}, "scenes[1]: num_envs"),
+    "range": ({"serves": {"frequency": [30.0, 20.0]}}, "serves.frequency"),
+    "expert": ({"imitation": {"expert": POSE}}, "imitation.expert"),
+    "stage without an end": ({"curriculum": [{"environment": {}}]}, "curriculum[0].until"),
+    "stage with an empty end": (stage({}, {}), "curriculum[0].until"),
+    "stage of another environment": (stage({"near": 1.0}), "curriculum[0].environment"),
+    "stage with other actions": (stage({"action": "phasor"}), "curriculum[0].environment"),
+    "curriculum of SAC": ({**stage({}), "algorithm": "sb3.SAC"}, "curriculum"),
+    "imitation of SAC": ({"algorithm": "sb3.SAC", "imitation": {"expert": POSE}}, "imitation"),
+    "start of SAC": ({"algorithm": "sb3.SAC", **START}, "start"),
+    "argument of SAC": ({"algorithm": "sb3.SAC", "sb3": {"nothing": 1}}, "sb3"),
+    "limit without costs": ({"environment": {**COSTLY, "costs": None}, "task": "Sort", **own(cost_limit=0.5)}, "costs"),
+    "limit that cannot be kept": (
+        {"environment": {**COSTLY, "costs": {"clearance": {"weight": 1.0, "below": 5.0}}}, "task": "Sort",
+         **own(cost_limit=0.5)},
+        "all elements rest",
+    ),
+    "judging without costs": ({"judging": {"cost_limit": 1.0}}, "judging.cost_limit"),
+    "no start": ({"start": "nowhere.json"}, "nowhere.json"),
+    "start of another task": ({**START, "task": "Transport"}, "tasks"),
+    "start with another action": ({**START, "environment": {"action": "patch"}}, "action"),
+    "start on another surface": (
+        {**START, "environment": {"action": "field", "surface": {"rows": 12, "columns": 16}}}, "surface",
+    ),
+    "start with other columns": ({**START, **own(blind=["position"])}, "columns"),
+    "start that does not turn": ({**START, **own(turned=True)}, "turned"),
+    "start without memory": ({**START, **own(remembers=True)}, "remembers"),
+    "start with another activation": ({**START, **own(activation="relu")}, "activation"),
+    "start with other layers": ({**START, **own(net=[9])}, "layers"),
+    "start without a base": ({**START, **HYBRID}, "residual"),
+    "base as a name": ({**HYBRID, "residual": {"base": "pose"}}, "residual.base"),
+    "base without a kind": ({**HYBRID, "residual": {"base": {"law": "pose"}}}, "residual.base"),
+    "base that is corrected": ({**HYBRID, "residual": {"base": {"kind": "residual", "path": "x.json"}}}, "residual.base"),
+    "unknown base": ({**HYBRID, "residual": {"base": {"kind": "nobody"}}}, "nobody"),
+    "action of the base": ({**HYBRID, "residual": {"base": {"kind": "pose", "action": "phasor"}}}, "base.action"),
+    "base with memory": ({**HYBRID, **own(remembers=True)}, "ppo.remembers"),
+    "base that turns": ({**HYBRID, **own(turned=True)}, "ppo.turned"),
+    "base of images": ({**HYBRID, **own(network="pixels")}, "ppo.network"),
+    "another action than the base's": ({**HYBRID, "environment": {"action": "patch"}}, "environment.action"),
+    "base and expert": ({**HYBRID, "imitation": {"expert": "pose"}}, "imitation"),
+    "data of another task": ({**offline(), "task": "Rotate"}, "task"),
+    "data of another action": (offline(environment={"action": "field"}), "action"),
+    "data of another surface": (offline(environment={**WRENCH, "surface": {"rows": 8, "columns": 8}}), "surface"),
+    "data for all elements": (offline(environment={"action": "element"}), "environment.action"),
+    "data for the state": (offline(environment={**WRENCH, "observation": "state"}), "observation"),
+    "no data": (offline(dataset="vibgym/none-v0"), "offline.dataset"),
+    "too many episodes": (offline("flow", network="parts", episodes=10**6), "flow.episodes"),
+    "values of images": (offline(network="pixels", method="iql"), "cloning"),
+    "data without images": (offline(network="pixels"), "observation: parts"),
+    "data for elements": (offline(network="elements"), "elements"),
+    "start with data": ({**offline(), "start": "policy.json"}, "start"),
+    "expert with data": ({**offline(), "imitation": {"expert": POSE}}, "imitation"),
+    "widths of flow": (offline("flow", net=[8, 16]), "net"),
+    "steps of flow": (offline("flow", executed=9), "executed"),
+    "network of flow": (offline("flow", network="elements"), "network"),
+    "one row of flow": (offline("flow", network="joint"), "velocity"),
+}  # fmt: skip
 
 
-def load_settings_of(folder):
-    path = folder / "w.yaml"
-    path.write_text("task: Align\nsteps: 64\nworlds: 2\nppo: {n_steps: 32, batch_size: 64, net: [8]}\n")
-    return load_settings(path)
-
-
-def test_training_several_seeds_shows_the_progress_of_each(tmp_path, capfd):
-    load_settings_of(tmp_path)
-    train_seeds(tmp_path / "w.yaml", [3, 4], tmp_path / "out")
-    shown = capfd.readouterr().err
-    assert all(f"seed {seed}" in shown for seed in (3, 4))
+@pytest.mark.parametrize("name", REFUSED)
+def test_settings_are_refused_before_anything_is_written(name, tmp_path, capsys, request):
+    changes, named = REFUSED[name]
+    path = written(tmp_path, **changes)
+    for word, fixture in (("START", "agent"), ("RECORDED", "recorded")):
+        if word in path.read_text():
+            place = request.getfixturevalue(fixture)
+            path.write_text(path.read_text().replace(word, str(place / "policy.json" if word == "START" else place)))
+    line = refusal(capsys, command.main, "train", path, "--output", tmp_path / "out")
+    assert named in line and str(path) in line
+    assert not (tmp_path / "out").exists()
