@@ -101,19 +101,18 @@ class Attention(nn.Module):
 
     def forward(self, own: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
         """Return (..., size) for ``own`` (..., own) and ``others`` (..., neighbours, width)."""
-        flat = others.reshape(-1, others.shape[-1])
-        # In this memory layout the gradient of the weights, a product of two tall matrices, takes half the time.
-        code = torch.addmm(self.encode.bias, flat, self.encode.weight.T.contiguous())
+        # Neighbours come first, (neighbours, parts, ...): products of the encodings with queries then are contiguous.
+        seen = others.reshape(-1, *others.shape[-2:]).transpose(0, 1)
+        code = torch.baddbmm(self.encode.bias, seen, self.encode.weight.T.expand(len(seen), -1, -1)).relu_()
         # Key times query is encoding times (key weights transposed times query), which is computed once for all neighbours.
         # The key bias adds the same to all logits of a part, so softmax cancels it.
         through = self.key.weight.T * self.scale
         query = nn.functional.linear(own, through @ self.query.weight, through @ self.query.bias)
-        code = torch.relu(code).view(*others.shape[:-1], -1)
-        there = others[..., 0] > 0.5
+        there = seen[..., 0] > 0.5
         # Products of elements and sums: batched products of such small matrices take longer.
-        logit = (code * query.unsqueeze(-2)).sum(dim=-1).masked_fill(~there, -1e30)
-        weight = torch.softmax(logit, dim=-1) * there
-        return (weight.unsqueeze(-1) * code).sum(dim=-2)
+        logit = (code * query.reshape(-1, query.shape[-1])).sum(dim=-1).masked_fill(~there, -1e30)
+        weight = torch.softmax(logit, dim=0) * there
+        return (weight.unsqueeze(-1) * code).sum(dim=0).view(query.shape)
 
 
 class RowEncoder(nn.Module):
