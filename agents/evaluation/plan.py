@@ -69,7 +69,7 @@ def prepare(settings: RunSettings, entries: Mapping[str, Entry] | None = None) -
         for place, study in settings.studies.items():
             plan.add_study(study, EFFECTS if place == "effects" else f"generalisation: {study.name}", place)
         plan.add_load()
-    return Prepared(settings, plan.tasks, tuple(plan.cases), plan.refused, curves)
+    return Prepared(settings, plan.tasks, tuple(plan.cases), plan.origin, plan.refused, curves)
 
 
 class Infos:

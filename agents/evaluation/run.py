@@ -226,6 +226,7 @@ class Prepared:
     Attributes:
         tasks: public information by task, on the settings' own environment.
         cases: with policies.
+        code: digest of the code that determines episodes, see :data:`agents.evaluation.plan.PACKAGES`.
         refused: place -> why the policy cannot run there, where that is no error.
         curves: (task, policy) -> training seed -> learning curve.
     """
@@ -233,6 +234,7 @@ class Prepared:
     settings: Any
     tasks: dict[str, TaskInfo]
     cases: tuple[Case, ...]
+    code: str
     refused: dict[Place, str] = field(default_factory=dict)
     curves: dict[tuple[str, str], dict[int | None, Curve]] = field(default_factory=dict)
 
@@ -270,7 +272,8 @@ def evaluate(prepared: Prepared, quiet: bool = False, ray: str | None = None) ->
     """Play all cases, or the rest of them, see :func:`play_all`. Writes nothing but recorded episodes."""
     cases, settings = prepared.cases, prepared.settings
     # Before the runs: files may change meanwhile.
-    origin = provenance() | {"policy_files": policy_files((case.content, case.info.name) for case in cases)}
+    files = policy_files((case.content, case.info.name) for case in cases)
+    origin = provenance() | {"code": prepared.code, "policy_files": files}
     played = play_all(cases, Path(settings.output) / KEPT, settings.processes, ray, quiet)
     pictures = {case.place: found.pictures for case, found in zip(cases, played, strict=True)}
     return Results(**vars(prepared), episodes=joined(cases, played), pictures=pictures, provenance=origin)
