@@ -17,7 +17,8 @@ import pandas as pd
 
 from agents import command_line
 from agents.command_line import Command
-from agents.evaluation.statistics import bootstrap, quartiles, success_interval
+from agents.evaluation.statistics import bootstrap
+from agents.evaluation.table import RATES, ends, frame, mean, summary, values
 from agents.learning_curve import FILE as CURVE
 from agents.learning_curve import RATE, evaluation_environments, rank, read_texts, without_hold
 from agents.train import POLICY
@@ -31,7 +32,6 @@ from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
 from vibgym.seeds import RANGES
 from vibgym.simulation.models import has_fast_contacts
-from vibgym.tasks.episode import EVENTS
 
 FIRST_SEED = 200_000
 """First seed of the new episodes, in the range "evaluation" of :mod:`vibgym.seeds`."""
@@ -151,11 +151,8 @@ def _line(row: Mapping[str, Any]) -> str:
     return "| " + " | ".join(map(str, cells)) + " |"
 
 
-MEASURED = ("success", "time_to_goal", "time_over_bound", "collisions", "fallen")
-"""Attributes of the outcomes of episodes."""
-
-FAULTY = tuple(f"{event}_per_minute" for event in EVENTS[1:] if event != RATE.removesuffix("_per_minute"))
-"""Fields of ``info`` of parts that leave otherwise than they should."""
+FAULTY = [name for name in RATES if name != RATE]
+"""Columns of parts that leave otherwise than they should."""
 
 
 def shipped_name(agent: str) -> str:
@@ -177,9 +174,13 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     fast: dict[str, Any] = {"success_fast_contacts": None, "good_per_minute_fast_contacts": None}
     if any(has_fast_contacts(scene.get("model", "")) for scene in trained_in):
         quick = _played(policy, settings.task, trained_in, episodes)
-        fast = {"success_fast_contacts": quick["success"].mean(), "good_per_minute_fast_contacts": quick["good"].mean()}
-    success, time = played["success"], played["time_to_goal"]
-    interval, seconds = success_interval(success, LEVEL, RESAMPLES), time[np.isfinite(time)]
+        fast = {"success_fast_contacts": mean(quick, "success"), "good_per_minute_fast_contacts": mean(quick, RATE)}
+    found, good, faulty = (
+        summary(played, LEVEL, RESAMPLES),
+        values(played, RATE),
+        played[FAULTY].sum(axis=1, skipna=False),
+    )
+    seconds = played["time_to_goal_s"].dropna().to_numpy()
     middle = bootstrap(seconds, LEVEL, RESAMPLES) if len(np.unique(seconds)) > 1 else None
     criterion: dict[str, Any] = {} if judging is None else {"best": judging.best, "cost_limit": judging.cost_limit}
     curve = read_texts(directory / CURVE).to_dict("records") if (directory / CURVE).exists() else []
@@ -200,34 +201,30 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "judged_time_s": float(judged["time_to_goal"] or "inf"),
         "episodes": episodes,
         "first_seed": FIRST_SEED,
-        "success": float(success.mean()),
-        "success_low": interval.low,
-        "success_high": interval.high,
-        "time_to_goal_median_s": quartiles(time).median,
+        "success": found["success_rate"],
+        **{name: found[name] for name in ("success_low", "success_high", "time_to_goal_median_s")},
         "time_to_goal_mean_s": float(np.mean(seconds)) if len(seconds) else math.nan,
-        "time_to_goal_mean_low_s": middle.low if middle else math.nan,
-        "time_to_goal_mean_high_s": middle.high if middle else math.nan,
-        "time_over_bound_median": quartiles(played["time_over_bound"]).median,
-        "collisions_mean": played["collisions"].mean(),
-        "fallen": int(played["fallen"].sum()),
+        **ends("time_to_goal_mean", middle, "_s"),
+        **{name: found[name] for name in ("time_over_bound_median", "collisions_mean", "fallen")},
         "judged_rate": float(judged.get("rate") or 0.0),
-        "good_per_minute_mean": played["good"].mean(),
-        "faulty_share": played["faulty"].sum() / (played["good"] + played["faulty"]).sum(),
+        "good_per_minute_mean": mean(played, RATE),
+        "faulty_share": faulty.sum() / (good + faulty).sum(),
         **fast,
         "path": str(path),
         "shipped": False,
     }
 
 
-def _played(policy: Any, task: str, scenes: Sequence[Mapping[str, Any]], episodes: int) -> dict[str, np.ndarray]:
-    """Return the measures of new episodes of a policy, (episodes,) each; they are divided among scenes."""
-    tables = []
+def _played(policy: Any, task: str, scenes: Sequence[Mapping[str, Any]], episodes: int) -> pd.DataFrame:
+    """Return new episodes of a policy, see :mod:`agents.evaluation.table`; they are divided among scenes."""
+    tables, longest = [], 0.0
     for scene, share in zip(scenes, np.array_split(np.arange(episodes), len(scenes)), strict=True):
         own = {key: value for key, value in scene.items() if key not in ("action", "observation", "autoreset_mode")}
-        found = rollout(policy, task, seeds=[FIRST_SEED + int(k) for k in share], keep=Measures, **own)
-        measured = {name: getattr(found, name) for name in MEASURED}
-        tables.append(pd.DataFrame({**measured, "good": found.fact(RATE), "faulty": sum(map(found.fact, FAULTY))}))
-    return {str(name): column.to_numpy() for name, column in pd.concat(tables).items()}
+        seeds = [FIRST_SEED + int(k) for k in share]
+        found = rollout(policy, task, seeds=seeds, keep=Measures, **own)
+        tables.append(frame(found))
+        longest = max(longest, found.step_time * float(found.steps.max()))
+    return pd.concat(tables, ignore_index=True).assign(training_seed=-1, limit_s=longest)
 
 
 def _copy(path: Path, to: Path) -> None:
