@@ -72,11 +72,16 @@ def check_bytes(name: str, value: int, bytes_each: float) -> None:
 
 def for_seed(value: Any, seed: int) -> Any:
     """Return a setting with ``{seed}`` replaced in all its texts."""
+    return replaced(value, "{seed}", str(seed))
+
+
+def replaced(value: Any, old: str, new: str) -> Any:
+    """Return a setting with a text replaced in all its texts; keys are unchanged."""
     if isinstance(value, str):
-        return value.replace("{seed}", str(seed))
+        return value.replace(old, new)
     if isinstance(value, Mapping):
-        return {key: for_seed(each, seed) for key, each in value.items()}
-    return [for_seed(each, seed) for each in value] if isinstance(value, list | tuple) else value
+        return {key: replaced(each, old, new) for key, each in value.items()}
+    return [replaced(each, old, new) for each in value] if isinstance(value, list | tuple) else value
 
 
 class RateSettings(BaseSettings):

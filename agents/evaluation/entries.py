@@ -25,7 +25,7 @@ from agents.evaluation.run import LEARNED, Results
 from agents.evaluation.settings import MAX_NAME, PolicyEntry, SuiteSettings
 from agents.evaluation.table import markdown, where
 from agents.provenance import digest, policy_sources
-from agents.training_settings import Plain
+from agents.training_settings import Plain, replaced
 from vibgym import checks
 from vibgym.config import load_yaml
 from vibgym.files import csv_text, output_directory, write_together
@@ -58,10 +58,9 @@ class EntryFile(BaseSettings):
 
 @dataclass(frozen=True)
 class Entry:
-    """A checked entry.
+    """A checked entry, by the name of its folder.
 
     Attributes:
-        name: of its folder.
         content: policy, with the folder's path in place of :data:`HERE`.
         training_steps: those that it states, or those that its files state if these are more.
         digest: of all files of the folder.
@@ -77,12 +76,7 @@ class Entry:
 
 
 def load_entries(directory: Path, settings: SuiteSettings, trusted: Collection[str] = ()) -> dict[str, Entry]:
-    """Return all entries of a directory by name. Runs no code of an entry.
-
-    Args:
-        directory: of the folders.
-        settings: of the suite.
-        trusted: names of entries whose code may run.
+    """Return all entries of a directory by name, of which those ``trusted`` may have code. Runs no code of an entry.
 
     Raises:
         ValueError: there is none; a bad file, a file outside the folder, too many training steps, or code that is not trusted.
@@ -103,7 +97,7 @@ def _load(folder: Path, settings: SuiteSettings, trusted: Collection[str]) -> En
     _word("name of the entry", folder.name)
     files = _files(folder)
     file = read(EntryFile, load_yaml(folder / ENTRY), "entry")
-    content, process = _placed(file.policy, folder), None
+    content, process = replaced(file.policy, HERE, folder.as_posix()), None
     texts, named = _inside(folder, content, settings.tasks)
     if file.module is not None:
         module = folder / f"{_word('entry.module', file.module)}.py"
@@ -112,9 +106,9 @@ def _load(folder: Path, settings: SuiteSettings, trusted: Collection[str]) -> En
         if folder.name not in trusted:
             raise checks.conflict(f"{module.name} is code: it runs only with --trust {folder.name}")
         process = EntryProcess(folder.name, module, content)
-    steps = max(
-        file.training_steps, _stated_steps({*files, *named, *(_shipped(settings.tasks) if LEARNED in texts else ())})
-    )
+    if LEARNED in texts:
+        named |= {agent.path for agent in shipped_agents() if set(agent.tasks) & set(settings.tasks)}
+    steps = max(file.training_steps, _stated_steps({*files, *named}))
     if steps > settings.training_steps:
         raise checks.refuse("entry.training_steps", steps, f"at most {settings.training_steps}, the suite's budget")
     contents = {path.relative_to(folder).as_posix(): digest(path.read_bytes()) for path in files}
@@ -137,15 +131,6 @@ def _files(folder: Path) -> list[Path]:
     return [path for path in found if path.is_file()]
 
 
-def _placed(value: Any, folder: Path) -> Any:
-    """Return settings with the folder's path in place of :data:`HERE`."""
-    if isinstance(value, str):
-        return value.replace(HERE, folder.as_posix())
-    if isinstance(value, Mapping):
-        return {key: _placed(each, folder) for key, each in value.items()}
-    return [_placed(each, folder) for each in value] if isinstance(value, list | tuple) else value
-
-
 def _inside(folder: Path, content: Any, tasks: Sequence[str]) -> tuple[set[str], set[Path]]:
     """Return the texts and the files of an entry's policy for all tasks.
 
@@ -166,11 +151,6 @@ def _inside(folder: Path, content: Any, tasks: Sequence[str]) -> tuple[set[str],
         texts |= named
         files |= {Path(name) for name in found}
     return texts, files
-
-
-def _shipped(tasks: Sequence[str]) -> set[Path]:
-    """Return the files of all shipped agents that serve one of the tasks."""
-    return {agent.path for agent in shipped_agents() if set(agent.tasks) & set(tasks)}
 
 
 def _stated_steps(files: Iterable[Path]) -> int:
@@ -217,8 +197,7 @@ def write(
     """Write ``ranking.csv`` and ``ranking.md``; return the text and the path of the latter.
 
     Args:
-        entries: by name.
-        results: of all entries.
+        entries, results: entries by name, and the results of all.
         rows, totals: see :func:`agents.evaluation.score.rows`.
         protocol: the suite with all its episodes.
     """
@@ -240,30 +219,23 @@ def write(
         })  # fmt: skip
     order = list(results.settings.machines())
     ranked.sort(key=lambda row: (order.index(row["hardware"]), -row["score"]))
-    text = "\n\n".join(_ranking(ranked, results, protocol))
-    directory = output_directory(Path(results.settings.output), "--output")
-    page = directory / "ranking.md"
-    write_together({directory / "ranking.csv": csv_text(ranked), page: f"{text}\n"})
-    return text, page
-
-
-def _ranking(ranked: Sequence[Mapping[str, Any]], results: Results, protocol: SuiteSettings) -> list[str]:
-    """Return the ranking in Markdown, the numbers of episodes, and the tasks that entries do not serve."""
     heads, lines = ("hardware", "entry", "score", "training steps", "episodes"), []
     for row in ranked:
         low, high = row["score_low"], row["score_high"]
         between = "(no interval)" if math.isnan(low) else f"({low:.3f} to {high:.3f})"
         steps = f"{row['training_steps']:,}".replace(",", " ")
         lines.append([row["hardware"], row["entry"], f"{row['score']:.3f} {between}", steps, str(row["episodes"])])
-    played, all_of_them = _episodes(results.settings), _episodes(protocol)
-    about = f"Episodes of each task: {played}" + (
-        "." if played == all_of_them else f"; the protocol has {all_of_them}."
-    )
+    played, whole = _episodes(results.settings), _episodes(protocol)
+    more = "." if played == whole else f"; the protocol has {whole}."
     unserved = [
-        f"- {place.policy}, {place.task}, {place.hardware}: scores 0 ({reason})"
-        for place, reason in results.refused.items()
+        f"- {each.policy}, {each.task}, {each.hardware}: scores 0 ({why})" for each, why in results.refused.items()
     ]
-    return [markdown(heads, lines), about, *(["\n".join(unserved)] if unserved else [])]
+    parts = markdown(heads, lines), f"Episodes of each task: {played}{more}", "\n".join(unserved)
+    text = "\n\n".join(part for part in parts if part)
+    directory = output_directory(Path(results.settings.output), "--output")
+    page = directory / "ranking.md"
+    write_together({directory / "ranking.csv": csv_text(ranked), page: f"{text}\n"})
+    return text, page
 
 
 def _episodes(settings: SuiteSettings) -> str:
@@ -274,13 +246,7 @@ def _episodes(settings: SuiteSettings) -> str:
 
 
 def enter(entry: PolicyEntry, source: Path, authors: str, settings: SuiteSettings) -> Path:
-    """Write an entry; return its folder.
-
-    Args:
-        entry: policy.
-        source: its file. The JSON file of a trained policy is copied with its tensors.
-        authors: of the entry.
-        settings: of the suite.
+    """Write an entry from the file of its policy; return its folder. A trained policy is copied with its tensors.
 
     Raises:
         ValueError: see :func:`new_folder` and :func:`load_entries`.

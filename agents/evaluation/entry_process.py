@@ -6,6 +6,7 @@ The process is separate, but no sandbox: it runs with the rights of the user.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import json
 import logging
@@ -49,14 +50,6 @@ class EntryProcess:
         self._process: Any = None
         self._connection: Any = None
 
-    def policy(self, info: TaskInfo, seed: int) -> EntryPolicy:
-        """Return the entry's policy for a task.
-
-        Raises:
-            ValueError: it does not serve the task, or its code fails.
-        """
-        return EntryPolicy(self, info, seed)
-
     def ask(self, question: tuple[Any, ...], longest: int = MOST_TEXT) -> bytes:
         """Return the answer to a question, of at most ``longest`` bytes.
 
@@ -65,9 +58,15 @@ class EntryProcess:
         """
         if self._process is None:
             self._start()
-        sent, answers = pickle.dumps(question), list[bytes]()
+        connection, sent, answers = self._connection, pickle.dumps(question), list[bytes]()
+
+        def exchange() -> None:
+            with contextlib.suppress(OSError, EOFError):  # no answer
+                connection.send_bytes(sent)
+                answers.append(connection.recv_bytes(longest))
+
         # The exchange has a thread, since a process can also stop reading, or within an answer.
-        asking = threading.Thread(target=_exchange, args=(self._connection, sent, longest, answers), daemon=True)
+        asking = threading.Thread(target=exchange, daemon=True)
         asking.start()
         asking.join(ANSWER_SECONDS)
         if answers:
@@ -94,16 +93,8 @@ class EntryProcess:
             self._process = None
 
 
-def _exchange(connection: Connection, sent: bytes, longest: int, answers: list[bytes]) -> None:
-    try:
-        connection.send_bytes(sent)
-        answers.append(connection.recv_bytes(longest))
-    except (OSError, EOFError):
-        pass  # no answer
-
-
 class EntryPolicy:
-    """Policy whose actions come from the process of an entry.
+    """Policy whose actions come from the process of an entry; making it raises ValueError if its code fails.
 
     Attributes:
         failure: why it cannot act; None while it can. Its actions are zero from then on.
@@ -171,9 +162,7 @@ def serve(connection: Connection, module: str, content: Any, imports: tuple[str,
         os.dup2(os.open(os.devnull, os.O_WRONLY), number)
     sys.dont_write_bytecode = True  # the folder does not change
     sys.path.insert(0, str(Path(module).parent))
-    policies: list[Any] = []
-    states: list[Any] = []
-    loaded = False
+    policies, states, loaded = list[Any](), list[Any](), False
     while True:
         try:
             kind, *question = connection.recv()
@@ -182,7 +171,10 @@ def serve(connection: Connection, module: str, content: Any, imports: tuple[str,
         try:
             if not loaded:
                 take_part(imports)
-                _load(Path(module))
+                spec = importlib.util.spec_from_file_location("entry", module)
+                assert spec is not None and spec.loader is not None
+                sys.modules["entry"] = code = importlib.util.module_from_spec(spec)
+                spec.loader.exec_module(code)
                 loaded = True
             if kind == "make":
                 policy = make_policy(content, *question)
@@ -198,11 +190,3 @@ def serve(connection: Connection, module: str, content: Any, imports: tuple[str,
         except Exception as error:
             text = str(error) if isinstance(error, checks.Refused) else f"{type(error).__name__}: {error}"
             connection.send_bytes(json.dumps({"error": text[: MOST_TEXT // 8]}).encode())
-
-
-def _load(path: Path) -> None:
-    spec = importlib.util.spec_from_file_location("entry", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["entry"] = module
-    spec.loader.exec_module(module)

@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 import vibgym
+from agents.evaluation.entry_process import EntryPolicy
 from agents.evaluation.films import Log
 from agents.evaluation.run import FILM, PLOT, Case, Prepared
 from agents.evaluation.settings import (
@@ -143,7 +144,7 @@ class _Plan:
         try:
             contents = [entry.of_run(seed) for seed in entry.seeds]
             if entered is not None and entered.process is not None:
-                contents = [entered.process.policy(info, seeds[0])]
+                contents = [EntryPolicy(entered.process, info, seeds[0])]
             self.cases += [
                 Case(
                     place, seed, place.task, info, seeds, environment, content, origin,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import csv
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from agents import command_line
 from agents.command_line import Command
 from agents.evaluation.plan import prepare
 from agents.evaluation.settings import EvaluationSettings
-from agents.evaluation.table import EFFECTS, METRICS, OWN, PLACE, QUANTITIES, REPORT, Place, places, records
+from agents.evaluation.table import EFFECTS, OWN, PLACE, QUANTITIES, REPORT, Place, Quantity, places
 from agents.locks import one_run
 from agents.provenance import digest, portable
 from vibgym import checks
@@ -27,7 +26,8 @@ from vibgym.files import csv_text, output_directory, output_files, reason, write
 PUBLISHED = Path("results/report")
 FORMAT, VERSION = "vibgym-published", 1
 RECORD, FIGURE_FILE, EPISODE_FILE = "report.json", "figures.csv", "episodes.csv"
-RESULTS = "results.json"
+KEPT = ("time", "commit", "machine", "versions")
+"""Provenance in results.json that is published."""
 
 LEFT_OUT = ("output", "animations", "confidence", "resamples")
 """Settings that do not affect episodes."""
@@ -35,10 +35,10 @@ LEFT_OUT = ("output", "animations", "confidence", "resamples")
 OPTIONAL = ("rate_over_bound", *OWN)
 """Columns that results of former versions lack."""
 
-COLUMNS = (
+COLUMNS = [
     "success", "fallen", "steps", "time_to_goal_s", "time_over_bound", "position_error_m", "heading_error_rad", "path_error_m",
     "throughput_parts_per_s", "collisions", "path_efficiency", *OPTIONAL,
-)  # fmt: skip
+]  # fmt: skip
 """Metrics of episodes.csv: those from which figures are computed."""
 
 DIGITS = 6
@@ -47,43 +47,41 @@ DIGITS = 6
 
 @dataclass(frozen=True)
 class Published:
-    """Published results.
+    """Published results: the content of report.json, and its settings.
 
     Attributes:
-        directory: of the files.
-        record: content of report.json: provenance, settings, digests.
-        settings: of the evaluation.
-        episodes: all episodes, with the metrics :data:`COLUMNS`.
-        figures: place and name of a figure -> value in figures.csv.
-        digests: of the two CSV files as they are now.
+        episodes: columns ``PLACE``, seed and :data:`COLUMNS`.
+        figures: columns ``PLACE``, figure and value.
     """
 
     directory: Path
     record: Mapping[str, Any]
     settings: EvaluationSettings
     episodes: pd.DataFrame
-    figures: dict[tuple[Place, str], float]
-    digests: Mapping[str, str]
+    figures: pd.DataFrame
 
 
 def rounded(episodes: pd.DataFrame) -> pd.DataFrame:
     """Return labels and metrics of published episodes, rounded to :data:`DIGITS`."""
     metrics = {name: [float(f"{value:.{DIGITS}g}") for value in episodes[name]] for name in COLUMNS}
-    return episodes[[*PLACE, "seed"]].assign(training_seed=-1, **metrics)
+    return episodes[[*PLACE, "seed"]].assign(**metrics)
+
+
+def samples(episodes: pd.DataFrame) -> dict[tuple[Place, Quantity], np.ndarray]:
+    """Return the finite values (n,) of every figure in every place where it has any."""
+    found = {(place, each): each.sample(some) for place, some in places(episodes).items() for each in QUANTITIES}
+    return {key: sample for key, sample in found.items() if len(sample)}
 
 
 def figure_rows(episodes: pd.DataFrame, level: float | None = None, resamples: int = 9999) -> list[dict[str, Any]]:
     """Return one row for every figure in every place; without ``level``, no intervals."""
     rows = []
-    for place, some in places(episodes).items():
-        for figure in QUANTITIES:
-            sample = figure.sample(some)
-            if len(sample):
-                row = place._asdict() | {"figure": figure.name, "episodes": len(sample), "value": figure.value(sample)}
-                if level is not None:
-                    interval = figure.interval(sample, level, resamples)
-                    row |= {"low": interval.low, "high": interval.high, "interval": interval.method}
-                rows.append(row)
+    for (place, figure), sample in samples(episodes).items():
+        row = {**place._asdict(), "figure": figure.name, "episodes": len(sample), "value": figure.value(sample)}
+        if level is not None:
+            interval = figure.interval(sample, level, resamples)
+            row |= {"low": interval.low, "high": interval.high, "interval": interval.method}
+        rows.append(row)
     return rows
 
 
@@ -116,18 +114,19 @@ def canonical(values: Any) -> str:
     return json.dumps(values, sort_keys=True, separators=(",", ":"))
 
 
-def settings_apart(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+def changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
+    """Return the keys whose values differ; that of an absent key is None."""
+    return [key for key in {**before, **now} if before.get(key) != now.get(key)]
+
+
+def changed_settings(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """Return the names of settings that differ; of policies also their names."""
-    named = [key for key in {**one, **other} if one.get(key) != other.get(key)]
-    if "policies" in named:
-        first, second = (_by_name(each["policies"]) for each in (one, other))
-        apart = [name for name in {**first, **second} if first.get(name) != second.get(name)]
-        named[named.index("policies")] = f"policies ({', '.join(apart) or 'their order'})"
-    return named
-
-
-def _by_name(policies: Any) -> Mapping[str, Any]:
-    return policies if isinstance(policies, Mapping) else {each["name"]: each for each in policies}
+    names = changed(before, now)
+    if "policies" in names:
+        pair = (each["policies"] for each in (before, now))
+        policies = (each if isinstance(each, Mapping) else {one["name"]: one for one in each} for each in pair)
+        names[names.index("policies")] = f"policies ({', '.join(changed(*policies)) or 'their order'})"
+    return names
 
 
 def load(directory: Path) -> Published:
@@ -146,17 +145,14 @@ def load(directory: Path) -> Published:
     with checks.within(path):
         settings = EvaluationSettings.stored(record["settings"])
     path = directory / EPISODE_FILE
-    episodes = _columns(path, PLACE, ("seed", *COLUMNS))
-    good = episodes["success"].isin((0.0, 1.0)) & episodes["fallen"].isin((0.0, 1.0))
-    good &= (episodes["seed"] >= 0) & (episodes["seed"] < 2**63) & episodes["study"].isin((REPORT, EFFECTS))
+    episodes = _columns(path, PLACE, ["seed", *COLUMNS])
+    good = episodes[["success", "fallen"]].isin((0.0, 1.0)).all(axis=1) & episodes["study"].isin((REPORT, EFFECTS))
+    good &= episodes["seed"].between(0, 2**63, inclusive="left")
     for line in np.flatnonzero(~good)[:1]:
         given = episodes.loc[line, ["study", "seed", "success", "fallen"]].to_dict()
         raise checks.refuse(f"{path}, line {line + 2}", given, "a study, a seed, and 0 or 1")
-    episodes = episodes.astype({"seed": int}).assign(training_seed=-1)
-    figures = _columns(directory / FIGURE_FILE, (*PLACE, "figure"), ("value",))
-    stated = {(Place(*row[:4]), row[4]): row[5] for row in figures.itertuples(index=False)}
-    digests = {name: digest((directory / name).read_bytes()) for name in (FIGURE_FILE, EPISODE_FILE)}
-    return Published(directory, record, settings, episodes, stated, digests)
+    figures = _columns(directory / FIGURE_FILE, [*PLACE, "figure"], ["value"])
+    return Published(directory, record, settings, episodes.astype({"seed": int}), figures)
 
 
 def _record(path: Path, needed: Sequence[str]) -> dict[str, Any]:
@@ -176,24 +172,26 @@ def _record(path: Path, needed: Sequence[str]) -> dict[str, Any]:
 def _columns(path: Path, texts: Sequence[str], numbers: Sequence[str]) -> pd.DataFrame:
     """Return ``texts`` and ``numbers`` (float64, nan if empty) of a CSV file, in this order."""
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            widths = [len(cells) for cells in csv.reader(file)]
-        found = pd.read_csv(path, dtype=str, keep_default_na=False)
-    except (OSError, ValueError, csv.Error) as error:  # ValueError: not UTF-8, no CSV, or an invalid file name
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            heads, *rows = csv.reader(file)
+    except (OSError, ValueError, csv.Error) as error:  # ValueError: empty, not UTF-8, or an invalid file name
         raise checks.refuse(str(path), reason(error), "a readable file of an evaluation") from None
-    absent = [name for name in (*texts, *numbers) if name not in (*found.columns, *OPTIONAL)]
-    if absent or found.empty:
+    absent = [name for name in (*texts, *numbers) if name not in (*heads, *OPTIONAL)]
+    if absent or not rows:
         raise checks.missing(", ".join(absent) or "rows", f"of {path}")
-    for line in np.flatnonzero(np.array(widths) != widths[0])[:1]:
-        raise checks.refuse(f"{path}, line {line + 1}", widths[line], f"{widths[0]} cells")
-    # csv_text puts an apostrophe before names that a spreadsheet would read as a formula.
-    columns: dict[str, Any] = {name: found[name].str.removeprefix("'") for name in texts}
+    for line, row in enumerate(rows, 2):
+        if len(row) != len(heads):
+            raise checks.refuse(f"{path}, line {line}", len(row), f"{len(heads)} cells")
+    found = pd.DataFrame(dict(zip(heads, zip(*rows, strict=True), strict=True)))
+    found = found.reindex(columns=[*texts, *numbers], fill_value="")
+    for name in texts:  # csv_text puts an apostrophe before names that a spreadsheet would read as a formula
+        found[name] = found[name].str.removeprefix("'")
     for name in numbers:
-        cells = found[name] if name in found else pd.Series("", index=found.index)
-        columns[name] = np.asarray(pd.to_numeric(cells.where(cells != "", "nan"), errors="coerce"), dtype=np.float64)
-        for line in np.flatnonzero(np.isnan(columns[name]) & ~cells.str.lower().isin(("", "nan")))[:1]:
+        cells = found[name]
+        found[name] = np.asarray(pd.to_numeric(cells.where(cells != "", "nan"), errors="coerce"), dtype=np.float64)
+        for line in np.flatnonzero(found[name].isna() & ~cells.str.lower().isin(("", "nan")))[:1]:
             raise checks.refuse(f"{path}, line {line + 2}: {name}", cells[line], "a number, or empty")
-    return pd.DataFrame(columns)
+    return found
 
 
 def publish(config: Path, run: Path | None, directory: Path) -> Path:
@@ -202,41 +200,35 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
     Args:
         config: of the evaluation. Its name is published, too: verifying compares its settings.
         run: directory of the evaluation's files; None: the ``output`` of the settings.
-        directory: where all three files are written, or none.
-
-    Returns:
-        The record's path.
+        directory: where all three files are written, or none; the record's path is returned.
 
     Raises:
-        ValueError: there is no evaluation with these settings, or a policy cannot be published; nothing is written.
-        WriteError: a file could not be written; then none is new.
+        ValueError: there is no evaluation with these settings, or a policy cannot be published.
+        WriteError: a file could not be written.
     """
     settings = EvaluationSettings.load(config)
-    path = (Path(settings.output) if run is None else run) / RESULTS
-    kept = ("time", "commit", "machine", "versions")
-    found = _record(path, (*kept, "policy_files", "settings", "episodes"))
+    path = (Path(settings.output) if run is None else run) / "results.json"
+    found = _record(path, (*KEPT, "policy_files", "settings", "episodes"))
     with checks.within(config):
         written = written_settings(settings)
         prepare(EvaluationSettings.stored(written))
     wanted = json.loads(canonical(settings.as_written()))
-    apart = [name for name in settings_apart(wanted, found["settings"]) if name != "output"]
+    apart = [name for name in changed_settings(wanted, found["settings"]) if name != "output"]
     if apart:
         raise checks.refuse(str(path), f"one with other settings ({', '.join(apart)})", f"a run of {config}")
     episodes = _episodes(path, found)
     files = {
         FIGURE_FILE: csv_text(figure_rows(episodes, settings.confidence, settings.resamples)),
-        EPISODE_FILE: csv_text(
-            [
-                {name: _short(value) for name, value in row.items()}
-                for row in records(episodes, (*PLACE, "seed", *COLUMNS))
-            ]
-        ),
-    }
+        EPISODE_FILE: csv_text([
+            {name: int(value) if isinstance(value, float) and value.is_integer() else value for name, value in row.items()}
+            for row in episodes.to_dict("records")
+        ]),
+    }  # fmt: skip
     record = {
         "format": FORMAT,
         "version": VERSION,
         "config": portable(config.as_posix()),
-        **{key: found[key] for key in kept},
+        **{key: found[key] for key in KEPT},
         "confidence": settings.confidence,
         "digests": {
             "settings": digest(canonical(written)),
@@ -245,29 +237,25 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
         },
         "settings": written,
     }
+    files[RECORD] = json.dumps(record, indent=1, allow_nan=False) + "\n"
     contents = {directory / name: text for name, text in files.items()}
     output_directory(directory, "--output")
-    output_files([*contents, directory / RECORD], "--output")
+    output_files(contents, "--output")
     with one_run(directory, "--output"):
-        write_together({**contents, directory / RECORD: json.dumps(record, indent=1, allow_nan=False) + "\n"})
+        write_together(contents)
     return directory / RECORD
-
-
-def _short(value: Any) -> Any:
-    """Return whole numbers without a decimal point."""
-    return int(value) if isinstance(value, bool) or (isinstance(value, float) and value.is_integer()) else value
 
 
 def _episodes(path: Path, found: Mapping[str, Any]) -> pd.DataFrame:
     """Return the rounded table of all episodes in results.json."""
     try:
-        effects = found.get("effects", {"task": "", "episodes": []})
         rows = [{"study": REPORT, **row} for row in found["episodes"]]
-        for row in effects["episodes"]:
-            rows.append({"study": EFFECTS, "task": effects["task"], "hardware": row["case"], **row})
-        labels = {name: [row[name] for row in rows] for name in PLACE}
-        metrics = {name: np.array([row.get(name, math.nan) for row in rows], dtype=np.float64) for name in METRICS}
-        return rounded(pd.DataFrame({**labels, "seed": [int(row["seed"]) for row in rows], **metrics}))
+        if "effects" in found:
+            labels = {"study": EFFECTS, "task": found["effects"]["task"]}
+            rows += [{**labels, "hardware": row["case"], **row} for row in found["effects"]["episodes"]]
+        episodes = pd.DataFrame(rows)
+        metrics = episodes.reindex(columns=COLUMNS).astype(np.float64)
+        return rounded(episodes[[*PLACE, "seed"]].astype({"seed": int}).join(metrics))
     except (KeyError, TypeError, ValueError) as error:
         raise checks.refuse(f"{path}: episodes", repr(error), "the episodes of an evaluation") from None
 

@@ -7,7 +7,6 @@ test of Mann and Whitney, which compares all values of both samples.
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,22 +20,23 @@ from agents import command_line
 from agents.command_line import Command
 from agents.evaluation.plan import cases
 from agents.evaluation.published import (
-    COLUMNS,
     EPISODE_FILE,
     FIGURE_FILE,
     PUBLISHED,
     RECORD,
     Published,
     canonical,
+    changed,
+    changed_settings,
     figure_rows,
     load,
     rounded,
-    settings_apart,
+    samples,
     written_settings,
 )
 from agents.evaluation.run import Case, run
 from agents.evaluation.settings import EvaluationSettings
-from agents.evaluation.table import BY_NAME, PLACE, QUANTITIES, Place, markdown, places, values
+from agents.evaluation.table import BY_NAME, PLACE, Place, markdown, places, values, where
 from agents.provenance import commit, digest, versions
 from vibgym import checks
 from vibgym.files import csv_text, output_directory, output_files, write_atomically
@@ -68,13 +68,11 @@ def check(episodes: pd.DataFrame, published: pd.DataFrame) -> pd.DataFrame:
     Returns:
         A row for every figure, see :data:`TESTED`: values, and the chance of such a difference; it agrees if that is likely.
     """
-    known, found = places(published), []
-    for place, some in places(episodes).items():
-        for figure in QUANTITIES:
-            before, now = figure.sample(known[place]), figure.sample(some)
-            if len(before) and len(now):
-                chance = chance_of(before, now, figure.rate)
-                found.append([*place, figure.name, len(now), figure.value(before), figure.value(now), chance, True])
+    known, found = samples(published), []
+    for (place, figure), now in samples(episodes).items():
+        if (before := known.get((place, figure))) is not None:
+            chance = chance_of(before, now, figure.rate)
+            found.append([*place, figure.name, len(now), figure.value(before), figure.value(now), chance, True])
     tested = pd.DataFrame(found, columns=TESTED)
     return tested.assign(agrees=tested["chance"] > ALPHA / max(len(found), 1))
 
@@ -91,99 +89,85 @@ def chance_of(before: np.ndarray, now: np.ndarray, rate: bool) -> float:
     return float(found.pvalue)
 
 
-def _new_seeds(published: Published, episodes: int, first_seed: int | None) -> list[int]:
+def _new_seeds(published: pd.DataFrame, episodes: int, first_seed: int | None) -> list[int]:
     """Return the seeds of new episodes, by default those after the published ones; raise ValueError for published seeds."""
-    last = int(values(published.episodes, "seed").max())
+    seeds = values(published, "seed")
+    least, last = int(seeds.min()), int(seeds.max())
     checks.count("--episodes", episodes, most=MAX_EPISODES)
     first = last + 1 if first_seed is None else first_seed
     check_seeds("--first-seed", first, episodes, range_of(last))
-    if first <= last and first + episodes > int(values(published.episodes, "seed").min()):
+    if first <= last and first + episodes > least:
         raise checks.refuse("--first-seed", first, f"chosen so that no seed was published, e.g. {last + 1}")
     return list(range(first, first + episodes))
 
 
-def _chosen(
-    published: Published, tasks: Sequence[str] | None, policies: Sequence[str] | None
-) -> dict[Place, pd.DataFrame]:
+def _chosen(published: pd.DataFrame, **wanted: Sequence[str] | None) -> pd.DataFrame:
     """Return the published episodes of the places to play; raise ValueError if there are none."""
-    found = everything = places(published.episodes)
-    for option, names in (("task", tasks), ("policy", policies)):
-        if names:
-            known = tuple(dict.fromkeys(getattr(place, option) for place in everything))
-            for name in names:
-                checks.choice(f"--{option}", name, known)
-            found = {place: those for place, those in found.items() if getattr(place, option) in names}
-    if not found:
-        raise checks.conflict(f"--policy: none of {list(policies or ())} ran on {', '.join(tasks or ())}")
+    found = published
+    for label, names in wanted.items():
+        known = tuple(published[label].unique())
+        for name in names or ():
+            checks.choice(f"--{label}", name, known)
+        found = found.loc[np.isin(values(found, label), names or known)]
+    if not len(found):
+        tasks, policies = (wanted[label] or () for label in ("task", "policy"))
+        raise checks.conflict(f"--policy: none of {list(policies)} ran on {', '.join(tasks)}")
     return found
 
 
-def _cases(published: Published, chosen: Mapping[Place, pd.DataFrame], seeds: Sequence[int], again: int) -> list[Case]:
+def _cases(published: Published, chosen: pd.DataFrame, seeds: Sequence[int], again: int) -> list[Case]:
     """Return the cases of the first ``again`` published episodes and the new ones in every place."""
-    known = {case.place: case for case in cases(published.settings)}
-    for place in chosen:
+    known, found = {case.place: case for case in cases(published.settings)}, []
+    for place, some in places(chosen).items():
         if place not in known:
             raise checks.unknown(f"place in {published.directory / EPISODE_FILE}", str(place), known)
-    return [
-        replace(known[place], seeds=[*some["seed"][:again].tolist(), *seeds], pictures=())
-        for place, some in chosen.items()
-    ]
-
-
-def _identical(repeated: pd.DataFrame, published: pd.DataFrame) -> int:
-    """Return the number of episodes whose metrics are all identical."""
-    one, other = (np.asarray(some[list(COLUMNS)]) for some in (repeated, published[: len(repeated)]))
-    return int(((one == other) | (np.isnan(one) & np.isnan(other))).all(axis=1).sum())
+        found.append(replace(known[place], seeds=[*some["seed"][:again].tolist(), *seeds], pictures=()))
+    return found
 
 
 def differences(published: Published) -> list[str]:
-    """Return what differs from what was published: files, figures, settings and policies, a line each; runs nothing."""
+    """Return what differs from what was published: files, settings, policies and figures, a line each; runs nothing."""
     directory, record = published.directory, published.record
-    digests, found = record["digests"], []
-    for name, now in published.digests.items():
-        if digests["files"].get(name) != now:
-            found.append(f"{directory / name}: edited since it was published")
-    if digest(canonical(record["settings"])) != digests["settings"]:
-        found.append(f"{directory / RECORD}: settings: edited since they were published")
-    found += _figures(published)
+    before = record["digests"]
+    digests = [
+        (f"{directory / name}: edited since it was published", before["files"].get(name), _digest(directory / name))
+        for name in (FIGURE_FILE, EPISODE_FILE)
+    ]
+    text = f"{directory / RECORD}: settings: edited since they were published"
+    digests.append((text, before["settings"], digest(canonical(record["settings"]))))
+    for path, known in before["policies"].items():
+        now = _digest(path)
+        text = f"{path}: {'missing' if now is None else 'changed'} since results were published"
+        digests.append((text, known, now))
+    found = [text for text, known, now in digests if known != now]
     path = Path(str(record.get("config")))
     try:
-        before, now = (written_settings(each) for each in (published.settings, EvaluationSettings.load(path)))
-        found += [f"{path}: other {each} than published" for each in settings_apart(before, now)]
+        both = (written_settings(each) for each in (published.settings, EvaluationSettings.load(path)))
+        found += [f"{path}: other {each} than published" for each in changed_settings(*both)]
     except ValueError as error:
         found.append(str(error))
-    for path, before in digests["policies"].items():
-        try:
-            now = digest(Path(path).read_bytes())
-        except (OSError, ValueError):
-            now = None
-        if now != before:
-            found.append(f"{path}: {'missing' if now is None else 'changed'} since results were published")
-    return found
+    return found + _figures(published)
+
+
+def _digest(path: str | Path) -> str | None:
+    """Return the digest of a file; None if it cannot be read."""
+    try:
+        return digest(Path(path).read_bytes())
+    except (OSError, ValueError):
+        return None
 
 
 def _figures(published: Published) -> list[str]:
-    """Return the figures that do not follow from the published episodes."""
-    path, found = published.directory / FIGURE_FILE, []
-    follow = {(Place(*(row[k] for k in PLACE)), row["figure"]): row["value"] for row in figure_rows(published.episodes)}
-    for place, name in {**follow, **published.figures}:
-        value, stands = follow.get((place, name)), published.figures.get((place, name))
-        if value is None:
-            found.append(f"{path}: {place}: {name} follows from no published episodes")
-        # The last digit of a sum depends on the order of additions.
-        elif stands is None or not math.isclose(stands, value, rel_tol=1e-9, abs_tol=1e-12):
-            given = "is missing" if stands is None else f"is {stands:g}"
-            found.append(f"{path}: {place}: {name} {given}; {value:g} follows from the episodes")
-    more = len(found) - MAX_LINES
-    return [*found[:MAX_LINES], f"{path}: {more} more figures"] if more > 0 else found
-
-
-def version_changes(record: Mapping[str, Any]) -> list[str]:
-    """Return the versions and the commit that differ from those of a record, a line each; they are no failure."""
-    then, now = dict(record["versions"]), versions()
-    then["commit"], now["commit"] = record.get("commit"), commit()
-    names = [name for name in {**then, **now} if then.get(name) != now.get(name)]
-    return [f"{name} {then.get(name) or 'none'}, here {now.get(name) or 'none'}" for name in names]
+    """Return the figures that do not follow from the published episodes; nan is a figure that is missing on one side."""
+    path, follow = published.directory / FIGURE_FILE, pd.DataFrame(figure_rows(published.episodes))
+    both = published.figures.merge(follow, how="outer", on=[*PLACE, "figure"], suffixes=("_published", ""))
+    # The last digit of a sum depends on the order of additions.
+    apart = both.loc[~np.isclose(both["value_published"], both["value"], rtol=1e-9, atol=1e-12)]
+    found = [
+        f"{path}: {Place(*row[:4])}: {row.figure} is {row.value_published:g}; {row.value:g} follows from the episodes"
+        for row in apart.iloc[:MAX_LINES].itertuples(index=False)
+    ]
+    return [*found, f"{path}: {len(apart) - MAX_LINES} more figures"] if len(apart) > MAX_LINES else found
 
 
 def _text(figure: str, value: float) -> str:
@@ -191,21 +175,40 @@ def _text(figure: str, value: float) -> str:
     return BY_NAME[figure].text({figure: value}).rstrip()
 
 
-def _table(tested: pd.DataFrame, again: Mapping[Place, tuple[int, int]]) -> str:
+def _table(tested: pd.DataFrame, again: pd.DataFrame) -> str:
     """Return a line for every place: first figures, number that agrees, and number of episodes that are identical."""
     heads = ("task", "hardware", "policy", *(BY_NAME[name].label for name in FIRST), "figures that agree", "identical")
     lines = []
     for place, some in places(tested).items():
-        those = some.set_index("figure")
-        cells = [
-            f"{_text(name, those.found[name])}, published {_text(name, those.published[name])}"
-            if name in those.index
-            else "–"
-            for name in FIRST
-        ]
-        same, played = again[place]
-        lines.append([*place[1:], *cells, f"{some['agrees'].sum()} of {len(some)}", f"{same} of {played}"])
+        those = some.set_index("figure")[["found", "published"]]
+        both = [[_text(name, value) for value in (those.loc[name] if name in those.index else ())] for name in FIRST]
+        cells = [", published ".join(texts) or "–" for texts in both]
+        same = where(again, **place._asdict())["same"]
+        agree = f"{some['agrees'].sum()} of {len(some)}"
+        lines.append([*place[1:], *cells, agree, f"{same.sum()} of {len(same)}"])
     return markdown(heads, lines)
+
+
+def _lines(record: Mapping[str, Any], tested: pd.DataFrame, again: pd.DataFrame, different: Sequence[str]) -> list[str]:
+    """Return the text of the command: a table, and what differs. Other versions are no failure."""
+    lines = [f"published {record.get('time')}, commit {record.get('commit')}"]
+    if len(tested):
+        lines += ["", _table(tested, again), ""]
+    apart = tested.loc[~tested["agrees"].astype(bool)]
+    for row in apart.itertuples(index=False):
+        now, before = (_text(row.figure, value) for value in (row.found, row.published))
+        text = f"{BY_NAME[row.figure].label} {now} of {row.episodes} episodes, published {before}"
+        lines.append(f"apart: {Place(*row[:4])}: {text}, by chance with {row.chance:.1e}")
+    lines += [f"different: {each}" for each in different]
+    then, now = {**record["versions"], "commit": record.get("commit")}, {**versions(), "commit": commit()}
+    lines += [
+        f"version: {each} {then.get(each) or 'none'}, here {now.get(each) or 'none'}" for each in changed(then, now)
+    ]
+    if len(again):
+        same = f"{again['same'].sum()} of {len(again)}"
+        lines.append(f"{same} published episodes have the same metrics when played again")
+    agree = f"{len(tested) - len(apart)} of {len(tested)} figures agree"
+    return [*lines, f"{agree} (all with {100 * (1 - ALPHA):g} %, if nothing has changed)"]
 
 
 # -- command -----------------------------------------------------------------------------------------------------------
@@ -230,12 +233,12 @@ def command(arguments: argparse.Namespace) -> int:
     checks.count("--processes", arguments.processes, most=256)
     checks.count("--again", arguments.again, least=0, most=MAX_EPISODES)
     published, output = load(arguments.published), arguments.output
-    seeds = _new_seeds(published, arguments.episodes, arguments.first_seed)
-    chosen = _chosen(published, arguments.task, arguments.policy)
+    seeds = _new_seeds(published.episodes, arguments.episodes, arguments.first_seed)
+    chosen = _chosen(published.episodes, task=arguments.task, policy=arguments.policy)
     if output is not None:
         output_directory(output, "--output")
         output_files([output / FIGURES], "--output")
-    different, again, tested = differences(published), dict[Place, tuple[int, int]](), pd.DataFrame(columns=TESTED)
+    different, played = differences(published), chosen.iloc[:0]
     try:
         some = _cases(published, chosen, seeds, arguments.again)
     except ValueError as error:  # a policy's file is missing or invalid
@@ -244,39 +247,17 @@ def command(arguments: argparse.Namespace) -> int:
         different.append(f"nothing was played: {error}")
     else:
         played = rounded(run(some, processes=arguments.processes, ray=arguments.ray, quiet=arguments.quiet))
-        for place, rows in places(played).items():
-            repeated = rows.iloc[: -len(seeds)]
-            again[place] = _identical(repeated, chosen[place]), len(repeated)
-        tested = check(played.loc[np.isin(values(played, "seed"), seeds)], pd.concat(chosen.values()))
+    new = np.isin(values(played, "seed"), seeds)
+    tested = check(played.loc[new], chosen)
+    # Of the episodes that were played again, those are the same that agree in all columns.
+    again = played.loc[~new].merge(chosen, how="left", indicator="same")
+    again["same"] = again["same"] == "both"
     if output is not None:
         rows = tested.to_dict("records")
         write_atomically(output / FIGURES, csv_text(rows) if rows else ",".join(TESTED) + "\n")
     holds = len(tested) > 0 and not different and bool(tested["agrees"].all())
     print("\n".join([*_lines(published.record, tested, again, different), "verified" if holds else "not verified"]))
     return 0 if holds else 1
-
-
-def _lines(
-    record: Mapping[str, Any], tested: pd.DataFrame, again: Mapping[Place, tuple[int, int]], different: Sequence[str]
-) -> list[str]:
-    """Return the text of the command: a table, and what differs."""
-    lines = [f"published {record.get('time')}, commit {record.get('commit')}"]
-    if len(tested):
-        lines += ["", _table(tested, again), ""]
-    apart = tested.loc[~tested["agrees"].astype(bool)]
-    for row in apart.itertuples(index=False):
-        text = (
-            f"{_text(row.figure, row.found)} of {row.episodes} episodes, published {_text(row.figure, row.published)}"
-        )
-        label = BY_NAME[row.figure].label
-        lines.append(f"apart: {Place(*row[:4])}: {label} {text}, by chance with {row.chance:.1e}")
-    lines += [f"different: {each}" for each in different]
-    lines += [f"version: {each}" for each in version_changes(record)]
-    same, played = (sum(each[k] for each in again.values()) for k in (0, 1))
-    if played:
-        lines.append(f"{same} of {played} published episodes have the same metrics when played again")
-    agree = f"{len(tested) - len(apart)} of {len(tested)} figures agree"
-    return [*lines, f"{agree} (all with {100 * (1 - ALPHA):g} %, if nothing has changed)"]
 
 
 COMMANDS = {"verify": Command(_arguments, command, f"directory of {FIGURES}: all figures and their tests")}
