@@ -7,6 +7,7 @@ test of Mann and Whitney, which compares all values of both samples.
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -158,15 +159,15 @@ def _digest(path: str | Path) -> str | None:
 
 
 def _figures(published: Published) -> list[str]:
-    """Return the figures that do not follow from the published episodes; nan is a figure that is missing on one side."""
+    """Return the figures that do not follow from the published episodes, on either side."""
     path, follow = published.directory / FIGURE_FILE, pd.DataFrame(figure_rows(published.episodes))
     both = published.figures.merge(follow, how="outer", on=[*PLACE, "figure"], suffixes=("_published", ""))
     # The last digit of a sum depends on the order of additions.
     apart = both.loc[~np.isclose(both["value_published"], both["value"], rtol=1e-9, atol=1e-12)]
-    found = [
-        f"{path}: {Place(*row[:4])}: {row.figure} is {row.value_published:g}; {row.value:g} follows from the episodes"
-        for row in apart.iloc[:MAX_LINES].itertuples(index=False)
-    ]
+    found = []
+    for row in apart.iloc[:MAX_LINES].itertuples(index=False):
+        stands, follows = ("nothing" if math.isnan(v) else f"{v:g}" for v in (row.value_published, row.value))
+        found.append(f"{path}: {Place(*row[:4])}: {row.figure} is {stands}; {follows} follows from the episodes")
     return [*found, f"{path}: {len(apart) - MAX_LINES} more figures"] if len(apart) > MAX_LINES else found
 
 
