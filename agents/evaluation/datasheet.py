@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -13,10 +12,9 @@ from pydantic import Field
 from tqdm import tqdm
 
 from agents.evaluation.films import Log, Rollout
-from agents.evaluation.part_limits import Limits, limits_of
+from agents.evaluation.part_limits import Limits
 from agents.evaluation.plan import Infos
 from agents.evaluation.settings import FileSettings, Seed
-from agents.provenance import provenance
 from agents.training_settings import Plain
 from vibgym import Part, checks
 from vibgym.config import load_yaml
@@ -24,18 +22,14 @@ from vibgym.policies.applicable import tasks_with
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
+from vibgym.rendering import Scenery
 from vibgym.scene.drawings.records import StablePose
 from vibgym.scene.parts import part_and_drawing, part_from
 from vibgym.scene.surface import surface_from
 from vibgym.seeds import RANGES, check_seeds
 
-TASKS = ("Transport", "Align", "Rotate")
-"""Tasks that are measured."""
-
-
 RESTING = 25
 """Periods at the end of an episode over which the error of a part at its goal is averaged."""
-
 
 MACHINE_KEYS = ("surface", "actuators", "sensor", "parts")
 """Keys of a machine file that a sheet uses."""
@@ -43,16 +37,16 @@ MACHINE_KEYS = ("surface", "actuators", "sensor", "parts")
 ESTIMATOR = "model"
 """Of the sensor of a machine file, which names none."""
 
-VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
-    "Camera": ("sensor", {"kind": "camera", "statistical": True, "estimator": ESTIMATOR}),
-    "Rigid part": ("model", {"kind": "tilting"}),
+VARIANTS: dict[str, tuple[dict[str, Any], str]] = {
+    "Camera": (
+        {"sensor": {"kind": "camera", "statistical": True, "estimator": ESTIMATOR}},
+        "errors of the prototype's camera instead of this sensor's",
+    ),
+    "Rigid part": ({"model": {"kind": "tilting"}}, "tilting model: the part rocks on the elements"),
 }
-"""Settings that replace one of the sheet's, each for a further measurement of Align."""
+"""Further measurements of Align: settings that replace those of the sheet, and a note."""
 
-
-SQUARE: dict[str, Any] = {
-    "shape": "rectangle", "length_mm": 40.0, "width_mm": 40.0, "friction": 0.58, "name": "square part",
-}  # fmt: skip
+SQUARE = {"shape": "rectangle", "length_mm": 40.0, "width_mm": 40.0, "friction": 0.58, "name": "square part"}
 """Default part of a data sheet."""
 
 
@@ -89,23 +83,23 @@ class DatasheetSettings(FileSettings):
 
     @classmethod
     def checked(cls, data: Any, episodes: int | None = None, output: str | None = None) -> Self:
-        if isinstance(data, Mapping):
-            data = with_machine(data)
-        return super().checked(data, episodes, output)
-
-    @classmethod
-    def given(
-        cls, path: Path | None, replaced: Mapping[str, Any], episodes: int | None = None, output: str | None = None
-    ) -> Self:
-        """Return checked settings from a YAML file (None: the defaults), with some replaced, see :meth:`checked`."""
-        data = {} if path is None else load_yaml(path)
-        with contextlib.nullcontext() if path is None else checks.within(path):
-            return cls.checked({**data, **replaced}, episodes, output)
-
-    def environment(self, part: Part) -> dict[str, Any]:
-        """Return the arguments of the environments with a part."""
-        scene = {"surface": self.surface, "parts": [part], "model": self.model}
-        return {**scene, "actuators": self.actuators, "sensor": self.sensor}
+        """Return checked settings, with those of the machine where ``data`` has none; see :meth:`FileSettings.checked`."""
+        found, machine = dict(data), {}
+        if isinstance(found.get("part"), str) and Path(found["part"]).suffix:
+            found["part"] = {"file": found["part"]}
+        if isinstance(path := found.get("machine"), str):
+            machine = load_yaml(path)
+            with checks.within(path):
+                for name in machine:
+                    checks.choice("key", name, MACHINE_KEYS)
+                parts = machine.pop("parts", [])
+                if isinstance(machine.get("sensor"), Mapping):
+                    machine["sensor"] = {"estimator": ESTIMATOR, **machine["sensor"]}
+                if parts:
+                    part = found.setdefault("part", parts[0])
+                    if isinstance(part, Mapping) and "friction" not in part:
+                        found["part"] = {**part, "friction": part_from(parts[0]).friction}
+        return super().checked({**machine, **found}, episodes, output)
 
     @property
     def seeds(self) -> list[int]:
@@ -121,56 +115,29 @@ class DatasheetSettings(FileSettings):
         return {"episodes": checks.count("--episodes", episodes, least=8, most=10_000)}
 
 
-def with_machine(data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return settings of a sheet with those of their machine, which explicit ones replace."""
-    found = dict(data)
-    if isinstance(found.get("part"), str) and Path(found["part"]).suffix:
-        found["part"] = {"file": found["part"]}
-    path = found.get("machine")
-    if not isinstance(path, str):
-        return found
-    machine = load_yaml(path)
-    with checks.within(path):
-        for name in machine:
-            checks.choice("key", name, MACHINE_KEYS)
-        parts = machine.pop("parts", [])
-        sensor = machine.get("sensor")
-        if isinstance(sensor, Mapping):
-            machine["sensor"] = {"estimator": ESTIMATOR, **sensor}
-        if parts:
-            found.setdefault("part", parts[0])
-            if isinstance(found["part"], Mapping) and "friction" not in found["part"]:
-                found["part"] = {**found["part"], "friction": part_from(parts[0]).friction}
-    return {**machine, **found}
-
-
 @dataclass(frozen=True)
 class Sheet:
     """Measurements of a part on a surface.
 
     Attributes:
         settings: of the command.
-        environment: arguments of the environments.
-        info: of Align on this surface with this part.
+        infos: task -> public information. Discs lack Rotate.
+        scenery: of Align, for its picture.
         limits: see :class:`Limits`.
-        played: task -> its episodes; "rest" is Align without an end, others are among :data:`VARIANTS`. Discs lack Rotate.
-        infos: task -> public information, of tasks alone.
-        provenance: see :func:`agents.provenance.provenance`.
-        poses: of a part from an STL file, most probable first.
+        played: episodes of these tasks, of "rest", which is Align without an end, and of :data:`VARIANTS`.
         unfit: variant -> why the part has none.
+        poses: of a part from an STL file, most probable first.
         tasks: see :func:`vibgym.policies.applicable.tasks_with`.
     """
 
     settings: DatasheetSettings
-    environment: dict[str, Any]
-    info: TaskInfo
+    infos: dict[str, TaskInfo]
+    scenery: Scenery
     limits: Limits
     played: dict[str, Rollout]
-    infos: dict[str, TaskInfo]
-    provenance: dict[str, Any]
-    poses: tuple[StablePose, ...] = ()
-    unfit: dict[str, str] = field(default_factory=dict)
-    tasks: dict[str, tuple[str, ...] | str] = field(default_factory=dict)
+    unfit: dict[str, str]
+    poses: tuple[StablePose, ...]
+    tasks: dict[str, tuple[str, ...] | str]
 
     @property
     def speed(self) -> np.ndarray:
@@ -194,11 +161,6 @@ class Sheet:
         assert values is not None  # Align reports both
         return np.where(rest.fallen, np.nan, np.abs(values[:, -RESTING:]).mean(axis=1))
 
-    @property
-    def lost(self) -> int:
-        """Parts that fell off the surface, in all episodes."""
-        return sum(int(each.fallen.sum()) for each in self.played.values())
-
 
 def measure(settings: DatasheetSettings, quiet: bool = False) -> Sheet:
     """Measure everything of a sheet.
@@ -207,31 +169,39 @@ def measure(settings: DatasheetSettings, quiet: bool = False) -> Sheet:
         ValueError: a surface, part, hardware or policy that does not work; the first fault, in one line.
     """
     part, poses = part_of(settings)
-    environment, infos = settings.environment(part), Infos()
-    info, _ = infos.of("Align", environment, "datasheet")
+    hardware = {"actuators": settings.actuators, "sensor": settings.sensor}
+    environment = {"surface": settings.surface, "parts": [part], "model": settings.model, **hardware}
+    made = Infos()
+    info, scenery = made.of("Align", environment, "datasheet")
     with checks.within("datasheet"):
-        limits = limits_of(info)
+        limits = Limits(info)
     # An episode at rest is a success only after all of its periods at the goal, so none ends before.
     assert info.step_limit is not None
-    resting = {**environment, "task_settings": {"hold": info.step_limit * info.periods_per_step}}
-    names = ("Transport", "Align", "rest", *(("Rotate",) if info.parts[0].symmetry else ()))
-    variants = {name: {**environment, key: value} for name, (key, value) in VARIANTS.items()}
-    unfit = unfit_of(variants, infos)
-    runs, of_tasks = {}, {}
-    for name in (*names, *(each for each in variants if each not in unfit)):
-        task, arguments = ("Align", {"rest": resting, **variants}[name]) if name not in TASKS else (name, environment)
+    resting = {"task_settings": {"hold": info.step_limit * info.periods_per_step}}
+    changes = {"Transport": {}, "Align": {}, "Rotate": {}, "rest": resting}
+    changes |= {name: changed for name, (changed, _) in VARIANTS.items()}
+    if part.symmetry == 0:
+        del changes["Rotate"]
+    runs, infos, unfit = {}, {}, {}
+    for name, changed in changes.items():
+        task, arguments = "Align" if changed else name, {**environment, **changed}
         with checks.within(f"datasheet ({task})"):
-            of_task, _ = infos.of(task, arguments, "environment")
+            try:
+                of_task, _ = made.of(task, arguments, "environment")
+            except checks.Refused as error:
+                if name not in VARIANTS:
+                    raise
+                unfit[name] = str(error).partition(": ")[2]
+                continue
             runs[name] = task, arguments, make_policy(settings.policy, of_task, settings.first_seed)
-        if name in TASKS:
-            of_tasks[name] = of_task
+        if not changed:
+            infos[name] = of_task
     played = {
         name: rollout(policy, task, seeds=settings.seeds, keep=Log, **arguments)
         for name, (task, arguments, policy) in tqdm(runs.items(), desc="measuring", disable=quiet)
     }
-    hardware = {"actuators": settings.actuators, "sensor": settings.sensor}
     tasks = tasks_with(part.to_dict(), settings.surface, **hardware)
-    return Sheet(settings, environment, info, limits, played, of_tasks, provenance(), poses, unfit, tasks)
+    return Sheet(settings, infos, scenery, limits, played, unfit, poses, tasks)
 
 
 def part_of(settings: DatasheetSettings) -> tuple[Part, tuple[StablePose, ...]]:
@@ -241,14 +211,3 @@ def part_of(settings: DatasheetSettings) -> tuple[Part, tuple[StablePose, ...]]:
         return part_from(settings.part, "datasheet.part"), ()
     part, drawing = part_and_drawing(settings.part, "datasheet.part", surface)
     return part, () if drawing.solid is None else drawing.solid.poses
-
-
-def unfit_of(variants: Mapping[str, dict[str, Any]], infos: Infos) -> dict[str, str]:
-    """Return why the part does not support some of the variants."""
-    found = {}
-    for name, arguments in variants.items():
-        try:
-            infos.of("Align", arguments, name)
-        except checks.Refused as error:
-            found[name] = str(error).partition(": ")[2]
-    return found

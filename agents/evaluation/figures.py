@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from PIL import Image
 
@@ -61,13 +59,3 @@ def style(axes: Axes, **labels: str) -> None:
 def kind_colour(kind: int) -> tuple[float, ...]:
     """Return the colour of a kind of parts, as in the films."""
     return tuple(channel / 255.0 for channel in colours.PARTS[kind % len(colours.PARTS)])
-
-
-def name_lines(figure: Figure, lines: Sequence[Line2D]) -> None:
-    """Add a legend beside the axes with the labels of some lines."""
-    labels = [str(line.get_label()) for line in lines]
-    # The texts come afterwards: a label that begins with "_" would be left out.
-    shown = {"frameon": False, "fontsize": 8.5, "handlelength": 1.4, "labelcolor": INK}
-    legend = figure.legend(lines, ["policy"] * len(labels), loc="outside right center", **shown)
-    for text, label in zip(legend.get_texts(), labels, strict=True):
-        text.set(text=label, parse_math=False)

@@ -52,9 +52,7 @@ class Rollout(Measured):
     straight: np.ndarray  # m, shortest way of all parts together, see path_efficiency
     poses: np.ndarray  # (episodes, most steps + 1, parts, 3) float32; nan after the end, and of absent parts
     goals: np.ndarray  # (episodes, parts, 3); zeros for tasks without goal poses
-    series: (
-        np.ndarray
-    )  # (SERIES, episodes, most steps + 1) float32; nan after the end, and where a task lacks the field
+    series: np.ndarray  # (SERIES, episodes, most steps + 1) float32; nan after the end, and of fields the task lacks
     film: Film
 
     @property
@@ -178,16 +176,10 @@ class Log(Measures):
         if playing[self.watched]:
             world = self.watched
             caption = self.env.caption(world).removeprefix(self.env.task.name).strip()
-            self.frames.append(
-                (
-                    truth.pose[world],
-                    truth.present[world],
-                    self.env.phasors(world).astype(np.float32),
-                    truth.goal[world],
-                    f"{step * self.env.step_time:.2f} s   {caption}",
-                    side_of(self.env, world),
-                )
-            )
+            text = f"{step * self.env.step_time:.2f} s   {caption}"
+            phasors = self.env.phasors(world).astype(np.float32)
+            arrays = truth.pose[world], truth.present[world], phasors, truth.goal[world]
+            self.frames.append((*arrays, text, side_of(self.env, world)))
 
     def result(self, task: str, timing: Timing) -> Rollout:
         """Return the records of all episodes."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,9 +26,8 @@ RUN_UP = 60
 """Periods until a part on a field in one direction has its final speed."""
 
 
-@dataclass(frozen=True)
 class Limits:
-    """Limits of a part on a surface, in SI units.
+    """Limits of the part of a task on its surface with its actuators, in SI units.
 
     Attributes:
         acceleration: m/s^2, of the part at rest, all elements under it at their largest amplitude.
@@ -38,57 +37,40 @@ class Limits:
         smallest: scale at which this part could still be turned at every pose; nan if it cannot itself.
         circle: m, radius on which the part circles at rest.
         tipping: :attr:`vibgym.Part.tipping_ratio`; None: height not known.
-        pulse: m, by which one period at the edge of a hard dead zone moves a part, until friction stops it; None: no such zone.
+        pulse: m, by which one period at the edge of a hard dead zone moves a part at rest; None: no such zone.
         gap: m, widest gap between elements that the part bridges, at most an element.
         bound: least time to a pose.
-    """
-
-    acceleration: float
-    turn_acceleration: tuple[float, float]
-    top_speed: float
-    most_friction: float
-    smallest: float
-    circle: float
-    tipping: float | None
-    pulse: float | None
-    gap: float
-    bound: TimeBound
-
-
-def limits_of(info: TaskInfo) -> Limits:
-    """Return the limits of the part of a task, on its surface with its actuators.
 
     Raises:
         ValueError: a part that may stick, to which the bounds do not apply.
     """
-    surface, part, sheet = info.surface, info.parts[0], info.hardware
-    share = strongest(surface, sheet)
-    sliding = sliding_of(surface, [part], share)
-    reach = reach_of(surface, part, sheet)
-    turn = float(sliding.push[0]) / share / math.sqrt(part.gyration)
-    most = min(sheet.limit, surface.lift_off_amplitude)
-    return Limits(
-        acceleration=float(sliding.push[0]),
-        turn_acceleration=(turn * float(reach.min()), turn * float(reach.max())),
-        top_speed=top_speed(surface, part, most),
-        most_friction=surface.horizontal_amplitude
-        * surface.angular_frequency**2
-        / (surface.gravity + most * surface.angular_frequency**2),
-        smallest=smallest_scale(surface, part, sheet),
-        circle=part.friction * surface.gravity / surface.angular_frequency**2,
-        tipping=part.tipping_ratio if part.height_is_known else None,
-        pulse=smallest_pulse(surface, sheet) if info.hard_dead_zone else None,
-        gap=bridged_gap(part, surface.element_size),
-        bound=TimeBound(
+
+    def __init__(self, info: TaskInfo) -> None:
+        surface, part, sheet = info.surface, info.parts[0], info.hardware
+        share, square = strongest(surface, sheet), surface.angular_frequency**2
+        sliding = sliding_of(surface, [part], share)
+        reach = reach_of(surface, part, sheet)
+        most = min(sheet.limit, surface.lift_off_amplitude)
+        self.acceleration = float(sliding.push[0])
+        self.turn_acceleration = float(sliding.turn_push[0]) / share * np.array([reach.min(), reach.max()])
+        self.top_speed = top_speed(surface, part, most)
+        self.most_friction = surface.horizontal_amplitude * square / (surface.gravity + most * square)
+        self.smallest = smallest_scale(surface, part, sheet)
+        self.circle = part.friction * surface.gravity / square
+        self.tipping = part.tipping_ratio if part.height_is_known else None
+        # a_v w^2 T a_h w / g: friction both drives and brakes the part, so it cancels.
+        pulse = sheet.dead_zone * square / surface.gravity * surface.period * surface.table_speed
+        self.pulse = pulse if info.hard_dead_zone else None
+        self.gap = bridged_gap(part, surface.element_size)
+        self.bound = TimeBound(
             surface,
             part,
             position_tolerance=info.position_tolerance,
-            heading_tolerance=math.inf if part.symmetry == 0 else info.heading_tolerance,
-            heading_period=0.0 if part.symmetry == 0 else 2.0 * math.pi / part.symmetry,
+            heading_tolerance=info.heading_tolerance if part.symmetry else math.inf,
+            heading_period=2.0 * math.pi / max(part.symmetry, 1),
             amplitude=min(sheet.limit, surface.max_amplitude or 0.0),
             latency=sheet.latency,
-        ),
-    )
+        )
 
 
 def reach_of(surface: Surface, part: Part, sheet: DataSheet) -> np.ndarray:
@@ -118,13 +100,6 @@ def smallest_scale(surface: Surface, part: Part, sheet: DataSheet) -> float:
         else:
             high = middle
     return high
-
-
-def smallest_pulse(surface: Surface, sheet: DataSheet) -> float:
-    """Return the shift of a part at rest by the least motion of all elements under it for a period, ``a_v w^2 T a_h w / g``, m:
-    friction both drives and brakes it, so it cancels."""
-    push = sheet.dead_zone * surface.angular_frequency**2 / surface.gravity
-    return push * surface.period * surface.table_speed
 
 
 def top_speed(surface: Surface, part: Part, amplitude: float) -> float:

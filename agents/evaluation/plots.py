@@ -5,28 +5,18 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from agents.evaluation.figures import (
-    FAILURE,
-    INK,
-    MUTED,
-    POLICY_COLOURS,
-    SUCCESS,
-    kind_colour,
-    name_lines,
-    new_figure,
-    png,
-    style,
-)
+from agents.evaluation.figures import FAILURE, INK, MUTED, POLICY_COLOURS, SUCCESS, kind_colour, new_figure, png, style
 from agents.evaluation.films import Rollout
 from agents.evaluation.table import RATES, values, where
 from agents.learning_curve import Curve
@@ -50,21 +40,13 @@ FLOOR = 0.1
 """mm and degrees at which the logarithmic axes of errors begin."""
 
 
-class Panel(NamedTuple):
-    """Axes of one of :data:`agents.evaluation.films.SERIES`: values times ``factor``, at least ``floor``."""
-
-    label: str
-    factor: float
-    floor: float
-    log: bool = False
-
-
 PANELS = {
-    "position_error": Panel("distance (mm)", 1e3, FLOOR, log=True),
-    "heading_error": Panel("heading error (deg)", 180.0 / math.pi, FLOOR, log=True),
-    "parts_done": Panel("parts done", 1.0, 0.0),
-    "clearance": Panel("smallest distance (mm)", 1e3, 0.0),
+    "position_error": ("distance (mm)", 1e3),
+    "heading_error": ("heading error (deg)", 180.0 / math.pi),
+    "parts_done": ("parts done", 1.0),
+    "clearance": ("smallest distance (mm)", 1e3),
 }
+"""Labels of :data:`agents.evaluation.films.SERIES` and factors; the axes of errors are logarithmic."""
 
 
 def trajectories(rollout: Rollout, task: TaskInfo, scenery: Scenery) -> bytes:
@@ -77,33 +59,32 @@ def trajectories(rollout: Rollout, task: TaskInfo, scenery: Scenery) -> bytes:
         "heading_error": (FLOOR, math.degrees(task.heading_tolerance)),
         "clearance": None if task.apart is None else (1e3 * task.apart, 1.3e3 * task.apart),
     }
-    height = height_of_map(task.surface)
+    table, edge = task.surface, task.surface.element_size
+    height = 5.75 * (table.depth + edge) / (table.width + edge) + 0.32  # inches, of a map 6.2 inches wide
+    end = float(rollout.steps[:SHOWN].max()) * rollout.step_time
+    seconds = np.arange(rollout.poses.shape[1]) * rollout.step_time
     figure = new_figure(6.2, height + 1.5)
     layout = figure.add_gridspec(2, max(len(panels), 1), height_ratios=[height, 1.5])
     _map(figure.add_subplot(layout[0, :]), rollout, task, scenery)
     for column, (name, values) in enumerate(panels):
-        axes, panel = figure.add_subplot(layout[1, column]), PANELS[name]
-        for each, colour in zip(np.maximum(panel.factor * values, panel.floor), outcome_colours(rollout), strict=True):
-            axes.plot(times(rollout), each, color=colour, linewidth=0.8, alpha=0.6)
+        axes, (label, factor) = figure.add_subplot(layout[1, column]), PANELS[name]
+        least = FLOOR if task.has_goal else 0.0
+        for each, colour in zip(np.maximum(factor * values, least), outcome_colours(rollout), strict=True):
+            axes.plot(seconds, each, color=colour, linewidth=0.8, alpha=0.6)
         if good.get(name) is not None:
             axes.axhspan(*good[name], color=SUCCESS, alpha=0.10, linewidth=0)
-        axes.set(xlim=(0.0, float(rollout.steps[:SHOWN].max()) * rollout.step_time))
-        if panel.log:
+        axes.set(xlim=(0.0, end))
+        if task.has_goal:
             axes.set(yscale="log")
             axes.minorticks_off()
             axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-        style(axes, xlabel="time (s)", ylabel=panel.label)
+        style(axes, xlabel="time (s)", ylabel=label)
     return png(figure)
 
 
 def outcome_colours(rollout: Rollout) -> list[str]:
     """Return the colours of the first episodes."""
     return [SUCCESS if each else FAILURE for each in rollout.success[:SHOWN]]
-
-
-def height_of_map(surface: Surface) -> float:
-    """Return the height of a map 6.2 inches wide, inches."""
-    return 5.75 * (surface.depth + surface.element_size) / (surface.width + surface.element_size) + 0.32
 
 
 def draw_table(axes: Axes, surface: Surface) -> None:
@@ -124,15 +105,8 @@ def draw_table(axes: Axes, surface: Surface) -> None:
         spine.set_visible(False)
 
 
-def draw_path(axes: Axes, points: np.ndarray, colour: Any) -> None:
-    """Draw a path (k, 2), mm, with a ring at its start and a dot at its end."""
-    axes.plot(*points.T, color=colour, linewidth=0.9, alpha=0.75, zorder=3, solid_capstyle="round")
-    axes.plot(*points[0], "o", color=colour, markersize=2.6, markerfacecolor="white", markeredgewidth=0.8, zorder=4)
-    axes.plot(*points[-1], ".", color=colour, markersize=3.4, zorder=5)
-
-
 def _map(axes: Axes, rollout: Rollout, task: TaskInfo, scenery: Scenery) -> None:
-    """Draw the paths: of one part coloured by outcome, of several by kind."""
+    """Draw the paths, with a ring at the start and a dot at the end: of one part coloured by outcome, of several by kind."""
     several = len(task.parts) > 1
     for zone in scenery.zones:
         low, size = 1e3 * np.array(zone.low), 1e3 * (np.array(zone.high) - zone.low)
@@ -149,7 +123,10 @@ def _map(axes: Axes, rollout: Rollout, task: TaskInfo, scenery: Scenery) -> None
             if not len(there):
                 continue
             points = points[there[0] : there[-1] + 1]  # the line has a gap while the slot is empty
-            draw_path(axes, points, kind_colour(kind) if several else outcomes[episode])
+            line: dict[str, Any] = {"color": kind_colour(kind) if several else outcomes[episode]}
+            axes.plot(*points.T, **line, linewidth=0.9, alpha=0.75, zorder=3, solid_capstyle="round")
+            axes.plot(*points[0], "o", **line, markersize=2.6, markerfacecolor="white", markeredgewidth=0.8, zorder=4)
+            axes.plot(*points[-1], ".", **line, markersize=3.4, zorder=5)
             if task.has_goal:
                 centre = tuple(1e3 * rollout.goals[episode, part, :2])
                 ring: dict[str, Any] = {"fill": False, "edgecolor": INK, "linewidth": 0.6, "zorder": 4}
@@ -157,9 +134,14 @@ def _map(axes: Axes, rollout: Rollout, task: TaskInfo, scenery: Scenery) -> None
     draw_table(axes, task.surface)
 
 
-def times(rollout: Rollout) -> np.ndarray:
-    """Return the times of the steps, s, (most steps + 1,)."""
-    return np.arange(rollout.poses.shape[1]) * rollout.step_time
+def name_lines(figure: Figure, lines: Sequence[Line2D]) -> None:
+    """Add a legend beside the axes with the labels of some lines."""
+    labels = [str(line.get_label()) for line in lines]
+    # The texts come afterwards: a label that begins with "_" would be left out.
+    shown = {"frameon": False, "fontsize": 8.5, "handlelength": 1.4, "labelcolor": INK}
+    legend = figure.legend(lines, ["policy"] * len(labels), loc="outside right center", **shown)
+    for text, label in zip(legend.get_texts(), labels, strict=True):
+        text.set(text=label, parse_math=False)
 
 
 def arrivals(episodes: pd.DataFrame, names: Sequence[str], flows: bool) -> bytes:
@@ -263,23 +245,20 @@ def throughput(rows: Sequence[Mapping[str, Any]]) -> bytes:
     figure = new_figure(2.9 * max(len(names), 2), 3.0)
     all_axes = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
     for axes, name in zip(all_axes, names, strict=True):
-        _curves(axes, [row for row in rows if row["policy"] == name])
+        some = [row for row in rows if row["policy"] == name]
+        counts = [row["parts"] for row in some]
+        axes.plot(counts, [row["bound"] for row in some], "--", color=MUTED, linewidth=1.0, label="bound")
+        for event, colour in COLOURS.items():
+            width = 1.9 if event == "good" else 1.1
+            rates = [row[event] for row in some]
+            axes.plot(counts, rates, "o-", color=colour, linewidth=width, markersize=3.2, label=event)
+        low, high = (
+            [row["good"] if math.isnan(row[end]) else row[end] for row in some] for end in ("good_low", "good_high")
+        )
+        axes.fill_between(counts, low, high, color=COLOURS["good"], alpha=0.18, linewidth=0)
+        axes.set_xticks(counts)
+        axes.set_ylim(bottom=0.0)
         style(axes, xlabel="parts in play", title=name)
     all_axes[0].set_ylabel("parts a minute")
     name_lines(figure, all_axes[0].get_lines())
     return png(figure)
-
-
-def _curves(axes: Axes, rows: list[Mapping[str, Any]]) -> None:
-    counts = [row["parts"] for row in rows]
-    axes.plot(counts, [row["bound"] for row in rows], "--", color=MUTED, linewidth=1.0, label="bound")
-    for event, colour in COLOURS.items():
-        values = np.array([row[event] for row in rows])
-        width = 1.9 if event == "good" else 1.1
-        axes.plot(counts, values, "o-", color=colour, linewidth=width, markersize=3.2, label=event)
-    low, high = (
-        [row["good"] if math.isnan(row[end]) else row[end] for row in rows] for end in ("good_low", "good_high")
-    )
-    axes.fill_between(counts, low, high, color=COLOURS["good"], alpha=0.18, linewidth=0)
-    axes.set_xticks(counts)
-    axes.set_ylim(bottom=0.0)

@@ -46,7 +46,7 @@ def test_measured_rates_keep_the_bounds(sheet):
     assert (sheet.speed < sheet.limits.top_speed).all() and (sheet.speed > 0.05).all()
     position, heading = sheet.at_rest("position_error"), sheet.at_rest("heading_error")
     assert position.shape == heading.shape == (8,)
-    assert position.max() < 1e-3 and heading.max() < math.radians(2.0) and sheet.lost == 0
+    assert position.max() < 1e-3 and heading.max() < math.radians(2.0)
 
 
 def test_a_part_on_a_single_element_cannot_be_turned():
@@ -129,6 +129,7 @@ def test_stable_poses_of_a_mesh_are_on_the_sheet(sheet, tmp_path):
 
 def test_tasks_models_and_sticking_are_on_the_sheet(sheet):
     found = {label: (value, note) for lines in datasheet_page.groups(sheet).values() for label, value, note in lines}
+    assert found["Parts lost"][0] == "0"
     assert found["Align, camera"][0].startswith("8 of 8")
     # Of 8: 98 % of 320 episodes succeed in this scene, and its motion is chaotic.
     assert int(found["Align, rigid part"][0].split()[0]) >= 7
