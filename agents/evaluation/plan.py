@@ -24,7 +24,7 @@ from agents.evaluation.settings import (
     laid_over,
     with_sensor,
 )
-from agents.evaluation.table import EFFECTS, LOAD, REPORT, Place
+from agents.evaluation.table import LOAD, REPORT, Place
 from agents.learning_curve import Curve, read_curve
 from agents.provenance import code, digest, user_modules
 from vibgym import checks
@@ -68,7 +68,7 @@ def prepare(settings: RunSettings, entries: Mapping[str, Entry] | None = None) -
     if isinstance(settings, EvaluationSettings):
         curves = plan.curves()
         for place, study in settings.studies.items():
-            plan.add_study(study, EFFECTS if place == "effects" else f"generalisation: {study.name}", place)
+            plan.add_study(study, settings.label(place), place)
         plan.add_load()
     return Prepared(settings, plan.tasks, tuple(plan.cases), plan.origin, plan.refused, curves)
 
@@ -138,7 +138,7 @@ class _Plan:
     def _add(
         self, place: Place, entry: PolicyEntry, info: TaskInfo, seeds: list[int], environment: Any, scenery: Scenery
     ) -> None:
-        draws, entered = getattr(self.settings, "draws", False), self.entries.get(entry.name)
+        draws, entered = self.settings.draws, self.entries.get(entry.name)
         pictures = (PLOT, *((FILM,) if self.settings.animations else ())) if draws else ()
         origin = self.origin if entered is None else digest(self.origin + entered.digest)
         try:

@@ -207,6 +207,10 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
         WriteError: a file could not be written.
     """
     settings = EvaluationSettings.load(config)
+    if settings.generalisation:
+        raise checks.conflict(
+            f"{config}: evaluation.generalisation cannot be published, only episodes of tasks and effects"
+        )
     path = (Path(settings.output) if run is None else run) / "results.json"
     found = _record(path, (*KEPT, "policy_files", "settings", "episodes"))
     with checks.within(config):

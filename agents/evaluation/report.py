@@ -69,19 +69,8 @@ def with_film(prepared: Prepared, gif: Gif) -> Prepared:
     return replace(prepared, cases=tuple(filmed if case is some[0] else case for case in prepared.cases))
 
 
-def summary_table(results: Results) -> str:
-    """Return the tables of the command in Markdown."""
-    grids = tables(results, rows(results))
-    if results.settings.effects is not None:
-        cells = study_rows(results, "effects", results.settings.effects)
-        grids.append(study_table(results, results.settings.effects, cells)[0])
-    if results.settings.under_load is not None:
-        grids.append(grid("Under load", load_rows(results), LOAD_FIGURES))
-    return "\n\n".join(each.markdown() for each in grids)
-
-
-def write(results: Results, gif: Gif | None = None, quiet: bool = False) -> Path:
-    """Write :data:`FILES` and a film; return the page's path.
+def write(results: Results, gif: Gif | None = None, quiet: bool = False) -> tuple[Path, str]:
+    """Write :data:`FILES` and a film; return the page's path, and the tables in Markdown.
 
     Raises:
         WriteError: a file could not be written; then none is new.
@@ -116,12 +105,13 @@ def write(results: Results, gif: Gif | None = None, quiet: bool = False) -> Path
         for k, study in enumerate(settings.generalisation)
     ]
     more["ladders"] = rungs
+    load, grids = load_rows(results), tables(results, found)
     if settings.under_load is not None:
-        more["load"] = {"task": settings.under_load.task, "results": load_rows(results)}
+        more["load"] = {"task": settings.under_load.task, "results": load}
     if not compares:
         more["episodes"] = episodes
     written = (
-        csv_text(found), pages.json_text(results, found, more), page(results, found, gaps, cells, rungs),
+        csv_text(found), pages.json_text(results, found, more), page(results, found, gaps, cells, rungs, load),
         csv_text(episodes),
     )  # fmt: skip
     directory, files = output_directory(Path(settings.output), f"{settings.where}.output"), FILES[settings.where]
@@ -131,7 +121,11 @@ def write(results: Results, gif: Gif | None = None, quiet: bool = False) -> Path
     if gif is not None:
         contents[gif.path] = next(each[GIF] for each in results.pictures.values() if GIF in each)
     write_together(contents)
-    return directory / files[2]
+    if settings.effects is not None:
+        grids.append(study_table(results, settings.effects, cells["effects"])[0])
+    if load:
+        grids.append(grid("Under load", load, LOAD_FIGURES))
+    return directory / files[2], "\n\n".join(each.markdown() for each in grids)
 
 
 # -- commands ----------------------------------------------------------------------------------------------------------
@@ -174,8 +168,8 @@ def _run(kind: type[EvaluationSettings], arguments: argparse.Namespace, gif: Gif
         return found if gif is None else with_film(found, gif)
 
     with commands.played(prepared, FILES[settings.where], arguments, arguments.config) as results:
-        path = write(results, gif, arguments.quiet)
-        print(f"{summary_table(results)}\n\npage: {path}")
+        path, text = write(results, gif, arguments.quiet)
+        print(f"{text}\n\npage: {path}")
 
 
 COMMANDS = {

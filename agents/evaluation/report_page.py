@@ -8,7 +8,7 @@ from typing import Any
 
 from agents.evaluation import pages, plots
 from agents.evaluation.pages import Card, Cards, Cell, Grid, Heading, Picture, Section, data_address, grid
-from agents.evaluation.rows import Row, against_best, best_classical, best_rows, load_rows
+from agents.evaluation.rows import Row, against_best, best_classical, best_rows
 from agents.evaluation.run import FILM, PLOT, Results
 from agents.evaluation.settings import Study
 from agents.evaluation.table import (
@@ -152,6 +152,7 @@ def page(
     gaps: Sequence[Row],
     cells: Mapping[str, Sequence[Row]],
     rungs: Sequence[Row],
+    load: Sequence[Row],
 ) -> str:
     """Return the page as HTML."""
     settings, best = results.settings, best_rows(results, found)
@@ -181,7 +182,6 @@ def page(
         sections.append(Section("generalisation", "Generalisation", blocks))
     sections += _tasks(results, found) if settings.draws else []
     if settings.under_load is not None:
-        load = load_rows(results)
         text = "Parts a minute by what became of them, without the warm-up. Dashed: the bound; band: interval of good parts."
         picture = Picture(data_address(plots.throughput(load)), "Parts a minute against the number of parts", text)
         lines = grid("Parts a minute under load", load, LOAD_FIGURES)

@@ -14,7 +14,6 @@ from agents.evaluation.run import Results
 from agents.evaluation.settings import Study
 from agents.evaluation.statistics import Estimate, interval_of
 from agents.evaluation.table import (
-    EFFECTS,
     LOAD,
     RATES,
     REPORT,
@@ -43,15 +42,15 @@ def rows(results: Results) -> list[dict[str, Any]]:
     by = ("task", "hardware", "policy")
     found = table(results.main, by, columns).to_dict("records")
     several = results.main.loc[results.main["training_seed"] >= 0]
-    if len(several):
-        runs = table(several, (*by, "training_seed"), lambda some: columns(some) | _seed(some))
-        found += runs.to_dict("records")
+    runs = table(several, (*by, "training_seed"), lambda some: columns(some) | {"training_seed": _seed(some)})
+    found += runs.to_dict("records")
     there = list(dict.fromkeys((row["task"], row["hardware"]) for row in found))
     return sorted(found, key=lambda row: (there.index((row["task"], row["hardware"])), order.index(row["policy"])))
 
 
-def _seed(episodes: pd.DataFrame) -> dict[str, int]:
-    return {"training_seed": values(episodes, "training_seed")[0].item()}
+def _seed(episodes: pd.DataFrame) -> int:
+    """Return the training seed of the episodes of one run."""
+    return int(values(episodes, "training_seed")[0])
 
 
 def best_rows(results: Results, found: Sequence[Row]) -> dict[tuple[str, str], Row]:
@@ -130,7 +129,7 @@ def study_rows(results: Results, place: str, study: Study) -> list[dict[str, Any
         place: of the study in the settings.
         study: its settings.
     """
-    label = EFFECTS if place == "effects" else f"generalisation: {study.name}"
+    label = results.settings.label(place)
     cells, known = [], places(results.episodes, label)
     for case in study.cases:
         for column in study.policies:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from abc import abstractmethod
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -266,16 +267,23 @@ class FileSettings(BaseSettings):
     def check(self) -> None:
         """Raise ValueError at the first setting that does not fit others."""
 
+    @abstractmethod
     def check_ranges(self) -> None:
         """Raise ValueError at the first seed outside the ranges of the command."""
 
+    @abstractmethod
     def limited(self, episodes: int) -> dict[str, Any]:
         """Return the fields to change for another number of episodes, that of ``--episodes``."""
-        raise NotImplementedError
 
 
 class RunSettings(FileSettings):
     """Policies on tasks, all on the same seeds."""
+
+    draws: ClassVar[bool] = False
+    """Whether paths are recorded and drawn."""
+
+    policy_keys: ClassVar[tuple[str, ...]]
+    """Keys of a policy that the command uses; others are refused."""
 
     tasks: Annotated[tuple[Task, ...], Different] = Field(min_length=1)
     """Ids of registered environments; those of vibgym also without ``vibgym/`` and version."""
@@ -292,9 +300,6 @@ class RunSettings(FileSettings):
 
     seeds: Annotated[tuple[Seed, ...], Different] | None = Field(default=None, min_length=1, max_length=MAX_EPISODES)
     """Instead of ``episodes`` and ``first_seed``."""
-
-    held_out: bool = False
-    """Whether the seeds are those of suites, for results that are published beside scores."""
 
     environment: Environment = {}
     """Arguments of the environments."""
@@ -315,7 +320,7 @@ class RunSettings(FileSettings):
     @property
     def ranges(self) -> tuple[str, ...]:
         """Names of the ranges of seeds that the command uses, see :mod:`vibgym.seeds`."""
-        return ("held_out",) if self.held_out else ("evaluation", "own")
+        return "evaluation", "own"
 
     @property
     def intervals(self) -> tuple[float, int]:
@@ -386,6 +391,10 @@ class RunSettings(FileSettings):
             field = f"{where}.policies.{index}"
             if policy.name in self.names[:index]:
                 raise checks.conflict(f"{field}.name: {policy.name!r} is the name of another policy")
+            for key in policy.own:
+                if key not in self.policy_keys:
+                    keys = ", ".join(self.policy_keys)
+                    raise checks.conflict(f"{field}.{key}: {where}.policies have no such key, only {keys}")
             some_of(f"{field}.tasks", policy.tasks or (), self.tasks)
             some_of(f"{field}.hardware", policy.hardware or (), machines)
 
@@ -400,7 +409,7 @@ class EvaluationSettings(RunSettings):
 
     where: ClassVar[str] = "evaluation"
     draws: ClassVar[bool] = True
-    """Whether paths are recorded and drawn."""
+    policy_keys: ClassVar[tuple[str, ...]] = ("tasks", "hardware", "curve")
 
     effects: Study | None = None
     """Effects of the hardware."""
@@ -413,13 +422,25 @@ class EvaluationSettings(RunSettings):
     animations: bool = True
     """Whether the report has a film of each policy on each task."""
 
+    held_out: bool = False
+    """Whether the seeds are those of suites, for results that are published beside scores."""
+
     output: str = Field(default="runs/report", min_length=1)
+
+    @property
+    def ranges(self) -> tuple[str, ...]:
+        """Names of the ranges of seeds."""
+        return ("held_out",) if self.held_out else super().ranges
 
     @property
     def studies(self) -> dict[str, Study]:
         """The studies by their place in the settings."""
         found = {} if self.effects is None else {"effects": self.effects}
         return found | {f"generalisation.{k}": study for k, study in enumerate(self.generalisation)}
+
+    def label(self, place: str) -> str:
+        """Return the label of a study in the table of episodes."""
+        return place if place == "effects" else f"generalisation: {self.studies[place].name}"
 
     def check(self) -> None:
         super().check()
@@ -452,6 +473,7 @@ class ComparisonSettings(EvaluationSettings):
 
     where: ClassVar[str] = "comparison"
     draws: ClassVar[bool] = False
+    policy_keys: ClassVar[tuple[str, ...]] = ("tasks", "hardware", "curve", "training_seeds")
 
     output: str = Field(default="runs/comparison", min_length=1)
 
@@ -460,6 +482,7 @@ class SuiteSettings(RunSettings):
     """Settings of ``python -m agents score``: every policy on every task and all hardware; unserved tasks score 0."""
 
     where: ClassVar[str] = "suite"
+    policy_keys: ClassVar[tuple[str, ...]] = ("tasks", "hardware", "training_steps", "episodes")
 
     training_steps: int = Field(ge=1)
     """Environment steps, all tasks together, that a policy may have been trained on."""
@@ -467,8 +490,12 @@ class SuiteSettings(RunSettings):
     cost_limit: float | None = Field(default=None, ge=0.0)
     """Largest cost of an episode, for environments with ``costs``; others score 0 (reward at limited cost)."""
 
-    held_out: bool = True
     output: str = Field(default="runs/suite", min_length=1)
+
+    @property
+    def ranges(self) -> tuple[str, ...]:
+        """Names of the ranges of seeds."""
+        return ("held_out",)
 
     def check(self) -> None:
         super().check()

@@ -122,7 +122,7 @@ def played(found):
 @pytest.fixture(scope="session")
 def written(found):
     """Directory with its files."""
-    return report.write(found, quiet=True).parent
+    return report.write(found, quiet=True)[0].parent
 
 
 @pytest.fixture(scope="session")
@@ -140,4 +140,4 @@ def played_several(several):
 @pytest.fixture(scope="session")
 def written_several(several):
     """Directory with its files."""
-    return report.write(several, quiet=True).parent
+    return report.write(several, quiet=True)[0].parent

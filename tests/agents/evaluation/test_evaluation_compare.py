@@ -98,7 +98,7 @@ def test_a_ladder_has_action_and_budget(found):
 
 
 def test_files(found):
-    folder = report.write(found, quiet=True).parent
+    folder = report.write(found, quiet=True)[0].parent
     assert [row["policy"] for row in rows_of(folder / "compare.csv")] == [row["policy"] for row in rows(found)]
     content = json.loads((folder / "compare.json").read_text())
     assert [each["training_seed"] for each in content["curves"]] == [3, 4, None]

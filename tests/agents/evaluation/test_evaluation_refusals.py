@@ -66,6 +66,11 @@ evaluate | FEED, under_load: {LOAD, parts: [4, 4]} | evaluation.under_load.parts
 evaluate | FEED, under_load: {LOAD, parts: [0]} | evaluation.under_load.parts[0] 0
 evaluate | FEED, under_load: {LOAD, episodes: 0} | evaluation.under_load.episodes 0
 evaluate | under_load: {LOAD, task: Rotate, policies: [zero]} | evaluation.under_load.task 'Rotate'
+evaluate | policies: [{SEEDED [1, 2]}] | policies.0.training_seeds tasks,
+evaluate | policies: [{kind: zero, episodes: 2}] | policies.0.episodes tasks,
+compare | policies: [{kind: zero, training_steps: 5}] | policies.0.training_steps tasks,
+score | policies: [{SEEDED [1, 2]}] | policies.0.training_seeds tasks,
+score | held_out: false | 'held_out'
 compare | environment: {FAST}, tasks: [Sort] | contacts='fast'
 compare | policies: [{kind: zero, group: best}] | policies[0].group 'best' hybrid
 compare | policies: [{SEEDED [1]}] | policies[0].training_seeds 2

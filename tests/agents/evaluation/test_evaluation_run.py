@@ -39,7 +39,7 @@ def assert_same(one, other):
     """Compare results and their files, except times."""
     pd.testing.assert_frame_equal(*(each.episodes.drop(columns=list(TIMING)) for each in (one, other)))
     assert one.pictures == other.pictures and sum(len(each) for each in one.pictures.values()) == 6
-    first, second = (report.write(each, quiet=True).parent for each in (one, other))
+    first, second = (report.write(each, quiet=True)[0].parent for each in (one, other))
     assert (first / "episodes.csv").read_bytes() == (second / "episodes.csv").read_bytes()
     for rows in zip(*(rows_of(each / "results.csv") for each in (first, second)), strict=True):
         without = [{key: value for key, value in row.items() if "steps_per_second" not in key} for row in rows]

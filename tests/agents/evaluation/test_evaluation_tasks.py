@@ -26,11 +26,12 @@ FEEDING = {
 @pytest.fixture(scope="module")
 def feeding(tmp_path_factory):
     found = evaluated(FEEDING, tmp_path_factory.mktemp("feeding"))
-    return found, report.write(found, quiet=True).parent
+    path, tables = report.write(found, quiet=True)
+    return found, path.parent, tables
 
 
 def test_rates_replace_successes_where_parts_come_and_go(feeding):
-    found, directory = feeding
+    found, directory, _ = feeding
     run, episodes = rollouts(found)["Feed", "ideal", "lanes"], where(found.main, policy="lanes")
     row = next(row for row in rows(found) if row["policy"] == "lanes")
     assert row["successes"] == 0 and row["good_per_minute_mean"] == run.fact("good_per_minute").mean() > 200.0
@@ -50,14 +51,14 @@ def test_rates_replace_successes_where_parts_come_and_go(feeding):
 
 
 def test_load(feeding):
-    found, directory = feeding
+    found, directory, tables = feeding
     few, more = load_rows(found)
     assert (few["parts"], more["parts"], few["episodes"]) == (2, 6, 1)
     assert 0.0 < few["good"] < more["good"] and few["good"] <= few["bound"] == 50.0
     assert json.loads((directory / "results.json").read_text())["load"]["results"][0]["parts"] == 2
     text = (directory / "report.html").read_text()
     assert 'id="load"' in text and "good_per_minute" not in text
-    lines = report.summary_table(found)
+    lines = tables
     assert "| policy | parts | good |" in lines and "rate / bound" in lines and "success" not in lines
 
 
@@ -83,7 +84,7 @@ def test_user_defined_tasks_are_evaluated_and_compared(tmp_path, monkeypatch):
     study = {"task": name, "policies": ["local_field"], "cases": {"none": {}, "late": late, "there": {"task": "Align"}}}
     settings = {"tasks": [name, "Align"], "policies": ["zero", "local_field"], "episodes": 3, "resamples": 100}
     found = evaluated({**settings, "effects": study, "animations": False}, tmp_path)
-    text = report.write(found, quiet=True).read_text(encoding="utf-8")
+    text = report.write(found, quiet=True)[0].read_text(encoding="utf-8")
     assert f'<h2 id="{name}">{name}</h2>' in text and "Bring the part to the left end" in text
     rates = {(row["task"], row["policy"]): row["success_rate"] for row in rows(found)}
     assert rates[name, "local_field"] == 1.0 > rates[name, "zero"]
@@ -91,5 +92,5 @@ def test_user_defined_tasks_are_evaluated_and_compared(tmp_path, monkeypatch):
     assert {row["task"] for row in rows_of(tmp_path / "episodes.csv")} == {name, "Align"}
     assert json.loads((tmp_path / "results.json").read_text())["tasks"][name]["name"] == "Park"
     compared = evaluated({**settings, "generalisation": [study]}, tmp_path, ComparisonSettings)
-    assert "local_field" in report.write(compared, quiet=True).read_text(encoding="utf-8")
+    assert "local_field" in report.write(compared, quiet=True)[0].read_text(encoding="utf-8")
     assert compared.main["success"].tolist() == found.main["success"].tolist()
