@@ -80,8 +80,8 @@ def test_a_package_that_is_missing_is_named_with_its_extra(monkeypatch, capsys, 
     monkeypatch.setitem(sys.modules, package, None)
     monkeypatch.chdir(ROOT)
     assert command.main(arguments) == 1
-    said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert said == f"{arguments[0]}: {package} is not installed: pip install 'vibgym[{extra}]'"
+    message = capsys.readouterr().err.strip().splitlines()[-1]
+    assert message == f"{arguments[0]}: {package} is not installed: pip install 'vibgym[{extra}]'"
 
 
 def test_extras_are_those_of_the_project():

@@ -91,15 +91,15 @@ def test_workers_and_evaluations_take_it_over(brought, monkeypatch):
 TAKEN = "import vibgym\nvibgym.tasks.TASKS.register('Align', object)"
 
 
-@pytest.mark.parametrize("text, said", [
+@pytest.mark.parametrize("text, message", [
     (None, "ModuleNotFoundError: No module named 'spoilt_"), ("1 / 0", "ZeroDivisionError: division by zero"),
     (TAKEN, "ValueError: task name"), ("x = (", "SyntaxError"),
 ])  # fmt: skip
-def test_what_cannot_be_imported_is_one_line(tmp_path, monkeypatch, capsys, text, said):
+def test_what_cannot_be_imported_is_one_line(tmp_path, monkeypatch, capsys, text, message):
     name = f"spoilt_{abs(hash(tmp_path)) % 10**8}"
     if text is not None:
         (tmp_path / f"{name}.py").write_text(text)
     monkeypatch.chdir(tmp_path)
     assert command.main(["train", "none.yaml", "--import", name]) == 2
     line = capsys.readouterr().err
-    assert line.startswith("--import") and said in line and line.count("\n") == 1
+    assert line.startswith("--import") and message in line and line.count("\n") == 1

@@ -34,9 +34,9 @@ BAD_CURVES = {
 
 @pytest.mark.parametrize("name", BAD_CURVES)
 def test_a_curve_that_is_none_is_refused(name, tmp_path):
-    content, said = BAD_CURVES[name]
+    content, message = BAD_CURVES[name]
     path = tmp_path / "curve.csv"
     path.write_text(content)
-    with pytest.raises(ValueError, match=re.escape(said)) as error:
+    with pytest.raises(ValueError, match=re.escape(message)) as error:
         read_curve(path, "curve")
     assert str(path) in str(error.value) and "\n" not in str(error.value)

@@ -15,18 +15,18 @@ def browser():
 @pytest.fixture
 def opened(browser):
     """Opens a page; whatever its console says is an error."""
-    pages, said = [], []
+    pages, messages = [], []
 
     def open_page(path):
         pages.append(browser.new_page())
-        said.append(watch(pages[-1]))
+        messages.append(watch(pages[-1]))
         pages[-1].goto(path.as_uri())
         return pages[-1]
 
     yield open_page
     for page in pages:
         page.close()
-    assert not any(said)
+    assert not any(messages)
 
 
 def test_everybody_can_read_it(opened, written, written_several):

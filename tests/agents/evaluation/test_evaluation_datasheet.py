@@ -65,16 +65,16 @@ def test_the_page_is_one_of_a4_without_scripts(sheet):
     assert all(each.startswith("data:image/png") for each in re.findall(r'src="([^"]*)"', text)) and len(text) < 200_000
     with chromium() as browser:
         page = browser.new_page()
-        said = watch(page)
+        message = watch(page)
         page.goto(written.as_uri())
         data = page.pdf(prefer_css_page_size=True, print_background=True)
-        assert faults_at_all_sizes(page) == [] and said == []
+        assert faults_at_all_sizes(page) == [] and message == []
     assert len(re.findall(rb"/Type\s*/Page\b", data)) == 1
     (box,) = set(re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", data))
     assert [round(float(each) / 72.0 * 25.4) for each in box] == [210, 297]
 
 
-@pytest.mark.parametrize("content, said", [
+@pytest.mark.parametrize("content, message", [
     ("part: {shape: rectangle, length_mm: 40, width_mm: 40, friction: 5.0}", "friction 5"),
     ("colour: red", "colour"),
     ("episodes: 3", "datasheet.episodes"),
@@ -84,22 +84,22 @@ def test_the_page_is_one_of_a4_without_scripts(sheet):
     ("model: [1]", "model"),
     (None, "none.yaml"),
 ])  # fmt: skip
-def test_bad_settings_are_one_line(tmp_path, capsys, content, said):
+def test_bad_settings_are_one_line(tmp_path, capsys, content, message):
     config = tmp_path / "none.yaml"
     if content is not None:
         config.write_text(content, encoding="utf-8")
     line = refusal(capsys, main, "datasheet", config, "--output", tmp_path / "out")
-    assert said in line and str(config) in line
+    assert message in line and str(config) in line
 
 
-@pytest.mark.parametrize("more, said", [
+@pytest.mark.parametrize("more, message", [
     (["--machine", "machine.yaml"], "walls"), (["--part", "{"], "--part"), (["--part", "a.dxf"], "a.dxf"),
     (["--episodes", "2"], "--episodes"),
 ])  # fmt: skip
-def test_bad_arguments_are_one_line(tmp_path, monkeypatch, capsys, more, said):
+def test_bad_arguments_are_one_line(tmp_path, monkeypatch, capsys, more, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "machine.yaml").write_text("walls: [left]", encoding="utf-8")
-    assert said in refusal(capsys, main, "datasheet", "--output", tmp_path, *more)
+    assert message in refusal(capsys, main, "datasheet", "--output", tmp_path, *more)
 
 
 def test_a_disc_has_no_heading(tmp_path):

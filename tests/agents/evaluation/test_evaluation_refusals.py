@@ -148,14 +148,14 @@ def test_policies_that_are_no_files(make, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "text, said",
+    "text, message",
     [("{colour: 1}", "kind"), ("{kind: magic}", "magic"), ("[1]", "mine.yaml"), ("{kind: zero, name: 3}", "name")],
 )
-def test_bad_files_of_policies(tmp_path, capsys, text, said):
+def test_bad_files_of_policies(tmp_path, capsys, text, message):
     own, suite = tmp_path / "mine.yaml", tmp_path / "suite"
     own.write_text(text)
     suite.mkdir()
-    assert said in refusal(capsys, command.main, "score", saved(suite, GOOD["score"]), "--policy", own)
+    assert message in refusal(capsys, command.main, "score", saved(suite, GOOD["score"]), "--policy", own)
 
 
 FILM = ["--gif", "Rotate", "zero"]

@@ -137,9 +137,9 @@ SPOILT = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("said", SPOILT)
-def test_what_is_changed_is_named(said, folder, capsys):
-    name, old, new = SPOILT[said]
+@pytest.mark.parametrize("message", SPOILT)
+def test_what_is_changed_is_named(message, folder, capsys):
+    name, old, new = SPOILT[message]
     (path,) = folder.glob(name)
     if old is not None:
         rewritten(path, old, new)
@@ -149,17 +149,17 @@ def test_what_is_changed_is_named(said, folder, capsys):
         path.write_text(new)
     code, text, errors = verified(capsys, "out", "--policy", "zero")
     assert code == 1 and errors == "" and text.endswith("\nnot verified\n")
-    assert any(line.startswith("different: ") and line.endswith(said) for line in text.splitlines())
+    assert any(line.startswith("different: ") and line.endswith(message) for line in text.splitlines())
     assert ("nothing was played" in text) == (old is None)
 
 
 def test_a_falsified_figure_is_found_with_its_digest_too(folder, capsys):
-    said, spoil = next(iter(SPOILT.items()))
+    message, spoil = next(iter(SPOILT.items()))
     rewritten(*spoil)
     found = digest(Path(spoil[0]).read_bytes())
     edited(folder, lambda record: record["digests"]["files"].update({"figures.csv": found}))
     code, text, _ = verified(capsys, "out", "--policy", "zero")
-    assert code == 1 and f"different: {said}\n" in text and "edited" not in text
+    assert code == 1 and f"different: {message}\n" in text and "edited" not in text
 
 
 def test_other_versions_are_named_and_no_fault(folder, capsys):
