@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from vibgym.rendering.raster import Marks, rasterise
-    from vibgym.rendering.view import Scenery, Side, SurfacePainter, View, Zone
+    from vibgym.rendering.side import Side
+    from vibgym.rendering.view import Scenery, SurfacePainter, View, Zone
     from vibgym.rendering.window import Window
 
 __all__ = ["Marks", "Scenery", "Side", "SurfacePainter", "View", "Window", "Zone", "rasterise"]
 
-_HOMES: dict[str, str] = dict.fromkeys(("Scenery", "Side", "SurfacePainter", "View", "Zone"), "view")
-_HOMES |= {"Marks": "raster", "Window": "window", "rasterise": "raster"}
+_HOMES: dict[str, str] = dict.fromkeys(("Scenery", "SurfacePainter", "View", "Zone"), "view")
+_HOMES |= {"Marks": "raster", "Side": "side", "Window": "window", "rasterise": "raster"}
 
 
 def __getattr__(name: str) -> object:

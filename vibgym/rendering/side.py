@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import pygame
 
-from vibgym.rendering import colours, legend
-
-if TYPE_CHECKING:
-    from vibgym.rendering.view import Side
+from vibgym.rendering import colours
 
 HEIGHT = 110
 """Pixels of the strip."""
@@ -28,6 +25,19 @@ THICK = 3
 """Pixels of a part's bottom."""
 
 
+@dataclass(frozen=True)
+class Side:
+    """A world from the side.
+
+    Attributes:
+        bottoms: corners of the bottom of each part, (n, 3) m; not drawn unless finite.
+        plates: (k, 3) m, smallest and largest x and height of the plates under parts.
+    """
+
+    bottoms: Sequence[np.ndarray]
+    plates: np.ndarray
+
+
 def strip(
     side: Side, width: int, left: int, length: float, pixels_per_metre: float, tints: list[tuple[int, ...]]
 ) -> np.ndarray:
@@ -38,6 +48,10 @@ def strip(
         length: m, of the table.
         tints: (r, g, b) of each part.
     """
+    import pygame  # an extra
+
+    from vibgym.rendering import legend
+
     fine = pygame.Surface((FINE * width, FINE * HEIGHT), 0, 32)
     fine.fill(colours.PAPER)
     scale = FINE * pixels_per_metre

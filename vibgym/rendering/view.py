@@ -13,6 +13,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.rendering.colours import PARTS
+from vibgym.rendering.side import HEIGHT, Side, strip
 
 if TYPE_CHECKING:
     from vibgym.rendering.canvas import Canvas
@@ -67,19 +68,6 @@ class Zone:
         checks.count("kind", self.kind, least=0)
         object.__setattr__(self, "low", tuple(low.tolist()))
         object.__setattr__(self, "high", tuple(high.tolist()))
-
-
-@dataclass(frozen=True)
-class Side:
-    """A world from the side.
-
-    Attributes:
-        bottoms: corners of the bottom of each part, (n, 3) m; not drawn unless finite.
-        plates: (k, 3) m, smallest and largest x and height of the plates under parts.
-    """
-
-    bottoms: Sequence[np.ndarray]
-    plates: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -186,8 +174,6 @@ class SurfacePainter:
         """Height in pixels."""
         if not self._side:
             return self._canvas.size[1]
-        from vibgym.rendering.side import HEIGHT
-
         return self._canvas.size[1] + HEIGHT
 
     def paint(self, view: View) -> np.ndarray:
@@ -220,7 +206,6 @@ class SurfacePainter:
     def _strip(self, side: Side | None) -> np.ndarray:
         """Return the view from the side."""
         from vibgym.rendering.canvas import MARGIN
-        from vibgym.rendering.side import strip
 
         _, columns, size, scale, _ = self._table
         nothing = Side([np.full((3, 3), np.nan)] * len(self._outlines), np.zeros((0, 3)))
