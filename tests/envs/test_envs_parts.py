@@ -97,7 +97,7 @@ def test_rows_agree_with_the_table(task, settings):
         if step:
             seen, *_ = env.step(env.action_space.sample())
         assert env.observation_space.contains(seen) and seen["mask"].dtype == np.int8
-        measured, relations, present = core.sensing.measurement, core._measured, core.episode.present
+        measured, relations, present = core.sensing.measurement, core.measured, core.episode.present
         assert (seen["mask"][:, :parts] == present).all() and not seen["mask"][:, parts:].any()
         assert not seen["parts"][seen["mask"] == 0].any()
         gaps = np.empty((worlds, parts, parts))

@@ -27,14 +27,14 @@ def simulated(task, policy, cycles, seed, **settings):
     policy = make_policy(policy, probe)
     env = gym.make(f"vibgym/{task}-v0", **{**settings, "action": policy.action, "observation": policy.observation})
     observation, _ = env.reset(seed=seed)
-    surface, state = env.unwrapped.surface, None
+    core, surface, state, batches = env.unwrapped.core, env.unwrapped.surface, None, []
+    core.pipeline.before.append(batches.append)
     poses, motions, seen = [env.unwrapped.truth.pose[0]], [], [observation]
     for _ in range(cycles):
         action, state = policy.predict(observation, state, deterministic=True)
         observation = env.step(action)[0]
         motion = np.zeros((2, surface.rows, surface.columns))
-        core = env.unwrapped.core
-        write_motion(core.actuators.compensated(core._command), surface, *motion)
+        write_motion(core.actuators.compensated(batches[-1].command), surface, *motion)
         motions.append(motion), poses.append(env.unwrapped.truth.pose[0]), seen.append(observation)
     return np.array(poses), np.array(motions), seen
 

@@ -45,7 +45,7 @@ class Reference:
         length = [np.hypot(*self.way[k]) for k in there]
         sort = self.task.zones is not None
         self.error = max(length) if sort else max(RULE - self.clearance, 0.0)
-        self.distance = np.mean(length)
+        self.distance = np.array(length)
         self.inside = np.mean([not self.way[k].any() for k in there])
         self.share = 0.0 if sort else np.mean([min(max(self.gap[k], 0.0) / RULE, 1.0) for k in there])
 
@@ -56,7 +56,7 @@ class Reference:
         self.held = self.held + 1 if self.done == self.count and not down and not diverged else 0
         success = self.held >= 10
         terms = {
-            "distance": min(max((before[0] - self.distance) / 0.1, -1), 1),
+            "distance": np.clip((before[0] - self.distance) / 0.1, -1.0, 1.0).mean(),
             "inside": self.inside - before[1],
             "clearance": self.share - before[2],
             "time": -0.003,

@@ -39,7 +39,7 @@ class Reference:
             0.0,
             0,
         )
-        self.distance, self.turn = (np.mean(each) for each in self.errors(pose))
+        self.distance, self.turn = self.errors(pose)
 
     def goals(self, ahead=0):
         time = (self.clock + ahead) * SURFACE.period
@@ -58,8 +58,9 @@ class Reference:
         self.looks += 1
         before, turned = self.distance, self.turn
         away, turn = self.errors(pose)
-        self.distance, self.turn = away.mean(), turn.mean()
-        inside = bool((away <= NEAR).all() and (turn <= TURNED).all())
+        self.distance, self.turn = away, turn
+        within = (away <= NEAR) & (turn <= TURNED)
+        inside = bool(within.all())
         ended = all(
             self.clock * SURFACE.period >= route.duration(path[0]) - 1e-12
             for path, there in zip(self.paths, self.present, strict=True)
@@ -75,11 +76,11 @@ class Reference:
             worst = max(worst, self.squares[k])
         success = self.held >= 10
         terms = {
-            "distance": min(max((before - self.distance) / 0.1, -1), 1),
-            "approach": math.tanh(before / 0.01) - math.tanh(self.distance / 0.01),
-            "turn": min(max(turned - self.turn, -1), 1),
-            "alignment": math.tanh(turned / 0.15) - math.tanh(self.turn / 0.15),
-            "inside": 0.1 * self.periods if inside else 0.0,
+            "distance": np.clip((before - away) / 0.1, -1.0, 1.0).mean(),
+            "approach": (np.tanh(before / 0.01) - np.tanh(away / 0.01)).mean(),
+            "turn": np.clip(turned - turn, -1.0, 1.0).mean(),
+            "alignment": (np.tanh(turned / 0.15) - np.tanh(turn / 0.15)).mean(),
+            "inside": 0.1 * self.periods * within.mean(),
             "time": -0.005 * self.periods,
             "success": 5.0 if success else 0.0,
             "fallen": -5.0 if down else 0.0,

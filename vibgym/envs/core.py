@@ -34,7 +34,7 @@ from vibgym.simulation import MODELS, Simulator
 from vibgym.snapshots import check_keys, copied, put_back, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import Relations
-from vibgym.tasks.scoring import OwnReward
+from vibgym.tasks.scoring import CustomReward
 
 NONE = np.zeros(0, dtype=np.int64)
 
@@ -42,8 +42,8 @@ BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
 """Least memory of a world: its generator, arrays of the parts, and actions and drives of the elements."""
 
 
-class Core(Pipeline):
-    """Task, action, actuators, simulator, sensor and observation of ``worlds`` worlds.
+class Core:
+    """Task, action, actuators, simulator, sensor and observation of ``worlds`` worlds, and the pipeline of a step.
 
     Args:
         options: settings of the environment.
@@ -57,6 +57,16 @@ class Core(Pipeline):
         longest: s, longest path of an episode.
         shape_draws: uniform numbers of an episode for its shapes, see :mod:`vibgym.envs.drawn`.
         began: whether an episode has begun.
+        episode, relations: progress of every world, and errors and gaps of its parts, by the true state.
+        measured: relations by the measured poses.
+        reward: replaces that of the kernels: the task's method or the goal observation; None: the kernels.
+        term_names: of the reward.  terms: (worlds, terms).  part_terms: (worlds, parts, terms).
+        drive: the last one that was executed.
+        commanded: live arrays (worlds, ...) for ``info["commanded"]``.
+        all_driven: whether the task drives all parts.
+        kept_action: (worlds, size) memory that actions are copied to; None for many worlds.
+        by_batch: whether ``info`` is that of a batch.
+        pipeline: of a step, see :class:`vibgym.envs.step.Pipeline`.
 
     Raises:
         ValueError: an invalid setting.
@@ -89,8 +99,8 @@ class Core(Pipeline):
         self.task.features = (*self.task.features, *measured)
         self.observation = self._observation("observation", options.observation)
         self._observations = {options.observation: self.observation}
-        self._all_driven = bool(self.task.driven.all())
-        self._commanded = self.action.resolve_limits(self.actuators.data_sheet, worlds)
+        self.all_driven = bool(self.task.driven.all())
+        self.commanded = self.action.resolve_limits(self.actuators.data_sheet, worlds)
         command = self._resting_command()
         self.actuators.prepare(command)
         self.sensing.prepare(command)
@@ -101,29 +111,53 @@ class Core(Pipeline):
         self.scoring = self.task.scoring(state, self.periods)
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
         # An exact sensor needs no relations by measured poses.
-        self._measured = self.relations
+        self.measured = self.relations
         if self.sensing.exact:
             self.sensing.reset(NONE, state, np.zeros((0, 0)))
         else:
-            self._measured = Relations(*(values.copy() for values in self.relations))
+            self.measured = Relations(*(values.copy() for values in self.relations))
         self.drive: Any = None
         self.costs: Costs | None = None
         if options.costs is not None:
             world = self.simulator, self.episode, self.relations, self.periods
             self.costs = Costs(options.costs, *world, self._all_phasors)
-        self._reward = self._new_reward()
-        self.term_names: tuple[str, ...] = tuple(self.task.made_of) if self._reward is None else self._reward.names
-        rewarded = self.episode if self._reward is None else self._reward
+        self.reward = self._new_reward()
+        self.term_names: tuple[str, ...] = tuple(self.task.made_of) if self.reward is None else self.reward.names
+        rewarded = self.episode if self.reward is None else self.reward
         self.terms, self.part_terms = rewarded.terms, rewarded.part_terms
-        self._make_info, self._by_batch = make_info, make_info is BatchInfo
+        self.make_info, self.by_batch = make_info, make_info is BatchInfo
         # Few worlds: actions are copied to the same memory at every step, so that drives need not be pinned again. For many
         # worlds a copy would take longer.
         few = len(self.simulator.blocks.edges) == 1
-        self._kept_action = np.zeros((worlds, self.action.size), dtype=np.float32) if few else None
-        self._bind()
+        self.kept_action = np.zeros((worlds, self.action.size), dtype=np.float32) if few else None
+        self.pipeline = self.new_pipeline()
         self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
         self.began = False
         self._checked = False  # the first batch of observations, against their space
+
+    def new_pipeline(self) -> Pipeline:
+        """Return the pipeline of a step."""
+        return Pipeline(self)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the pipeline, which has addresses of arrays."""
+        return {name: value for name, value in vars(self).items() if name != "pipeline"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self.pipeline = self.new_pipeline()
+
+    def step(self, action: np.ndarray, given: Any = None) -> None:
+        """Advance every world by one step under an action.
+
+        Args:
+            action: float32 (worlds, size), see :meth:`vibgym.envs.actions.Action.shaped`.
+            given: the action before conversion, for errors.
+
+        Raises:
+            ValueError: a number that is not finite; nothing has changed.
+        """
+        self.pipeline.run(action, given)
 
     def _with_shapes(self, options: Options) -> Options:
         """Return the options with the parts of their shapes, if these are drawn for episodes; sets ``shape_draws``."""
@@ -175,7 +209,7 @@ class Core(Pipeline):
             )
         return sensing
 
-    def _new_reward(self) -> OwnReward | GoalReward | None:
+    def _new_reward(self) -> CustomReward | GoalReward | None:
         """Create the reward source that replaces the kernels': the task's method or the goal observation; None: the kernels.
 
         Raises:
@@ -184,9 +218,9 @@ class Core(Pipeline):
         if self.observation.goal_reward:
             if self.task.settings.weights:
                 raise checks.conflict("task_settings.weights cannot be set with observation='goal': see compute_reward")
-            return GoalReward(self.observation, self.simulator.state, self.episode)
-        if self.task.has_own_reward:
-            return OwnReward(self.scoring, self._all_phasors)
+            return GoalReward(self.observation, self.simulator.state, self.scoring)
+        if self.task.has_custom_reward:
+            return CustomReward(self.scoring, self._all_phasors)
         return None
 
     def reset(
@@ -271,13 +305,31 @@ class Core(Pipeline):
 
     def refresh_all(self) -> None:
         """Observe and report all worlds, in a new batch."""
-        self._allocate()
-        self.refresh(self._now.worlds)
+        self.pipeline.allocate()
+        self.refresh(self.pipeline.now.worlds)
         if not self._checked:
             name, space = f"observation {self.options.observation!r}", self.observation.space
-            live = (*self.sensing.measurement, *self._measured, *self.episode)
+            live = (*self.sensing.measurement, *self.measured, *self.episode)
             check_batch(name, space, self.observations, self.worlds, live)
             self._checked = True
+
+    def refresh(self, worlds: np.ndarray) -> None:
+        """Update observations and reports of ``worlds`` (index array), whose episodes have just begun, in the present batch."""
+        self.pipeline.refresh(worlds)
+
+    def relate(self, worlds: np.ndarray) -> None:
+        """Update the relations by the measured poses in ``worlds`` (index array)."""
+        if not self.sensing.exact:
+            self.pipeline.now.relate(worlds, self.sensing.measurement.pose, self.sensing.measurement.gone)
+
+    @property
+    def observations(self) -> Any:
+        """Batch of observations of the last step."""
+        return self.pipeline.observations
+
+    def observe(self) -> Any:
+        """Return a new batch of observations."""
+        return self.observation.observe(self.sensing.measurement, self.measured, self.episode)
 
     def observed(self, kind: str) -> Any:
         """Return a new batch of another observation of the same instant.
@@ -294,7 +346,7 @@ class Core(Pipeline):
                 have = [each for each in OBSERVATIONS if OBSERVATIONS[each].beside]
                 raise checks.refuse("kind", kind, f"{', '.join(have)}, or the kind that the environment was made with")
             self._observations[name] = self._observation("kind", name)
-        return self._observations[name].observe(self.sensing.measurement, self._measured, self.episode)
+        return self._observations[name].observe(self.sensing.measurement, self.measured, self.episode)
 
     def _observation(self, argument: str, kind: Any) -> Observation:
         """Create an observation by its name; ``argument`` is named in errors."""
@@ -358,7 +410,7 @@ class Core(Pipeline):
         if began:
             if self.sensing.exact:
                 self.sensing.reset(NONE, self.simulator.state, np.zeros((0, self.sensing.draws)))
-            self.relate(self._now.worlds)
+            self.relate(self.pipeline.now.worlds)
         self.drive, self.began = None, began
 
     def _progress(self) -> dict[str, np.ndarray]:

@@ -30,6 +30,7 @@ from vibgym.sensing import Measurement, Sensor
 from vibgym.settings import BaseSettings
 from vibgym.tasks import PoseTask, Task
 from vibgym.tasks.episode import PREVIEW, Episode, Relations
+from vibgym.tasks.scoring import Scoring
 
 PIXELS = 6  # per side of an element
 KIND_VALUES = (255, 170, 85)
@@ -224,7 +225,7 @@ class GoalReward:
     Args:
         observation: with ``reached``, and a task with ``compute_reward``.
         state: true state of the worlds.
-        episode: their progress; the reward is written to it.
+        scoring: of their episodes.
 
     Attributes:
         names: of the only term.
@@ -233,18 +234,18 @@ class GoalReward:
 
     names = ("goal",)
 
-    def __init__(self, observation: Any, state: State, episode: Episode) -> None:
-        self._observation, self._state, self._episode = observation, state, episode
-        self.terms, self.part_terms = np.zeros((len(episode.goal), 1)), np.zeros((*episode.goal.shape[:2], 1))
+    def __init__(self, observation: Any, state: State, scoring: Scoring) -> None:
+        self._observation, self._state, self._scoring = observation, state, scoring
+        goal = scoring.episode.goal
+        self.terms, self.part_terms = np.zeros((len(goal), 1)), np.zeros((*goal.shape[:2], 1))
 
     def score(self) -> None:
         """Reward the step that has just been scored."""
-        observation, episode = self._observation, self._episode
-        achieved, desired = observation.reached(self._state.pose), observation.reached(episode.goal)
-        reward = observation.task.compute_reward(achieved, desired, {"fallen": episode.fallen})
-        episode.reward[:] = reward
-        self.terms[:, 0] = reward
-        episode.part_reward[:] = self.part_terms[..., 0] = np.where(episode.present, reward[:, None], 0.0)
+        observation, scoring = self._observation, self._scoring
+        achieved, desired = observation.reached(self._state.pose), observation.reached(scoring.episode.goal)
+        reward = observation.task.compute_reward(achieved, desired, {"fallen": scoring.episode.fallen})
+        self.part_terms[..., 0] = np.where(scoring.rewarded, reward[:, None], 0.0)
+        scoring.average(self.part_terms, np.zeros(1, dtype=bool), self.terms)
 
 
 class ImageObservation(Observation):

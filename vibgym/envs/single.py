@@ -166,7 +166,8 @@ class VibgymEnv(SharedInterface, gym.Env):
             self._viewer.begin(0)
             self._draw()
         self.core.refresh_all()
-        return self._own(self.core.observations), self.core.info.read()[2]
+        pipeline = self.core.pipeline
+        return self._own(pipeline.observations), pipeline.info.read()[2]
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Advance by one step."""
@@ -175,15 +176,16 @@ class VibgymEnv(SharedInterface, gym.Env):
             self._check_open(self._closed)
             self._set_time_limits()
             self._paused = False
-        core.step(core.action.shaped(action, None), action)
+        pipeline = core.pipeline
+        pipeline.run(core.action.shaped(action, None), action)
         self._steps += 1
         if self._viewer is not None:
             self._viewer.follow(0)
             self._draw()
         truncated = self.max_episode_steps is not None and self._steps >= self.max_episode_steps
-        batch = core.observations
+        batch = pipeline.observations
         observation = batch[0] if isinstance(batch, np.ndarray) else self._own(batch)
-        reward, ended, info = core.info.read()
+        reward, ended, info = pipeline.info.read()
         return observation, reward, ended, truncated, info
 
     @property

@@ -1,6 +1,6 @@
-"""A step of a batch of worlds: a list of stages, which :class:`vibgym.envs.core.Core` inherits.
+"""A step of a batch of worlds: three lists of stages in order.
 
-Data flow (the stages are listed in :meth:`Pipeline._list_stages`):
+Data flow:
 
     action -> command -> actuators -> drive -> simulation -> true state -> task: reward, info
                                                                \\-> sensor -> measurement -> observation
@@ -8,34 +8,32 @@ Data flow (the stages are listed in :meth:`Pipeline._list_stages`):
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
-from itertools import groupby
-from operator import attrgetter
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from vibgym.actuators import ActuatorStage
-from vibgym.envs.actions import Action, all_finite_in_blocks, copy_finite
-from vibgym.envs.costs import Costs
+from vibgym.envs.actions import all_finite_in_blocks, copy_finite
 from vibgym.envs.info import InfoData
-from vibgym.envs.observations import GoalReward, Observation, RowObservation, Writer
-from vibgym.envs.randomization import Disturbances, Randomization
-from vibgym.sensing import Sensing
-from vibgym.simulation import Simulator
-from vibgym.tasks import Task
-from vibgym.tasks.episode import Episode, Relations
-from vibgym.tasks.scoring import OwnReward, Scoring
+from vibgym.envs.observations import RowObservation, Writer
+from vibgym.tasks.scoring import CustomReward
+
+if TYPE_CHECKING:
+    from vibgym.envs.core import Core
 
 
-class Stage(NamedTuple):
-    """A stage of a step."""
+class Batch(SimpleNamespace):
+    """What the stages of one step pass on."""
 
-    group: str  # part of a step that it belongs to, see docs/code.md
-    run: Callable[..., None]  # without arguments; by block: with the number of a block of worlds
-    by_block: bool = False  # whether it runs block by block, on several threads
-    needed: bool = True  # with these settings
+    action: np.ndarray
+    """float32 (worlds, size), see :meth:`vibgym.envs.actions.Action.shaped`."""
+
+    given: Any
+    """The action before conversion, for errors."""
+
+    command: Any
+    """Of the elements."""
 
 
 class Block(NamedTuple):
@@ -48,262 +46,213 @@ class Block(NamedTuple):
 
 
 class Pipeline:
-    """The stages of a step, and all objects with addresses of the components' arrays.
+    """The stages of a step of a core, and all objects with addresses of its components' arrays.
 
-    A subclass sets the components and calls :meth:`_bind`.
+    Args:
+        core: its components exist; copies of a core get a new pipeline.
 
     Attributes:
+        before: stages before the advance, called with the :class:`Batch`.
+        by_block: stages that follow the advance of a block, on the thread that has advanced it, called with its number.
+        after: stages after all blocks, called with the batch.
         info: makes ``info``.
         report: fields of ``info`` of the last step; batches only.
         observations: batch of observations of the last step.
+        now: block of all worlds, for use outside of steps.
     """
 
-    worlds: int
-    periods: int  # of a step
-    task: Task
-    action: Action
-    actuators: ActuatorStage
-    simulator: Simulator
-    randomization: Randomization
-    disturbances: Disturbances | None
-    costs: Costs | None
-    sensing: Sensing
-    observation: Observation
-    scoring: Scoring
-    episode: Episode  # progress of every world, by the true state
-    relations: Relations  # errors and gaps of the parts by the true state
-    drive: Any  # the last one that was executed
-    term_names: tuple[str, ...]  # of the reward
-    terms: np.ndarray  # (worlds, terms) of the reward
-    part_terms: np.ndarray  # (worlds, parts, terms)
-    _measured: Relations  # by the measured poses
-    _reward: OwnReward | GoalReward | None  # replaces that of the kernels
-    _commanded: dict[str, np.ndarray]  # live arrays (worlds, ...) for info["commanded"]
-    _all_driven: bool  # whether the task drives all parts
-    _kept_action: np.ndarray | None  # (worlds, size) memory that actions are copied to
-    _make_info: Callable[[InfoData], Any]
-    _by_batch: bool  # whether info is that of a batch
+    def __init__(self, core: Core) -> None:
+        self.core = core
+        self.report: Any = None
+        self.observations: Any = None
+        self.measurement = core.sensing.measurement  # its arrays are live
+        # A subclass of an observation that kernels write may override observe().
+        observation = core.observation
+        by_rows = isinstance(observation, RowObservation) and type(observation).observe is RowObservation.observe
+        self._rows: RowObservation | None = observation if by_rows else None  # type: ignore[assignment]
+        self._arrays: list[np.ndarray] = []
+        self._advance = core.simulator.go_on
+        if core.costs is not None and core.costs.needs_impulse:
+            self._advance = core.costs.advance
+        self.info = core.make_info(self._info_data())
+        everyone = np.arange(core.worlds)
+        self.now = self._new_block(everyone)
+        self._blocks = [self._new_block(everyone[start:stop]) for start, stop in core.simulator.blocks.edges]
+        self._list_stages()
 
-    def step(self, action: np.ndarray, given: Any = None) -> None:
-        """Advance every world by one step under an action: run the stages of :meth:`_list_stages`.
-
-        Args:
-            action: float32 (worlds, size), see :meth:`vibgym.envs.actions.Action.shaped`.
-            given: the action before conversion, for errors.
-
-        Raises:
-            ValueError: a number that is not finite; nothing has changed.
-        """
-        self._action, self._given = action, given
-        for run in self._pipeline:
-            run()
-
-    def _list_stages(self) -> tuple[Stage, ...]:
-        """Return the stages of a step in order, without those that the settings do not need."""
-        estimated, flows, by_kernel = not self.sensing.exact, self.task.flows, self._rows is not None
-        stages = (
-            Stage("decode", self._decode),
-            Stage("prepare", self._allocate),
-            Stage("prepare", self._store_state, needed=isinstance(self._reward, OwnReward)),
-            Stage("actuate", self._disturb, needed=self.disturbances is not None),
-            Stage("advance", self._actuate_and_advance),
-            Stage("score", self._score, by_block=True),
-            Stage("score", self._replace_reward, needed=self._reward is not None),
-            Stage("score", self._score_costs, needed=self.costs is not None),
-            Stage("sense", self._sense, needed=estimated),
-            Stage("observe", self._relate, by_block=True, needed=estimated),
-            Stage("observe", self._write_observations, by_block=True, needed=by_kernel),
-            Stage("report", self._write_report, by_block=True, needed=self._by_batch),
-            Stage("observe", self._observe, needed=not by_kernel),  # in Python: last, so that blocks need one pass only
-            Stage("renew", self._renew_parts, needed=flows),
+    def _list_stages(self) -> None:
+        """Set :attr:`before`, :attr:`by_block` and :attr:`after`, without stages that the settings do not need."""
+        core = self.core
+        stored = isinstance(core.reward, CustomReward)
+        self.before = _needed(
+            (True, self.decode), (True, self.allocate), (stored, self.store_state), (core.disturbances, self.disturb)
         )
-        return tuple(stage for stage in stages if stage.needed)
+        shown = _needed(
+            (not core.sensing.exact, self.relate),
+            (self._rows, self.write_observations),
+            (core.by_batch, self.write_report),
+        )
+        of_all = _needed(
+            (core.reward, self.replace_reward), (core.costs, self.score_costs), (not core.sensing.exact, self.sense)
+        )
+        # Without stages of all worlds in between, one pass over the blocks is enough.
+        self.by_block: list[Callable[[int], None]] = [self.score, *([] if of_all else shown)]
+        self._shown = shown
+        self.after = [
+            *of_all,
+            *_needed(
+                (of_all and shown, self.show), (self._rows is None, self.observe), (core.task.flows, self.renew_parts)
+            ),
+        ]
 
-    def _bind_stages(self) -> None:
-        """Build the pipeline of a step. Consecutive stages by block share one pass over the blocks.
+    def run(self, action: np.ndarray, given: Any = None) -> None:
+        """Advance every world by one step under an action, see :meth:`vibgym.envs.core.Core.step`."""
+        batch = Batch(action=action, given=given)
+        for stage in self.before:
+            stage(batch)
+        self.advance(batch)
+        for stage in self.after:
+            stage(batch)
 
-        Those that follow the advance run for each block on the thread that has advanced it.
-        """
-        self._pipeline: list[Callable[[], None]] = []
-        before = ""
-        for by_block, group in groupby(self._list_stages(), attrgetter("by_block")):
-            stages = list(group)
-            runs = [stage.run for stage in stages]
-            if not by_block:
-                self._pipeline += runs
-            elif before == "advance":
-                self._after_advance = runs
-            else:
-                self._pipeline.append(partial(self._run_by_block, runs))
-            before = stages[-1].group
-
-    def _run_by_block(self, runs: Sequence[Callable[[int], None]]) -> None:
-        """Run stages for every block, on all threads."""
-
-        def work(k: int) -> None:
-            for run in runs:
-                run(k)
-
-        self.simulator.blocks.run(work)
-
-    def _decode(self) -> None:
+    def decode(self, batch: Batch) -> None:
         """Compute the command from the action; parts that are not driven count as gone."""
-        values = self._action
-        if self._kept_action is not None:
-            finite, values = copy_finite(values, self._kept_action), self._kept_action
+        core, values = self.core, batch.action
+        if core.kept_action is not None:
+            finite, values = copy_finite(values, core.kept_action), core.kept_action
         else:
-            finite = all_finite_in_blocks(values, self.simulator.blocks)
+            finite = all_finite_in_blocks(values, core.simulator.blocks)
         if not finite:
-            raise self.action.not_finite(self._action if self._given is None else self._given)
-        measurement = self._measurement
-        if not self._all_driven:
-            measurement = measurement._replace(gone=measurement.gone | ~self.task.driven)
-        self._command = self.action.command(values, measurement)
+            raise core.action.not_finite(batch.action if batch.given is None else batch.given)
+        measurement = self.measurement
+        if not core.all_driven:
+            measurement = measurement._replace(gone=measurement.gone | ~core.task.driven)
+        batch.command = core.action.command(values, measurement)
 
-    def _allocate(self) -> None:
+    def allocate(self, batch: Batch | None = None) -> None:
         """Allocate a new batch of observations and reports; returned arrays are never overwritten."""
         if self._rows is not None:
-            self._arrays, self.observations = self._rows.fresh(self.worlds)
-        if self._by_batch:
+            self._arrays, self.observations = self._rows.fresh(self.core.worlds)
+        if self.core.by_batch:
             self.report = self.info.allocate()
 
-    def _store_state(self) -> None:
+    def store_state(self, batch: Batch) -> None:
         """Store the state before the step, for a task that overrides the reward."""
-        self._reward.begin_step()  # type: ignore[union-attr]
+        self.core.reward.begin_step()  # type: ignore[union-attr]
 
-    def _disturb(self) -> None:
+    def disturb(self, batch: Batch) -> None:
         """Apply impulse disturbances at random times."""
-        self.disturbances.strike(self.episode.present)  # type: ignore[union-attr]
+        self.core.disturbances.strike(self.core.episode.present)  # type: ignore[union-attr]
 
-    def _actuate_and_advance(self) -> None:
+    def advance(self, batch: Batch) -> None:
         """Advance all worlds under the drives that the actuators execute; the sensor samples the state at its instant."""
-        advance, sensing, elapsed = self._advance, self.sensing, 0
+        core, advance, elapsed = self.core, self._advance, 0
+        sensing = core.sensing
         instant = None if sensing.exact else sensing.instant
-        for drive, periods in self.actuators.apply(self._command):
-            self.drive = drive
+        for drive, periods in core.actuators.apply(batch.command):
+            core.drive = drive
             end = elapsed + periods
             if instant is not None and elapsed < instant < end:
                 advance(drive, instant - elapsed)
-                sensing.look(self.simulator.state)
+                sensing.look(core.simulator.state)
                 elapsed = instant
-            advance(drive, end - elapsed, self._after_advance if end == self.periods else ())
+            advance(drive, end - elapsed, self.by_block if end == core.periods else ())
             if end == instant:
-                sensing.look(self.simulator.state)
+                sensing.look(core.simulator.state)
             elapsed = end
 
-    def _score(self, k: int) -> None:
+    def score(self, k: int) -> None:
         """Score the step of a block by the true state."""
         block = self._blocks[k]
         for score in block.score:
             score(block.worlds)
 
-    def _replace_reward(self) -> None:
+    def replace_reward(self, batch: Batch) -> None:
         """Replace the reward by that of the task's method, or of the goal observation."""
-        self._reward.score()  # type: ignore[union-attr]
+        self.core.reward.score()  # type: ignore[union-attr]
 
-    def _score_costs(self) -> None:
+    def score_costs(self, batch: Batch) -> None:
         """Compute the costs of the step."""
-        self.costs.score()  # type: ignore[union-attr]
+        self.core.costs.score()  # type: ignore[union-attr]
 
-    def _sense(self) -> None:
+    def sense(self, batch: Batch) -> None:
         """Predict the measurement under the command, and correct it by the reading that is due."""
-        self.sensing.predict(self._command)
-        self.sensing.correct()
-        if self.task.flows and self.scoring.changed.any():  # parts that have arrived or left
-            self.sensing.renew(self.scoring.changed, self.simulator.state)
+        core = self.core
+        core.sensing.predict(batch.command)
+        core.sensing.correct()
+        if core.task.flows and core.scoring.changed.any():  # parts that have arrived or left
+            core.sensing.renew(core.scoring.changed, core.simulator.state)
 
-    def _relate(self, k: int) -> None:
+    def relate(self, k: int) -> None:
         """Compute errors and gaps of a block by the measured poses."""
-        block, measured = self._blocks[k], self._measurement
-        block.relate(block.worlds, measured.pose, measured.gone)
+        block = self._blocks[k]
+        block.relate(block.worlds, self.measurement.pose, self.measurement.gone)
 
-    def _write_observations(self, k: int) -> None:
+    def write_observations(self, k: int) -> None:
         """Write the observations of a block."""
         block = self._blocks[k]
         for write, array in zip(block.write, self._arrays):
             write(block.worlds, array)
 
-    def _observe(self) -> None:
-        """Compute observations that are implemented in Python."""
-        self.observations = self.observe()
-
-    def _write_report(self, k: int) -> None:
+    def write_report(self, k: int) -> None:
         """Write the fields of ``info`` of a block."""
         self.info.write(self._blocks[k].worlds, *self.report)
 
-    def _renew_parts(self) -> None:
+    def show(self, batch: Batch) -> None:
+        """Write observations and ``info`` of all blocks, on all threads."""
+
+        def work(k: int) -> None:
+            for stage in self._shown:
+                stage(k)
+
+        self.core.simulator.blocks.run(work)
+
+    def observe(self, batch: Batch | None = None) -> None:
+        """Compute observations that are implemented in Python; last, so that blocks need one pass only."""
+        self.observations = self.core.observe()
+
+    def renew_parts(self, batch: Batch) -> None:
         """Reset the memory of the action and the model for parts that have arrived or left."""
-        changed = self.scoring.changed
+        core = self.core
+        changed = core.scoring.changed
         if changed.any():
-            for memory in self.action.live().values():
+            for memory in core.action.live().values():
                 if memory.shape[:2] == changed.shape:
                     memory[changed] = 0
-            self.simulator.renew(changed)
-
-    BOUND = (
-        "info", "report", "observations", "_advance", "_arrays", "_blocks", "_now", "_after_advance", "_pipeline",
-        "_measurement",
-    )  # fmt: skip
-    """Attributes with addresses or views of the core's arrays; copies recreate them."""
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in self.BOUND}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state)
-        self._bind()
-
-    def _bind(self) -> None:
-        """Create all objects with addresses or views of the core's arrays."""
-        state, sensing, scoring, observation = self.simulator.state, self.sensing, self.scoring, self.observation
-        drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
-        nested = {"drawn": drawn, "measured": sensing.facts(), "commanded": self._commanded}
-        part_extra = {**scoring.part_facts(), **self.simulator.part_info()}
-        if self.disturbances is not None:
-            part_extra["struck"] = self.disturbances.struck
-        facts, costs = scoring.facts(), self.costs
-        self._advance = self.simulator.go_on
-        if costs is not None:
-            facts, nested["costs"], part_extra["cost"] = {**facts, "cost": costs.total}, costs.named, costs.part
-            if costs.needs_impulse:
-                self._advance = costs.advance
-        data = InfoData(
-            self.task.FACTS, facts, self.episode, state.diverged, self.term_names, self.terms, self.part_terms,
-            {name: each for name, each in nested.items() if each}, part_extra,
-        )  # fmt: skip
-        self.info = self._make_info(data)
-        self.report: Any = None
-        self.observations: Any = None
-        self._arrays: list[np.ndarray] = []
-        self._measurement = sensing.measurement  # its arrays are live
-        # A subclass of an observation that kernels write may override observe().
-        by_rows = isinstance(observation, RowObservation) and type(observation).observe is RowObservation.observe
-        self._rows: RowObservation | None = observation if by_rows else None  # type: ignore[assignment]
-        everyone = np.arange(self.worlds)
-        self._now = self._new_block(everyone)  # for use outside of steps
-        self._blocks = [self._new_block(everyone[start:stop]) for start, stop in self.simulator.blocks.edges]
-        self._bind_stages()
-
-    def _new_block(self, worlds: np.ndarray) -> Block:
-        """Return a block of worlds with new scratch memory."""
-        rows = self._rows
-        write = [] if rows is None else rows.writers(self._measurement, self._measured, self.episode)
-        return Block(worlds, self.scoring.stages(), self.scoring.relating(self._measured), write)
-
-    def relate(self, worlds: np.ndarray) -> None:
-        """Update the relations by the measured poses in ``worlds`` (index array)."""
-        if not self.sensing.exact:
-            self._now.relate(worlds, self.sensing.measurement.pose, self.sensing.measurement.gone)
+            core.simulator.renew(changed)
 
     def refresh(self, worlds: np.ndarray) -> None:
         """Update observations and reports of ``worlds`` (index array), whose episodes have just begun, in the present batch."""
-        if self._by_batch:
+        if self.core.by_batch:
             self.info.write(worlds, *self.report)
-        for write, array in zip(self._now.write, self._arrays):
+        for write, array in zip(self.now.write, self._arrays):
             write(worlds, array)
         if self._rows is None:
-            self._observe()
+            self.observe()
 
-    def observe(self) -> Any:
-        """Return a new batch of observations."""
-        return self.observation.observe(self.sensing.measurement, self._measured, self.episode)
+    def _info_data(self) -> InfoData:
+        """Return the live arrays of ``info``."""
+        core = self.core
+        state, scoring = core.simulator.state, core.scoring
+        drawn = {name: getattr(state, name) for name in core.randomization.ranges} | core.actuators.drawn()
+        nested = {"drawn": drawn, "measured": core.sensing.facts(), "commanded": core.commanded}
+        facts, part_extra = scoring.facts(), {**scoring.part_facts(), **core.simulator.part_info()}
+        if core.disturbances is not None:
+            part_extra["struck"] = core.disturbances.struck
+        if core.costs is not None:
+            facts, part_extra["cost"] = {**facts, "cost": core.costs.total}, core.costs.part
+            nested["costs"] = core.costs.named
+        return InfoData(
+            core.task.FACTS, facts, core.episode, state.diverged, core.term_names, core.terms, core.part_terms,
+            {name: each for name, each in nested.items() if each}, part_extra,
+        )  # fmt: skip
+
+    def _new_block(self, worlds: np.ndarray) -> Block:
+        """Return a block of worlds with new scratch memory."""
+        core, rows = self.core, self._rows
+        write = [] if rows is None else rows.writers(self.measurement, core.measured, core.episode)
+        return Block(worlds, core.scoring.stages(), core.scoring.relating(core.measured), write)
+
+
+def _needed(*stages: tuple[Any, Callable[..., None]]) -> list[Callable[..., None]]:
+    """Return the stages whose condition holds: neither None nor False nor empty."""
+    return [stage for needed, stage in stages if needed is not None and needed is not False and needed != []]

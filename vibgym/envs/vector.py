@@ -107,7 +107,8 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         self.closed = False
         self._begin(mask, override)
         self.core.refresh_all()
-        return self.core.observations, self.core.info.read(self.core.report, None if mask.all() else mask)
+        pipeline = self.core.pipeline
+        return pipeline.observations, pipeline.info.read(pipeline.report, None if mask.all() else mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance all worlds by one step; finished ones are reset according to ``autoreset_mode``."""
@@ -121,14 +122,15 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             raise gym.error.ResetNeeded(
                 f"worlds {np.flatnonzero(waiting).tolist()} have ended: reset them with options={{'reset_mask': mask}}"
             )
-        core.step(actions, given)
+        pipeline = core.pipeline
+        pipeline.run(actions, given)
         self._steps += 1
         if self._viewer is not None:
             for world in range(self.num_envs):
                 self._viewer.follow(world)
         if waiting.any():  # NEXT_STEP: the step after the end is the reset
             self._begin_anew(waiting)
-        terminated, reward = core.report.flag[0].copy(), core.report.number[0].copy()
+        terminated, reward = pipeline.report.flag[0].copy(), pipeline.report.number[0].copy()
         truncated = np.zeros(self.num_envs, dtype=bool)
         if self.max_episode_steps is not None:
             truncated = self._steps >= self.max_episode_steps
@@ -136,15 +138,15 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         final: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and finished.any():
             final = {
-                "final_obs": self._objects(core.observations, finished),
+                "final_obs": self._objects(pipeline.observations, finished),
                 "_final_obs": finished.copy(),
-                "final_info": core.info.read(core.report, finished),
+                "final_info": pipeline.info.read(pipeline.report, finished),
                 "_final_info": finished.copy(),
             }
             self._begin_anew(finished)
             finished = np.zeros(self.num_envs, dtype=bool)
         self._finished[:] = finished
-        return core.observations, reward, terminated, truncated, {**final, **core.info.read(core.report)}
+        return pipeline.observations, reward, terminated, truncated, {**final, **pipeline.info.read(pipeline.report)}
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return one image per world for ``"rgb_array"``."""

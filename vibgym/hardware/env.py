@@ -23,6 +23,7 @@ from vibgym.config import json_values
 from vibgym.envs.core import Core
 from vibgym.envs.options import StartOverride
 from vibgym.envs.single import VibgymEnv
+from vibgym.envs.step import Batch, Pipeline
 from vibgym.envs.vector import environment_id
 from vibgym.hardware.driver import Driver, MachineError, Measurement
 from vibgym.hardware.watchdog import Stopped, Watchdog
@@ -32,7 +33,7 @@ from vibgym.sensing.effects import read_poses
 from vibgym.sensing.measurement import new_reading
 from vibgym.tasks import Start
 from vibgym.tasks.episode import HELD
-from vibgym.tasks.scoring import OwnReward
+from vibgym.tasks.scoring import CustomReward
 
 Locate = Callable[[np.ndarray], Any]
 """Image -> (parts, 3) poses, nan where a part was not found."""
@@ -133,24 +134,20 @@ class HardwareCore(Core):
         if not self.observation.beside or "contacts" in self.sensing.tell:
             raise checks.conflict("observation='camera' and sensor.tell with 'contacts' are not supported on hardware")
         self._amplitude, self._phase = np.zeros((2, surface.rows, surface.columns))
-        self._readings = Readings(len(self.parts), self.sensing.sensor.step)
+        self.readings = Readings(len(self.parts), self.sensing.sensor.step)
         self._image: np.ndarray | None = None
         self._stopped = ""
         self._raw: tuple[float, np.ndarray, float] | None = None  # s, poses as measured and when, without a command yet
         self.missed, self.received, self.sent = 0, 0.0, 0.0
-        self._missed_rewards = [np.zeros_like(each) for each in self._rewards]
+        self.missed_rewards = [np.zeros_like(each) for each in self.rewards]
 
     @property
-    def _rewards(self) -> tuple[np.ndarray, ...]:
+    def rewards(self) -> tuple[np.ndarray, ...]:
         """Live arrays of the rewards of a step, and of their terms."""
         return self.episode.reward, self.episode.part_reward, self.terms, self.part_terms
 
-    def step(self, action: np.ndarray, given: Any = None) -> None:
-        for missed in self._missed_rewards:
-            missed[...] = 0.0
-        super().step(action, given)
-        for reward, missed in zip(self._rewards, self._missed_rewards, strict=True):
-            reward += missed
+    def new_pipeline(self) -> HardwarePipeline:
+        return HardwarePipeline(self)
 
     def check_start(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride
@@ -171,7 +168,7 @@ class HardwareCore(Core):
         start = self.drawn_start(generators[0], override)
         present = start.present[0]
         self._stopped = ""
-        pose, taken = self._supervised(lambda: self._first(present))
+        pose, taken = self.supervised(lambda: self._first(present))
         lost = np.flatnonzero(present & ~np.isfinite(pose).all(axis=1))
         if lost.size:
             raise checks.conflict(f"part {lost[0]} is not measured at the start of the episode")
@@ -180,15 +177,15 @@ class HardwareCore(Core):
             start = self.task.put_down(start, np.where(present[:, None], pose, start.pose[0])[None])
         start = start if goal is None else start._replace(goal=goal[worlds])
         self.put(worlds, start, np.where(start.present[..., None], self.idle, 0.0))
-        self._readings.begin(start.pose[0], ~present, taken)
+        self.readings.begin(start.pose[0], ~present, taken)
         if not self.sensing.exact:
-            self.sensing.estimator.reset(worlds, self._readings.last)
+            self.sensing.estimator.reset(worlds, self.readings.last)
         self.relate(worlds)
 
     def drawn_start(self, generator: np.random.Generator, override: StartOverride | None = None) -> Start:
         """Return the start of a simulated episode with this generator."""
         uniform = generator.random((1, self.shape_draws + self.task.draws))
-        return self.start_of(self._now.worlds, uniform[:, self.shape_draws :], override)
+        return self.start_of(self.pipeline.now.worlds, uniform[:, self.shape_draws :], override)
 
     def stop(self, reason: str) -> None:
         """Stop the elements until the next episode."""
@@ -204,7 +201,7 @@ class HardwareCore(Core):
             self.record(now, amplitude, phase, pose, taken)
         self._raw = None
 
-    def _supervised(self, work: Callable[[], Result]) -> Result:
+    def supervised(self, work: Callable[[], Result]) -> Result:
         """Return the result of ``work``; stop the elements if it fails."""
         try:
             return work()
@@ -224,69 +221,29 @@ class HardwareCore(Core):
         self.watchdog.check_parts(pose, present)
         return pose, measurement.taken
 
-    def _actuate_and_advance(self) -> None:
-        """Send the command, and receive the measurement of the next cycle."""
-        self.drive, state = self._command, self.simulator.state
-        self._supervised(self._exchange)
-        reading = self._readings.last
-        seen = reading.seen[0]
-        state.pose[0, seen] = reading.pose[0, seen]
-        state.mean_velocity[0, seen] = state.velocity[0, seen] = reading.mean_velocity[0, seen]
-        if not seen[self.episode.present[0]].all():
-            self._suspend_hold()
-        for run in self._after_advance:
-            run(0)
-
-    def _exchange(self) -> None:
-        """Send the command, wait for the next cycle, and add its measurement to the readings."""
+    def send(self, command: Drive) -> None:
+        """Send a command to the machine."""
         if self._stopped:
             raise Stopped(self._stopped)
         self.watchdog.check_emergency()
-        sent = self.actuators.compensated(self._command)
-        write_motion(sent, self.surface, self._amplitude, self._phase)
+        write_motion(self.actuators.compensated(command), self.surface, self._amplitude, self._phase)
         self.driver.send(self._amplitude, self._phase)
         self.sent = self.clock()
         self._record(self._amplitude, self._phase)
-        self._predict()
-        measurement = self.driver.receive()
-        self.received = self.clock()
-        for _ in range(self.watchdog.check_clock(self.driver.now())):
-            self.missed += 1
-            self._score_missed()
-            if not self.sensing.exact:
-                self.sensing.estimator.correct(self._readings.unseen)
-            self._predict()  # the elements hold the command
+
+    def add(self, measurement: Measurement) -> None:
+        """Add a measurement to the readings."""
         pose = self._poses(measurement)
         new = self.watchdog.is_new(measurement.taken, self._is_repeated(measurement.image))
         self._raw = self.driver.now(), pose, measurement.taken
         if not new:
             pose = np.full(pose.shape, np.nan)
         self.watchdog.check_parts(pose, self.episode.present[0])
-        self._readings.add(pose, measurement.taken)
+        self.readings.add(pose, measurement.taken)
 
-    def _suspend_hold(self) -> None:
+    def suspend_hold(self) -> None:
         """Do not count the present cycle for the hold: a part is not measured in it."""
         self.episode.count[:, HELD] -= self.periods
-
-    def _score_missed(self) -> None:
-        """Score a missed cycle with the last poses: goals move on, and its reward is part of this step's."""
-        self._suspend_hold()
-        self._score(0)
-        if self._reward is not None:
-            self._replace_reward()
-        for reward, missed in zip(self._rewards, self._missed_rewards, strict=True):
-            missed += reward
-        if isinstance(self._reward, OwnReward):
-            self._store_state()
-
-    def _predict(self) -> None:
-        """Run the estimator's model for a cycle, while the machine runs."""
-        if not self.sensing.exact:
-            self.sensing.predict(self._command)
-
-    def _sense(self) -> None:
-        """Correct the prediction by the reading."""
-        self.sensing.estimator.correct(self._readings.last)
 
     def _is_repeated(self, image: np.ndarray | None) -> bool:
         """Return whether an image is the same as the last one, as of a frozen camera; noise makes images differ."""
@@ -308,6 +265,69 @@ class HardwareCore(Core):
         if pose.shape != (len(self.parts), 3):
             raise MachineError(f"measured poses must have shape {(len(self.parts), 3)}, got {pose.shape}")
         return pose
+
+
+class HardwarePipeline(Pipeline):
+    """Stages of a step whose command goes to a driver, and whose poses come from it."""
+
+    core: HardwareCore
+
+    def run(self, action: np.ndarray, given: Any = None) -> None:
+        for missed in self.core.missed_rewards:
+            missed[...] = 0.0
+        super().run(action, given)
+        for reward, missed in zip(self.core.rewards, self.core.missed_rewards, strict=True):
+            reward += missed
+
+    def advance(self, batch: Batch) -> None:
+        """Send the command, and receive the measurement of the next cycle."""
+        core = self.core
+        core.drive, state = batch.command, core.simulator.state
+        core.supervised(lambda: self.exchange(batch))
+        reading = core.readings.last
+        seen = reading.seen[0]
+        state.pose[0, seen] = reading.pose[0, seen]
+        state.mean_velocity[0, seen] = state.velocity[0, seen] = reading.mean_velocity[0, seen]
+        if not seen[core.episode.present[0]].all():
+            core.suspend_hold()
+        for stage in self.by_block:
+            stage(0)
+
+    def exchange(self, batch: Batch) -> None:
+        """Send the command, wait for the next cycle, and add its measurement to the readings."""
+        core, estimator = self.core, None if self.core.sensing.exact else self.core.sensing.estimator
+        core.send(batch.command)
+        self.predict(batch)
+        measurement = core.driver.receive()
+        core.received = core.clock()
+        for _ in range(core.watchdog.check_clock(core.driver.now())):
+            core.missed += 1
+            self.score_missed(batch)
+            if estimator is not None:
+                estimator.correct(core.readings.unseen)
+            self.predict(batch)  # the elements hold the command
+        core.add(measurement)
+
+    def score_missed(self, batch: Batch) -> None:
+        """Score a missed cycle with the last poses: goals move on, and its reward is part of this step's."""
+        core = self.core
+        core.suspend_hold()
+        self.score(0)
+        if core.reward is not None:
+            self.replace_reward(batch)
+        for reward, missed in zip(core.rewards, core.missed_rewards, strict=True):
+            missed += reward
+        if isinstance(core.reward, CustomReward):
+            self.store_state(batch)
+
+    def predict(self, batch: Batch) -> None:
+        """Run the estimator's model for a cycle, while the machine runs."""
+        if not self.core.sensing.exact:
+            self.core.sensing.predict(batch.command)
+
+    def sense(self, batch: Batch) -> None:
+        """Correct the prediction by the reading."""
+        self.core.sensing.estimator.correct(self.core.readings.last)
 
 
 class HardwareEnv(VibgymEnv):

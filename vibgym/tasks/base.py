@@ -134,9 +134,9 @@ class Task(ABC):
         self.driven = np.array([part.coupling > 0.0 for part in self.parts])
         self.asked = np.ones(len(self.parts), dtype=bool)
         self.hulls = hulls_of(self.parts)
-        self.made_of, self.weights = terms_of(self.name, self.TERMS, self.has_own_reward)
+        self.made_of, self.weights = terms_of(self.name, self.TERMS, self.has_custom_reward)
         for term in self.settings.weights:
-            if not (term in self.weights or self.has_own_reward):
+            if not (term in self.weights or self.has_custom_reward):
                 raise checks.unknown("term", term, self.weights, of="task_settings.weights")
         self.weights |= self.settings.weights
 
@@ -204,7 +204,7 @@ class Task(ABC):
         elif self.has_goal:
             zone = np.zeros((len(self.parts), 4))
         counted = [(of, self.weights[name]) for name, of in self.made_of.items()]
-        if self.has_own_reward:  # takes all quantities without weights
+        if self.has_custom_reward:  # takes all quantities without weights
             counted = [(of, 1.0) for of in QUANTITIES]
         return Rules(
             zone=np.where(self.asked[:, None], zone, ANYWHERE),
@@ -218,20 +218,24 @@ class Task(ABC):
             periods=periods,
             term=np.array([QUANTITIES.index(of) for of, _ in counted], dtype=np.int64),
             weight=np.array([w * (periods if of in PER_PERIOD else 1) for of, w in counted], dtype=np.float64),
+            worst=np.array([self.counts_worst(of) for of, _ in counted], dtype=bool),
         )
 
     def reward(self, step: Step) -> Mapping[str, np.ndarray]:
         """Return the reward terms of a step, each (worlds, parts), before they are weighted.
 
-        ``env.step`` returns the sum of the terms times their :attr:`weights`: the mean over the present parts, except for
-        ``fallen``, where the worst part counts; see :class:`vibgym.tasks.scoring.OwnReward`. Override it for a custom
-        reward, with ``super().reward(step)`` for the terms of :attr:`TERMS`; without an override kernels compute these.
+        ``env.step`` returns the mean of the parts' rewards, see :data:`vibgym.tasks.episode.QUANTITIES`. Override it for a
+        custom reward, with ``super().reward(step)`` for the terms of :attr:`TERMS`; without an override kernels compute these.
         A reward must depend on the step alone and store nothing: worlds, copies and snapshots then continue bit for bit.
         """
         return {name: step.quantities[quantity] for name, quantity in self.made_of.items()}
 
+    def counts_worst(self, term: str) -> bool:
+        """Return whether a world counts its worst part of a term, given by its quantity: of falls that end the episode."""
+        return term == "fallen" and not self.flows
+
     @property
-    def has_own_reward(self) -> bool:
+    def has_custom_reward(self) -> bool:
         """Whether :meth:`reward` is overridden."""
         return getattr(self.reward, "__func__", None) is not Task.reward
 

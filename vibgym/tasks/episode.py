@@ -28,20 +28,21 @@ QUANTITIES = (
     "distance", "approach", "turn", "alignment", "inside", "within", "clearance", "time", "success", "fallen", "good", "faulty",
     "reach",
 )  # fmt: skip
-"""Quantities of reward terms, each at most 1 in magnitude. Changes are those since the last step, means are over the parts.
+"""Quantities of reward terms of one part in one step, each at most 1 in magnitude. Changes are those since the last step.
 
-- distance: decrease of the mean distance, per 100 mm; approach: decrease of tanh(mean distance / 10 mm)
-- turn: decrease of the mean heading error, per rad; alignment: decrease of tanh(mean heading error / 0.15 rad)
-- inside: change of the share of parts whose centre is at its goal
-- within: 1 if all parts are within their limits
-- clearance: change of the mean of min(distance to the nearest part / required distance, 1)
-- time: -1, success: 1, fallen: -1 if a part has fallen
-- good, faulty: 1 if a part has left as it should, -1 if it has left otherwise, where parts arrive and leave (:mod:`.flow`)
-- reach: decrease of the mean distance between each part without a goal and the nearest centre of a part with one, per 100 mm
+- distance: decrease of the distance to the goal, per 100 mm; approach: decrease of tanh(distance / 10 mm)
+- turn: decrease of the heading error, per rad; alignment: decrease of tanh(heading error / 0.15 rad)
+- inside: change of whether the centre is at the goal
+- within: 1 if the part is within its limits
+- clearance: change of min(distance to the nearest part / required distance, 1)
+- time: -1; success: 1 for all parts of a world that succeeds; fallen: -1 if the part has fallen
+- good, faulty: 1 if the part has left as it should, -1 if it has left otherwise, where parts arrive and leave (:mod:`.flow`)
+- reach: decrease of the distance between a part without a goal and the nearest centre of a part with one, per 100 mm
 
-The terms of one part count the same quantities of that part alone; fallen is -1 for the part that has fallen, and time and
-success are those of the world. The mean of the parts' terms is therefore the world's term where this is linear in the parts:
-not for approach, alignment, within and fallen, nor at the bound of a term.
+A world's term is the mean of its parts' terms, and its reward is the sum of these: the mean of the parts' rewards. Of a fall
+that ends the episode the worst part counts: one on the floor is as bad as several. Where some parts have no goal, quantities
+of a goal count times the number of parts over those with one, and reach times that over the others, so that their means are
+over the parts concerned.
 """
 (DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN, GOOD, FAULTY, REACH) = range(
     len(QUANTITIES)
@@ -62,6 +63,7 @@ class Rules(NamedTuple):
     periods: int  # of a step
     term: np.ndarray  # (terms,) int64 index among QUANTITIES of each reward term
     weight: np.ndarray  # (terms,)
+    worst: np.ndarray  # (terms,) bool, terms of which a world counts its worst part
 
 
 AWAY, TURNED = range(2)  # of Rules.tolerance
@@ -150,7 +152,7 @@ class Context(NamedTuple):
     rules: Rules
     hulls: Hulls
     placed: np.ndarray  # scratch: corners of the placed hulls, as hulls.corner
-    before: np.ndarray  # scratch: (4,) first columns of Episode.number before the step
+    share: np.ndarray  # scratch: (2,) present parts over those with a goal, and over those without
     quantity: np.ndarray  # scratch: (QUANTITIES,)
     fits: np.ndarray  # scratch: (parts,) bool, parts within their limits, whether or not they have fallen
 
@@ -158,9 +160,8 @@ class Context(NamedTuple):
 CONTEXT: Layout[Context] = Layout("CONTEXT", __name__)
 context_at = CONTEXT.at
 
-# Columns of Episode.number. The next step is compared with the first four: mean distance (m), mean heading error (rad), share
-# of the parts at the goal, mean share of the required clearance.
-MEAN_DISTANCE, MEAN_TURN, SHARE_INSIDE, SHARE_CLEAR, POSITION_ERROR, HEADING_ERROR, SMALLEST_GAP, REWARD = range(8)
+# Columns of Episode.number.
+POSITION_ERROR, HEADING_ERROR, SMALLEST_GAP, REWARD = range(4)
 # Columns of Episode.part_number, with which a part's next step is compared: distance (m; of a part without a goal its
 # reach), tanh of it over its scale, heading error (rad), tanh likewise, 1 at the goal, share of the required clearance.
 PART_AWAY, PART_NEAR, PART_TURN, PART_ALIGNED, PART_INSIDE, PART_CLEAR = range(6)
@@ -188,7 +189,7 @@ def new_episode(worlds: int, parts: int, terms: int, motion: int = 0) -> Episode
         arrived=np.zeros((worlds, parts), dtype=bool),
         event=np.zeros((worlds, parts), dtype=np.int64),
         done=np.zeros((worlds, parts), dtype=bool),
-        number=np.zeros((worlds, 8)),
+        number=np.zeros((worlds, 4)),
         count=np.zeros((worlds, 3), dtype=np.int64),
         flag=np.zeros((worlds, 4), dtype=bool),
         terms=np.zeros((worlds, terms)),
@@ -298,13 +299,12 @@ def evaluate_world(context, mean_velocity, fallen, world):
     """Compute the errors of one world and which parts are done; its relations must be up to date.
 
     Returns:
-        Whether all parts are done, and whether all are within their limits, fallen or not.
+        Whether all parts are done.
     """
     relations, episode, rules = context.relations, context.episode, context.rules
     number, apart = episode.number[world], rules.apart
     clearance = smallest_gap(relations, world)
-    error, clear = max(apart - clearance, 0.0), 0.0
-    down, count, asked, done, fit, distance, turn, inside, most_turned = False, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0
+    error, down, count, asked, done, most_turned = max(apart - clearance, 0.0), False, 0, 0, 0, 0.0
     for i in range(mean_velocity.shape[1]):
         episode.done[world, i] = False
         if not episode.present[world, i]:
@@ -313,89 +313,51 @@ def evaluate_world(context, mean_velocity, fallen, world):
         away, turned, gap = math.sqrt(ex * ex + ey * ey), abs(relations.error[world, i, 2]), relations.gap[world, i]
         vx, vy = mean_velocity[world, i, 0], mean_velocity[world, i, 1]
         error, most_turned = max(error, away), max(most_turned, turned)
-        count += 1
-        if rules.asked[i]:
-            asked, distance, turn = asked + 1, distance + away, turn + turned
-            inside += ex == 0.0 and ey == 0.0
-            if apart > 0.0:
-                clear += min(max(gap, 0.0), apart) / apart
+        count, asked = count + 1, asked + rules.asked[i]
         slow = vx * vx + vy * vy < rules.slow * rules.slow
         fitting = away <= rules.tolerance[i, AWAY] and turned <= rules.tolerance[i, TURNED] and slow and gap > apart
-        fitting = fitting or not rules.asked[i]
-        fit += fitting
-        context.fits[i] = fitting
+        context.fits[i] = fitting or not rules.asked[i]
         if fallen[world, i]:
             down = True
-        elif fitting:
+        elif context.fits[i]:
             episode.done[world, i] = True
             done += 1
-    share = float(max(asked, 1))
-    number[MEAN_DISTANCE], number[MEAN_TURN] = distance / share, turn / share
-    number[SHARE_INSIDE], number[SHARE_CLEAR] = inside / share, clear / share
+    context.share[0], context.share[1] = count / max(asked, 1), count / max(count - asked, 1)
     number[POSITION_ERROR], number[HEADING_ERROR], number[SMALLEST_GAP] = error, most_turned, clearance
     episode.count[world, PARTS_DONE] = done
     episode.flag[world, DOWN] = down
-    return done == count, fit == count
+    return done == count
 
 
 @jit
-def reward_world(context, within, world):
-    """Compute the reward terms of one world and their sum.
+def average_terms(part_terms, counted, share, worst, terms):
+    """Compute the reward terms of one world from those of its parts; return its reward, their sum.
 
     Args:
-        within: whether all parts are within their limits.
+        part_terms: (parts, terms).
+        counted: (parts,) bool, parts that count.
+        share: number of parts that a mean is over.
+        worst: (terms,) bool, terms of which the worst part counts.
+        terms: (terms,), overwritten.
     """
-    rules, episode, before, quantity = context.rules, context.episode, context.before, context.quantity
-    now, flag = episode.number[world], episode.flag[world]
-    quantity[DISTANCE] = _limited((before[MEAN_DISTANCE] - now[MEAN_DISTANCE]) / DISTANCE_SCALE)
-    quantity[APPROACH] = math.tanh(before[MEAN_DISTANCE] / APPROACH_SCALE) - math.tanh(
-        now[MEAN_DISTANCE] / APPROACH_SCALE
-    )
-    quantity[TURN] = _limited((before[MEAN_TURN] - now[MEAN_TURN]) / TURN_SCALE)
-    quantity[ALIGNMENT] = math.tanh(before[MEAN_TURN] / ALIGNMENT_SCALE) - math.tanh(now[MEAN_TURN] / ALIGNMENT_SCALE)
-    quantity[INSIDE] = now[SHARE_INSIDE] - before[SHARE_INSIDE]
-    quantity[WITHIN] = 1.0 if within else 0.0
-    quantity[CLEARANCE] = now[SHARE_CLEAR] - before[SHARE_CLEAR]
-    quantity[TIME] = -1.0
-    quantity[SUCCESS] = 1.0 if flag[SUCCEEDED] else 0.0
-    quantity[FALLEN] = -1.0 if flag[DOWN] else 0.0
-    quantity[GOOD] = quantity[FAULTY] = 0.0
-    quantity[REACH] = closer_on_average(context, world)
-    terms = episode.terms[world]
-    for k in range(terms.shape[0]):
-        terms[k] = rules.weight[k] * quantity[rules.term[k]]
-    now[REWARD] = sum_of(terms)
-
-
-@jit
-def sum_of(terms):
-    """Return the sum of reward terms."""
     total = 0.0
     for k in range(terms.shape[0]):
+        value = 0.0
+        for i in range(part_terms.shape[0]):
+            if counted[i] and not worst[k]:
+                value += part_terms[i, k]
+            elif counted[i] and abs(part_terms[i, k]) > abs(value):
+                value = part_terms[i, k]
+        terms[k] = value if worst[k] else value / max(share, 1)
         total += terms[k]
     return total
 
 
 @jit
-def reward_only_part(context, fallen, world):
-    """Compute the reward of a world with one part: its terms are that part's, whose hyperbolic tangents take the longest."""
-    episode = context.episode
-    reward_parts(context, fallen, False, world)
-    terms, only = episode.terms[world], episode.part_terms[world, 0]
-    for k in range(terms.shape[0]):
-        terms[k] = only[k]
-    episode.number[world, REWARD] = sum_of(terms)
-
-
-@jit
-def closer_on_average(context, world):
-    """Return the quantity "reach" of a world: the mean over its parts without a goal, before their numbers are updated."""
-    rules, episode, closer, count = context.rules, context.episode, 0.0, 0
-    for i in range(rules.asked.shape[0]):
-        if not rules.asked[i] and episode.present[world, i]:
-            change = episode.part_number[world, i, PART_AWAY] - context.relations.reach[world, i]
-            closer, count = closer + _limited(change / DISTANCE_SCALE), count + 1
-    return closer / count if count > 0 else 0.0
+def average_worlds(part_terms, counted, share, worst, terms, reward):
+    """Compute terms (worlds, terms) and rewards (worlds,) of all worlds; see :func:`average_terms`."""
+    for world in range(terms.shape[0]):
+        reward[world] = average_terms(part_terms[world], counted[world], share[world], worst, terms[world])
 
 
 @jit
@@ -406,18 +368,19 @@ def reward_part(context, world, part):
     ex, ey, turned = relations.error[world, part, 0], relations.error[world, part, 1], relations.error[world, part, 2]
     away, turned = math.sqrt(ex * ex + ey * ey), abs(turned)  # both 0 of a part without a goal
     near, aligned = math.tanh(away / APPROACH_SCALE), math.tanh(turned / ALIGNMENT_SCALE)
+    share, others = context.share[0], 0.0
     if not rules.asked[part]:
-        away = relations.reach[world, part]
+        away, share, others = relations.reach[world, part], 0.0, context.share[1]
     closer = _limited((before[PART_AWAY] - away) / DISTANCE_SCALE)
     inside = 1.0 if ex == 0.0 and ey == 0.0 else 0.0
     clear = min(max(relations.gap[world, part], 0.0), apart) / apart if apart > 0.0 else 0.0
-    quantity[DISTANCE], quantity[REACH] = (closer, 0.0) if rules.asked[part] else (0.0, closer)
-    quantity[APPROACH] = before[PART_NEAR] - near
-    quantity[TURN] = _limited((before[PART_TURN] - turned) / TURN_SCALE)
-    quantity[ALIGNMENT] = before[PART_ALIGNED] - aligned
-    quantity[INSIDE] = inside - before[PART_INSIDE]
-    quantity[WITHIN] = 1.0 if context.fits[part] else 0.0
-    quantity[CLEARANCE] = clear - before[PART_CLEAR]
+    quantity[DISTANCE], quantity[REACH] = share * closer, others * closer
+    quantity[APPROACH] = share * (before[PART_NEAR] - near)
+    quantity[TURN] = share * _limited((before[PART_TURN] - turned) / TURN_SCALE)
+    quantity[ALIGNMENT] = share * (before[PART_ALIGNED] - aligned)
+    quantity[INSIDE] = share * (inside - before[PART_INSIDE])
+    quantity[WITHIN] = share if context.fits[part] else 0.0
+    quantity[CLEARANCE] = share * (clear - before[PART_CLEAR])
     quantity[TIME] = -1.0
     quantity[SUCCESS] = 1.0 if episode.flag[world, SUCCEEDED] else 0.0
     quantity[FALLEN] = -1.0 if episode.part_fallen[world, part] else 0.0
@@ -490,14 +453,12 @@ def score_worlds(state, address, starting, worlds):
         worlds: (n,) index.
     """
     true, context = state_at(state), context_at(address)
-    episode, rules, before = context.episode, context.rules, context.before
+    episode, rules = context.episode, context.rules
     for k in range(worlds.shape[0]):
         world = worlds[k]
         number, count, flag = episode.number, episode.count, episode.flag
-        for i in range(4):
-            before[i] = number[world, i]
         relate_to_goals(context, true.pose, world)
-        complete, within = evaluate_world(context, true.mean_velocity, true.fallen, world)
+        complete = evaluate_world(context, true.mean_velocity, true.fallen, world)
         if starting:
             count[world, HELD], flag[world, SUCCEEDED], flag[world, ENDED] = 0, False, False
             number[world, REWARD], episode.terms[world] = 0.0, 0.0
@@ -508,8 +469,8 @@ def score_worlds(state, address, starting, worlds):
         count[world, HELD] = count[world, HELD] + rules.periods if held else 0
         flag[world, SUCCEEDED] = count[world, HELD] >= rules.hold
         flag[world, ENDED] = flag[world, SUCCEEDED] or not sound
-        if episode.present.shape[1] == 1 and episode.present[world, 0] and rules.asked[0]:
-            reward_only_part(context, true.fallen, world)
-        else:
-            reward_world(context, within, world)
-            reward_parts(context, true.fallen, False, world)
+        reward_parts(context, true.fallen, False, world)
+        present = episode.present[world]
+        number[world, REWARD] = average_terms(
+            episode.part_terms[world], present, present.sum(), rules.worst, episode.terms[world]
+        )

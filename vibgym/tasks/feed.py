@@ -188,6 +188,9 @@ class FlowScoring(Scoring):
         self.players, self.rewarded, self.changed = self._flow.pool, self._flow.there, self._flow.changed
         self._pinned = self._with_scratch()
 
+    def shares(self) -> np.ndarray:
+        return np.minimum(self.players.sum(axis=1), self._flow.inlet.most)
+
     def own_state(self) -> dict[str, np.ndarray]:
         names = (
             "clock", "key", "tried", "arrivals", "pool", "there", "changed", "age", "last", "tally", "rate", "idle",

@@ -29,6 +29,7 @@ from vibgym.tasks.episode import (
     TURNED,
     WRONG,
     Context,
+    average_terms,
     relate_gaps,
     relate_to_goals,
     reward_part,
@@ -120,8 +121,6 @@ def event_of(flow, state, world, part):
 def evaluate_parts(flow, state, world):
     """Compute event and reward of every part of a world."""
     episode, done, slots = flow.context.episode, 0, 0
-    total = episode.terms[world]
-    total[:] = 0.0
     for part in range(state.fallen.shape[1]):
         here = episode.present[world, part]
         flow.there[world, part], episode.arrived[world, part] = here, False
@@ -135,13 +134,10 @@ def evaluate_parts(flow, state, world):
         episode.part_reward[world, part], episode.part_terms[world, part] = 0.0, 0.0
         if here:
             reward_part(flow.context, world, part)
-            for k in range(total.shape[0]):
-                total[k] += episode.part_terms[world, part, k]
-    reward, slots = 0.0, min(slots, flow.inlet.most)
-    for k in range(total.shape[0]):
-        total[k] /= max(slots, 1)
-        reward += total[k]
-    episode.number[world, REWARD] = reward
+    slots = min(slots, flow.inlet.most)
+    episode.number[world, REWARD] = average_terms(
+        episode.part_terms[world], flow.there[world], slots, flow.context.rules.worst, episode.terms[world]
+    )
     episode.count[world, PARTS_DONE] = done
 
 

@@ -25,6 +25,7 @@ from vibgym.tasks.episode import (
     Episode,
     Relations,
     Start,
+    average_worlds,
     new_episode,
     new_relations,
     relate_parts,
@@ -71,8 +72,26 @@ class Scoring:
         """Return the kernels' arguments for such relations, with scratch memory for one thread."""
         hulls = self._task.hulls
         fits = np.zeros(self.episode.done.shape[1], dtype=bool)
-        scratch = np.zeros(hulls.corner.shape), np.zeros(4), np.zeros(len(QUANTITIES)), fits
+        scratch = np.zeros(hulls.corner.shape), np.ones(2), np.zeros(len(QUANTITIES)), fits
         return Pinned(CONTEXT, Context(relations, self.episode, self._rules, hulls, *scratch))
+
+    def shares(self) -> np.ndarray:
+        """Return the number of parts (worlds,) that the mean of a reward is over."""
+        return self.rewarded.sum(axis=1)
+
+    def average(self, part_terms: np.ndarray, worst: np.ndarray, terms: np.ndarray) -> None:
+        """Set reward and terms of all worlds, and the rewards of their parts, from weighted terms of the parts.
+
+        Args:
+            part_terms: (worlds, parts, terms), 0 of parts that are not :attr:`rewarded`.
+            worst: (terms,) bool, terms of which the worst part counts.
+            terms: (worlds, terms), overwritten.
+        """
+        part_reward = self.episode.part_reward
+        part_reward[:] = 0.0
+        for k in range(len(worst)):  # one by one, so that the sum does not depend on the number of worlds
+            part_reward += part_terms[..., k]
+        average_worlds(part_terms, self.rewarded, self.shares(), worst, terms, self.episode.reward)
 
     def own_state(self) -> dict[str, np.ndarray]:
         """Return live arrays (worlds, ...) that a snapshot contains in addition to episodes and relations."""
@@ -166,10 +185,6 @@ class FactScoring(Scoring):
         return [*super().stages(), self.measure()]
 
 
-WORST = "fallen"
-"""Quantity, and term, of which a world counts its worst part: one part on the floor is as bad as several."""
-
-
 class Instant(NamedTuple):
     """True state of all parts at the beginning or end of a step; values of absent parts have no meaning."""
 
@@ -230,16 +245,11 @@ class Step:
         return self._elements()
 
 
-class OwnReward:
-    """Calls a task's :meth:`~vibgym.tasks.Task.reward` after every step, weighs its terms and writes them to the episodes.
-
-    The reward of a part is the sum of its weighted terms, 0 for absent parts. A world's term is the mean over its present
-    parts, for ``fallen`` (:data:`WORST`) that of the worst part; its reward is the sum of these. Kernels compute a world's
-    shipped terms from mean errors instead. The results agree to rounding, except at a term's bound, and except ``approach``,
-    ``alignment`` and ``within`` of several parts.
+class CustomReward:
+    """Calls a task's :meth:`~vibgym.tasks.Task.reward` after every step and weighs its terms; see :meth:`Scoring.average`.
 
     Args:
-        scoring: of a task with its own reward, called once at construction with a step in which nothing happens.
+        scoring: of a task with a custom reward, called once at construction with a step in which nothing happens.
         elements: computes :attr:`Step.phasors`.
 
     Attributes:
@@ -275,24 +285,16 @@ class OwnReward:
             ValueError: the task returns no mapping, other terms than before, or one of a wrong shape, without a weight or
                 with numbers that are not finite.
         """
-        episode = self._scoring.episode
-        present, terms, part_terms = self._scoring.rewarded, self.terms, self.part_terms
-        parts, reward, part_reward = present.shape[1], episode.reward, episode.part_reward
-        reward[:], part_reward[:] = 0.0, 0.0
-        share, made_of = np.maximum(present.sum(axis=1), 1), self._task.made_of
-        for k, (name, values) in enumerate(self._asked(present).items()):
-            weight, here = self._task.weights[name], np.where(present, values, 0.0)
-            if made_of.get(name, name) == WORST:
-                of_world = np.take_along_axis(here, np.abs(here).argmax(axis=1)[:, None], axis=1)[:, 0]
-            else:  # part by part, so that the sum does not depend on the number of worlds
-                of_world = sum(here[:, part] for part in range(parts)) / share
-            terms[:, k], part_terms[..., k] = weight * of_world, weight * here
-            if not np.isfinite(part_terms[..., k]).all():
-                world, part = np.argwhere(~np.isfinite(part_terms[..., k]))[0].tolist()
-                what = f"reward of {self._task.name}, term {name!r}, part {part} of world {world}"
-                raise checks.refuse(what, float(here[world, part]), "a finite number, weighed too")
-            reward += terms[:, k]
-            part_reward += part_terms[..., k]
+        scoring, task = self._scoring, self._task
+        for k, (name, values) in enumerate(self._asked(scoring.rewarded).items()):
+            part_terms = self.part_terms[..., k]
+            part_terms[:] = task.weights[name] * np.where(scoring.rewarded, values, 0.0)
+            if not np.isfinite(part_terms).all():
+                world, part = np.argwhere(~np.isfinite(part_terms))[0].tolist()
+                what = f"reward of {task.name}, term {name!r}, part {part} of world {world}"
+                raise checks.refuse(what, float(values[world, part]), "a finite number, weighed too")
+        worst = np.array([task.counts_worst(task.made_of.get(name, name)) for name in self.names])
+        scoring.average(self.part_terms, worst, self.terms)
 
     def _now(self) -> Instant:
         return Instant.of(self._scoring._state.record, self._scoring.episode, self._scoring.relations)
