@@ -271,8 +271,7 @@ class StartOverride:
         if self.pose is not None:
             there = start.present
             pose = np.where(there[..., None], self.pose[worlds], start.pose)
-            where = (simulator.hulls, simulator.surface, simulator.parts, simulator.walls, pose, ~there)
-            overlaps.check("options['pose']", *where, overlaps.AT_REST)
+            simulator.check_overlaps("options['pose']", pose, ~there, overlaps.AT_REST)
             start = task.put_down(start, pose)
         return start if self.goal is None else start._replace(goal=self.goal[worlds])
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from vibgym.physics.core.records import EVEN, Bodies, Body
 from vibgym.scene import outlines
 from vibgym.scene.friction_laws import law_table
-from vibgym.scene.parts import Part, kinds_of
+from vibgym.scene.kinds import Kinds
+from vibgym.scene.parts import Part
 
 
 def body_of(part: Part, element_size: float | None = None) -> Body:
@@ -37,16 +38,14 @@ def body_of(part: Part, element_size: float | None = None) -> Body:
     )
 
 
-def bodies_of(
-    parts: Sequence[Part], element_size: float, same: Callable[[Part, Part], bool] = Part.slides_as
-) -> Bodies:
-    """Return the parts of a world for kernels, on elements of that size (m); ``same`` as for :func:`kinds_of`."""
-    kinds, numbers = kinds_of(parts, same)
-    bodies = [body_of(kind, element_size) for kind in kinds]
+def bodies_of(parts: Sequence[Part], element_size: float) -> Bodies:
+    """Return the parts of the worlds for kernels, on elements of that size (m)."""
+    kinds = Kinds.of(parts)
+    bodies = [body_of(kind, element_size) for kind in kinds.every]
     names = ("area", "radius", "gyration", "friction", "static_friction", "convex", "turns", "coupling")
     entries = max(len(body.law) for body in bodies)
     return Bodies(
-        kind=numbers,
+        kind=kinds.index,
         outline=np.concatenate([body.outline for body in bodies]),
         first=np.cumsum([0, *(len(body.outline) for body in bodies)]),
         even=EVEN.copy(),

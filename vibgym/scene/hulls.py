@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.contacts.hulls import Hulls, all_gaps
+from vibgym.physics.contacts.hulls import Hulls, HullTable, all_gaps
+from vibgym.scene.kinds import Kinds
 from vibgym.scene.outlines import is_convex, signed_area
 from vibgym.scene.parts import Part
 
@@ -98,7 +99,28 @@ def rounding(part: Part) -> float:
 
 
 def hulls_of(parts: Sequence[Part]) -> Hulls:
-    """Return the hulls of the parts of a world for kernels."""
+    """Return the hulls of the parts of a world for kernels, those of the first one; in memory of their own."""
+    kinds = Kinds.of(parts)
+    every, first = _table(kinds.every), _table([kinds.every[kind] for kind in kinds.index[0]])
+    room = first
+    if kinds.vary:  # for the largest kind
+        pieces, corners = len(parts) * int(np.diff(every.owner).max()), len(parts) * _most_corners(every)
+        room = HullTable(
+            corner=np.zeros((corners, 4)), first=np.zeros(pieces + 1, dtype=np.int64), rounding=np.zeros(pieces),
+            owner=first.owner, radius=first.radius,
+        )  # fmt: skip
+        for whole, own in zip(room, first, strict=True):
+            whole[: len(own)] = own
+    return Hulls(*room, kinds.index[0].copy(), kinds.index, every)
+
+
+def _most_corners(table: HullTable) -> int:
+    """Return the largest number of corners of an outline's hulls."""
+    return int(np.diff(table.first[table.owner]).max())
+
+
+def _table(parts: Sequence[Part]) -> HullTable:
+    """Return the hulls of parts."""
     pieces = [(part, piece) for part in parts for piece in convex_pieces(part)]
     corners = []
     for _, piece in pieces:
@@ -106,7 +128,7 @@ def hulls_of(parts: Sequence[Part]) -> Hulls:
         length = np.hypot(edges[:, 0], edges[:, 1])
         normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.where(length > 0.0, length, 1.0)[:, None]
         corners.append(np.column_stack([piece, normals]))
-    return Hulls(
+    return HullTable(
         corner=np.concatenate(corners),
         first=np.cumsum([0, *(len(each) for each in corners)]),
         rounding=np.array([rounding(part) for part, _ in pieces]),

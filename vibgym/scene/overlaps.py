@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.contacts.hulls import Hulls, all_gaps, place_hulls, wall_gap
+from vibgym.physics.contacts.hulls import Hulls, all_gaps, load_hulls, place_hulls, wall_gap
 from vibgym.scene.hulls import WALLS
-from vibgym.scene.parts import Part
+from vibgym.scene.kinds import Kinds
 from vibgym.scene.surface import Surface
 
 AT_REST = 1e-4
@@ -19,16 +19,16 @@ IN_MOTION = 1e-3
 """m, largest overlap in a state of a simulation with contacts."""
 
 
-def apart(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
-    """Return poses (parts, 3) before the first reset: a single part in the middle, several in a row or a grid."""
-    columns = int(np.ceil(np.sqrt(len(parts) * surface.width / surface.depth)))
-    rows = -(-len(parts) // columns)
-    index = np.arange(len(parts))
+def apart(surface: Surface, parts: int) -> np.ndarray:
+    """Return poses (parts, 3) of parts before the first reset: a single one in the middle, several in a row or a grid."""
+    columns = int(np.ceil(np.sqrt(parts * surface.width / surface.depth)))
+    rows = -(-parts // columns)
+    index = np.arange(parts)
     x = (index % columns + 0.5) * surface.width / columns
     y = (index // columns + 0.5) * surface.depth / rows
-    if len(parts) == 1:
+    if parts == 1:
         x, y = np.array([0.5 * surface.width]), np.array([0.5 * surface.depth])
-    return np.column_stack([x, y, np.zeros(len(parts))])
+    return np.column_stack([x, y, np.zeros(parts)])
 
 
 def check_centres(name: str, pose: np.ndarray, surface: Surface) -> None:
@@ -47,7 +47,7 @@ def check(
     name: str,
     hulls: Hulls,
     surface: Surface,
-    parts: Sequence[Part],
+    parts: Kinds,
     walls: Sequence[str],
     pose: np.ndarray,
     away: np.ndarray,
@@ -65,25 +65,27 @@ def check(
         ValueError: the deepest overlap is too deep; names world, parts and amount.
     """
     worlds, n = pose.shape[:2]
-    share = (0.25 if allowed <= AT_REST else 0.5) * hulls.radius
+    share = (0.25 if allowed <= AT_REST else 0.5) * np.broadcast_to(hulls.every.radius[parts.index], (worlds, n))
     if n > 1:
         gaps = np.empty((worlds, n, n))
         all_gaps(hulls, np.ascontiguousarray(pose), gaps)
         gaps[away] = np.inf
         gaps.transpose(0, 2, 1)[away] = np.inf
-        excess = gaps + np.minimum(allowed, np.minimum.outer(share, share))
+        excess = gaps + np.minimum(allowed, np.minimum(share[:, :, None], share[:, None, :]))
         if excess.min() < 0.0:
             world, i, j = (int(k) for k in np.unravel_index(int(excess.argmin()), excess.shape))
-            raise _refuse(name, world, parts, i, f"part {j} ({parts[j].name!r})", -gaps[world, i, j])
+            other = parts.parts(world)[j].name
+            raise _refuse(name, world, parts, i, f"part {j} ({other!r})", -gaps[world, i, j])
     placed = np.empty_like(hulls.corner)
     for wall in walls:
         for world, part in np.argwhere(~away).tolist():
+            load_hulls(hulls, world)
             place_hulls(hulls, part, *pose[world, part], placed)
             gap = wall_gap(hulls, placed, part, WALLS.index(wall), surface.width, surface.depth)
-            if gap < -min(allowed, share[part]):
+            if gap < -min(allowed, share[world, part]):
                 raise _refuse(name, world, parts, part, f"the {wall} wall", -gap)
 
 
-def _refuse(name: str, world: int, parts: Sequence[Part], i: int, other: str, amount: float) -> checks.Refused:
-    got = f"part {i} ({parts[i].name!r}) and {other} overlapping by {1e3 * amount:.3g} mm in world {world}"
+def _refuse(name: str, world: int, parts: Kinds, i: int, other: str, amount: float) -> checks.Refused:
+    got = f"part {i} ({parts.parts(world)[i].name!r}) and {other} overlapping by {1e3 * amount:.3g} mm in world {world}"
     return checks.Refused(f"{name}: got {got}; allowed: parts that do not overlap (touching is allowed)")

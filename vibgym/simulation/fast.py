@@ -6,7 +6,6 @@ from functools import partial
 from typing import ClassVar
 
 from vibgym.kernels.reference import Pinned
-from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.fast import (
     FAST_SCENE,
     ROWS,
@@ -20,9 +19,10 @@ from vibgym.physics.contacts.fast import (
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
 from vibgym.physics.planar.friction import slide_rows
-from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
+from vibgym.physics.planar.workspace import FixedScene, new_workspace
 from vibgym.scene.bodies import bodies_of
-from vibgym.scene.parts import kinds_of
+from vibgym.scene.hulls import hulls_of
+from vibgym.simulation.alone import Alone
 from vibgym.simulation.contact_parts import check_parts, impact_properties_of, slop_of
 from vibgym.simulation.model import NO_PATHS, Setup
 from vibgym.simulation.multibody import Multibody
@@ -51,8 +51,7 @@ class FastMultibody(Multibody):
             inputs = drive.address, state.address
             for _ in range(periods):
                 find_rows(start, stop, together, state.address, rows.address, self.WHOLE)
-                for kind, alone in enumerate(buffers.alone):
-                    free = rows.record.rows[kind, : rows.record.count[kind]]
+                for alone, free in buffers.alone.split(rows.record.rows, rows.record.count):
                     slide_rows(free, alone.address, *inputs, 1, NO_PATHS, 0)
                 self.drive(start, stop, buffers, drive, state, rows)  # not diverged worlds
             self._smallest_gap[start] = deepest[0]
@@ -79,28 +78,27 @@ class FastBuffers:
     Attributes:
         together: constants for parts that may touch.
         contacts: working arrays of contacts.
-        alone: constants for eight parts of each kind, without contacts; working arrays are shared.
+        alone: the same for eight parts without contacts.
     """
 
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
         table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
-        self._shape = len(setup.parts), len(schemes.alone)
+        self._shape, hulls = (len(setup.parts), len(schemes.alone)), hulls_of(setup.parts)
         finest = max(schemes.alone, key=lambda scheme: scheme.steps)
         most = max(schemes.alone, key=lambda scheme: scheme.substeps)  # for the size of the working arrays
         workspace = new_workspace(table, bodies, most, max(len(setup.parts), SLOTS))
-        self.contacts = new_fast_contacts(len(setup.parts), len(workspace.away), setup.hulls)
+        self.contacts = new_fast_contacts(len(setup.parts), len(workspace.away), hulls)
         together = FastScene(
             friction=FixedScene(table, bodies, finest, workspace),
-            hulls=setup.hulls,
+            hulls=hulls,
             properties=impact_properties_of(setup.parts),
             contacts=self.contacts,
             couplings=-(-schemes.fewest // finest.steps),
-            slop=min(slop_of(kind) for kind in kinds_of(setup.parts)[0]),
+            slop=min(slop_of(kind) for kind in setup.parts.every),
             walls=schemes.walls,
         )
         self.together = Pinned(FAST_SCENE, together)
-        few = new_workspace(table, bodies, most, LANES)
-        self.alone = [Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, few)) for scheme in schemes.alone]
+        self.alone = Alone(table, bodies, schemes.alone)
         self._rows: dict[int, Pinned[Rows]] = {}
 
     def rows(self, worlds: int) -> Pinned[Rows]:

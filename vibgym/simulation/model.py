@@ -12,12 +12,12 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.kernels.reference import Pinned
-from vibgym.physics.contacts.hulls import Hulls
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
+from vibgym.scene.kinds import Kinds
 from vibgym.scene.outlines import rotation
 from vibgym.scene.overlaps import IN_MOTION
-from vibgym.scene.parts import Part, kinds_of
+from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import BaseSettings
 from vibgym.simulation.threads import USUAL_COST
@@ -41,17 +41,15 @@ class Setup:
 
     Attributes:
         surface: the table.
-        parts: of every world.
+        parts: of the worlds.
         walls: names of the borders with a wall.
-        hulls: of the parts, for contacts.
         worlds: number of worlds.
         model: name by which the model was selected; for error messages.
     """
 
     surface: Surface
-    parts: tuple[Part, ...]
+    parts: Kinds
     walls: tuple[str, ...]
-    hulls: Hulls
     worlds: int
     model: str = "planar"
 
@@ -139,13 +137,14 @@ class Model(ABC):
 
     def check_parts(self) -> None:
         """Raise ValueError for parts that the model does not cover; the default refuses parts that friction alone tips."""
-        parts = self.setup.parts
-        check_tipping(parts, np.ones((1, len(parts))), "parts", self.setup.model)
-        warn_of_slender(parts, self.setup.model)
+        every = self.setup.parts.every
+        check_tipping(every, np.ones((1, len(every))), "parts", self.setup.model)
+        warn_of_slender(every, self.setup.model)
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """Raise ValueError for conditions that the model does not cover, see :func:`conditions_of`."""
-        check_tipping(self.setup.parts, conditions.strongest, where.format(conditions.stronger), self.setup.model)
+        parts = self.setup.parts.largest(lambda part: part.tipping_ratio if part.height_is_known else 0.0)
+        check_tipping(parts, conditions.strongest, where.format(conditions.stronger), self.setup.model)
 
     def live(self) -> dict[str, np.ndarray]:
         """Return the live arrays (worlds, ...) that a snapshot holds besides the state, by name."""
@@ -182,7 +181,10 @@ class Model(ABC):
 
     def bottoms(self, pose: np.ndarray, world: int) -> list[np.ndarray]:
         """Return the corners of the bottom of each part of a world at poses (parts, 3), each (n, 3) m; flat parts: z = 0."""
-        flat = (part.outline @ rotation(0.0, 0.0, at[2])[:2, :2].T + at[:2] for part, at in zip(self.setup.parts, pose))
+        flat = (
+            part.outline @ rotation(0.0, 0.0, at[2])[:2, :2].T + at[:2]
+            for part, at in zip(self.setup.parts.parts(world), pose)
+        )
         return [np.column_stack([corners, np.zeros(len(corners))]) for corners in flat]
 
     def disturb(self, state: State, lean: np.ndarray, kick: np.ndarray) -> None:
@@ -190,9 +192,9 @@ class Model(ABC):
         state.velocity[...] += kick
 
 
-def warn_of_slender(parts: Sequence[Part], model: str) -> None:
-    """Warn about parts that wobble after a disturbance, which planar models do not cover."""
-    for part in kinds_of(parts, Part.same_as)[0]:
+def warn_of_slender(kinds: Sequence[Part], model: str) -> None:
+    """Warn about kinds of parts that wobble after a disturbance, which planar models do not cover."""
+    for part in kinds:
         limit = SLENDER_DISC if part.symmetry == 0 else SLENDER
         if part.height_is_known and part.slenderness > limit:
             warnings.warn(

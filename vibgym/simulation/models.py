@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -23,8 +23,8 @@ from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspa
 from vibgym.registry import Registry
 from vibgym.scene.bodies import bodies_of, body_of
 from vibgym.scene.outlines import convex_hull
-from vibgym.scene.parts import Part, kinds_of
 from vibgym.settings import BaseSettings, Length
+from vibgym.simulation.alone import Alone
 from vibgym.simulation.choice import DEFAULT_TOLERANCE, choose, choose_for
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
 from vibgym.simulation.schemes import (
@@ -36,6 +36,7 @@ from vibgym.simulation.schemes import (
     fast_schemes,
     planar_scheme,
     planar_schemes,
+    schemes_alone,
     varies,
 )
 from vibgym.simulation.threads import Pool
@@ -55,27 +56,32 @@ def with_certified_contacts(model: str | Mapping[str, Any]) -> str | Mapping[str
 
 
 class Planar(Model):
-    """The planar model of one part in each world."""
+    """The planar model of one part in each world.
 
-    def __init__(self, setup: Setup, scheme: Scheme) -> None:
+    Args:
+        schemes: of the kinds.
+    """
+
+    def __init__(self, setup: Setup, schemes: Sequence[Scheme]) -> None:
         super().__init__(setup)
-        self._setups = Pool(partial(planar_scene, setup, scheme))
+        self._setups = Pool(partial(alone_of, setup, schemes))
         self._rows = np.arange(setup.worlds)
-        self.cost = 1.5 + 0.09 * setup.parts[0].area / setup.surface.element_size**2  # of docs/performance.md
+        area = max(kind.area for kind in setup.parts.every)
+        self.cost = 1.5 + 0.09 * area / setup.surface.element_size**2  # of docs/performance.md
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         rows = self._rows  # a local, since another thread may replace the attribute
         if stop > len(rows):  # used without a simulator, for more worlds
             rows = self._rows = np.arange(stop)
         setup = self._setups.take()
-        slide_rows(rows[start:stop], setup.address, drive.address, state.address, periods, NO_PATHS, 0)
+        for alone, chosen in setup.sort(rows[start:stop]):
+            slide_rows(chosen, alone.address, drive.address, state.address, periods, NO_PATHS, 0)
         self._setups.give(setup)
 
 
-def planar_scene(setup: Setup, scheme: Scheme) -> Pinned[FixedScene]:
+def alone_of(setup: Setup, schemes: Sequence[Scheme]) -> Alone:
     """Return the constants and working arrays of one thread."""
-    table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
-    return Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, new_workspace(table, bodies, scheme, LANES)))
+    return Alone(setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size), schemes)
 
 
 class Averaged(Model):
@@ -83,19 +89,36 @@ class Averaged(Model):
 
     def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:
         super().__init__(setup)
-        self._table, self._body, self._scheme = setup.surface.table(), body_of(setup.parts[0]), scheme
+        self._table, self._bodies, self._scheme = (
+            setup.surface.table(),
+            [body_of(kind) for kind in setup.parts.every],
+            scheme,
+        )
         self.cost = 1.5
-        self._workspaces = Pool(partial(integrator.new_workspace, self._table, self._body))
+        self._workspaces = Pool(self._new_workspaces)
+
+    def _new_workspaces(self) -> list[integrator.AveragedWorkspace]:
+        """Return working arrays for each kind."""
+        return [integrator.new_workspace(self._table, body) for body in self._bodies]
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
-        workspace = self._workspaces.take()
-        scene = integrator.AveragedScene(self._table, self._body, self._scheme, drive.record, state.record, workspace)
-        integrator.advance_worlds(start, stop, scene, periods)
-        self._workspaces.give(workspace)
+        def work(workspaces: list[integrator.AveragedWorkspace]) -> None:
+            constants, inputs, kinds = (self._table, self._scheme), (drive.record, state.record), self.setup.parts
+            first = start
+            while first < stop:
+                kind = int(kinds.index[first if kinds.vary else 0, 0])
+                last = first + 1 if kinds.vary else stop
+                scene = integrator.AveragedScene(
+                    constants[0], self._bodies[kind], constants[1], *inputs, workspaces[kind]
+                )
+                integrator.advance_worlds(first, last, scene, periods)
+                first = last
+
+        self._workspaces.lend(work)
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """Raise ValueError for conditions under which the part may stick."""
-        part, surface = self.setup.parts[0], self.setup.surface
+        surface, (part,) = self.setup.surface, self.setup.parts.largest(lambda part: part.static_friction)
         factors = conditions.strongest[:, 0]
         if len(factors):
             worst = int(np.argmax(factors * part.static_friction * 2.0 * surface.gravity + conditions.slope))
@@ -127,9 +150,8 @@ def planar(setup: Setup, settings: PlanarSettings) -> Model:
         for name in ("contacts", "contact_steps", "contact_overlap"):
             if getattr(settings, name) not in ("auto", CERTIFIED):
                 raise checks.conflict(f"{name} requires several parts or walls")
-        part = setup.parts[0]
-        return Planar(setup, planar_scheme(setup.surface, part, settings, by_points=varies(part)))
-    kinds, _ = kinds_of(setup.parts)
+        return Planar(setup, schemes_alone(setup.surface, setup.parts.every, settings))
+    kinds = setup.parts.every
     if settings.contacts == CERTIFIED:
         from vibgym.simulation.multibody import Multibody
 
@@ -154,7 +176,8 @@ def averaged(setup: Setup, settings: AveragedSettings) -> Model:
     """
     if setup.multibody:
         raise checks.conflict("model='averaged' requires one part and no walls: use 'planar', which resolves contacts")
-    return Averaged(setup, averaged_scheme(setup.surface, setup.parts[0], settings))
+    schemes = [averaged_scheme(setup.surface, kind, settings) for kind in setup.parts.every]
+    return Averaged(setup, schemes[0])
 
 
 def auto(setup: Setup, settings: AutoSettings) -> Model:
@@ -163,8 +186,8 @@ def auto(setup: Setup, settings: AutoSettings) -> Model:
     Raises:
         ValueError: no model is within the tolerance.
     """
-    kinds, _ = kinds_of(setup.parts)
-    if setup.multibody or varies(setup.parts[0]):
+    kinds = setup.parts.every
+    if setup.multibody or len(kinds) > 1 or varies(kinds[0]):
         choice = choose_for(setup.surface, kinds, ("planar",), **vars(settings))
     else:
         choice = choose(setup.surface, kinds[0], **vars(settings))
@@ -186,15 +209,19 @@ class TippingMargin:
     """Function that computes :attr:`vibgym.Simulator.tipping_margin`."""
 
     def __init__(self, setup: Setup) -> None:
-        kinds, self._kind = kinds_of(setup.parts, Part.same_as)
+        kinds = setup.parts.every
         hulls = [convex_hull(kind.outline) for kind in kinds]
         self._height = np.array([kind.centre_height for kind in kinds])
         self._hull, self._first = np.concatenate(hulls), np.cumsum([0, *(len(hull) for hull in hulls)])
-        self._scene = planar_scene(setup, planar_scheme(setup.surface, setup.parts[0]))
+        table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
+        scheme = planar_scheme(setup.surface, kinds[0])
+        self._scene = Pinned(
+            FIXED_SCENE, FixedScene(table, bodies, scheme, new_workspace(table, bodies, scheme, LANES))
+        )
 
     def __call__(self, drive: Pinned[Drive], state: Pinned[State]) -> np.ndarray:
         """Return (worlds, parts) one minus the worst share; minus infinity for parts that have fallen."""
         shares = np.empty(state.record.fallen.shape)
-        hull, first, kind = self._hull, self._first, self._kind
-        edge_fractions(self._scene.address, drive.address, state.address, self._height, hull, first, kind, shares)
+        scene, parts = self._scene.address, (self._height, self._hull, self._first)
+        edge_fractions(scene, drive.address, state.address, *parts, shares)
         return 1.0 - shares

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from vibgym.kernels.reference import Pinned
-from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import CONTACT, FREE, NEAR
 from vibgym.physics.contacts.coupling import CONTACT_SCENE, ContactScene, Coupling, new_contacts
 from vibgym.physics.contacts.multibody import (
@@ -25,9 +24,11 @@ from vibgym.physics.contacts.solver import new_solver
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
 from vibgym.physics.planar.friction import slide_rows
-from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
+from vibgym.physics.planar.workspace import FixedScene, new_workspace
 from vibgym.scene.bodies import bodies_of
-from vibgym.scene.parts import Part, kinds_of
+from vibgym.scene.hulls import hulls_of
+from vibgym.scene.parts import Part
+from vibgym.simulation.alone import Alone
 from vibgym.simulation.contact_parts import check_masses, check_parts, impact_properties_of, slop_of
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
 from vibgym.simulation.schemes import PlanarSchemes, check_contact_steps
@@ -84,10 +85,8 @@ class Multibody(Model):
             near: whether parts may come into contact; then their paths are recorded.
         """
         paths = prospect.paths if near else NO_PATHS
-        for kind, alone in enumerate(buffers.alone):
-            if prospect.count[kind]:
-                chosen = prospect.rows[kind, : prospect.count[kind]]
-                slide_rows(chosen, alone.address, drive, state, 1, paths, start * buffers.parts)
+        for alone, rows in buffers.alone.split(prospect.rows, prospect.count):
+            slide_rows(rows, alone.address, drive, state, 1, paths, start * buffers.parts)
 
     def end_period(self, start: int, stop: int, buffers: ContactBuffers, state: int) -> None:
         """Finish a period of a block's worlds, after contacts have been resolved."""
@@ -101,9 +100,9 @@ class Multibody(Model):
         if not len(conditions.incline):
             return
         parts, surface = self.setup.parts, self.setup.surface
-        masses = conditions.mass * [part.mass for part in parts]
-        check_masses(where.format("mass"), parts, masses[np.argmax(masses.max(axis=1) / masses.min(axis=1))])
-        friction = (conditions.strongest * [part.most_friction for part in parts]).max(axis=1)
+        check_masses(where.format("mass"), parts, conditions.mass)
+        roughest = parts.largest(lambda part: part.most_friction)
+        friction = (conditions.strongest * [part.most_friction for part in roughest]).max(axis=1)
         hardest = np.argmax(friction * surface.gravity + 0.5 * conditions.slope)
         own, incline = float(friction[hardest]), float(conditions.slope[hardest])
         check_contact_steps(where.format(conditions.stronger), surface, own, incline, self._bend)
@@ -126,23 +125,22 @@ class ContactBuffers:
         parts: number of parts of a world.
         together: constants for all parts of a world, with contacts.
         contacts: working arrays of contacts.
-        alone: constants for eight parts of each kind, without contacts; working arrays are shared.
+        alone: the same for eight parts without contacts.
     """
 
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
         table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
-        self.parts = len(setup.parts)
+        self.parts, hulls = len(setup.parts), hulls_of(setup.parts)
         check_parts(setup.parts)
         most = max(schemes.alone, key=lambda scheme: scheme.substeps)  # for the size of the working arrays
         friction = FixedScene(table, bodies, most, new_workspace(table, bodies, most, self.parts))
-        self.contacts = new_contacts(self.parts, setup.hulls)
+        self.contacts = new_contacts(self.parts, hulls)
         together = ContactScene(
-            friction, setup.hulls, new_solver(self.parts, len(setup.hulls.rounding)), impact_properties_of(setup.parts),
-            self.contacts, coupling_of(kinds_of(setup.parts)[0], schemes), schemes.walls,
+            friction, hulls, new_solver(self.parts, len(hulls.rounding)), impact_properties_of(setup.parts),
+            self.contacts, coupling_of(setup.parts.every, schemes), schemes.walls,
         )  # fmt: skip
         self.together = Pinned(CONTACT_SCENE, together)
-        workspace = new_workspace(table, bodies, most, LANES)
-        self.alone = [Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, workspace)) for scheme in schemes.alone]
+        self.alone = Alone(table, bodies, schemes.alone)
         self._steps = np.array([scheme.steps for scheme in schemes.alone])
         self._prospects: dict[int, Pinned[BroadPhase]] = {}
 

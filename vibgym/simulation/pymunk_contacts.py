@@ -14,6 +14,7 @@ period has its own space, and its last step computes no correction.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -156,48 +157,55 @@ class PymunkBuffers(FastBuffers):
         self.steps = self.together.record.friction.scheme.steps * self.together.record.couplings
         self.motion = np.zeros((len(setup.parts) + 1, 6))
         self._setup, self._workspace = setup, self.together.record.friction.workspace
+        self._hulls = self.together.record.hulls.every
         self._given, self._result = Buffer(), Buffer()
         self._given.set_float_buf(self.motion)
-        self._laws = [(part.restitution, part.contact_friction) for part in setup.parts]
+        self._laws = [(kind.restitution, kind.contact_friction) for kind in setup.parts.every]
         self._kinds = sorted(set(self._laws))
         if len(self._kinds) > KINDS:
             got = f"{len(self._kinds)} different pairs of restitution and contact_friction"
             raise checks.refuse("parts", got, f"parts with at most {KINDS} such pairs with contacts='pymunk'")
         self._walls = [wall for name in setup.walls for wall in self._wall(name)]
-        self._make_bodies()
+        self._made: dict[tuple[int, int], tuple[pymunk.Body, list[pymunk.Shape]]] = {}  # by part and kind
 
-    def _make_bodies(self) -> None:
-        """Make the bodies and their shapes."""
-        self._bodies = [pymunk.Body(part.mass, part.mass * part.gyration) for part in self._setup.parts]
-        self._shapes = [self._shapes_of(part) for part in range(len(self._bodies))]
+    def _body(self, part: int, kind: int) -> tuple[pymunk.Body, list[pymunk.Shape]]:
+        """Return body and shapes of a part."""
+        if (part, kind) not in self._made:
+            own = self._setup.parts.every[kind]
+            body = pymunk.Body(own.mass, own.mass * own.gyration)
+            self._made[part, kind] = body, self._shapes_of(kind, body)
+        return self._made[part, kind]
 
-    def _shapes_of(self, part: int) -> list[pymunk.Shape]:
-        """Return the convex shapes of a part; those of a disc are a circle."""
-        hulls, body, shapes = self._setup.hulls, self._bodies[part], []
-        kind = pymunk.ShapeFilter(categories=1 << self._kinds.index(self._laws[part]))
-        for hull in range(hulls.owner[part], hulls.owner[part + 1]):
+    def _shapes_of(self, kind: int, body: pymunk.Body) -> list[pymunk.Shape]:
+        """Return the convex shapes of a kind of parts; those of a disc are a circle."""
+        hulls, shapes = self._hulls, []
+        law = pymunk.ShapeFilter(categories=1 << self._kinds.index(self._laws[kind]))
+        for hull in range(hulls.owner[kind], hulls.owner[kind + 1]):
             corners, radius = hulls.corner[hulls.first[hull] : hulls.first[hull + 1], :2], float(hulls.rounding[hull])
             one = len(corners) == 1
             shape = pymunk.Circle(body, radius) if one else pymunk.Poly(body, corners.tolist(), radius=radius)
-            shapes.append(with_law(shape, self._laws[part], kind))
+            shapes.append(with_law(shape, self._laws[kind], law))
         return shapes
 
     def _wall(self, name: str) -> list[pymunk.Shape]:
         """Return a wall as one box for each pair of coefficients, which are those of the part in contact."""
         width, depth = self._setup.surface.width, self._setup.surface.depth
-        far = width + depth + 2.0 * max(part.radius for part in self._setup.parts)
+        far = width + depth + 2.0 * max(kind.radius for kind in self._setup.parts.every)
         left, right = {"left": (-far, 0.0), "right": (width, far)}.get(name, (-far, far))
         bottom, top = {"bottom": (-far, 0.0), "top": (depth, far)}.get(name, (-far, far))
         box = [(left, bottom), (right, bottom), (right, top), (left, top)]
         kinds = (pymunk.ShapeFilter(categories=1 << KINDS, mask=1 << k) for k in range(len(self._kinds)))
         return [with_law(pymunk.Poly(None, box), law, kind) for law, kind in zip(self._kinds, kinds, strict=True)]
 
-    def _space(self, parts: list[int], mass: np.ndarray, h: float) -> pymunk.Space:
-        """Return a space with the bodies of ``parts``, which get their shapes at their positions, and walls."""
-        space, bodies = pymunk.Space(), [self._bodies[part] for part in parts]
-        for part, body in zip(parts, bodies, strict=True):
-            body.mass = mass[part] * self._setup.parts[part].mass
-            body.moment = body.mass * self._setup.parts[part].gyration
+    def _space(self, bodies: list[pymunk.Body], kinds: list[int], factors: list[float], h: float) -> pymunk.Space:
+        """Return a space with bodies of these kinds, which get their shapes at their positions, and walls.
+
+        ``factors``: on their masses.
+        """
+        space = pymunk.Space()
+        for body, kind, factor in zip(bodies, kinds, factors, strict=True):
+            body.mass = factor * self._setup.parts.every[kind].mass
+            body.moment = body.mass * self._setup.parts.every[kind].gyration
         masses = [body.mass for body in bodies]
         space.iterations = ITERATIONS + int(max(masses) / min(masses))
         space.collision_slop, space.collision_bias = self.together.record.slop, (1.0 - CORRECTED) ** (1.0 / h)
@@ -211,13 +219,15 @@ class PymunkBuffers(FastBuffers):
 
         ``mass``: (all parts,) factors on masses.  ``inputs``: addresses for kernels.
         """
-        h, parts = self._setup.surface.period / self.steps, self._workspace.part[:count].tolist()
-        space, fallen, present = self._space(parts, mass, h), 0, -1
+        h, parts = self._setup.surface.period / self.steps, self._workspace.part[:count]
+        kinds = self._workspace.kind[:count].tolist()
+        bodies, shapes = zip(*map(self._body, parts.tolist(), kinds), strict=True)
+        space, fallen, present = self._space(list(bodies), kinds, mass[parts].tolist(), h), 0, -1
         try:
             while step < self.steps and fallen >= 0:
                 set_space_bodies(space, MOTION, self._given)
                 if fallen != present:
-                    present = self._update_shapes(space, parts)
+                    present = self._update_shapes(space, shapes)
                 if step + 1 == self.steps:
                     space.collision_bias = 1.0  # keep all of each overlap
                 space.step(h)
@@ -229,13 +239,13 @@ class PymunkBuffers(FastBuffers):
         finally:
             space.remove(*space.shapes, *space.bodies)
             if step < self.steps:
-                self._make_bodies()  # some may have corrections that have not been applied
+                self._made.clear()  # some may have corrections that have not been applied
 
-    def _update_shapes(self, space: pymunk.Space, parts: list[int]) -> int:
+    def _update_shapes(self, space: pymunk.Space, shapes: Sequence[list[pymunk.Shape]]) -> int:
         """Add the shapes of the parts on the table and remove those of fallen ones; return how many have fallen."""
-        away = self._workspace.away[: len(parts)].tolist()
-        for part, gone in zip(parts, away, strict=True):
-            for shape in self._shapes[part]:
+        away = self._workspace.away[: len(shapes)].tolist()
+        for own, gone in zip(shapes, away, strict=True):
+            for shape in own:
                 if (shape in space.shapes) == gone:
                     (space.remove if gone else space.add)(shape)
         return sum(away)

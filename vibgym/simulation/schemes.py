@@ -136,6 +136,12 @@ def planar_scheme(
     return Scheme(cuts, inner, cells, np.cos(phase), np.sin(phase))
 
 
+def schemes_alone(surface: Surface, kinds: Sequence[Part], settings: PlanarSettings) -> list[Scheme]:
+    """Return :func:`planar_scheme` for each kind, by points if the friction of any depends on speed."""
+    by_points = any(map(varies, kinds))
+    return [planar_scheme(surface, part, settings, by_points=by_points) for part in kinds]
+
+
 def planar_schemes(
     surface: Surface, kinds: Sequence[Part], walls: Sequence[str], settings: PlanarSettings | None = None
 ) -> PlanarSchemes:
@@ -149,7 +155,7 @@ def planar_schemes(
     overlaps = [min(CONTACT_OVERLAP, half_width / 50.0) for half_width in half_widths]
     if settings.contact_overlap != "auto":
         overlaps = [settings.contact_overlap] * len(kinds)
-    alone = [planar_scheme(surface, part, settings, by_points=any(map(varies, kinds))) for part in kinds]
+    alone = schemes_alone(surface, kinds, settings)
     coupled, bends = _chosen(settings.contact_steps), [math.inf] * len(kinds)
     if coupled is None:
         coupled, bends = CONTACT_STEPS, [min(FRICTION_OVERLAP, 0.25 * half_width) for half_width in half_widths]
@@ -170,7 +176,7 @@ def fast_schemes(
 
     ``fewest``: contact steps in a period where ``"auto"`` requires no more.
     """
-    alone = [planar_scheme(surface, part, settings, by_points=any(map(varies, kinds))) for part in kinds]
+    alone = schemes_alone(surface, kinds, settings)
     coupled, none = _chosen(settings.contact_steps), (math.inf,) * len(kinds)
     if coupled is None:
         friction = max(part.most_friction for part in kinds)

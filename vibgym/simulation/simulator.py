@@ -15,6 +15,7 @@ from vibgym.physics.core.drive import DRIVE, Drive, polar_drive
 from vibgym.physics.core.records import CONDITIONS, STATE, State, new_state
 from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
+from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
@@ -40,7 +41,7 @@ class Simulator:
 
     Args:
         surface: the table.
-        parts: the parts of every world, one or a list.
+        parts: the parts of every world, one or a list; :class:`vibgym.scene.kinds.Kinds` where those of worlds differ.
         walls: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``; parts fall off the others.
         worlds: number of independent worlds. Results do not depend on it, on the order of worlds, or on threads.
         model: ``"planar"``, ``"averaged"`` or ``"auto"``: the cheapest of these two within a tolerance. Plug-ins add further
@@ -51,6 +52,7 @@ class Simulator:
 
     Attributes:
         choice: model and knobs in effect, and why (:class:`vibgym.simulation.choice.Choice`).
+        kinds: the parts of every world.
         blocks: partition of the worlds into blocks for threads.
 
     Raises:
@@ -73,7 +75,8 @@ class Simulator:
         if not isinstance(parts, Sequence) or not parts or not all(isinstance(part, Part) for part in parts):
             raise checks.refuse("parts", parts, "a vibgym.Part or a list of them")
         largest = 2.0 * (surface.width + surface.depth)
-        for part in parts:
+        self.kinds = Kinds.of(parts)
+        for part in self.kinds.every:
             if part.radius > largest:
                 got = f"{part.name!r} with radius {part.radius:g} m"
                 allowed = f"a radius of at most {largest:g} m on this surface (lengths are in m)"
@@ -85,12 +88,13 @@ class Simulator:
         if not several or len(set(walls)) != len(walls):
             raise checks.refuse("walls", walls, f"a list of different names among {', '.join(map(repr, WALLS))}")
         self.surface = surface
-        self.parts = tuple(parts)
         self.walls = tuple(walls)
         needed = BYTES_OF_WORLD + BYTES_OF_PART * len(parts) + BYTES_OF_ELEMENT * surface.rows * surface.columns
         self.worlds = checks.fitting("worlds", checks.count("worlds", worlds), needed)
-        self.hulls = hulls_of(self.parts)
-        self._setup = Setup(surface, self.parts, self.walls, self.hulls, self.worlds, model)
+        if self.kinds.vary and len(self.kinds.index) != self.worlds:
+            raise checks.refuse("parts", f"kinds of the parts of {len(self.kinds.index)} worlds", f"of {self.worlds}")
+        self._setup = Setup(surface, self.kinds, self.walls, self.worlds, model)
+        self.hulls, self._mass = hulls_of(self.kinds), self.kinds.values(lambda part: part.mass)
         self._model: Model = MODELS.make("model", dict(kind=model, **knobs), self._setup)
         self.choice = self._model.choice or Choice(model, dict(knobs), None, None, None, None, "as requested")
         self.model = self.choice.model
@@ -99,7 +103,7 @@ class Simulator:
         self.blocks = workers.Blocks(self.worlds, threads, self._model.cost)
         self._tipping: TippingMargin | None = None  # built on first use
         self._state = new_state(self.worlds, len(self.parts))
-        self._state.pose[...] = overlaps.apart(surface, self.parts)
+        self._state.pose[...] = overlaps.apart(surface, len(self.kinds))
         self._pinned = Pinned(STATE, self._state)
         self._drive: Pinned[Drive] | None = None  # the last one
         self._periods = 0
@@ -121,11 +125,20 @@ class Simulator:
         velocity = checks.array("velocity", 0.0 if velocity is None else velocity, shape)
         overlaps.check_centres("pose", pose, self.surface)
         fallen = np.zeros(shape[:2], dtype=bool)
-        overlaps.check("pose", self.hulls, self.surface, self.parts, self.walls, pose, fallen, overlaps.AT_REST)
+        self.check_overlaps("pose", pose, fallen, overlaps.AT_REST)
         self.place(slice(None), pose, velocity, velocity)
         self._periods = 0
         self._counted = 0
         self._model.reset()
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The parts of the first world."""
+        return self.kinds.parts(0)
+
+    def check_overlaps(self, name: str, pose: np.ndarray, away: np.ndarray, allowed: float) -> None:
+        """Check that the parts of all worlds do not overlap one another or a wall, see :func:`vibgym.scene.overlaps.check`."""
+        overlaps.check(name, self.hulls, self.surface, self.kinds, self.walls, pose, away, allowed)
 
     def place(self, worlds: Any, pose: Any, velocity: Any, mean_velocity: Any, fallen: Any = False) -> None:
         """Restart worlds (index or mask) from checked values and reset their conditions; the time does not change.
@@ -308,8 +321,7 @@ class Simulator:
     @property
     def contact_impulse(self) -> np.ndarray:
         """(worlds, parts, 2) N s, impulse of contacts with other parts and walls over the last period, x and y."""
-        mass = self._state.mass * [part.mass for part in self.parts]
-        return mass[..., None] * self._state.pushed
+        return (self._state.mass * self._mass)[..., None] * self._state.pushed
 
     @property
     def patches(self) -> np.ndarray:
@@ -392,8 +404,8 @@ class Simulator:
         more = restored("state", own, {name: state[name] for name in own})
         periods = checks.count("state['periods']", state["periods"], least=0, most=MOST_TIME)
         if self._model.most_overlap < math.inf:
-            where = (values["pose"], values["fallen"] | values["diverged"][:, None], self._model.most_overlap)
-            overlaps.check("state['pose']", self.hulls, self.surface, self.parts, self.walls, *where)
+            away = values["fallen"] | values["diverged"][:, None]
+            self.check_overlaps("state['pose']", values["pose"], away, self._model.most_overlap)
         conditions = Conditions(*(values[name] for name in Conditions._fields))
         self.check_conditions(conditions, conditions._asdict(), "state['{}']")
         self._model.check_live(more)

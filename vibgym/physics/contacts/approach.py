@@ -13,7 +13,7 @@ from typing import NamedTuple
 from vibgym.kernels.jit import jit
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.hulls import A_FACE, B_FACE, hull_contact, moved_support, place_hulls, wall_direction
-from vibgym.physics.core.records import friction_in, incline_size
+from vibgym.physics.core.records import friction_in, incline_size, kind_in
 
 FAST, SLOWLY = 0.02, 6.0
 """Closing speed (m/s) below which the allowed overlap is larger, and the factor."""
@@ -64,8 +64,8 @@ def bound_motion(island, h):
     for slot in range(island.parts):
         part = scene.workspace.part[slot]
         _, _, vx, vy, spin = part_motion(scene.workspace, slot)
-        radius, gyration = island.hulls.radius[part], scene.bodies.gyration[scene.bodies.kind[part]]
-        pull = friction_bound(island, slot) * (1.0 + radius * radius / gyration) + incline
+        radius, kind = island.hulls.radius[part], kind_in(scene.bodies, island.world, part)
+        pull = friction_bound(island, slot) * (1.0 + radius * radius / scene.bodies.gyration[kind]) + incline
         contacts.step_bound[slot] = (math.sqrt(vx * vx + vy * vy) + radius * abs(spin)) * h + 0.5 * pull * h * h
 
 

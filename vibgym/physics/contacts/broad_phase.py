@@ -15,7 +15,7 @@ import numpy as np
 
 from vibgym.kernels.jit import jit
 from vibgym.physics.contacts.hulls import BOTTOM, LEFT, RIGHT, part_gap, place_hulls, wall_gap
-from vibgym.physics.core.records import friction_in, incline_size
+from vibgym.physics.core.records import friction_in, incline_size, kind_in
 
 IN_TOUCH = 2e-4
 """Gap (m) at the start of a period below which parts are assumed to touch; they are not advanced without contacts first."""
@@ -179,7 +179,7 @@ def circle_gap(table, hulls, i, at, j, there):
 def curvature_bound(table, bodies, hulls, state, world, part, step):
     """Return a bound on the distance of a point of a part from the straight line between two poses ``step`` s apart, m."""
     friction, radius = friction_in(bodies, state, world, part), hulls.radius[part]
-    gyration, bend = bodies.gyration[bodies.kind[part]], incline_size(state, world) * step * step / 8.0
+    gyration, bend = bodies.gyration[kind_in(bodies, world, part)], incline_size(state, world) * step * step / 8.0
     return 2.0 * friction * table.gravity * (1.0 + radius * radius / gyration) * step * step / 8.0 + bend
 
 

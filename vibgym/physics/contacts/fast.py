@@ -25,10 +25,10 @@ from vibgym.physics.contacts.hulls import Hulls, place_hulls
 from vibgym.physics.contacts.impact import ImpactProperties
 from vibgym.physics.contacts.impulses import GAP, Points, add_point, new_points, solve_points
 from vibgym.physics.contacts.manifold import hull_manifold, wall_manifold
-from vibgym.physics.contacts.multibody import CALLS, find_pairs
+from vibgym.physics.contacts.multibody import CALLS, find_pairs, load_world
 from vibgym.physics.contacts.solver import HIT_SPEED, point_capacity, rounds_needed
 from vibgym.physics.core.drive import pinned_drive
-from vibgym.physics.core.records import state_at
+from vibgym.physics.core.records import kind_in, state_at
 from vibgym.physics.planar.stepper import apply_friction, cut_stale, load_part
 from vibgym.physics.planar.workspace import FixedScene, Scene
 
@@ -115,7 +115,7 @@ def find_rows(start, stop, fixed, state, rows, whole):
         whole: treat all parts on the table as near where any of them are.
     """
     fixed, state, rows = fast_scene_at(fixed), state_at(state), rows_at(rows)
-    parts, kinds, found = state.pose.shape[1], fixed.friction.bodies.kind, fixed.contacts.found
+    parts, found = state.pose.shape[1], fixed.contacts.found
     for kind in range(rows.count.shape[0]):
         rows.count[kind] = 0
     for world in range(start, stop):
@@ -123,6 +123,7 @@ def find_rows(start, stop, fixed, state, rows, whole):
         for part in range(parts):
             driven[part] = False
             state.pushed[world, part, 0] = state.pushed[world, part, 1] = 0.0
+        load_world(fixed, world)
         if not state.diverged[world]:
             n = find_pairs(fixed, state, world, found)
         for k in range(n):
@@ -133,7 +134,7 @@ def find_rows(start, stop, fixed, state, rows, whole):
             if whole and n > 0:
                 driven[part] = not state.fallen[world, part]
             if not driven[part]:
-                kind = kinds[part]
+                kind = kind_in(fixed.friction.bodies, world, part)
                 rows.rows[kind, rows.count[kind]] = world * parts + part
                 rows.count[kind] += 1
 
@@ -262,6 +263,7 @@ def find_points(scene, fixed, first, parts, count, h):
 def measure_overlap(scene, fixed):
     """Return the largest overlap of the loaded parts with one another or with walls, m."""
     contacts, overlap = fixed.contacts, 0.0
+    load_world(fixed, contacts.world[0])
     count, _ = load_bodies(scene, fixed, 0, contacts.first[1])
     for k in range(find_points(scene, fixed, 0, contacts.first[1], count, 1.0)):
         overlap = max(overlap, -contacts.points.value[k, GAP])
@@ -299,6 +301,7 @@ def resolve_contacts(scene, fixed, index, h):
         index: of the world in ``contacts``.
     """
     contacts = fixed.contacts
+    load_world(fixed, contacts.world[index])
     first, parts = contacts.first[index], contacts.first[index + 1] - contacts.first[index]
     count, rounds = load_bodies(scene, fixed, first, parts)
     n = find_points(scene, fixed, first, parts, count, h)

@@ -23,14 +23,51 @@ CORNERS, A_FACE, B_FACE = 0, 1, 2
 """Owner of a contact normal, see :func:`hull_contact`."""
 
 
-class Hulls(NamedTuple):
-    """The convex hulls of all parts of a world, in their own frames."""
+class HullTable(NamedTuple):
+    """The convex hulls of several outlines, in their own frames."""
 
     corner: np.ndarray  # (all corners, 4): x, y (m) and the outward normal of the edge to the next corner of its hull
     first: np.ndarray  # (hulls + 1,) of each hull's corners
     rounding: np.ndarray  # (hulls,) m
-    owner: np.ndarray  # (parts + 1,) first hull of each part
-    radius: np.ndarray  # (parts,) m, of the circumscribed circle about the centre of mass
+    owner: np.ndarray  # (outlines + 1,) first hull of each outline
+    radius: np.ndarray  # (outlines,) m, of the circumscribed circle about the centre of mass
+
+
+class Hulls(NamedTuple):
+    """The convex hulls of all parts of a world, as :class:`HullTable`, with room for any world's; memory of one thread."""
+
+    corner: np.ndarray
+    first: np.ndarray
+    rounding: np.ndarray
+    owner: np.ndarray
+    radius: np.ndarray
+    loaded: np.ndarray  # (parts,) kinds of these parts
+    kind: np.ndarray  # (worlds, parts) kind of every part, see vibgym.physics.core.records.Bodies
+    every: HullTable  # of the kinds
+
+
+@jit
+def load_hulls(hulls, world):
+    """Load the hulls of a world's parts; return whether they differ from those before."""
+    kind, parts, same = hulls.kind[min(world, hulls.kind.shape[0] - 1)], hulls.loaded.shape[0], True
+    for part in range(parts):
+        same = same and hulls.loaded[part] == kind[part]
+    if same:
+        return False
+    every, piece, corner = hulls.every, 0, 0
+    for part in range(parts):
+        which = kind[part]
+        hulls.loaded[part], hulls.radius[part] = which, every.radius[which]
+        for a in range(every.owner[which], every.owner[which + 1]):
+            hulls.rounding[piece] = every.rounding[a]
+            for k in range(every.first[a], every.first[a + 1]):
+                for axis in range(4):
+                    hulls.corner[corner, axis] = every.corner[k, axis]
+                corner += 1
+            piece += 1
+            hulls.first[piece] = corner
+        hulls.owner[part + 1] = piece
+    return True
 
 
 @jit
@@ -186,6 +223,7 @@ def all_gaps(hulls, pose, gaps):
     hulls, parts = reference(hulls), pose.shape[1]
     placed = np.empty_like(hulls.corner)
     for world in range(pose.shape[0]):
+        load_hulls(hulls, world)
         for i in range(parts):
             place_hulls(hulls, i, pose[world, i, 0], pose[world, i, 1], pose[world, i, 2], placed)
             gaps[world, i, i] = math.inf

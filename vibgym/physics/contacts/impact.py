@@ -202,12 +202,22 @@ MOST_IMPACTS, IMPACTS_A_PAIR = 32, 8
 class ImpactProperties(NamedTuple):
     """Properties of parts for impacts."""
 
-    mass: np.ndarray  # (parts,) kg, without the factor on mass
+    every: np.ndarray  # (kinds, 4) mass, gyration, restitution and friction
+    mass: np.ndarray  # (parts,) kg, of the current world, as all that follows; without the factor on mass
     gyration: np.ndarray  # (parts,) m^2, inertia over mass
-    inverse_mass: np.ndarray  # (parts,) 1/kg, in the current world
-    inverse_inertia: np.ndarray  # (parts,) 1/(kg m^2), likewise
+    inverse_mass: np.ndarray  # (parts,) 1/kg
+    inverse_inertia: np.ndarray  # (parts,) 1/(kg m^2)
     restitution: np.ndarray  # (parts,) energetic coefficient; a pair uses the geometric mean, a wall the part's
     friction: np.ndarray  # (parts,) likewise
+
+
+@jit
+def load_properties(properties, kind):
+    """Load the properties of parts of these kinds (parts,)."""
+    for part in range(kind.shape[0]):
+        every = properties.every[kind[part]]
+        properties.mass[part], properties.gyration[part] = every[0], every[1]
+        properties.restitution[part], properties.friction[part] = every[2], every[3]
 
 
 class RelativeMotion(NamedTuple):

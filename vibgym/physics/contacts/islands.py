@@ -21,7 +21,7 @@ from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import IN_TOUCH, circle_gap, pair_capacity, paths_cross
 from vibgym.physics.contacts.coupling import Island, advance_island, order_pairs
-from vibgym.physics.core.records import Scheme, friction_in, incline_size
+from vibgym.physics.core.records import Scheme, friction_in, incline_size, kind_in
 from vibgym.physics.planar.workspace import Scene
 
 CLOSE = 5e-3
@@ -172,13 +172,15 @@ def load_members(islands, root, pairs, workspace, pose, contacts):
 
 
 @jit
-def scheme_of(fixed, part, parts):
+def scheme_of(fixed, world, part, parts):
     """Return an island's step sizes: those of its kind with the most steps."""
-    coupling, kinds, finest = fixed.coupling, fixed.friction.bodies.kind, part[0]
+    coupling, bodies = fixed.coupling, fixed.friction.bodies
+    finest = kind_in(bodies, world, part[0])
     for slot in range(parts):
-        if coupling.steps[kinds[part[slot]]] > coupling.steps[kinds[finest]]:
-            finest = part[slot]
-    steps, substeps, base = coupling.steps[kinds[finest]], coupling.substeps[kinds[finest]], fixed.friction.scheme
+        kind = kind_in(bodies, world, part[slot])
+        if coupling.steps[kind] > coupling.steps[finest]:
+            finest = kind
+    steps, substeps, base = coupling.steps[finest], coupling.substeps[finest], fixed.friction.scheme
     return Scheme(steps, substeps, base.pieces, base.cosine, base.sine)
 
 
@@ -191,14 +193,14 @@ def run_island(islands, root, fixed, drive, state, world, pairs, paths):
         paths: overwritten for its parts.
     """
     friction, coupling, contacts = fixed.friction, fixed.coupling, fixed.contacts
-    kinds, part = friction.bodies.kind, friction.workspace.part
+    part = friction.workspace.part
     parts, n = load_members(islands, root, pairs, friction.workspace, state.pose[world], contacts)
-    scheme = scheme_of(fixed, part, parts)
+    scheme = scheme_of(fixed, world, part, parts)
     groups = (parts + LANES - 1) // LANES
     scene = Scene(friction.table, friction.bodies, reference(scheme), drive, state, friction.workspace, groups)
     bend, overlap, slop, most = math.inf, math.inf, math.inf, 0.0
     for slot in range(parts):
-        kind = kinds[part[slot]]
+        kind = kind_in(friction.bodies, world, part[slot])
         bend, overlap = min(bend, coupling.bend[kind]), min(overlap, coupling.overlap[kind])
         slop, most = min(slop, coupling.slop[kind]), max(most, friction_in(friction.bodies, state, world, part[slot]))
     # Enough steps that friction and incline add little to an overlap in each.

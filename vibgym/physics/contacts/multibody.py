@@ -27,7 +27,8 @@ from vibgym.physics.contacts.broad_phase import (
     travel_bound,
 )
 from vibgym.physics.contacts.coupling import contact_scene_at
-from vibgym.physics.contacts.hulls import place_hulls
+from vibgym.physics.contacts.hulls import load_hulls, place_hulls
+from vibgym.physics.contacts.impact import load_properties
 from vibgym.physics.contacts.islands import (
     CLOSE,
     Islands,
@@ -40,7 +41,7 @@ from vibgym.physics.contacts.islands import (
     run_island,
 )
 from vibgym.physics.core.drive import pinned_drive
-from vibgym.physics.core.records import State, friction_in, incline_size, new_state, state_at
+from vibgym.physics.core.records import State, friction_in, incline_size, kind_in, new_state, state_at
 
 CALLS = 3
 """Column of the counts with calls of the solver; the columns before count periods ``FREE``, ``NEAR`` and ``CONTACT``."""
@@ -86,6 +87,13 @@ def new_broad_phase(worlds: int, parts: int, steps: np.ndarray) -> BroadPhase:
         kept=new_state(worlds, parts),
         islands=new_islands(parts),
     )
+
+
+@jit
+def load_world(fixed, world):
+    """Load hulls and properties for impacts of a world's parts."""
+    if load_hulls(fixed.hulls, world):
+        load_properties(fixed.properties, fixed.hulls.loaded)
 
 
 @jit
@@ -162,6 +170,7 @@ def broad_phase(start, stop, fixed, state, broad):
         broad.count[kind] = 0
     for world in range(start, stop):
         w, found = world - start, 0
+        load_world(fixed, world)
         if not state.diverged[world]:
             found = find_pairs(fixed, state, world, broad.pairs[w])
         broad.found[w] = found
@@ -173,7 +182,7 @@ def broad_phase(start, stop, fixed, state, broad):
             if found > 0:
                 copy_part(state, world, broad.kept, w, part)
             if found == 0 or not broad.driven[w, part]:
-                kind = fixed.friction.bodies.kind[part]
+                kind = kind_in(fixed.friction.bodies, world, part)
                 broad.rows[kind, broad.count[kind]] = world * parts + part
                 broad.count[kind] += 1
     return any_near
@@ -187,7 +196,7 @@ def begin_islands_of_world(world, w, fixed, state, broad, paths):
     for part in range(state.pose.shape[1]):
         mu, velocity = friction_in(bodies, state, world, part), kept.velocity[w, part]
         islands.expected_travel[part] = travel_bound(table, mu, incline, velocity[0], velocity[1])
-        paths.steps[part] = broad.steps[bodies.kind[part]]
+        paths.steps[part] = broad.steps[kind_in(bodies, world, part)]
     pairs, found = broad.pairs[w], broad.found[w]
     link_pairs(islands, pairs, found)
     begin_islands(islands, fixed, state, world, pairs, found, broad.gap[w], paths, kept.fallen[w])
@@ -247,5 +256,6 @@ def resolve(start, stop, fixed, drive, state, broad, counts):
         w = world - start
         mode = FREE
         if broad.found[w] > 0:
+            load_world(fixed, world)
             mode = resolve_world(world, w, fixed, drive, state, broad, counts)
         counts[world, mode] += 1

@@ -56,9 +56,9 @@ class Body(NamedTuple):
 
 
 class Bodies(NamedTuple):
-    """The parts of a world as arrays, so that one compiled kernel takes any number of them."""
+    """The kinds of parts as arrays, so that one compiled kernel takes any number of them, and the parts of the worlds."""
 
-    kind: np.ndarray  # (parts,) index of the part's kind
+    kind: np.ndarray  # (worlds, parts) kind of every part, live; one row where all worlds have the same parts
     outline: np.ndarray  # (all corners, 2)
     first: np.ndarray  # (kinds + 1,) first corner of each kind
     area: np.ndarray  # (kinds,) and so on
@@ -71,6 +71,12 @@ class Bodies(NamedTuple):
     coupling: np.ndarray
     even: np.ndarray  # EVEN
     laws: np.ndarray  # (kinds, entries)
+
+
+@jit
+def kind_in(bodies, world, part):
+    """Return the kind of a part in its world."""
+    return bodies.kind[min(world, bodies.kind.shape[0] - 1), part]
 
 
 @jit
@@ -181,7 +187,7 @@ def most_friction(body):
 @jit
 def friction_in(bodies, state, world, part):
     """Return the coefficient of sliding friction of a part in its world."""
-    return state.friction[world, part] * bodies.friction[bodies.kind[part]]
+    return state.friction[world, part] * bodies.friction[kind_in(bodies, world, part)]
 
 
 @jit
@@ -216,7 +222,7 @@ def law_factor(law, speed):
 @jit
 def body_in(bodies, state, world, part):
     """Return the body of a part in its world."""
-    return under_conditions(body_of(bodies, bodies.kind[part]), state, world, part)
+    return under_conditions(body_of(bodies, kind_in(bodies, world, part)), state, world, part)
 
 
 class Motion(NamedTuple):

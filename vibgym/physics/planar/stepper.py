@@ -31,7 +31,7 @@ from vibgym.kernels.vector import (
     store_mask,
 )
 from vibgym.physics.core.drive import clear_phasors
-from vibgym.physics.core.records import Motion, body_in, body_of, under_conditions
+from vibgym.physics.core.records import Motion, body_in, body_of, kind_in, under_conditions
 from vibgym.physics.planar.contact_area import NEGLIGIBLE_PIECE, OFF, PLACED, place_part
 from vibgym.physics.planar.group_cut import MARGIN, cut_outlines
 from vibgym.physics.planar.points import MOST_TRAVEL, MOST_TURN, slide_by_points
@@ -134,7 +134,7 @@ def load_part(scene, slot, world, part, away):
     """Load a part into a slot; ``away``: it is not on the table, or the slot is unused and only copies that part."""
     state, workspace = scene.state, scene.workspace
     g, lane = slot // LANES, slot % LANES
-    kind = scene.bodies.kind[part]
+    kind = kind_in(scene.bodies, world, part)
     body = under_conditions(body_of(scene.bodies, kind), state, world, part)
     workspace.world[slot], workspace.part[slot], workspace.away[slot] = world, part, away
     workspace.most_square[slot], workspace.slow_rate[slot] = limits(scene.table, body)

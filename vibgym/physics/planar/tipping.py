@@ -16,7 +16,7 @@ import math
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.physics.core.drive import clear_phasors, pinned_drive
-from vibgym.physics.core.records import body_in, grip_of, state_at
+from vibgym.physics.core.records import body_in, grip_of, kind_in, state_at
 from vibgym.physics.planar.contact_area import POINTS_PER_PIECE, points_at
 from vibgym.physics.planar.static import set_loads
 from vibgym.physics.planar.workspace import fixed_scene_at
@@ -101,20 +101,20 @@ def largest_edge_fraction(scene, drive, state, world, part, centre_height, hull,
 
 
 @jit
-def edge_fractions(fixed, drive, state, centre_height, hull, first, kind, shares):
+def edge_fractions(fixed, drive, state, centre_height, hull, first, shares):
     """Compute the largest edge fraction of every part, see :func:`edge_fraction`.
 
     Args:
         fixed, drive, state: addresses of pinned records.
-        centre_height: (kinds,) m.  hull, first: of the kinds, (corners, 2) m and (kinds + 1,).  kind: (parts,).
+        centre_height: (kinds,) m.  hull, first: of the kinds, (corners, 2) m and (kinds + 1,).
         shares: (worlds, parts), overwritten; infinite for parts that have fallen.
     """
     scene, drive, state = fixed_scene_at(fixed), reference(pinned_drive(drive)), state_at(state)
     for world in range(shares.shape[0]):
         for part in range(shares.shape[1]):
-            which = kind[part]
+            kind = kind_in(scene.bodies, world, part)
             shares[world, part] = math.inf
             if not state.fallen[world, part]:
                 shares[world, part] = largest_edge_fraction(
-                    scene, drive, state, world, part, centre_height[which], hull, first[which], first[which + 1]
+                    scene, drive, state, world, part, centre_height[kind], hull, first[kind], first[kind + 1]
                 )

@@ -151,8 +151,7 @@ class World:
         pose, away = simulator.pose, simulator.fallen
         pose[0, part], away[0, part] = self.held[part], False
         overlaps.check_centres("pose", pose[:, part], simulator.surface)
-        where = (simulator.hulls, simulator.surface, simulator.parts, simulator.walls)
-        overlaps.check("pose", *where, pose, away, overlaps.AT_REST)
+        simulator.check_overlaps("pose", pose, away, overlaps.AT_REST)
 
     def put_down(self, part: int) -> None:
         """Put a lifted part down, at rest at its pose.

@@ -7,7 +7,7 @@ rock on the highest plates, tilt, land, or topple.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -35,12 +35,13 @@ from vibgym.plugins.tilting.records import (
 )
 from vibgym.scene.bodies import bodies_of
 from vibgym.scene.outlines import is_convex, rotation
-from vibgym.scene.parts import Part, kinds_of
+from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import BaseSettings, Length
 from vibgym.simulation import Simulator
+from vibgym.simulation.alone import Alone
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup, worlds_from
-from vibgym.simulation.models import planar_scene
+from vibgym.simulation.models import alone_of
 from vibgym.simulation.threads import Pool
 
 LEAST_RAMP = 1e-6
@@ -79,7 +80,7 @@ def cross_of(part: Part) -> np.ndarray:
     return (signs * reach) @ axes.T
 
 
-def solids_of(kinds: list[Part]) -> Solids:
+def solids_of(kinds: Sequence[Part]) -> Solids:
     """Return the third dimension of the kinds, for the kernels."""
     return Solids(
         centre_height=np.array([kind.centre_height for kind in kinds]),
@@ -132,11 +133,11 @@ class AbovePlane(Model):
         self.step = setup.surface.period / scheme.steps
         self.attitudes = new_tilt(setup.worlds, len(setup.parts))
         self.pinned = Pinned(TILT, self.attitudes)
-        self._centres = [part.centre_height for part in setup.parts]
+        self._centres = setup.parts.values(lambda part: part.centre_height)
 
     def check_parts(self) -> None:
         """Raise ValueError for parts that are not convex, or whose coefficient of friction depends on speed."""
-        for part in self.setup.parts:
+        for part in self.setup.parts.every:
             if part.friction_law is not None:
                 raise checks.conflict("model='tilting' requires a constant coefficient of friction: use model='planar'")
             if not is_convex(part.outline):
@@ -170,7 +171,7 @@ class AbovePlane(Model):
     def bottoms(self, pose: np.ndarray, world: int) -> list[np.ndarray]:
         found, lean = [], self.attitudes.lean[world]
         rise = np.where(self.attitudes.mode != FLAT, self.attitudes.height - self._centres, 0.0)[world]
-        for k, part in enumerate(self.setup.parts):
+        for k, part in enumerate(self.setup.parts.parts(world)):
             x, y, heading = pose[k]
             corners = np.column_stack([part.outline, np.full(len(part.outline), -part.centre_height)])
             turned = corners @ (rotation(lean[k, 0], lean[k, 1], 0.0) @ rotation(0.0, 0.0, heading)).T
@@ -223,10 +224,13 @@ class AbovePlane(Model):
         self, worlds: np.ndarray, which: np.ndarray, heading: np.ndarray, lean: np.ndarray, rocking: np.ndarray
     ) -> None:
         """Tip the parts ``which`` (n, parts) of ``worlds`` (n,) at these headings (n, parts), rad."""
-        for k, part in enumerate(self.setup.parts):
-            stable = stands(part, heading[:, k], lean[:, k])
-            if not stable[which[:, k]].all():
-                angle = float(np.hypot(lean[:, k, 0], lean[:, k, 1])[which[:, k] & ~stable][0])
+        kinds = self.setup.parts
+        index = kinds.index[kinds.rows(worlds)]
+        for kind, part in enumerate(kinds.every):
+            these = which & (index == kind)
+            unstable = ~stands(part, heading[these], lean[these])
+            if unstable.any():
+                angle = float(np.hypot(*lean[these][unstable][0]))
                 most = math.atan(1.0 / part.slenderness) if part.slenderness > 0.0 else STEEPEST
                 allowed = f"a tilt below the toppling angle of {part.name!r}, {most:.3g} rad or more by direction"
                 raise checks.refuse("lean", f"{angle:.3g} rad", allowed)
@@ -244,7 +248,7 @@ class AbovePlane(Model):
 class Tilting(AbovePlane):
     """The tilting model of one part in each world."""
 
-    def __init__(self, setup: Setup, flat: Scheme, scheme: TiltScheme) -> None:
+    def __init__(self, setup: Setup, flat: Sequence[Scheme], scheme: TiltScheme) -> None:
         super().__init__(setup, scheme)
         self._buffers = Pool(partial(Buffers, setup, flat, scheme))
         self._rows = np.arange(setup.worlds)
@@ -254,7 +258,7 @@ class Tilting(AbovePlane):
             inputs, rows, left = (drive.address, state.address), self._rows[start:stop], periods
             if periods > STRETCH:  # most parts are on level ground for all periods
                 flat, rows = sorted_rows(rows, buffers.rigid.address, inputs, self.pinned.address, periods)
-                slide_rows(flat, buffers.planar.address, *inputs, periods, NO_PATHS, 0)
+                slide_flat_rows(buffers.planar, flat, inputs, periods)
             while left > 0 and len(rows):
                 span = min(left, STRETCH)
                 self._advance(buffers, rows, inputs, span)
@@ -264,13 +268,19 @@ class Tilting(AbovePlane):
 
     def _advance(self, buffers: Buffers, rows: np.ndarray, inputs: tuple[int, int], periods: int) -> None:
         """Advance some rows by a few periods."""
-        planar, rigid, tilt = buffers.planar.address, buffers.rigid.address, self.pinned.address
+        rigid, tilt = buffers.rigid.address, self.pinned.address
         flat, rows = sorted_rows(rows, rigid, inputs, tilt, periods)
-        slide_rows(flat, planar, *inputs, periods, NO_PATHS, 0)
+        slide_flat_rows(buffers.planar, flat, inputs, periods)
         for _ in range(periods if len(rows) else 0):
             flat, others = sorted_rows(rows, rigid, inputs, tilt, 1)
             rock_rows(others, True, rigid, *inputs, tilt, NO_PATHS, 0, 0)
-            slide_rows(flat, planar, *inputs, 1, NO_PATHS, 0)
+            slide_flat_rows(buffers.planar, flat, inputs, 1)
+
+
+def slide_flat_rows(planar: Alone, rows: np.ndarray, inputs: tuple[int, int], periods: int) -> None:
+    """Advance some rows by the planar model; ``inputs``: addresses of drive and state."""
+    for alone, chosen in planar.sort(rows):
+        slide_rows(chosen, alone.address, *inputs, periods, NO_PATHS, 0)
 
 
 def sorted_rows(
@@ -294,15 +304,14 @@ class Buffers:
         rigid: for all others.
     """
 
-    def __init__(self, setup: Setup, flat: Scheme, scheme: TiltScheme) -> None:
-        self.planar = planar_scene(setup, flat)
+    def __init__(self, setup: Setup, flat: Sequence[Scheme], scheme: TiltScheme) -> None:
+        self.planar = alone_of(setup, flat)
         self.rigid = rigid_buffers(setup, scheme)
 
 
 def rigid_buffers(setup: Setup, scheme: TiltScheme) -> Pinned[FixedTilting]:
     """Return constants and working arrays of one thread for parts above the plane."""
     table = setup.surface.table(setup.walls)
-    kinds, _ = kinds_of(setup.parts, Part.same_as)
-    bodies = bodies_of(setup.parts, setup.surface.element_size, Part.same_as)
+    bodies = bodies_of(setup.parts, setup.surface.element_size)
     work = new_work(table, bodies)
-    return Pinned(FIXED_TILTING, FixedTilting(table, bodies, solids_of(kinds), scheme, work))
+    return Pinned(FIXED_TILTING, FixedTilting(table, bodies, solids_of(setup.parts.every), scheme, work))

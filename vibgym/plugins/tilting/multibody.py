@@ -40,10 +40,9 @@ class TiltingMultibody(AbovePlane, Multibody):
         touching = prospect.driven[: stop - start] & (prospect.found[: stop - start] > 0)[:, None]
         _, others = sorted_rows(base + np.flatnonzero(touching), rigid.address, inputs, tilt, 1)
         rock_rows(others, False, rigid.address, *inputs, tilt, NO_PATHS, 0, 0)
-        for kind, alone in enumerate(buffers.alone):
-            rows = prospect.rows[kind, : prospect.count[kind]]
+        for alone, rows in buffers.alone.split(prospect.rows, prospect.count):
             flat, others = sorted_rows(rows, rigid.address, inputs, tilt, 1)
-            rock_rows(others, True, rigid.address, *inputs, tilt, paths, base, int(prospect.steps[kind]))
+            rock_rows(others, True, rigid.address, *inputs, tilt, paths, base, alone.record.scheme.steps)
             slide_rows(flat, alone.address, *inputs, 1, paths, base)
         self._rigid.give(rigid)
 

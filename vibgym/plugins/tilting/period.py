@@ -11,7 +11,7 @@ import math
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.physics.core.drive import pinned_drive
-from vibgym.physics.core.records import best_grip, friction_in, incline_size, state_at
+from vibgym.physics.core.records import best_grip, friction_in, incline_size, kind_in, state_at
 from vibgym.plugins.tilting.attitude import (
     enter_attitude,
     enter_spin,
@@ -61,7 +61,7 @@ LEAST_RESTITUTION = 0.2
 @jit
 def reach_of(rigid, world, part, periods):
     """Return the radius (m), about a part's centre of mass, of the plates that it may touch within ``periods`` periods."""
-    table, state, kind = rigid.table, rigid.state, rigid.bodies.kind[part]
+    table, state, kind = rigid.table, rigid.state, kind_in(rigid.bodies, world, part)
     vx, vy = state.velocity[world, part, 0], state.velocity[world, part, 1]
     span = periods * table.period
     slope = incline_size(state, world)
@@ -79,13 +79,13 @@ def is_steady(rigid, world, part):
     """Return whether friction does not tip a part that lies flat on level ground."""
     state = rigid.state
     factor = state.friction[world, part] * best_grip(state.patches[world])
-    return factor < rigid.solids.unsteady[rigid.bodies.kind[part]]
+    return factor < rigid.solids.unsteady[kind_in(rigid.bodies, world, part)]
 
 
 @jit
 def lies_level(rigid, world, part, periods):
     """Return whether a flat part stays flat for ``periods`` periods: it does not tip, and plates within reach move equally."""
-    state, kind = rigid.state, rigid.bodies.kind[part]
+    state, kind = rigid.state, kind_in(rigid.bodies, world, part)
     if not is_steady(rigid, world, part):
         return False
     reach = reach_of(rigid, world, part, periods)
@@ -279,7 +279,7 @@ def rock_period(rigid, world, part, follows, paths, base, nodes):
         nodes: number of poses to record within the period.
     """
     state, tilt, work = rigid.state, rigid.tilt, rigid.work
-    kind = rigid.bodies.kind[part]
+    kind = kind_in(rigid.bodies, world, part)
     x, y, heading = state.pose[world, part, 0], state.pose[world, part, 1], state.pose[world, part, 2]
     level = is_level(rigid, world, kind, x, y, reach_of(rigid, world, part, 1))
     begin_reading(rigid, kind)

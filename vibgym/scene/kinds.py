@@ -1,0 +1,92 @@
+"""The parts of worlds as kinds: different parts, and which of them each world has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from vibgym.scene.parts import Part, kinds_of
+
+
+class Kinds(Sequence[Part]):
+    """The kinds of parts of a scene, and the kind of each part in each world; a sequence of the first world's parts.
+
+    Args:
+        every: the kinds.
+        index: (worlds, parts) kind of each part of each world; one row where all worlds have the same parts.
+        options: the kinds that each part may have; None: those of the first world.
+
+    Attributes:
+        every, options: as given.
+        index: (rows, parts) int64, live: :meth:`choose` changes it.
+    """
+
+    def __init__(
+        self, every: Sequence[Part], index: np.ndarray, options: Sequence[Sequence[int]] | None = None
+    ) -> None:
+        self.every = tuple(every)
+        self.index = np.ascontiguousarray(index, dtype=np.int64)
+        self.options = [[kind] for kind in self.index[0].tolist()] if options is None else options
+        self._names: list[Part] | None = None
+        self._tables: list[tuple[np.ndarray, np.ndarray]] = []  # of the kinds, and live
+
+    @classmethod
+    def of(cls, parts: Sequence[Part]) -> Kinds:
+        """Return the kinds of parts that all worlds have; kinds are returned unchanged."""
+        if isinstance(parts, Kinds):
+            return parts
+        every, index = kinds_of(parts, Part.same_as)
+        kinds = cls(every, index[None])
+        kinds._names = list(parts)
+        return kinds
+
+    @property
+    def vary(self) -> bool:
+        """Whether worlds may have different parts."""
+        return self._names is None
+
+    def __len__(self) -> int:
+        return self.index.shape[1]
+
+    def __getitem__(self, part: Any) -> Any:
+        return self.parts(0)[part]
+
+    def parts(self, world: int) -> tuple[Part, ...]:
+        """Return the parts of a world."""
+        if self._names is not None:
+            return tuple(self._names)
+        return tuple(self.every[kind] for kind in self.index[world].tolist())
+
+    def changed(self, change: Callable[[Part], Part]) -> Kinds:
+        """Return these kinds with other properties, of the same worlds: :meth:`choose` applies to both."""
+        kinds = Kinds([change(part) for part in self.every], self.index, self.options)
+        kinds.index, kinds._tables = self.index, self._tables
+        if self._names is not None:
+            kinds._names = [change(part) for part in self._names]
+        return kinds
+
+    def values(self, value: Callable[[Part], Any]) -> np.ndarray:
+        """Return a live array (rows, parts, ...) of a property, a number or an array, of every part."""
+        table = np.array([value(part) for part in self.every])
+        live = table[self.index]
+        if self.vary:
+            self._tables.append((table, live))
+        return live
+
+    def largest(self, value: Callable[[Part], float]) -> list[Part]:
+        """Return for each part the kind with the largest value among those that it may have."""
+        if self._names is not None:
+            return list(self._names)
+        return [max((self.every[kind] for kind in options), key=value) for options in self.options]
+
+    def choose(self, worlds: Any, index: np.ndarray) -> None:
+        """Set the kinds (n, parts) of the parts of some worlds (index array)."""
+        self.index[worlds] = index
+        for table, live in self._tables:
+            live[worlds] = table[index]
+
+    def rows(self, worlds: Any) -> Any:
+        """Return the rows of live arrays for worlds (index array or slice): all, where all worlds have the same parts."""
+        return worlds if self.vary else slice(None)

@@ -1,0 +1,51 @@
+"""Parts without contacts: constants and working arrays for groups of eight, by the scheme of their kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from vibgym.kernels.reference import Pinned
+from vibgym.kernels.vector import LANES
+from vibgym.physics.core.records import Bodies, Scheme, Table
+from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
+
+
+class Alone:
+    """Constants of one thread for each different scheme; working arrays are shared.
+
+    Args:
+        schemes: of the kinds.
+    """
+
+    def __init__(self, table: Table, bodies: Bodies, schemes: Sequence[Scheme]) -> None:
+        most = max(schemes, key=lambda scheme: scheme.substeps)  # for the size of the working arrays
+        workspace, different = new_workspace(table, bodies, most, LANES), {scheme[:3]: scheme for scheme in schemes}
+        self._scenes = [Pinned(FIXED_SCENE, FixedScene(table, bodies, each, workspace)) for each in different.values()]
+        self._kinds = [[k for k, scheme in enumerate(schemes) if scheme[:3] == steps] for steps in different]
+        self._of_kind = np.array([list(different).index(scheme[:3]) for scheme in schemes])
+        self._kind = bodies.kind
+
+    def split(self, rows: np.ndarray, count: np.ndarray) -> Iterator[tuple[Pinned[FixedScene], np.ndarray]]:
+        """Yield constants, and the rows of parts that they are for.
+
+        Args:
+            rows: (kinds, n) parts as ``world * parts + part``, of which the first ``count`` (kinds,) are used.
+        """
+        numbers = count.tolist()
+        for scene, kinds in zip(self._scenes, self._kinds):
+            found = [rows[kind, : numbers[kind]] for kind in kinds if numbers[kind]]
+            if found:
+                yield scene, found[0] if len(found) == 1 else np.concatenate(found)
+
+    def sort(self, rows: np.ndarray) -> Iterator[tuple[Pinned[FixedScene], np.ndarray]]:
+        """Yield constants, and the rows of parts that they are for; ``rows``: (n,) of worlds with one part each."""
+        if len(self._of_kind) == 1:
+            yield self._scenes[0], rows
+            return
+        kind = self._kind[rows, 0]
+        order = np.argsort(kind, kind="stable")  # parts of a kind in a group have the same elements more often
+        rows, scheme = rows[order], self._of_kind[kind[order]]
+        for number, scene in enumerate(self._scenes):
+            yield scene, rows[scheme == number]
