@@ -160,7 +160,7 @@ def elements_under(part: Part, surface: Surface, pose: np.ndarray) -> tuple[np.n
     from vibgym.allocation.cut import cut_parts, new_pieces, outlines_of
 
     pieces = new_pieces(surface, (part,))
-    count = cut_parts(outlines_of(surface, (part,)), pose[None], np.ones(1, dtype=bool), pieces)
+    count = cut_parts(outlines_of(surface, (part,)), 0, pose[None], np.ones(1, dtype=bool), pieces)
     rows, columns = np.divmod(pieces.element[:count], surface.columns)
     return rows, columns, pieces.share[:count].copy()
 

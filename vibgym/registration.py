@@ -67,7 +67,7 @@ def register_environments() -> None:
             gym.register(
                 id=name,
                 entry_point="vibgym.envs:VibgymEnv",
-                vector_entry_point="vibgym.envs:make_vector" if "split" in settings else "vibgym.envs:VibgymVectorEnv",
+                vector_entry_point="vibgym.envs:VibgymVectorEnv",
                 max_episode_steps=Periods(limit),
                 kwargs={**settings, "max_episode_periods": limit},
                 # The environments check the order of calls themselves, and are tested with Gymnasium's checker.

@@ -184,7 +184,7 @@ def _description(env: VibgymEnv) -> tuple[str, list[str]]:
 def _link(env: VibgymEnv) -> list[str]:
     task = env.task.name
     path = DOCS / f"{task.lower()}.md"
-    if env.drawn is not None:
+    if env.core.shapes is not None:
         return ["Parts have shapes that are drawn for each episode: [shapes](../shapes.md)."]
     return [f"Details, controllers and results: [{task}](../{task.lower()}.md)."] if path.exists() else []
 
@@ -193,7 +193,7 @@ def _scene(name: str, env: VibgymEnv) -> str:
     limit, settings = ENVIRONMENTS[name]
     task, parts = env.task, env.parts
     names = [part.name for part in parts]
-    library = set() if env.drawn is None else {part.name for part in env.drawn.library}
+    library = set() if env.core.shapes is None else {part.name for part in env.core.shapes.library}
     drawn = [name for name in dict.fromkeys(names) if name in library]
     kinds = [f"of drawn shape {drawn.index(name) + 1}" if name in drawn else name for name in names]
     success = f"all parts done for {task.hold} consecutive periods"
@@ -221,7 +221,7 @@ def _scene(name: str, env: VibgymEnv) -> str:
 def _actions(env: VibgymEnv) -> str:
     lines = []
     for name, action in ACTIONS.items():
-        if name == "patch" and env.drawn is not None:
+        if name == "patch" and env.core.shapes is not None:
             lines.append([f"`{name}`", "–", "–", "not available: the size depends on the shape"])
             continue
         made = action(env.surface, env.parts)

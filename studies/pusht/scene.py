@@ -17,7 +17,7 @@ from gymnasium.utils import seeding
 from studies.pusht.kernel import DELAYED, HIGH, LOW, PROJECTED, PUSHER, SCENE, THICKNESS, Scene, T, advance
 from vibgym import checks
 from vibgym.kernels.reference import Pinned
-from vibgym.physics.contacts.hulls import Hulls, all_gaps
+from vibgym.physics.contacts.hulls import Hulls, HullTable, all_gaps
 from vibgym.physics.contacts.impulses import new_points
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
@@ -57,13 +57,14 @@ def hulls() -> Hulls:
     walls = np.array([[LOW, HIGH, 1, 0], [LOW, LOW, 0, 1], [HIGH, LOW, -1, 0], [HIGH, HIGH, 0, -1]])
     # Both sides of a wall, counter-clockwise: the first one faces the world.
     sides = np.stack([walls, np.hstack([np.roll(walls[:, :2], -1, axis=0), -walls[:, 2:]])], axis=1).reshape(-1, 4)
-    return Hulls(
+    table = HullTable(
         corner=np.concatenate([corner, sides]),
         first=np.concatenate([made.first, made.first[-1] + 2 * np.arange(1, 5)]),
         rounding=np.concatenate([made.rounding, np.full(4, THICKNESS)]),
         owner=np.array([0, 2, 3, 7]),
         radius=np.array([radius, RADIUS, 0.0]),
     )
+    return Hulls(*table, np.arange(3), np.arange(3)[None], table)
 
 
 def centre_of(pose: np.ndarray) -> np.ndarray:

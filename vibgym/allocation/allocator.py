@@ -22,6 +22,7 @@ from vibgym.actuators import DataSheet
 from vibgym.allocation.cut import Pieces, effects, new_pieces, outlines_of, reaches
 from vibgym.allocation.projections import SPREAD, Limits, Problem, Scratch, allocate, new_scratch, start_table
 from vibgym.kernels.jit import jit
+from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
@@ -52,13 +53,13 @@ class Allocator:
     Attributes:
         most: largest amplitude, over the surface's.
         least: smallest one of elements that move, likewise.
-        gyration: (parts,) radii, m.
+        gyration: (parts,) radii of the first world's parts, m.
     """
 
     def __init__(self, surface: Surface, parts: Sequence[Part], sheet: DataSheet, threads: int | None = None) -> None:
-        self.surface, self.parts = surface, tuple(parts)
+        self.surface, self.parts = surface, Kinds.of(parts)
         self.outlines = outlines_of(surface, self.parts)
-        self.gyration = self.outlines.gyration
+        self.gyration = np.sqrt([part.gyration for part in self.parts])
         largest = surface.max_amplitude
         assert largest is not None
         self.most, self.least, self._made_up = strongest(surface, sheet), 0.0, None
@@ -189,7 +190,7 @@ def turn_round(push, action):
         action[k], action[k + 1] = -push[k + 1], -push[k]
 
 
-def _scratch(surface: Surface, parts: tuple[Part, ...]) -> tuple[Pieces, Scratch]:
+def _scratch(surface: Surface, parts: Kinds) -> tuple[Pieces, Scratch]:
     """Return scratch memory of one thread."""
     pieces = new_pieces(surface, parts)
     return pieces, new_scratch(len(parts), surface.rows * surface.columns, len(pieces.part))

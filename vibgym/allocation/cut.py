@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,16 +11,20 @@ import numpy as np
 from vibgym import Part, Surface
 from vibgym.kernels.jit import jit
 from vibgym.physics.planar.contact_area import MOMENTS, cut_outline
+from vibgym.scene.kinds import Kinds
 
 
 class Outlines(NamedTuple):
-    """Outlines of all parts, concatenated, and the element grid."""
+    """Outlines of the kinds of parts, concatenated, and the element grid."""
 
-    vertex: np.ndarray  # (all vertices, 2) m, of part p from first[p] to first[p + 1]
-    first: np.ndarray  # (parts + 1,) int64
-    area: np.ndarray  # (parts,) m^2, of the polygon
-    gyration: np.ndarray  # (parts,) radius of gyration, m
-    radius: np.ndarray  # (parts,) of the outlines, m
+    kind: (
+        np.ndarray
+    )  # (worlds, parts) int64, one row where all worlds have the same parts, see vibgym.scene.kinds; live
+    vertex: np.ndarray  # (all vertices, 2) m, of kind k from first[k] to first[k + 1]
+    first: np.ndarray  # (kinds + 1,) int64
+    area: np.ndarray  # (kinds,) m^2, of the polygon
+    gyration: np.ndarray  # (kinds,) radius of gyration, m
+    radius: np.ndarray  # (kinds,) of the outlines, m
     rows: int
     columns: int
     element_size: float  # m
@@ -38,24 +43,27 @@ class Pieces(NamedTuple):
     box: np.ndarray
 
 
-def outlines_of(surface: Surface, parts: tuple[Part, ...]) -> Outlines:
+def outlines_of(surface: Surface, parts: Sequence[Part]) -> Outlines:
     """Return the parts' outlines for :func:`cut_parts`."""
-    shapes = [part.outline for part in parts]
+    kinds = Kinds.of(parts)
+    shapes = [part.outline for part in kinds.every]
     vertex = np.concatenate(shapes)
     first = np.cumsum([0, *(len(shape) for shape in shapes)])
-    area = np.empty(len(parts))
-    for p, part in enumerate(parts):
-        x, y = part.outline.T
-        area[p] = 0.5 * (x * np.roll(y, -1) - np.roll(x, -1) * y).sum()
-    gyration = np.sqrt([part.gyration for part in parts])
-    radius = np.array([part.radius for part in parts])
-    return Outlines(vertex, first, area, gyration, radius, surface.rows, surface.columns, surface.element_size)
+    area = np.empty(len(shapes))
+    for k, shape in enumerate(shapes):
+        x, y = shape.T
+        area[k] = 0.5 * (x * np.roll(y, -1) - np.roll(x, -1) * y).sum()
+    gyration = np.sqrt([part.gyration for part in kinds.every])
+    radius = np.array([part.radius for part in kinds.every])
+    grid = surface.rows, surface.columns, surface.element_size
+    return Outlines(kinds.kind, vertex, first, area, gyration, radius, *grid)
 
 
-def new_pieces(surface: Surface, parts: tuple[Part, ...]) -> Pieces:
+def new_pieces(surface: Surface, parts: Sequence[Part]) -> Pieces:
     """Allocate the pieces of one world."""
-    across = [math.floor(2.0 * part.radius / surface.element_size) + 2 for part in parts]
-    room, corners = sum(each**2 for each in across), max(len(part.outline) for part in parts)
+    largest = Kinds.of(parts).largest(lambda part: part.radius)
+    across = [math.floor(2.0 * part.radius / surface.element_size) + 2 for part in largest]
+    room, corners = sum(each**2 for each in across), max(len(part.outline) for part in Kinds.of(parts).every)
     # Rounding may place the outline in one more row and column.
     cells, box = np.zeros(((max(across) + 1) ** 2, MOMENTS)), np.zeros(4, dtype=np.int64)
     (part, element), (x, y) = np.zeros((2, room), dtype=np.int64), np.zeros((2, corners))
@@ -63,22 +71,24 @@ def new_pieces(surface: Surface, parts: tuple[Part, ...]) -> Pieces:
 
 
 @jit
-def cut_parts(outlines, pose, present, pieces):
-    """Cut the parts of one world at ``pose`` (parts, 3) into ``pieces``, in the order of the parts; returns their number."""
+def cut_parts(outlines, world, pose, present, pieces):
+    """Cut the parts of a world at ``pose`` (parts, 3) into ``pieces``, in the order of the parts; returns their number."""
+    kinds = outlines.kind[min(world, outlines.kind.shape[0] - 1)]
     vertex, first, size = outlines.vertex, outlines.first, outlines.element_size
     cells, box, count = pieces.cells, pieces.box, 0
     for p in range(pose.shape[0]):
-        x, y, heading, reach = pose[p, 0] / size, pose[p, 1] / size, pose[p, 2], outlines.radius[p] / size
+        kind = kinds[p]
+        x, y, heading, reach = pose[p, 0] / size, pose[p, 1] / size, pose[p, 2], outlines.radius[kind] / size
         near = x > -reach and y > -reach and x < outlines.columns + reach and y < outlines.rows + reach
         if not (present[p] and near and abs(heading) < math.inf):
             continue
-        cosine, sine, n = math.cos(heading) / size, math.sin(heading) / size, first[p + 1] - first[p]
+        cosine, sine, n = math.cos(heading) / size, math.sin(heading) / size, first[kind + 1] - first[kind]
         for k in range(n):
-            dx, dy = vertex[first[p] + k, 0], vertex[first[p] + k, 1]
+            dx, dy = vertex[first[kind] + k, 0], vertex[first[kind] + k, 1]
             pieces.x[k], pieces.y[k] = x + cosine * dx - sine * dy, y + sine * dx + cosine * dy
         cut_outline(pieces.x[:n], pieces.y[:n], cells, box)
-        whole = outlines.area[p] / (size * size)
-        per_area, per_lever = 1.0 / whole, size / (whole * outlines.gyration[p])
+        whole = outlines.area[kind] / (size * size)
+        per_area, per_lever = 1.0 / whole, size / (whole * outlines.gyration[kind])
         for i in range(box[3]):
             row, height, height_y = box[1] + i, 0.0, 0.0
             for j in range(box[2] - 1, -1, -1):
@@ -110,7 +120,7 @@ def effects(outlines, pose, present, push, gain, pieces, effect):
     """
     for w in range(pose.shape[0]):
         effect[w], strength = 0.0, gain[min(w, gain.shape[0] - 1)]
-        for i in range(cut_parts(outlines, pose[w], present[w], pieces)):
+        for i in range(cut_parts(outlines, w, pose[w], present[w], pieces)):
             p, e = pieces.part[i], pieces.element[i]
             x, y = strength[e] * push[w, e, 0], strength[e] * push[w, e, 1]
             effect[w, p, 0] += pieces.share[i] * x
@@ -128,5 +138,5 @@ def reaches(outlines, pose, present, pieces, reach):
     """
     for w in range(pose.shape[0]):
         reach[w] = 0.0
-        for i in range(cut_parts(outlines, pose[w], present[w], pieces)):
+        for i in range(cut_parts(outlines, w, pose[w], present[w], pieces)):
             reach[w, pieces.part[i]] += (pieces.lever[i, 0] ** 2 + pieces.lever[i, 1] ** 2) ** 0.5

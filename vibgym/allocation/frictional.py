@@ -31,6 +31,7 @@ from vibgym.kernels.jit import exact, jit
 from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES, load, store
 from vibgym.physics.averaged.averages import cubic_weights, direction, new_scratch, place
+from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part
 from vibgym.scene.sliding import reached
 from vibgym.scene.surface import Surface
@@ -69,18 +70,19 @@ class Pushes(NamedTuple):
 
 
 class Numbers(NamedTuple):
-    """Parameters of surface and parts for the kernels."""
+    """Parameters of surface and kinds of parts for the kernels."""
 
     table: np.ndarray  # flat (2, nodes, COLUMNS), see coefficients()
     nodes: int
-    friction: np.ndarray  # (parts,)
-    gyration: np.ndarray  # (parts,) radii, m
-    rim: np.ndarray  # (parts,) m, see rim_of()
-    second: np.ndarray  # (parts,) k = mu / (w V), s^2/m
+    kind: np.ndarray  # (batch, parts), or one row for all of the batch, see vibgym.scene.kinds; live
+    friction: np.ndarray  # (kinds,)
+    gyration: np.ndarray  # (kinds,) radii, m
+    rim: np.ndarray  # (kinds,) m, see rim_of()
+    second: np.ndarray  # (kinds,) k = mu / (w V), s^2/m
     gravity: float
     speed: float  # V, m/s
-    full: np.ndarray  # (parts,) a_v w^2 at the surface's largest amplitude, as it reaches the part, m/s^2
-    limit: np.ndarray  # (parts,) largest push, m/s^2
+    full: np.ndarray  # (kinds,) a_v w^2 at the surface's largest amplitude, as it reaches the part, m/s^2
+    limit: np.ndarray  # (kinds,) largest push, m/s^2
     ahead: float  # s, prediction horizon of the velocity
 
 
@@ -180,7 +182,7 @@ def rim_of(part: Part) -> float:
 
 @jit
 def spun(numbers, k, spin, scratch):
-    """Return the factors by which spin changes friction and turning pushes of part ``k``: 1 and 1 near rest."""
+    """Return the factors by which spin changes friction and turning pushes of a part of kind ``k``: 1 and 1 near rest."""
     rim = abs(spin) * numbers.rim[k]
     look_up(numbers, rim, SPIN_COLUMNS, scratch)
     slip = rim / numbers.speed
@@ -189,7 +191,7 @@ def spun(numbers, k, spin, scratch):
 
 @jit
 def respond(numbers, k, c, spin, friction, p, q):
-    """Return the mean acceleration along, across (m/s^2) and angular (rad/s^2) of part ``k`` under a push (p, q), m/s^2.
+    """Return the mean acceleration along, across (m/s^2) and angular (rad/s^2) of a part of kind ``k`` under a push (p, q).
 
     ``friction`` is the factor of :func:`spun`.
     """
@@ -207,7 +209,11 @@ def clear_of_sticking(numbers, k, length, p, q):
 
 @jit
 def forward_part(numbers, k, velocity, push, scratch, acceleration):
-    """Compute ``acceleration`` (3,) of part ``k`` under a push (3,) over full amplitude; returns whether the model holds."""
+    """Compute ``acceleration`` (3,) of a part of kind ``k`` under a push (3,) over full amplitude.
+
+    Returns:
+        Whether the model holds.
+    """
     c, full = scratch.values, numbers.full[k]
     friction, turning = spun(numbers, k, velocity[2], scratch)
     length, cosine, sine = direction(velocity[0], velocity[1])
@@ -223,7 +229,7 @@ def forward_part(numbers, k, velocity, push, scratch, acceleration):
 
 @jit
 def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration, share):
-    """Compute ``push`` (3,) over full amplitude of part ``k`` for a wanted mean acceleration, and its acceleration.
+    """Compute ``push`` (3,) over full amplitude of a part of kind ``k`` for a wanted mean acceleration, and its acceleration.
 
     Args:
         share: 0, or the result at a velocity nearby, whose ``push`` is then the first guess.
@@ -297,14 +303,14 @@ def forward(numbers, velocity, push, scratch, later, acceleration, holds):
     """Compute ``acceleration`` (batch, parts, 3) under pushes (batch, parts, 3) over full amplitude."""
     numbers, scratch = reference(numbers), reference(scratch)
     for i in range(velocity.shape[0]):
-        for k in range(velocity.shape[1]):
-            at, given = velocity[i, k], acceleration[i, k]
+        for p in range(velocity.shape[1]):
+            k, at, given = numbers.kind[min(i, numbers.kind.shape[0] - 1), p], velocity[i, p], acceleration[i, p]
             later[0], later[1], later[2] = at[0], at[1], at[2]
-            holds[i, k] = forward_part(numbers, k, at, push[i, k], scratch, given)
+            holds[i, p] = forward_part(numbers, k, at, push[i, p], scratch, given)
             for _ in range(ROUNDS):
                 if look_ahead(numbers, k, at, given, 0.0, later) < STILL:
                     break
-                holds[i, k] = forward_part(numbers, k, later, push[i, k], scratch, given)
+                holds[i, p] = forward_part(numbers, k, later, push[i, p], scratch, given)
 
 
 @jit
@@ -316,12 +322,13 @@ def invert(start, stop, numbers, velocity, wanted, scratch, later, push, acceler
     """
     numbers, scratch = reference(numbers), reference(scratch)
     for i in range(start, stop):
-        for k in range(velocity.shape[1]):
-            at, given, share = velocity[i, k], acceleration[i, k], 0.0
-            push[i, k] = 0.0
-            guess_ahead(numbers, k, at, wanted[i, k], later)
+        for p in range(velocity.shape[1]):
+            k, at, given = numbers.kind[min(i, numbers.kind.shape[0] - 1), p], velocity[i, p], acceleration[i, p]
+            share = 0.0
+            push[i, p] = 0.0
+            guess_ahead(numbers, k, at, wanted[i, p], later)
             for _ in range(ROUNDS):
-                holds[i, k], share = invert_part(numbers, k, later, wanted[i, k], scratch, push[i, k], given, share)
+                holds[i, p], share = invert_part(numbers, k, later, wanted[i, p], scratch, push[i, p], given, share)
                 if look_ahead(numbers, k, at, given, share, later) < STILL:
                     break
 
@@ -357,13 +364,15 @@ class FrictionalInverse:
         threads: int | None = None,
     ) -> None:
         checks.instance("surface", surface, Surface)
-        if not isinstance(parts, (Part, list, tuple)):
+        if not isinstance(parts, (Part, list, tuple, Kinds)):
             raise checks.refuse("parts", parts, "a Part, or a list of them")
-        self.surface, self.parts = surface, (parts,) if isinstance(parts, Part) else tuple(parts)
+        given = (parts,) if isinstance(parts, Part) else parts
+        for part in given:
+            checks.instance("parts", part, Part)
+        self.surface, self.parts = surface, Kinds.of(given)
         largest = surface.max_amplitude
         assert largest is not None
-        for part in self.parts:
-            checks.instance("parts", part, Part)
+        for part in self.parts.every:
             check_sliding(surface, part.static_friction, argument="parts", value=part.name, remedy=REMEDY)
             checks.number(f"friction of part {part.name!r}", part.friction, above=0.0)
         if limit is not None:
@@ -372,15 +381,17 @@ class FrictionalInverse:
             raise checks.refuse("surface.max_amplitude", largest, "> 0: elements at rest do not push")
         self.limit = largest if limit is None else min(limit, largest)
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
-        friction = np.array([part.friction for part in self.parts])
-        share = reached(self.parts)
+        every = self.parts.every
+        friction = np.array([part.friction for part in every])
+        share = reached(every)
         table = coefficients()
         self._numbers = Numbers(
             np.pad(table, ((0, 0), (0, 0), (0, COLUMNS - table.shape[2]))).ravel(),
             table.shape[1],
+            self.parts.kind,
             friction,
-            np.sqrt([part.gyration for part in self.parts]),
-            np.array([rim_of(part) for part in self.parts]),
+            np.sqrt([part.gyration for part in every]),
+            np.array([rim_of(part) for part in every]),
             friction / (surface.angular_frequency * surface.table_speed),
             surface.gravity,
             surface.table_speed,

@@ -415,7 +415,7 @@ def allocate(start, stop, problem, pieces, work, push, as_phasors):
     pose, present, wanted, group = problem.pose, problem.present, problem.wanted, work.group
     for w in range(start, stop):
         push[w] = 0.0
-        count = cut_parts(outlines, pose[w], present[w], pieces)
+        count = cut_parts(outlines, w, pose[w], present[w], pieces)
         group_parts(pieces, count, pose.shape[1], group, work.slot, work.first)
         for own in range(pose.shape[1]):
             if group[own] != own or not present[w, own]:

@@ -1,7 +1,6 @@
 """Gymnasium environments, single and vectorised, on the same batched core."""
 
 from vibgym.envs.actions import ACTIONS, Action
-from vibgym.envs.drawn_vector import DrawnVectorEnv, make_vector
 from vibgym.envs.motions import Target, Velocity, Wrench
 from vibgym.envs.observations import OBSERVATIONS, Observation
 from vibgym.envs.options import Options
@@ -13,7 +12,6 @@ __all__ = [
     "ACTIONS",
     "OBSERVATIONS",
     "Action",
-    "DrawnVectorEnv",
     "Observation",
     "Options",
     "Target",
@@ -22,5 +20,4 @@ __all__ = [
     "VibgymEnv",
     "VibgymVectorEnv",
     "Wrench",
-    "make_vector",
 ]

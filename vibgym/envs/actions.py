@@ -27,6 +27,7 @@ from vibgym.physics.core.drive import (
     phasor_drive,
 )
 from vibgym.registry import Registry
+from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement
@@ -37,7 +38,7 @@ from vibgym.snapshots import Live
 
 def patch_size(surface: Surface, parts: Sequence[Part]) -> int:
     """Return the side, in elements, of the smallest square patch that covers any of ``parts`` at any position."""
-    across = math.ceil(2.0 * max(part.radius for part in parts) / surface.element_size) + 1
+    across = math.ceil(2.0 * max(part.radius for part in Kinds.of(parts).every) / surface.element_size) + 1
     return min(across, max(surface.rows, surface.columns))
 
 
@@ -158,7 +159,7 @@ class Action(Live, ABC):
     def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
         self.settings = type(self).Settings() if settings is None else settings
         self.surface = surface
-        self.parts = tuple(parts)
+        self.parts = Kinds.of(parts)
         self.full_scale = surface.full_scale
         self.step_time = surface.period
         self._shapes: dict[int | None, tuple[tuple[int, ...], ...]] = {}  # accepted shapes, by number of worlds

@@ -27,6 +27,8 @@ from vibgym.envs.options import (
 from vibgym.envs.randomization import Disturbances, Randomization
 from vibgym.envs.step import Pipeline
 from vibgym.physics.core.drive import Drive, all_phasors
+from vibgym.scene.kinds import Kinds
+from vibgym.scene.parts import Part
 from vibgym.scene.surface import surface_from
 from vibgym.sensing import MEASUREMENT_FEATURES, Sensing, sensing_from
 from vibgym.sensing.measurement import new_measurement
@@ -41,6 +43,9 @@ NONE = np.zeros(0, dtype=np.int64)
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
 """Least memory of a world: its generator, arrays of the parts, and actions and drives of the elements."""
 
+MOST_TASKS = 256
+"""Tasks that are kept for starts of worlds with drawn shapes; one takes 0.1 to some ms to make."""
+
 
 class Core:
     """Task, action, actuators, simulator, sensor and observation of ``worlds`` worlds, and the pipeline of a step.
@@ -51,11 +56,13 @@ class Core:
         make_info: class that makes ``info``; a batch writes it world by world.
 
     Attributes:
-        options, surface, parts: of the scene.
+        options, surface: of the scene.
+        kinds: parts of the worlds.
+        shapes: what draws the shapes of the parts; None where they are fixed.
         identity: settings that a snapshot depends on, see :meth:`vibgym.envs.Options.identity`.
-        idle: (parts, 3) velocities of parts that slide in place on elements at rest.
+        idle: (worlds, parts, 3), or one row for all worlds: velocities of parts that slide in place on elements at rest.
         longest: s, longest path of an episode.
-        shape_draws: uniform numbers of an episode for its shapes, see :mod:`vibgym.envs.drawn`.
+        shape_draws: uniform numbers of an episode for its shapes.
         began: whether an episode has begun.
         episode, relations: progress of every world, and errors and gaps of its parts, by the true state.
         measured: relations by the measured poses.
@@ -73,22 +80,23 @@ class Core:
     """
 
     STATE = ("environment", "simulator", "episode", "action", "actuators", "sensor", "began")
-    """Keys of a snapshot."""
+    """Keys of a snapshot; with drawn shapes also ``"kinds"``."""
 
     def __init__(self, options: Options, worlds: int, make_info: Callable[[InfoData], Any] = BatchInfo) -> None:
         cls = TASKS.choose("task", options.task)
         self.surface = surface_from(options.surface)
         self.options = options = self._with_shapes(options)
-        self.parts = parts_from(options.parts, cls, self.surface)
+        self.kinds = self._new_kinds(cls, worlds)
         numbers = BYTES_OF_ELEMENT * self.surface.rows * self.surface.columns
-        self.worlds = checks.fitting("num_envs", worlds, BYTES_OF_WORLD + BYTES_OF_PART * len(self.parts) + numbers)
+        self.worlds = checks.fitting("num_envs", worlds, BYTES_OF_WORLD + BYTES_OF_PART * len(self.kinds) + numbers)
         self.periods = options.periods_per_step
         self.actuators = ACTUATORS.make("actuators", options.actuators, self.surface, worlds, self.periods)
         drawn = cls.RANDOMIZED, self.actuators
-        self.randomization = Randomization(options.randomize, *drawn, self.surface, self.parts)
+        self.randomization = Randomization(options.randomize, *drawn, self.surface, self.kinds)
         self.actuators.vary(self.randomization.actuators)
         settings = task_settings(options, cls, self.randomization.task)
-        self.task: Task = cls(self.surface, self.parts, settings=settings)
+        self.task: Task = cls(self.surface, self.kinds, settings=settings)
+        self._tasks: dict[bytes, Task] = {}  # by the kinds of a world, see _task_of
         self.action = self._new_action()
         self.action.step_time = self.periods * self.surface.period
         self.simulator = self._new_simulator()
@@ -104,8 +112,9 @@ class Core:
         command = self._resting_command()
         self.actuators.prepare(command)
         self.sensing.prepare(command)
-        self.identity = options.identity(self.surface, self.parts, self.simulator.walls, worlds)
-        self.idle = self._idle_velocity(np.ones(len(self.parts)))
+        parts = () if self.kinds.vary else self.parts
+        self.identity = options.identity(self.surface, parts, self.simulator.walls, worlds)
+        self.idle = self.kinds.values(lambda part: np.append(self.surface.idle_velocity(part.friction), 0.0))
         # Arrays of the state and of the scoring are allocated once and changed in place.
         state = self.simulator.state
         self.scoring = self.task.scoring(state, self.periods)
@@ -161,23 +170,51 @@ class Core:
 
     def _with_shapes(self, options: Options) -> Options:
         """Return the options with the parts of their shapes, if these are drawn for episodes; sets ``shape_draws``."""
-        self.shape_draws = 0
+        self.shape_draws, self.shapes = 0, None
         if options.split is None:
             if options.shapes is not None:
                 raise checks.conflict("shapes require split, the library that they are from")
             return options
-        drawn = DrawnShapes(options, self.surface)
-        if drawn.shapes is None:
-            raise checks.conflict(
-                "a batch of worlds with one scene requires shapes=[...], indices of the split's parts; "
-                "gym.make_vec without shapes makes a batch whose worlds draw them"
-            )
+        drawn = DrawnShapes(options)
         self.shape_draws = drawn.draws
+        if drawn.shapes is None:
+            self.shapes = drawn
+            return options
         return drawn.fixed(options, drawn.shapes)
+
+    def _new_kinds(self, task: type[Task], worlds: int) -> Kinds:
+        """Return the parts of the worlds.
+
+        Raises:
+            ValueError: invalid parts, or drawn shapes with a task that does not support them.
+        """
+        if self.shapes is None:
+            return Kinds.of(parts_from(self.options.parts, task, self.surface))
+        parts_from(self.shapes.parts(range(self.shape_draws)), task, self.surface)
+        if task.flows:
+            raise checks.conflict(f"split cannot be set for task {self.options.task!r}, whose parts arrive and leave")
+        return self.shapes.kinds(worlds)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The parts of the first world."""
+        return self.kinds.parts(0)
+
+    def _task_of(self, kinds: np.ndarray) -> Task:
+        """Return the task of worlds with parts of these kinds (parts,), which draws their starts."""
+        if not self.kinds.vary:
+            return self.task
+        key = kinds.tobytes()
+        if key not in self._tasks:
+            if len(self._tasks) == MOST_TASKS:
+                self._tasks.clear()
+            parts = [self.kinds.every[kind] for kind in kinds.tolist()]
+            self._tasks[key] = type(self.task)(self.surface, parts, settings=self.task.settings)
+        return self._tasks[key]
 
     def _new_action(self) -> Action:
         """Create the action."""
-        return new_action(self.options.action, self.surface, self.parts)
+        return new_action(self.options.action, self.surface, self.kinds)
 
     def _new_simulator(self) -> Simulator:
         """Create the simulator, and check that it supports the conditions that episodes may draw."""
@@ -188,7 +225,7 @@ class Core:
         if options.walls is not None and not self.task.HAS_WALLS:
             raise checks.conflict(f"walls cannot be set for task {options.task!r}")
         walls = () if options.walls is None else options.walls
-        simulator = Simulator(self.surface, self.parts, worlds=self.worlds, model=model, walls=walls, **settings)
+        simulator = Simulator(self.surface, self.kinds, worlds=self.worlds, model=model, walls=walls, **settings)
         if "patches" in randomization.ranges:
             simulator.allocate_patches()
         if randomization.ranges:
@@ -200,7 +237,7 @@ class Core:
         """Create the sensor and its estimator."""
         options, task, actuators = self.options, self.task, self.actuators
         sensing = sensing_from(
-            options.sensor, self.surface, self.parts, self.worlds, self.periods,
+            options.sensor, self.surface, self.kinds, self.worlds, self.periods,
             plant=nominal(actuators), latency=actuators.latency, walls=self.simulator.walls,
         )  # fmt: skip
         if task.flows and not sensing.sensor.renews:
@@ -243,11 +280,14 @@ class Core:
         uniform = np.empty((len(worlds), total))
         for row, generator in zip(uniform, generators, strict=True):
             generator.random(out=row)
-        start = self.start_of(worlds, uniform[:, task:actuators], override)
+        kinds = self._drawn_kinds(uniform)
+        start = self.start_of(worlds, uniform[:, task:actuators], override, kinds)
+        if self.kinds.vary:
+            self.kinds.choose(worlds, kinds)
         drawn = self.randomization.values(uniform[:, randomization:disturbances])
-        idle = self.idle
+        idle = self.idle[self.kinds.rows(worlds)]
         if "friction" in drawn:
-            idle = np.array([self._idle_velocity(factors) for factors in drawn["friction"]])
+            idle = np.array(list(map(self._idle_velocity, worlds.tolist(), drawn["friction"])))
         self.put(worlds, start, np.where(start.present[..., None], idle, 0.0))
         self.simulator.condition(worlds, drawn)
         self.actuators.reset(worlds, uniform[:, actuators:sensing])
@@ -274,16 +314,37 @@ class Core:
             memory[worlds] = 0
         self.began = True
 
-    def _idle_velocity(self, factors: np.ndarray) -> np.ndarray:
+    def _drawn_kinds(self, uniform: np.ndarray) -> np.ndarray:
+        """Return the kinds (n, parts) of parts of new episodes, from uniform numbers (n, ...) that begin with their own."""
+        if self.shapes is None:
+            return self.kinds.kind
+        return self.shapes.kind_of(self.shapes.draw(uniform[:, : self.shape_draws]))
+
+    def _idle_velocity(self, world: int, factors: np.ndarray) -> np.ndarray:
         """Return velocities (parts, 3) of parts that slide in place on elements at rest, with friction factors (parts,)."""
-        pairs = zip(factors.tolist(), self.parts, strict=True)
+        pairs = zip(factors.tolist(), self.kinds.parts(world), strict=True)
         return np.array([np.append(self.surface.idle_velocity(each * part.friction), 0.0) for each, part in pairs])
 
-    def start_of(self, worlds: np.ndarray, uniform: np.ndarray, override: StartOverride | None) -> Start:
-        """Return the checked start of a reset from uniform numbers (n, task.draws) and reset options."""
-        task = self.task
-        start = task.start(uniform) if override is None else override.start(task, self.simulator, worlds, uniform)
-        shape, present = (len(worlds), len(self.parts)), start.present
+    def start_of(
+        self, worlds: np.ndarray, uniform: np.ndarray, override: StartOverride | None, kinds: np.ndarray
+    ) -> Start:
+        """Return the checked start of a reset from uniform numbers (n, task.draws) and reset options.
+
+        Args:
+            kinds: (n, parts) of the parts, or one row for all.
+        """
+        task, rows = self.task, kinds.shape[0]
+        if rows == 1:
+            start = self._draw_start(self._task_of(kinds[0]), worlds, uniform, override)
+        else:
+            different, which = np.unique(kinds, axis=0, return_inverse=True)
+            groups = [np.flatnonzero(which.reshape(-1) == k) for k in range(len(different))]
+            found = [
+                self._draw_start(self._task_of(own), worlds[group], uniform[group], override)
+                for own, group in zip(different, groups, strict=True)
+            ]
+            start = joined_starts(found, groups)
+        shape, present = (len(worlds), len(self.kinds)), start.present
         checks.shaped(f"{task.name}: present", present, (shape,), "booleans", kinds="b")
         placed, aimed = present & (not task.flows), present & task.asked & task.has_goal  # parts of a flow arrive later
         least, most = (0.0, 0.0, -1e9), (self.surface.width, self.surface.depth, 1e9)
@@ -295,13 +356,17 @@ class Core:
                 raise checks.refuse(f"{task.name}: {name}", poses[off][0].tolist(), allowed)
         return start
 
+    def _draw_start(self, task: Task, worlds: np.ndarray, uniform: np.ndarray, override: StartOverride | None) -> Start:
+        """Return a start of worlds with the parts of a task."""
+        return task.start(uniform) if override is None else override.start(task, self.simulator.walls, worlds, uniform)
+
     def check_start(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride
     ) -> None:
         """Raise ValueError if :meth:`reset` would; nothing changes, generators included."""
-        task = self.shape_draws
-        uniform = [copy.deepcopy(generator).random(task + self.task.draws)[task:] for generator in generators]
-        self.start_of(worlds, np.array(uniform), override)
+        first, draws = self.shape_draws, self.shape_draws + self.task.draws
+        uniform = np.array([copy.deepcopy(generator).random(draws) for generator in generators])
+        self.start_of(worlds, uniform[:, first:], override, self._drawn_kinds(uniform))
 
     def refresh_all(self) -> None:
         """Observe and report all worlds, in a new batch."""
@@ -358,7 +423,7 @@ class Core:
 
     def _resting_command(self) -> Drive:
         """Placeholder command that sizes the buffers of actuators and estimator."""
-        shape = (self.worlds, len(self.parts))
+        shape = (self.worlds, len(self.kinds))
         nowhere = new_measurement(*shape)
         nowhere.gone[...] = True
         command = self.action.command(np.zeros((self.worlds, self.action.size), dtype=np.float32), nowhere)
@@ -386,7 +451,13 @@ class Core:
             "actuators": self.actuators.get_state(),
             "sensor": self.sensing.get_state(),
             "began": self.began,
+            **({"kinds": self.kinds.kind.copy()} if self.kinds.vary else {}),
         }
+
+    @property
+    def state_keys(self) -> tuple[str, ...]:
+        """Keys of a snapshot."""
+        return (*self.STATE, "kinds") if self.kinds.vary else self.STATE
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore a snapshot of a core with the same settings.
@@ -394,7 +465,7 @@ class Core:
         Raises:
             ValueError: a snapshot of another environment or with invalid values; nothing has changed.
         """
-        check_keys("state", state, self.STATE)
+        check_keys("state", state, self.state_keys)
         if not isinstance(state["environment"], str) or state["environment"] != self.identity:
             raise checks.refuse("state['environment']", *first_difference(state["environment"], self.identity))
         began = checks.flag("state['began']", state["began"])
@@ -402,7 +473,15 @@ class Core:
         action = self.action.check_state(state["action"])
         actuators = self.actuators.check_state(state["actuators"])
         sensor = self.sensing.check_state(state["sensor"])
-        self.simulator.set_state(state["simulator"])  # the last call that can raise, before it changes anything
+        before = self.kinds.kind.copy()
+        if self.kinds.vary:
+            self.kinds.choose(slice(None), checked_kinds(self.kinds, state["kinds"]))
+        try:
+            self.simulator.set_state(state["simulator"])  # the last call that can raise, before it changes anything
+        except ValueError:
+            if self.kinds.vary:
+                self.kinds.choose(slice(None), before)
+            raise
         put_back(self._progress(), episode)
         self.action.set_state(action)
         self.actuators.set_state(actuators)
@@ -424,3 +503,25 @@ class Core:
             "shown_terms": self.terms,
             "shown_part_terms": self.part_terms,
         }
+
+
+def joined_starts(starts: Sequence[Start], groups: Sequence[np.ndarray]) -> Start:
+    """Return the starts of groups of worlds as one; ``groups``: indices of the worlds of each."""
+    back = np.argsort(np.concatenate(groups))
+    fields = (np.concatenate(values) for values in zip(*starts, strict=True))
+    return Start(*(values[back] if len(values) else values for values in fields))
+
+
+def checked_kinds(kinds: Kinds, given: Any) -> np.ndarray:
+    """Return the kinds of a snapshot, (worlds, parts) int64.
+
+    Raises:
+        ValueError: another shape, or a kind that a part cannot have.
+    """
+    index = checks.shaped("state['kinds']", given, (kinds.kind.shape,), "whole numbers", kinds="iu")
+    for part, options in enumerate(kinds.options):
+        if not np.isin(index[:, part], options).all():
+            raise checks.refuse(
+                f"state['kinds'] of part {part}", index[:, part].tolist(), f"numbers among {list(options)}"
+            )
+    return index.astype(np.int64)

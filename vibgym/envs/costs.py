@@ -167,8 +167,8 @@ class Costs:
         elements: Callable[[], np.ndarray],
     ) -> None:
         self._costs, self._simulator = costs_from(value), simulator
-        self._mass = np.array([part.mass for part in simulator.parts])
-        touches = len(simulator.parts) > 1 or bool(simulator.walls)
+        self._mass = simulator.kinds.values(lambda part: part.mass)
+        touches = len(simulator.kinds) > 1 or bool(simulator.walls)
         self.needs_impulse = touches and any(cost.needs_impulse for cost in self._costs.values())
         worlds, parts = self._shape = episode.present.shape
         impulse = np.zeros(self._shape)

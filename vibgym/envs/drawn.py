@@ -1,27 +1,24 @@
 """Environments whose parts have shapes drawn from a split of the library for each episode (:mod:`vibgym.scene.library`).
 
-Parts ``{"shape": "drawn"}`` get the shape that a reset draws. A single environment keeps a core for every shape that it has
-met. A native batch has fixed shapes (``shapes=``), since all of its worlds share one scene.
+Parts ``{"shape": "drawn"}`` get the shape that a reset draws: one of the kinds of the scene (:mod:`vibgym.scene.kinds`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.utils import seeding
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.envs.actions import new_action
 from vibgym.envs.options import Options
+from vibgym.scene.kinds import Kinds
 from vibgym.scene.library import largest_dimension, scaled, shapes
 from vibgym.scene.part_settings import PartSettings
 from vibgym.scene.parts import Part, part_from
-from vibgym.scene.surface import Surface, surface_from
 from vibgym.settings import Length, read
 
 DRAWN = "drawn"
@@ -62,17 +59,17 @@ class DrawnShapes:
 
     Args:
         options: of the environment, with a split.
-        surface: the table.
 
     Attributes:
         library: parts of the split.
         draws: uniform numbers of an episode, one for each different shape.
+        shapes: those that are given instead of drawn ones; None: drawn.
 
     Raises:
-        ValueError: an unknown split, no drawn part, invalid shapes, or an action whose size depends on the part.
+        ValueError: an unknown split, no drawn part, or invalid shapes.
     """
 
-    def __init__(self, options: Options, surface: Surface) -> None:
+    def __init__(self, options: Options) -> None:
         assert options.split is not None
         self.library = shapes(options.split)
         self._parts = [_drawn_part(part, f"parts[{k}]") for k, part in enumerate(options.parts or [])]
@@ -88,15 +85,6 @@ class DrawnShapes:
             if not checks.listed(given) or len(given) != self.draws or len(set(given)) != self.draws:
                 raise checks.refuse("shapes", given, allowed)
             self.shapes = tuple(checks.count(f"shapes[{k}]", n, least=0, most=most) for k, n in enumerate(given))
-        elif len(set(self._action_shapes(options.action, surface))) > 1:
-            raise checks.conflict(
-                f"the size of action {options.action!r} depends on the part: with drawn shapes use 'velocity' or another one"
-            )
-
-    def _action_shapes(self, action: Any, surface: Surface) -> Iterator[tuple[int, ...]]:
-        """Yield the shape of an action for every shape of the library."""
-        for k in range(len(self.library)):
-            yield new_action(action, surface, self.parts([k] * self.draws)).shape
 
     def parts(self, chosen: Sequence[int]) -> list[Part]:
         """Return the parts of an episode with these shapes, indices of the library."""
@@ -104,10 +92,33 @@ class DrawnShapes:
             part.part(self.library[chosen[part.which]]) if isinstance(part, DrawnPart) else part for part in self._parts
         ]
 
-    def draw(self, uniform: np.ndarray) -> tuple[int, ...]:
-        """Return different indices of the library from ``uniform`` (draws,) in [0, 1)."""
-        left = list(range(len(self.library)))
-        return tuple(left.pop(int(u * len(left))) for u in uniform.tolist())
+    def kinds(self, worlds: int) -> Kinds:
+        """Return the kinds of parts that episodes may have, and those of the first shapes in each of ``worlds``."""
+        every: list[Part] = []
+        self._kind = np.zeros((len(self._parts), len(self.library)), dtype=np.int64)  # of a part by its shape
+        blocks: dict[Any, int] = {}
+        for k, part in enumerate(self._parts):
+            drawn = isinstance(part, DrawnPart)
+            key = repr(part.model_copy(update={"which": 0})) if isinstance(part, DrawnPart) else id(part)
+            if key not in blocks:
+                blocks[key] = len(every)
+                every += [part.part(each) for each in self.library] if isinstance(part, DrawnPart) else [part]
+            self._kind[k] = blocks[key] + (np.arange(len(self.library)) if drawn else 0)
+        first = np.tile(np.arange(self.draws), (worlds, 1))
+        return Kinds(every, self.kind_of(first), [sorted(set(options)) for options in self._kind.tolist()])
+
+    def kind_of(self, chosen: np.ndarray) -> np.ndarray:
+        """Return the kinds (n, parts) of parts with shapes (n, draws)."""
+        which = [part.which if isinstance(part, DrawnPart) else 0 for part in self._parts]
+        return self._kind[np.arange(len(which)), chosen[:, which]]
+
+    def draw(self, uniform: np.ndarray) -> np.ndarray:
+        """Return different indices of the library, (n, draws), from ``uniform`` (n, draws) in [0, 1)."""
+        chosen = np.empty(uniform.shape, dtype=np.int64)
+        for row, numbers in zip(chosen, uniform.tolist(), strict=True):
+            left = list(range(len(self.library)))
+            row[:] = [left.pop(int(u * len(left))) for u in numbers]
+        return chosen
 
     def fixed(self, options: Options, chosen: Sequence[int]) -> Options:
         """Return the options of an environment with these shapes."""
@@ -131,17 +142,7 @@ def drawn_shapes(task: str, arguments: Mapping[str, Any]) -> DrawnShapes | None:
     given = {"task": task, **({} if spec is None else spec.kwargs), **arguments}
     if given.get("split") is None or given.get("shapes") is not None:
         return None
-    options = Options.of(given["task"], {name: given[name] for name in Options.names() if name in given})
-    return DrawnShapes(options, surface_from(options.surface))
-
-
-def seeds_by_shapes(drawn: DrawnShapes, seeds: Sequence[int]) -> dict[tuple[int, ...], list[int]]:
-    """Return the indices of the seeds whose resets draw the same shapes, by shapes."""
-    found: dict[tuple[int, ...], list[int]] = {}
-    for k, seed in enumerate(seeds):
-        chosen = drawn.draw(seeding.np_random(seed)[0].random(drawn.draws))
-        found.setdefault(chosen, []).append(k)
-    return dict(sorted(found.items()))
+    return DrawnShapes(Options.of(given["task"], {name: given[name] for name in Options.names() if name in given}))
 
 
 def fixed_scenes(drawn: DrawnShapes) -> list[dict[str, Any]]:

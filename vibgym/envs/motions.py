@@ -46,7 +46,7 @@ class Wrench(Action):
 
     Attributes:
         allocator: :class:`vibgym.allocation.Allocator` of the scene.
-        scale: (parts, 3) accelerations of an action of 1, m/s^2, m/s^2, rad/s^2.
+        scale: (worlds, parts, 3), or one row for all worlds: accelerations of an action of 1, m/s^2, m/s^2, rad/s^2.
 
     Raises:
         ValueError: a part that can stick to the surface, where averages over a period do not hold.
@@ -57,9 +57,12 @@ class Wrench(Action):
     def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
         super().__init__(surface, parts)
         self.shape = (len(self.parts), 3)
-        push = 0.5 * reached(self.parts) * np.array([part.friction for part in self.parts]) * self.full_scale
-        gyration = np.sqrt([part.gyration for part in self.parts])
-        self.scale = np.stack([push, push, push / gyration], axis=-1)
+        self.scale = self.parts.values(self._full_push)
+
+    def _full_push(self, part: Part) -> list[float]:
+        """Return accelerations by all elements at full amplitude, m/s^2, m/s^2, rad/s^2."""
+        push = 0.5 * reached([part])[0] * part.friction * self.full_scale
+        return [push, push, push / math.sqrt(part.gyration)]
 
     def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
         self.allocator = Allocator(self.surface, self.parts, sheet)
@@ -120,13 +123,13 @@ class Velocity(Wrench):
     step, as far as actuator limits permit.
 
     Attributes:
-        top: (parts, 3) velocities of an action of 1, m/s, m/s, rad/s.
+        top: (worlds, parts, 3), or one row for all worlds: velocities of an action of 1, m/s, m/s, rad/s.
     """
 
     def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
         super().__init__(surface, parts)
-        speed = np.full(len(self.parts), TOP_SHARE * surface.table_speed)
-        self.top = np.stack([speed, speed, speed / np.sqrt([part.gyration for part in parts])], axis=-1)
+        speed = TOP_SHARE * surface.table_speed
+        self.top = self.parts.values(lambda part: [speed, speed, speed / math.sqrt(part.gyration)])
 
     def acceleration(self, values: np.ndarray, velocity: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """See :meth:`Wrench.acceleration`."""
@@ -171,8 +174,13 @@ class Target(Velocity):
     def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
         # The border moves with the table, so that a centre of mass on it would be without support now and then.
         self.margin = 2.0 * self.surface.horizontal_amplitude
-        plant = sliding_of(self.surface, self.parts, strongest(self.surface, sheet))
-        self._braking = np.stack([BRAKING * plant.push, BRAKING * plant.push, TURN_BRAKING * plant.turn_push], axis=-1)
+        strength = strongest(self.surface, sheet)
+
+        def braking(part: Part) -> list[float]:
+            plant = sliding_of(self.surface, [part], strength)
+            return [BRAKING * plant.push[0], BRAKING * plant.push[0], TURN_BRAKING * plant.turn_push[0]]
+
+        self._braking = self.parts.values(braking)
         self._moved = np.zeros((worlds, len(self.parts), 2))
         return {**super().resolve_limits(sheet, worlds), "moved": self._moved}
 
@@ -218,14 +226,15 @@ class Target(Velocity):
 def brake(way, now, braking, top, step, speed):
     """Compute ``speed``, see :meth:`Target._speed`."""
     for w in range(way.shape[0]):
+        row = min(w, top.shape[0] - 1)
         for p in range(way.shape[1]):
             for k in range(3):
                 v = now[w, p, k]
                 for iteration in range(ITERATIONS):
                     left = max(way[w, p, k] - 0.5 * step * (now[w, p, k] + v), 0.0)
-                    allowed = min(math.sqrt(2.0 * braking[p, k] * left), APPROACH / step * left)
+                    allowed = min(math.sqrt(2.0 * braking[row, p, k] * left), APPROACH / step * left)
                     v = allowed if iteration == 0 else 0.5 * (v + allowed)
-                speed[w, p, k] = min(v, top[p, k])
+                speed[w, p, k] = min(v, top[row, p, k])
 
 
 def _polar(vector: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -20,10 +20,11 @@ from vibgym.envs.features import CODINGS, NEIGHBOUR, NEIGHBOURS, TABLE, Feature,
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout as Memory
 from vibgym.kernels.reference import Pinned, bound
-from vibgym.physics.contacts.hulls import Hulls, part_contact, part_gap, place_hulls
+from vibgym.physics.contacts.hulls import Hulls, load_hulls, part_contact, part_gap, place_hulls
 from vibgym.physics.core.records import State
 from vibgym.registry import Registry
 from vibgym.rendering.raster import Marks, rasterise
+from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement, Sensor
@@ -260,16 +261,17 @@ class ImageObservation(Observation):
     def __init__(self, task: Task) -> None:
         super().__init__(task)
         values = np.array(KIND_VALUES, dtype=np.uint8)
-        outlines = [np.array(part.outline) for part in task.parts]
+        outlines = [np.array(kind.outline) for kind in task.part_kinds.every]
         zones = np.zeros((0, 4)) if task.zones is None else task.zones
         self.marks = Marks(
             outline=np.concatenate(outlines),
             first=np.cumsum([0, *(len(outline) for outline in outlines)]),
+            kind=task.part_kinds.kind,
             value=values[task.kind],
             zone=zones,
             zone_value=values[: len(zones)],
         )
-        self._unwrapped = task.has_heading and all(task.heading_period(part) == 0.0 for part in task.parts)
+        self._unwrapped = task.has_heading and all(task.heading_period(kind) == 0.0 for kind in task.part_kinds.every)
         self.shape = (task.surface.rows * PIXELS, task.surface.columns * PIXELS, 3)
 
     @property
@@ -359,6 +361,8 @@ APART, BETWEEN, FASTER = OF_NEIGHBOUR["apart"], OF_NEIGHBOUR["gap"], OF_NEIGHBOU
 THEIR_HEADING, SAME_KIND, THEIR_WAY = (OF_NEIGHBOUR[name] for name in ("heading", "same_kind", "way"))
 THEIR_WAY_FAR, THEIR_TURN = OF_NEIGHBOUR["way_far"], OF_NEIGHBOUR["turn"]
 
+FRICTION, RADIUS, GYRATION, EXTENT = (OF_PART[name] for name in ("friction", "radius", "gyration", "extent"))
+
 LINEAR, TANH, PLACE, CELL = (CODINGS.index(name) for name in ("linear", "tanh", "place", "cell"))
 
 
@@ -378,7 +382,9 @@ class Scene(NamedTuple):
     present: np.ndarray  # (worlds, parts) bool
     arrived: np.ndarray  # (worlds, parts) bool
     motion: np.ndarray  # (worlds, parts, ...) of the goals, see vibgym.tasks.episode.Episode
-    kind: np.ndarray  # (parts, 2) int64, kind and symmetry
+    kind: np.ndarray  # (parts,) int64
+    symmetry: np.ndarray  # (worlds, parts), or one row for all worlds, int64
+    constant: np.ndarray  # (worlds, parts, 4) likewise: friction, radius, gyration and extent
     zone: np.ndarray  # (parts, 4) m, x_low, y_low, x_high, y_high
     size: np.ndarray  # (2,) m, of the surface
     hulls: Hulls
@@ -428,7 +434,10 @@ def compute_part(scene, w, p, out):
     measured = scene.measured
     pose, velocity, age, sigma = measured.pose[w], measured.mean_velocity[w], measured.age[w], measured.sigma[w]
     relations, size, zones = scene.relations, scene.size, scene.zone[p]
-    error, motion, turned = relations.error[w, p], scene.motion[w, p], scene.kind[p, 1] * pose[p, 2]
+    error, motion = relations.error[w, p], scene.motion[w, p]
+    turned = scene.symmetry[min(w, scene.symmetry.shape[0] - 1), p] * pose[p, 2]
+    constant = scene.constant[min(w, scene.constant.shape[0] - 1), p]
+    out[FRICTION], out[RADIUS], out[GYRATION], out[EXTENT] = constant[0], constant[1], constant[2], constant[3]
     out[HEADING], out[HEADING + 1] = math.cos(turned), math.sin(turned)
     for axis in range(2):
         at, border, zone = pose[p, axis], BORDERS + 2 * axis, ZONE + 2 * axis
@@ -490,6 +499,7 @@ def rank_neighbours(scene, pose, gone, world):
     Pairs whose bounding circles are farther apart than the last entries of both lists are skipped.
     """
     hulls, placed, here = scene.hulls, scene.placed, scene.present[world]
+    load_hulls(hulls, world)
     for i in range(pose.shape[1]):
         for k in range(NEIGHBOURS):
             scene.gap[i, k], scene.nearest[i, k] = math.inf, -1
@@ -524,7 +534,7 @@ def write_neighbours(scene, pose, velocity, p, rows):
             break
         neighbour[BETWEEN] = gap[k]
         neighbour[THEIR_TURN] = quantities[other, TURN]
-        neighbour[SAME_KIND] = 1.0 if kind[p, 0] == kind[other, 0] else 0.0
+        neighbour[SAME_KIND] = 1.0 if kind[p] == kind[other] else 0.0
         for axis in range(2):
             neighbour[APART + axis] = pose[other, axis] - pose[p, axis]
             neighbour[FASTER + axis] = velocity[other, axis] - velocity[p, axis]
@@ -570,6 +580,7 @@ def write_rows_of_several(pinned, worlds, out):
     for k in range(worlds.shape[0]):
         w = worlds[k]
         pose, velocity = measured.pose[w], measured.mean_velocity[w]
+        load_hulls(scene.hulls, w)
         for p in range(pose.shape[0] if scene.touch == 1 else 0):
             if scene.present[w, p]:
                 compute_contact(scene, pose, measured.pushed[w], w, p, scene.quantities[p])
@@ -600,7 +611,7 @@ def write_goals(low, high, pose, worlds, goals):
 
 def row_writer(task: Task, layout: Layout, measurement: Measurement, relations: Relations, episode: Episode) -> Writer:
     """Return a function that writes a layout into (worlds, slots, block) float32; the arrays of the arguments are live."""
-    surface, parts = task.surface, task.parts
+    surface, parts, hulls = task.surface, task.parts, hulls_of(task.part_kinds)
     own = tuple(each for each in layout.table if each in TABLE)
     others = _program(tuple(each for each in NEIGHBOUR if f"neighbour_1_{each.name}" in layout), OF_NEIGHBOUR, surface)
     # The displacement of a neighbour is copied from its row, encoded.
@@ -613,17 +624,19 @@ def row_writer(task: Task, layout: Layout, measurement: Measurement, relations: 
         present=episode.present,
         arrived=episode.arrived,
         motion=episode.motion,
-        kind=np.ascontiguousarray(np.column_stack([task.kind, [part.symmetry for part in parts]])),
+        kind=np.ascontiguousarray(task.kind),
+        symmetry=task.part_kinds.values(lambda part: part.symmetry),
+        constant=task.part_kinds.values(_constants),
         zone=np.ascontiguousarray(zones),
         size=np.array([surface.width, surface.depth]),
-        hulls=task.hulls,
+        hulls=hulls,
         program=_program(own, OF_PART, surface),
         others=others,
         touch=int("contact_normal" in layout),
         coarse=coarse,
-        quantities=_constant_quantities(parts, task.kind),
+        quantities=_constant_quantities(task.kind),
         neighbour=np.ones(OF_NEIGHBOUR[""]),
-        placed=np.zeros(task.hulls.corner.shape),
+        placed=np.zeros(hulls.corner.shape),
         nearest=np.full((len(parts), NEIGHBOURS), -1, dtype=np.int64),
         gap=np.zeros((len(parts), NEIGHBOURS)),
     )
@@ -644,11 +657,14 @@ def _program(features: Sequence[Feature], places: dict[str, int], surface: Surfa
     )
 
 
-def _constant_quantities(parts: Sequence[Part], kind: np.ndarray) -> np.ndarray:
-    """Return quantities (parts, values) with constant ones filled in."""
-    quantities = np.zeros((len(parts), OF_PART[""]))
-    for row, part, number in zip(quantities, parts, kind, strict=True):
+def _constants(part: Part) -> list[float]:
+    """Return friction, radius (m), radius of gyration (m) and extent (m) of a part."""
+    return [part.friction, part.radius, math.sqrt(part.gyration), math.sqrt(part.area)]
+
+
+def _constant_quantities(kind: np.ndarray) -> np.ndarray:
+    """Return quantities (parts, values) with those filled in that depend on the part's kind (parts,) alone."""
+    quantities = np.zeros((len(kind), OF_PART[""]))
+    for row, number in zip(quantities, kind, strict=True):
         row[OF_PART["present"]] = row[OF_PART["kind"] + number] = 1.0
-        row[OF_PART["friction"]], row[OF_PART["radius"]] = part.friction, part.radius
-        row[OF_PART["gyration"]], row[OF_PART["extent"]] = math.sqrt(part.gyration), math.sqrt(part.area)
     return quantities

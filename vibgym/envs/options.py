@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,11 +17,11 @@ from vibgym import checks
 from vibgym.actuators.stage import ActuatorStage
 from vibgym.registration import Periods
 from vibgym.scene import overlaps
+from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part, part_from
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Sensor
 from vibgym.settings import BaseSettings, Given, read
-from vibgym.simulation.simulator import Simulator
 from vibgym.tasks import Start, Task
 
 NAMED = ("start", "zones", "slots", "paths", "randomize")
@@ -252,26 +253,29 @@ class StartOverride:
         pose: (worlds, parts, 3) x, y (m), heading (rad).
         goal: (worlds, parts, 3) likewise, for tasks with goal poses.
         present: (worlds, parts) bool, which parts are present.
-        draw: :meth:`vibgym.tasks.Task.start`, or the task's method for given paths.
+        draw: called with task, uniform numbers and ``present``: :meth:`vibgym.tasks.Task.start`, or one for given paths.
     """
 
     pose: np.ndarray | None
     goal: np.ndarray | None
     present: np.ndarray | None
-    draw: Callable[[np.ndarray, np.ndarray | None], Start]
+    draw: Callable[[Task, np.ndarray, np.ndarray | None], Start]
 
-    def start(self, task: Task, simulator: Simulator, worlds: np.ndarray, uniform: np.ndarray) -> Start:
+    def start(self, task: Task, walls: Sequence[str], worlds: np.ndarray, uniform: np.ndarray) -> Start:
         """Return the start of ``worlds`` (index array) with these values.
 
         Raises:
             ValueError: parts off the surface, overlapping one another or a wall, or where the task cannot start.
         """
         present = None if self.present is None else self.present[worlds]
-        start = self.draw(uniform, present)
+        start = self.draw(task, uniform, present)
         if self.pose is not None:
             there = start.present
             pose = np.where(there[..., None], self.pose[worlds], start.pose)
-            simulator.check_overlaps("options['pose']", pose, ~there, overlaps.AT_REST)
+            parts = task.part_kinds
+            overlaps.check(
+                "options['pose']", hulls_of(parts), task.surface, parts, walls, pose, ~there, overlaps.AT_REST
+            )
             start = task.put_down(start, pose)
         return start if self.goal is None else start._replace(goal=self.goal[worlds])
 
@@ -303,7 +307,7 @@ def parse_reset_options(
         return None
     shape = (worlds, len(task.parts), 3)
     pose = goal = present = None
-    draw = task.start
+    draw = _start
     if "pose" in given:
         if task.flows:
             raise checks.conflict(f"options['pose'] cannot be set for {task.name}: its parts arrive at an inlet")
@@ -314,10 +318,18 @@ def parse_reset_options(
             raise checks.conflict(f"options['goal'] cannot be set for {task.name}: {why}")
         goal = _goals(given["goal"], shape, task)
     if "paths" in given:
-        draw = task.starts_along("options['paths']", given["paths"], longest)
+        draw = partial(_start_along, given["paths"], longest)
     if "parts" in given:
         present = _present(given["parts"], shape[:2])
     return StartOverride(pose, goal, present, draw)
+
+
+def _start(task: Task, uniform: np.ndarray, present: np.ndarray | None) -> Start:
+    return task.start(uniform, present)
+
+
+def _start_along(paths: Any, longest: float, task: Task, uniform: np.ndarray, present: np.ndarray | None) -> Start:
+    return task.starts_along("options['paths']", paths, longest)(uniform, present)
 
 
 def _on_surface(name: str, value: Any, shape: tuple[int, ...], task: Task) -> np.ndarray:

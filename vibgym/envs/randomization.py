@@ -16,6 +16,7 @@ from vibgym import checks
 from vibgym.actuators.stage import ActuatorStage
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from
 from vibgym.physics.planar.kick import begin_waiting, disturb_parts
+from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import Angle, BaseSettings, in_si, read, with_unit
@@ -159,7 +160,7 @@ class Randomization:
 
 def check_tilt(tilt: float, parts: Sequence[Part]) -> None:
     """Check that a tilt of disturbances, rad, topples no part."""
-    for part in parts:
+    for part in Kinds.of(parts).every:
         steepest = math.atan(1.0 / part.slenderness) if part.slenderness > 0.0 else math.inf
         if tilt >= steepest:
             most = f"less than {math.degrees(steepest):.3g} deg, which topples {part.name!r}"
@@ -185,7 +186,7 @@ class Disturbances:
 
     def __init__(self, settings: Disturbance, simulator: Simulator, span: float) -> None:
         self._settings, self._simulator, self._span = settings, simulator, span
-        shape = simulator.worlds, len(simulator.parts)
+        shape = simulator.worlds, len(simulator.kinds)
         self._key = np.zeros((shape[0], KEY_DRAWS), dtype=np.int64)
         self._count = np.zeros(shape, dtype=np.int64)
         self._wait = np.zeros(shape)

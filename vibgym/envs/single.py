@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -14,19 +13,14 @@ from gymnasium.utils import seeding
 
 from vibgym import checks
 from vibgym.envs.core import Core
-from vibgym.envs.drawn import DrawnShapes
 from vibgym.envs.info import COUNTS, FLAGS, NUMBERS, InfoData
 from vibgym.envs.options import Options, step_limit, with_options
 from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.registration import Periods
-from vibgym.scene.surface import surface_from
 from vibgym.snapshots import check_keys, generator_from, generator_state
 
 RENDER_MODES = ("rgb_array", "human")
 _FIRST = np.zeros(1, dtype=np.int64)
-
-MOST_CORES = 64
-"""Scenes with drawn shapes that an environment keeps; a core has some 0.3 MB and takes some 20 ms to make."""
 
 
 class VibgymEnv(SharedInterface, gym.Env):
@@ -103,9 +97,6 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 25}
 
-    drawn: DrawnShapes | None = None
-    """What draws the shapes of episodes; None where they are fixed."""
-
     core_class: ClassVar[type[Core]] = Core
     """Class of the batched core; :mod:`vibgym.hardware` has others."""
 
@@ -115,12 +106,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         if render_mode is not None:
             checks.choice("render_mode", render_mode, RENDER_MODES)
         self._options = known
-        self._cores: dict[tuple[int, ...], Core] = {}  # by shapes
-        if known.split is not None and known.shapes is None:
-            self.drawn = DrawnShapes(known, surface_from(known.surface))
-            self.core = self._core_of(tuple(range(self.drawn.draws)))
-        else:
-            self.core = self.core_class(known, 1, WorldInfo)
+        self.core = self.core_class(known, 1, WorldInfo)
         self.render_mode = render_mode
         self.action_space = self.core.action.space
         self.observation_space = self.core.observation.space
@@ -150,13 +136,10 @@ class VibgymEnv(SharedInterface, gym.Env):
             seed = checks.count("seed", seed, least=0)
         generator = self.np_random if seed is None else seeding.np_random(seed)[0]
         core = self.core
-        if self.drawn is not None:
-            core = self._core_of(self.drawn.draw(copy.deepcopy(generator).random(self.drawn.draws)))
         override = self._override(core, options)
         if override is not None:  # an invalid start must not change anything
             core.check_start(_FIRST, [generator], override)
         super().reset(seed=seed)
-        self._use(core)
         core.reset(_FIRST, [self.np_random], override)
         self._steps, self._closed = 0, False
         if self._paused:
@@ -195,8 +178,7 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     def get_state(self) -> dict[str, Any]:
         """Return a snapshot that continues bit for bit, generator included; trails of images are not part of it."""
-        state = {**self.core.get_state(), "generator": generator_state(self.np_random), "steps": self._steps}
-        return state if self.drawn is None else {**state, "shapes": self.core.options.shapes}
+        return {**self.core.get_state(), "generator": generator_state(self.np_random), "steps": self._steps}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Restore a snapshot of an environment with the same settings.
@@ -204,17 +186,11 @@ class VibgymEnv(SharedInterface, gym.Env):
         Raises:
             ValueError: a snapshot of another environment or with invalid values; nothing has changed.
         """
-        names = (*Core.STATE, "generator", "steps")
-        check_keys("state", state, names if self.drawn is None else (*names, "shapes"))
         core = self.core
-        if self.drawn is not None:
-            with checks.within("state"):
-                chosen = DrawnShapes(self._options.model_copy(update={"shapes": state["shapes"]}), self.surface).shapes
-            core = self._core_of(chosen)  # type: ignore[arg-type]
+        check_keys("state", state, (*core.state_keys, "generator", "steps"))
         steps = checks.count("state['steps']", state["steps"], least=0)
         generator = generator_from("state['generator']", state["generator"])
-        core.set_state({name: state[name] for name in Core.STATE})
-        self._use(core)
+        core.set_state({name: state[name] for name in core.state_keys})
         self.np_random, self._steps, self._closed, self._paused = generator, steps, False, True
         if self._viewer is not None:
             self._viewer.begin(0)
@@ -254,26 +230,6 @@ class VibgymEnv(SharedInterface, gym.Env):
                 if isinstance(limit := wrapper._max_episode_steps, Periods):
                     wrapper._max_episode_steps = step_limit(limit, self.core.periods, self._options.max_episode_periods)  # type: ignore[assignment]
             frame = frame.f_back
-
-    def _core_of(self, chosen: tuple[int, ...]) -> Core:
-        """Return the core of a scene with these shapes; the last :data:`MOST_CORES` are kept."""
-        fixed = self._options.model_copy(update={"shapes": chosen})
-        core = self._cores.pop(chosen, None) or self.core_class(fixed, 1, WorldInfo)
-        self._cores[chosen] = core  # as the last
-        if len(self._cores) > MOST_CORES:
-            del self._cores[next(iter(self._cores))]
-        return core
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the cores of other shapes."""
-        return {**vars(self), "_cores": {}}
-
-    def _use(self, core: Core) -> None:
-        """Continue with a core."""
-        if core is not self.core:
-            self.core = core
-            if self._viewer is not None:
-                self._viewer.renew()
 
     def _draw(self) -> None:
         if self.render_mode == "human":

@@ -205,7 +205,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             ValueError: a snapshot of another environment or with invalid values; nothing has changed.
         """
         counters = tuple(self._counters())
-        check_keys("state", state, (*Core.STATE, "generators", *counters))
+        check_keys("state", state, (*self.core.state_keys, "generators", *counters))
         values = restored("state", self._counters(), {name: state[name] for name in counters})
         given = state["generators"]
         if not isinstance(given, list | tuple) or len(given) != self.num_envs:
@@ -214,7 +214,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             None if each is None else generator_from(f"state['generators'][{world}]", each)
             for world, each in enumerate(given)
         ]
-        self.core.set_state({name: state[name] for name in Core.STATE})
+        self.core.set_state({name: state[name] for name in self.core.state_keys})
         put_back(self._counters(), values)
         self._generators, self.closed = own, False
         if self._viewer is not None:

@@ -10,15 +10,15 @@ from vibgym.envs.shared import SharedInterface
 from vibgym.rendering import Scenery, Side, Window, Zone
 
 
-def scenery_of(env: SharedInterface) -> Scenery:
-    """Return the static content of images of an environment."""
+def scenery_of(env: SharedInterface, world: int = 0) -> Scenery:
+    """Return the static content of images of a world."""
     surface, task = env.surface, env.task
     zones = () if task.zones is None else zip(task.kinds, task.zones.tolist(), strict=True)
     return Scenery(
         surface.rows,
         surface.columns,
         surface.element_size,
-        tuple(np.array(part.outline) for part in env.parts),
+        tuple(np.array(part.outline) for part in env.core.kinds.parts(world)),
         kinds=tuple(task.kind.tolist()),
         walls=tuple(env.walls),
         zones=tuple(
@@ -60,18 +60,19 @@ class Viewer:
 
     def __init__(self, env: SharedInterface, title: str, worlds: int = 1) -> None:
         self.env = env
-        self.renew()
-        self.window = Window(self.painter, 1.0 / env.step_time, title)
+        self.scenery = self._scenery(0)
+        self._painters = [self.scenery.painter()] * worlds
+        self.window = Window(self._painters[0], 1.0 / env.step_time, title)
         self.trails: list[list[np.ndarray]] = [[] for _ in range(worlds)]  # (parts, 2) at each step
 
-    def renew(self) -> None:
-        """Draw the present scene of the environment from now on."""
-        self.scenery = replace(scenery_of(self.env), side=has_side(self.env))
-        self.painter = self.scenery.painter()
+    def _scenery(self, world: int) -> Scenery:
+        return replace(scenery_of(self.env, world), side=has_side(self.env))
 
     def begin(self, world: int) -> None:
-        """Clear the trails of a world whose episode starts."""
+        """Clear the trails of a world whose episode starts, and draw its parts from now on."""
         self.trails[world] = []
+        if self.env.core.kinds.vary:
+            self._painters[world] = self._scenery(world).painter()
         self.follow(world)
 
     def follow(self, world: int) -> None:
@@ -91,7 +92,7 @@ class Viewer:
         view = self.scenery.view(
             pose, present, goal, core.phasors(world), trail, caption, lines, side_of(self.env, world)
         )
-        return self.painter.paint(view)
+        return self._painters[world].paint(view)
 
     def show(self, world: int) -> None:
         """Show a world in the window."""

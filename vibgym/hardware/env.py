@@ -185,7 +185,7 @@ class HardwareCore(Core):
     def drawn_start(self, generator: np.random.Generator, override: StartOverride | None = None) -> Start:
         """Return the start of a simulated episode with this generator."""
         uniform = generator.random((1, self.shape_draws + self.task.draws))
-        return self.start_of(self.pipeline.now.worlds, uniform[:, self.shape_draws :], override)
+        return self.start_of(self.pipeline.now.worlds, uniform[:, self.shape_draws :], override, self.kinds.kind)
 
     def stop(self, reason: str) -> None:
         """Stop the elements until the next episode."""
@@ -369,7 +369,7 @@ class HardwareEnv(VibgymEnv):
         spec = gym.spec(environment_id(task))
         super().__init__(**{**spec.kwargs, **environment})
         self._environment = json_values(environment)
-        if self.drawn is not None:
+        if self.core.shapes is not None:
             raise checks.conflict("hardware requires shapes=[...], since it cannot draw them")
         surface = self.surface
         own = {"rows": surface.rows, "columns": surface.columns, "parts": len(self.parts), "step_time": self.step_time}

@@ -146,7 +146,8 @@ class Marks(NamedTuple):
     """Outlines and zones of all worlds, and their pixel values."""
 
     outline: np.ndarray  # (total, 2) corners of all parts, one part after the other, each in its own frame, m
-    first: np.ndarray  # (parts + 1,) int64; part p has the corners from first[p] to before first[p + 1]
+    first: np.ndarray  # (kinds + 1,) int64; kind k has the corners from first[k] to before first[k + 1]
+    kind: np.ndarray  # (worlds, parts) int64, or one row for all worlds
     value: np.ndarray  # (parts,) uint8
     zone: np.ndarray  # (zones, 4) smallest x and y, largest x and y, m
     zone_value: np.ndarray  # (zones,) uint8
@@ -191,12 +192,14 @@ def rasterise(
         picture = image[world]
         _copy(background, picture)
         for part in range(pose.shape[1]):
-            own = outline[first[part] : first[part + 1]]
+            kind = marks.kind[min(world, marks.kind.shape[0] - 1), part]
+            own = outline[first[kind] : first[kind + 1]]
             placed, shown = corners[: own.shape[0]], goal_value[world, part]
             if shown != 0 and present[world, part] and _corners(goal[world, part], own, scale, height, placed):
                 _fill(placed, shown, 1, inside, picture)
         for part in range(pose.shape[1]):
-            here, own = pose[world, part], outline[first[part] : first[part + 1]]
+            kind = marks.kind[min(world, marks.kind.shape[0] - 1), part]
+            here, own = pose[world, part], outline[first[kind] : first[kind + 1]]
             placed = corners[: own.shape[0]]
             if present[world, part] and _corners(here, own, scale, height, placed):
                 _fill(placed, marks.value[part], 0, inside, picture)

@@ -45,7 +45,7 @@ def bodies_of(parts: Sequence[Part], element_size: float) -> Bodies:
     names = ("area", "radius", "gyration", "friction", "static_friction", "convex", "turns", "coupling")
     entries = max(len(body.law) for body in bodies)
     return Bodies(
-        kind=kinds.index,
+        kind=kinds.kind,
         outline=np.concatenate([body.outline for body in bodies]),
         first=np.cumsum([0, *(len(body.outline) for body in bodies)]),
         even=EVEN.copy(),

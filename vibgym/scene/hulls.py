@@ -101,7 +101,7 @@ def rounding(part: Part) -> float:
 def hulls_of(parts: Sequence[Part]) -> Hulls:
     """Return the hulls of the parts of a world for kernels, those of the first one; in memory of their own."""
     kinds = Kinds.of(parts)
-    every, first = _table(kinds.every), _table([kinds.every[kind] for kind in kinds.index[0]])
+    every, first = _table(kinds.every), _table([kinds.every[kind] for kind in kinds.kind[0]])
     room = first
     if kinds.vary:  # for the largest kind
         pieces, corners = len(parts) * int(np.diff(every.owner).max()), len(parts) * _most_corners(every)
@@ -111,7 +111,7 @@ def hulls_of(parts: Sequence[Part]) -> Hulls:
         )  # fmt: skip
         for whole, own in zip(room, first, strict=True):
             whole[: len(own)] = own
-    return Hulls(*room, kinds.index[0].copy(), kinds.index, every)
+    return Hulls(*room, kinds.kind[0].copy(), kinds.kind, every)
 
 
 def _most_corners(table: HullTable) -> int:

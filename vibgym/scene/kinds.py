@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,20 +15,18 @@ class Kinds(Sequence[Part]):
 
     Args:
         every: the kinds.
-        index: (worlds, parts) kind of each part of each world; one row where all worlds have the same parts.
+        kind: (worlds, parts) kind of each part of each world; one row where all worlds have the same parts.
         options: the kinds that each part may have; None: those of the first world.
 
     Attributes:
         every, options: as given.
-        index: (rows, parts) int64, live: :meth:`choose` changes it.
+        kind: (rows, parts) int64, live: :meth:`choose` changes it.
     """
 
-    def __init__(
-        self, every: Sequence[Part], index: np.ndarray, options: Sequence[Sequence[int]] | None = None
-    ) -> None:
+    def __init__(self, every: Sequence[Part], kind: np.ndarray, options: Sequence[Sequence[int]] | None = None) -> None:
         self.every = tuple(every)
-        self.index = np.ascontiguousarray(index, dtype=np.int64)
-        self.options = [[kind] for kind in self.index[0].tolist()] if options is None else options
+        self.kind = np.ascontiguousarray(kind, dtype=np.int64)
+        self.options = [[each] for each in self.kind[0].tolist()] if options is None else options
         self._names: list[Part] | None = None
         self._tables: list[tuple[np.ndarray, np.ndarray]] = []  # of the kinds, and live
 
@@ -48,29 +46,38 @@ class Kinds(Sequence[Part]):
         return self._names is None
 
     def __len__(self) -> int:
-        return self.index.shape[1]
+        return self.kind.shape[1]
 
     def __getitem__(self, part: Any) -> Any:
         return self.parts(0)[part]
+
+    def __iter__(self) -> Iterator[Part]:
+        return iter(self.parts(0))
 
     def parts(self, world: int) -> tuple[Part, ...]:
         """Return the parts of a world."""
         if self._names is not None:
             return tuple(self._names)
-        return tuple(self.every[kind] for kind in self.index[world].tolist())
+        return tuple(self.every[kind] for kind in self.kind[world].tolist())
 
     def changed(self, change: Callable[[Part], Part]) -> Kinds:
         """Return these kinds with other properties, of the same worlds: :meth:`choose` applies to both."""
-        kinds = Kinds([change(part) for part in self.every], self.index, self.options)
-        kinds.index, kinds._tables = self.index, self._tables
+        kinds = Kinds([change(part) for part in self.every], self.kind, self.options)
+        kinds.kind, kinds._tables = self.kind, self._tables
         if self._names is not None:
             kinds._names = [change(part) for part in self._names]
         return kinds
 
-    def values(self, value: Callable[[Part], Any]) -> np.ndarray:
-        """Return a live array (rows, parts, ...) of a property, a number or an array, of every part."""
+    def values(self, value: Callable[[Part], Any], worlds: int | None = None) -> np.ndarray:
+        """Return a live array (rows, parts, ...) of a property, a number or an array, of every part.
+
+        Args:
+            worlds: rows of the array; None: those of :attr:`kind`.
+        """
         table = np.array([value(part) for part in self.every])
-        live = table[self.index]
+        live = table[self.kind]
+        if worlds is not None and worlds != len(live):
+            live = np.repeat(live, worlds, axis=0)
         if self.vary:
             self._tables.append((table, live))
         return live
@@ -81,11 +88,11 @@ class Kinds(Sequence[Part]):
             return list(self._names)
         return [max((self.every[kind] for kind in options), key=value) for options in self.options]
 
-    def choose(self, worlds: Any, index: np.ndarray) -> None:
+    def choose(self, worlds: Any, kind: np.ndarray) -> None:
         """Set the kinds (n, parts) of the parts of some worlds (index array)."""
-        self.index[worlds] = index
+        self.kind[worlds] = kind
         for table, live in self._tables:
-            live[worlds] = table[index]
+            live[worlds] = table[kind]
 
     def rows(self, worlds: Any) -> Any:
         """Return the rows of live arrays for worlds (index array or slice): all, where all worlds have the same parts."""

@@ -65,7 +65,7 @@ def check(
         ValueError: the deepest overlap is too deep; names world, parts and amount.
     """
     worlds, n = pose.shape[:2]
-    share = (0.25 if allowed <= AT_REST else 0.5) * np.broadcast_to(hulls.every.radius[parts.index], (worlds, n))
+    share = (0.25 if allowed <= AT_REST else 0.5) * np.broadcast_to(hulls.every.radius[parts.kind], (worlds, n))
     if n > 1:
         gaps = np.empty((worlds, n, n))
         all_gaps(hulls, np.ascontiguousarray(pose), gaps)

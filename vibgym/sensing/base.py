@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from vibgym import checks
 from vibgym.physics.core.records import State
+from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing.effects import EFFECTS, Effects
@@ -90,6 +91,7 @@ class Sensor(ABC):
         self, surface: Surface, parts: Sequence[Part], worlds: int, periods: int, settings: Settings | None = None
     ) -> None:
         self.surface, self.parts, self.worlds = surface, tuple(parts), worlds
+        self.kinds = Kinds.of(parts)
         self.periods, self.step = periods, periods * surface.period
         self.settings = chosen = type(self).Settings() if settings is None else settings
         self.delay = checks.fitting("sensor.delay", chosen.delay, BYTES_OF_READING * worlds * len(self.parts) / periods)
@@ -121,12 +123,12 @@ class Sensor(ABC):
 
     @property
     def sigma(self) -> np.ndarray:
-        """(parts, 3) nominal standard deviation of a measured pose without effects, m, m, rad."""
+        """(parts, 3) or (worlds, parts, 3) nominal standard deviation of a measured pose without effects, m, m, rad."""
         return np.zeros((len(self.parts), 3))
 
     @property
     def all_sigma(self) -> np.ndarray:
-        """(parts, 3) nominal standard deviation of a measured pose with effects; for estimators."""
+        """The same with effects; for estimators."""
         return np.sqrt(self.sigma**2 + self._effects.variance)
 
     def facts(self) -> dict[str, np.ndarray]:

@@ -106,7 +106,7 @@ class Averaged(Model):
             constants, inputs, kinds = (self._table, self._scheme), (drive.record, state.record), self.setup.parts
             first = start
             while first < stop:
-                kind = int(kinds.index[first if kinds.vary else 0, 0])
+                kind = int(kinds.kind[first if kinds.vary else 0, 0])
                 last = first + 1 if kinds.vary else stop
                 scene = integrator.AveragedScene(
                     constants[0], self._bodies[kind], constants[1], *inputs, workspaces[kind]

@@ -91,8 +91,8 @@ class Simulator:
         self.walls = tuple(walls)
         needed = BYTES_OF_WORLD + BYTES_OF_PART * len(parts) + BYTES_OF_ELEMENT * surface.rows * surface.columns
         self.worlds = checks.fitting("worlds", checks.count("worlds", worlds), needed)
-        if self.kinds.vary and len(self.kinds.index) != self.worlds:
-            raise checks.refuse("parts", f"kinds of the parts of {len(self.kinds.index)} worlds", f"of {self.worlds}")
+        if self.kinds.vary and len(self.kinds.kind) != self.worlds:
+            raise checks.refuse("parts", f"kinds of the parts of {len(self.kinds.kind)} worlds", f"of {self.worlds}")
         self._setup = Setup(surface, self.kinds, self.walls, self.worlds, model)
         self.hulls, self._mass = hulls_of(self.kinds), self.kinds.values(lambda part: part.mass)
         self._model: Model = MODELS.make("model", dict(kind=model, **knobs), self._setup)

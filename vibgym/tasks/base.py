@@ -12,7 +12,7 @@ from pydantic import Field
 
 from vibgym import checks
 from vibgym.physics.core.records import State
-from vibgym.scene.hulls import hulls_of
+from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import BaseSettings
@@ -124,6 +124,7 @@ class Task(ABC):
             raise checks.refuse("parts", f"{len(parts)} parts", f"at most {self.MOST_PARTS} for {self.name}")
         self.hold = self.settings.hold
         self.surface, self.parts, self.features = surface, tuple(parts), tuple(self.FEATURES)
+        self.part_kinds = Kinds.of(parts)
         self.kinds, self.kind = kinds_by_name(self.parts)
         self.slots = len(parts) if self.settings.slots is None else self.settings.slots
         if self.slots < len(parts):
@@ -133,7 +134,6 @@ class Task(ABC):
         self.apart, self.lasts = -math.inf, 0.0
         self.driven = np.array([part.coupling > 0.0 for part in self.parts])
         self.asked = np.ones(len(self.parts), dtype=bool)
-        self.hulls = hulls_of(self.parts)
         self.made_of, self.weights = terms_of(self.name, self.TERMS, self.has_custom_reward)
         for term in self.settings.weights:
             if not (term in self.weights or self.has_custom_reward):
@@ -210,7 +210,7 @@ class Task(ABC):
             zone=np.where(self.asked[:, None], zone, ANYWHERE),
             tolerance=np.ascontiguousarray(np.where(self.asked[:, None], self.tolerances(), math.inf)),
             asked=self.asked,
-            heading_period=np.array([self.heading_period(part) for part in self.parts]),
+            heading_period=self.part_kinds.values(self.heading_period),
             slow=float(self.speed_limit),
             apart=float(self.apart),
             far=math.hypot(self.surface.width, self.surface.depth),

@@ -14,7 +14,7 @@ import numpy as np
 
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout
-from vibgym.physics.contacts.hulls import Hulls, part_gap, place_hulls
+from vibgym.physics.contacts.hulls import Hulls, load_hulls, part_gap, place_hulls
 from vibgym.physics.core.records import state_at
 
 DISTANCE_SCALE = 0.1  # m of progress that earn the term's full reward
@@ -55,7 +55,8 @@ class Rules(NamedTuple):
     zone: np.ndarray  # (parts, 4) m: x_low, y_low, x_high, y_high of each part's rectangle, about its goal
     tolerance: np.ndarray  # (parts, 2) m from the rectangle, and rad, which is infinite where headings do not count
     asked: np.ndarray  # (parts,) bool, parts with a goal; others are done unless they fall, and have no errors
-    heading_period: np.ndarray  # (parts,) rad; headings that differ by it are the same; 0: headings are not wrapped
+    # (worlds, parts), or one row for all worlds, rad; headings that differ by it are the same; 0: headings are not wrapped
+    heading_period: np.ndarray
     slow: float  # m/s, speed below which a part is done
     apart: float  # m, distance to the nearest other part above which a part is done; -inf where it does not count
     far: float  # m, distance reported where there is no other part
@@ -219,11 +220,13 @@ def misses_goal(difference, position_tolerance, heading_tolerance, heading_perio
 
     Args:
         difference: (n, 2) goal minus pose, m, or (n, 3) with the heading, rad.
+        heading_period: (n,) or (1,) rad, see :class:`Rules`.
         result: (n,) bool, overwritten.
     """
     for k in range(difference.shape[0]):
         away = math.sqrt(difference[k, 0] * difference[k, 0] + difference[k, 1] * difference[k, 1])
-        turned = abs(wrapped(difference[k, 2], heading_period)) if difference.shape[1] > 2 else 0.0
+        period = heading_period[min(k, heading_period.shape[0] - 1)]
+        turned = abs(wrapped(difference[k, 2], period)) if difference.shape[1] > 2 else 0.0
         result[k] = away > position_tolerance or turned > heading_tolerance
 
 
@@ -233,6 +236,7 @@ def relate_gaps(context, pose, gone, world):
     parts, hulls, placed, far = pose.shape[1], context.hulls, context.placed, context.rules.far
     here, relations = context.episode.present[world], context.relations
     gap, neighbour = relations.gap[world], relations.neighbour[world]
+    load_hulls(hulls, world)
     for i in range(parts):
         gap[i], neighbour[i] = far, -1
         if here[i] and not gone[world, i]:
@@ -270,6 +274,7 @@ def smallest_gap(relations, world):
 def relate_to_goals(context, pose, world):
     """Compute errors to the goals, and what parts without a goal are to reach, in one world."""
     rules, goal, present, error = context.rules, context.episode.goal, context.episode.present, context.relations.error
+    heading_period = rules.heading_period[min(world, rules.heading_period.shape[0] - 1)]
     for i in range(pose.shape[1]):
         ex, ey, turn = 0.0, 0.0, 0.0
         if present[world, i]:
@@ -277,7 +282,7 @@ def relate_to_goals(context, pose, world):
             ex = min(max(x, gx + rules.zone[i, 0]), gx + rules.zone[i, 2]) - x
             ey = min(max(y, gy + rules.zone[i, 1]), gy + rules.zone[i, 3]) - y
             if rules.tolerance[i, TURNED] < math.inf:
-                turn = wrapped(goal[world, i, 2] - pose[world, i, 2], rules.heading_period[i])
+                turn = wrapped(goal[world, i, 2] - pose[world, i, 2], heading_period[i])
         error[world, i, 0], error[world, i, 1], error[world, i, 2] = ex, ey, turn
         if not rules.asked[i]:
             context.relations.reach[world, i] = reach_of(context, pose, world, i)

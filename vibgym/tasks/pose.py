@@ -122,10 +122,19 @@ class PoseTask(Task):
                 raise checks.refuse(name, f"array of shape {value.shape}", f"shape (..., {size})")
         difference = desired - achieved
         outside = np.empty(difference.shape[:-1], dtype=bool)
-        tolerances = (self.position_tolerance, self.heading_tolerance, self.heading_period(self.parts[0]))
+        periods, rows = self._heading_periods(), difference.size // size
+        if len(periods) not in (1, rows):
+            raise checks.conflict("compute_reward requires a goal for each world where shapes are drawn")
+        tolerances = (self.position_tolerance, self.heading_tolerance, periods)
         misses_goal(np.ascontiguousarray(difference.reshape(-1, size)), *tolerances, outside.reshape(-1))
         fallen = np.broadcast_to(_fallen(info), outside.shape)
         return np.where(fallen, self.FALL_REWARD, -outside.astype(np.float64))
+
+    def _heading_periods(self) -> np.ndarray:
+        """Return the heading periods of the worlds, (n,); one where all are the same."""
+        kinds = self.part_kinds
+        periods = np.array([self.heading_period(kind) for kind in kinds.every])[kinds.kind[:, 0]]
+        return periods[:1] if (periods == periods[0]).all() else periods
 
 
 def pose_caption(task: Task, relations: Relations, episode: Episode, world: int, part: int = 0) -> str:

@@ -12,8 +12,9 @@ from pydantic import Field
 from vibgym import checks
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import bound, reference
-from vibgym.physics.contacts.hulls import place_hulls
+from vibgym.physics.contacts.hulls import load_hulls, place_hulls
 from vibgym.physics.core.records import State
+from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import Length
@@ -155,7 +156,9 @@ class CoverageScoring(FactScoring):
 
     def measure(self) -> Stage:
         task: Any = self._task
-        return bound(goal_coverage, task.hulls, task.pushed, self._state.record.pose, self.episode.goal, self.fact)
+        return bound(
+            goal_coverage, hulls_of(task.part_kinds), task.pushed, self._state.record.pose, self.episode.goal, self.fact
+        )
 
 
 @jit
@@ -227,15 +230,15 @@ def goal_coverage(hulls, part, pose, goal, coverage, worlds):
         coverage: (worlds,), overwritten.
     """
     hulls = reference(hulls)
-    first, last, whole = hulls.owner[part], hulls.owner[part + 1], 0.0
-    most = 2 * (hulls.first[last] - hulls.first[first])  # clipping adds at most one corner for every edge
+    most = 2 * hulls.corner.shape[0]  # clipping adds at most one corner for every edge
     one, other, spare = np.empty((most, 2)), np.empty((most, 2)), np.empty((most, 2))
     placed, aimed = np.empty_like(hulls.corner), np.empty_like(hulls.corner)
-    for piece in range(first, last):
-        whole += area(one, copy_corners(hulls, piece, hulls.corner, one))
-    round_off = hulls.rounding[first]
     for k in range(worlds.shape[0]):
-        w, shared = worlds[k], 0.0
+        w, shared, whole = worlds[k], 0.0, 0.0
+        load_hulls(hulls, w)
+        first, last = hulls.owner[part], hulls.owner[part + 1]
+        for piece in range(first, last):
+            whole += area(one, copy_corners(hulls, piece, hulls.corner, one))
         place_hulls(hulls, part, pose[w, part, 0], pose[w, part, 1], pose[w, part, 2], placed)
         place_hulls(hulls, part, goal[w, part, 0], goal[w, part, 1], goal[w, part, 2], aimed)
         for a in range(first, last):
@@ -245,4 +248,4 @@ def goal_coverage(hulls, part, pose, goal, coverage, worlds):
             coverage[w] = shared / whole
         else:  # a disc: one corner, rounded
             distance = math.hypot(goal[w, part, 0] - pose[w, part, 0], goal[w, part, 1] - pose[w, part, 1])
-            coverage[w] = shared_by_discs(round_off, distance) / (math.pi * round_off * round_off)
+            coverage[w] = shared_by_discs(hulls.rounding[first], distance) / (math.pi * hulls.rounding[first] ** 2)

@@ -17,6 +17,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.core.records import STATE, State
+from vibgym.scene.hulls import hulls_of
 from vibgym.tasks.assignment import EXCHANGE, exchange_goals
 from vibgym.tasks.episode import (
     CONTEXT,
@@ -70,7 +71,7 @@ class Scoring:
 
     def context(self, relations: Relations) -> Pinned[Context]:
         """Return the kernels' arguments for such relations, with scratch memory for one thread."""
-        hulls = self._task.hulls
+        hulls = hulls_of(self._task.part_kinds)
         fits = np.zeros(self.episode.done.shape[1], dtype=bool)
         scratch = np.zeros(hulls.corner.shape), np.ones(2), np.zeros(len(QUANTITIES)), fits
         return Pinned(CONTEXT, Context(relations, self.episode, self._rules, hulls, *scratch))

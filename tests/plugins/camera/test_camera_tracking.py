@@ -99,5 +99,5 @@ def test_kinds_are_distinguished_by_shape():
         near = [[0.306, 0.1, 0.0], [0.306, 0.16, 0.0]]
         sensor.look(state_of([near]))
         assert sensor.due.seen.all() and not sensor.track.count.any()
-    traits = traits_of([ALUMINIUM, STEEL])
+    traits = traits_of([ALUMINIUM, STEEL], np.arange(2))
     assert traits.area[1] / traits.area[0] == pytest.approx(8 / 7) and SURFACE.width > 0.8

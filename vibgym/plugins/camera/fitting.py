@@ -72,7 +72,7 @@ MOST_SAMPLED = 64
 
 def fit_errors(setup: Setup) -> ErrorModel:
     """Return the camera's errors for every kind of parts, the same for the same settings; do not change them."""
-    key = hashlib.sha256(pickle.dumps((setup.rig, setup.known, setup.lag))).digest()
+    key = hashlib.sha256(pickle.dumps((*setup.alone(0), setup.lag))).digest()
     if key not in _sampled:
         if len(_sampled) == MOST_SAMPLED:
             _sampled.clear()

@@ -42,7 +42,7 @@ _MOST = 1e7
 class Shapes(NamedTuple):
     """Tops of the kinds of parts."""
 
-    kind: np.ndarray  # (parts,)
+    kind: np.ndarray  # (parts,) of the current world
     outline: np.ndarray  # (all corners, 2) m
     first: np.ndarray  # (kinds + 1,) of each kind's corners
     height: np.ndarray  # (kinds,) m

@@ -14,7 +14,7 @@ from vibgym.plugins.camera.edges import Grey, complex_moment, share_moments, sha
 from vibgym.plugins.camera.image import Canvas, Exposure, Shapes, draw, wipe
 from vibgym.plugins.camera.objects import Found, Interest, clear, find, new_found
 from vibgym.plugins.camera.optics import Optics
-from vibgym.plugins.camera.shapes import Traits
+from vibgym.plugins.camera.shapes import Traits, load_kinds
 
 FAR = 1e9
 """Cost of impossible pairs."""
@@ -41,6 +41,7 @@ class Rig(NamedTuple):
     shapes: Shapes
     exposure: Exposure
     background: np.ndarray  # (lines, columns) uint8, the empty surface
+    kind: np.ndarray  # (worlds, parts), or one row for all worlds, see vibgym.scene.kinds
 
 
 class Knowledge(NamedTuple):
@@ -252,6 +253,7 @@ def look_at(
     """
     for w in worlds:
         parts = pose.shape[1]
+        load_kinds(rig.kind, w, rig.shapes.kind)
         draw(
             rig.optics, rig.shapes, rig.exposure, pose[w], earlier[w], shown[w], key[w], looks[w], seen.canvas,
             seen.boxes,

@@ -60,7 +60,7 @@ class CameraSensor(Sensor):
         self, surface: Surface, parts: Sequence[Part], worlds: int, periods: int, settings: Settings | None = None
     ) -> None:
         super().__init__(surface, parts, worlds, periods, settings)
-        self.setup = Setup(surface, self.parts, self.settings, self.every * periods * surface.period)
+        self.setup = Setup(surface, self.kinds, self.settings, self.every * periods * surface.period)
         self._model: ErrorModel | None = None
         count = len(self.parts)
         self.track = new_track(worlds, count)
@@ -78,8 +78,8 @@ class CameraSensor(Sensor):
 
     @property
     def sigma(self) -> np.ndarray:
-        errors, kind = self.errors, self.setup.known.traits.kind
-        return np.sqrt(errors.mean**2 + errors.fixed**2 + errors.white**2)[kind]
+        errors = self.errors
+        return np.sqrt(errors.mean**2 + errors.fixed**2 + errors.white**2)[self.kinds.kind]
 
     def facts(self) -> dict[str, np.ndarray]:
         return {name: self.track.count[:, k] for k, name in enumerate(MISHAPS)}
@@ -109,6 +109,7 @@ class CameraSensor(Sensor):
         picture, setup = self._pictures[0], self.setup
         images, bare = np.empty((self.worlds, *setup.shape), dtype=np.uint8), np.empty(setup.shape, dtype=np.float32)
         for w in range(self.worlds):
+            setup.rig.shapes.kind[:] = self.kinds.kind[w if self.kinds.vary else 0]
             whole_image(
                 setup.optics, setup.rig.shapes, setup.rig.exposure, picture.pose[w], picture.earlier[w],
                 picture.shown[w], self._key[w], picture.look[w], bare, images[w],
@@ -181,6 +182,7 @@ class CameraSensor(Sensor):
         border, pixel = setup.settings.border, setup.optics.place[2] / setup.optics.focal
         return Statistics(
             shapes=setup.rig.shapes,
+            kind=setup.rig.kind,
             traits=setup.known.traits,
             model=self.errors,
             frame=np.array([-border, surface.width + border, -border, surface.depth + border]),

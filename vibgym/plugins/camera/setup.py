@@ -17,7 +17,8 @@ from vibgym.plugins.camera.look import Knowledge, Rig
 from vibgym.plugins.camera.objects import Interest, area_of_interest
 from vibgym.plugins.camera.optics import CHIP, PIXELS, Optics, optics_of, projected
 from vibgym.plugins.camera.shapes import room_inside, traits_of
-from vibgym.scene.parts import Part, kinds_of
+from vibgym.scene.kinds import Kinds
+from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing.base import Sensor
 from vibgym.settings import Angle, Length
@@ -98,7 +99,7 @@ class Setup:
     """The camera and the data of its image processing.
 
     Args:
-        surface: the table.  parts: of every world.
+        surface: the table.  parts: of the worlds.
         settings: of the camera.
         step: s from sample to sample.
 
@@ -111,7 +112,7 @@ class Setup:
     """
 
     def __init__(self, surface: Surface, parts: Sequence[Part], settings: CameraSettings, step: float) -> None:
-        self.surface, self.parts = surface, tuple(parts)
+        self.surface = surface
         self.settings = settings
         self.pitch = LINES[settings.lines]
         self.lag = 0.5 * surface.period if settings.lines == "interlaced" else 0.0
@@ -119,7 +120,8 @@ class Setup:
         frame = self._frame(settings.border)
         self._refuse_unseen(frame)
         exposure = self._exposure()
-        kinds, kind = kinds_of(self.parts, Part.same_as)
+        self.kinds = Kinds.of(parts)
+        kinds, kind = self.kinds.every, self.kinds.kind[0].copy()
         self._refuse_unfit(kinds)
         shapes = image.Shapes(
             kind,
@@ -128,7 +130,7 @@ class Setup:
             np.array([part.height for part in kinds]),
         )
         background = np.floor(exposure.level + 0.5).astype(np.uint8)
-        self.rig = Rig(self.optics, shapes, exposure, background)
+        self.rig = Rig(self.optics, shapes, exposure, background, self.kinds.kind)
         interest, meaning = self._processing(frame, exposure, kinds)
         self.template = self._template()
         # Calibration is done once: it searches every pixel and always uses grey levels.
@@ -139,7 +141,7 @@ class Setup:
             interest=interest,
             meaning=meaning,
             grid=self.calibrate(self.template_image()),
-            traits=traits_of(self.parts),
+            traits=traits_of(kinds, kind),
             foot=self.ideal.place,
             grain=grain,
             # Second moments of shares include pixel size and blur; those of whole pixels are unbiased.
@@ -178,7 +180,7 @@ class Setup:
     def alone(self, kind: int) -> tuple[Rig, Knowledge]:
         """Return the camera for worlds of one part each, of that kind."""
         only = np.array([kind])
-        rig = self.rig._replace(shapes=self.rig.shapes._replace(kind=only))
+        rig = self.rig._replace(shapes=self.rig.shapes._replace(kind=only), kind=only[None])
         return rig, self.known._replace(traits=self.known.traits._replace(kind=only))
 
     def residual(self, points: np.ndarray) -> np.ndarray:

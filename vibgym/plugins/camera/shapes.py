@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.scene.parts import Part, kinds_of
+from vibgym.kernels.jit import jit
+from vibgym.scene.parts import Part
 
 MOST_ORDER = 12
 """Largest order of the moment that defines the heading."""
@@ -20,7 +21,7 @@ LEAST_SHARE = 0.05
 class Traits(NamedTuple):
     """Measured properties of every kind of parts."""
 
-    kind: np.ndarray  # (parts,)
+    kind: np.ndarray  # (parts,) of the current world
     area: np.ndarray  # (kinds,) m^2
     spread: np.ndarray  # (kinds,) m^2, of the area about its centroid: sum of the two principal moments over the area
     elongation: np.ndarray  # (kinds,) difference of the principal moments over their sum
@@ -30,6 +31,13 @@ class Traits(NamedTuple):
     height: np.ndarray  # (kinds,) m, of the top
     radius: np.ndarray  # (kinds,) m
     edge: np.ndarray  # (kinds,) m, length of the outline
+
+
+@jit
+def load_kinds(kinds, world, kind):
+    """Write the kinds of a world's parts to ``kind`` (parts,)."""
+    for part in range(kind.shape[0]):
+        kind[part] = kinds[min(world, kinds.shape[0] - 1), part]
 
 
 def outline_moment(outline: np.ndarray, order: int) -> complex:
@@ -65,9 +73,8 @@ def heading_order(part: Part) -> tuple[int, complex]:
     return 0, 0.0
 
 
-def traits_of(parts: Sequence[Part]) -> Traits:
-    """Return the appearance of the parts of a world."""
-    kinds, kind = kinds_of(parts, Part.same_as)
+def traits_of(kinds: Sequence[Part], kind: np.ndarray) -> Traits:
+    """Return the appearance of kinds of parts; ``kind``: (parts,) of the current world, live."""
     headings = [heading_order(part) for part in kinds]
     turned = np.array([abs(outline_moment(part.outline, 2)) for part in kinds])
     spread = np.array([part.gyration for part in kinds])

@@ -19,7 +19,7 @@ from vibgym.physics.core.noise import philox
 from vibgym.plugins.camera.fitting import ErrorModel
 from vibgym.plugins.camera.image import Shapes
 from vibgym.plugins.camera.look import LOSSES, MERGES, Track
-from vibgym.plugins.camera.shapes import Traits
+from vibgym.plugins.camera.shapes import Traits, load_kinds
 
 WHITE = 1
 """Last word of the counters of white noise."""
@@ -38,6 +38,7 @@ class Statistics(NamedTuple):
     """Constants of the camera and its error model, for kernels."""
 
     shapes: Shapes
+    kind: np.ndarray  # (worlds, parts), or one row for all worlds, see vibgym.scene.kinds
     traits: Traits
     model: ErrorModel
     frame: np.ndarray  # (4,) m, visible part of the surface: least and largest x, least and largest y
@@ -208,6 +209,7 @@ def guess(
     """
     shapes, model, traits, quantiles = known.shapes, known.model, known.traits, known.quantiles
     for w in worlds:
+        load_kinds(known.kind, w, shapes.kind)
         track.count[w] = 0
         for p in range(pose.shape[1]):
             kind = shapes.kind[p]

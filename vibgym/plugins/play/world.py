@@ -163,7 +163,7 @@ class World:
         self._check_room(part)
         core, state = self.core, self.core.simulator.state
         state.pose[0, part] = self.held.pop(part)
-        state.velocity[0, part], state.mean_velocity[0, part] = core.idle[part], 0.0
+        state.velocity[0, part], state.mean_velocity[0, part] = core.idle[0, part], 0.0
         for flag in (state.fallen, state.sticking, state.doubtful):
             flag[0, part] = False
         state.pushed[0, part] = 0.0

@@ -225,7 +225,7 @@ class AbovePlane(Model):
     ) -> None:
         """Tip the parts ``which`` (n, parts) of ``worlds`` (n,) at these headings (n, parts), rad."""
         kinds = self.setup.parts
-        index = kinds.index[kinds.rows(worlds)]
+        index = kinds.kind[kinds.rows(worlds)]
         for kind, part in enumerate(kinds.every):
             these = which & (index == kind)
             unstable = ~stands(part, heading[these], lean[these])

@@ -214,7 +214,7 @@ def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead, doub
                 gains.moved[w, p] = 0.0
                 gains.summed[w, p] = 0.0
         if any_slow:
-            assign_slots(gains, w, pieces, cut_parts(numbers.outlines, pose[w], present[w], pieces))
+            assign_slots(gains, w, pieces, cut_parts(numbers.outlines, w, pose[w], present[w], pieces))
         else:
             gains.arm[w] = 0.0
     for w in range(pose.shape[0]):
@@ -295,7 +295,7 @@ class GainLearner:
         outlines = outlines_of(surface, info.parts)
         shift = info.step_time * plant.push / plant.strength * self.coast
         turn = np.array([2.0 * math.pi / part.symmetry if part.symmetry else 0.0 for part in info.parts])
-        self.numbers = Numbers(outlines, shift, outlines.gyration, turn)
+        self.numbers = Numbers(outlines, shift, np.sqrt([part.gyration for part in info.parts]), turn)
         self.room = max((math.floor(2.0 * part.radius / surface.element_size) + 2) ** 2 for part in info.parts)
         self.lag = -(-info.hardware.latency // info.periods_per_step) + 2
 

@@ -27,9 +27,9 @@ from vibgym import checks
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, Pinned
 from vibgym.physics.core.drive import Drive
-from vibgym.scene.sliding import drag_of, motion
+from vibgym.scene.sliding import motion
 from vibgym.sensing.base import Sensor
-from vibgym.sensing.estimation.predictors import FreePredictor, ModelPredictor, Plant
+from vibgym.sensing.estimation.predictors import FreePredictor, ModelPredictor, Plant, drags_of
 from vibgym.sensing.measurement import Reading, new_measurement
 from vibgym.settings import Acceleration, BaseSettings
 
@@ -69,10 +69,10 @@ class Filter(NamedTuple):
     sigma: np.ndarray  # (worlds, parts, 3) of the predictor's pose
     gone: np.ndarray  # (worlds, parts) bool
     scratch: np.ndarray  # (6,)
-    damping: np.ndarray  # (parts,) c
-    arm: np.ndarray  # (parts,) m, radius of gyration
-    variance: np.ndarray  # (parts, 3) of readings
-    idle: np.ndarray  # (parts, 2) m/s, velocity of an idle part at the start of a period
+    damping: np.ndarray  # (worlds, parts) c
+    arm: np.ndarray  # (worlds, parts) m, radius of gyration
+    variance: np.ndarray  # (worlds, parts, 3) of readings
+    idle: np.ndarray  # (worlds, parts, 2) m/s, velocity of an idle part at the start of a period
     step: float  # s
     lead: float  # s
     floor: float  # m/s^2
@@ -132,12 +132,12 @@ def kalman_update(covariance, innovation, variance):
 def inflate_covariance(all_of, w, p, k, innovation):
     """Increase the covariance of position and velocity where innovations have kept the same sign."""
     covariance = all_of.covariance[w, p, k]
-    total = covariance[PP] + all_of.variance[p, k]
+    total = covariance[PP] + all_of.variance[w, p, k]
     trend = MEMORY * all_of.trend[w, p, k] + (1.0 - MEMORY) * innovation / math.sqrt(total)
     if abs(trend) > TREND:
         wrong = trend * trend * total
         covariance[PP] += wrong
-        covariance[VV] += all_of.damping[p] * all_of.damping[p] * wrong
+        covariance[VV] += all_of.damping[w, p] * all_of.damping[w, p] * wrong
         trend = 0.0
     all_of.trend[w, p, k] = trend
 
@@ -152,8 +152,8 @@ def update_activity(address):
         for p in range(now.shape[1]):
             total = 0.0
             for k in range(3):
-                scale = all_of.arm[p] if k == 2 else 1.0
-                drag = all_of.damping[p] * now[w, p, k]
+                scale = all_of.arm[w, p] if k == 2 else 1.0
+                drag = all_of.damping[w, p] * now[w, p, k]
                 acting = (now[w, p, k] - before[w, p, k]) / all_of.step + drag
                 total += scale * scale * (acting * acting + drag * drag)  # friction is uncertain, too
                 before[w, p, k] = now[w, p, k]
@@ -163,7 +163,7 @@ def update_activity(address):
 @jit
 def carry_disturbance(all_of, w, p):
     """Add the estimated disturbance acceleration to the predictor's step."""
-    way, fall, _ = motion(all_of.damping[p], all_of.step)
+    way, fall, _ = motion(all_of.damping[w, p], all_of.step)
     last = all_of.kept.shape[0] - 1
     for k in range(3):
         push = all_of.disturbance[w, p, k]
@@ -177,13 +177,13 @@ def carry_disturbance(all_of, w, p):
 def start_track(all_of, w, p, pose):
     """Restart the filter of a part at a pose (3,), at rest."""
     for k in range(3):
-        scale = all_of.arm[p] if k == 2 else 1.0
+        scale = all_of.arm[w, p] if k == 2 else 1.0
         all_of.disturbance[w, p, k], all_of.trend[w, p, k] = 0.0, 0.0
         for step in range(all_of.kept.shape[0]):
             all_of.kept[step, w, p, k] = pose[k]
         covariance = all_of.covariance[w, p, k]
         covariance[:] = 0.0
-        covariance[PP] = all_of.variance[p, k]
+        covariance[PP] = all_of.variance[w, p, k]
         covariance[VV] = (START_SPEED / scale) ** 2
         covariance[DD] = (all_of.unknown / scale) ** 2
 
@@ -194,7 +194,7 @@ def reset_track(all_of, w, p, pose):
     start_track(all_of, w, p, pose)
     for k in range(3):
         all_of.pose[w, p, k], all_of.velocity[w, p, k], all_of.mean_velocity[w, p, k] = pose[k], 0.0, 0.0
-    all_of.velocity[w, p, 0], all_of.velocity[w, p, 1] = all_of.idle[p, 0], all_of.idle[p, 1]
+    all_of.velocity[w, p, 0], all_of.velocity[w, p, 1] = all_of.idle[w, p, 0], all_of.idle[w, p, 1]
     all_of.fallen[w, p] = False
 
 
@@ -208,7 +208,7 @@ def begin_filter(which, pose, gone, address):
                 continue
             start_track(all_of, w, p, pose[w, p])
             for k in range(3):
-                all_of.before[w, p, k], all_of.sigma[w, p, k] = 0.0, math.sqrt(all_of.variance[p, k])
+                all_of.before[w, p, k], all_of.sigma[w, p, k] = 0.0, math.sqrt(all_of.variance[w, p, k])
             for step in range(all_of.activity.shape[0]):
                 all_of.activity[step, w, p] = 0.0
             all_of.age[w, p], all_of.gone[w, p] = 0, gone[w, p]
@@ -231,11 +231,11 @@ def correct_all(reading, delay, periods, address):
                 lost = False
             if not lost:
                 carry_disturbance(all_of, w, p)
-            way, fall, left = motion(all_of.damping[p], step)
-            on_way, on_fall, on_left = motion(all_of.damping[p], all_of.lead)
-            rest_way, rest_fall, rest_left = motion(all_of.damping[p], all_of.lead - (steps - 1) * step)
+            way, fall, left = motion(all_of.damping[w, p], step)
+            on_way, on_fall, on_left = motion(all_of.damping[w, p], all_of.lead)
+            rest_way, rest_fall, rest_left = motion(all_of.damping[w, p], all_of.lead - (steps - 1) * step)
             for k in range(3):
-                scale = all_of.arm[p] if k == 2 else 1.0
+                scale = all_of.arm[w, p] if k == 2 else 1.0
                 covariance = all_of.covariance[w, p, k]
                 drift = all_of.drift * all_of.drift * step / (scale * scale)
                 if all_of.age[w, p] > delay or seen:  # else still the covariance of the start
@@ -243,10 +243,10 @@ def correct_all(reading, delay, periods, address):
                 if seen and not gone and not lost:
                     innovation = reading.pose[w, p, k] - all_of.kept[0, w, p, k]
                     inflate_covariance(all_of, w, p, k, innovation)
-                    dp, dv, dd = kalman_update(covariance, innovation, all_of.variance[p, k])
+                    dp, dv, dd = kalman_update(covariance, innovation, all_of.variance[w, p, k])
                     all_of.disturbance[w, p, k] += dd
                     for later in range(1, steps):
-                        a, b, _ = motion(all_of.damping[p], later * step)
+                        a, b, _ = motion(all_of.damping[w, p], later * step)
                         all_of.kept[later, w, p, k] += dp + a * dv + b * dd
                     all_of.pose[w, p, k] += dp + on_way * dv + on_fall * dd
                     all_of.velocity[w, p, k] += on_left * dv + on_way * dd
@@ -307,6 +307,7 @@ class FilterEstimator:
         worlds, parts, periods = sensor.worlds, len(sensor.parts), sensor.periods
         lead = sensor.delay + latency
         self._sensor, self._predictor, self.lead = sensor, predictor, latency
+        self._factor = settings.sigma
         self._instant = periods - lead % periods
         steps, state = lead // periods + 1, predictor.state
         measured = new_measurement(worlds, parts)
@@ -330,10 +331,10 @@ class FilterEstimator:
                 sigma=measured.sigma,
                 gone=measured.gone,
                 scratch=np.zeros(6),
-                damping=drag_of(sensor.surface, sensor.parts),
-                arm=np.sqrt([part.gyration for part in sensor.parts]),
-                variance=(settings.sigma * np.maximum(sensor.all_sigma, LEAST_SIGMA)) ** 2,
-                idle=np.array([sensor.surface.idle_velocity(part.friction) for part in sensor.parts]),
+                damping=drags_of(sensor),
+                arm=sensor.kinds.values(lambda part: math.sqrt(part.gyration), worlds),
+                variance=np.zeros((worlds, parts, 3)),
+                idle=sensor.kinds.values(lambda part: sensor.surface.idle_velocity(part.friction), worlds),
                 step=periods * period,
                 lead=lead * period,
                 floor=settings.acceleration,
@@ -348,6 +349,7 @@ class FilterEstimator:
 
     def reset(self, worlds: np.ndarray, reading: Reading) -> None:
         self._predictor.place(worlds, reading.pose[worlds], reading.gone[worlds])
+        self._filter.record.variance[...] = (self._factor * np.maximum(self._sensor.all_sigma, LEAST_SIGMA)) ** 2
         which = np.zeros(reading.gone.shape, dtype=bool)
         which[worlds] = True
         begin_filter(which, reading.pose, reading.gone, self._filter.address)

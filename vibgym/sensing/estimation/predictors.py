@@ -49,11 +49,11 @@ class ModelPredictor:
     """
 
     def __init__(self, sensor: Sensor, plant: Plant, walls: Sequence[str], model: str, delivered: float = 1.0) -> None:
-        parts = [replace(part, coupling=delivered * part.coupling) for part in sensor.parts]
+        parts = sensor.kinds.changed(lambda part: replace(part, coupling=delivered * part.coupling))
         self.simulator = Simulator(sensor.surface, parts, walls=walls, worlds=sensor.worlds, model=model)
         self.state, self._plant, self._periods = self.simulator.state, plant, sensor.periods
-        velocity = [np.append(sensor.surface.idle_velocity(part.friction), 0.0) for part in sensor.parts]
-        self._idle = np.array(velocity)
+        self._kinds = sensor.kinds
+        self._idle = self._kinds.values(lambda part: np.append(sensor.surface.idle_velocity(part.friction), 0.0))
 
     def prepare(self, command: Drive) -> None:
         """Allocate buffers for commands of this form."""
@@ -62,7 +62,8 @@ class ModelPredictor:
     def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
         """Place parts at rest in ``worlds``."""
         self._plant.reset(worlds, np.full((len(worlds), self._plant.draws), 0.5))
-        self.simulator.place(worlds, pose, np.where(fallen[..., None], 0.0, self._idle), 0.0, fallen)
+        idle = self._idle[self._kinds.rows(worlds)]
+        self.simulator.place(worlds, pose, np.where(fallen[..., None], 0.0, idle), 0.0, fallen)
 
     def renew(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
         """Place the parts ``which`` (worlds, parts) at poses (n, 3); ``fallen`` (n,): off the table."""
@@ -91,6 +92,11 @@ class ModelPredictor:
         return {**self.state._asdict(), **plant}
 
 
+def drags_of(sensor: Sensor) -> np.ndarray:
+    """Return (worlds, parts) 1/s, see :func:`vibgym.scene.sliding.drag_of`; live."""
+    return sensor.kinds.values(lambda part: drag_of(sensor.surface, [part])[0], sensor.worlds)
+
+
 @jit
 def glide(state, drag, time):
     """Advance parts under friction alone, see :mod:`vibgym.scene.sliding`."""
@@ -98,7 +104,7 @@ def glide(state, drag, time):
         for p in range(state.pose.shape[1]):
             if state.fallen[w, p]:
                 continue
-            way, _, left = motion(drag[p], time)
+            way, _, left = motion(drag[w, p], time)
             for k in range(3):
                 state.pose[w, p, k] += way * state.mean_velocity[w, p, k]
                 state.mean_velocity[w, p, k] *= left
@@ -109,7 +115,7 @@ class FreePredictor:
 
     def __init__(self, sensor: Sensor) -> None:
         self.state = new_state(sensor.worlds, len(sensor.parts))
-        self._drag = drag_of(sensor.surface, sensor.parts)
+        self._drag = drags_of(sensor)
         self._period, self._periods = sensor.surface.period, sensor.periods
 
     def prepare(self, command: Drive) -> None:
