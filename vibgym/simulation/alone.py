@@ -25,6 +25,10 @@ class Alone:
         self._scenes = [Pinned(FIXED_SCENE, FixedScene(table, bodies, each, workspace)) for each in different.values()]
         self._kinds = [[k for k, scheme in enumerate(schemes) if scheme[:3] == steps] for steps in different]
         self._of_kind = np.array([list(different).index(scheme[:3]) for scheme in schemes])
+        # Parts in a group have the same elements more often if they are alike, and take as long as that with the most corners.
+        corners = np.diff(bodies.first)
+        self._rank = np.empty(len(corners), dtype=np.int64)
+        self._rank[np.lexsort((bodies.radius, corners, self._of_kind))] = np.arange(len(corners))
         self._kind = bodies.kind
 
     def split(self, rows: np.ndarray, count: np.ndarray) -> Iterator[tuple[Pinned[FixedScene], np.ndarray]]:
@@ -45,7 +49,7 @@ class Alone:
             yield self._scenes[0], rows
             return
         kind = self._kind[rows, 0]
-        order = np.argsort(kind, kind="stable")  # parts of a kind in a group have the same elements more often
+        order = np.argsort(self._rank[kind], kind="stable")
         rows, scheme = rows[order], self._of_kind[kind[order]]
         for number, scene in enumerate(self._scenes):
             yield scene, rows[scheme == number]

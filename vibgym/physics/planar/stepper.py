@@ -113,8 +113,22 @@ def load_shape(scene, slot, kind):
 
 
 @jit
-def load_outlines(scene, g, lanes):
-    """Load the outlines of the lanes whose bits are set, starting at the lowest corner."""
+def most_corners(scene, g):
+    """Return the largest number of corners of a group's outlines."""
+    first, workspace, most = scene.bodies.first, scene.workspace, 0
+    for slot in range(g * LANES, (g + 1) * LANES):
+        kind = workspace.kind[slot]
+        most = max(most, first[kind + 1] - first[kind])
+    return most
+
+
+@jit
+def load_outlines(scene, g, lanes, count):
+    """Load the outlines of the lanes whose bits are set, starting at the lowest corner.
+
+    Args:
+        count: number of corners; outlines with fewer end with the same one several times.
+    """
     workspace, bodies = scene.workspace, scene.bodies
     outline, sector = workspace.outline[g], workspace.sector[g]
     for lane in range(LANES):
@@ -122,7 +136,8 @@ def load_outlines(scene, g, lanes):
             kind = workspace.kind[g * LANES + lane]
             first, corners = bodies.first[kind], bodies.first[kind + 1] - bodies.first[kind]
             from_corner = workspace.lowest[kind, int(sector[lane])]
-            for k in range(workspace.corners):
+            workspace.corners[g * LANES + lane] = count
+            for k in range(count):
                 corner = from_corner + min(k, corners - 1)
                 corner = first + (corner if corner < corners else corner - corners)
                 outline[2 * k * LANES + lane] = bodies.outline[corner, 0]
@@ -233,8 +248,8 @@ def choose_method(scene, g, active, left, pushed):
 
 
 @exact
-def place_in_window(scene, g, first, cutting):
-    """Place the windows of the lanes from ``first`` on that are cut.
+def place_in_window(scene, g, first, cutting, count):
+    """Place the windows of the lanes from ``first`` on that are cut; ``count``: largest number of corners of the group.
 
     Returns:
         Centres of mass in the windows (elements), and the headings' cosine and sine over the size of an element (m^-1); zero in
@@ -257,9 +272,12 @@ def place_in_window(scene, g, first, cutting):
     sector = floor(turns - SECTORS * floor(turns / SECTORS))
     sector, old = select(cutting, minimum(sector, SECTORS - 1.0), 0.0), load_register(workspace.sector[g], first)
     other = bits(cutting & ((sector > old) | (sector < old)))
+    for lane in range(WIDTH):  # outlines of a group end together
+        if workspace.corners[g * LANES + first + lane] < count:
+            other |= 1 << lane
     if other != 0:
         store(workspace.sector[g], first, select(cutting, sector, old))
-        load_outlines(scene, g, other << first)
+        load_outlines(scene, g, other << first, count)
     sine, cosine = sincos(heading)
     return (
         select(cutting, x - base_x, 0.0), select(cutting, y - base_y, 0.0),
@@ -270,10 +288,10 @@ def place_in_window(scene, g, first, cutting):
 @exact
 def cut_lanes(scene, g, first, cutting):
     """Cut the parts in the lanes from ``first`` on whose bits are set, and update their moments; return the supported ones."""
-    workspace, mask = scene.workspace, mask_register(cutting)
-    x, y, cosine, sine = place_in_window(scene, g, first, mask)
+    workspace, mask, count = scene.workspace, mask_register(cutting), most_corners(scene, g)
+    x, y, cosine, sine = place_in_window(scene, g, first, mask, count)
     box = cut_outlines(
-        workspace.outline[g], first, workspace.corners, x, y, cosine, sine, mask, workspace.across, workspace.cells,
+        workspace.outline[g], first, count, x, y, cosine, sine, mask, workspace.across, workspace.cells,
         workspace.crossings,
     )  # fmt: skip
     smallest = load_register(workspace.shape[g], LANES + first)

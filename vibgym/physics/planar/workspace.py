@@ -57,7 +57,7 @@ class Workspace(NamedTuple):
     kind: np.ndarray  # (slots,) kind of the stored outline and shape, -1: none
     outline: np.ndarray  # (groups, corner x 2 x lane) m
     shape: np.ndarray  # (groups, 4 x lane), see vibgym.physics.planar.stepper.load_shape
-    corners: int  # largest number of any outline
+    corners: np.ndarray  # (slots,) number of corners of the stored outline, with repeated ones
     lowest: np.ndarray  # (kinds, SECTORS) lowest corner of an outline whose heading is in a sector
     sector: np.ndarray  # (groups, lane) sector of the loaded outline
     across: int  # elements along a side of the window that holds any part
@@ -157,7 +157,7 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
         kind=np.full(slots, -1),
         outline=lanes(2 * corners),
         shape=lanes(4),
-        corners=corners,
+        corners=np.zeros(slots, np.int64),
         lowest=np.array([lowest_corners(body) for body in kinds]),
         sector=lanes(1),
         across=across,
