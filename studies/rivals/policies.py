@@ -19,9 +19,8 @@ from vibgym import Surface
 from vibgym.allocation import Allocator
 from vibgym.allocation.cut import new_pieces
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.simulation import threads as workers
 
 DIRECTIONS = 16

@@ -5,7 +5,7 @@
 
 With the acceleration before saturation as its input the observer diverges while the elements are at their limit (fig. 5.18).
 
-``vibgym.policies.LAWS.register("state_space", StateSpaceLaw)`` makes it a controller.
+``vibgym.policies.POLICIES.register("state_space", StateSpaceLaw)`` makes it a controller.
 """
 
 from __future__ import annotations

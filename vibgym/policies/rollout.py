@@ -15,9 +15,8 @@ from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.drawn import drawn_shapes, seeds_by_shapes
 from vibgym.envs.vector import batch_of, environment_id
 from vibgym.policies.foreign import ModelPolicy
-from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.tasks.episode import EVENTS
 
 OWN_FACTS = (

@@ -1,4 +1,4 @@
-"""Public properties of an environment, for policies: task, scene, timing and data sheet of the hardware."""
+"""What policies are and are made from: the protocol, their registry, and the public properties of an environment."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,7 +14,39 @@ from vibgym import Part, Surface, checks
 from vibgym.actuators import DataSheet
 from vibgym.allocation.allocator import strongest
 from vibgym.envs.features import Layout
+from vibgym.registry import Registry
 from vibgym.scene.sliding import Sliding, sliding_of
+
+
+class Policy(Protocol):
+    """A policy, made for an environment with this ``action=`` and ``observation=``; the call is that of SB3's models.
+
+    It gets observations only; public properties of the environment are in :class:`TaskInfo`.
+    """
+
+    action: str
+    observation: str
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Return actions (n,) or (batch, n) for one observation or a batch, and the state for the next call.
+
+        Args:
+            observation: one observation or a batch of them.
+            state: returned by the last call; None in the first one.
+            episode_start: (batch,) bool, where an episode has just begun; None: nowhere, unless state is None.
+            deterministic: False: a stochastic policy samples its actions.
+        """
+        ...
+
+
+POLICIES: Registry[Any] = Registry("policy", {})
+"""Policies and control laws by name, each made as ``POLICIES[name](info, settings)`` from a :class:`TaskInfo` and the item's
+``Settings``; :mod:`vibgym.policies` has the table. ``POLICIES.register(name, cls)`` adds a custom one.
+
+A law (:class:`vibgym.policies.classical.law.Law`) computes wanted accelerations; :func:`vibgym.make_policy` makes the policy
+that acts by it."""
 
 SCENE = (
     "task", "surface", "parts", "model", "walls", "start", "zones", "slots", "task_settings", "periods_per_step"

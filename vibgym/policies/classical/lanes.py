@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.kernels.jit import jit
 from vibgym.physics.contacts.hulls import hull_gap, place_hulls
 from vibgym.policies.classical.law import lead_of
@@ -206,6 +207,26 @@ class CrossingPolicy(TwoPhasesPolicy):
         progress = np.where(side > 0.0, self.info.surface.width - x, x)
         first = np.where(meets, np.where(wrong, length, 0.0) + progress, 3.0 * length - away)
         return np.where(meets[..., None], np.stack([vx, vy], axis=-1), straight), first, meets
+
+
+class LanesPolicy:
+    """Lanes through gates where parts come and go (:class:`FeedingPolicy`), else :class:`CrossingPolicy`."""
+
+    Settings = TwoPhasesPolicy.Settings
+    supports = Steering.supports
+
+    def __new__(cls, info: TaskInfo, settings: TwoPhasesPolicy.Settings) -> FeedingPolicy | CrossingPolicy:
+        """Make the policy for the task.
+
+        Raises:
+            ValueError: settings of patterns where parts leave through gates, or another task.
+        """
+        if not info.flows:
+            return CrossingPolicy(info, settings)
+        known = FeedingPolicy.Settings.model_fields
+        for name in settings.model_fields_set - known.keys():
+            raise checks.unknown("setting", name, known, of="policy 'lanes' where parts leave through gates")
+        return FeedingPolicy(info, FeedingPolicy.Settings(**{name: getattr(settings, name) for name in known}))
 
 
 # -- velocities that avoid collisions ----------------------------------------------------------------------------------

@@ -19,7 +19,8 @@ from pydantic import Field
 
 from vibgym import checks
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import POLICIES, TaskInfo
+from vibgym.registry import Registry
 from vibgym.settings import BaseSettings
 
 LONGEST_LEAD = 10.0  # s, upper limit of the search of :func:`lead_of`
@@ -73,6 +74,13 @@ class Law(ABC):
         Like wanted accelerations they are relative to the goals' own where goals move.
         """
         return memory
+
+
+def laws() -> Registry[type[Law]]:
+    """Return the control laws among :data:`vibgym.policies.POLICIES`, by name."""
+    return Registry(
+        "law", {name: item for name, item in POLICIES.items() if isinstance(item, type) and issubclass(item, Law)}
+    )
 
 
 def lead_of(law: Law, info: TaskInfo, speed: float) -> float:

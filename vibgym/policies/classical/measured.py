@@ -134,7 +134,7 @@ def recall(
 
     Args:
         state: what the controller returned last; None at the very start.
-        episode_start: (batch,) bool, see :meth:`vibgym.policies.protocol.Policy.predict`.
+        episode_start: (batch,) bool, see :meth:`vibgym.policies.task_info.Policy.predict`.
         initial: memory at an episode's start, per world or of one world for all: a NamedTuple of arrays (batch, ...) or
             (1, ...) and of such NamedTuples.
         batch: number of worlds.

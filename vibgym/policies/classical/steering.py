@@ -20,19 +20,11 @@ from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.envs.features import SPIN
 from vibgym.envs.motions import MOTIONS, Wrench
 from vibgym.policies.classical.gains import GainLearner, turn_pushes
-from vibgym.policies.classical.law import Law, LocalLaw
-from vibgym.policies.classical.lqr import LqrLaw
+from vibgym.policies.classical.law import Law, laws
 from vibgym.policies.classical.measured import Measured, Preview, from_goals, recall, wrap
 from vibgym.policies.classical.observer import OBSERVERS, Disturbance
-from vibgym.policies.classical.pid import PidLaw
-from vibgym.policies.classical.pose_law import PoseLaw
 from vibgym.policies.task_info import TaskInfo
-from vibgym.registry import Registry
 from vibgym.settings import BaseSettings, Length, with_unit
-
-LAWS: Registry[type[Law]] = Registry("law", {"local": LocalLaw, "pose": PoseLaw, "lqr": LqrLaw, "pid": PidLaw})
-"""Control laws by name. ``LAWS.register(name, cls)`` adds a custom one, a subclass of :class:`.law.Law`. Its name is
-then also a controller's: straight to the goal with one part, under the planner with several."""
 
 LawChoice = str | Mapping[str, Any]
 """Name of a law, or a mapping with ``kind`` and the law's settings."""
@@ -217,23 +209,29 @@ class Steering:
             rest = {name: value for name, value in given.items() if name not in own}
             if not rest:
                 return given
-            kind, settings = LAWS.split("law", own.get("law", cls.model_fields["law"].default))
-            law = getattr(LAWS[kind], "Settings", None)
+            known = laws()
+            kind, settings = known.split("law", own.get("law", cls.model_fields["law"].default))
+            law = known[kind].Settings
             for name in rest:
                 if name in settings:
                     raise checks.conflict(f"{name!r} is given twice, beside the law and with it")
-                if law is not None and name not in law.model_fields and name not in with_unit(law):
-                    known = *cls.model_fields, *law.model_fields
-                    raise checks.unknown("setting", name, known, of=f"the policy and its law {kind!r}")
+                if name not in law.model_fields and name not in with_unit(law):
+                    names = *cls.model_fields, *law.model_fields
+                    raise checks.unknown("setting", name, names, of=f"the policy and its law {kind!r}")
             return {**own, "law": {"kind": kind, **settings, **rest}}
 
     observation = "state"
     settings: Settings
 
+    @staticmethod
+    def supports(action: str) -> bool:
+        """Return whether there is an output for the environment's ``action=``."""
+        return action in OUTPUTS
+
     def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
         self.info = info
         self.settings = own = type(self).Settings() if settings is None else settings
-        self.law: Law = LAWS.make("law", own.law, info)
+        self.law: Law = laws().make("law", own.law, info)
         self.slack = self.law.slack
         self.process = FrictionalInverse(
             info.surface, info.parts, limit=info.hardware.limit, ahead=0.5 * info.surface.period
