@@ -21,7 +21,7 @@ from vibgym.policies.measures import Measured, Measures
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import Policy, TaskInfo
-from vibgym.scene.sliding import top_slip
+from vibgym.simulation.plant import top_slip
 
 FIGURES, PUSH = Path("results/rivals.csv"), Path("results/rivals-push.csv")
 """Files of the tables; :mod:`studies.rivals.reach` computes the second."""

@@ -14,6 +14,7 @@ from vibgym.bounds.tables import FREE_END, Hold, fewest_periods, way_reach
 from vibgym.bounds.time_bound import LARGEST, TimeBound, check_arguments, check_parts
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.simulation.plant import drag_of, means
 
 
 class SeveralBound:
@@ -197,8 +198,6 @@ def _fitting(moments: int, apart: int) -> int:
 MARGIN = 0.15
 """Relative margin of the power, for velocities that change within a period; see docs/bound.md."""
 
-SPEEDS, INSTANTS = 400, 720  # samples up to the table's speed, and of a period
-
 
 def most_power(surface: Surface, friction: float, amplitude: float) -> float:
     """Return the largest mean power, W/kg, that elements can transfer to a part of this friction, over all constant velocities.
@@ -207,15 +206,11 @@ def most_power(surface: Surface, friction: float, amplitude: float) -> float:
 
         v mu <(g - C cos wt + S sin wt) u_x / |u|>        u = v_table(t) - v
 
-    and is largest with all of them at full ``amplitude`` (m) and the best phase.
+    and is largest with all of them at full ``amplitude`` (m) and the best phase, which pushes along x.
     """
-    at = 2.0 * math.pi * (np.arange(INSTANTS) + 0.5) / INSTANTS
-    speed = surface.table_speed * np.arange(1, SPEEDS + 1)[:, None] / SPEEDS
-    along, across = -surface.table_speed * np.sin(at) - speed, surface.table_speed * np.cos(at)
-    share = along / np.hypot(along, across)
-    best = np.hypot((share * np.cos(at)).mean(axis=1), (share * np.sin(at)).mean(axis=1))
+    slip, drag, _, push = means()
     full = amplitude * surface.angular_frequency**2
-    return float((speed[:, 0] * friction * (surface.gravity * share.mean(axis=1) + full * best)).max())
+    return float((surface.table_speed * slip * friction * (full * push - surface.gravity * drag)).max())
 
 
 @dataclass(eq=False)
@@ -264,7 +259,7 @@ class PushBound:
         amplitude = surface.full_scale / surface.angular_frequency**2 if self.amplitude is None else self.amplitude
         self.instants = Hold.of(self.hold, self.periods_per_step).instants
         power = sum(each.mass * most_power(surface, each.friction, amplitude) for each in self.pushers)
-        drag = part.friction * surface.gravity / (2.0 * surface.table_speed)
+        drag = float(drag_of(surface, [part])[0])
         self.top_speed = math.sqrt((1.0 + MARGIN) * power / (drag * part.mass))
         """m/s, largest speed that the pushers can sustain."""
         hold = Hold(1, self.periods_per_step)

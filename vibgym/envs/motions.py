@@ -19,9 +19,9 @@ from vibgym.envs.actions import ACTIONS, Action
 from vibgym.kernels.jit import jit
 from vibgym.physics.core.drive import Drive, phasor_drive
 from vibgym.scene.parts import Part
-from vibgym.scene.sliding import reached, sliding_of
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement
+from vibgym.simulation.plant import plant_of, reached
 
 REASONS = (
     "served", "gone: absent, fallen, or not driven", "its centre is off the surface", "it may stick at this velocity",
@@ -171,7 +171,7 @@ class Target(Velocity):
     def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
         # The border moves with the table, so that a centre of mass on it would be without support now and then.
         self.margin = 2.0 * self.surface.horizontal_amplitude
-        plant = sliding_of(self.surface, self.parts, strongest(self.surface, sheet))
+        plant = plant_of(self.surface, self.parts, strongest(self.surface, sheet))
         self._braking = np.stack([BRAKING * plant.push, BRAKING * plant.push, TURN_BRAKING * plant.turn_push], axis=-1)
         self._moved = np.zeros((worlds, len(self.parts), 2))
         return {**super().resolve_limits(sheet, worlds), "moved": self._moved}

@@ -15,7 +15,7 @@ from vibgym.actuators import DataSheet
 from vibgym.allocation.allocator import strongest
 from vibgym.envs.features import Layout
 from vibgym.registry import Registry
-from vibgym.scene.sliding import Sliding, sliding_of
+from vibgym.simulation.plant import Sliding, plant_of
 
 
 class Policy(Protocol):
@@ -146,7 +146,7 @@ class TaskInfo:
     @property
     def plant(self) -> Sliding:
         """Return the parts as plants: accelerations by pushes of this hardware on this surface, and drag by friction."""
-        return sliding_of(self.surface, self.parts, strongest(self.surface, self.hardware))
+        return plant_of(self.surface, self.parts, strongest(self.surface, self.hardware))
 
     @property
     def hard_dead_zone(self) -> bool:

@@ -12,7 +12,7 @@ from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.steering import LocalFieldPolicy, Steering
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
-from vibgym.scene.sliding import TOP_SLIP
+from vibgym.simulation.plant import TOP_SLIP
 
 
 def steering(name="Sort", periods=1, **arguments):

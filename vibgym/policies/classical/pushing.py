@@ -20,8 +20,8 @@ from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.classical.steering import LawChoice, Memory, Steering
 from vibgym.policies.task_info import TaskInfo
-from vibgym.scene.sliding import drag_of
 from vibgym.settings import Length, Speed
+from vibgym.simulation.plant import drag_of
 
 SPACING = 0.004  # m between candidate points of the outline
 ANGLES = 72  # directions about the part in which the distance of the path round it is tabulated
