@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.policies.classical.law import Law
-from vibgym.policies.classical.lqr import discretize
+from vibgym.policies.classical.linear_laws import discretize
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.task_info import TaskInfo
 

@@ -36,11 +36,6 @@ class SeveralBound:
         if len(moments) != 1:
             raise checks.refuse("bounds", sorted(moments), "one of every part, with the same period, steps and hold")
 
-    @property
-    def step_time(self) -> float:
-        """s."""
-        return self.bounds[0].step_time
-
     def each(self, start: Any, goal: Any) -> np.ndarray:
         """Return the fewest steps of every part alone, int64 (n, parts).
 
@@ -85,10 +80,6 @@ class SeveralBound:
                 if here.any():
                     result[world] = max(result[world], bottleneck(cost[np.ix_(here, here)]))
         return result
-
-    def seconds(self, start: Any, goal: Any, counts: np.ndarray | None = None) -> np.ndarray:
-        """Return the least time to success, s (n,); see :meth:`steps`."""
-        return self.step_time * self.steps(start, goal, counts)
 
     def _poses(self, name: str, value: Any) -> np.ndarray:
         shape = (len(np.atleast_1d(np.asarray(value))), len(self.bounds), 3)
@@ -292,7 +283,3 @@ class PushBound:
         periods = np.where(far > 0.0, np.ceil(least / period - 1e-9), 1.0)
         arrival = np.maximum(np.ceil(periods / self.periods_per_step), 1.0).astype(np.int64)
         return arrival + self.instants - 1
-
-    def seconds(self, start: Any, goal: Any, gap: Any) -> np.ndarray:
-        """Return the least time to success, s (n,); see :meth:`steps`."""
-        return self.periods_per_step * self.surface.period * self.steps(start, goal, gap)

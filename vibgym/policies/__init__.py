@@ -2,9 +2,8 @@
 
 from vibgym.policies.classical.lanes import LanesPolicy
 from vibgym.policies.classical.law import Law, LocalLaw
-from vibgym.policies.classical.lqr import LqrLaw
+from vibgym.policies.classical.linear_laws import LqrLaw, PidLaw
 from vibgym.policies.classical.open_loop import OpenLoopPolicy, RandomPolicy, ZeroPolicy
-from vibgym.policies.classical.pid import PidLaw
 from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.classical.pose_law import PoseLaw
 from vibgym.policies.classical.pushing import PushingPolicy

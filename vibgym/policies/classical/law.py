@@ -118,10 +118,7 @@ NEAR, NEAR_TURN = 0.003, math.radians(5.0)
 REACH, REACH_TURN = 0.015, math.radians(10.0)
 
 BAND = 0.25  # share of the tolerances within which places of rest are not corrected
-LOOSE_BAND, LOOSE_TURN = (
-    0.001,
-    math.radians(2.5),
-)  # m and rad, the same in tasks with zones or distances instead of goals
+LOOSE_BAND, LOOSE_TURN = 0.001, math.radians(2.5)  # m and rad, in tasks with zones or distances instead of goals
 LEAST_DRAG = 1e-9  # 1/s, used for parts without friction
 DOUBT = 1.5  # standard deviations of the place of rest by which bands are widened
 
@@ -176,9 +173,8 @@ class Settling:
 
 # 1/s, with goal poses, and without, where parts that slow down early keep their distance from others for longer.
 APPROACH, CROWD_APPROACH = 9.0, 7.0
-SLOWER = (
-    2.5  # time by which longer steps make the approach longer, over the added time; tuned with four periods per step
-)
+# Time by which longer steps make the approach longer, over the added time; tuned with four periods per step.
+SLOWER = 2.5
 
 
 class LocalLaw(Law):

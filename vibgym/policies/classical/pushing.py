@@ -29,7 +29,7 @@ BARRED = 10.0  # m, added to the length of a path that a border or the other pus
 SECTOR, AHEAD = (
     0.30,
     0.35,
-)  # rad, direction from the part below which a pusher goes straight; its next point on the way round
+)  # rad: direction from the part below which a pusher goes straight; next point on the way round
 ROOM = 0.004  # m between pushers
 
 
