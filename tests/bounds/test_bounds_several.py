@@ -9,9 +9,9 @@ import pytest
 from tests.policies.helpers import ALUMINIUM, FRESH, STEEL, SURFACE
 from vibgym import Part
 from vibgym.bounds import FlowBound, PushBound, SeveralBound, TimeBound
+from vibgym.bounds.programme import moves
 from vibgym.bounds.several import MARGIN, _fitting, bottleneck, most_power
 from vibgym.bounds.tables import FREE_END, Hold, fewest_periods, way_reach
-from vibgym.bounds.turning import moves
 from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import rollout
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.bounds.tables import FREE_END, Hold, fewest_periods, way_reach
-from vibgym.bounds.time_bound import LARGEST, TimeBound, check_arguments, check_parts
+from vibgym.bounds.time_bound import LARGEST, GoalBound, TimeBound, check_parts
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation.plant import drag_of, means
@@ -205,7 +205,7 @@ def most_power(surface: Surface, friction: float, amplitude: float) -> float:
 
 
 @dataclass(eq=False)
-class PushBound:
+class PushBound(GoalBound):
     """Fewest steps, and least time, in which pushers can move an undriven part to a pose.
 
     Friction dissipates at least ``c m (v^2 + k^2 w^2)``, with ``c = mu g / (2 a_h w)``. Only the pushers transfer energy to
@@ -214,31 +214,17 @@ class PushBound:
 
         D^2 <= (T - t) T sum(m_pusher P_pusher) / (c m)
 
-    Args:
-        surface: the table.
-        part: the pushed part.
-        pushers: parts that the elements drive.
-        position_tolerance, heading_tolerance, heading_period, hold, periods_per_step, amplitude, latency: as for
-            :class:`vibgym.bounds.TimeBound`.
+    Args: those of :class:`vibgym.bounds.time_bound.GoalBound`, of the pushed part, and
+        pushers: parts that the elements drive, after the part.
 
     Raises:
         ValueError: a bad argument, no pushers, or a part without friction.
     """
 
-    surface: Surface
-    part: Part
     pushers: Sequence[Part]
-    _: KW_ONLY
-    position_tolerance: float
-    heading_tolerance: float = math.inf
-    heading_period: float = 0.0
-    hold: int = 10
-    periods_per_step: int = 1
-    amplitude: float | None = None
-    latency: int = 0
 
     def __post_init__(self) -> None:
-        check_arguments(self)
+        super().__post_init__()
         check_parts("pushers", self.pushers)
         surface, part = self.surface, self.part
         if part.friction == 0.0:
