@@ -34,14 +34,6 @@ class Timing:
     policy: float = 0.0  # in predict()
     environment: float = 0.0  # in step()
 
-    def rates(self) -> tuple[float, float, float]:
-        """Return steps of worlds per second: in total, of the policy alone, of the environment alone; nan without a step."""
-        total, policy, environment = (
-            self.world_steps / each if each > 0.0 else float("nan")
-            for each in (self.policy + self.environment, self.policy, self.environment)
-        )
-        return total, policy, environment
-
 
 @dataclass(frozen=True, eq=False)
 class Step:
