@@ -9,7 +9,6 @@ from vibgym.envs.actions import ACTIONS
 from vibgym.envs.costs import COSTS
 from vibgym.envs.observations import OBSERVATIONS
 from vibgym.envs.options import Options
-from vibgym.policies.classical.law import laws
 from vibgym.policies.task_info import POLICIES
 from vibgym.registry import Registry
 from vibgym.scene.friction_laws import FRICTION_LAWS
@@ -32,7 +31,6 @@ REGISTRIES: dict[str, Registry] = {
     "friction law": FRICTION_LAWS,
     "cost": COSTS,
     "policy": POLICIES,
-    "law": laws(),
 }
 """Registries of classes with settings, by what they register."""
 

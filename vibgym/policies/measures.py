@@ -1,4 +1,4 @@
-"""Metrics of episodes: lower bounds of the time to the goal, and collisions."""
+"""Metrics of episodes: lower bounds of the time to the goal, collisions, smoothness and corrective movements."""
 
 from __future__ import annotations
 
@@ -21,11 +21,18 @@ from vibgym.tasks.episode import TOUCHING
 
 @dataclass(frozen=True)
 class Measured(Outcomes):
-    """Outcomes of episodes, with bounds and collisions. Bounds are nan where none is known."""
+    """Outcomes of episodes, with bounds, collisions, and measures of how smoothly and directly parts were moved.
+
+    Corrective movements are those of MagBotSim (Bergmann et al. 2025): *overshoots* and *distance corrections*. Changes of the
+    distance below :data:`STILL` do not count. With several parts they are summed. Bounds are nan where none is known.
+    """
 
     bound: np.ndarray  # s, lower bound of the time to goal from this start, hold included
     rate_bound: np.ndarray  # upper bound of good parts a minute, where parts come and go; nan elsewhere
     collisions: np.ndarray  # pairs newly in contact, see Measures; nan where the task does not count them
+    action_change: np.ndarray  # mean absolute change of a number of the action from step to step
+    overshoots: np.ndarray  # times that a part has left the position tolerance of its goal; nan without goal poses
+    corrections: np.ndarray  # times that a part has come nearer to its goal again after it had moved away; nan likewise
 
     @property
     def time_over_bound(self) -> np.ndarray:
@@ -43,7 +50,7 @@ STILL = 2e-5
 
 
 class Measures(Ends):
-    """Collector of outcomes, bounds and collisions; one world per episode.
+    """Collector of outcomes, bounds, collisions, smoothness and corrective movements; one world per episode.
 
     A pair of parts is in contact where their outlines are closer than 0.1 mm at the end of a step. It counts whenever it is
     in contact and was not a step before, or at the start. Contacts that begin and end within a step are not seen.
@@ -57,21 +64,37 @@ class Measures(Ends):
 
     def __init__(self, env: VibgymVectorEnv, info: dict[str, Any], seeds: Sequence[int]) -> None:
         super().__init__(env, info, seeds)
+        count, self._goals = len(seeds), env.task.has_goal and not env.task.flows
         self._pairs = np.triu_indices(len(env.parts), 1)
-        self._touching = np.zeros((len(seeds), len(self._pairs[0])), dtype=bool)
+        self._touching = np.zeros((count, len(self._pairs[0])), dtype=bool)
         self.fields |= {
             "bound": least_times(env),
             "rate_bound": most_rates(env),
-            "collisions": np.full(len(seeds), 0.0 if "touching" in info else np.nan),
+            "collisions": np.full(count, 0.0 if "touching" in info else np.nan),
+            "action_change": np.zeros(count),
+            **{name: np.full(count, 0.0 if self._goals else np.nan) for name in ("overshoots", "corrections")},
         }
         if "touching" in info:
             self._new_contacts(info["touching"] > 0)
+        self._action: np.ndarray | None = None
+        if self._goals:
+            self._reached, self._away = env.task.tolerances()[:, 0], self._distance()
+            self._inside, self._grew = self._away < self._reached, np.zeros(self._away.shape, dtype=bool)
 
     def add(self, step: Step) -> None:
         """Add a step."""
         super().add(step)
+        which, ended = step.episode[step.playing], step.episode[step.ended]
         if "touching" in step.info:
             self.fields["collisions"] += self._new_contacts(step.playing & (step.info["touching"] > 0))
+        action = np.asarray(step.action, dtype=np.float64).reshape(len(step.age), -1)
+        if self._action is not None:
+            change = np.abs(action - self._action).mean(axis=1)[step.playing]
+            self.fields["action_change"][which] += change
+        self._action = action
+        self.fields["action_change"][ended] /= np.maximum(step.age[step.ended] - 1, 1)
+        if self._goals:
+            self._correct(which, step.playing)
 
     def result(self, task: str, timing: Timing) -> Measured:
         """Return the result, when all episodes have ended."""
@@ -90,55 +113,6 @@ class Measures(Ends):
         self._touching = touching
         return found
 
-
-@dataclass(frozen=True)
-class MotionMeasured(Measured):
-    """Outcomes with measures of how smoothly and directly parts were moved."""
-
-    action_change: np.ndarray  # mean absolute change of a number of the action from step to step
-    overshoots: np.ndarray  # times that a part has left the position tolerance of its goal; nan without goal poses
-    corrections: np.ndarray  # times that a part has come nearer to its goal again after it had moved away; nan likewise
-
-
-class MotionMeasures(Measures):
-    """Collector of outcomes, bounds, collisions, smoothness of commands and corrective movements.
-
-    Corrective movements are those of MagBotSim (Bergmann et al. 2025): *overshoots* and *distance corrections*. Changes of the
-    distance below :data:`STILL` do not count. With several parts they are summed.
-
-    Args:
-        env, info, seeds: as of :class:`vibgym.policies.rollout.Ends`.
-
-    Attributes:
-        fields: arrays (episodes, ...), named as in :class:`MotionMeasured`.
-    """
-
-    def __init__(self, env: VibgymVectorEnv, info: dict[str, Any], seeds: Sequence[int]) -> None:
-        super().__init__(env, info, seeds)
-        self._goals = env.task.has_goal and not env.task.flows
-        count, blank = len(seeds), 0.0 if self._goals else np.nan
-        self.fields |= {"action_change": np.zeros(count)}
-        self.fields |= {name: np.full(count, blank) for name in ("overshoots", "corrections")}
-        self._action: np.ndarray | None = None
-        if self._goals:
-            self._reached, self._away = env.task.tolerances()[:, 0], self._distance()
-            self._inside, self._grew = self._away < self._reached, np.zeros(self._away.shape, dtype=bool)
-
-    def add(self, step: Step) -> None:
-        """Add a step."""
-        super().add(step)
-        which = step.episode[step.playing]
-        action = np.asarray(step.action, dtype=np.float64).reshape(len(step.age), -1)
-        if self._action is not None:
-            change = np.abs(action - self._action).mean(axis=1)[step.playing]
-            self.fields["action_change"][which] += change
-        self._action = action
-        if step.ended.any():
-            ended = step.episode[step.ended]
-            self.fields["action_change"][ended] /= np.maximum(step.age[step.ended] - 1, 1)
-        if self._goals:
-            self._correct(which, step.playing)
-
     def _correct(self, which: np.ndarray, playing: np.ndarray) -> None:
         """Count the corrective movements of a step."""
         away, before = self._distance(), self._away
@@ -155,10 +129,6 @@ class MotionMeasures(Measures):
         """Return the distances (worlds, parts) of parts to their goals, m; 0 without."""
         truth = self.env.truth
         return np.where(truth.present & self.env.task.asked, np.hypot(truth.error[..., 0], truth.error[..., 1]), 0.0)
-
-    def result(self, task: str, timing: Timing) -> MotionMeasured:
-        """Return the result, when all episodes have ended."""
-        return MotionMeasured(task, self.seeds, self.env.step_time, timing, **self.fields)
 
 
 def least_times(env: SharedInterface) -> np.ndarray:
