@@ -17,9 +17,8 @@ from agents.training_settings import ImitationSettings, check_bytes, for_seed
 from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
-from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.policies.trained.coding import Coding, Inputs
 from vibgym.policies.trained.residual import CORRECTED
 from vibgym.seeds import training_seed

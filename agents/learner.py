@@ -88,7 +88,7 @@ class PartsLearner:
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Return actions, see :meth:`vibgym.policies.protocol.Policy.predict`."""
+        """Return actions, see :meth:`vibgym.policies.task_info.Policy.predict`."""
         return self.acting().predict(observation, state, episode_start, deterministic)
 
     def actor(self) -> dict[str, np.ndarray]:

@@ -17,10 +17,9 @@ from agents.training_settings import TrainSettings
 from vibgym import checks
 from vibgym.envs.vector import batch_of, environment_id
 from vibgym.files import reason, write_atomically
-from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import run
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.policies.trained.residual import ResidualPolicy
 from vibgym.settings import BaseSettings, read
 from vibgym.simulation.models import with_certified_contacts

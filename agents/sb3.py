@@ -104,7 +104,7 @@ class SB3:
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Return actions, see :meth:`vibgym.policies.protocol.Policy.predict`."""
+        """Return actions, see :meth:`vibgym.policies.task_info.Policy.predict`."""
         return self.model.predict(observation, state, episode_start, deterministic)
 
     def check_finite(self) -> None:

@@ -19,10 +19,9 @@ from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv, divided
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.vector import batch_of
-from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.simulated import rows_of
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.policies.trained.coding import Coding, Inputs
 from vibgym.policies.trained.residual import SCALE, Base
 from vibgym.seeds import training_seed

@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 
-from vibgym.policies import LAWS, Law, rollout
+from vibgym.policies import POLICIES, Law, rollout
 
 
 class Spring(Law):
@@ -27,7 +27,7 @@ class Spring(Law):
         return np.concatenate([push, torque[..., None]], axis=-1), memory
 
 
-LAWS.register("spring", Spring)
+POLICIES.register("spring", Spring)
 episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 50
 struck = {"disturbance": {"rate": 0.25, "tilt_deg": 3.0}, "patches": [0.8, 1.2]}
 worlds = {

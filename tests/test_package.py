@@ -33,7 +33,7 @@ def loaded_after(code):
     "import vibgym",
     "import vibgym.fields, vibgym.config, vibgym.tasks, vibgym.envs",
     "import vibgym\nimport gymnasium\nenv = gymnasium.make('vibgym/Align-v0')\nenv.reset(seed=0)",
-    "import vibgym.policies.protocol, vibgym.policies.registry",
+    "import vibgym.policies.task_info, vibgym.policies.registry",
 ])  # fmt: skip
 def test_extras_are_not_imported(code):
     # All imports after `import gymnasium` are those of the package.

@@ -22,25 +22,12 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.scene.surface import Surface
+from vibgym.simulation.plant import lead_angle
 
 Push = tuple[np.ndarray, np.ndarray]
 
 DEFAULT_REACH = 0.026
 """Distance from a squeeze line or centre at which a field reaches full strength, m: one element of the prototype."""
-
-
-def lead_angle(surface: Surface, friction: float) -> float:
-    """Return the angle by which the push of a vibrating element leads its first-order direction, rad.
-
-    To first order in ``eps = mu g / (a_h w^2)`` the direction does not depend on friction; in simulation, a part at rest is
-    pushed at about ``1.6 atan(eps)``.
-    """
-    checks.instance("surface", surface, Surface)
-    friction = checks.number("friction", friction, least=0.0)
-    if surface.horizontal_amplitude == 0.0:
-        return 0.0
-    acceleration = surface.horizontal_amplitude * surface.angular_frequency**2
-    return 1.6 * math.atan(friction * surface.gravity / acceleration)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from importlib import metadata
 from typing import Any, Generic, TypeVar
 
@@ -23,16 +23,12 @@ class Registry(Mapping[str, Item], Generic[Item]):
         what: kind of the items, such as ``"task"``; for error messages.
         items: built-in ones.
         group: group of entry points for plug-ins, such as ``"vibgym.models"``; None: no plug-ins.
-
-    Attributes:
-        taken: further names that cannot be registered, because they have another meaning in settings.
     """
 
     def __init__(self, what: str, items: Mapping[str, Item], group: str | None = None) -> None:
         self.what = what
         self.group = group
         self._items = dict(items)
-        self.taken: Container[str] = ()
 
     def register(self, name: str, item: Item) -> None:
         """Add ``item`` under a new name.
@@ -42,7 +38,7 @@ class Registry(Mapping[str, Item], Generic[Item]):
         """
         if not isinstance(name, str) or not name.replace("-", "_").isidentifier():
             raise checks.refuse(f"{self.what} name", name, "a word of letters, digits, '_' and '-'")
-        if name in self or name in self.taken:
+        if name in self:
             raise checks.refuse(f"{self.what} name", name, f"one that is not taken ({', '.join(self)})")
         if not callable(item):
             raise checks.refuse(self.what, item, f"a class or function that makes one for {name!r}")

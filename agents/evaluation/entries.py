@@ -29,7 +29,7 @@ from agents.training_settings import Plain, replaced
 from vibgym import checks
 from vibgym.config import load_yaml
 from vibgym.files import csv_text, output_directory, write_together
-from vibgym.policies.registry import CONTROLLERS
+from vibgym.policies.task_info import POLICIES
 from vibgym.policies.trained.catalogue import SHIPPED, shipped_agents
 from vibgym.settings import BaseSettings, read
 
@@ -145,7 +145,7 @@ def _inside(folder: Path, content: Any, tasks: Sequence[str]) -> tuple[set[str],
     places = [Path(os.path.realpath(place)) for place in (folder, SHIPPED)]
     for task in tasks:
         named, found = policy_sources(content, task)
-        for name in sorted({*found, *(text for text in named if "/" in text or os.sep in text)} - set(CONTROLLERS)):
+        for name in sorted({*found, *(text for text in named if "/" in text or os.sep in text)} - set(POLICIES)):
             if not any(Path(os.path.realpath(name)).is_relative_to(place) for place in places):
                 raise checks.refuse("file of entry.policy", name, f"in the entry's folder, as '{HERE}/NAME'")
         texts |= named

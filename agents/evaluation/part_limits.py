@@ -13,8 +13,8 @@ from vibgym.allocation import Allocator
 from vibgym.allocation.allocator import strongest
 from vibgym.bounds import TimeBound
 from vibgym.policies.task_info import TaskInfo
-from vibgym.scene.sliding import sliding_of
 from vibgym.scene.support import bridged_gap
+from vibgym.simulation.plant import plant_of
 
 POSES = 96
 """Poses, spread over an element and half a turn, at which a part's wrench is computed."""
@@ -48,7 +48,7 @@ class Limits:
     def __init__(self, info: TaskInfo) -> None:
         surface, part, sheet = info.surface, info.parts[0], info.hardware
         share, square = strongest(surface, sheet), surface.angular_frequency**2
-        sliding = sliding_of(surface, [part], share)
+        sliding = plant_of(surface, [part], share)
         reach = reach_of(surface, part, sheet)
         most = min(sheet.limit, surface.lift_off_amplitude)
         self.acceleration = float(sliding.push[0])

@@ -31,9 +31,9 @@ from vibgym import checks
 from vibgym.envs.vector import environment_id
 from vibgym.envs.viewer import scenery_of
 from vibgym.policies.measures import Measures, check_cost_limit, least_times, most_rates
-from vibgym.policies.registry import CONTROLLERS, NEED_MORE, make_policy
+from vibgym.policies.registry import NEED_MORE, make_policy
 from vibgym.policies.rollout import Ends, worlds_of
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import POLICIES, TaskInfo
 from vibgym.policies.trained.catalogue import SHIPPED
 from vibgym.rendering import Scenery
 from vibgym.simulation.models import has_fast_contacts
@@ -247,7 +247,7 @@ def _runs(entry: PolicyEntry, task: str, hardware: str, machine: HardwareEntry) 
 def _unfit(content: Any, info: TaskInfo) -> bool:
     """Return whether a policy is a controller that cannot be made with its defaults: it does not serve the task."""
     kind = content.get("kind") if isinstance(content, Mapping) else content
-    if not isinstance(kind, str) or kind not in CONTROLLERS or kind in NEED_MORE:
+    if not isinstance(kind, str) or kind not in POLICIES or kind in NEED_MORE:
         return False
     try:
         make_policy(kind, info)

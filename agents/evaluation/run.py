@@ -25,10 +25,9 @@ from vibgym.envs.vector import environment_id
 from vibgym.files import write_together
 from vibgym.imports import taking_part
 from vibgym.policies.measures import Measures
-from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Ends, rollout
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.policies.trained.catalogue import SHIPPED
 from vibgym.rendering import Scenery
 

@@ -35,10 +35,9 @@ from vibgym import checks
 from vibgym.config import load_yaml
 from vibgym.envs.vector import batch_of, environment_id
 from vibgym.files import WriteError, reason
-from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout, worlds_of
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.policies.trained.trained import described
 from vibgym.seeds import RANGES, check_seeds
 from vibgym.settings import BaseSettings, read
@@ -125,7 +124,7 @@ class Actor:
     def predict(
         self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """See :class:`vibgym.policies.protocol.Policy`."""
+        """See :class:`vibgym.policies.task_info.Policy`."""
         if self.policy.observation != self.settings.observation:
             observation = self.env.unwrapped.observed(self.policy.observation)
         action, state = self.policy.predict(observation, state, episode_start, deterministic)

@@ -17,7 +17,7 @@ import numpy as np
 
 import vibgym  # noqa: F401 - registers the environments
 from studies.benchmarks import common
-from vibgym.policies.classical.steering import LAWS
+from vibgym.policies.classical.law import laws
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 
@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="lines that contain this text")
     asked = parser.parse_args()
     print(f"{'':<44}{WORLDS} worlds: x simulated step (median)   us per world   one world: ms (95 %)")
-    policies = [{"kind": kind, "law": law} for kind in ("local_field", "planner") for law in LAWS]
+    policies = [{"kind": kind, "law": law} for kind in ("local_field", "planner") for law in laws()]
     for task in ("Align", "Sort"):
         for name, hardware in common.HARDWARE.items():
             for policy in policies:

@@ -12,9 +12,10 @@ import numpy as np
 
 from studies import kept
 from studies.benchmarks import common
-from vibgym.policies.classical.observer import OBSERVERS
 from vibgym.policies.rollout import rollout
 from vibgym.seeds import RANGES
+
+OBSERVERS = ("none", "disturbance")
 
 CASES: dict[str, dict[str, Any]] = {
     "struck, patches": {

@@ -9,8 +9,7 @@ from vibgym.envs.actions import ACTIONS
 from vibgym.envs.costs import COSTS
 from vibgym.envs.observations import OBSERVATIONS
 from vibgym.envs.options import Options
-from vibgym.policies.classical.steering import LAWS
-from vibgym.policies.registry import CONTROLLERS
+from vibgym.policies.task_info import POLICIES
 from vibgym.registry import Registry
 from vibgym.scene.friction_laws import FRICTION_LAWS
 from vibgym.sensing import EFFECTS, ESTIMATORS, SENSORS
@@ -31,8 +30,7 @@ REGISTRIES: dict[str, Registry] = {
     "estimator": ESTIMATORS,
     "friction law": FRICTION_LAWS,
     "cost": COSTS,
-    "policy": CONTROLLERS,
-    "law": LAWS,
+    "policy": POLICIES,
 }
 """Registries of classes with settings, by what they register."""
 

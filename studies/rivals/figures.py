@@ -18,11 +18,10 @@ from vibgym import Surface
 from vibgym.envs.vector import batch_of, environment_id
 from vibgym.files import csv_text, output_directory, write_atomically
 from vibgym.policies.measures import Measured, Measures
-from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
-from vibgym.policies.task_info import TaskInfo
-from vibgym.scene.sliding import top_slip
+from vibgym.policies.task_info import Policy, TaskInfo
+from vibgym.simulation.plant import top_slip
 
 FIGURES, PUSH = Path("results/rivals.csv"), Path("results/rivals-push.csv")
 """Files of the tables; :mod:`studies.rivals.reach` computes the second."""

@@ -19,9 +19,8 @@ from vibgym import Surface
 from vibgym.allocation import Allocator
 from vibgym.allocation.cut import new_pieces
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.simulation import threads as workers
 
 DIRECTIONS = 16
@@ -42,7 +41,7 @@ def element_positions(surface: Surface) -> np.ndarray:
 
 
 class RivalOutput(ABC):
-    """Output (:class:`vibgym.policies.classical.steering.PhasorOutput`) for the action of a machine.
+    """Output (:class:`vibgym.policies.classical.outputs.PhasorOutput`) for the action of a machine.
 
     Args:
         info: task and scene.
@@ -66,7 +65,7 @@ class RivalOutput(ABC):
     def give(
         self, measured: Measured, seen: np.ndarray, push: np.ndarray, memory: Any
     ) -> tuple[np.ndarray, np.ndarray, Any]:
-        """See :meth:`vibgym.policies.classical.steering.PhasorOutput.give`."""
+        """See :meth:`vibgym.policies.classical.outputs.PhasorOutput.give`."""
         present, wanted = np.ascontiguousarray(measured.present), np.ascontiguousarray(push)
         # At the middle of the step, as in the output of the segmented surface.
         pose = np.ascontiguousarray(measured.pose + self.half * measured.rate)

@@ -19,7 +19,7 @@ from vibgym import Part, Simulator, Surface
 from vibgym.actuators import ACTUATORS
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.physics.core.drive import polar_drive
-from vibgym.policies.classical.pid import Pid, PidMemory
+from vibgym.policies.classical.linear_laws import Pid, PidMemory
 
 START = (0.1, 0.104)
 """m, position of parts at the start; leaves room for an overshoot of twice a step of 0.3 m."""

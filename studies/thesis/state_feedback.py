@@ -5,7 +5,7 @@
 
 With the acceleration before saturation as its input the observer diverges while the elements are at their limit (fig. 5.18).
 
-``vibgym.policies.LAWS.register("state_space", StateSpaceLaw)`` makes it a controller.
+``vibgym.policies.POLICIES.register("state_space", StateSpaceLaw)`` makes it a controller.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.policies.classical.law import Law
-from vibgym.policies.classical.lqr import discretize
+from vibgym.policies.classical.linear_laws import discretize
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.task_info import TaskInfo
 

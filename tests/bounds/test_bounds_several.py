@@ -9,9 +9,9 @@ import pytest
 from tests.policies.helpers import ALUMINIUM, FRESH, STEEL, SURFACE
 from vibgym import Part
 from vibgym.bounds import FlowBound, PushBound, SeveralBound, TimeBound
+from vibgym.bounds.programme import moves
 from vibgym.bounds.several import MARGIN, _fitting, bottleneck, most_power
 from vibgym.bounds.tables import FREE_END, Hold, fewest_periods, way_reach
-from vibgym.bounds.turning import moves
 from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import rollout
 
@@ -37,7 +37,6 @@ def test_the_slowest_present_part_is_the_bound(bounds):
     some = np.array([True, False, True])
     np.testing.assert_array_equal(several.steps(start, goal, np.tile(some, (6, 1))), each[:, some].max(axis=1))
     assert (several.steps(start, goal, np.zeros((6, 3), dtype=bool)) == 10).all()  # the hold's
-    assert several.seconds(start, goal) == pytest.approx(0.04 * each.max(axis=1))
 
 
 def test_the_bottleneck_is_the_best_of_all_assignments():

@@ -7,8 +7,8 @@ import pytest
 
 from tests.policies.helpers import ALUMINIUM, STEEL, SURFACE
 from vibgym import Part, Simulator
+from vibgym.bounds.programme import moves, turns
 from vibgym.bounds.tables import sample, scratch_for, turner_for
-from vibgym.bounds.turning import moves, turns
 from vibgym.physics.core.drive import cartesian_drive
 
 MOST = SURFACE.max_amplitude

@@ -8,6 +8,7 @@ import pytest
 from tests.policies.helpers import ALUMINIUM, SURFACE
 from vibgym import Part, Simulator, Surface
 from vibgym.bounds import TimeBound
+from vibgym.bounds.programme import turns
 from vibgym.bounds.tables import (
     PRICE,
     SHARES,
@@ -20,7 +21,6 @@ from vibgym.bounds.tables import (
     way_reach,
     way_values,
 )
-from vibgym.bounds.turning import turns
 from vibgym.physics.core.drive import cartesian_drive, polar_drive
 
 MOST = SURFACE.max_amplitude

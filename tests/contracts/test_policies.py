@@ -9,10 +9,10 @@ import pytest
 
 from tests.contracts.entries import IDS, SEVERAL, is_one_line
 from tests.policies.trained.helpers import actor_tensors, policy_file
+from vibgym.policies.classical.law import laws
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.steering import LAWS
-from vibgym.policies.registry import CONTROLLERS, make_policy, settings_of
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.registry import make_policy, settings_of
+from vibgym.policies.task_info import POLICIES, TaskInfo
 from vibgym.policies.trained.coding import Coding
 from vibgym.policies.trained.residual import with_base
 from vibgym.tasks import TASKS
@@ -25,8 +25,8 @@ FILES = {
 }
 """Files of the policies that are loaded from one."""
 
-CASES = [(name, {}) for name in CONTROLLERS] + [
-    (kind, {"law": law}) for law in LAWS for kind in ("local_field", "planner")
+CASES = [(name, {}) for name in POLICIES] + [
+    (kind, {"law": law}) for law in laws() for kind in ("local_field", "planner")
 ]
 OF_TASKS = {gym.registry[name].kwargs["task"]: name for name in reversed(IDS)}
 """An environment of each task."""
@@ -123,12 +123,12 @@ def test_unknown_arguments_are_refused(case, bad, folder):
     assert is_one_line(str(error.value), *bad)
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", laws())
 @pytest.mark.parametrize("scene", ["vibgym/Align-v0", SEVERAL])
 def test_laws_compute_batches_row_by_row(name, scene):
     """Wanted accelerations and memory of a world do not depend on other worlds."""
     info = policy_info(scene)
-    law = LAWS[name](info)
+    law = laws()[name](info)
     assert law.lead > 0.0 and law.slack >= 0.0
     env = gym.make_vec(scene, num_envs=WORLDS, action="field")
     seen, _ = env.reset(seed=1)

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import assert_same
-from vibgym.envs.drawn import drawn_shapes, fixed_scenes, seeds_by_shapes
+from vibgym.envs import VibgymEnv
+from vibgym.envs.drawn import drawn_shapes, fixed_scenes
 from vibgym.policies import make_policy, rollout
 from vibgym.policies.measures import Measures
 from vibgym.scene.library import shapes
@@ -16,6 +17,11 @@ DRAWN = [{"shape": "drawn"}]
 
 def made(name="AlignShapes", **settings):
     return gym.make(f"vibgym/{name}-v0", **{"action": "velocity", "split": "test", **settings})
+
+
+def shapes_of(env, split="test"):
+    names = [part.name for part in shapes(split)]
+    return [names.index(name) for name in dict.fromkeys(part.name for part in env.unwrapped.parts)]
 
 
 def played(env, steps, seed):
@@ -50,17 +56,15 @@ def test_resets_draw_parts_of_the_split(name, split):
 
 def test_every_part_of_a_split_is_drawn_about_equally_often():
     drawn = drawn_shapes("vibgym/AlignShapes-v0", {"split": "validation"})
-    groups = seeds_by_shapes(drawn, range(1400))
-    assert sorted(groups) == [(k,) for k in range(14)]
-    assert all(60 < len(which) < 145 for which in groups.values())
-    assert sorted(k for which in groups.values() for k in which) == list(range(1400))
+    counts = np.bincount(drawn.draw(np.random.default_rng(0).random((1400, 1)))[:, 0], minlength=14)
+    assert len(counts) == 14 and counts.min() > 60 and counts.max() < 145
 
 
 def test_an_episode_is_that_of_an_environment_with_this_shape():
     env = made("SortShapes")
     for seed in range(3):
         first, _ = env.reset(seed=seed)
-        own = made("SortShapes", shapes=env.unwrapped.core.options.shapes)
+        own = made("SortShapes", shapes=shapes_of(env))
         same([(own.reset(seed=seed)[0],)], [(first,)])
         same(played(own, 5, seed), played(env, 5, seed))
 
@@ -79,20 +83,10 @@ def test_a_reset_that_is_refused_changes_nothing():
     before = env.unwrapped.parts, env.unwrapped.get_state()
     with pytest.raises(ValueError, match="pose"):
         env.reset(seed=2, options={"pose": [5.0, 5.0, 0.0]})
-    with pytest.raises(ValueError, match="shapes"):
-        env.unwrapped.set_state({**before[1], "shapes": [99]})
-    assert env.unwrapped.parts is before[0]
-    after = env.unwrapped.get_state()
-    assert after["generator"] == before[1]["generator"] and after["shapes"] == before[1]["shapes"]
-
-
-def test_few_scenes_are_kept(monkeypatch):
-    monkeypatch.setattr("vibgym.envs.single.MOST_CORES", 3)
-    env, other = made("SortShapes").unwrapped, made("SortShapes").unwrapped
-    for seed in [*range(6), 0]:
-        seen = env.reset(seed=seed)[0]
-        assert len(env._cores) <= 3 and env.core in env._cores.values()
-    np.testing.assert_array_equal(seen, other.reset(seed=0)[0])
+    with pytest.raises(ValueError, match="kinds"):
+        env.unwrapped.set_state({**before[1], "kinds": [[99]]})
+    assert env.unwrapped.parts == before[0]
+    assert_same(env.unwrapped.get_state(), before[1])
 
 
 def test_pictures_show_the_drawn_part():
@@ -121,21 +115,6 @@ def test_rollouts_have_a_policy_for_each_shape_and_the_order_of_the_seeds():
         assert count == steps
 
 
-def test_results_of_an_unknown_kind_are_not_joined():
-    class Keep:
-        def __init__(self, env, info, seeds):
-            pass
-
-        def add(self, step):
-            pass
-
-        def result(self, task, timing):
-            return 1
-
-    with pytest.raises(ValueError, match="dataclass"):
-        rollout("pose", "vibgym/AlignShapes-v0", seeds=[0, 1], keep=Keep, max_episode_steps=3)
-
-
 def test_scenes_with_fixed_shapes_cover_a_split():
     for name in IDS:
         drawn = drawn_shapes(f"vibgym/{name}-v0", {"split": "held_out"})
@@ -153,11 +132,11 @@ def test_scenes_with_fixed_shapes_cover_a_split():
     ({"shapes": 3}, "shapes"),
     ({"parts": ["aluminium_block"]}, "drawn shape"),
     ({"parts": [{"shape": "drawn", "which": 1}]}, "without gaps"),
-    ({"action": "patch"}, "patch"),
+    ({"task": "Feed"}, "arrive and leave"),
 ])  # fmt: skip
 def test_bad_settings_are_one_error(settings, named):
     with pytest.raises(ValueError, match=named) as error:
-        made(**settings)
+        VibgymEnv(**{"task": "Align", "action": "velocity", "split": "test", "parts": DRAWN, **settings})
     assert "\n" not in str(error.value)
 
 
@@ -167,7 +146,7 @@ def test_a_batch_refuses_bad_calls_before_anything_changes():
     env.step(np.zeros((3, 3)))
     before = env.unwrapped.get_state()
     corner = [0.025, 0.025, 0.0]
-    wrong = dict(before, envs=before["envs"][:2]), dict(before, envs=[*before["envs"][:2], {}]), {}
+    wrong = dict(before, kinds=before["kinds"][:2]), dict(before, kinds=before["kinds"] + 99), {}
     calls = [
         lambda: env.step(np.full((3, 3), np.nan)),
         lambda: env.step(np.zeros((2, 3))),
@@ -180,15 +159,69 @@ def test_a_batch_refuses_bad_calls_before_anything_changes():
         assert_same(env.unwrapped.get_state(), before)
 
 
-def test_a_native_batch_without_shapes_is_one_error():
-    from vibgym.envs import VibgymVectorEnv
+@pytest.mark.parametrize(("name", "settings"), [
+    ("AlignShapes", {"action": "velocity"}),
+    ("AlignShapes", {"action": "target", "observation": "image"}),
+    ("AlignShapes", {"action": "patch", "sensor": {"kind": "pose", "position_mm": 0.5, "estimator": "model"}}),
+    ("AlignShapes", {"action": "wrench", "model": "tilting", "randomize": {"disturbance": {"rate": 5.0, "tilt_deg": 3.0}}}),
+    ("AlignShapes", {"action": "field", "sensor": {"kind": "camera", "statistical": True}, "observation": "parts"}),
+    ("AlignShapes", {"action": "velocity", "model": "averaged", "observation": "goal"}),
+    ("SortShapes", {"action": "field", "randomize": {"friction": [0.9, 1.1], "mass": [0.5, 2.0]}, "observation": "parts"}),
+    ("SortShapes", {"action": "velocity", "model": {"kind": "planar", "contacts": "fast"}}),
+    ("PackShapes", {"action": "velocity", "model": {"kind": "planar", "contacts": "pymunk"}}),
+    ("PushShapes", {"action": "velocity", "costs": {"impulse": 1.0}, "sensor": {"kind": "pose", "estimator": "kalman"}}),
+])  # fmt: skip
+def test_a_batch_has_the_bits_of_single_environments(name, settings):
+    """Worlds with different parts, through the ends of episodes and a restored snapshot."""
+    worlds, draw = 5, np.random.default_rng(3)
+    options = {**settings, "split": "train", "max_episode_periods": 12, "task_settings": {"hold": 5}}
+    many = gym.make_vec(f"vibgym/{name}-v0", num_envs=worlds, **options)
+    singles = [gym.make(f"vibgym/{name}-v0", disable_env_checker=True, **options) for _ in range(worlds)]
+    compared(many.reset(seed=4)[0], [env.reset(seed=4 + k)[0] for k, env in enumerate(singles)])
+    assert len({env.unwrapped.parts[-1].name for env in singles}) > 2
+    ended = np.zeros(worlds, dtype=bool)
+    for step in range(20):
+        actions = draw.uniform(-1.0, 1.0, many.action_space.shape).astype(np.float32)
+        if step == 7:
+            state = many.unwrapped.get_state()
+            many.step(actions)
+            many.unwrapped.set_state(state)
+        seen, reward, terminated, truncated, _ = many.step(actions)
+        expected = []
+        for k, env in enumerate(singles):
+            if ended[k]:
+                expected.append(env.reset()[0])
+                assert reward[k] == 0.0
+            else:
+                observation, earned, *ends, _ = env.step(actions[k])
+                expected.append(observation)
+                assert (reward[k], terminated[k], truncated[k]) == (earned, *ends)
+        compared(seen, expected)
+        ended = terminated | truncated
+        assert ended.any() == (step == 11) or terminated.any()
+    assert many.unwrapped.core.kinds.kind.shape == (worlds, len(many.unwrapped.parts))
 
-    with pytest.raises(ValueError, match="shapes="):
-        VibgymVectorEnv("Align", 2, parts=DRAWN, split="train")
+
+def compared(batch, singles):
+    for key in batch if isinstance(batch, dict) else [None]:
+        many = batch if key is None else batch[key]
+        np.testing.assert_array_equal(many, [each if key is None else each[key] for each in singles])
 
 
-def test_batches_with_drawn_shapes_are_one_error_where_worlds_need_one_scene():
-    from vibgym.policies.rollout import worlds_of
-
-    with pytest.raises(ValueError, match="one scene"):
-        worlds_of("vibgym/AlignShapes-v0", 2)
+@pytest.mark.parametrize("law", ["pose", "pid", "learned"])
+def test_a_controller_acts_by_the_parts_of_each_world(law):
+    env = gym.make_vec(
+        "vibgym/AlignShapes-v0", num_envs=6, action="velocity", observation="parts" if law == "learned" else "state"
+    )
+    policy, singles = make_policy(law, env), []
+    observation, _ = env.reset(seed=0)
+    many, state = policy.predict(observation)
+    for k in range(6):
+        single = gym.make("vibgym/AlignShapes-v0", action="velocity", observation=policy.observation)
+        seen, _ = single.reset(seed=k)
+        singles.append(make_policy(law, single).predict(seen)[0])
+    np.testing.assert_array_equal(many, singles)
+    with pytest.raises(ValueError, match="6 worlds"):
+        policy.predict(
+            {name: values[:2] for name, values in observation.items()} if law == "learned" else observation[:2]
+        )

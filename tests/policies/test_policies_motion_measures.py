@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vibgym.policies import rollout
-from vibgym.policies.measures import MotionMeasures
+from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import Episodes
 
 COSTS = {"impulse": 1.0, "clearance": 0.1}
@@ -27,20 +27,18 @@ class Scripted:
 
 
 def test_costs_and_changes_are_those_of_the_steps():
-    found = rollout({"kind": "planner", "law": "pose"}, "SortCrowded", seeds=[3, 4], keep=MotionMeasures, costs=COSTS)
+    found = rollout({"kind": "planner", "law": "pose"}, "SortCrowded", seeds=[3, 4], keep=Measures, costs=COSTS)
     for k, seed in enumerate((3, 4)):
         env = gym.make("vibgym/SortCrowded-v0", costs=COSTS, action="phasor")
-        again = rollout(
-            {"kind": "planner", "law": "pose"}, "SortCrowded", seeds=[seed], keep=MotionMeasures, costs=COSTS
-        )
+        again = rollout({"kind": "planner", "law": "pose"}, "SortCrowded", seeds=[seed], keep=Measures, costs=COSTS)
         assert again.cost[0] == found.cost[k] > 0.0 and again.action_change[0] == found.action_change[k] > 0.0
         assert env.unwrapped.core.costs is not None
     assert np.isnan(found.overshoots).all() and np.isnan(found.corrections).all()
-    assert np.isnan(rollout("pose", "Align", seeds=[1], keep=MotionMeasures).cost).all()
+    assert np.isnan(rollout("pose", "Align", seeds=[1], keep=Measures).cost).all()
 
 
 def test_a_law_without_detours_has_no_corrections():
-    found = rollout({"kind": "pose", "action": "velocity"}, "Transport", seeds=range(20), keep=MotionMeasures)
+    found = rollout({"kind": "pose", "action": "velocity"}, "Transport", seeds=range(20), keep=Measures)
     assert found.success.all() and (found.overshoots == 0).all() and np.median(found.corrections) == 0
     assert (found.collisions == 0).all() or np.isnan(found.collisions).all()
 
@@ -60,7 +58,7 @@ def test_corrective_movements_are_counted(values, overshoots, corrections):
         Scripted(values),
         env,
         [0],
-        lambda _, __, info: kept.append(MotionMeasures(env.unwrapped, info, [0])),
+        lambda _, __, info: kept.append(Measures(env.unwrapped, info, [0])),
         options=start,
     )
     for step in episodes:

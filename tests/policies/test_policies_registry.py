@@ -12,10 +12,13 @@ import pytest
 import vibgym
 from tests.policies.helpers import episodes, info_of
 from vibgym.envs.vector import batch_of
-from vibgym.policies.classical.law import Law, lead_of
+from vibgym.policies.classical.law import Law, laws, lead_of
 from vibgym.policies.classical.planner import PlannerPolicy
-from vibgym.policies.classical.steering import LAWS, LocalFieldPolicy
-from vibgym.policies.registry import CONTROLLERS, make_policy
+from vibgym.policies.classical.steering import LocalFieldPolicy
+from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
+from vibgym.policies.task_info import POLICIES
+from vibgym.settings import BaseSettings
 from vibgym.tasks import TASKS
 
 NAMES = ("zero", "random", "open_loop", "local_field", "planner")
@@ -50,19 +53,33 @@ def test_policies_are_made_from_names_mappings_and_objects():
 
 
 def test_custom_controllers_have_a_name(monkeypatch):
-    monkeypatch.setattr(CONTROLLERS, "_items", dict(CONTROLLERS))
-    CONTROLLERS.register("mine", Mine)
+    monkeypatch.setattr(POLICIES, "_items", dict(POLICIES))
+    POLICIES.register("mine", Mine)
     info = info_of()
     policy = make_policy({"kind": "mine", "strength": 0.25}, info, seed=7)
     assert isinstance(policy, Mine) and (policy.info, policy.strength, policy.seed) == (info, 0.25, 7)
     assert make_policy({"kind": "mine", "seed": 3}, info, seed=7).seed == 3
     with pytest.raises(ValueError, match="policy 'mine'.*colour"):
         make_policy({"kind": "mine", "colour": 1}, info)
-    with pytest.raises(ValueError, match="controller name"):
-        CONTROLLERS.register("planner", Mine)
-    CONTROLLERS.register("faulty", lambda info: len(3))
-    with pytest.raises(TypeError, match="has no len"):
-        make_policy("faulty", info)
+    with pytest.raises(ValueError, match="policy name"):
+        POLICIES.register("planner", Mine)
+
+
+@pytest.mark.parametrize("faulty", ["__init__", "predict"])
+def test_a_type_error_of_a_policy_is_shown_as_such(faulty, monkeypatch):
+    class Faulty(Mine):
+        class Settings(BaseSettings):
+            strength: float = 0.5
+
+        def __init__(self, info, settings):
+            super().__init__(info, settings.strength)
+
+    setattr(Faulty, faulty, lambda *arguments, **settings: len(3))
+    monkeypatch.setattr(POLICIES, "_items", {**POLICIES, "faulty": Faulty, "function": lambda info: len(3)})
+    for policy in ("faulty", {"kind": "faulty", "strength": 0.25}, *(["function"] if faulty == "__init__" else [])):
+        with pytest.raises(TypeError, match="has no len") as error:
+            rollout(policy, "Align", seeds=[0])
+        assert error.traceback[-1].path == pathlib.Path(__file__)
 
 
 def test_a_type_error_of_a_task_is_shown_as_such(monkeypatch):
@@ -158,13 +175,13 @@ class Proportional(Law):
 
 @pytest.fixture
 def own_law(monkeypatch):
-    monkeypatch.setattr(LAWS, "_items", dict(LAWS))
-    LAWS.register("mine", Proportional)
+    monkeypatch.setattr(POLICIES, "_items", dict(POLICIES))
+    POLICIES.register("mine", Proportional)
 
 
 def test_a_registered_law_is_a_controller(own_law):
     alone, several = make_policy("mine", info_of("Align")), make_policy("mine", info_of("Sort"))
-    assert (type(alone), type(several)) == (LocalFieldPolicy, PlannerPolicy) and "mine" in CONTROLLERS
+    assert (type(alone), type(several)) == (LocalFieldPolicy, PlannerPolicy) and "mine" in POLICIES
     assert make_policy({"kind": "mine", "damping": 20.0}, info_of("Align")).law.settings.damping == 20.0
     assert (
         make_policy({"kind": "planner", "law": "mine", "damping": 20.0}, info_of("Sort")).law.settings.damping == 20.0
@@ -173,16 +190,16 @@ def test_a_registered_law_is_a_controller(own_law):
     assert episodes(alone, "Align", 20).success == 20
     assert episodes(several, "Sort", 6).success == 6
     for name in ("planner", "mine", "pose"):
-        with pytest.raises(ValueError, match="law name"):
-            LAWS.register(name, Proportional)
-    with pytest.raises(ValueError, match="controller name"):
-        CONTROLLERS.register("mine", Mine)
+        with pytest.raises(ValueError, match="policy name"):
+            POLICIES.register(name, Proportional)
+    with pytest.raises(ValueError, match="unknown law 'planner'"):
+        make_policy({"kind": "local_field", "law": "planner"}, info_of("Align"))
 
 
 @pytest.mark.parametrize("name", ["local", "pose", "lqr"])
 def test_missing_leads_are_measured(name):
     info = info_of("Transport")
-    law = LAWS[name](info)
+    law = laws()[name](info)
     given, law.lead = law.lead, None
     assert lead_of(law, info, 0.1) == pytest.approx(given, rel=1e-6)
 

@@ -33,10 +33,10 @@ from vibgym.kernels.vector import LANES, load, store
 from vibgym.physics.averaged.averages import cubic_weights, direction, new_scratch, place
 from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part
-from vibgym.scene.sliding import reached
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
-from vibgym.simulation.averages_tables import COUPLING_NODES, COUPLING_STEP, averages, mean_coefficients, slips
+from vibgym.simulation.averages_tables import COUPLING_NODES, COUPLING_STEP, averages, first_order, slips
+from vibgym.simulation.plant import reached
 from vibgym.simulation.schemes import check_sliding
 
 NEWTON = 8
@@ -93,8 +93,7 @@ def coefficients() -> np.ndarray:
     Nodes as in :mod:`vibgym.simulation.averages_tables`: parts slower and parts faster than the table.
     """
     s = slips(COUPLING_STEP, COUPLING_NODES)
-    ratio, difference, total = np.moveaxis(mean_coefficients(s), -1, 0)
-    d, p = ratio * s, 0.5 * (total - difference * s * s)
+    d, across, along, total = first_order(s)
     inverse_slip = (total - s * d) / (1.0 - s * s)
     # c[j, a, k] of coupling_coefficients(): only products with a uniform push remain.
     c = np.moveaxis(averages().coupling.reshape(*s.shape, 3, 3, 3), (2, 3, 4), (0, 1, 2))
@@ -106,7 +105,7 @@ def coefficients() -> np.ndarray:
         c[1, 1, 1] + c[2, 1, 2],
         c[1, 2, 0] + c[2, 2, 2],
     ]
-    table = [d, p, total - p, *(-each for each in second), inverse_slip, s * inverse_slip - d]
+    table = [d, across, along, *(-each for each in second), inverse_slip, s * inverse_slip - d]
     result = np.ascontiguousarray(np.stack(table, axis=-1))
     # At rest no direction is distinguished, so these vanish except for rounding, which would move elements without a push.
     result[0, 0, [0, 4, 5, 7, 8, 10]] = 0.0

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.bounds.tables import FREE_END, Hold, fewest_periods, way_reach
-from vibgym.bounds.time_bound import LARGEST, TimeBound, check_arguments, check_parts
+from vibgym.bounds.time_bound import LARGEST, GoalBound, TimeBound, check_parts
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.simulation.plant import drag_of, means
 
 
 class SeveralBound:
@@ -34,11 +35,6 @@ class SeveralBound:
         moments = {(each.surface.period, each.stride, each.hold) for each in self.bounds}
         if len(moments) != 1:
             raise checks.refuse("bounds", sorted(moments), "one of every part, with the same period, steps and hold")
-
-    @property
-    def step_time(self) -> float:
-        """s."""
-        return self.bounds[0].step_time
 
     def each(self, start: Any, goal: Any) -> np.ndarray:
         """Return the fewest steps of every part alone, int64 (n, parts).
@@ -84,10 +80,6 @@ class SeveralBound:
                 if here.any():
                     result[world] = max(result[world], bottleneck(cost[np.ix_(here, here)]))
         return result
-
-    def seconds(self, start: Any, goal: Any, counts: np.ndarray | None = None) -> np.ndarray:
-        """Return the least time to success, s (n,); see :meth:`steps`."""
-        return self.step_time * self.steps(start, goal, counts)
 
     def _poses(self, name: str, value: Any) -> np.ndarray:
         shape = (len(np.atleast_1d(np.asarray(value))), len(self.bounds), 3)
@@ -197,8 +189,6 @@ def _fitting(moments: int, apart: int) -> int:
 MARGIN = 0.15
 """Relative margin of the power, for velocities that change within a period; see docs/bound.md."""
 
-SPEEDS, INSTANTS = 400, 720  # samples up to the table's speed, and of a period
-
 
 def most_power(surface: Surface, friction: float, amplitude: float) -> float:
     """Return the largest mean power, W/kg, that elements can transfer to a part of this friction, over all constant velocities.
@@ -207,19 +197,15 @@ def most_power(surface: Surface, friction: float, amplitude: float) -> float:
 
         v mu <(g - C cos wt + S sin wt) u_x / |u|>        u = v_table(t) - v
 
-    and is largest with all of them at full ``amplitude`` (m) and the best phase.
+    and is largest with all of them at full ``amplitude`` (m) and the best phase, which pushes along x.
     """
-    at = 2.0 * math.pi * (np.arange(INSTANTS) + 0.5) / INSTANTS
-    speed = surface.table_speed * np.arange(1, SPEEDS + 1)[:, None] / SPEEDS
-    along, across = -surface.table_speed * np.sin(at) - speed, surface.table_speed * np.cos(at)
-    share = along / np.hypot(along, across)
-    best = np.hypot((share * np.cos(at)).mean(axis=1), (share * np.sin(at)).mean(axis=1))
+    slip, drag, _, push = means()
     full = amplitude * surface.angular_frequency**2
-    return float((speed[:, 0] * friction * (surface.gravity * share.mean(axis=1) + full * best)).max())
+    return float((surface.table_speed * slip * friction * (full * push - surface.gravity * drag)).max())
 
 
 @dataclass(eq=False)
-class PushBound:
+class PushBound(GoalBound):
     """Fewest steps, and least time, in which pushers can move an undriven part to a pose.
 
     Friction dissipates at least ``c m (v^2 + k^2 w^2)``, with ``c = mu g / (2 a_h w)``. Only the pushers transfer energy to
@@ -228,31 +214,17 @@ class PushBound:
 
         D^2 <= (T - t) T sum(m_pusher P_pusher) / (c m)
 
-    Args:
-        surface: the table.
-        part: the pushed part.
-        pushers: parts that the elements drive.
-        position_tolerance, heading_tolerance, heading_period, hold, periods_per_step, amplitude, latency: as for
-            :class:`vibgym.bounds.TimeBound`.
+    Args: those of :class:`vibgym.bounds.time_bound.GoalBound`, of the pushed part, and
+        pushers: parts that the elements drive, after the part.
 
     Raises:
         ValueError: a bad argument, no pushers, or a part without friction.
     """
 
-    surface: Surface
-    part: Part
     pushers: Sequence[Part]
-    _: KW_ONLY
-    position_tolerance: float
-    heading_tolerance: float = math.inf
-    heading_period: float = 0.0
-    hold: int = 10
-    periods_per_step: int = 1
-    amplitude: float | None = None
-    latency: int = 0
 
     def __post_init__(self) -> None:
-        check_arguments(self)
+        super().__post_init__()
         check_parts("pushers", self.pushers)
         surface, part = self.surface, self.part
         if part.friction == 0.0:
@@ -264,7 +236,7 @@ class PushBound:
         amplitude = surface.full_scale / surface.angular_frequency**2 if self.amplitude is None else self.amplitude
         self.instants = Hold.of(self.hold, self.periods_per_step).instants
         power = sum(each.mass * most_power(surface, each.friction, amplitude) for each in self.pushers)
-        drag = part.friction * surface.gravity / (2.0 * surface.table_speed)
+        drag = float(drag_of(surface, [part])[0])
         self.top_speed = math.sqrt((1.0 + MARGIN) * power / (drag * part.mass))
         """m/s, largest speed that the pushers can sustain."""
         hold = Hold(1, self.periods_per_step)
@@ -297,7 +269,3 @@ class PushBound:
         periods = np.where(far > 0.0, np.ceil(least / period - 1e-9), 1.0)
         arrival = np.maximum(np.ceil(periods / self.periods_per_step), 1.0).astype(np.int64)
         return arrival + self.instants - 1
-
-    def seconds(self, start: Any, goal: Any, gap: Any) -> np.ndarray:
-        """Return the least time to success, s (n,); see :meth:`steps`."""
-        return self.periods_per_step * self.surface.period * self.steps(start, goal, gap)

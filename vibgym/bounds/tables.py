@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.bounds.programme import Moves, furthest, interpolated, overshoots
-from vibgym.bounds.turning import Scratch, Turner, moves, turns
+from vibgym.bounds.programme import Moves, Scratch, Turner, furthest, interpolated, moves, overshoots, turns
 from vibgym.scene.outlines import contains
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -49,7 +48,7 @@ POINTS = 10  # at least, along the longer side of the part
 
 _AIMS = np.array([[1.0, 1.0], [1.0, 0.3], [0.3, 1.0], [1.0, -0.3], [-0.3, 1.0]])
 WEIGHTS = np.concatenate([_AIMS, -_AIMS, _AIMS[:1], -_AIMS[:1], _AIMS[:1]])
-"""Weights of the angular acceleration at the start and the end of a period that controls maximize; see ``turning.aim``."""
+"""Weights of the angular acceleration at the start and the end of a period that controls maximize; see ``programme.aim``."""
 
 SHARES = np.concatenate([np.ones(2 * len(_AIMS)), [0.5, 0.5, 0.0]])
 """Share of the amplitude of each control."""

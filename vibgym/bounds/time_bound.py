@@ -20,12 +20,8 @@ LARGEST = 1e9
 
 
 @dataclass(eq=False)
-class TimeBound:
-    """Fewest steps, and least time, in which one part alone can succeed: from rest into tolerance, and held there.
-
-    It holds for every policy on the planar model and a level table, for all phasors within ``amplitude``. Displacement and turn
-    are bounded separately; the larger bound counts. The first instance for a scene and its tolerances computes tables, which
-    takes some seconds.
+class GoalBound:
+    """What bounds of a part with a goal have in common.
 
     Args:
         surface, part: the pair.
@@ -36,10 +32,9 @@ class TimeBound:
         periods_per_step: oscillation periods of a step; the part is observed at the end of a step.
         amplitude: m, largest vertical amplitude of the elements; None: the surface's.
         latency: periods before the first command acts; until then the elements rest.
-        stopped: whether other parts or walls may stop the part at its goal, so that it need not brake.
 
     Raises:
-        ValueError: a bad argument, or a part that might stick.
+        ValueError: a bad argument.
     """
 
     surface: Surface
@@ -52,10 +47,41 @@ class TimeBound:
     periods_per_step: int = 1
     amplitude: float | None = None
     latency: int = 0
+
+    def __post_init__(self) -> None:
+        surface = checks.instance("surface", self.surface, Surface)
+        checks.instance("part", self.part, Part)
+        self.position_tolerance = checks.number("position_tolerance", self.position_tolerance, above=0.0)
+        if not isinstance(self.heading_tolerance, float) or self.heading_tolerance != math.inf:
+            self.heading_tolerance = checks.number("heading_tolerance", self.heading_tolerance, above=0.0)
+        self.heading_period = checks.number("heading_period", self.heading_period, least=0.0)
+        self.hold = checks.count("hold", self.hold, most=MOST_HOLD)
+        self.periods_per_step = checks.count("periods_per_step", self.periods_per_step, most=checks.MOST_PERIODS)
+        if self.amplitude is not None:
+            self.amplitude = checks.number("amplitude", self.amplitude, least=0.0, most=surface.max_amplitude)
+        self.latency = checks.count("latency", self.latency, least=0, most=MOST_LATENCY)
+
+
+@dataclass(eq=False)
+class TimeBound(GoalBound):
+    """Fewest steps, and least time, in which one part alone can succeed: from rest into tolerance, and held there.
+
+    It holds for every policy on the planar model and a level table, for all phasors within ``amplitude``. Displacement and turn
+    are bounded separately; the larger bound counts. The first instance for a scene and its tolerances computes tables, which
+    takes some seconds.
+
+    Args: those of :class:`GoalBound`, and
+        stopped: whether other parts or walls may stop the part at its goal, so that it need not brake.
+
+    Raises:
+        ValueError: a bad argument, or a part that might stick.
+    """
+
+    _: KW_ONLY
     stopped: bool = False
 
     def __post_init__(self) -> None:
-        check_arguments(self)
+        super().__post_init__()
         surface, part, heading_tolerance = self.surface, self.part, self.heading_tolerance
         self.stride = self.periods_per_step
         amplitude: Any = surface.max_amplitude if self.amplitude is None else self.amplitude
@@ -127,21 +153,6 @@ class TimeBound:
             counter, clockwise = self._turns[0].periods(heading, left), self._turns[1].periods(-heading, left)
             found.append(np.where(each >= 0.0, counter, clockwise))
         return np.min(found, axis=0)
-
-
-def check_arguments(bound: Any) -> None:
-    """Validate the arguments that bounds of a part with a goal share; raise ValueError for the first bad one."""
-    surface = checks.instance("surface", bound.surface, Surface)
-    checks.instance("part", bound.part, Part)
-    bound.position_tolerance = checks.number("position_tolerance", bound.position_tolerance, above=0.0)
-    if not isinstance(bound.heading_tolerance, float) or bound.heading_tolerance != math.inf:
-        bound.heading_tolerance = checks.number("heading_tolerance", bound.heading_tolerance, above=0.0)
-    bound.heading_period = checks.number("heading_period", bound.heading_period, least=0.0)
-    bound.hold = checks.count("hold", bound.hold, most=MOST_HOLD)
-    bound.periods_per_step = checks.count("periods_per_step", bound.periods_per_step, most=checks.MOST_PERIODS)
-    if bound.amplitude is not None:
-        bound.amplitude = checks.number("amplitude", bound.amplitude, least=0.0, most=surface.max_amplitude)
-    bound.latency = checks.count("latency", bound.latency, least=0, most=MOST_LATENCY)
 
 
 def check_parts(name: str, parts: Any) -> None:

@@ -27,7 +27,7 @@ from vibgym.envs.options import (
 from vibgym.envs.randomization import Disturbances, Randomization
 from vibgym.envs.step import Pipeline
 from vibgym.physics.core.drive import Drive, all_phasors
-from vibgym.scene.kinds import Kinds
+from vibgym.scene.kinds import Kinds, groups_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import surface_from
 from vibgym.sensing import MEASUREMENT_FEATURES, Sensing, sensing_from
@@ -337,13 +337,11 @@ class Core:
         if rows == 1:
             start = self._draw_start(self._task_of(kinds[0]), worlds, uniform, override)
         else:
-            different, which = np.unique(kinds, axis=0, return_inverse=True)
-            groups = [np.flatnonzero(which.reshape(-1) == k) for k in range(len(different))]
+            groups = groups_of(kinds)
             found = [
-                self._draw_start(self._task_of(own), worlds[group], uniform[group], override)
-                for own, group in zip(different, groups, strict=True)
+                self._draw_start(self._task_of(own), worlds[some], uniform[some], override) for own, some in groups
             ]
-            start = joined_starts(found, groups)
+            start = joined_starts(found, [some for _, some in groups])
         shape, present = (len(worlds), len(self.kinds)), start.present
         checks.shaped(f"{task.name}: present", present, (shape,), "booleans", kinds="b")
         placed, aimed = present & (not task.flows), present & task.asked & task.has_goal  # parts of a flow arrive later

@@ -14,8 +14,8 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from vibgym.scene.parts import Part
-from vibgym.scene.sliding import LEAST_SPEED
 from vibgym.scene.surface import Surface
+from vibgym.simulation.plant import LEAST_SPEED
 from vibgym.tasks import Task
 from vibgym.tasks.base import MOST_KINDS
 from vibgym.tasks.episode import PREVIEW

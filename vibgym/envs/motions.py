@@ -19,9 +19,9 @@ from vibgym.envs.actions import ACTIONS, Action
 from vibgym.kernels.jit import jit
 from vibgym.physics.core.drive import Drive, phasor_drive
 from vibgym.scene.parts import Part
-from vibgym.scene.sliding import reached, sliding_of
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement
+from vibgym.simulation.plant import plant_of, reached
 
 REASONS = (
     "served", "gone: absent, fallen, or not driven", "its centre is off the surface", "it may stick at this velocity",
@@ -177,7 +177,7 @@ class Target(Velocity):
         strength = strongest(self.surface, sheet)
 
         def braking(part: Part) -> list[float]:
-            plant = sliding_of(self.surface, [part], strength)
+            plant = plant_of(self.surface, [part], strength)
             return [BRAKING * plant.push[0], BRAKING * plant.push[0], TURN_BRAKING * plant.turn_push[0]]
 
         self._braking = self.parts.values(braking)

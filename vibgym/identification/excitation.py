@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.fields import lead_angle
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.simulation.plant import lead_angle
 
 SECONDS = 120.0
 """Length of a recording that identifies all parameters."""

@@ -9,12 +9,12 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.actuators import DataSheet
-from vibgym.fields import lead_angle
 from vibgym.identification.log import Log
 from vibgym.identification.plant import LOCAL, Parameters
 from vibgym.identification.segments import Segment
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.simulation.plant import lead_angle
 
 LATENCIES = 9
 """Latencies tried: 0 to 8 periods, or more with a larger nominal one."""

@@ -11,9 +11,8 @@ from typing import Any
 import gymnasium as gym
 
 from vibgym import checks
-from vibgym.policies.protocol import Policy
-from vibgym.policies.registry import CONTROLLERS, NEED_MORE, make_policy
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.registry import NEED_MORE, make_policy
+from vibgym.policies.task_info import POLICIES, Policy, TaskInfo
 from vibgym.policies.trained.catalogue import shipped_agents
 from vibgym.registration import ENVIRONMENTS
 from vibgym.tasks import TASKS
@@ -22,7 +21,7 @@ from vibgym.tasks import TASKS
 def _named(info: TaskInfo) -> dict[str, Any]:
     """Return policies by the names shown to visitors: controllers, planners, and the shipped agents of the task."""
     variants = {agent.variant for agent in shipped_agents() if info.name in agent.tasks and agent.variant}
-    known: dict[str, Any] = {name: name for name in CONTROLLERS if name not in NEED_MORE}
+    known: dict[str, Any] = {name: name for name in POLICIES if name not in NEED_MORE}
     return known | {f"learned ({name})": {"kind": "learned", "variant": name} for name in sorted(variants)}
 
 

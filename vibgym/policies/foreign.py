@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,9 +12,7 @@ from gymnasium import spaces
 from vibgym import checks
 from vibgym.envs.actions import ACTIONS
 from vibgym.envs.observations import OBSERVATIONS
-from vibgym.policies.protocol import Policy
-from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.coding import element_code
+from vibgym.policies.task_info import Policy, TaskInfo
 
 DICTIONARIES = {
     frozenset({"observation", "achieved_goal", "desired_goal"}): "goal",
@@ -145,6 +144,17 @@ def _fits(own: Any, space: Any) -> bool:
     one, other = getattr(own, "shape", None), getattr(space, "shape", None)
     channels_first = other is not None and len(other) == 3 and one == (other[2], *other[:2])
     return one is not None and (one == other or channels_first)
+
+
+def element_code(table: np.ndarray) -> np.ndarray:
+    """Return ``"element"`` actions, amplitude and phase in [-1, 1], for phasors (worlds, rows, columns, 2)."""
+    coded = np.zeros(table.shape, dtype=np.float32)
+    coded[..., 0] = -1.0  # most elements rest
+    moves = np.nonzero((table[..., 0] != 0.0) | (table[..., 1] != 0.0))
+    c, s = table[moves].T
+    coded[(*moves, 0)] = 2.0 * np.minimum(np.hypot(c, s), 1.0) - 1.0
+    coded[(*moves, 1)] = np.arctan2(s, c) / math.pi
+    return coded.reshape(len(table), -1)
 
 
 class InElements:

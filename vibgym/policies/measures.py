@@ -1,4 +1,4 @@
-"""Metrics of episodes: lower bounds of the time to the goal, and collisions."""
+"""Metrics of episodes: lower bounds of the time to the goal, collisions, smoothness and corrective movements."""
 
 from __future__ import annotations
 
@@ -15,17 +15,25 @@ from vibgym.envs.shared import SharedInterface, Truth
 from vibgym.policies.rollout import Ends, Outcomes, Step, Timing, rollout
 from vibgym.scene import Part
 from vibgym.scene.hulls import gaps_between
+from vibgym.scene.kinds import groups_of
 from vibgym.tasks import Feed
 from vibgym.tasks.episode import TOUCHING
 
 
 @dataclass(frozen=True)
 class Measured(Outcomes):
-    """Outcomes of episodes, with bounds and collisions. Bounds are nan where none is known."""
+    """Outcomes of episodes, with bounds, collisions, and measures of how smoothly and directly parts were moved.
+
+    Corrective movements are those of MagBotSim (Bergmann et al. 2025): *overshoots* and *distance corrections*. Changes of the
+    distance below :data:`STILL` do not count. With several parts they are summed. Bounds are nan where none is known.
+    """
 
     bound: np.ndarray  # s, lower bound of the time to goal from this start, hold included
     rate_bound: np.ndarray  # upper bound of good parts a minute, where parts come and go; nan elsewhere
     collisions: np.ndarray  # pairs newly in contact, see Measures; nan where the task does not count them
+    action_change: np.ndarray  # mean absolute change of a number of the action from step to step
+    overshoots: np.ndarray  # times that a part has left the position tolerance of its goal; nan without goal poses
+    corrections: np.ndarray  # times that a part has come nearer to its goal again after it had moved away; nan likewise
 
     @property
     def time_over_bound(self) -> np.ndarray:
@@ -43,7 +51,7 @@ STILL = 2e-5
 
 
 class Measures(Ends):
-    """Collector of outcomes, bounds and collisions; one world per episode.
+    """Collector of outcomes, bounds, collisions, smoothness and corrective movements; one world per episode.
 
     A pair of parts is in contact where their outlines are closer than 0.1 mm at the end of a step. It counts whenever it is
     in contact and was not a step before, or at the start. Contacts that begin and end within a step are not seen.
@@ -57,21 +65,37 @@ class Measures(Ends):
 
     def __init__(self, env: VibgymVectorEnv, info: dict[str, Any], seeds: Sequence[int]) -> None:
         super().__init__(env, info, seeds)
-        self._pairs = np.triu_indices(len(env.parts), 1)
-        self._touching = np.zeros((len(seeds), len(self._pairs[0])), dtype=bool)
+        count, self._goals = len(seeds), env.task.has_goal and not env.task.flows
+        self._pairs = np.triu_indices(len(env.core.kinds), 1)
+        self._touching = np.zeros((count, len(self._pairs[0])), dtype=bool)
         self.fields |= {
             "bound": least_times(env),
             "rate_bound": most_rates(env),
-            "collisions": np.full(len(seeds), 0.0 if "touching" in info else np.nan),
+            "collisions": np.full(count, 0.0 if "touching" in info else np.nan),
+            "action_change": np.zeros(count),
+            **{name: np.full(count, 0.0 if self._goals else np.nan) for name in ("overshoots", "corrections")},
         }
         if "touching" in info:
             self._new_contacts(info["touching"] > 0)
+        self._action: np.ndarray | None = None
+        if self._goals:
+            self._reached, self._away = env.task.tolerances()[:, 0], self._distance()
+            self._inside, self._grew = self._away < self._reached, np.zeros(self._away.shape, dtype=bool)
 
     def add(self, step: Step) -> None:
         """Add a step."""
         super().add(step)
+        which, ended = step.episode[step.playing], step.episode[step.ended]
         if "touching" in step.info:
             self.fields["collisions"] += self._new_contacts(step.playing & (step.info["touching"] > 0))
+        action = np.asarray(step.action, dtype=np.float64).reshape(len(step.age), -1)
+        if self._action is not None:
+            change = np.abs(action - self._action).mean(axis=1)[step.playing]
+            self.fields["action_change"][which] += change
+        self._action = action
+        self.fields["action_change"][ended] /= np.maximum(step.age[step.ended] - 1, 1)
+        if self._goals:
+            self._correct(which, step.playing)
 
     def result(self, task: str, timing: Timing) -> Measured:
         """Return the result, when all episodes have ended."""
@@ -83,61 +107,12 @@ class Measures(Ends):
         worlds = np.flatnonzero(some & np.isfinite(truth.pose).all(axis=(1, 2)))
         touching = np.zeros_like(self._touching)
         if len(worlds):
-            gaps = gaps_between(self.env.parts, truth.pose[worlds])
+            gaps = gaps_between(self.env.core.kinds.some(worlds), truth.pose[worlds])
             there = truth.present[worlds] & ~truth.fallen[worlds]
             touching[worlds] = (gaps[:, one, other] < TOUCHING) & there[:, one] & there[:, other]
         found = (touching & ~self._touching).sum(axis=1)
         self._touching = touching
         return found
-
-
-@dataclass(frozen=True)
-class MotionMeasured(Measured):
-    """Outcomes with measures of how smoothly and directly parts were moved."""
-
-    action_change: np.ndarray  # mean absolute change of a number of the action from step to step
-    overshoots: np.ndarray  # times that a part has left the position tolerance of its goal; nan without goal poses
-    corrections: np.ndarray  # times that a part has come nearer to its goal again after it had moved away; nan likewise
-
-
-class MotionMeasures(Measures):
-    """Collector of outcomes, bounds, collisions, smoothness of commands and corrective movements.
-
-    Corrective movements are those of MagBotSim (Bergmann et al. 2025): *overshoots* and *distance corrections*. Changes of the
-    distance below :data:`STILL` do not count. With several parts they are summed.
-
-    Args:
-        env, info, seeds: as of :class:`vibgym.policies.rollout.Ends`.
-
-    Attributes:
-        fields: arrays (episodes, ...), named as in :class:`MotionMeasured`.
-    """
-
-    def __init__(self, env: VibgymVectorEnv, info: dict[str, Any], seeds: Sequence[int]) -> None:
-        super().__init__(env, info, seeds)
-        self._goals = env.task.has_goal and not env.task.flows
-        count, blank = len(seeds), 0.0 if self._goals else np.nan
-        self.fields |= {"action_change": np.zeros(count)}
-        self.fields |= {name: np.full(count, blank) for name in ("overshoots", "corrections")}
-        self._action: np.ndarray | None = None
-        if self._goals:
-            self._reached, self._away = env.task.tolerances()[:, 0], self._distance()
-            self._inside, self._grew = self._away < self._reached, np.zeros(self._away.shape, dtype=bool)
-
-    def add(self, step: Step) -> None:
-        """Add a step."""
-        super().add(step)
-        which = step.episode[step.playing]
-        action = np.asarray(step.action, dtype=np.float64).reshape(len(step.age), -1)
-        if self._action is not None:
-            change = np.abs(action - self._action).mean(axis=1)[step.playing]
-            self.fields["action_change"][which] += change
-        self._action = action
-        if step.ended.any():
-            ended = step.episode[step.ended]
-            self.fields["action_change"][ended] /= np.maximum(step.age[step.ended] - 1, 1)
-        if self._goals:
-            self._correct(which, step.playing)
 
     def _correct(self, which: np.ndarray, playing: np.ndarray) -> None:
         """Count the corrective movements of a step."""
@@ -156,10 +131,6 @@ class MotionMeasures(Measures):
         truth = self.env.truth
         return np.where(truth.present & self.env.task.asked, np.hypot(truth.error[..., 0], truth.error[..., 1]), 0.0)
 
-    def result(self, task: str, timing: Timing) -> MotionMeasured:
-        """Return the result, when all episodes have ended."""
-        return MotionMeasured(task, self.seeds, self.env.step_time, timing, **self.fields)
-
 
 def least_times(env: SharedInterface) -> np.ndarray:
     """Return lower bounds of the time to goal (worlds,), s, of episodes that have just begun; see :mod:`vibgym.bounds`.
@@ -174,12 +145,14 @@ def least_times(env: SharedInterface) -> np.ndarray:
         disturbances, parts that may stick, and where friction or incline differ from those of part and table.
     """
     task, truth = env.task, env.truth
-    steps = None
+    steps = np.full(len(truth.pose), np.nan)
     if task.has_goal and not task.goal_moves and not task.flows and _slides_undisturbed(env):
-        pushed = task.asked & ~task.driven
-        steps = _steps_pushed(env, truth, pushed) if pushed.any() else _steps_driven(env, truth)
-    if steps is None:
-        return np.full(len(truth.pose), np.nan)
+        pushed, kinds = task.asked & ~task.driven, env.core.kinds
+        of_world = kinds.kind if kinds.vary else np.zeros((len(truth.pose), 1), dtype=np.int64)
+        for _, worlds in groups_of(of_world):
+            parts, own = kinds.parts(int(worlds[0])), Truth(*(values[worlds] for values in truth))
+            found = _steps_pushed(env, parts, own, pushed) if pushed.any() else _steps_driven(env, parts, own)
+            steps[worlds] = np.nan if found is None else found
     return np.where(_usual(env, truth.present), env.step_time * steps, np.nan)
 
 
@@ -187,7 +160,7 @@ def _slides_undisturbed(env: SharedInterface) -> bool:
     """Return whether parts slide permanently in the plane with constant coefficients, and only the drive moves them."""
     slide = all(
         env.surface.slides_permanently(part.static_friction) and part.friction > 0.0 and part.friction_law is None
-        for part in env.parts
+        for part in env.core.kinds.every
     )
     return slide and env.core.simulator.model == "planar" and env.core.disturbances is None
 
@@ -224,13 +197,13 @@ def most_rates(env: SharedInterface) -> np.ndarray:
     return np.where(_usual(env, np.ones((worlds, len(env.parts)), dtype=bool)), bound.per_minute, np.nan)
 
 
-def _asks(env: SharedInterface, part: Any) -> dict[str, Any]:
+def _asks(env: SharedInterface, parts: Sequence[Part], part: Any) -> dict[str, Any]:
     """Return a bound's arguments about one part's goal and the hardware."""
     away, turned = env.task.tolerances()[part].tolist()
     return {
         "position_tolerance": away,
         "heading_tolerance": turned,
-        "heading_period": env.task.heading_period(env.parts[part]),
+        "heading_period": env.task.heading_period(parts[part]),
         "hold": env.task.hold,
         "periods_per_step": env.periods_per_step,
         "amplitude": env.core.actuators.most_amplitude,
@@ -238,11 +211,11 @@ def _asks(env: SharedInterface, part: Any) -> dict[str, Any]:
     }
 
 
-def _steps_driven(env: SharedInterface, truth: Truth) -> np.ndarray:
+def _steps_driven(env: SharedInterface, parts: Sequence[Part], truth: Truth) -> np.ndarray:
     """Return the least number of steps (worlds,) where the elements drive all parts with goals."""
-    asked, parts = np.flatnonzero(env.task.asked), _pushed_together(env.parts)
-    stopped = len(parts) > 1 or bool(env.walls)
-    bound = SeveralBound([TimeBound(env.surface, parts[k], stopped=stopped, **_asks(env, k)) for k in asked])
+    asked, own = np.flatnonzero(env.task.asked), _pushed_together(parts)
+    stopped = len(own) > 1 or bool(env.walls)
+    bound = SeveralBound([TimeBound(env.surface, own[k], stopped=stopped, **_asks(env, parts, k)) for k in asked])
     start, goal, there = truth.pose[:, asked], truth.goal[:, asked], truth.present[:, asked]
     if env.task.exchanges:
         return bound.free_steps(start, goal, np.asarray(env.task.kind)[asked], there)
@@ -255,13 +228,13 @@ def _pushed_together(parts: Sequence[Part]) -> list[Part]:
     return [replace(part, friction=most, static_friction=sticks) for part in parts]
 
 
-def _steps_pushed(env: SharedInterface, truth: Truth, pushed: np.ndarray) -> np.ndarray | None:
+def _steps_pushed(env: SharedInterface, parts: Sequence[Part], truth: Truth, pushed: np.ndarray) -> np.ndarray | None:
     """Return the least number of steps (worlds,) where driven parts push one part; None: no bound is known."""
-    driven, (part, *others) = np.flatnonzero(env.task.driven), np.flatnonzero(pushed)
+    driven, (part, *others) = np.flatnonzero(env.task.driven).tolist(), np.flatnonzero(pushed).tolist()
     if others or not truth.present.all():
         return None
-    bound = PushBound(env.surface, env.parts[part], [env.parts[each] for each in driven], **_asks(env, part))
-    gap = gaps_between(env.parts, truth.pose)[:, part, driven]
+    bound = PushBound(env.surface, parts[part], [parts[each] for each in driven], **_asks(env, parts, part))
+    gap = gaps_between(parts, truth.pose)[:, part, driven]
     return bound.steps(truth.pose[:, part], truth.goal[:, part], np.maximum(gap, 0.0))
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.envs.actions import actions_by_part
+from vibgym.envs.actions import ACTIONS, actions_by_part
 from vibgym.policies.classical.measured import Measured, recall
-from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
 from vibgym.policies.simulated import MODEL_WORLDS, Models, measured_rows, rows_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.settings import BaseSettings
@@ -42,7 +42,7 @@ class MPCPolicy:
 
     Args:
         info: task and scene.
-        base: that of the settings, with observation ``"state"`` and the same action.
+        settings: of the planning. The base has the observation ``"state"`` and the same action.
 
     Raises:
         ValueError: an action without a share for every part, a task with moving goals, or a base with another action.
@@ -75,10 +75,17 @@ class MPCPolicy:
 
     observation = "state"
 
-    def __init__(self, info: TaskInfo, base: Policy | None, settings: Settings) -> None:
-        self.action = checks.choice(
-            "action", settings.action or ("field" if base is None else "wrench"), actions_by_part()
-        )
+    @staticmethod
+    def supports(action: str) -> bool:
+        """Return whether plans can have the environment's ``action=``."""
+        return ACTIONS[action].by_part
+
+    def __init__(self, info: TaskInfo, settings: Settings) -> None:
+        base, action = settings.base, settings.action
+        if base is not None:
+            action = action or "wrench"
+            base = make_policy(base, info, settings.seed, action)
+        self.action = checks.choice("action", action or "field", actions_by_part())
         self.info, self.base, self.settings = info, base, settings
         self.samples, self.horizon = settings.samples, settings.horizon
         self.together = max(1, MODEL_WORLDS // self.samples)  # worlds planned at a time

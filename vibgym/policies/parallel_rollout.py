@@ -9,7 +9,7 @@ one does. Learned agents, controllers, and one controller with several settings 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,9 +17,9 @@ from pydantic import Field
 
 from vibgym import checks
 from vibgym.policies.classical.measured import Measured, recall
-from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
 from vibgym.policies.simulated import MODEL_WORLDS, Models, measured_rows, rows_of
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.settings import BaseSettings
 
 READ = {"state": ("state",), "parts": ("parts", "mask"), "parts_and_state": ("parts", "mask", "state")}
@@ -46,7 +46,7 @@ class ParallelRolloutPolicy:
 
     Args:
         info: task and scene.
-        policies: those of the settings, with the same action; the first acts if all do equally well.
+        settings: of the choice. All policies have the same action; the first acts if all do equally well.
 
     Raises:
         ValueError: another action or observation, or a task with moving goals.
@@ -67,8 +67,16 @@ class ParallelRolloutPolicy:
         horizon: int = Field(default=100, ge=1, le=10_000)
         """Simulated steps."""
 
-    def __init__(self, info: TaskInfo, policies: Sequence[Policy], settings: Settings) -> None:
-        self.policies, self.action = tuple(policies), policies[0].action
+    @staticmethod
+    def supports(action: str) -> bool:
+        """Return whether policies may have the environment's ``action=``: any."""
+        return True
+
+    def __init__(self, info: TaskInfo, settings: Settings) -> None:
+        made: list[Policy] = []
+        for policy in settings.policies:
+            made.append(make_policy(policy, info, action=settings.action or (made[0].action if made else None)))
+        self.policies, self.action = tuple(made), made[0].action
         for index, policy in enumerate(self.policies):
             checks.choice(f"policies[{index}].action", policy.action, (self.action,))
             checks.choice(f"policies[{index}].observation", policy.observation, READ)

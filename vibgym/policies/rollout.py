@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
-from vibgym.envs.drawn import drawn_shapes, seeds_by_shapes
 from vibgym.envs.vector import batch_of, environment_id
+from vibgym.policies.by_parts import ByParts
 from vibgym.policies.foreign import ModelPolicy
-from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.tasks.episode import EVENTS
 
 OWN_FACTS = (
@@ -34,14 +33,6 @@ class Timing:
     world_steps: int = 0  # steps of all worlds together
     policy: float = 0.0  # in predict()
     environment: float = 0.0  # in step()
-
-    def rates(self) -> tuple[float, float, float]:
-        """Return steps of worlds per second: in total, of the policy alone, of the environment alone; nan without a step."""
-        total, policy, environment = (
-            self.world_steps / each if each > 0.0 else float("nan")
-            for each in (self.policy + self.environment, self.policy, self.environment)
-        )
-        return total, policy, environment
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,8 +210,6 @@ def rollout(
 ) -> Any:
     """Run an episode for every seed, all of them in one batch of worlds, with deterministic actions.
 
-    Where seeds draw shapes there is one batch for each shape, and a policy made for it.
-
     Args:
         policy: anything that :func:`vibgym.policies.make_policy` takes.
         task: id of a registered environment, such as ``"vibgym/Sort-v0"``, or short ``"Sort"``.
@@ -245,42 +234,16 @@ def rollout(
     for key in ("num_envs", "autoreset_mode"):
         if key in environment:
             raise checks.conflict(f"{key} cannot be set: rollout runs one world per seed")
-    drawn = drawn_shapes(name, environment)
-    if drawn is not None:
-        groups = seeds_by_shapes(drawn, numbers)
-        asked = {"keep": keep, "progress": progress, **environment}
-        found = [
-            rollout(policy, task, seeds=[numbers[k] for k in which], **asked, shapes=chosen)
-            for chosen, which in groups.items()
-        ]
-        return _joined(found, [k for which in groups.values() for k in which])
     acting, spoken = _acting(policy, name, environment, numbers[0])
     env = worlds_of(name, len(numbers), **{**environment, **spoken})
     try:
+        if isinstance(acting, ByParts):
+            acting.kinds = env.unwrapped.core.kinds  # type: ignore[attr-defined]
         if isinstance(acting, ModelPolicy):
             acting.check(env.single_observation_space)
         return run(acting, env, numbers, task, keep=keep, progress=progress)
     finally:
         env.close()
-
-
-def _joined(found: Sequence[Any], order: Sequence[int]) -> Any:
-    """Return the results of groups of episodes as one, in the order of the seeds.
-
-    Args:
-        found: dataclasses with arrays (episodes, ...) and ``seeds``; other fields are equal.
-        order: index of each episode's seed, group by group.
-    """
-    if not all(is_dataclass(each) for each in found):
-        raise checks.conflict("keep must return a dataclass of arrays where shapes are drawn")
-    back, first = np.argsort(order), found[0]
-    joined: dict[str, Any] = {}
-    for name in (field.name for field in fields(first)):
-        values = [getattr(each, name) for each in found]
-        if isinstance(values[0], np.ndarray):
-            joined[name] = np.concatenate(values)[back]
-    seeds = [seed for each in found for seed in each.seeds]
-    return replace(first, seeds=tuple(seeds[k] for k in back), **joined)
 
 
 def run(
@@ -337,10 +300,6 @@ def worlds_of(task: str, count: int, **arguments: Any) -> VectorEnv:
         ValueError: a bad setting, or an environment without a step limit.
     """
     env = batch_of(task, num_envs=count, autoreset_mode=AutoresetMode.DISABLED, **arguments)
-    if not isinstance(env.unwrapped, VibgymVectorEnv):
-        env.close()
-        allowed = "environments whose worlds have one scene: set shapes=[...], or call vibgym.policies.rollout"
-        raise checks.refuse("task", task, allowed)
     if env.unwrapped.max_episode_steps is None:
         raise checks.refuse("task", task, "environments with a step limit: episodes must end")
     return env

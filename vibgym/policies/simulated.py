@@ -9,7 +9,7 @@ import numpy as np
 
 from vibgym.envs.core import Core
 from vibgym.envs.options import Options
-from vibgym.policies.classical.measured import Measured
+from vibgym.policies.classical.measured import Measured, mapped
 from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks import Start
 
@@ -111,12 +111,7 @@ class Models(dict[int, Model]):
 
 def rows_of(memory: Any, chosen: np.ndarray) -> Any:
     """Return the rows of some worlds (index array) of a policy's memory: arrays (batch or 0, ...), and tuples of them."""
-    if isinstance(memory, np.ndarray):
-        return memory[chosen] if len(memory) else memory
-    if isinstance(memory, tuple):
-        rows = [rows_of(each, chosen) for each in memory]
-        return type(memory)(*rows) if hasattr(memory, "_fields") else tuple(rows)
-    return memory
+    return mapped(lambda array: array[chosen] if len(array) else array, memory)
 
 
 def measured_rows(seen: Measured, chosen: np.ndarray) -> Measured:

@@ -1,12 +1,12 @@
-"""Public properties of an environment, for policies: task, scene, timing and data sheet of the hardware."""
+"""What policies are and are made from: the protocol, their registry, and the public properties of an environment."""
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,7 +14,40 @@ from vibgym import Part, Surface, checks
 from vibgym.actuators import DataSheet
 from vibgym.allocation.allocator import strongest
 from vibgym.envs.features import Layout
-from vibgym.scene.sliding import Sliding, sliding_of
+from vibgym.registry import Registry
+from vibgym.scene.kinds import Kinds
+from vibgym.simulation.plant import Sliding, plant_of
+
+
+class Policy(Protocol):
+    """A policy, made for an environment with this ``action=`` and ``observation=``; the call is that of SB3's models.
+
+    It gets observations only; public properties of the environment are in :class:`TaskInfo`.
+    """
+
+    action: str
+    observation: str
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Return actions (n,) or (batch, n) for one observation or a batch, and the state for the next call.
+
+        Args:
+            observation: one observation or a batch of them.
+            state: returned by the last call; None in the first one.
+            episode_start: (batch,) bool, where an episode has just begun; None: nowhere, unless state is None.
+            deterministic: False: a stochastic policy samples its actions.
+        """
+        ...
+
+
+POLICIES: Registry[Any] = Registry("policy", {})
+"""Policies and control laws by name, each made as ``POLICIES[name](info, settings)`` from a :class:`TaskInfo` and the item's
+``Settings``; :mod:`vibgym.policies` has the table. ``POLICIES.register(name, cls)`` adds a custom one.
+
+A law (:class:`vibgym.policies.classical.law.Law`) computes wanted accelerations; :func:`vibgym.make_policy` makes the policy
+that acts by it."""
 
 SCENE = (
     "task", "surface", "parts", "model", "walls", "start", "zones", "slots", "task_settings", "periods_per_step"
@@ -58,6 +91,7 @@ class TaskInfo:
     )  # keyword arguments of an environment, for policies that simulate
     observation: str = "state"  # the environment's ``observation=``
     observation_space: Any = None  # of one world
+    worlds: Kinds | None = None  # parts of the environment's worlds, live, where they differ
 
     @classmethod
     def of(cls, env: Any, name: str | None = None) -> TaskInfo:
@@ -109,12 +143,19 @@ class TaskInfo:
             observation=base.core.options.observation,
             observation_space=getattr(env, "single_observation_space", None) or getattr(env, "observation_space", None),
             scene=copy.deepcopy({name: getattr(base.core.options, name) for name in SCENE}),
+            worlds=base.core.kinds if base.core.kinds.vary else None,
         )
+
+    def with_parts(self, parts: Sequence[Part]) -> TaskInfo:
+        """Return the properties for worlds that all have these parts."""
+        layout, scene = self.layout, {**self.scene, "parts": list(parts)}
+        layout = Layout(self.surface, parts, layout.features, layout.slots)
+        return replace(self, parts=tuple(parts), layout=layout, scene=scene, worlds=None)
 
     @property
     def plant(self) -> Sliding:
         """Return the parts as plants: accelerations by pushes of this hardware on this surface, and drag by friction."""
-        return sliding_of(self.surface, self.parts, strongest(self.surface, self.hardware))
+        return plant_of(self.surface, self.parts, strongest(self.surface, self.hardware))
 
     @property
     def hard_dead_zone(self) -> bool:

@@ -60,6 +60,10 @@ class Kinds(Sequence[Part]):
             return tuple(self._names)
         return tuple(self.every[kind] for kind in self.kind[world].tolist())
 
+    def some(self, worlds: np.ndarray) -> Kinds:
+        """Return the present kinds of some worlds (index array); itself where all worlds have the same parts."""
+        return Kinds(self.every, self.kind[worlds], self.options) if self.vary else self
+
     def changed(self, change: Callable[[Part], Part]) -> Kinds:
         """Return these kinds with other properties, of the same worlds: :meth:`choose` applies to both."""
         kinds = Kinds([change(part) for part in self.every], self.kind, self.options)
@@ -97,3 +101,9 @@ class Kinds(Sequence[Part]):
     def rows(self, worlds: Any) -> Any:
         """Return the rows of live arrays for worlds (index array or slice): all, where all worlds have the same parts."""
         return worlds if self.vary else slice(None)
+
+
+def groups_of(kind: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the different rows of ``kind`` (n, parts), and the indices of the worlds that have each."""
+    different, which = np.unique(kind, axis=0, return_inverse=True)
+    return [(own, np.flatnonzero(which.reshape(-1) == k)) for k, own in enumerate(different)]

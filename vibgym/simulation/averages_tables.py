@@ -39,6 +39,16 @@ def mean_coefficients(s: np.ndarray) -> np.ndarray:
     return result
 
 
+def first_order(s: np.ndarray) -> np.ndarray:
+    """Return ``d``, ``P``, ``Q`` and ``P + Q`` of :func:`mean_coefficients`, (4, ...).
+
+    Over the friction, elements push a part with ``Q`` along and ``P`` across its velocity, and gravity brakes it with ``d``.
+    """
+    ratio, difference, total = np.moveaxis(mean_coefficients(s), -1, 0)
+    across = 0.5 * (total - difference * s * s)
+    return np.stack([ratio * s, across, total - across, total])
+
+
 def _binomials() -> tuple[np.ndarray, np.ndarray]:
     """Return coefficients of (1 - z)^(1/2) and (1 - z)^(-1/2), whose products are the harmonics of n."""
     root, inverse = np.ones(_TERMS + 2), np.ones(_TERMS + 2)

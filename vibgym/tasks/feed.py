@@ -17,8 +17,8 @@ from vibgym.physics.core.noise import KEY_DRAWS, keys_from
 from vibgym.physics.core.records import State
 from vibgym.scene import outlines
 from vibgym.scene.parts import PROTOTYPE, Part
-from vibgym.scene.sliding import LEAST_SPEED, sliding_of
 from vibgym.scene.surface import Surface
+from vibgym.simulation.plant import LEAST_SPEED, plant_of
 from vibgym.tasks.base import HOLD_PERIODS, Task
 from vibgym.tasks.episode import EVENTS, STAYS, Episode, Relations, Start
 from vibgym.tasks.flow import FLOW, MEAN_LOAD, MEAN_TRANSIT, STEPS, Flow, begin_flow, score_flow
@@ -122,7 +122,7 @@ class Feed(Task):
         self.warm_up = round(own.warm_up / surface.period)
         self.spacing = math.sqrt(2.0) * surface.element_size
         shortest = min(float(np.ptp(part.outline[:, 0])) for part in self.parts)
-        top = max(sliding_of(surface, self.parts).top_speed, LEAST_SPEED)
+        top = max(plant_of(surface, self.parts).top_speed, LEAST_SPEED)
         self.headway = math.floor((shortest + self.spacing) / (top * surface.period))
 
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal
@@ -11,10 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.scene.bodies import body_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import read
+from vibgym.simulation.plant import means, plant_of
 from vibgym.tasks import route
 from vibgym.tasks.route import PathSettings, Shape, shape_from
 
@@ -34,18 +33,7 @@ RAMP = 0.25
 STRAIGHT = 1e-6
 """1/m, smallest curvature of a corner."""
 
-_PHASES, _NODES = 2048, 1000
 _HALVINGS = 30
-
-
-@functools.cache
-def means() -> np.ndarray:
-    """Return s in [0, 1), d, P and Q, the last three means over phases, (4, nodes)."""
-    phase = (np.arange(_PHASES) + 0.5) * (2.0 * math.pi / _PHASES)
-    cos, sin, s = np.cos(phase), np.sin(phase), np.arange(_NODES)[:, None] / _NODES
-    slip = np.sqrt(1.0 - 2.0 * s * cos + s * s)
-    drag, across, along = (s - cos) / slip, sin * sin / slip, cos * (cos - s) / slip
-    return np.stack([s[:, 0], drag.mean(axis=1), across.mean(axis=1), along.mean(axis=1)])
 
 
 def bisected(low: float, high: float, holds: Callable[[float], bool]) -> float:
@@ -76,11 +64,11 @@ class Reach:
             raise checks.refuse("parts", f"{part.name!r}, which the elements cannot move", allowed)
         self.surface, self.part = surface, part
         self._node, self._drag, self._across, self._along = means()
-        self._push = part.friction * surface.full_scale  # m/s^2
+        plant = plant_of(surface, [part])
+        self._push = 2.0 * float(plant.push[0])  # m/s^2, of which half acts near rest
         self._brake = part.friction * surface.gravity
-        gyration = math.sqrt(body_of(part).gyration)
-        self._twist = SWIRL * 0.5 * self._push / gyration  # rad/s^2
-        self._spin_drag = 0.5 * self._brake / surface.table_speed  # 1/s
+        self._twist = SWIRL * float(plant.turn_push[0])  # rad/s^2
+        self._spin_drag = float(plant.drag[0])  # 1/s
         self.top_speed, self.fastest = (self._steady(effort) for effort in (1.0, EFFORT))
         self.acceleration = 0.5 * EFFORT * self._push
 

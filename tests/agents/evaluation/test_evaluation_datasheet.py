@@ -36,7 +36,7 @@ def test_limits_follow_from_closed_forms(sheet):
     assert 0.040 / math.sqrt(5.0) < found.gap < 0.020  # at crossings, at least that of the largest disc inside
     # A pulse at 0.1 mm (docs/control.md).
     assert found.pulse == pytest.approx(0.1e-3 * 2.7e-3 * (50.0 * math.pi) ** 3 * 0.04 / 9.81, rel=1e-9)
-    # The averages' own speed, within what they leave out (vibgym.scene.sliding).
+    # The averages' own speed, within what they leave out (vibgym.simulation.plant).
     assert found.top_speed == pytest.approx(0.71 * SURFACE.table_speed, rel=0.03)
 
 

@@ -25,25 +25,26 @@ SUITE = {
     "resamples": 200,
 }
 CODE = """
-from vibgym.policies.registry import CONTROLLERS, make_policy
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import POLICIES
 
 def mine(info):
     return make_policy("pose", info)
 
-CONTROLLERS.register("mine", mine)
+POLICIES.register("mine", mine)
 """
 STEPS = json.loads((SHIPPED / "align.json").read_text())["training"]["steps"]
 FAULTY = """
 import time
 from vibgym.policies.classical.open_loop import ZeroPolicy
-from vibgym.policies.registry import CONTROLLERS
+from vibgym.policies.task_info import POLICIES
 
 class Mine(ZeroPolicy):
     def predict(self, observation, state=None, episode_start=None, deterministic=True):
         action, state = super().predict(observation, state, episode_start, deterministic)
         {}
 
-CONTROLLERS.register("mine", Mine)
+POLICIES.register("mine", Mine)
 """
 
 

@@ -19,8 +19,9 @@ from tests.policies.helpers import info_of
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs.observations import OBSERVATIONS, StateObservation
 from vibgym.policies.foreign import ModelPolicy
-from vibgym.policies.registry import CONTROLLERS, make_policy
+from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
+from vibgym.policies.task_info import POLICIES
 
 SAC = {"algorithm": "sb3.SAC", "sb3": helpers.SB3}
 PPO = {"algorithm": "sb3.PPO", "sb3": {"n_steps": 16, "batch_size": 32, "policy_kwargs": {"net_arch": [8]}}}
@@ -74,7 +75,7 @@ def test_files_of_stable_baselines3_are_loaded_by_its_own_load(tmp_path, monkeyp
     def load(info):
         return ModelPolicy(stable_baselines3.PPO.load(path, device="cpu"), info, action="field")
 
-    monkeypatch.setitem(CONTROLLERS._items, "mine", load)
+    monkeypatch.setitem(POLICIES._items, "mine", load)
     config = tmp_path / "evaluate.yaml"
     config.write_text(yaml.safe_dump({"tasks": ["Align"], "policies": ["mine"], "episodes": 2, "animations": False}))
     assert command.main(["evaluate", str(config), "--output", str(tmp_path / "report"), "--quiet"]) == 0

@@ -10,7 +10,7 @@ from vibgym.plugins.play.picture import frame_of, scene_of
 from vibgym.plugins.play.world import World
 from vibgym.policies import TaskInfo
 from vibgym.policies.applicable import policies_of
-from vibgym.policies.registry import CONTROLLERS
+from vibgym.policies.task_info import POLICIES
 
 
 def poses(world):
@@ -43,7 +43,7 @@ def test_policies_that_command_motions_act_as_in_the_environment(action, hardwar
     def mine(info):
         return vibgym.make_policy({"kind": "planner", "action": action}, info)
 
-    monkeypatch.setitem(CONTROLLERS._items, "mine", mine)
+    monkeypatch.setitem(POLICIES._items, "mine", mine)
     world = World(settings_of("Sort", policy="mine", hardware=hardware), seed=3)
     env = gym.make("vibgym/Sort-v0", **{**world.settings.arguments(), "action": action}).unwrapped
     policy, state = mine(TaskInfo.of(env)), None

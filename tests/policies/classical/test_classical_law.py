@@ -7,11 +7,12 @@ import pytest
 
 from tests.envs.helpers import batch
 from tests.policies.helpers import SURFACE, info_of
+from vibgym.policies.classical.law import laws
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.steering import LAWS, LocalFieldPolicy, Steering
+from vibgym.policies.classical.steering import LocalFieldPolicy, Steering
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
-from vibgym.scene.sliding import TOP_SLIP
+from vibgym.simulation.plant import TOP_SLIP
 
 
 def steering(name="Sort", periods=1, **arguments):
@@ -123,7 +124,7 @@ def test_targets_are_goals_positions_in_zones_or_away_from_others():
 
 def test_controllers_realise_the_velocities_of_planners():
     """A target ``lead v`` ahead of a part with velocity v needs no change of velocity."""
-    for name in LAWS:
+    for name in laws():
         policy = make_policy({"kind": "local_field", "law": name}, info_of("Transport"))
         if name in ("pid"):
             continue  # it observes positions only, and needs steps to estimate a velocity

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibgym.policies.classical.pid import Pid, gains_for
+from vibgym.policies.classical.linear_laws import Pid, gains_for
 
 T = 0.04
 

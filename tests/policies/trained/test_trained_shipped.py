@@ -13,10 +13,9 @@ from tests.policies.helpers import DISC, FRESH, episodes, info_of
 from vibgym import Surface
 from vibgym.envs.vector import environment_id
 from vibgym.policies.measures import Measures
-from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.policies.trained.catalogue import SHIPPED
 from vibgym.policies.trained.trained import RESIDUAL, described, serves_surface
 

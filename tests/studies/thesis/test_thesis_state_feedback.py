@@ -18,9 +18,8 @@ from studies.thesis.state_feedback import (
     StateSpaceLaw,
 )
 from tests.policies.helpers import info_of
-from vibgym.policies.classical.lqr import discrete_lqr, discretize
+from vibgym.policies.classical.linear_laws import discrete_lqr, discretize, polynomial
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.pid import polynomial
 
 A, B = DOUBLE_INTEGRATOR
 T = 0.04

@@ -8,7 +8,8 @@ from scipy.special import ellipe, ellipk
 
 from tests.allocation.averaged_model import mean_acceleration
 from vibgym import Part, Surface
-from vibgym.tasks.paths import EFFORT, Reach, means
+from vibgym.simulation.plant import means
+from vibgym.tasks.paths import EFFORT, Reach
 
 SURFACE = Surface()
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.kernels.jit import jit
 from vibgym.physics.contacts.hulls import hull_gap, place_hulls
 from vibgym.policies.classical.law import lead_of
@@ -32,13 +33,12 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
 
-def half_extents(info: TaskInfo) -> np.ndarray:
-    """Return half of the extents (parts, 2) m of the parts at heading 0."""
-    return np.array([np.abs(part.outline).max(axis=0) for part in info.parts])
-
-
 def extents(half: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Return half of the extents (batch, parts, 2) m along and across the table of parts with ``heading`` (batch, parts)."""
+    """Return half of the extents (batch, parts, 2) m along and across the table of parts with ``heading`` (batch, parts).
+
+    Args:
+        half: (parts, 2) m, half of them at heading 0.
+    """
     cosine, sine = np.abs(np.cos(heading)), np.abs(np.sin(heading))
     return np.stack([half[:, 0] * cosine + half[:, 1] * sine, half[:, 0] * sine + half[:, 1] * cosine], axis=-1)
 
@@ -76,7 +76,7 @@ class FeedingPolicy(Steering):
         self.lane = 0.5 * (zones[:, 1] + zones[:, 3])
         self.gate = zones[:, 0]
         self.inlet = float(2.0 * max(part.radius for part in info.parts))
-        self.half = half_extents(info)
+        self.half = np.array([np.abs(part.outline).max(axis=0) for part in info.parts])
         self.spacing = float(np.sqrt(2.0) * info.surface.element_size)
 
     def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
@@ -133,7 +133,7 @@ class CrossingPolicy(TwoPhasesPolicy):
             raise info.unsupported("lanes", required)
         super().__init__(info, settings)
         self.top = info.plant.top_speed
-        self.half = half_extents(info)
+        self.half = 0.5 * self.targets.size
         self.rules = Rules(info.surface.width, info.surface.depth, self.top, 1.0 / self.lead)
 
     def choose(self, measured: Measured, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
@@ -208,6 +208,26 @@ class CrossingPolicy(TwoPhasesPolicy):
         return np.where(meets[..., None], np.stack([vx, vy], axis=-1), straight), first, meets
 
 
+class LanesPolicy:
+    """Lanes through gates where parts come and go (:class:`FeedingPolicy`), else :class:`CrossingPolicy`."""
+
+    Settings = TwoPhasesPolicy.Settings
+    supports = Steering.supports
+
+    def __new__(cls, info: TaskInfo, settings: TwoPhasesPolicy.Settings) -> FeedingPolicy | CrossingPolicy:
+        """Make the policy for the task.
+
+        Raises:
+            ValueError: settings of patterns where parts leave through gates, or another task.
+        """
+        if not info.flows:
+            return CrossingPolicy(info, settings)
+        known = FeedingPolicy.Settings.model_fields
+        for name in settings.model_fields_set - known.keys():
+            raise checks.unknown("setting", name, known, of="policy 'lanes' where parts leave through gates")
+        return FeedingPolicy(info, FeedingPolicy.Settings(**{name: getattr(settings, name) for name in known}))
+
+
 # -- velocities that avoid collisions ----------------------------------------------------------------------------------
 
 # Candidate velocities in addition to the wanted one, half of it, and rest: directions, and speeds over the top speed.
@@ -229,9 +249,7 @@ class Rules(NamedTuple):
     edge: float = 0.004  # m, by which rectangles may extend over the border
     near: float = 0.003  # m, distance that parts keep
     ahead: float = 0.35  # s, horizon
-    meeting: float = (
-        4.0  # price of an immediate collision, over that of rest for a part whose wanted speed is the top speed
-    )
+    meeting: float = 4.0  # price of a collision now, over that of rest for a part whose wanted speed is the top speed
     yielding: float = 0.3  # share of this price for a part that has right of way over the other
     faithful: float = 0.1  # price of a velocity that differs from the present one by the top speed
 

@@ -19,7 +19,8 @@ from pydantic import Field
 
 from vibgym import checks
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import POLICIES, TaskInfo
+from vibgym.registry import Registry
 from vibgym.settings import BaseSettings
 
 LONGEST_LEAD = 10.0  # s, upper limit of the search of :func:`lead_of`
@@ -75,6 +76,13 @@ class Law(ABC):
         return memory
 
 
+def laws() -> Registry[type[Law]]:
+    """Return the control laws among :data:`vibgym.policies.POLICIES`, by name."""
+    return Registry(
+        "law", {name: item for name, item in POLICIES.items() if isinstance(item, type) and issubclass(item, Law)}
+    )
+
+
 def lead_of(law: Law, info: TaskInfo, speed: float) -> float:
     """Return the ``lead`` of a law, s; if it is None, compute it by bisection of :meth:`Law.wanted` at ``speed`` (m/s).
 
@@ -110,10 +118,7 @@ NEAR, NEAR_TURN = 0.003, math.radians(5.0)
 REACH, REACH_TURN = 0.015, math.radians(10.0)
 
 BAND = 0.25  # share of the tolerances within which places of rest are not corrected
-LOOSE_BAND, LOOSE_TURN = (
-    0.001,
-    math.radians(2.5),
-)  # m and rad, the same in tasks with zones or distances instead of goals
+LOOSE_BAND, LOOSE_TURN = 0.001, math.radians(2.5)  # m and rad, in tasks with zones or distances instead of goals
 LEAST_DRAG = 1e-9  # 1/s, used for parts without friction
 DOUBT = 1.5  # standard deviations of the place of rest by which bands are widened
 
@@ -168,9 +173,8 @@ class Settling:
 
 # 1/s, with goal poses, and without, where parts that slow down early keep their distance from others for longer.
 APPROACH, CROWD_APPROACH = 9.0, 7.0
-SLOWER = (
-    2.5  # time by which longer steps make the approach longer, over the added time; tuned with four periods per step
-)
+# Time by which longer steps make the approach longer, over the added time; tuned with four periods per step.
+SLOWER = 2.5
 
 
 class LocalLaw(Law):

@@ -134,7 +134,7 @@ def recall(
 
     Args:
         state: what the controller returned last; None at the very start.
-        episode_start: (batch,) bool, see :meth:`vibgym.policies.protocol.Policy.predict`.
+        episode_start: (batch,) bool, see :meth:`vibgym.policies.task_info.Policy.predict`.
         initial: memory at an episode's start, per world or of one world for all: a NamedTuple of arrays (batch, ...) or
             (1, ...) and of such NamedTuples.
         batch: number of worlds.
@@ -144,10 +144,10 @@ def recall(
     Raises:
         ValueError: a memory of another controller or batch.
     """
-    fresh = _each(lambda array: np.broadcast_to(array, (batch, *array.shape[1:])), initial)
+    fresh = mapped(lambda array: np.broadcast_to(array, (batch, *array.shape[1:])), initial)
     if state is None:
         # In C order, unlike np.copy: another layout would compile every kernel that reads the memory twice.
-        return _each(np.ndarray.copy, fresh), np.ones(batch, dtype=bool)
+        return mapped(np.ndarray.copy, fresh), np.ones(batch, dtype=bool)
     new = np.broadcast_to(np.asarray(False if episode_start is None else episode_start, dtype=bool), (batch,))
     if not _alike(state, fresh):
         got = type(state).__name__
@@ -161,15 +161,18 @@ def recall(
         result[reset] = start[reset]
         return result
 
-    return _each(kept, state, fresh), new
+    return mapped(kept, state, fresh), new
 
 
-def _each(function: Callable[..., np.ndarray], *memories: Any) -> Any:
-    """Return a memory of the results of a function of the arrays of memories."""
-    if isinstance(memories[0], np.ndarray):
+def mapped(function: Callable[..., np.ndarray], *memories: Any) -> Any:
+    """Return a memory of the results of a function of the arrays of memories, which are arrays and tuples of them, or None."""
+    first = memories[0]
+    if isinstance(first, np.ndarray):
         return function(*memories)
-    rows = [_each(function, *each) for each in zip(*memories, strict=True)]
-    return type(memories[0])(*rows) if rows else memories[0]
+    if not isinstance(first, tuple):
+        return first
+    rows = [mapped(function, *entries) for entries in zip(*memories, strict=True)]
+    return type(first)(*rows) if hasattr(first, "_fields") else tuple(rows)
 
 
 def _alike(state: Any, fresh: Any) -> bool:

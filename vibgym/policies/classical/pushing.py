@@ -20,8 +20,8 @@ from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.classical.steering import LawChoice, Memory, Steering
 from vibgym.policies.task_info import TaskInfo
-from vibgym.scene.sliding import drag_of
 from vibgym.settings import Length, Speed
+from vibgym.simulation.plant import drag_of
 
 SPACING = 0.004  # m between candidate points of the outline
 ANGLES = 72  # directions about the part in which the distance of the path round it is tabulated
@@ -29,7 +29,7 @@ BARRED = 10.0  # m, added to the length of a path that a border or the other pus
 SECTOR, AHEAD = (
     0.30,
     0.35,
-)  # rad, direction from the part below which a pusher goes straight; its next point on the way round
+)  # rad: direction from the part below which a pusher goes straight; next point on the way round
 ROOM = 0.004  # m between pushers
 
 

@@ -1,6 +1,6 @@
 """From targets of parts to actions: the base class of all classical controllers, and the simplest of them.
 
-:class:`Steering` runs a control law and finds the pushes for its accelerations; an output (:data:`OUTPUTS`) turns pushes into
+:class:`Steering` runs a control law and finds the pushes for its accelerations; an output (:mod:`.outputs`) turns pushes into
 the environment's action. :class:`LocalFieldPolicy` steers every part straight to its target.
 """
 
@@ -8,151 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from vibgym import checks
-from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.envs.features import SPIN
-from vibgym.envs.motions import MOTIONS, Wrench
-from vibgym.policies.classical.gains import GainLearner, turn_pushes
-from vibgym.policies.classical.law import Law, LocalLaw
-from vibgym.policies.classical.lqr import LqrLaw
+from vibgym.envs.motions import MOTIONS
+from vibgym.policies.classical.law import Law, laws
 from vibgym.policies.classical.measured import Measured, Preview, from_goals, recall, wrap
-from vibgym.policies.classical.observer import OBSERVERS, Disturbance
-from vibgym.policies.classical.pid import PidLaw
-from vibgym.policies.classical.pose_law import PoseLaw
+from vibgym.policies.classical.outputs import OUTPUTS, DisturbanceObserver
 from vibgym.policies.task_info import TaskInfo
-from vibgym.registry import Registry
 from vibgym.settings import BaseSettings, Length, with_unit
-
-LAWS: Registry[type[Law]] = Registry("law", {"local": LocalLaw, "pose": PoseLaw, "lqr": LqrLaw, "pid": PidLaw})
-"""Control laws by name. ``LAWS.register(name, cls)`` adds a custom one, a subclass of :class:`.law.Law`. Its name is
-then also a controller's: straight to the goal with one part, under the planner with several."""
 
 LawChoice = str | Mapping[str, Any]
 """Name of a law, or a mapping with ``kind`` and the law's settings."""
 
-
-class PhasorOutput:
-    """Output that turns pushes into phasors of all elements, with the estimated gains of the elements.
-
-    Args:
-        info: task, scene and step time.
-        process: the frictional process, with the limit of the hardware.
-        learn: whether to estimate gains and phases of elements, see :class:`Steering`.
-
-    Attributes:
-        learner: estimator of the elements' gains, None: not used.
-    """
-
-    def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool) -> None:
-        self.learner = GainLearner(info) if learn and info.hard_dead_zone and info.has_goal else None
-        self.allocator = Allocator(info.surface, info.parts, info.hardware)
-        self.half = 0.5 * info.surface.period  # s
-
-    def begin(self, batch: int) -> Any:
-        """Return the memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
-        return () if self.learner is None else self.learner.begin(batch)
-
-    def give(
-        self, measured: Measured, seen: np.ndarray, push: np.ndarray, memory: Any
-    ) -> tuple[np.ndarray, np.ndarray, Any]:
-        """Return the action (batch, n) float32, the pushes (batch, parts, 3) that parts get near rest, and the new memory.
-
-        Args:
-            measured: parts at the instant when this step's command begins to act.
-            seen: (batch, parts, 3) measured mean velocity over the last period, m/s and rad/s.
-            push: (batch, parts, 3) wanted pushes, see :class:`vibgym.allocation.frictional.FrictionalInverse`; 0: at rest.
-            memory: of :meth:`begin`, or what the last call returned.
-        """
-        present = measured.present
-        # In the middle of the step, during which a part at 0.15 m/s moves by a quarter of an element.
-        pose = measured.pose + self.half * measured.rate
-        if self.learner is None:
-            pushes = self.allocator.pushes(pose, present, push)
-            # The elements under a part together can give less than each part's limit.
-            given = self.allocator.effect(pose, present, pushes)
-        else:
-            gain, phase, spread = self.learner.known(memory)
-            pushes = self.allocator.pushes(pose, present, push, gain, spread)
-            turn_pushes(-phase, pushes.reshape(*phase.shape, 2))
-            given = self.learner.predict(pushes, memory, push)
-        return self.allocator.commands(pushes), given, memory
-
-
-class Accelerations(NamedTuple):
-    """Memory of :class:`MotionOutput`: (batch, parts, 3) each."""
-
-    given: np.ndarray  # m/s^2 and rad/s^2, which the environment's action assumed in the last step
-    velocity: np.ndarray  # m/s and rad/s, at which it did
-    pose: np.ndarray  # m, m, rad, at which it did
-
-
-class MotionOutput:
-    """Output that turns pushes into motions of the parts (:mod:`vibgym.envs.motions`), for which the environment finds phasors.
-
-    The environment inverts the frictional process at a velocity that it computes from the same measurement. This class applies
-    the forward process at that velocity, so that the environment finds the intended push; at rest this is the acceleration
-    that friction alone gives. Values beyond 1 are clipped: with ``"wrench"``, a part that brakes from its top speed, where
-    friction helps, can do half as much again. Gains of elements are not estimated, since the environment allocates.
-
-    Args:
-        action: class of the environment's action.
-        info, process: see :class:`PhasorOutput`.
-        learn: no effect.
-    """
-
-    learner = None
-
-    def __init__(self, action: type[Wrench], info: TaskInfo, process: FrictionalInverse, learn: bool) -> None:
-        self.process = process
-        self.mapping = action(info.surface, info.parts)
-        self.mapping.step_time = info.step_time
-        self.mapping.resolve_limits(info.hardware, 1)
-        self.allocator = self.mapping.allocator
-        self.half, self.parts = 0.5 * info.surface.period, len(info.parts)
-        self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
-
-    def begin(self, batch: int) -> Accelerations:
-        """See :meth:`PhasorOutput.begin`."""
-        return Accelerations(*np.zeros((3, batch, self.parts, 3)))
-
-    def give(
-        self, measured: Measured, seen: np.ndarray, push: np.ndarray, memory: Accelerations
-    ) -> tuple[np.ndarray, np.ndarray, Accelerations]:
-        """See :meth:`PhasorOutput.give`."""
-        present = measured.present
-        velocity = seen + self.half * memory.given
-        wanted, _ = self.process.acceleration(velocity, push)
-        action = np.clip(self.mapping.values(wanted, velocity), -1.0, 1.0)
-        action = np.where(present[..., None], action, 0.0).astype(np.float32)
-        pose = measured.pose - self.ahead * measured.rate  # measured by the environment, which allocates there
-        found, counted, holds = self.process.push(velocity, self.mapping.acceleration(action, velocity, pose))
-        served = present & holds
-        found = np.where(served[..., None] & push.any(axis=-1, keepdims=True), found, 0.0)
-        given = self.allocator.effect(pose, served, self.allocator.pushes(pose, served, found))
-        memory = Accelerations(np.where(served[..., None], counted, 0.0), velocity, pose)
-        return action.reshape(len(present), -1), given, memory
-
-    def counted(self, action: np.ndarray, memory: Accelerations) -> np.ndarray:
-        """Return the accelerations (batch, parts, 3) that the environment assumes if the last step's action was another one."""
-        action = np.clip(action, -1.0, 1.0).reshape(memory.given.shape)
-        _, counted, holds = self.process.push(
-            memory.velocity, self.mapping.acceleration(action, memory.velocity, memory.pose)
-        )
-        return np.where(holds[..., None], counted, 0.0)
-
-
-OUTPUTS: Mapping[str, Any] = {
-    "phasor": PhasorOutput,
-    **{name: partial(MotionOutput, action) for name, action in MOTIONS.items()},
-}
-"""Outputs by the environment's ``action=``, made as ``cls(info, process, learn)``."""
 
 TURN_ROOM = 0.010  # m, distance to the nearest other part below which a part turns more slowly
 SPIN_LIMIT = (1.0 - 1e-6) * SPIN  # rad/s, range of observations; faster spins are predicted
@@ -166,7 +39,7 @@ class Memory(NamedTuple):
     law: Any  # the law's own
     spin: np.ndarray  # (batch, parts) rad/s, predicted for the end of that step
     output: Any  # the output's own
-    observer: Disturbance | tuple[()]  # the observer's own
+    observer: Any  # a Disturbance, or () without an observer
     own: Any = ()  # the policy's own
 
 
@@ -217,23 +90,29 @@ class Steering:
             rest = {name: value for name, value in given.items() if name not in own}
             if not rest:
                 return given
-            kind, settings = LAWS.split("law", own.get("law", cls.model_fields["law"].default))
-            law = getattr(LAWS[kind], "Settings", None)
+            known = laws()
+            kind, settings = known.split("law", own.get("law", cls.model_fields["law"].default))
+            law = known[kind].Settings
             for name in rest:
                 if name in settings:
                     raise checks.conflict(f"{name!r} is given twice, beside the law and with it")
-                if law is not None and name not in law.model_fields and name not in with_unit(law):
-                    known = *cls.model_fields, *law.model_fields
-                    raise checks.unknown("setting", name, known, of=f"the policy and its law {kind!r}")
+                if name not in law.model_fields and name not in with_unit(law):
+                    names = *cls.model_fields, *law.model_fields
+                    raise checks.unknown("setting", name, names, of=f"the policy and its law {kind!r}")
             return {**own, "law": {"kind": kind, **settings, **rest}}
 
     observation = "state"
     settings: Settings
 
+    @staticmethod
+    def supports(action: str) -> bool:
+        """Return whether there is an output for the environment's ``action=``."""
+        return action in OUTPUTS
+
     def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
         self.info = info
         self.settings = own = type(self).Settings() if settings is None else settings
-        self.law: Law = LAWS.make("law", own.law, info)
+        self.law: Law = laws().make("law", own.law, info)
         self.slack = self.law.slack
         self.process = FrictionalInverse(
             info.surface, info.parts, limit=info.hardware.limit, ahead=0.5 * info.surface.period
@@ -247,15 +126,18 @@ class Steering:
         self.output = OUTPUTS[own.action](info, self.process, own.learn)
         self.learner = self.output.learner
         usual = "none" if info.flat or info.hard_dead_zone or len(info.parts) > 1 else "disturbance"
-        self.observer = OBSERVERS[own.observer or usual](info, self.gaining, self.gained)
+        observes = (own.observer or usual) == "disturbance"
+        self.observer = DisturbanceObserver(info, self.gaining, self.gained) if observes else None
         self.symmetry = np.array([part.symmetry for part in info.parts])
         self.preview = Preview(info) if info.goal_moves else None
 
     def initial(self, batch: int) -> Memory:
         """Return the memory at the start of an episode."""
         shape = batch, len(self.info.parts)
-        output, observer = self.output.begin(batch), self.observer.begin(batch)
-        return Memory(np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape), output, observer)
+        observer = () if self.observer is None else self.observer.begin(batch)
+        return Memory(
+            np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape), self.output.begin(batch), observer
+        )
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
@@ -288,8 +170,9 @@ class Steering:
         if self.preview is not None:
             measured = self.preview(measured)
         known = np.abs(measured.spin) < SPIN_LIMIT
-        unknown = self.observer.update(measured, known, memory.acceleration, memory.observer)
-        gained = self.gaining[:, None] * (memory.acceleration + unknown)
+        if self.observer is not None:
+            self.observer.update(measured, known, memory.acceleration, memory.observer)
+        gained = self.gaining[:, None] * (memory.acceleration + _unknown(memory))
         spin = np.where(known, measured.spin + gained[..., 2], memory.spin)
         measured = replace(measured, velocity=measured.velocity + gained[..., :2], spin=spin)
         if self.ahead == 0.0 and self.learner is None:
@@ -321,7 +204,7 @@ class Steering:
             room = np.where(free, 1.0, room)
         seen = measured if self.preview is None else from_goals(measured)
         wanted, law = self.law.wanted(seen, way, room * self._turn(measured), memory.law)
-        unknown = self.observer.estimate(memory.observer)
+        unknown = _unknown(memory)
         wanted = wanted + measured.goal_acceleration - unknown
         moves, velocity = ~np.isnan(wanted[..., :1]), measured.rate
         push, allowed, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
@@ -333,7 +216,7 @@ class Steering:
         spin = measured.spin + self.gained * (acceleration + unknown)[..., 2]
         # Pass the acceleration within limits, without the allocation's residual, which laws would take for saturation.
         limited = np.where(moves, allowed, acceleration) + unknown - measured.goal_acceleration
-        observer = self.observer.started(velocity, holds, memory.observer)
+        observer = memory.observer and memory.observer._replace(start=velocity, valid=holds)
         memory = Memory(acceleration, self.law.applied(seen, limited, law), spin, output, observer, memory.own)
         return (action[0] if measured.single else action), memory
 
@@ -371,6 +254,11 @@ class Steering:
         if len(self.info.parts) == 1:
             return np.zeros_like(measured.heading)
         return -wrap(measured.heading, self.symmetry)
+
+
+def _unknown(memory: Memory) -> np.ndarray | float:
+    """Return the accelerations (batch, parts, 3) by disturbances, m/s^2 and rad/s^2; 0 without an observer."""
+    return memory.observer.acceleration if memory.observer else 0.0
 
 
 class LocalFieldPolicy(Steering):

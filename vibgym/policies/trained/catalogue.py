@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 from vibgym import Surface, checks
 from vibgym.actuators import ACTUATORS, DataSheet
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.task_info import POLICIES, TaskInfo
 from vibgym.policies.trained.trained import ANY, RESIDUAL, serves_surface
+from vibgym.settings import BaseSettings
 
 SHIPPED = Path(__file__).parent / "shipped"
 
@@ -50,6 +51,32 @@ def hardware_of(sheet: DataSheet, surface: Surface) -> str:
     """Return which of :data:`HARDWARE` a data sheet describes."""
     assert surface.max_amplitude is not None
     return HARDWARE[sheet != DataSheet(surface.max_amplitude)]
+
+
+class Learned:
+    """Maker of the shipped agent for a task and hardware (:func:`shipped_agent`)."""
+
+    class Settings(BaseSettings):
+        """Choice of the agent."""
+
+        action: str | None = None
+        """Of the agent. None: any."""
+
+        hardware: str | None = None
+        """``"ideal"`` or ``"prototype"``. None: by the data sheet of the scene's actuators."""
+
+        variant: str | None = None
+        """Such as ``"cloned"``. None: any, the usual agent before its variants."""
+
+    @staticmethod
+    def supports(action: str) -> bool:
+        """Return whether there may be agents for the environment's ``action=``: any."""
+        return True
+
+    def __new__(cls, info: TaskInfo, settings: Settings) -> Any:
+        """Load the agent."""
+        agent = shipped_agent(info, action=settings.action, hardware=settings.hardware, variant=settings.variant)
+        return POLICIES.make("policy", {"kind": agent.kind, "path": str(agent.path)}, info)
 
 
 @functools.cache

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -11,6 +10,7 @@ import numpy as np
 from vibgym import Part, Surface, checks
 from vibgym.envs.actions import ACTIONS, actions_by_part, patch_size
 from vibgym.envs.observations import PIXELS
+from vibgym.policies.foreign import element_code
 from vibgym.policies.trained.networks import ImageShape, Shape
 from vibgym.policies.trained.symmetry import Turns
 
@@ -376,17 +376,6 @@ def picked(layout: Sequence[Any], columns: Sequence[Sequence[Any]] | None) -> tu
 def phasor_code(table: np.ndarray) -> np.ndarray:
     """Return ``"phasor"`` actions for phasors (worlds, rows, columns, 2)."""
     return table.reshape(len(table), -1)
-
-
-def element_code(table: np.ndarray) -> np.ndarray:
-    """Return ``"element"`` actions, amplitude and phase in [-1, 1], for phasors (worlds, rows, columns, 2)."""
-    coded = np.zeros(table.shape, dtype=np.float32)
-    coded[..., 0] = -1.0  # most elements rest
-    moves = np.nonzero((table[..., 0] != 0.0) | (table[..., 1] != 0.0))
-    c, s = table[moves].T
-    coded[(*moves, 0)] = 2.0 * np.minimum(np.hypot(c, s), 1.0) - 1.0
-    coded[(*moves, 1)] = np.arctan2(s, c) / math.pi
-    return coded.reshape(len(table), -1)
 
 
 CODES = {"phasor": phasor_code, "element": element_code}

@@ -18,11 +18,11 @@ from pydantic import Field
 from vibgym import checks
 from vibgym.envs.features import Numbers
 from vibgym.envs.motions import MOTIONS
-from vibgym.policies.protocol import Policy
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.policies.trained.networks import NEIGHBOUR
 from vibgym.policies.trained.storage import load_set
-from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION, TrainedPolicy, network_of
+from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION, Trained, TrainedPolicy, file_of, network_of
 from vibgym.settings import BaseSettings, read
 
 SCALE = 0.5
@@ -126,6 +126,24 @@ class ResidualPolicy:
         residual, learned = self.learned.predict(rows, memory.learned, episode_start, deterministic)
         action, base = self.base.corrected(proposed, residual, base)
         return (action[0] if single else action), Memory(base, learned)
+
+
+class Residual:
+    """Maker of base policies with a learned correction (:class:`ResidualPolicy`) from files."""
+
+    class Settings(Trained.Settings):
+        """Settings of a correction, whose file contains its base and its scale."""
+
+        base: Any = None
+        """None, or the same policy as in the file: a name or a mapping."""
+
+        scale: float | None = None
+        """None, or the same as in the file."""
+
+    def __new__(cls, info: TaskInfo, settings: Settings) -> Any:
+        """Load the correction and make its base."""
+        found = load_correction(file_of(settings.path, info), info, settings.base, settings.scale)
+        return ResidualPolicy(info, make_policy(found.base, info), found.learned, scale=found.scale)
 
 
 def base_named(base: Any) -> dict[str, Any]:

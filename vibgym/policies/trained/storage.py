@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from safetensors import SafetensorError
-from safetensors.numpy import load, save
 
 from vibgym import checks
 from vibgym.files import reason, write_atomically
@@ -26,6 +24,8 @@ def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: di
     Raises:
         ValueError: the name does not end in ``.json``.
     """
+    from safetensors.numpy import save  # of the extra "policies"
+
     if path.suffix != ".json":
         raise checks.refuse("path", str(path), "a name that ends in .json")
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -64,6 +64,9 @@ def load_set(path: Path, kind: str, version: int = 1) -> tuple[dict[str, np.ndar
     Raises:
         ValueError: the file is missing, not JSON, of another kind or version, or its tensors are missing or altered.
     """
+    from safetensors import SafetensorError  # of the extra "policies"
+    from safetensors.numpy import load
+
     name = str(path)
     try:
         record = json.loads(path.read_text(encoding="utf-8"))

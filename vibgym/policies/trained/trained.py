@@ -16,6 +16,7 @@ from vibgym.policies.trained.flow import FlowPolicy
 from vibgym.policies.trained.joint import JointCoding
 from vibgym.policies.trained.networks import ACTING, ACTIVATIONS
 from vibgym.policies.trained.storage import as_float32, load_set
+from vibgym.settings import BaseSettings
 
 KIND = "vibgym-policy"
 VERSION = 2
@@ -100,6 +101,32 @@ def serves_surface(record: Any, surface: Surface) -> bool:
         each[0] <= mine[name] <= each[1] if isinstance(each, list) and len(each) == 2 else each in (ANY, mine[name])
         for name, each in record.items()
     )
+
+
+class Trained:
+    """Maker of policies from files."""
+
+    class Settings(BaseSettings):
+        """Settings of a trained policy."""
+
+        path: str | Path
+        """JSON file; ``{task}`` in it stands for the task's name in lower case."""
+
+    def __new__(cls, info: TaskInfo, settings: Settings) -> Any:
+        """Load the policy; see :func:`load_trained`."""
+        return load_trained(file_of(settings.path, info), info)
+
+
+def file_of(path: str | Path, info: TaskInfo) -> Path:
+    """Return the file at a path in which ``{task}`` stands for the task's name in lower case.
+
+    Raises:
+        ValueError: a model of Stable-Baselines3.
+    """
+    if str(path).endswith(".zip"):
+        reason = "a model of Stable-Baselines3 is loaded by its own load(), and given as {'policy': model}"
+        raise checks.conflict(f"policy.path {str(path)!r}: {reason}")
+    return Path(str(path).replace("{task}", info.name.lower()))
 
 
 def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | FlowPolicy:

@@ -5,7 +5,7 @@ instant at which its command takes effect. The predictor is always at that insta
 time of this step's reading. So every command is simulated once, independent of the lead.
 
 The difference between a reading and the pose predicted for its instant corrects that prediction. The linear motion of a part
-near rest (:mod:`vibgym.scene.sliding`) propagates the correction to all later predictions:
+near rest (:mod:`vibgym.simulation.plant`) propagates the correction to all later predictions:
 
     p' = v,   v' = -c v + d,   d' = 0
 
@@ -27,11 +27,11 @@ from vibgym import checks
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, Pinned
 from vibgym.physics.core.drive import Drive
-from vibgym.scene.sliding import motion
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.estimation.predictors import FreePredictor, ModelPredictor, Plant, drags_of
 from vibgym.sensing.measurement import Reading, new_measurement
 from vibgym.settings import Acceleration, BaseSettings
+from vibgym.simulation.plant import motion
 
 LEAST_SIGMA = 1e-7
 """Floor of the standard deviation of readings, m and rad: an exact reading would have infinite weight."""

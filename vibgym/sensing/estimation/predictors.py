@@ -11,8 +11,8 @@ import numpy as np
 from vibgym.kernels.jit import jit
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import new_state
-from vibgym.scene.sliding import drag_of, motion
 from vibgym.sensing.base import Sensor
+from vibgym.simulation.plant import drag_of, motion
 from vibgym.simulation.simulator import Simulator
 
 
@@ -99,7 +99,7 @@ def drags_of(sensor: Sensor) -> np.ndarray:
 
 @jit
 def glide(state, drag, time):
-    """Advance parts under friction alone, see :mod:`vibgym.scene.sliding`."""
+    """Advance parts under friction alone, see :mod:`vibgym.simulation.plant`."""
     for w in range(state.pose.shape[0]):
         for p in range(state.pose.shape[1]):
             if state.fallen[w, p]:

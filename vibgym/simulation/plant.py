@@ -1,30 +1,37 @@
-"""Linear model of a part that slides near rest, for controllers, filters and planners.
+"""Averaged motion of a sliding part: its drag, push and lead, for controllers, filters, paths, bounds, fields and tasks.
 
 Friction brakes a part at a constant rate. Under an acceleration ``u`` by the elements, x, y and heading each follow
 
     p' = v,   v' = -c v + u        c = mu g / (2 a_h w)
 
-(first-order averages over a period, thesis eqs. 5.60 and 5.61 at small speed). Faster parts are braked more and pushed less.
+near rest (first-order averages over a period, thesis eqs. 5.60 and 5.61 at small speed). Faster parts are braked more and
+pushed less: :func:`means`. The inverse at any speed, to second order, is :mod:`vibgym.allocation.frictional`.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.kernels.jit import jit
 from vibgym.physics.averaged.averages import friction_rate
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.simulation.averages_tables import first_order
 
 LEAST_SPEED = 1e-3
 """m/s, lower bound of the table's speed in the model."""
 
 TOP_SLIP = 0.71
 """Speed of a part on elements at full amplitude, over the table's: 0.30 m/s on the prototype."""
+
+NODES = 1000
+"""Of :func:`means`."""
 
 DRAG_GROWTH = 0.8
 """Ratio of drag to push near the top speed, relative to rest: ``1 + 0.8 s^2`` with ``s`` the speed over the table's, within 4 %
@@ -41,7 +48,7 @@ class Sliding(NamedTuple):
     top_speed: float  # m/s
 
 
-def sliding_of(surface: Surface, parts: Sequence[Part], strength: float = 1.0) -> Sliding:
+def plant_of(surface: Surface, parts: Sequence[Part], strength: float = 1.0) -> Sliding:
     """Return the model of parts on a surface whose elements reach a share ``strength`` of its largest amplitude."""
     push = strength * 0.5 * reached(parts) * np.array([part.friction for part in parts]) * surface.full_scale
     return Sliding(
@@ -75,6 +82,31 @@ def top_slip(strength: float) -> float:
     for _ in range(20):  # Newton's method; the left side is convex, so it converges from above
         slip -= (slip * (1.0 + DRAG_GROWTH * slip**2) - given) / (1.0 + 3.0 * DRAG_GROWTH * slip**2)
     return slip
+
+
+def lead_angle(surface: Surface, friction: float) -> float:
+    """Return the angle by which the push of a vibrating element leads its first-order direction, rad.
+
+    To first order in ``eps = mu g / (a_h w^2)`` the direction does not depend on friction; in simulation, a part at rest is
+    pushed at about ``1.6 atan(eps)``.
+    """
+    checks.instance("surface", surface, Surface)
+    friction = checks.number("friction", friction, least=0.0)
+    if surface.horizontal_amplitude == 0.0:
+        return 0.0
+    acceleration = surface.horizontal_amplitude * surface.angular_frequency**2
+    return 1.6 * math.atan(friction * surface.gravity / acceleration)
+
+
+@functools.cache
+def means() -> np.ndarray:
+    """Return the speed over the table's, in [0, 1), and drag, push across and push along the velocity there, (4, nodes).
+
+    Over the friction: an acceleration of ``mu g`` by gravity brakes a part by ``mu g`` times the drag, and elements that
+    accelerate it by at most ``mu a_v w^2`` push it by that times the others, 1/2 at rest.
+    """
+    s = np.arange(NODES) / NODES
+    return np.concatenate([s[None], first_order(s)[:3]])
 
 
 @jit

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Surface
-from vibgym.scene.sliding import drag_of, motion, sliding_of, top_slip
+from vibgym.simulation.plant import drag_of, motion, plant_of, top_slip
 
 SURFACE, PART = Surface(), Part.rectangle(0.05, 0.035, friction=0.58)
 
@@ -34,7 +34,7 @@ def test_drag_is_the_closed_form_and_a_still_table_has_one():
 
 
 def test_top_speed_grows_with_strength_slower_than_it():
-    weak, full = sliding_of(SURFACE, [PART], 0.5), sliding_of(SURFACE, [PART])
+    weak, full = plant_of(SURFACE, [PART], 0.5), plant_of(SURFACE, [PART])
     assert 2.0 * weak.push == pytest.approx(full.push) and weak.drag == full.drag
     assert 0.5 * full.top_speed < weak.top_speed < full.top_speed
     assert top_slip(1.0) == pytest.approx(top_slip(1.0 - 1e-12), abs=1e-9)
