@@ -162,8 +162,8 @@ def test_a_batch_refuses_bad_calls_before_anything_changes():
 @pytest.mark.parametrize(("name", "settings"), [
     ("AlignShapes", {"action": "velocity"}),
     ("AlignShapes", {"action": "target", "observation": "image"}),
-    ("AlignShapes", {"action": "patch", "sensor": {"kind": "pose", "position_mm": 0.5, "estimator": "model"}}),
-    ("AlignShapes", {"action": "wrench", "model": "tilting", "randomize": {"disturbance": {"rate": 5.0, "tilt_deg": 3.0}}}),
+    ("AlignShapes", {"action": "patch", "sensor": {"kind": "pose", "noise": {"position_mm": 0.5}, "estimator": "model"}}),
+    ("AlignShapes", {"action": "wrench", "randomize": {"disturbance": {"rate": 5.0, "tilt_deg": 3.0}}}),
     ("AlignShapes", {"action": "field", "sensor": {"kind": "camera", "statistical": True}, "observation": "parts"}),
     ("AlignShapes", {"action": "velocity", "model": "averaged", "observation": "goal"}),
     ("SortShapes", {"action": "field", "randomize": {"friction": [0.9, 1.1], "mass": [0.5, 2.0]}, "observation": "parts"}),
@@ -198,7 +198,6 @@ def test_a_batch_has_the_bits_of_single_environments(name, settings):
                 assert (reward[k], terminated[k], truncated[k]) == (earned, *ends)
         compared(seen, expected)
         ended = terminated | truncated
-        assert ended.any() == (step == 11) or terminated.any()
     assert many.unwrapped.core.kinds.kind.shape == (worlds, len(many.unwrapped.parts))
 
 

@@ -55,10 +55,10 @@ class ByParts:
             ValueError: another number of observations than worlds.
         """
         kinds, before = self.kinds, {} if state is None else state
-        numbers = next(iter(observation.values())) if isinstance(observation, dict) else observation
-        space = self._info.observation_space
-        one = next(iter(space.spaces.values())) if hasattr(space, "spaces") else space
-        if np.ndim(numbers) == len(one.shape):
+        numbers = observation
+        if isinstance(observation, dict):
+            numbers = observation.get("mask", next(iter(observation.values())))
+        if np.ndim(numbers) in (1, 3):  # a flat observation or an image
             return self._single(observation, before, episode_start, deterministic)
         if len(numbers) != len(kinds.kind):
             raise checks.refuse("observation", f"a batch of {len(numbers)}", f"one of the {len(kinds.kind)} worlds")

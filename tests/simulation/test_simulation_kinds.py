@@ -1,0 +1,63 @@
+"""Worlds of one simulator with different parts."""
+
+import numpy as np
+import pytest
+
+from vibgym import Part, Simulator, Surface
+from vibgym.scene.kinds import Kinds
+
+SURFACE = Surface(rows=6, columns=8)
+EVERY = [
+    Part.rectangle(0.05, 0.035, friction=0.58, height=0.01, mass=0.09, name="block"),
+    Part.disc(0.02, friction=0.4, height=0.01, mass=0.05, name="disc"),
+    Part.polygon(
+        [[0, 0], [0.05, 0], [0.03, 0.04]], friction=0.64, height=0.01, mass=0.06, restitution=0.5, name="triangle"
+    ),
+    Part.rectangle(0.025, 0.02, friction=0.5, height=0.01, mass=0.02, contact_friction=0.1, name="small"),
+]
+MODELS = [
+    "planar",
+    "averaged",
+    "tilting",
+    {"model": "planar", "contacts": "fast"},
+    {"model": "planar", "contacts": "pymunk"},
+]
+
+
+@pytest.mark.parametrize("model", MODELS, ids=str)
+@pytest.mark.parametrize("parts", [1, 4])
+def test_each_world_moves_as_one_with_its_parts_alone(model, parts):
+    if parts > 1 and model == "averaged" or parts == 1 and isinstance(model, dict):
+        pytest.skip("not a scene of the model")
+    settings = model if isinstance(model, dict) else {"model": model}
+    draw, worlds = np.random.default_rng(0), 6
+    kind = np.array([draw.integers(0, len(EVERY), parts) for _ in range(worlds)])
+    kinds = Kinds(EVERY, np.zeros((worlds, parts), dtype=int), [range(len(EVERY))] * parts)
+    kinds.choose(np.arange(worlds), kind)
+    together = Simulator(SURFACE, kinds, worlds=worlds, **settings)
+    middle = np.array([[0.06, 0.05, 0.3], [0.125, 0.05, 1.0], [0.06, 0.11, 2.0], [0.125, 0.11, 0.0]])[:parts]
+    pose = middle + draw.uniform(-0.002, 0.002, (worlds, parts, 3))
+    amplitude = draw.uniform(0.0, SURFACE.max_amplitude, (worlds, SURFACE.rows, SURFACE.columns))
+    phase = draw.uniform(-3.0, 3.0, amplitude.shape)
+    together.reset(pose)
+    together.advance(amplitude, phase, 12)
+    for world in range(worlds):
+        # Fast contacts take the steps that the finest of all kinds requires.
+        everyone = Kinds(EVERY, kind[[world]], [range(len(EVERY))] * parts)
+        alone = Simulator(SURFACE, everyone, **settings)
+        alone.reset(pose[world])
+        alone.advance(amplitude[world], phase[world], 12)
+        for name in ("pose", "velocity", "mean_velocity", "fallen", "contact_impulse"):
+            np.testing.assert_array_equal(getattr(together, name)[world], getattr(alone, name)[0], err_msg=name)
+        if settings.get("contacts") != "fast":
+            fixed = Simulator(SURFACE, [EVERY[k] for k in kind[world]], **settings)
+            fixed.reset(pose[world])
+            fixed.advance(amplitude[world], phase[world], 12)
+            np.testing.assert_array_equal(fixed.pose[0], together.pose[world])
+    assert len({tuple(row) for row in kind.tolist()}) > 2 and np.abs(together.pose - pose).max() > 0.005
+
+
+def test_kinds_of_another_number_of_worlds_are_refused():
+    kinds = Kinds(EVERY, np.zeros((3, 1), dtype=int), [range(len(EVERY))])
+    with pytest.raises(ValueError, match="3 worlds"):
+        Simulator(SURFACE, kinds, worlds=2)
