@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from agents.checkpoint import arrays
 from agents.training_settings import TrainSettings
 from vibgym import checks
-from vibgym.adapters.sb3 import VecEnv, divided
+from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.vector import batch_of
 from vibgym.policies.registry import make_policy
@@ -52,6 +52,18 @@ def make_worlds(settings: TrainSettings, observation: str) -> VecEnv:
     worlds = VecEnv(*envs)
     worlds.seed(training_seed(settings.seed))
     return worlds
+
+
+def divided(argument: str, worlds: int, scenes: Sequence[dict[str, Any]]) -> list[tuple[dict[str, Any], int]]:
+    """Return scenes and their numbers of worlds, which differ by one at most.
+
+    Raises:
+        ValueError: fewer worlds than scenes; names the argument.
+    """
+    if worlds < len(scenes):
+        raise checks.refuse(argument, worlds, f"at least {len(scenes)}, one for each scene")
+    shares = np.array_split(np.arange(worlds), len(scenes))
+    return [(scene, len(share)) for scene, share in zip(scenes, shares, strict=True)]
 
 
 class ResidualEnv(VectorWrapper):

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium.utils.seeding import np_random
 
 from agents.evaluation.statistics import Interval, bootstrap, episode_scores, exact, quartiles
 from agents.evaluation.table import quantity
 from studies.benchmarks import common
 from studies.kept import show
-from vibgym.envs.drawn import drawn_shapes, seeds_by_shapes
+from vibgym.envs.drawn import drawn_shapes
 from vibgym.policies import rollout
 from vibgym.policies.measures import Measured, Measures
 from vibgym.scene.library import FAMILIES, shapes
@@ -45,10 +46,7 @@ def first_shapes(task: str, split: str, seeds: Sequence[int]) -> np.ndarray:
     """Return the index of the first shape of each seed's episode, (seeds,)."""
     drawn = drawn_shapes(f"vibgym/{task}-v0", {"split": split})
     assert drawn is not None
-    found = np.zeros(len(seeds), dtype=np.int64)
-    for chosen, which in seeds_by_shapes(drawn, seeds).items():
-        found[which] = chosen[0]
-    return found
+    return drawn.draw(np.array([np_random(seed)[0].random(drawn.draws) for seed in seeds]))[:, 0]
 
 
 def interval(success: np.ndarray, shape: np.ndarray) -> Interval:

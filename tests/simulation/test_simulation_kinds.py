@@ -27,7 +27,7 @@ MODELS = [
 @pytest.mark.parametrize("model", MODELS, ids=str)
 @pytest.mark.parametrize("parts", [1, 4])
 def test_each_world_moves_as_one_with_its_parts_alone(model, parts):
-    if parts > 1 and model == "averaged" or parts == 1 and isinstance(model, dict):
+    if (parts > 1 and model == "averaged") or (parts == 1 and isinstance(model, dict)):
         pytest.skip("not a scene of the model")
     settings = model if isinstance(model, dict) else {"model": model}
     draw, worlds = np.random.default_rng(0), 6

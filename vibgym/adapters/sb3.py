@@ -13,7 +13,6 @@ from stable_baselines3.common.monitor import Monitor
 
 from vibgym import checks
 from vibgym.adapters.credit import credits_parts, keeps_rewards
-from vibgym.envs.drawn import drawn_shapes, fixed_scenes
 
 
 class VecEnv(vec_env.VecEnv):
@@ -21,8 +20,7 @@ class VecEnv(vec_env.VecEnv):
 
         VecEnv("vibgym/Align-v0", num_envs=256, action="field")
 
-    Several environments may differ in their scene, such as the part or its friction, but not in their spaces. Worlds of an id
-    with drawn shapes are divided among the shapes of its split.
+    Several environments may differ in their scene, such as the part or its friction, but not in their spaces.
 
     The info of a finished world holds that of the environment except ``parts``, ``terminal_observation``,
     ``TimeLimit.truncated``, and ``episode`` (return, length, and with ``costs`` their sum ``"c"``), like SB3's Monitor, which
@@ -58,7 +56,7 @@ class VecEnv(vec_env.VecEnv):
     ) -> None:
         if len(envs) == 1 and isinstance(envs[0], str):
             worlds = checks.count("num_envs", 1 if num_envs is None else num_envs)
-            envs = _batches(envs[0], worlds, {"autoreset_mode": "SameStep", **settings})
+            envs = (gym.make_vec(envs[0], num_envs=worlds, **{"autoreset_mode": "SameStep", **settings}),)
         elif num_envs is not None or settings or not envs:
             got = sorted([*settings, *(["num_envs"] if num_envs is not None else [])])
             raise checks.conflict(f"settings {got} require the name of an environment, not environments")
@@ -252,22 +250,3 @@ def _joined(batches: list[Any]) -> Any:
     if isinstance(batches[0], dict):
         return {name: np.concatenate([each[name] for each in batches]) for name in batches[0]}
     return np.concatenate(batches)
-
-
-def _batches(name: str, worlds: int, settings: dict[str, Any]) -> tuple[VectorEnv, ...]:
-    """Return one native batch, or one for each shape where shapes are drawn."""
-    drawn = drawn_shapes(name, settings)
-    shares = divided("num_envs", worlds, [{}] if drawn is None else fixed_scenes(drawn))
-    return tuple(gym.make_vec(name, num_envs=share, **settings, **scene) for scene, share in shares)
-
-
-def divided(argument: str, worlds: int, scenes: Sequence[dict[str, Any]]) -> list[tuple[dict[str, Any], int]]:
-    """Return scenes and their numbers of worlds, which differ by one at most.
-
-    Raises:
-        ValueError: fewer worlds than scenes; names the argument.
-    """
-    if worlds < len(scenes):
-        raise checks.refuse(argument, worlds, f"at least {len(scenes)}, one for each scene")
-    shares = np.array_split(np.arange(worlds), len(scenes))
-    return [(scene, len(share)) for scene, share in zip(scenes, shares, strict=True)]
