@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from vibgym.plugins.tilting.model import Tilting, TiltingSettings, scheme_of
-from vibgym.scene.parts import kinds_of
 from vibgym.simulation.model import Model, Setup
-from vibgym.simulation.schemes import planar_scheme, planar_schemes
+from vibgym.simulation.schemes import planar_scheme
 
 
 def tilting(setup: Setup, settings: TiltingSettings | None = None) -> Model:
@@ -26,7 +25,7 @@ def tilting(setup: Setup, settings: TiltingSettings | None = None) -> Model:
         return Tilting(setup, planar_scheme(setup.surface, setup.parts[0]), scheme)
     from vibgym.plugins.tilting.multibody import TiltingMultibody
 
-    return TiltingMultibody(setup, planar_schemes(setup.surface, kinds_of(setup.parts)[0], setup.walls), scheme)
+    return TiltingMultibody(setup, scheme)
 
 
 tilting.Settings = TiltingSettings  # type: ignore[attr-defined]

@@ -20,7 +20,7 @@ from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import IN_TOUCH, circle_gap, pair_capacity, paths_cross
-from vibgym.physics.contacts.coupling import Island, advance_island, order_pairs
+from vibgym.physics.contacts.certified.coupling import Island, advance_island, order_pairs
 from vibgym.physics.core.records import Scheme, friction_in, incline_size
 from vibgym.physics.planar.workspace import Scene
 

@@ -20,12 +20,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from vibgym.kernels.jit import jit
 from vibgym.kernels.vector import LANES
-from vibgym.physics.contacts.approach import RESTING, part_motion
+from vibgym.physics.contacts.certified.approach import part_motion
 from vibgym.physics.contacts.hulls import Span, hull_span, wall_span
+from vibgym.physics.contacts.impulses import RESTING
 
 MOST_PIECES = 24
 """Limit of linear pieces in an impact; switches are few."""
@@ -197,17 +196,6 @@ CONTACT_FROM = 2e-6
 
 MOST_IMPACTS, IMPACTS_A_PAIR = 32, 8
 """Limit of impacts in a step: constant, plus this for each near pair."""
-
-
-class ImpactProperties(NamedTuple):
-    """Properties of parts for impacts."""
-
-    mass: np.ndarray  # (parts,) kg, without the factor on mass
-    gyration: np.ndarray  # (parts,) m^2, inertia over mass
-    inverse_mass: np.ndarray  # (parts,) 1/kg, in the current world
-    inverse_inertia: np.ndarray  # (parts,) 1/(kg m^2), likewise
-    restitution: np.ndarray  # (parts,) energetic coefficient; a pair uses the geometric mean, a wall the part's
-    friction: np.ndarray  # (parts,) likewise
 
 
 class RelativeMotion(NamedTuple):

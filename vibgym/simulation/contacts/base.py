@@ -1,0 +1,167 @@
+"""Interface of contact models, and the parts that they cover."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.kernels.reference import Pinned
+from vibgym.kernels.vector import LANES
+from vibgym.physics.contacts.broad_phase import ROWS, new_rows
+from vibgym.physics.contacts.impulses import ImpactProperties
+from vibgym.physics.core.records import Scheme
+from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
+from vibgym.scene.bodies import bodies_of
+from vibgym.scene.hulls import WALLS
+from vibgym.scene.outlines import narrowest_width
+from vibgym.scene.overlaps import IN_MOTION
+from vibgym.scene.parts import Part, kinds_of
+from vibgym.scene.surface import Surface
+from vibgym.simulation.model import NO_PATHS, Setup
+from vibgym.simulation.schemes import MOST_STEPS, PlanarSettings, planar_scheme, varies
+
+SLOP = 3e-5
+"""m, overlap that the solver does not correct, so that contacts persist and it can warm-start."""
+
+LEAST_WIDTH = 1e-4
+"""m, least width of a part that may touch others: overlaps must be small against it."""
+
+MOST_MASS_RATIO = 2000.0
+"""Largest ratio of masses of parts that may touch, up to which the solver's iterations converge."""
+
+
+class ContactModel(ABC):
+    """Base class of contact models: advances the parts of worlds that may touch. An object serves one thread at a time.
+
+    :class:`vibgym.simulation.multibody.Multibody` calls for a block of worlds :meth:`load`, and in each period
+
+    1. :meth:`find`, which lists the parts that touch nothing. These advance by friction alone.
+    2. :meth:`resolve`, which advances all others and writes the state.
+
+    :class:`vibgym.simulation.contacts.stepped.SteppedContacts` does this for models that correct the motion after each of
+    several equal steps.
+
+    Attributes:
+        setup: the scene.
+        kinds: different parts in it.
+        schemes: steps of friction, by kind.
+        walls: set of walls, a bit each.
+        alone: constants for parts that touch nothing, by kind; the working arrays are shared.
+        block: working arrays of the current block of worlds, which begin with those of
+            :class:`vibgym.physics.contacts.broad_phase.Rows`.
+        paths: (worlds * parts, steps + 1, 3) to be overwritten with the poses of parts that touch nothing, or empty.
+        bend: m, largest ``mu g h^2`` in a contact step ``h``, which limits friction; infinite: no limit.
+    """
+
+    most_overlap: ClassVar[float] = IN_MOTION
+    """m, largest overlap of parts in a state of a simulation; infinite: no limit."""
+
+    def __init__(self, setup: Setup, settings: PlanarSettings) -> None:
+        check_parts(setup.parts)
+        self.setup, self.kinds = setup, kinds_of(setup.parts)[0]
+        by_points = any(map(varies, self.kinds))
+        self.schemes = [planar_scheme(setup.surface, kind, settings, by_points=by_points) for kind in self.kinds]
+        self.walls = sum(1 << WALLS.index(name) for name in setup.walls)
+        few = self.new_friction(self.schemes[0], LANES)
+        self.alone = [Pinned(FIXED_SCENE, few._replace(scheme=scheme)) for scheme in self.schemes]
+        self.block: Pinned[Any]
+        self.paths, self.bend = NO_PATHS, math.inf
+        self._blocks: dict[int, Pinned[Any]] = {}
+
+    def new_friction(self, scheme: Scheme, slots: int) -> FixedScene:
+        """Return constants, and working arrays for friction on up to ``slots`` parts of all kinds."""
+        surface = self.setup.surface
+        table, bodies = surface.table(self.setup.walls), bodies_of(self.setup.parts, surface.element_size)
+        most = max(self.schemes, key=lambda scheme: scheme.substeps)  # for the size of the working arrays
+        return FixedScene(table, bodies, scheme, new_workspace(table, bodies, most, slots))
+
+    def new_block(self, worlds: int) -> Pinned[Any]:
+        """Return working arrays for a block of ``worlds``."""
+        return Pinned(ROWS, new_rows(worlds, len(self.setup.parts), len(self.kinds)))
+
+    def load(self, worlds: int) -> None:
+        """Set :attr:`block` for a block of ``worlds``."""
+        if worlds not in self._blocks:
+            self._blocks[worlds] = self.new_block(worlds)
+        self.block = self._blocks[worlds]
+
+    @abstractmethod
+    def find(self, start: int, stop: int, state: int) -> bool:
+        """Find the parts of worlds ``start`` to ``stop`` that may touch others, and list the rest in :attr:`block`.
+
+        Args:
+            state: address of the pinned state; ``pushed`` must be set to zero.
+
+        Returns:
+            Whether any parts may touch.
+        """
+
+    @abstractmethod
+    def resolve(self, start: int, stop: int, drive: Any, state: Any, counts: np.ndarray, deepest: np.ndarray) -> None:
+        """Advance the parts of worlds ``start`` to ``stop`` that may touch by a period, after the others.
+
+        Args:
+            drive, state: pinned records.
+            counts: (worlds, COUNTS) int64, added to: periods of each kind, and steps with contacts, see
+                :mod:`vibgym.physics.contacts.broad_phase`.
+            deepest: (worlds,) m, smallest gap at the end of a contact step so far; negative: overlap.
+        """
+
+
+def check_parts(parts: Sequence[Part]) -> None:
+    """Raise ValueError for parts that are too thin, or much heavier than another, for reliable contacts."""
+    kinds, _ = kinds_of(parts)
+    width, thinnest = min(((narrowest_width(kind.outline), kind) for kind in kinds), key=lambda each: each[0])
+    if width < LEAST_WIDTH:
+        allowed = f"at least {1e3 * LEAST_WIDTH:g} mm wide where parts may touch one another or walls"
+        raise checks.refuse(
+            "parts", f"part {parts.index(thinnest)} ({thinnest.name!r}), {1e3 * width:.3g} mm wide", allowed
+        )
+    check_masses("parts", parts, np.array([part.mass for part in parts]))
+
+
+def slop_of(part: Part) -> float:
+    """Return the overlap of a part that the solver does not correct, m."""
+    return min(SLOP, 0.05 * narrowest_width(part.outline))
+
+
+def check_masses(argument: str, parts: Sequence[Part], masses: np.ndarray) -> None:
+    """Check that the ratio of ``masses`` (parts,), kg, is within the range of the solver."""
+    heavy, light = int(np.argmax(masses)), int(np.argmin(masses))
+    ratio = masses[heavy] / masses[light]
+    if ratio > MOST_MASS_RATIO:
+        names = parts[heavy].name, parts[light].name
+        got = f"part {heavy} ({names[0]!r}), {ratio:.3g} times as heavy as part {light} ({names[1]!r})"
+        allowed = f"masses with a ratio of at most {MOST_MASS_RATIO:g} where parts may touch one another"
+        raise checks.refuse(argument, got, allowed)
+
+
+def check_contact_steps(argument: str, surface: Surface, friction: float, incline: float, bend: float) -> None:
+    """Check that friction (and an incline, m/s^2) does not require too many contact steps in a period.
+
+    ``bend``: see :class:`ContactModel`.
+    """
+    needed = surface.period * math.sqrt((friction * surface.gravity + 0.5 * incline) / bend)
+    if not needed <= MOST_STEPS:
+        raise checks.conflict(
+            f"{argument}: contacts with a friction of {friction:g} require more than {MOST_STEPS} steps in a period of "
+            f"{surface.period:g} s"
+        )
+
+
+def impact_properties_of(parts: Sequence[Part]) -> ImpactProperties:
+    """Return the properties of the parts of a world that determine impacts."""
+    n = len(parts)
+    return ImpactProperties(
+        mass=np.array([part.mass for part in parts]),
+        gyration=np.array([part.gyration for part in parts]),
+        inverse_mass=np.zeros(n),  # written for each world
+        inverse_inertia=np.zeros(n),
+        restitution=np.array([part.restitution for part in parts]),
+        friction=np.array([part.contact_friction for part in parts]),
+    )
