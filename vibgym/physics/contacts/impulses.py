@@ -61,8 +61,6 @@ class ImpactProperties(NamedTuple):
 
     mass: np.ndarray  # (parts,) kg, without the factor on mass
     gyration: np.ndarray  # (parts,) m^2, inertia over mass
-    inverse_mass: np.ndarray  # (parts,) 1/kg, in the current world
-    inverse_inertia: np.ndarray  # (parts,) 1/(kg m^2), likewise
     restitution: np.ndarray  # (parts,) energetic coefficient; a pair uses the geometric mean, a wall the part's
     friction: np.ndarray  # (parts,) likewise
 

@@ -51,6 +51,7 @@ class ContactModel(ABC):
         kinds: different parts in it.
         schemes: steps of friction, by kind.
         walls: set of walls, a bit each.
+        properties: of the parts of a world, for impacts.
         alone: constants for parts that touch nothing, by kind; the working arrays are shared.
         block: working arrays of the current block of worlds, which begin with those of
             :class:`vibgym.physics.contacts.broad_phase.Rows`.
@@ -67,6 +68,12 @@ class ContactModel(ABC):
         by_points = any(map(varies, self.kinds))
         self.schemes = [planar_scheme(setup.surface, kind, settings, by_points=by_points) for kind in self.kinds]
         self.walls = sum(1 << WALLS.index(name) for name in setup.walls)
+        self.properties = ImpactProperties(
+            mass=np.array([part.mass for part in setup.parts]),
+            gyration=np.array([part.gyration for part in setup.parts]),
+            restitution=np.array([part.restitution for part in setup.parts]),
+            friction=np.array([part.contact_friction for part in setup.parts]),
+        )
         few = self.new_friction(self.schemes[0], LANES)
         self.alone = [Pinned(FIXED_SCENE, few._replace(scheme=scheme)) for scheme in self.schemes]
         self.block: Pinned[Any]
@@ -152,16 +159,3 @@ def check_contact_steps(argument: str, surface: Surface, friction: float, inclin
             f"{argument}: contacts with a friction of {friction:g} require more than {MOST_STEPS} steps in a period of "
             f"{surface.period:g} s"
         )
-
-
-def impact_properties_of(parts: Sequence[Part]) -> ImpactProperties:
-    """Return the properties of the parts of a world that determine impacts."""
-    n = len(parts)
-    return ImpactProperties(
-        mass=np.array([part.mass for part in parts]),
-        gyration=np.array([part.gyration for part in parts]),
-        inverse_mass=np.zeros(n),  # written for each world
-        inverse_inertia=np.zeros(n),
-        restitution=np.array([part.restitution for part in parts]),
-        friction=np.array([part.contact_friction for part in parts]),
-    )

@@ -6,7 +6,6 @@ Contact steps and overlaps are smaller for parts that are not much larger than t
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,11 +14,8 @@ from vibgym.kernels.reference import Pinned
 from vibgym.physics.contacts.certified.coupling import CONTACT_SCENE, ContactScene, Coupling, new_contacts
 from vibgym.physics.contacts.certified.period import BROAD_PHASE, broad_phase, new_broad_phase, resolve
 from vibgym.physics.contacts.certified.solver import new_solver
-from vibgym.physics.core.records import Scheme
 from vibgym.scene.outlines import narrowest_width
-from vibgym.scene.parts import Part
-from vibgym.scene.surface import Surface
-from vibgym.simulation.contacts.base import ContactModel, check_contact_steps, impact_properties_of, slop_of
+from vibgym.simulation.contacts.base import ContactModel, check_contact_steps, slop_of
 from vibgym.simulation.model import Setup
 from vibgym.simulation.schemes import CONTACT_STEPS, PlanarSettings
 
@@ -31,51 +27,57 @@ FRICTION_OVERLAP = 1.7e-4
 
 
 class CertifiedContacts(ContactModel):
-    """Impacts one by one at their times, with bounded overlap."""
+    """Impacts one by one at their times, with bounded overlap.
+
+    Attributes:
+        scene: constants and working arrays for kernels.
+    """
 
     def __init__(self, setup: Setup, settings: PlanarSettings) -> None:
         super().__init__(setup, settings)
-        parts, hulls = len(setup.parts), setup.hulls
+        parts, hulls, coupling = len(setup.parts), setup.hulls, self._coupling(settings)
         most = max(self.schemes, key=lambda scheme: scheme.substeps)
-        coupling = coupling_of(setup.surface, self.kinds, self.schemes, settings)
         scene = ContactScene(
-            self.new_friction(most, parts), hulls, new_solver(parts, len(hulls.rounding)),
-            impact_properties_of(setup.parts), new_contacts(parts, hulls), coupling, self.walls,
-        )  # fmt: skip
-        self._scene, self._steps, self.bend = Pinned(CONTACT_SCENE, scene), coupling.steps, float(coupling.bend.min())
+            friction=self.new_friction(most, parts),
+            hulls=hulls,
+            solver=new_solver(parts, len(hulls.rounding)),
+            properties=self.properties,
+            contacts=new_contacts(parts, hulls),
+            coupling=coupling,
+            walls=self.walls,
+        )
+        self.scene, self.bend = Pinned(CONTACT_SCENE, scene), float(coupling.bend.min())
+
+    def _coupling(self, settings: PlanarSettings) -> Coupling:
+        """Return the resolution of the coupling between friction and contacts, by kind."""
+        half_widths = np.array([0.5 * narrowest_width(kind.outline) for kind in self.kinds])
+        overlap = np.minimum(CONTACT_OVERLAP, half_widths / 50.0)
+        if settings.contact_overlap != "auto":
+            overlap = np.full(len(self.kinds), settings.contact_overlap)
+        fewest, bend = settings.contact_steps, np.full(len(self.kinds), math.inf)
+        if fewest == "auto":
+            fewest, bend = CONTACT_STEPS, np.minimum(FRICTION_OVERLAP, 0.25 * half_widths)
+            friction = max(part.most_friction for part in self.kinds)
+            check_contact_steps("parts", self.setup.surface, friction, 0.0, float(bend.min()))
+        return Coupling(
+            steps=np.array([scheme.steps for scheme in self.schemes]),
+            substeps=np.array([scheme.substeps for scheme in self.schemes]),
+            bend=bend,
+            overlap=overlap,
+            slop=np.array([slop_of(kind) for kind in self.kinds]),
+            fewest=fewest,
+        )
 
     def new_block(self, worlds: int) -> Pinned[Any]:
-        return Pinned(BROAD_PHASE, new_broad_phase(worlds, len(self.setup.parts), self._steps))
+        return Pinned(BROAD_PHASE, new_broad_phase(worlds, len(self.setup.parts), self.scene.record.coupling.steps))
 
     def load(self, worlds: int) -> None:
         super().load(worlds)
         self.paths = self.block.record.paths
 
     def find(self, start: int, stop: int, state: int) -> bool:
-        return broad_phase(start, stop, self._scene.address, state, self.block.address)
+        return broad_phase(start, stop, self.scene.address, state, self.block.address)
 
     def resolve(self, start: int, stop: int, drive: Any, state: Any, counts: np.ndarray, deepest: np.ndarray) -> None:
-        scene, block = self._scene.address, self.block.address
+        scene, block = self.scene.address, self.block.address
         resolve(start, stop, scene, drive.address, state.address, block, counts, deepest)
-
-
-def coupling_of(
-    surface: Surface, kinds: Sequence[Part], schemes: Sequence[Scheme], settings: PlanarSettings
-) -> Coupling:
-    """Return the resolution of the coupling between friction and contacts, by kind."""
-    half_widths = np.array([0.5 * narrowest_width(kind.outline) for kind in kinds])
-    overlap = np.minimum(CONTACT_OVERLAP, half_widths / 50.0)
-    if settings.contact_overlap != "auto":
-        overlap = np.full(len(kinds), settings.contact_overlap)
-    fewest, bend = settings.contact_steps, np.full(len(kinds), math.inf)
-    if fewest == "auto":
-        fewest, bend = CONTACT_STEPS, np.minimum(FRICTION_OVERLAP, 0.25 * half_widths)
-        check_contact_steps("parts", surface, max(part.most_friction for part in kinds), 0.0, float(bend.min()))
-    return Coupling(
-        steps=np.array([scheme.steps for scheme in schemes]),
-        substeps=np.array([scheme.substeps for scheme in schemes]),
-        bend=bend,
-        overlap=overlap,
-        slop=np.array([slop_of(kind) for kind in kinds]),
-        fewest=fewest,
-    )

@@ -11,7 +11,7 @@ from vibgym import checks
 from vibgym.kernels.reference import Pinned
 from vibgym.physics.contacts.fast import FAST_SCENE, FastScene, drive_together, find_rows, new_fast_contacts
 from vibgym.scene.outlines import narrowest_width
-from vibgym.simulation.contacts.base import ContactModel, check_contact_steps, impact_properties_of, slop_of
+from vibgym.simulation.contacts.base import ContactModel, check_contact_steps, slop_of
 from vibgym.simulation.model import Setup
 from vibgym.simulation.schemes import PlanarSettings
 
@@ -51,7 +51,7 @@ class FastContacts(ContactModel):
         scene = FastScene(
             friction=friction,
             hulls=setup.hulls,
-            properties=impact_properties_of(setup.parts),
+            properties=self.properties,
             contacts=new_fast_contacts(len(setup.parts), len(friction.workspace.away), setup.hulls),
             couplings=couplings,
             slop=min(map(slop_of, self.kinds)),

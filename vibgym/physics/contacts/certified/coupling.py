@@ -28,7 +28,7 @@ from vibgym.physics.contacts.broad_phase import (
     travel_bound,
 )
 from vibgym.physics.contacts.certified.approach import conservative_step, invalidate_placement
-from vibgym.physics.contacts.certified.impact import CONTACT_FROM, resolve_impacts, set_inverse_masses
+from vibgym.physics.contacts.certified.impact import CONTACT_FROM, resolve_impacts
 from vibgym.physics.contacts.certified.solver import Solver, begin_contacts, clear_impulses, find_contacts, solve
 from vibgym.physics.contacts.hulls import Hulls
 from vibgym.physics.contacts.impulses import HIT_SPEED, ImpactProperties
@@ -312,7 +312,6 @@ def advance_island(island, n, paths):
     span = scene.table.period / steps
     longest = span / island.couplings
     load_island(island)
-    set_inverse_masses(island)
     begin_contacts(island)
     invalidate_placement(island)
     record_paths(island, paths, 0, longest)

@@ -207,17 +207,6 @@ class RelativeMotion(NamedTuple):
 
 
 @jit
-def set_inverse_masses(island):
-    """Compute the inverse masses and inertias of the island's parts."""
-    properties, factor = island.properties, island.scene.state.mass[island.world]
-    for slot in range(island.parts):
-        p = island.scene.workspace.part[slot]
-        mass = factor[p] * properties.mass[p]
-        properties.inverse_mass[p] = 1.0 / mass
-        properties.inverse_inertia[p] = 1.0 / (mass * properties.gyration[p])
-
-
-@jit
 def relative_motion(scene, i, j, span):
     """Return the relative motion of the part in slot ``i`` and that in ``j``, or a wall (``-1 - wall``), at a contact."""
     x, y, vx, vy, spin = part_motion(scene.workspace, i)
@@ -269,22 +258,20 @@ def mobility_at(island, slot, span):
     """Return the mobility of the part in a slot at a contact."""
     x, y, _, _, _ = part_motion(island.scene.workspace, slot)
     rx, ry = span.x - x, span.y - y
-    properties, part = island.properties, island.scene.workspace.part[slot]
     normal, tangent = span.nx * rx + span.ny * ry, span.nx * ry - span.ny * rx
-    return mobility_of(properties.inverse_mass[part], properties.inverse_inertia[part], normal, tangent)
+    return mobility_of(island.solver.points.inverse[slot, 0], island.solver.points.inverse[slot, 1], normal, tangent)
 
 
 @jit
 def apply_impulse(island, slot, span, normal, tangential, turn):
     """Apply an impulse at a contact to a slot's part; return the largest change of velocity of any point, m/s."""
-    workspace, properties = island.scene.workspace, island.properties
+    workspace, inverse = island.scene.workspace, island.solver.points.inverse[slot]
     part = workspace.part[slot]
     x, y, _, _, _ = part_motion(workspace, slot)
     px, py = normal * span.nx - tangential * span.ny, normal * span.ny + tangential * span.nx
     moment = (span.x - x) * py - (span.y - y) * px + turn
     velocity, lane = workspace.velocity[slot // LANES], slot % LANES
-    dx, dy = properties.inverse_mass[part] * px, properties.inverse_mass[part] * py
-    spin = properties.inverse_inertia[part] * moment
+    dx, dy, spin = inverse[0] * px, inverse[0] * py, inverse[1] * moment
     velocity[lane] += dx
     velocity[LANES + lane] += dy
     velocity[2 * LANES + lane] += spin

@@ -92,15 +92,14 @@ def new_solver(parts: int, hulls: int) -> Solver:
 
 @jit
 def begin_contacts(island):
-    """Load the inverse masses of an island's parts (the last body is the walls) and discard the last impulses."""
-    solver, properties, part = island.solver, island.properties, island.scene.workspace.part
-    inverse = solver.points.inverse
+    """Compute the inverse masses of an island's parts (the last body is the walls), and discard the last impulses."""
+    properties, factor, inverse = island.properties, island.scene.state.mass[island.world], island.solver.points.inverse
     for slot in range(island.parts):
-        inverse[slot, 0], inverse[slot, 1] = (
-            properties.inverse_mass[part[slot]], properties.inverse_inertia[part[slot]]
-        )  # fmt: skip
+        part = island.scene.workspace.part[slot]
+        mass = factor[part] * properties.mass[part]
+        inverse[slot, 0], inverse[slot, 1] = 1.0 / mass, 1.0 / (mass * properties.gyration[part])
     inverse[island.parts, 0] = inverse[island.parts, 1] = 0.0
-    solver.last_count[0] = 0
+    island.solver.last_count[0] = 0
 
 
 @jit
