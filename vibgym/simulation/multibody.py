@@ -30,7 +30,7 @@ class Multibody(Model):
     def __init__(self, setup: Setup, settings: PlanarSettings) -> None:
         super().__init__(setup)
         self.cost = 7.0 * len(setup.parts)
-        self._contacts = Pool(partial(CONTACTS.choose("contacts", settings.contacts), setup, settings))
+        self._contacts = Pool(partial(CONTACTS.choose("model.contacts", settings.contacts), setup, settings))
         self.most_overlap, self._bend = self._contacts.lend(lambda contacts: (contacts.most_overlap, contacts.bend))
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
         self._smallest_gap = np.zeros(setup.worlds)

@@ -93,7 +93,7 @@ class PymunkContacts(SteppedContacts):
     def resolve_step(self, motion: np.ndarray, away: np.ndarray, last: bool) -> np.ndarray:
         space = self._space
         set_space_bodies(space, MOTION, self._given)
-        if away.sum() != self._present:
+        if np.count_nonzero(away) != self._present:
             self._present = self._update_shapes(away)
         if last:
             space.collision_bias = 1.0  # keep all of each overlap

@@ -87,12 +87,12 @@ class SteppedContacts(FastContacts):
             inputs: addresses for kernels.
         """
         workspace, fallen = self.scene.record.friction.workspace, 0
-        parts = workspace.part[:count].tolist()
+        parts, away = workspace.part[:count].tolist(), workspace.away[:count]
         self.begin(parts, np.array([mass[part] * self.setup.parts[part].mass for part in parts]))
         try:
             while step < self.steps and fallen >= 0:
                 last = step + 1 == self.steps
-                write(*inputs, self.resolve_step(self._motion, workspace.away[:count], last))
+                write(*inputs, self.resolve_step(self._motion, away, last))
                 step += 1
                 _, fallen = slide(step, min(step + 1, self.steps), *inputs, self._motion)
         finally:

@@ -187,12 +187,10 @@ def resolve_world(world, w, fixed, drive, state, broad, counts, deepest):
     islands, parts, first = broad.islands, state.pose.shape[1], w * state.pose.shape[1]
     paths = reference(Paths(broad.paths[first : first + parts], broad.path_steps, broad.driven[w], broad.travel))
     begin_islands_of_world(world, w, fixed, state, broad, paths)
-    mode, exceeding = NEAR, 0
+    mode = NEAR
     while not state.diverged[world] and run_waiting_islands(world, w, fixed, drive, state, broad, paths):
         mode = CONTACT
-        exceeding = join_crossing_islands(
-            islands, fixed, state, world, broad.pairs[w], paths, broad.kept.fallen[w], exceeding
-        )
+        join_crossing_islands(islands, fixed, state, world, broad.pairs[w], broad.found[w], paths, broad.kept.fallen[w])
     if state.diverged[world]:
         for part in range(parts):
             copy_part(broad.kept, w, state, world, part)
