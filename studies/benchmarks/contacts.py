@@ -34,7 +34,7 @@ from vibgym.policies import rollout
 from vibgym.scene.hulls import WALLS, gaps_between
 from vibgym.scene.parts import shipped_part
 from vibgym.seeds import RANGES
-from vibgym.simulation import contact_parts
+from vibgym.simulation.contacts import base
 
 RADIUS, SPEED, WORLDS = 0.02, 0.6, 64
 OFFSETS = (0.0, 0.5, 0.9, 0.99)
@@ -166,12 +166,12 @@ def shorter_steps(keep: bool) -> None:
     driven_together(10)  # compiles
     finest, _ = driven_together(640)
     runs = [(kind["contacts"], [driven_together(steps, **kind) for steps in STEPS], finest) for kind in KINDS]
-    usual, contact_parts.SLOP = contact_parts.SLOP, contact_parts.SLOP / 16.0
+    usual, base.SLOP = base.SLOP, base.SLOP / 16.0
     try:
         least, _ = driven_together(640)
         runs.insert(1, ("certified, a 16th of the overlap", [driven_together(steps) for steps in STEPS], least))
     finally:
-        contact_parts.SLOP = usual
+        base.SLOP = usual
     lines = []
     for name, run, reference in runs:
         errors = [1e3 * np.hypot(*np.moveaxis(position - reference, -1, 0)) for position, _ in run]

@@ -21,9 +21,8 @@ import numpy as np
 
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout
-from vibgym.physics.contacts.fast import add_manifold
 from vibgym.physics.contacts.hulls import Hulls, place_hulls
-from vibgym.physics.contacts.impulses import GAP, MOVED, STILL_SPEED, Points, iterate, move_apart
+from vibgym.physics.contacts.impulses import GAP, MOVED, STILL_SPEED, Points, add_manifold, iterate, move_apart
 from vibgym.physics.contacts.manifold import hull_manifold
 
 PROJECTED, DELAYED = 0, 1

@@ -8,19 +8,17 @@ import pytest
 from vibgym import Part, Surface
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
-from vibgym.physics.contacts import approach
-from vibgym.physics.contacts.coupling import ContactScene, Island, new_contacts
+from vibgym.physics.contacts.certified import approach
+from vibgym.physics.contacts.certified.coupling import Island
 from vibgym.physics.contacts.hulls import wall_gap
-from vibgym.physics.contacts.solver import new_solver
 from vibgym.physics.core.drive import polar_drive
 from vibgym.physics.core.records import new_state
-from vibgym.physics.planar.workspace import FixedScene, Scene, new_workspace
-from vibgym.scene.bodies import bodies_of
-from vibgym.scene.hulls import gaps_between, hulls_of
-from vibgym.scene.parts import kinds_of
-from vibgym.simulation.contact_parts import SLOP, impact_properties_of
-from vibgym.simulation.multibody import coupling_of
-from vibgym.simulation.schemes import planar_schemes
+from vibgym.physics.planar.workspace import Scene
+from vibgym.scene.hulls import gaps_between
+from vibgym.simulation.contacts.base import SLOP
+from vibgym.simulation.contacts.certified import CertifiedContacts
+from vibgym.simulation.model import Setup
+from vibgym.simulation.schemes import PlanarSettings
 
 SURFACE = Surface(16, 16, 0.05, 0.0)
 LONGEST, SHORTEST, OVERLAP = 4e-3, 1e-7, 5e-6
@@ -41,19 +39,13 @@ def placed_step(island, pairs, h):
 
 def island_of(parts, walls):
     """Return an island of these parts, none of them fallen; :func:`enter` sets poses and velocities."""
-    table, bodies, hulls = SURFACE.table(walls), bodies_of(parts, SURFACE.element_size), hulls_of(parts)
-    schemes = planar_schemes(SURFACE, parts, walls)
-    scheme = max(schemes.alone, key=lambda scheme: scheme.substeps)
-    workspace = new_workspace(table, bodies, scheme, len(parts))
+    setup = Setup(SURFACE, Kinds.of(parts), tuple(walls), 1)
+    fixed = CertifiedContacts(setup, PlanarSettings()).scene.record
+    table, bodies, scheme, workspace = fixed.friction
     workspace.part[: len(parts)] = np.arange(len(parts))
-    state = new_state(1, len(parts))
-    fixed = ContactScene(
-        FixedScene(table, bodies, scheme, workspace), hulls, new_solver(len(parts), len(hulls.rounding)),
-        impact_properties_of(parts), new_contacts(len(parts), hulls), coupling_of(kinds_of(parts)[0], schemes), schemes.walls,
-    )  # fmt: skip
     drive = polar_drive(np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), SURFACE.angular_frequency)
-    scene = Scene(table, bodies, scheme, drive, state, workspace, 1)
-    return Island(scene, *fixed[1:5], 0, len(parts), 1, OVERLAP, SLOP, schemes.walls)
+    scene = Scene(table, bodies, scheme, drive, new_state(1, len(parts)), workspace, 1)
+    return Island(scene, *fixed[1:5], 0, len(parts), 1, OVERLAP, SLOP, fixed.walls)
 
 
 def enter(island, pose, velocity):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from vibgym.physics.contacts.impact import Mobility, impact_impulse, mobility_of, sum_mobilities
+from vibgym.physics.contacts.certified.impact import Mobility, impact_impulse, mobility_of, sum_mobilities
 
 
 def number(low, high):

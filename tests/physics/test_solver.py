@@ -10,10 +10,9 @@ from tests.physics.test_approach import enter, island_of
 from vibgym import Part
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
-from vibgym.physics.contacts.impact import set_inverse_masses
-from vibgym.physics.contacts.solver import begin_contacts, find_contacts, solve
+from vibgym.physics.contacts.certified.solver import begin_contacts, find_contacts, solve
 from vibgym.scene.hulls import gaps_between
-from vibgym.simulation.contact_parts import SLOP
+from vibgym.simulation.contacts.base import SLOP
 
 DISC = Part.disc(0.02, friction=0.0, contact_friction=0.3, mass=0.05)
 BLOCK = Part.rectangle(0.06, 0.04, friction=0.0, contact_friction=0.6, mass=0.2)
@@ -25,7 +24,6 @@ SCALE = [1.0, 1.0, 0.02]  # velocities at the discs' rim, m/s
 def solved(island, pairs, h, undo):
     """Take a step of the solver; return the number of points and the smallest gap."""
     island = reference(island)
-    set_inverse_masses(island)
     begin_contacts(island)
     island.contacts.close[:] = True
     found, gap = find_contacts(island, pairs, pairs.shape[0], h)

@@ -201,6 +201,7 @@ def test_near_pairs_are_complete(seed, count, spread, walls):
     """Compare with all pairs: circles of equal or very different sizes, some of them huge, at any position."""
     rng = np.random.default_rng(seed)
     circles = new_circles(count)
+    circles.part[:] = np.arange(count)
     circles.x[:], circles.y[:] = rng.uniform(-0.2, 1.2, (2, count))
     circles.reach[:] = 0.02 * 10.0 ** rng.uniform(0.0, spread, count)
     circles.reach[rng.random(count) < 0.05 * (spread > 1.0)] = math.inf

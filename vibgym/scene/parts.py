@@ -69,7 +69,7 @@ class Part:
         symmetry: turns by ``2 pi / symmetry`` map the part onto itself; 0 for a disc, whose heading is not observable.
         height: m.  mass: kg (default: of steel; sliding does not depend on it).
         restitution, contact_friction: of contacts with other parts and walls; the energetic coefficient of restitution
-            (:mod:`vibgym.physics.contacts.impact`).
+            (:mod:`vibgym.physics.contacts.certified.impact`).
         centre_height: of the centre of mass above the bottom, m (default: half the height).
         coupling: share of the elements' vertical motion that reaches the part, 0 to 1; a soft foot absorbs the rest. With 0 the
             part presses evenly: friction brakes it, and only other parts can move it.

@@ -109,7 +109,7 @@ class Model(ABC):
     """Names of attributes and methods that simulators of this model have in addition to those of
     :class:`vibgym.Simulator`; methods take the simulator as their first argument."""
 
-    most_overlap: ClassVar[float] = IN_MOTION
+    most_overlap: float = IN_MOTION
     """m, largest overlap of parts in a state of a simulation; infinite: no limit."""
 
     class Settings(BaseSettings):

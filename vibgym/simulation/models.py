@@ -28,26 +28,20 @@ from vibgym.simulation.alone import Alone
 from vibgym.simulation.choice import DEFAULT_TOLERANCE, choose, choose_for
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
 from vibgym.simulation.schemes import (
-    CONTACT_STEPS,
     AveragedSettings,
     PlanarSettings,
     averaged_scheme,
     check_sliding,
-    fast_schemes,
     planar_scheme,
-    planar_schemes,
     schemes_alone,
     varies,
 )
 from vibgym.simulation.threads import Pool
 
-CERTIFIED, PYMUNK, FAST = "certified", "pymunk", "fast"
-"""Contacts of the planar model: with bounded overlap, by pymunk, and for training."""
-
 
 def has_fast_contacts(model: str | Mapping[str, Any]) -> bool:
     """Return whether the ``model`` argument of an environment selects fast contacts."""
-    return not isinstance(model, str) and model.get("contacts") == FAST
+    return not isinstance(model, str) and model.get("contacts") == "fast"
 
 
 def with_certified_contacts(model: str | Mapping[str, Any]) -> str | Mapping[str, Any]:
@@ -118,7 +112,8 @@ class Averaged(Model):
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """Raise ValueError for conditions under which the part may stick."""
-        surface, (part,) = self.setup.surface, self.setup.parts.largest(lambda part: part.static_friction)
+        surface = self.setup.surface
+        part = self.setup.parts.largest(lambda part: part.static_friction)[0]
         factors = conditions.strongest[:, 0]
         if len(factors):
             worst = int(np.argmax(factors * part.static_friction * 2.0 * surface.gravity + conditions.slope))
@@ -148,24 +143,12 @@ def planar(setup: Setup, settings: PlanarSettings) -> Model:
     """
     if not setup.multibody:
         for name in ("contacts", "contact_steps", "contact_overlap"):
-            if getattr(settings, name) not in ("auto", CERTIFIED):
+            if getattr(settings, name) not in ("auto", "certified"):
                 raise checks.conflict(f"{name} requires several parts or walls")
         return Planar(setup, schemes_alone(setup.surface, setup.parts.every, settings))
-    kinds = setup.parts.every
-    if settings.contacts == CERTIFIED:
-        from vibgym.simulation.multibody import Multibody
+    from vibgym.simulation.multibody import Multibody
 
-        return Multibody(setup, planar_schemes(setup.surface, kinds, setup.walls, settings))
-    if settings.contact_overlap != "auto":
-        raise checks.conflict("contact_overlap requires contacts='certified'")
-    equal = partial(fast_schemes, setup.surface, kinds, setup.walls, settings)
-    if settings.contacts == PYMUNK:
-        from vibgym.simulation.pymunk_contacts import PymunkMultibody
-
-        return PymunkMultibody(setup, equal(fewest=CONTACT_STEPS))
-    from vibgym.simulation.fast import FastMultibody
-
-    return FastMultibody(setup, equal())
+    return Multibody(setup, settings)
 
 
 def averaged(setup: Setup, settings: AveragedSettings) -> Model:

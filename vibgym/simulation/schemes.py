@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -13,8 +13,6 @@ from pydantic import Field
 from vibgym import checks
 from vibgym.physics.averaged.integrator import AveragedScheme
 from vibgym.physics.core.records import Scheme
-from vibgym.scene.hulls import WALLS
-from vibgym.scene.outlines import narrowest_width
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import BaseSettings, Length
@@ -29,23 +27,8 @@ FEWEST_STEPS = 4
 MOST_STEPS, MOST_SUBSTEPS = 10_000, 4096
 """Most cuts in a period and substeps in a step; more do not improve accuracy."""
 
-CONTACT_OVERLAP = 5e-6
-"""Default for the overlap of two parts by an impact, m."""
-
-FRICTION_OVERLAP = 1.7e-4
-"""m, largest ``mu g h^2``: overlap in a step ``h`` of two parts that friction drives together."""
-
 CONTACT_STEPS = 10
 """Default for the fewest steps of the coupling between friction and contacts in a period."""
-
-
-FAST_FRICTION_OVERLAP = 4e-4
-"""``FRICTION_OVERLAP`` of fast contacts, m."""
-
-FAST_CLOSING = 2.0
-"""Largest closing speed of two parts that fast contacts resolve, over the table's largest speed: in a step they overlap by at
-most half the narrowest width, beyond which the outlines would separate on the wrong side."""
-
 
 Auto = Literal["auto"]
 
@@ -65,11 +48,10 @@ class PlanarSettings(BaseSettings):
     """Cells per element and direction into which the contact area is cut. ``"auto"``: friction as a series over the whole
     contact area where slip varies little under the part, elsewhere as many cells as the spin requires."""
 
-    contacts: Literal["certified", "pymunk", "fast"] = "certified"
+    contacts: str = "certified"
     """With several parts or walls. ``"certified"``: impacts one by one at their times, overlaps below 0.3 mm. ``"pymunk"``: by
-    pymunk's solver, an independent check; parts may overlap by the closing speed times a step
-    (:mod:`vibgym.simulation.pymunk_contacts`). ``"fast"``, for training: a few steps per period, impacts at the same time;
-    parts may overlap by more within a step (:mod:`vibgym.physics.contacts.fast`)."""
+    pymunk's solver, an independent check; parts may overlap by the closing speed times a step. ``"fast"``, for training: a few
+    steps per period, impacts at the same time; parts may overlap by more within a step (:mod:`vibgym.simulation.contacts`)."""
 
     contact_steps: Auto | Annotated[int, Ge(1), Le(MOST_STEPS)] = "auto"
     """With several parts or walls, fewest alternating steps of friction and contacts in a period; ``"auto"``: 10, or as many
@@ -94,16 +76,6 @@ class AveragedSettings(BaseSettings):
 
     steps: Auto | Annotated[int, Ge(1), Le(MOST_STEPS)] = "auto"
     """Steps in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1."""
-
-
-class PlanarSchemes(NamedTuple):
-    """Schemes of the planar model by kind of parts, and settings for contacts."""
-
-    alone: tuple[Scheme, ...]  # by kind
-    fewest: int  # steps of the coupling in a period
-    bend: tuple[float, ...]  # m, largest ``mu g h^2`` in a step ``h``; infinite: no limit by friction
-    overlap: tuple[float, ...]  # m, largest overlap of two parts by an impact
-    walls: int  # set of walls, a bit each
 
 
 def varies(part: Part) -> bool:
@@ -142,70 +114,9 @@ def schemes_alone(surface: Surface, kinds: Sequence[Part], settings: PlanarSetti
     return [planar_scheme(surface, part, settings, by_points=by_points) for part in kinds]
 
 
-def planar_schemes(
-    surface: Surface, kinds: Sequence[Part], walls: Sequence[str], settings: PlanarSettings | None = None
-) -> PlanarSchemes:
-    """Return the schemes of the planar model with contacts: :func:`planar_scheme` for each kind, and settings for contacts.
-
-    Steps and overlaps are smaller for parts that are not much larger than the
-    overlaps, and in their contacts with others.
-    """
-    settings = PlanarSettings() if settings is None else settings
-    half_widths = [0.5 * narrowest_width(kind.outline) for kind in kinds]
-    overlaps = [min(CONTACT_OVERLAP, half_width / 50.0) for half_width in half_widths]
-    if settings.contact_overlap != "auto":
-        overlaps = [settings.contact_overlap] * len(kinds)
-    alone = schemes_alone(surface, kinds, settings)
-    coupled, bends = _chosen(settings.contact_steps), [math.inf] * len(kinds)
-    if coupled is None:
-        coupled, bends = CONTACT_STEPS, [min(FRICTION_OVERLAP, 0.25 * half_width) for half_width in half_widths]
-        check_contact_steps("parts", surface, max(part.most_friction for part in kinds), 0.0, min(bends))
-    return PlanarSchemes(
-        alone=tuple(alone),
-        fewest=coupled,
-        bend=tuple(bends),
-        overlap=tuple(overlaps),
-        walls=sum(1 << WALLS.index(name) for name in walls),
-    )
-
-
-def fast_schemes(
-    surface: Surface, kinds: Sequence[Part], walls: Sequence[str], settings: PlanarSettings, *, fewest: int = 1
-) -> PlanarSchemes:
-    """Return the schemes of the planar model with equal contact steps.
-
-    ``fewest``: contact steps in a period where ``"auto"`` requires no more.
-    """
-    alone = schemes_alone(surface, kinds, settings)
-    coupled, none = _chosen(settings.contact_steps), (math.inf,) * len(kinds)
-    if coupled is None:
-        friction = max(part.most_friction for part in kinds)
-        check_contact_steps("parts", surface, friction, 0.0, FAST_FRICTION_OVERLAP)
-        half_width = 0.5 * min(narrowest_width(kind.outline) for kind in kinds)
-        by_friction = surface.period * math.sqrt(friction * surface.gravity / FAST_FRICTION_OVERLAP)
-        by_speed = FAST_CLOSING * surface.table_speed * surface.period / half_width
-        coupled = max(math.ceil(max(by_friction, by_speed)), fewest)
-    walled = sum(1 << WALLS.index(name) for name in walls)
-    return PlanarSchemes(alone=tuple(alone), fewest=coupled, bend=none, overlap=none, walls=walled)
-
-
 def _chosen(value: int | str) -> int | None:
     """Return a count, or None for ``"auto"``."""
     return value if isinstance(value, int) else None
-
-
-def check_contact_steps(argument: str, surface: Surface, friction: float, incline: float, bend: float) -> None:
-    """Check that friction (and an incline, m/s^2) does not require too many contact steps in a period.
-
-    Kernels compute the number of steps for each island (:func:`vibgym.physics.contacts.islands.run_island`); ``bend``: see
-    :class:`PlanarSchemes`.
-    """
-    needed = surface.period * math.sqrt((friction * surface.gravity + 0.5 * incline) / bend)
-    if not needed <= MOST_STEPS:
-        raise checks.conflict(
-            f"{argument}: contacts with a friction of {friction:g} require more than {MOST_STEPS} steps in a period of "
-            f"{surface.period:g} s"
-        )
 
 
 def averaged_scheme(surface: Surface, part: Part, settings: AveragedSettings) -> AveragedScheme:

@@ -14,7 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.kernels.jit import jit
-from vibgym.physics.contacts.hulls import BOTTOM, LEFT, RIGHT, part_gap, place_hulls, wall_gap
+from vibgym.kernels.reference import Layout
+from vibgym.physics.contacts.hulls import load_hulls, part_gap, place_hulls, wall_direction, wall_gap
+from vibgym.physics.contacts.impulses import load_properties
 from vibgym.physics.core.records import friction_in, incline_size, kind_in
 
 IN_TOUCH = 2e-4
@@ -22,6 +24,30 @@ IN_TOUCH = 2e-4
 
 FREE, NEAR, CONTACT = 0, 1, 2
 """Kinds of periods of a world: no near pairs; near pairs that stay apart; with contacts."""
+
+CALLS, COUNTS = 3, 4
+"""Column with the number of contact steps, after those of periods ``FREE``, ``NEAR`` and ``CONTACT``; number of columns."""
+
+
+class Rows(NamedTuple):
+    """Parts of a block of worlds: those that touch nothing in a period, and which may touch others."""
+
+    rows: np.ndarray  # (kinds, worlds * parts) parts that touch nothing, as world * parts + part
+    count: np.ndarray  # (kinds,) number of rows
+    driven: np.ndarray  # (worlds, parts) bool: advances with contacts
+
+
+ROWS: Layout[Rows] = Layout("ROWS", __name__)
+rows_at = ROWS.at
+
+
+def new_rows(worlds: int, parts: int, kinds: int) -> Rows:
+    """Allocate arrays for a block of ``worlds``."""
+    return Rows(
+        rows=np.empty((kinds, worlds * parts), np.int64),
+        count=np.zeros(kinds, np.int64),
+        driven=np.zeros((worlds, parts), np.bool_),
+    )
 
 
 class Circles(NamedTuple):
@@ -67,13 +93,8 @@ def travel_bound(table, friction, incline, vx, vy):
 @jit
 def wall_distance(table, wall, x, y):
     """Return the distance of a point from the wall along a border, m."""
-    if wall == LEFT:
-        return x
-    if wall == RIGHT:
-        return table.columns * table.element_size - x
-    if wall == BOTTOM:
-        return y
-    return table.rows * table.element_size - y
+    nx, ny, border = wall_direction(table, wall)
+    return border - (nx * x + ny * y)
 
 
 @jit
@@ -115,8 +136,7 @@ def near_pairs(table, walls, circles, count, pairs):
     Args:
         walls: set of walls, a bit each.
         circles: of which the first ``count`` are in use.
-        pairs: (:func:`pair_capacity`, 2) overwritten, in no particular order: indices of both circles, or index and
-            ``-1 - wall``.
+        pairs: (:func:`pair_capacity`, 2) overwritten, in no particular order: both parts, or part and ``-1 - wall``.
 
     Returns:
         Number of pairs.
@@ -129,7 +149,7 @@ def near_pairs(table, walls, circles, count, pairs):
     if celled:
         enter_cells(circles, count, size)
     for k in range(count):
-        x, y, reach = circles.x[k], circles.y[k], circles.reach[k]
+        part, x, y, reach = circles.part[k], circles.x[k], circles.y[k], circles.reach[k]
         across = 4.0 * reach / size + 2.0 if celled else math.inf
         if across * across < 2.0 * count + 9.0:
             for row in range(int(math.floor((y - 2.0 * reach) / size)), int(math.floor((y + 2.0 * reach) / size)) + 1):
@@ -139,20 +159,63 @@ def near_pairs(table, walls, circles, count, pairs):
                     other = circles.first[bucket_of(circles, column, row)]
                     while other >= 0:
                         if circles.column[other] == column and circles.row[other] == row and is_near(circles, k, other):
-                            pairs[n, 0], pairs[n, 1] = k, other
+                            pairs[n, 0], pairs[n, 1] = part, circles.part[other]
                             n += 1
                         other = circles.following[other]
         else:
             for other in range(count):
                 if is_near(circles, k, other):
-                    pairs[n, 0], pairs[n, 1] = k, other
+                    pairs[n, 0], pairs[n, 1] = part, circles.part[other]
                     n += 1
         if walls != 0:
             for wall in range(4):
                 if (walls >> wall) & 1 and wall_distance(table, wall, x, y) <= reach:
-                    pairs[n, 0], pairs[n, 1] = k, -1 - wall
+                    pairs[n, 0], pairs[n, 1] = part, -1 - wall
                     n += 1
     return n
+
+
+@jit
+def find_pairs(fixed, state, world, pairs):
+    """Write the near pairs of a world and return their number."""
+    table, bodies, circles, count = fixed.friction.table, fixed.friction.bodies, fixed.contacts.circles, 0
+    incline = incline_size(state, world)
+    for part in range(state.pose.shape[1]):
+        if not state.fallen[world, part]:
+            mu = friction_in(bodies, state, world, part)
+            way = travel_bound(table, mu, incline, state.velocity[world, part, 0], state.velocity[world, part, 1])
+            circles.part[count], circles.reach[count] = part, fixed.hulls.radius[part] + way
+            circles.x[count], circles.y[count] = state.pose[world, part, 0], state.pose[world, part, 1]
+            count += 1
+    return near_pairs(table, fixed.walls, circles, count, pairs)
+
+
+@jit
+def load_world(fixed, world):
+    """Load hulls and properties for impacts of a world's parts."""
+    if load_hulls(fixed.hulls, world):
+        load_properties(fixed.properties, fixed.hulls.loaded)
+
+
+@jit
+def begin_world(fixed, state, world, driven, pairs):
+    """Begin a world's period: clear ``driven`` (parts,) and impulses of contacts, write the near pairs; return their number."""
+    load_world(fixed, world)
+    for part in range(driven.shape[0]):
+        driven[part] = False
+        state.pushed[world, part, 0] = state.pushed[world, part, 1] = 0.0
+    return 0 if state.diverged[world] else find_pairs(fixed, state, world, pairs)
+
+
+@jit
+def list_others(bodies, rows, world, w):
+    """Add the parts of a world, number ``w`` of the block, that are not driven to the rows."""
+    parts = rows.driven.shape[1]
+    for part in range(parts):
+        if not rows.driven[w, part]:
+            kind = kind_in(bodies, world, part)
+            rows.rows[kind, rows.count[kind]] = world * parts + part
+            rows.count[kind] += 1
 
 
 @jit

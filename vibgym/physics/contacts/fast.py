@@ -3,7 +3,7 @@
 Each step moves all parts by friction alone, finds the outlines that overlap, and resolves their contact points at once
 (:mod:`vibgym.physics.contacts.impulses`). There is no conservative advancement: parts may overlap by some millimetres before an
 impact is found and by some tenths of a millimetre after a step. The certified contacts of
-:mod:`vibgym.physics.contacts.coupling` bound both.
+:mod:`vibgym.physics.contacts.certified` bound both.
 
 Parts with near pairs of several worlds fill the lanes of the friction stepper together. Lanes are independent, and contacts
 are resolved world by world, so that results do not depend on other worlds.
@@ -19,18 +19,37 @@ import numpy as np
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, reference
 from vibgym.kernels.vector import LANES
-from vibgym.physics.contacts.broad_phase import CONTACT, FREE, NEAR, Circles, near_pairs, new_circles, pair_capacity
-from vibgym.physics.contacts.coupling import friction_step, store_parts
+from vibgym.physics.contacts.broad_phase import (
+    CALLS,
+    CONTACT,
+    FREE,
+    NEAR,
+    Circles,
+    begin_world,
+    list_others,
+    load_world,
+    near_pairs,
+    new_circles,
+    pair_capacity,
+    rows_at,
+)
 from vibgym.physics.contacts.hulls import Hulls, place_hulls
-from vibgym.physics.contacts.impact import ImpactProperties
-from vibgym.physics.contacts.impulses import GAP, Points, add_point, new_points, solve_points
+from vibgym.physics.contacts.impulses import (
+    GAP,
+    HIT_SPEED,
+    ImpactProperties,
+    Points,
+    add_manifold,
+    new_points,
+    point_capacity,
+    rounds_needed,
+    solve_points,
+)
 from vibgym.physics.contacts.manifold import hull_manifold, wall_manifold
-from vibgym.physics.contacts.multibody import CALLS, find_pairs, load_world
-from vibgym.physics.contacts.solver import HIT_SPEED, point_capacity, rounds_needed
 from vibgym.physics.core.drive import pinned_drive
-from vibgym.physics.core.records import kind_in, state_at
-from vibgym.physics.planar.stepper import apply_friction, cut_stale, load_part
-from vibgym.physics.planar.workspace import FixedScene, Scene
+from vibgym.physics.core.records import state_at
+from vibgym.physics.planar.stepper import apply_friction, cut_stale, friction_step, load_part, store_parts
+from vibgym.physics.planar.workspace import FixedScene, scene_of
 
 MARGIN = 2e-3
 """Gap (m) up to which outlines have contact points, which then allow no more than closing it in a step."""
@@ -49,7 +68,7 @@ class FastContacts(NamedTuple):
     first: np.ndarray  # (slots + 1,) first slot of each world
     world: np.ndarray  # (slots,) worlds
     touched: np.ndarray  # (slots,) contact steps with contact points in each of these worlds
-    deepest: np.ndarray  # (1,) m, smallest gap at the end of a step
+    deepest: np.ndarray  # (slots,) m, smallest gap at the end of a step, likewise
 
 
 class FastScene(NamedTuple):
@@ -68,27 +87,6 @@ FAST_SCENE: Layout[FastScene] = Layout("FAST_SCENE", __name__)
 fast_scene_at = FAST_SCENE.at
 
 
-class Rows(NamedTuple):
-    """Parts of a block of worlds: those without near pairs, and which have some."""
-
-    rows: np.ndarray  # (kinds, worlds * parts) parts without near pairs, as world * parts + part
-    count: np.ndarray  # (kinds,) number of rows
-    driven: np.ndarray  # (worlds, parts) bool: has near pairs
-
-
-ROWS: Layout[Rows] = Layout("ROWS", __name__)
-rows_at = ROWS.at
-
-
-def new_rows(worlds: int, parts: int, kinds: int) -> Rows:
-    """Allocate arrays for a block of ``worlds``."""
-    return Rows(
-        rows=np.empty((kinds, worlds * parts), np.int64),
-        count=np.zeros(kinds, np.int64),
-        driven=np.zeros((worlds, parts), np.bool_),
-    )
-
-
 def new_fast_contacts(parts: int, slots: int, hulls: Hulls) -> FastContacts:
     """Allocate working arrays for worlds with ``parts``, several of them in ``slots``."""
     return FastContacts(
@@ -102,7 +100,7 @@ def new_fast_contacts(parts: int, slots: int, hulls: Hulls) -> FastContacts:
         first=np.zeros(slots + 1, np.int64),
         world=np.zeros(slots, np.int64),
         touched=np.zeros(slots, np.int64),
-        deepest=np.zeros(1),
+        deepest=np.zeros(slots),
     )
 
 
@@ -113,30 +111,25 @@ def find_rows(start, stop, fixed, state, rows, whole):
     Args:
         fixed, state, rows: addresses of pinned records.
         whole: treat all parts on the table as near where any of them are.
+
+    Returns:
+        Whether any parts are near one another.
     """
     fixed, state, rows = fast_scene_at(fixed), state_at(state), rows_at(rows)
-    parts, found = state.pose.shape[1], fixed.contacts.found
+    found, any_near = fixed.contacts.found, False
     for kind in range(rows.count.shape[0]):
         rows.count[kind] = 0
     for world in range(start, stop):
-        driven, n = rows.driven[world - start], 0
-        for part in range(parts):
-            driven[part] = False
-            state.pushed[world, part, 0] = state.pushed[world, part, 1] = 0.0
-        load_world(fixed, world)
-        if not state.diverged[world]:
-            n = find_pairs(fixed, state, world, found)
+        driven = rows.driven[world - start]
+        n = begin_world(fixed, state, world, driven, found)
         for k in range(n):
-            driven[found[k, 0]] = True
+            driven[found[k, 0]] = any_near = True
             if found[k, 1] >= 0:
                 driven[found[k, 1]] = True
-        for part in range(parts):
-            if whole and n > 0:
-                driven[part] = not state.fallen[world, part]
-            if not driven[part]:
-                kind = kind_in(fixed.friction.bodies, world, part)
-                rows.rows[kind, rows.count[kind]] = world * parts + part
-                rows.count[kind] += 1
+        for part in range(driven.shape[0] if whole and n > 0 else 0):
+            driven[part] = not state.fallen[world, part]
+        list_others(fixed.friction.bodies, rows, world, world - start)
+    return any_near
 
 
 @jit
@@ -158,7 +151,7 @@ def load_worlds(scene, contacts, driven, world, stop, base):
                 contacts.pushed[slots, 0] = contacts.pushed[slots, 1] = 0.0
                 slots += 1
         if slots > contacts.first[count]:
-            contacts.world[count], contacts.touched[count] = world, 0
+            contacts.world[count], contacts.touched[count], contacts.deepest[count] = world, 0, 0.0
             count += 1
             contacts.first[count] = slots
         world += 1
@@ -209,28 +202,6 @@ def place_body(scene, fixed, first, k):
 
 
 @jit
-def add_manifold(points, n, i, j, x, y, u, w, manifold, friction, restitution, h):
-    """Add the points of a manifold; return the new number of points.
-
-    Args:
-        x, y, u, w: m, centres of bodies ``i`` and ``j``.
-    """
-    if manifold.count > 0:
-        px, py = manifold.x, manifold.y
-        n = add_point(
-            points, n, i, j, manifold.nx, manifold.ny, (px - x, py - y), (px - u, py - w), manifold.gap, friction,
-            restitution, h,
-        )  # fmt: skip
-    if manifold.count > 1:
-        px, py = manifold.other_x, manifold.other_y
-        n = add_point(
-            points, n, i, j, manifold.nx, manifold.ny, (px - x, py - y), (px - u, py - w), manifold.other_gap, friction,
-            restitution, h,
-        )  # fmt: skip
-    return n
-
-
-@jit
 def find_points(scene, fixed, first, parts, count, h):
     """Find the contact points of a world; return their number.
 
@@ -240,7 +211,7 @@ def find_points(scene, fixed, first, parts, count, h):
     hulls, properties, contacts = fixed.hulls, fixed.properties, fixed.contacts
     found, circles, points, placed, n = contacts.found, contacts.circles, contacts.points, contacts.placed, 0
     for pair in range(near_pairs(scene.table, fixed.walls, circles, count, found)):
-        i, j = circles.part[found[pair, 0]], found[pair, 1]
+        i, j = found[pair, 0], found[pair, 1]
         x, y, one = place_body(scene, fixed, first, i)
         restitution, friction = properties.restitution[one], properties.friction[one]
         if j < 0:
@@ -248,7 +219,6 @@ def find_points(scene, fixed, first, parts, count, h):
                 manifold = wall_manifold(scene.table, hulls, placed, a, -1 - j, MARGIN)
                 n = add_manifold(points, n, i, parts, x, y, x, y, manifold, friction, restitution, h)
             continue
-        j = circles.part[j]
         u, w, other = place_body(scene, fixed, first, j)
         restitution = math.sqrt(restitution * properties.restitution[other])
         friction = math.sqrt(friction * properties.friction[other])
@@ -307,7 +277,7 @@ def resolve_contacts(scene, fixed, index, h):
     n = find_points(scene, fixed, first, parts, count, h)
     if n > 0:
         gap = solve_points(contacts.points, n, parts, rounds, fixed.slop)
-        contacts.deepest[0] = min(contacts.deepest[0], gap)
+        contacts.deepest[index] = min(contacts.deepest[index], gap)
         contacts.touched[index] += 1
         write_bodies(scene, fixed, first, parts)
 
@@ -339,38 +309,34 @@ def advance_worlds(scene, fixed, count):
 
 
 @jit
-def store_worlds(scene, contacts, count, counts):
-    """Store the parts of the loaded worlds after a period, and count it; ``counts``: see :func:`drive_together`."""
+def store_worlds(scene, contacts, count, counts, deepest):
+    """Store the parts of the loaded worlds after a period, and count it; see :func:`drive_together`."""
     for index in range(count):
         at = contacts.world[index]
         store_parts(scene, at, contacts.first[index], contacts.first[index + 1], contacts.pushed)
         counts[at, FREE] -= 1
         counts[at, CONTACT if contacts.touched[index] > 0 else NEAR] += 1
         counts[at, CALLS] += contacts.touched[index]
+        deepest[at] = min(deepest[at], contacts.deepest[index])
 
 
 @jit
-def drive_together(start, stop, fixed, drive, state, rows, counts):
+def drive_together(start, stop, fixed, drive, state, rows, counts, deepest):
     """Advance the parts with near pairs of worlds ``start`` to ``stop`` by a period.
 
     Args:
         fixed, drive, state, rows: addresses of pinned records.
         counts: (worlds, COUNTS) int64, added to.
+        deepest: (worlds,) m, smallest gap at the end of a step so far, updated.
     """
     fixed, state, rows = fast_scene_at(fixed), state_at(state), rows_at(rows)
     friction, contacts, world = fixed.friction, fixed.contacts, start
     drive = reference(pinned_drive(drive))
     for k in range(start, stop):
         counts[k, FREE] += 1
+    loading = reference(scene_of(friction, drive, state, friction.workspace.pose.shape[0]))
     while world < stop:
-        most = friction.workspace.pose.shape[0]
-        loading = reference(
-            Scene(friction.table, friction.bodies, friction.scheme, drive, state, friction.workspace, most)
-        )
         count, world = load_worlds(loading, contacts, rows.driven, world, stop, start)
-        groups = (contacts.first[count] + LANES - 1) // LANES
-        scene = reference(
-            Scene(friction.table, friction.bodies, friction.scheme, drive, state, friction.workspace, groups)
-        )
+        scene = reference(scene_of(friction, drive, state, (contacts.first[count] + LANES - 1) // LANES))
         advance_worlds(scene, fixed, count)
-        store_worlds(scene, contacts, count, counts)
+        store_worlds(scene, contacts, count, counts, deepest)

@@ -183,32 +183,31 @@ def moved_support(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
 
 
 @jit
-def wall_direction(table, wall):
+def border_normal(wall, width, depth):
     """Return the unit vector towards the wall along a border, and the wall's position along it, m."""
     if wall == LEFT:
         return -1.0, 0.0, 0.0
     if wall == RIGHT:
-        return 1.0, 0.0, table.columns * table.element_size
+        return 1.0, 0.0, width
     if wall == BOTTOM:
         return 0.0, -1.0, 0.0
-    return 0.0, 1.0, table.rows * table.element_size
+    return 0.0, 1.0, depth
 
 
 @jit
-def wall_gap(hulls, placed, part, wall, width, height):
+def wall_direction(table, wall):
+    """Return :func:`border_normal` of a table."""
+    return border_normal(wall, table.columns * table.element_size, table.rows * table.element_size)
+
+
+@jit
+def wall_gap(hulls, placed, part, wall, width, depth):
     """Return the gap between a placed part and the wall along a border, m; negative: overlap."""
+    nx, ny, border = border_normal(wall, width, depth)
     smallest = math.inf
     for a in range(hulls.owner[part], hulls.owner[part + 1]):
         for k in range(hulls.first[a], hulls.first[a + 1]):
-            if wall == LEFT:
-                gap = placed[k, 0]
-            elif wall == RIGHT:
-                gap = width - placed[k, 0]
-            elif wall == BOTTOM:
-                gap = placed[k, 1]
-            else:
-                gap = height - placed[k, 1]
-            smallest = min(smallest, gap - hulls.rounding[a])
+            smallest = min(smallest, border - (nx * placed[k, 0] + ny * placed[k, 1]) - hulls.rounding[a])
     return smallest
 
 

@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.kernels.jit import jit
-from vibgym.physics.contacts.approach import RESTING
 
 NX, NY, ARM_I, ARM_J, LEVER_I, LEVER_J, NORMAL_MASS, TANGENT_MASS = 0, 1, 2, 3, 4, 5, 6, 7
 ALLOWED, FRICTION, GAP, NORMAL, TANGENTIAL, RESTITUTION, TIME, MOVED, SLID = 8, 9, 10, 11, 12, 13, 14, 15, 16
@@ -27,6 +26,17 @@ impulses have moved the bodies (s); impulses times time (kg m)."""
 
 STILL_SPEED, STILL_MOVE = 1e-3, 2e-5
 """Largest change (m/s; m) in an iteration at which it ends."""
+
+RESTING = 0.01
+"""Closing speed at the start of a step (m/s) below which parts rest against each other and do not rebound: the acceleration by
+friction would cause endless chatter. A rebound at this speed is 10 um high."""
+
+HIT_SPEED = 0.1
+"""Change of velocity by contacts (m/s) above which a part was hit, not held: its contact area is cut again, and the next step
+does not start from the impulses of that impact."""
+
+FEWEST_ROUNDS, MOST_ROUNDS = 10, 1000
+"""Limits of the iterations over all contacts in a step."""
 
 UNLIMITED = 1e9
 """Closing speed that no parts reach, m/s."""
@@ -44,6 +54,34 @@ class Points(NamedTuple):
     before: np.ndarray  # (bodies, 3) at the step's start
     move: np.ndarray  # (bodies, 3) m, m, rad
     inverse: np.ndarray  # (bodies, 2) 1/kg, 1/(kg m^2); zero for walls
+
+
+class ImpactProperties(NamedTuple):
+    """Properties of parts for impacts."""
+
+    every: np.ndarray  # (kinds, 4) mass, gyration, restitution and friction
+    mass: np.ndarray  # (parts,) kg, of the current world, as all that follows; without the factor on mass
+    gyration: np.ndarray  # (parts,) m^2, inertia over mass
+    restitution: np.ndarray  # (parts,) energetic coefficient; a pair uses the geometric mean, a wall the part's
+    friction: np.ndarray  # (parts,) likewise
+
+
+@jit
+def load_properties(properties, kind):
+    """Load the properties of parts of these kinds (parts,)."""
+    for part in range(kind.shape[0]):
+        every = properties.every[kind[part]]
+        properties.mass[part], properties.gyration[part] = every[0], every[1]
+        properties.restitution[part], properties.friction[part] = every[2], every[3]
+
+
+def point_capacity(hulls: int) -> int:
+    """Return the largest number of contact points of ``hulls`` and the walls.
+
+    Outlines that do not overlap touch at most three times as many others, since these pairs form a planar graph. There is
+    room for twice as many points, since some are only near.
+    """
+    return 2 * 6 * (hulls + 4)
 
 
 def new_points(bodies: int, capacity: int) -> Points:
@@ -123,6 +161,41 @@ def add_point(points, n, i, j, nx, ny, at_i, at_j, gap, friction, restitution, h
     elif impact:
         value[RESTITUTION], value[TIME] = restitution, min(-gap / closing, h)
     return n + 1
+
+
+@jit
+def add_manifold(points, n, i, j, x, y, u, w, manifold, friction, restitution, h):
+    """Add the points of a manifold; return the new number of points.
+
+    Args:
+        x, y, u, w: m, centres of bodies ``i`` and ``j``.
+    """
+    if manifold.count > 0:
+        px, py = manifold.x, manifold.y
+        n = add_point(
+            points, n, i, j, manifold.nx, manifold.ny, (px - x, py - y), (px - u, py - w), manifold.gap, friction,
+            restitution, h,
+        )  # fmt: skip
+    if manifold.count > 1:
+        px, py = manifold.other_x, manifold.other_y
+        n = add_point(
+            points, n, i, j, manifold.nx, manifold.ny, (px - x, py - y), (px - u, py - w), manifold.other_gap, friction,
+            restitution, h,
+        )  # fmt: skip
+    return n
+
+
+@jit
+def rounds_needed(parts, ratio):
+    """Return the largest number of iterations: impulses must propagate through a heap, and from heavy to light parts.
+
+    A light part between a heavy one and a wall transmits a share ``light / heavy`` of the impulse in each iteration.
+
+    Args:
+        parts: number of parts.
+        ratio: largest mass over smallest.
+    """
+    return int(min(FEWEST_ROUNDS + np.rint(2.0 * math.sqrt(parts) + ratio), float(MOST_ROUNDS)))
 
 
 @jit

@@ -17,7 +17,7 @@ from vibgym.kernels.vector import LANES
 from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import state_at
 from vibgym.physics.planar.stepper import apply_friction, copy_lane, cut_stale, finite_lane, load_part
-from vibgym.physics.planar.workspace import Scene, Step, fixed_scene_at
+from vibgym.physics.planar.workspace import Step, fixed_scene_at, scene_of
 
 
 @jit
@@ -103,12 +103,7 @@ def slide_rows(rows, fixed, drive, state, periods, paths, base):
         paths: (all rows, steps + 1, 3) overwritten with the poses of the last period at the ends of its steps, or empty.
         base: row of ``paths[0]``.
     """
-    fixed = fixed_scene_at(fixed)
-    scene = reference(
-        Scene(
-            fixed.table, fixed.bodies, fixed.scheme, reference(pinned_drive(drive)), state_at(state), fixed.workspace, 1,
-        )
-    )  # fmt: skip
+    scene = reference(scene_of(fixed_scene_at(fixed), reference(pinned_drive(drive)), state_at(state), 1))
     state, workspace = scene.state, scene.workspace
     parts = state.pose.shape[1]
     for first in range(0, rows.shape[0], LANES):

@@ -36,7 +36,7 @@ from vibgym.physics.planar.contact_area import NEGLIGIBLE_PIECE, OFF, PLACED, pl
 from vibgym.physics.planar.group_cut import MARGIN, cut_outlines
 from vibgym.physics.planar.points import MOST_TRAVEL, MOST_TURN, slide_by_points
 from vibgym.physics.planar.pressure_moments import pressure_moments
-from vibgym.physics.planar.workspace import SECTORS
+from vibgym.physics.planar.workspace import SECTORS, Step
 from vibgym.physics.planar.wrench import limits, slide_by_series
 
 _PER_QUARTER = 2.0 / math.pi
@@ -164,6 +164,38 @@ def load_part(scene, slot, world, part, away):
     workspace.base[g, lane] = UNPLACED
     workspace.phasors.coupling[slot] = body.coupling
     clear_phasors(workspace.phasors, slot)
+
+
+@jit
+def store_parts(scene, world, first, stop, pushed):
+    """Store the state of a world's parts in slots ``first`` to ``stop`` after a period.
+
+    With non-finite values the world has diverged and keeps its last state.
+
+    Args:
+        pushed: (slots, 2) m/s, change of velocity by contacts.
+    """
+    state, pose, velocity = scene.state, scene.workspace.pose, scene.workspace.velocity
+    total = 0.0
+    for slot in range(first, stop):
+        g, lane = slot // LANES, slot % LANES
+        for k in range(lane, 3 * LANES, LANES):
+            total += abs(pose[g, k]) + abs(velocity[g, k])
+    if state.diverged[world] or not total < math.inf:
+        state.diverged[world] = True
+        return
+    for slot in range(first, stop):
+        g, lane, part = slot // LANES, slot % LANES, scene.workspace.part[slot]
+        fallen = state.fallen[world, part]
+        for k in range(3):
+            place = pose[g, k * LANES + lane]
+            state.mean_velocity[world, part, k] = (place - state.pose[world, part, k]) / scene.table.period
+            state.pose[world, part, k] = place
+            state.velocity[world, part, k] = 0.0 if fallen else velocity[g, k * LANES + lane]
+        for k in range(2):
+            state.pushed[world, part, k] = pushed[slot, k]
+        if fallen:
+            state.sticking[world, part] = False
 
 
 @jit
@@ -406,3 +438,17 @@ def apply_friction(scene, step):
             if again >> lane & 1:
                 step_by_points(scene, step, g * LANES + lane)
             lane += 1
+
+
+@jit
+def friction_step(scene, phase, span):
+    """Return a step of ``span`` s from ``phase = w t`` on, in the scheme's Runge-Kutta steps or shorter ones."""
+    table, scheme, cosine, sine = scene.table, scene.scheme, scene.workspace.cosine, scene.workspace.sine
+    substeps = int(math.ceil(span * scheme.steps * scheme.substeps / table.period - 1e-9))
+    h = span / substeps
+    third = 2.0 * math.pi / table.period * h / 3.0
+    c, s, turn, rise = math.cos(phase), math.sin(phase), math.cos(third), math.sin(third)
+    for node in range(3 * substeps + 1):  # substeps share nodes
+        cosine[node], sine[node] = c, s
+        c, s = c * turn - s * rise, s * turn + c * rise
+    return Step(phase, span, h, substeps, cosine, sine, 0, 3)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout
 from vibgym.kernels.vector import LANES, WIDTH
 from vibgym.physics.core.drive import Drive, Phasors, new_phasors
@@ -100,6 +101,12 @@ class Scene(NamedTuple):
     state: State
     workspace: Workspace
     groups: int  # of slots that are in use, the first ones
+
+
+@jit
+def scene_of(fixed, drive, state, groups):
+    """Return a fixed scene with references to drive and state; ``groups`` of its slots are in use."""
+    return Scene(fixed.table, fixed.bodies, fixed.scheme, drive, state, fixed.workspace, groups)
 
 
 def _aligned_zeros(*shape: int) -> np.ndarray:

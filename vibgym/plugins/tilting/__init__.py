@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vibgym.plugins.tilting.model import Tilting, TiltingSettings, scheme_of
 from vibgym.simulation.model import Model, Setup
-from vibgym.simulation.schemes import PlanarSettings, planar_schemes, schemes_alone
+from vibgym.simulation.schemes import PlanarSettings, schemes_alone
 
 
 def tilting(setup: Setup, settings: TiltingSettings | None = None) -> Model:
@@ -25,7 +25,7 @@ def tilting(setup: Setup, settings: TiltingSettings | None = None) -> Model:
         return Tilting(setup, schemes_alone(setup.surface, setup.parts.every, PlanarSettings()), scheme)
     from vibgym.plugins.tilting.multibody import TiltingMultibody
 
-    return TiltingMultibody(setup, planar_schemes(setup.surface, setup.parts.every, setup.walls), scheme)
+    return TiltingMultibody(setup, scheme)
 
 
 tilting.Settings = TiltingSettings  # type: ignore[attr-defined]

@@ -4,7 +4,7 @@ No point approaches, and friction at a point is at most ``mu`` times its normal 
 (:mod:`vibgym.physics.contacts.impulses`), which starts from the impulses of the period's last step (E. Catto, Iterative
 Dynamics with Temporal Coherence, GDC 2005). A second iteration moves parts apart that overlap by more than the slop.
 
-Contacts do not rebound here: :mod:`vibgym.physics.contacts.impact` computes rebounds first.
+Contacts do not rebound here: :mod:`vibgym.physics.contacts.certified.impact` computes rebounds first.
 """
 
 from __future__ import annotations
@@ -16,32 +16,28 @@ import numpy as np
 
 from vibgym.kernels.jit import jit
 from vibgym.kernels.vector import LANES
-from vibgym.physics.contacts.approach import part_motion, place_slot
+from vibgym.physics.contacts.certified.approach import part_motion, place_slot
+from vibgym.physics.contacts.certified.impact import CONTACT_FROM
 from vibgym.physics.contacts.hulls import hull_contact
-from vibgym.physics.contacts.impact import CONTACT_FROM
 from vibgym.physics.contacts.impulses import (
     ALLOWED,
     GAP,
+    HIT_SPEED,
     MOVED,
     NORMAL,
     NORMAL_MASS,
     TANGENTIAL,
     UNLIMITED,
     Points,
-    add_point,
+    add_manifold,
     apply,
     iterate,
     new_points,
     normal_speed,
+    point_capacity,
+    rounds_needed,
 )
 from vibgym.physics.contacts.manifold import hull_points, wall_manifold
-
-HIT_SPEED = 0.1
-"""Change of velocity by contacts (m/s) above which a part was hit, not held: its contact area is cut again, and the next step
-does not start from the impulses of that impact."""
-
-FEWEST_ROUNDS, MOST_ROUNDS = 10, 1000
-"""Limits of the iterations over all contacts in a step."""
 
 STILL_SPEED, STILL_MOVE = 1e-4, 1e-6
 """Largest change (m/s; m) in an iteration at which it ends, for parts of equal mass. It is divided by the largest ratio of
@@ -71,15 +67,6 @@ class Solver(NamedTuple):
     last_span: np.ndarray  # (1,) s, its length
 
 
-def point_capacity(hulls: int) -> int:
-    """Return the largest number of contact points of ``hulls`` and the walls.
-
-    Outlines that do not overlap touch at most three times as many others, since these pairs form a planar graph. There is
-    room for twice as many points, since some are only near.
-    """
-    return 2 * 6 * (hulls + 4)
-
-
 def new_solver(parts: int, hulls: int) -> Solver:
     """Allocate working arrays for up to ``parts`` parts with ``hulls`` in all."""
     capacity = point_capacity(hulls)
@@ -104,52 +91,34 @@ def new_solver(parts: int, hulls: int) -> Solver:
 
 
 @jit
-def rounds_needed(parts, ratio):
-    """Return the largest number of iterations: impulses must propagate through a heap, and from heavy to light parts.
-
-    A light part between a heavy one and a wall transmits a share ``light / heavy`` of the impulse in each iteration.
-
-    Args:
-        parts: number of parts.
-        ratio: largest mass over smallest.
-    """
-    return int(min(FEWEST_ROUNDS + np.rint(2.0 * math.sqrt(parts) + ratio), float(MOST_ROUNDS)))
-
-
-@jit
 def begin_contacts(island):
-    """Load the inverse masses of an island's parts (the last body is the walls) and discard the last impulses."""
-    solver, properties, part = island.solver, island.properties, island.scene.workspace.part
-    inverse = solver.points.inverse
+    """Compute the inverse masses of an island's parts (the last body is the walls), and discard the last impulses."""
+    properties, factor, inverse = island.properties, island.scene.state.mass[island.world], island.solver.points.inverse
     for slot in range(island.parts):
-        inverse[slot, 0], inverse[slot, 1] = (
-            properties.inverse_mass[part[slot]], properties.inverse_inertia[part[slot]]
-        )  # fmt: skip
+        part = island.scene.workspace.part[slot]
+        mass = factor[part] * properties.mass[part]
+        inverse[slot, 0], inverse[slot, 1] = 1.0 / mass, 1.0 / (mass * properties.gyration[part])
     inverse[island.parts, 0] = inverse[island.parts, 1] = 0.0
-    solver.last_count[0] = 0
+    island.solver.last_count[0] = 0
 
 
 @jit
 def add_points(island, n, i, j, a, b, manifold, friction, h):
     """Add the points of a manifold between two slots, or a slot and a wall (``j = -1 - wall``); return their new number."""
-    solver, place, wall = island.solver, island.solver.place, island.parts
+    solver, first = island.solver, n
     x, y, _, _, _ = part_motion(island.scene.workspace, i)
     u, w = x, y
     if j >= 0:
         u, w, _, _, _ = part_motion(island.scene.workspace, j)
-    for k in range(manifold.count):
-        if n >= solver.hull.shape[0]:
-            break
-        solver.hull[n, 0], solver.hull[n, 1] = a, b
-        place[n, 0], place[n, 1], gap = manifold.x, manifold.y, manifold.gap
-        if k == 1:
-            place[n, 0], place[n, 1], gap = manifold.other_x, manifold.other_y, manifold.other_gap
-        n = add_point(
-            solver.points, n, i, j if j >= 0 else wall, manifold.nx, manifold.ny, (place[n, 0] - x, place[n, 1] - y),
-            (place[n, 0] - u, place[n, 1] - w), gap, friction, 0.0, h,
-        )  # fmt: skip
-        if gap > -CONTACT_FROM:
-            solver.points.value[n - 1, ALLOWED] = UNLIMITED
+    body = j if j >= 0 else island.parts
+    n = add_manifold(solver.points, n, i, body, x, y, u, w, manifold, friction, 0.0, h)
+    for k in range(first, n):
+        solver.hull[k, 0], solver.hull[k, 1] = a, b
+        solver.place[k, 0], solver.place[k, 1] = manifold.x, manifold.y
+        if k > first:
+            solver.place[k, 0], solver.place[k, 1] = manifold.other_x, manifold.other_y
+        if solver.points.value[k, GAP] > -CONTACT_FROM:
+            solver.points.value[k, ALLOWED] = UNLIMITED
     return n
 
 

@@ -20,7 +20,7 @@ from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import reference
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import IN_TOUCH, circle_gap, pair_capacity, paths_cross
-from vibgym.physics.contacts.coupling import Island, advance_island, order_pairs
+from vibgym.physics.contacts.certified.coupling import Island, advance_island, order_pairs
 from vibgym.physics.core.records import Scheme, friction_in, incline_size, kind_in
 from vibgym.physics.planar.workspace import Scene
 
@@ -43,7 +43,7 @@ class Islands(NamedTuple):
     travelled: np.ndarray  # (parts,) m, bound on the distance travelled
     calls: np.ndarray  # (parts,) of a root, calls of the solver
     deepest: np.ndarray  # (parts,) m, of a root, smallest gap
-    exceeding: np.ndarray  # (parts,) indices of parts that travelled farther than expected
+    exceeding: np.ndarray  # (parts,) bool: travelled farther than expected in this period
 
 
 def new_islands(parts: int) -> Islands:
@@ -68,7 +68,7 @@ def new_islands(parts: int) -> Islands:
         travelled=np.zeros(parts),
         calls=numbers(),
         deepest=np.zeros(parts),
-        exceeding=numbers(),
+        exceeding=flags(),
     )
 
 
@@ -232,44 +232,33 @@ def may_cross(islands, fixed, state, world, paths, i, j):
 
 
 @jit
-def join_crossing_islands(islands, fixed, state, world, pairs, paths, away, exceeding):
+def join_crossing_islands(islands, fixed, state, world, pairs, found, paths, away):
     """Merge the islands that were run in this round with parts whose paths may cross theirs.
 
     Args:
+        pairs, found: near pairs of the world, and their number.
         away: (parts,) bool, parts that had fallen before the period.
-        exceeding: number of parts in ``islands.exceeding``.
-
-    Returns:
-        The new number.
     """
-    parts = islands.parent.shape[0]
+    parts, any_exceeding = islands.parent.shape[0], False
     for part in range(parts):
         if islands.ran[part] and islands.travelled[part] > islands.expected_travel[part]:
-            known = False
-            for k in range(exceeding):
-                known = known or islands.exceeding[k] == part
-            if not known:
-                islands.exceeding[exceeding] = part
-                exceeding += 1
-    for part in range(parts):
-        if not islands.ran[part]:
+            islands.exceeding[part] = True
+        any_exceeding = any_exceeding or islands.exceeding[part]
+    for k in range(found):
+        i, j = pairs[k, 0], pairs[k, 1]
+        if j < 0 or not (islands.ran[i] or islands.ran[j]) or root_of(islands, i) == root_of(islands, j):
             continue
-        entry = islands.entry[part]
-        while entry >= 0:
-            other = pairs[entry >> 1, 1 - (entry & 1)]
-            twice = other >= 0 and islands.ran[other] and other < part
-            if other >= 0 and not twice and root_of(islands, other) != root_of(islands, part):
-                if may_cross(islands, fixed, state, world, paths, part, other):
-                    join(islands, part, other)
-            entry = islands.link[entry]
-        # The near pairs are incomplete for parts that travelled farther than expected.
-        all_of_them = islands.travelled[part] > islands.expected_travel[part]
-        for k in range(parts if all_of_them else exceeding):
-            other = k if all_of_them else islands.exceeding[k]
-            if not away[other] and root_of(islands, other) != root_of(islands, part):
-                if may_cross(islands, fixed, state, world, paths, part, other):
-                    join(islands, part, other)
-    return exceeding
+        if not islands.ran[i] or (islands.ran[j] and j < i):
+            i, j = j, i
+        if may_cross(islands, fixed, state, world, paths, i, j):
+            join(islands, i, j)
+    # The near pairs are incomplete for parts that travelled farther than expected.
+    for part in range(parts if any_exceeding else 0):
+        for other in range(parts if islands.ran[part] else 0):
+            if (islands.exceeding[part] or islands.exceeding[other]) and not away[other]:
+                if root_of(islands, other) != root_of(islands, part):
+                    if may_cross(islands, fixed, state, world, paths, part, other):
+                        join(islands, part, other)
 
 
 @jit
@@ -301,6 +290,7 @@ def begin_islands(islands, fixed, state, world, pairs, n, gap, paths, away):
     for part in range(islands.parent.shape[0]):
         islands.parent[part], islands.waiting[part], crossed[part] = part, False, False
         islands.travelled[part], paths.driven[part] = islands.expected_travel[part], False
+        islands.exceeding[part] = False
     for k in range(n):
         if gap[k] == -1.0:
             paths.driven[pairs[k, 0]] = True

@@ -3,7 +3,7 @@
 1. :func:`broad_phase` finds the near pairs. Parts that touch initially are left to step 3.
 2. All other parts advance without contacts (:func:`vibgym.physics.planar.friction.slide_rows`), with the same bits as alone.
 3. :func:`resolve` compares the paths of near pairs. Parts whose paths cross return to the start of the period and advance with
-   contacts in islands (:mod:`vibgym.physics.contacts.islands`, :mod:`vibgym.physics.contacts.coupling`).
+   contacts in islands (:mod:`vibgym.physics.contacts.certified.islands`, :mod:`vibgym.physics.contacts.certified.coupling`).
 """
 
 from __future__ import annotations
@@ -15,21 +15,23 @@ import numpy as np
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, reference
 from vibgym.physics.contacts.broad_phase import (
+    CALLS,
     CONTACT,
     FREE,
     IN_TOUCH,
     NEAR,
     Paths,
+    begin_world,
     circle_gap,
-    near_pairs,
+    list_others,
+    load_world,
+    new_rows,
     pair_capacity,
     pair_gap,
     travel_bound,
 )
-from vibgym.physics.contacts.coupling import contact_scene_at
-from vibgym.physics.contacts.hulls import load_hulls, place_hulls
-from vibgym.physics.contacts.impact import load_properties
-from vibgym.physics.contacts.islands import (
+from vibgym.physics.contacts.certified.coupling import contact_scene_at
+from vibgym.physics.contacts.certified.islands import (
     CLOSE,
     Islands,
     begin_islands,
@@ -40,24 +42,20 @@ from vibgym.physics.contacts.islands import (
     new_islands,
     run_island,
 )
+from vibgym.physics.contacts.hulls import place_hulls
 from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import State, friction_in, incline_size, kind_in, new_state, state_at
-
-CALLS = 3
-"""Column of the counts with calls of the solver; the columns before count periods ``FREE``, ``NEAR`` and ``CONTACT``."""
-
-COUNTS = 4
 
 
 class BroadPhase(NamedTuple):
     """Near pairs, paths and islands of a block of worlds, found before contacts are resolved."""
 
+    rows: np.ndarray  # see :class:`vibgym.physics.contacts.broad_phase.Rows`, like the next two
+    count: np.ndarray
+    driven: np.ndarray
     pairs: np.ndarray  # (worlds, capacity, 2)
     found: np.ndarray  # (worlds,) number of pairs
     gap: np.ndarray  # (worlds, capacity) m, lower bound at the period's start; -1: both are in one island
-    driven: np.ndarray  # (worlds, parts) bool: in an island from the start
-    rows: np.ndarray  # (kinds, worlds * parts) parts without contacts, as world * parts + part
-    count: np.ndarray  # (kinds,) number of rows
     paths: np.ndarray  # (worlds * parts, most steps + 1, 3)
     travel: np.ndarray  # (parts, most steps) m, of the current world
     path_steps: np.ndarray  # (parts,) likewise
@@ -74,12 +72,10 @@ def new_broad_phase(worlds: int, parts: int, steps: np.ndarray) -> BroadPhase:
     """Allocate arrays for a block of ``worlds``, for kinds that take ``steps`` (kinds,) a period."""
     capacity, most = pair_capacity(parts), int(steps.max())
     return BroadPhase(
+        *new_rows(worlds, parts, len(steps)),
         pairs=np.empty((worlds, capacity, 2), np.int64),
         found=np.zeros(worlds, np.int64),
         gap=np.empty((worlds, capacity)),
-        driven=np.zeros((worlds, parts), np.bool_),
-        rows=np.empty((len(steps), worlds * parts), np.int64),
-        count=np.zeros(len(steps), np.int64),
         paths=np.empty((worlds * parts, most + 1, 3)),
         travel=np.zeros((parts, most)),
         path_steps=np.zeros(parts, np.int64),
@@ -87,13 +83,6 @@ def new_broad_phase(worlds: int, parts: int, steps: np.ndarray) -> BroadPhase:
         kept=new_state(worlds, parts),
         islands=new_islands(parts),
     )
-
-
-@jit
-def load_world(fixed, world):
-    """Load hulls and properties for impacts of a world's parts."""
-    if load_hulls(fixed.hulls, world):
-        load_properties(fixed.properties, fixed.hulls.loaded)
 
 
 @jit
@@ -107,36 +96,17 @@ def copy_part(source, world, target, to, part):
 
 
 @jit
-def find_pairs(fixed, state, world, pairs):
-    """Write the near pairs of a world and return their number."""
-    table, bodies, circles, count = fixed.friction.table, fixed.friction.bodies, fixed.contacts.circles, 0
-    incline = incline_size(state, world)
-    for part in range(state.pose.shape[1]):
-        if not state.fallen[world, part]:
-            mu = friction_in(bodies, state, world, part)
-            way = travel_bound(table, mu, incline, state.velocity[world, part, 0], state.velocity[world, part, 1])
-            circles.part[count], circles.reach[count] = part, fixed.hulls.radius[part] + way
-            circles.x[count], circles.y[count] = state.pose[world, part, 0], state.pose[world, part, 1]
-            count += 1
-    n = near_pairs(table, fixed.walls, circles, count, pairs)
-    for k in range(n):
-        pairs[k, 0] = circles.part[pairs[k, 0]]
-        if pairs[k, 1] >= 0:
-            pairs[k, 1] = circles.part[pairs[k, 1]]
-    return n
-
-
-@jit
 def find_touching(fixed, pose, pairs, n, gap, driven):
     """Write the gaps of a world's near pairs (of distant ones lower bounds), and mark parts that touch or are close.
 
     Args:
         pose: (parts, 3).
-        gap: (pairs,) m, overwritten.  driven: (parts,) bool, overwritten.
+        gap: (pairs,) m, overwritten.
+        driven: (parts,) bool, False, overwritten.
     """
     table, hulls, contacts = fixed.friction.table, fixed.hulls, fixed.contacts
     for part in range(driven.shape[0]):
-        contacts.fresh[part] = driven[part] = False
+        contacts.fresh[part] = False
     for k in range(n):
         i, j = pairs[k, 0], pairs[k, 1]
         gap[k] = circle_gap(table, hulls, i, pose[i], j, pose[j if j >= 0 else i])
@@ -169,22 +139,15 @@ def broad_phase(start, stop, fixed, state, broad):
     for kind in range(broad.count.shape[0]):
         broad.count[kind] = 0
     for world in range(start, stop):
-        w, found = world - start, 0
-        load_world(fixed, world)
-        if not state.diverged[world]:
-            found = find_pairs(fixed, state, world, broad.pairs[w])
+        w = world - start
+        found = begin_world(fixed, state, world, broad.driven[w], broad.pairs[w])
         broad.found[w] = found
         if found > 0:
             any_near = True
             find_touching(fixed, state.pose[world], broad.pairs[w], found, broad.gap[w], broad.driven[w])
-        for part in range(parts):
-            state.pushed[world, part, 0] = state.pushed[world, part, 1] = 0.0
-            if found > 0:
+            for part in range(parts):
                 copy_part(state, world, broad.kept, w, part)
-            if found == 0 or not broad.driven[w, part]:
-                kind = kind_in(fixed.friction.bodies, world, part)
-                broad.rows[kind, broad.count[kind]] = world * parts + part
-                broad.count[kind] += 1
+        list_others(fixed.friction.bodies, broad, world, w)
     return any_near
 
 
@@ -220,17 +183,15 @@ def run_waiting_islands(world, w, fixed, drive, state, broad, paths):
 
 
 @jit
-def resolve_world(world, w, fixed, drive, state, broad, counts):
+def resolve_world(world, w, fixed, drive, state, broad, counts, deepest):
     """Advance a world's islands until no paths cross; return the kind of period, ``NEAR`` or ``CONTACT``."""
     islands, parts, first = broad.islands, state.pose.shape[1], w * state.pose.shape[1]
     paths = reference(Paths(broad.paths[first : first + parts], broad.path_steps, broad.driven[w], broad.travel))
     begin_islands_of_world(world, w, fixed, state, broad, paths)
-    mode, exceeding = NEAR, 0
+    mode = NEAR
     while not state.diverged[world] and run_waiting_islands(world, w, fixed, drive, state, broad, paths):
         mode = CONTACT
-        exceeding = join_crossing_islands(
-            islands, fixed, state, world, broad.pairs[w], paths, broad.kept.fallen[w], exceeding
-        )
+        join_crossing_islands(islands, fixed, state, world, broad.pairs[w], broad.found[w], paths, broad.kept.fallen[w])
     if state.diverged[world]:
         for part in range(parts):
             copy_part(broad.kept, w, state, world, part)
@@ -238,17 +199,18 @@ def resolve_world(world, w, fixed, drive, state, broad, counts):
     for part in range(parts):
         if paths.driven[part] and islands.parent[part] == part:
             counts[world, CALLS] += islands.calls[part]
-            fixed.contacts.deepest[1] = min(fixed.contacts.deepest[1], islands.deepest[part])
+            deepest[world] = min(deepest[world], islands.deepest[part])
     return mode
 
 
 @jit
-def resolve(start, stop, fixed, drive, state, broad, counts):
+def resolve(start, stop, fixed, drive, state, broad, counts, deepest):
     """Advance the parts with contacts, after those without have taken the period.
 
     Args:
         fixed, drive, state, broad: addresses of pinned records.
         counts: (worlds, COUNTS) int64, added to.
+        deepest: (worlds,) m, smallest gap at the end of a step so far, updated.
     """
     fixed, state, broad = contact_scene_at(fixed), state_at(state), broad_phase_at(broad)
     drive = reference(pinned_drive(drive))
@@ -257,5 +219,5 @@ def resolve(start, stop, fixed, drive, state, broad, counts):
         mode = FREE
         if broad.found[w] > 0:
             load_world(fixed, world)
-            mode = resolve_world(world, w, fixed, drive, state, broad, counts)
+            mode = resolve_world(world, w, fixed, drive, state, broad, counts, deepest)
         counts[world, mode] += 1

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from vibgym.kernels.jit import jit
 from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.hulls import A_FACE, B_FACE, hull_contact, moved_support, place_hulls, wall_direction
+from vibgym.physics.contacts.impulses import RESTING
 from vibgym.physics.core.records import friction_in, incline_size, kind_in
 
 FAST, SLOWLY = 0.02, 6.0
@@ -20,10 +21,6 @@ FAST, SLOWLY = 0.02, 6.0
 
 DEEP = 12.0
 """Overlap over that allowed for an impact, from which on slow parts and rotating corners may add no more than that."""
-
-RESTING = 0.01
-"""Closing speed at the start of a step (m/s) below which parts rest against each other and do not rebound: the acceleration by
-friction would cause endless chatter. A rebound at this speed is 10 um high."""
 
 
 class Approach(NamedTuple):

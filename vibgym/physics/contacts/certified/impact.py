@@ -20,12 +20,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from vibgym.kernels.jit import jit
 from vibgym.kernels.vector import LANES
-from vibgym.physics.contacts.approach import RESTING, part_motion
+from vibgym.physics.contacts.certified.approach import part_motion
 from vibgym.physics.contacts.hulls import Span, hull_span, wall_span
+from vibgym.physics.contacts.impulses import RESTING
 
 MOST_PIECES = 24
 """Limit of linear pieces in an impact; switches are few."""
@@ -199,44 +198,12 @@ MOST_IMPACTS, IMPACTS_A_PAIR = 32, 8
 """Limit of impacts in a step: constant, plus this for each near pair."""
 
 
-class ImpactProperties(NamedTuple):
-    """Properties of parts for impacts."""
-
-    every: np.ndarray  # (kinds, 4) mass, gyration, restitution and friction
-    mass: np.ndarray  # (parts,) kg, of the current world, as all that follows; without the factor on mass
-    gyration: np.ndarray  # (parts,) m^2, inertia over mass
-    inverse_mass: np.ndarray  # (parts,) 1/kg
-    inverse_inertia: np.ndarray  # (parts,) 1/(kg m^2)
-    restitution: np.ndarray  # (parts,) energetic coefficient; a pair uses the geometric mean, a wall the part's
-    friction: np.ndarray  # (parts,) likewise
-
-
-@jit
-def load_properties(properties, kind):
-    """Load the properties of parts of these kinds (parts,)."""
-    for part in range(kind.shape[0]):
-        every = properties.every[kind[part]]
-        properties.mass[part], properties.gyration[part] = every[0], every[1]
-        properties.restitution[part], properties.friction[part] = every[2], every[3]
-
-
 class RelativeMotion(NamedTuple):
     """Velocity of the second body relative to the first, in the middle of the contact segment."""
 
     approach: float  # m/s, along the normal
     slip: float  # m/s, along the tangent
     turning: float  # rad/s
-
-
-@jit
-def set_inverse_masses(island):
-    """Compute the inverse masses and inertias of the island's parts."""
-    properties, factor = island.properties, island.scene.state.mass[island.world]
-    for slot in range(island.parts):
-        p = island.scene.workspace.part[slot]
-        mass = factor[p] * properties.mass[p]
-        properties.inverse_mass[p] = 1.0 / mass
-        properties.inverse_inertia[p] = 1.0 / (mass * properties.gyration[p])
 
 
 @jit
@@ -291,22 +258,20 @@ def mobility_at(island, slot, span):
     """Return the mobility of the part in a slot at a contact."""
     x, y, _, _, _ = part_motion(island.scene.workspace, slot)
     rx, ry = span.x - x, span.y - y
-    properties, part = island.properties, island.scene.workspace.part[slot]
     normal, tangent = span.nx * rx + span.ny * ry, span.nx * ry - span.ny * rx
-    return mobility_of(properties.inverse_mass[part], properties.inverse_inertia[part], normal, tangent)
+    return mobility_of(island.solver.points.inverse[slot, 0], island.solver.points.inverse[slot, 1], normal, tangent)
 
 
 @jit
 def apply_impulse(island, slot, span, normal, tangential, turn):
     """Apply an impulse at a contact to a slot's part; return the largest change of velocity of any point, m/s."""
-    workspace, properties = island.scene.workspace, island.properties
+    workspace, inverse = island.scene.workspace, island.solver.points.inverse[slot]
     part = workspace.part[slot]
     x, y, _, _, _ = part_motion(workspace, slot)
     px, py = normal * span.nx - tangential * span.ny, normal * span.ny + tangential * span.nx
     moment = (span.x - x) * py - (span.y - y) * px + turn
     velocity, lane = workspace.velocity[slot // LANES], slot % LANES
-    dx, dy = properties.inverse_mass[part] * px, properties.inverse_mass[part] * py
-    spin = properties.inverse_inertia[part] * moment
+    dx, dy, spin = inverse[0] * px, inverse[0] * py, inverse[1] * moment
     velocity[lane] += dx
     velocity[LANES + lane] += dy
     velocity[2 * LANES + lane] += spin

@@ -1,14 +1,12 @@
 """Parts in contact: friction with the table coupled to a contact solver within the period.
 
 Each coupling step moves the parts by friction alone, then corrects velocities by the contact impulses and positions by the
-overlap. The solver (:mod:`vibgym.physics.contacts.solver`) only detects contacts of outlines that overlap, so conservative
-advancement (:mod:`vibgym.physics.contacts.approach`) limits the step such that overlaps stay small. Fast parts therefore meet
-at the right time and place and cannot pass through each other; parts that rest against each other need no short steps. Steps
-in which nothing can touch skip the solver.
+overlap. The solver only detects contacts of outlines that overlap, so conservative advancement limits the step such that
+overlaps stay small. Fast parts therefore meet at the right time and place and cannot pass through each other; parts that rest
+against each other need no short steps. Steps in which nothing can touch skip the solver.
 
-The parts of an island (:mod:`vibgym.physics.contacts.islands`) advance together, independently of all others. The solver
-starts each island's period from poses and velocities alone, so that a state consists of these and results do not depend on its
-history.
+The parts of an island advance together, independently of all others. The solver starts each island's period from poses and
+velocities alone, so that a state consists of these and results do not depend on its history.
 """
 
 from __future__ import annotations
@@ -21,7 +19,6 @@ import numpy as np
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout, reference
 from vibgym.kernels.vector import LANES
-from vibgym.physics.contacts.approach import conservative_step, invalidate_placement
 from vibgym.physics.contacts.broad_phase import (
     Circles,
     curvature_bound,
@@ -30,12 +27,14 @@ from vibgym.physics.contacts.broad_phase import (
     pair_capacity,
     travel_bound,
 )
+from vibgym.physics.contacts.certified.approach import conservative_step, invalidate_placement
+from vibgym.physics.contacts.certified.impact import CONTACT_FROM, resolve_impacts
+from vibgym.physics.contacts.certified.solver import Solver, begin_contacts, clear_impulses, find_contacts, solve
 from vibgym.physics.contacts.hulls import Hulls
-from vibgym.physics.contacts.impact import CONTACT_FROM, ImpactProperties, resolve_impacts, set_inverse_masses
-from vibgym.physics.contacts.solver import HIT_SPEED, Solver, begin_contacts, clear_impulses, find_contacts, solve
+from vibgym.physics.contacts.impulses import HIT_SPEED, ImpactProperties
 from vibgym.physics.core.records import friction_in, incline_size
-from vibgym.physics.planar.stepper import apply_friction, cut_stale, load_part
-from vibgym.physics.planar.workspace import FixedScene, Scene, Step
+from vibgym.physics.planar.stepper import apply_friction, cut_stale, friction_step, load_part, store_parts
+from vibgym.physics.planar.workspace import FixedScene, Scene
 
 REFRESH_SPEED = 0.1
 """Change of a part's velocity along x or y by contacts (m/s) from which on the list of near pairs is updated."""
@@ -63,7 +62,7 @@ class Contacts(NamedTuple):
     close: np.ndarray  # (pairs,) bool: may touch in this step
     impact: np.ndarray  # (pairs,) bool: may touch, and approach faster than parts at rest against each other
     hit: np.ndarray  # (slots,) bool: in an impact of this step
-    deepest: np.ndarray  # (2,) m, smallest gap at the end of a step: in this island, in all
+    deepest: np.ndarray  # (1,) m, smallest gap at the end of a step in this island
 
 
 def new_contacts(parts: int, hulls: Hulls) -> Contacts:
@@ -86,7 +85,7 @@ def new_contacts(parts: int, hulls: Hulls) -> Contacts:
         close=np.zeros(capacity, np.bool_),
         impact=np.zeros(capacity, np.bool_),
         hit=np.zeros(parts, np.bool_),
-        deepest=np.zeros(2),
+        deepest=np.zeros(1),
     )
 
 
@@ -182,10 +181,6 @@ def update_pairs(island):
             circles.reach[count] = island.hulls.radius[part] + way + 1.5 * REFRESH_SPEED * scene.table.period
             count += 1
     n = near_pairs(scene.table, island.walls, circles, count, contacts.found)
-    for k in range(n):
-        contacts.found[k, 0] = circles.part[contacts.found[k, 0]]
-        if contacts.found[k, 1] >= 0:
-            contacts.found[k, 1] = circles.part[contacts.found[k, 1]]
     order_pairs(contacts, island.parts, n)
     return n
 
@@ -205,20 +200,6 @@ def pairs_outdated(island):
 
 
 @jit
-def friction_step(scene, phase, span):
-    """Return a step of ``span`` s from ``phase = w t`` on, in the scheme's Runge-Kutta steps or shorter ones."""
-    table, scheme, cosine, sine = scene.table, scene.scheme, scene.workspace.cosine, scene.workspace.sine
-    substeps = int(math.ceil(span * scheme.steps * scheme.substeps / table.period - 1e-9))
-    h = span / substeps
-    third = 2.0 * math.pi / table.period * h / 3.0
-    c, s, turn, rise = math.cos(phase), math.sin(phase), math.cos(third), math.sin(third)
-    for node in range(3 * substeps + 1):  # substeps share nodes
-        cosine[node], sine[node] = c, s
-        c, s = c * turn - s * rise, s * turn + c * rise
-    return Step(phase, span, h, substeps, cosine, sine, 0, 3)
-
-
-@jit
 def load_island(island):
     """Load the parts into their slots."""
     scene, contacts = island.scene, island.contacts
@@ -232,38 +213,6 @@ def load_island(island):
         ] = 0.0
     for slot in range(island.parts, LANES * scene.groups):
         workspace.away[slot] = True
-
-
-@jit
-def store_parts(scene, world, first, stop, pushed):
-    """Store the state of a world's parts in slots ``first`` to ``stop`` after a period.
-
-    With non-finite values the world has diverged and keeps its last state.
-
-    Args:
-        pushed: (slots, 2) m/s, change of velocity by contacts.
-    """
-    state, pose, velocity = scene.state, scene.workspace.pose, scene.workspace.velocity
-    total = 0.0
-    for slot in range(first, stop):
-        g, lane = slot // LANES, slot % LANES
-        for k in range(lane, 3 * LANES, LANES):
-            total += abs(pose[g, k]) + abs(velocity[g, k])
-    if state.diverged[world] or not total < math.inf:
-        state.diverged[world] = True
-        return
-    for slot in range(first, stop):
-        g, lane, part = slot // LANES, slot % LANES, scene.workspace.part[slot]
-        fallen = state.fallen[world, part]
-        for k in range(3):
-            place = pose[g, k * LANES + lane]
-            state.mean_velocity[world, part, k] = (place - state.pose[world, part, k]) / scene.table.period
-            state.pose[world, part, k] = place
-            state.velocity[world, part, k] = 0.0 if fallen else velocity[g, k * LANES + lane]
-        for k in range(2):
-            state.pushed[world, part, k] = pushed[slot, k]
-        if fallen:
-            state.sticking[world, part] = False
 
 
 @jit
@@ -312,7 +261,7 @@ def coupling_step(island, n, h, phase, first):
 
     Args:
         n: number of near pairs in ``contacts.pairs``.
-        h: result of :func:`vibgym.physics.contacts.approach.conservative_step`.
+        h: result of :func:`vibgym.physics.contacts.certified.approach.conservative_step`.
         phase: w t at the start.
         first: whether the solver has not been called in this period.
 
@@ -363,7 +312,6 @@ def advance_island(island, n, paths):
     span = scene.table.period / steps
     longest = span / island.couplings
     load_island(island)
-    set_inverse_masses(island)
     begin_contacts(island)
     invalidate_placement(island)
     record_paths(island, paths, 0, longest)
