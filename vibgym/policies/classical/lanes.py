@@ -33,11 +33,7 @@ from vibgym.simulation import threads as workers
 
 
 def extents(half: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Return half of the extents (batch, parts, 2) m along and across the table of parts with ``heading`` (batch, parts).
-
-    Args:
-        half: (parts, 2) m, half of them at heading 0.
-    """
+    """Return half of the extents (batch, parts, 2) m at ``heading`` (batch, parts) rad; ``half`` (parts, 2) is that at 0."""
     cosine, sine = np.abs(np.cos(heading)), np.abs(np.sin(heading))
     return np.stack([half[:, 0] * cosine + half[:, 1] * sine, half[:, 0] * sine + half[:, 1] * cosine], axis=-1)
 
