@@ -83,22 +83,20 @@ def _action_of(model: Any, info: TaskInfo, action: str | None, usual: str | None
     if action is not None:
         ACTIONS.choose("policy.action", action)
     shape = getattr(getattr(model, "action_space", None), "shape", None)
-    known = {name: make(info.surface, info.parts) for name, make in ACTIONS.items()}
-    fitting = [name for name, each in known.items() if shape in ((each.size,), each.shape)]
     if shape is None and action is not None:
-        fitting = [action]
-    got = f"{type(model).__name__} with actions of shape {shape}"
-    if not fitting or action not in (None, *fitting):
-        shapes = {name: (each.size,) for name, each in known.items() if action in (None, name)}
-        raise checks.refuse("policy", got, f"a model with an attribute 'action', or an action_space of {shapes}")
-    if action is None and usual in fitting:
-        action = usual
-    if action is None and len(fitting) > 1:
-        which = " or ".join(f"'action': {name!r}" for name in fitting)
-        raise checks.refuse(
-            "policy", got, f"{{'policy': model, {which}}}, or have an attribute 'action': both would fit"
-        )
-    return fitting[0] if action is None else action
+        return action
+    known = {name: make(info.surface, info.parts) for name, make in ACTIONS.items() if action in (None, name)}
+    fitting = [name for name, each in known.items() if shape in ((each.size,), each.shape)]
+    if usual in fitting:
+        return usual
+    if len(fitting) == 1:
+        return fitting[0]
+    allowed = " or ".join(f"'action': {name!r}" for name in fitting)
+    allowed = f"{{'policy': model, {allowed}}}, or have an attribute 'action': both would fit"
+    if not fitting:
+        shapes = {name: (each.size,) for name, each in known.items()}
+        allowed = f"a model with an attribute 'action', or an action_space of {shapes}"
+    raise checks.refuse("policy", f"{type(model).__name__} with actions of shape {shape}", allowed)
 
 
 def _observation_of(model: Any, info: TaskInfo, observation: str | None) -> str:

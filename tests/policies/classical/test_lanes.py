@@ -30,6 +30,12 @@ def seen(centre, present=None, velocity=0.0):
     )  # fmt: skip
 
 
+def test_settings_of_patterns_are_refused_at_gates(info):
+    assert make_policy({"kind": "lanes", "law": "local", "approach": 5.0}, info).law.approach == 5.0
+    with pytest.raises(ValueError, match="'edge'.*gates"):
+        make_policy({"kind": "lanes", "edge_mm": 20}, info)
+
+
 def test_single_parts_move_along_their_lanes_at_full_speed(info):
     policy = FeedingPolicy(info)
     velocity = policy.velocity(seen([[0.2, 0.052], [0.3, 0.156], [0.6, 0.156], [0.1, 0.104]]))[0]

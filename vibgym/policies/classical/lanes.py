@@ -24,7 +24,6 @@ import numpy as np
 from vibgym import checks
 from vibgym.kernels.jit import jit
 from vibgym.physics.contacts.hulls import hull_gap, place_hulls
-from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.classical.planner import Plan
 from vibgym.policies.classical.steering import LawChoice, Memory, Steering
@@ -34,11 +33,7 @@ from vibgym.simulation import threads as workers
 
 
 def extents(half: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Return half of the extents (batch, parts, 2) m along and across the table of parts with ``heading`` (batch, parts).
-
-    Args:
-        half: (parts, 2) m, half of them at heading 0.
-    """
+    """Return half of the extents (batch, parts, 2) m at ``heading`` (batch, parts) rad; ``half`` (parts, 2) is that at 0."""
     cosine, sine = np.abs(np.cos(heading)), np.abs(np.sin(heading))
     return np.stack([half[:, 0] * cosine + half[:, 1] * sine, half[:, 0] * sine + half[:, 1] * cosine], axis=-1)
 
@@ -71,8 +66,6 @@ class FeedingPolicy(Steering):
         if not info.flows or info.zones is None:
             raise info.unsupported("lanes", "a task whose parts leave through gates, such as Feed")
         zones = info.zones[list(info.kind)]
-        self.top = info.plant.top_speed
-        self.lead = lead_of(self.law, info, 0.5 * self.top)
         self.lane = 0.5 * (zones[:, 1] + zones[:, 3])
         self.gate = zones[:, 0]
         self.inlet = float(2.0 * max(part.radius for part in info.parts))
@@ -132,7 +125,6 @@ class CrossingPolicy(TwoPhasesPolicy):
             required = "a task whose parts have fixed goal poses, such as Swap, or leave through gates, such as Feed"
             raise info.unsupported("lanes", required)
         super().__init__(info, settings)
-        self.top = info.plant.top_speed
         self.half = 0.5 * self.targets.size
         self.rules = Rules(info.surface.width, info.surface.depth, self.top, 1.0 / self.lead)
 

@@ -21,7 +21,6 @@ import numpy as np
 from pydantic import Field
 
 from vibgym.physics.contacts.hulls import all_gaps
-from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.motion_choice import STAY, Preferences, Scene, choose_motions
 from vibgym.policies.classical.steering import Memory, Steering
@@ -209,12 +208,11 @@ class PlannerPolicy(Steering):
         # Without zones all parts may swap targets.
         self.kind = self.targets.kind if info.zones is not None else np.zeros(len(info.parts), dtype=np.int64)
         self.inner = np.array([inner_distance(convex_hull(part.outline)) for part in info.parts])
-        self.lead = lead_of(self.law, info, 0.5 * plant.top_speed)
         self.preferences = Preferences(
             width=surface.width,
             depth=surface.depth,
             edge=edge,
-            top_speed=plant.top_speed,
+            top_speed=self.top,
             acceleration=ACCELERATION * plant.push.min(),
             braking=BRAKING * plant.push.min(),
             approach=1.0 / self.lead,

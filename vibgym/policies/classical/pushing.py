@@ -16,12 +16,10 @@ from pydantic import Field
 
 from vibgym import Part
 from vibgym.kernels.jit import exact
-from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.classical.steering import LawChoice, Memory, Steering
 from vibgym.policies.task_info import TaskInfo
 from vibgym.settings import Length, Speed
-from vibgym.simulation.plant import drag_of
 
 SPACING = 0.004  # m between candidate points of the outline
 ANGLES = 72  # directions about the part in which the distance of the path round it is tabulated
@@ -130,9 +128,7 @@ class PushingPolicy(Steering):
         part = info.parts[self.pushed]
         self.reach = max(info.parts[k].radius for k in self.pushers)
         self.outline = Outline(part, self.reach)
-        self.drag = float(drag_of(info.surface, [part])[0])
-        self.top = info.plant.top_speed
-        self.lead = lead_of(self.law, info, 0.5 * self.top)
+        self.drag = float(info.plant.drag[self.pushed])
         effect, place = self.outline.effect, self.outline.place
         self._gram = effect @ effect.T
         self._fits = np.sqrt(((place[:, None] - place) ** 2).sum(axis=-1)) > 2.0 * self.reach + 0.5 * ROOM

@@ -6,6 +6,7 @@ the environment's action. :class:`LocalFieldPolicy` steers every part straight t
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
@@ -17,7 +18,7 @@ from vibgym import checks
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.envs.features import SPIN
 from vibgym.envs.motions import MOTIONS
-from vibgym.policies.classical.law import Law, laws
+from vibgym.policies.classical.law import Law, laws, lead_of
 from vibgym.policies.classical.measured import Measured, Preview, from_goals, recall, wrap
 from vibgym.policies.classical.outputs import OUTPUTS, DisturbanceObserver
 from vibgym.policies.task_info import TaskInfo
@@ -53,6 +54,7 @@ class Steering:
     Attributes:
         ahead: s, half the difference of step and period.
         slack: m, largest position error of corners of parts that have arrived.
+        top: m/s, speed of a part on elements at full amplitude.
 
     Raises:
         ValueError: a bad setting of the law, or parts that can stick to the surface, where averages over a period do not hold.
@@ -113,7 +115,7 @@ class Steering:
         self.info = info
         self.settings = own = type(self).Settings() if settings is None else settings
         self.law: Law = laws().make("law", own.law, info)
-        self.slack = self.law.slack
+        self.slack, self.top = self.law.slack, info.plant.top_speed
         self.process = FrictionalInverse(
             info.surface, info.parts, limit=info.hardware.limit, ahead=0.5 * info.surface.period
         )
@@ -131,6 +133,11 @@ class Steering:
         self.symmetry = np.array([part.symmetry for part in info.parts])
         self.preview = Preview(info) if info.goal_moves else None
 
+    @functools.cached_property
+    def lead(self) -> float:
+        """s, a target ``lead * v`` ahead of a part makes it move at the velocity ``v``; see :func:`.law.lead_of`."""
+        return lead_of(self.law, self.info, 0.5 * self.top)
+
     def initial(self, batch: int) -> Memory:
         """Return the memory at the start of an episode."""
         shape = batch, len(self.info.parts)
@@ -142,7 +149,7 @@ class Steering:
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Memory]:
-        """Return actions from measured poses and mean velocities, and the memory; see :class:`.protocol.Policy`."""
+        """Return actions from measured poses and mean velocities, and the memory; see :class:`.task_info.Policy`."""
         measured = Measured.of(observation, self.info)
         memory, new = recall(state, episode_start, self.initial(1), len(measured.centre), measured.arrived)
         return self.act(self.expected(measured, memory), memory, new)

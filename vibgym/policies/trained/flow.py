@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.policies.trained.coding import Coding, Inputs
+from vibgym.policies.classical.measured import recall
+from vibgym.policies.trained.coding import Coding
 from vibgym.policies.trained.networks import ENCODERS, Tensors, linear
 
 MOST_HORIZON = 64
@@ -28,7 +29,7 @@ EPSILON = np.float32(1e-5)
 class Plan(NamedTuple):
     """Memory of a policy."""
 
-    inputs: Inputs
+    inputs: Any  # of the last step
     actions: np.ndarray  # (worlds, rows, horizon, values) network outputs
     age: np.ndarray  # (worlds,) int64, actions of it that have been executed
     count: np.ndarray  # (worlds,) int64, plans since the start of the episode
@@ -95,27 +96,21 @@ class FlowPolicy:
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Return actions in [-1, 1] for one observation or a batch; the state is a :class:`Plan`."""
-        if state is not None and not isinstance(state, Plan):
-            raise checks.refuse("state", type(state).__name__, "None, or what predict() returned: Plan")
-        inputs = self.coding.encode(observation, None if state is None else state.inputs, episode_start)
+        inputs = self.coding.encode(observation, getattr(state, "inputs", None), episode_start)
         worlds, rows = inputs.rows.shape[:2]
-        if state is None:
-            shape = (worlds, rows, self.horizon, self.coding.shape.action)
-            state = Plan(inputs, np.zeros(shape, np.float32), np.zeros(worlds, np.int64), np.zeros(worlds, np.int64))
-            episode_start = np.ones(worlds, dtype=bool)
-        elif len(state.age) != worlds:
-            raise checks.refuse("state", f"a plan of {len(state.age)} worlds", f"None, or one of {worlds} worlds")
-        begins = np.zeros(worlds, dtype=bool) if episode_start is None else np.asarray(episode_start, dtype=bool)
-        count = np.where(begins, 0, state.count)
-        due = begins | (state.age >= self.executed)
-        actions, age = state.actions.copy(), np.where(due, 0, state.age)
+        zeros = np.zeros(1, dtype=np.int64)
+        first = Plan((), np.zeros((1, rows, self.horizon, self.coding.shape.action), dtype=np.float32), zeros, zeros)
+        own = state._replace(inputs=()) if isinstance(state, Plan) else state
+        plan, begins = recall(own, episode_start, first, worlds)
+        due = begins | (plan.age >= self.executed)
+        actions, age = plan.actions, np.where(due, 0, plan.age)
         if due.any():
-            noise = self._noise(count[due], rows, deterministic)
+            noise = self._noise(plan.count[due], rows, deterministic)
             actions[due] = self.plan(inputs.rows[due], noise).reshape(-1, *actions.shape[1:])
         of_parts = actions[np.arange(worlds), :, age]
         done = self.coding.decode(inputs, np.clip(of_parts, -1.0, 1.0).astype(np.float32))
         single = self.coding.single(observation)
-        return (done[0] if single else done), Plan(inputs, actions, age + 1, count + due)
+        return (done[0] if single else done), Plan(inputs, actions, age + 1, plan.count + due)
 
     def outputs(self, rows: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return the actions (worlds, rows, values) of a plan from zero noise, one array for each step of the horizon."""
