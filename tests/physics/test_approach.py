@@ -15,6 +15,7 @@ from vibgym.physics.core.drive import polar_drive
 from vibgym.physics.core.records import new_state
 from vibgym.physics.planar.workspace import Scene
 from vibgym.scene.hulls import gaps_between
+from vibgym.scene.kinds import Kinds
 from vibgym.simulation.contacts.base import SLOP
 from vibgym.simulation.contacts.certified import CertifiedContacts
 from vibgym.simulation.model import Setup

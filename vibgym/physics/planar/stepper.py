@@ -304,8 +304,9 @@ def place_in_window(scene, g, first, cutting, count):
     sector = floor(turns - SECTORS * floor(turns / SECTORS))
     sector, old = select(cutting, minimum(sector, SECTORS - 1.0), 0.0), load_register(workspace.sector[g], first)
     other = bits(cutting & ((sector > old) | (sector < old)))
+    cut = bits(cutting)
     for lane in range(WIDTH):  # outlines of a group end together
-        if workspace.corners[g * LANES + first + lane] < count:
+        if cut >> lane & 1 and workspace.corners[g * LANES + first + lane] < count:
             other |= 1 << lane
     if other != 0:
         store(workspace.sector[g], first, select(cutting, sector, old))
