@@ -17,7 +17,6 @@ import numpy as np
 from vibgym.envs.actions import all_finite_in_blocks, copy_finite
 from vibgym.envs.info import InfoData
 from vibgym.envs.observations import RowObservation, Writer
-from vibgym.tasks.scoring import CustomReward
 
 if TYPE_CHECKING:
     from vibgym.envs.core import Core
@@ -83,9 +82,11 @@ class Pipeline:
     def _list_stages(self) -> None:
         """Set :attr:`before`, :attr:`by_block` and :attr:`after`, without stages that the settings do not need."""
         core = self.core
-        stored = isinstance(core.reward, CustomReward)
         self.before = _needed(
-            (True, self.decode), (True, self.allocate), (stored, self.store_state), (core.disturbances, self.disturb)
+            (True, self.decode),
+            (True, self.allocate),
+            (core.reward, self.store_state),
+            (core.disturbances, self.disturb),
         )
         shown = _needed(
             (not core.sensing.exact, self.relate),
@@ -136,7 +137,7 @@ class Pipeline:
             self.report = self.info.allocate()
 
     def store_state(self, batch: Batch) -> None:
-        """Store the state before the step, for a task that overrides the reward."""
+        """Store the state before the step, for a reward that replaces the kernels'."""
         self.core.reward.begin_step()  # type: ignore[union-attr]
 
     def disturb(self, batch: Batch) -> None:
@@ -167,7 +168,7 @@ class Pipeline:
             score(block.worlds)
 
     def replace_reward(self, batch: Batch) -> None:
-        """Replace the reward by that of the task's method, or of the goal observation."""
+        """Replace the kernels' reward."""
         self.core.reward.score()  # type: ignore[union-attr]
 
     def score_costs(self, batch: Batch) -> None:

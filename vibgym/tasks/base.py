@@ -17,7 +17,7 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import BaseSettings
 from vibgym.tasks.episode import QUANTITIES, Episode, Relations, Rules, Start
-from vibgym.tasks.scoring import Scoring, Step, terms_of
+from vibgym.tasks.scoring import Scoring, Step
 
 HOLD_PERIODS = 10
 """Default number of consecutive oscillation periods with all parts done that count as success: 0.4 s at 25 Hz."""
@@ -55,9 +55,10 @@ class Task(ABC):
         lasts: s, least duration of an episode before it can succeed, excluding the hold.
         features: features of a part in the state observation: :attr:`FEATURES`, and those of the sensor.
         made_of: quantity of each reward term that has one.  weights: of all terms.
+        worst: terms of which a world counts its worst part: falls, where they end the episode.
 
     Raises:
-        ValueError: too many kinds or parts, too few slots, reward terms without a quantity, or weights of unknown terms.
+        ValueError: too many kinds or parts, too few slots, or reward terms without a quantity.
     """
 
     class Settings(BaseSettings):
@@ -78,9 +79,8 @@ class Task(ABC):
     MOST_PARTS: ClassVar[int | None] = None
 
     TERMS: ClassVar[Mapping[str, tuple[str, float] | float]]
-    """Reward terms in order: quantity (:data:`vibgym.tasks.episode.QUANTITIES`) and weight of each. A term is bounded by its
-    weight in magnitude; those of :data:`PER_PERIOD` count every period of a step. A term that only an overridden
-    :meth:`reward` computes has a weight alone."""
+    """Reward terms in order: quantity (:data:`vibgym.tasks.episode.QUANTITIES`) and weight of each. A term that only an
+    overridden :meth:`reward` computes has a weight alone."""
 
     FACTS: ClassVar[tuple[str, ...]] = (
         "is_success", "position_error", "heading_error", "clearance", "touching", "parts_done", "fallen", "diverged",
@@ -134,11 +134,10 @@ class Task(ABC):
         self.driven = np.array([part.coupling > 0.0 for part in self.parts])
         self.asked = np.ones(len(self.parts), dtype=bool)
         self.hulls = hulls_of(self.parts)
-        self.made_of, self.weights = terms_of(self.name, self.TERMS, self.has_custom_reward)
-        for term in self.settings.weights:
-            if not (term in self.weights or self.has_custom_reward):
-                raise checks.unknown("term", term, self.weights, of="task_settings.weights")
-        self.weights |= self.settings.weights
+        self.made_of, weights = terms_of(self.name, self.TERMS, self.has_custom_reward)
+        self.weights = weights | self.settings.weights
+        falls = [term for term in self.weights if self.made_of.get(term, term) == "fallen"]
+        self.worst = () if self.flows else tuple(falls)
 
     @property
     def name(self) -> str:
@@ -194,7 +193,7 @@ class Task(ABC):
 
     def scoring(self, state: State, periods: int) -> Scoring:
         """Return the scoring of the worlds of ``state``, with ``periods`` oscillation periods per step."""
-        return Scoring(self, state, periods)
+        return Scoring(self.rules(periods), self.hulls, state, self.kind if self.exchanges else None)
 
     def rules(self, periods: int) -> Rules:
         """Return the task's parameters for the kernels, with ``periods`` oscillation periods per step."""
@@ -203,9 +202,9 @@ class Task(ABC):
             zone = self.zones[self.kind]
         elif self.has_goal:
             zone = np.zeros((len(self.parts), 4))
-        counted = [(of, self.weights[name]) for name, of in self.made_of.items()]
+        counted = [(name, of, self.weights[name]) for name, of in self.made_of.items()]
         if self.has_custom_reward:  # takes all quantities without weights
-            counted = [(of, 1.0) for of in QUANTITIES]
+            counted = [(of, of, 1.0) for of in QUANTITIES]
         return Rules(
             zone=np.where(self.asked[:, None], zone, ANYWHERE),
             tolerance=np.ascontiguousarray(np.where(self.asked[:, None], self.tolerances(), math.inf)),
@@ -216,23 +215,19 @@ class Task(ABC):
             far=math.hypot(self.surface.width, self.surface.depth),
             hold=max(self.hold, periods + 1) if self.hold > 1 else 1,  # a hold has a first and a last end of a step
             periods=periods,
-            term=np.array([QUANTITIES.index(of) for of, _ in counted], dtype=np.int64),
-            weight=np.array([w * (periods if of in PER_PERIOD else 1) for of, w in counted], dtype=np.float64),
-            worst=np.array([self.counts_worst(of) for of, _ in counted], dtype=bool),
+            term=np.array([list(QUANTITIES).index(of) for _, of, _ in counted], dtype=np.int64),
+            weight=np.array([w * (periods if of in PER_PERIOD else 1) for _, of, w in counted], dtype=np.float64),
+            worst=np.array([name in self.worst for name, *_ in counted], dtype=bool),
         )
 
     def reward(self, step: Step) -> Mapping[str, np.ndarray]:
         """Return the reward terms of a step, each (worlds, parts), before they are weighted.
 
-        ``env.step`` returns the mean of the parts' rewards, see :data:`vibgym.tasks.episode.QUANTITIES`. Override it for a
-        custom reward, with ``super().reward(step)`` for the terms of :attr:`TERMS`; without an override kernels compute these.
-        A reward must depend on the step alone and store nothing: worlds, copies and snapshots then continue bit for bit.
+        Override it for a custom reward, with ``super().reward(step)`` for the terms of :attr:`TERMS`; without an override
+        kernels compute these. ``docs/extending.md`` defines how terms become rewards. A reward must depend on the step alone
+        and store nothing: worlds, copies and snapshots then continue bit for bit.
         """
         return {name: step.quantities[quantity] for name, quantity in self.made_of.items()}
-
-    def counts_worst(self, term: str) -> bool:
-        """Return whether a world counts its worst part of a term, given by its quantity: of falls that end the episode."""
-        return term == "fallen" and not self.flows
 
     @property
     def has_custom_reward(self) -> bool:
@@ -264,3 +259,26 @@ def kinds_by_name(parts: Sequence[Part]) -> tuple[tuple[str, ...], np.ndarray]:
     if len(names) > MOST_KINDS:
         raise checks.refuse("parts", f"{len(names)} kinds: {', '.join(names)}", f"at most {MOST_KINDS} kinds (names)")
     return names, np.array([names.index(part.name) for part in parts])
+
+
+def terms_of(owner: str, terms: Mapping[str, Any], custom: bool) -> tuple[dict[str, str], dict[str, float]]:
+    """Return the quantities and the weights of a table of terms, see :attr:`Task.TERMS`.
+
+    Args:
+        owner: the task's name, for errors.
+        custom: whether the task overrides ``reward``.
+
+    Raises:
+        ValueError: if a quantity is unknown, a weight is not finite, or a term is not computed by any quantity or override.
+    """
+    made_of, weights = {}, {}
+    for name, entry in terms.items():
+        where, weight = f"{owner}.TERMS[{name!r}]", entry
+        if isinstance(entry, tuple) and len(entry) == 2:
+            made_of[name] = checks.choice(f"{where}[0]", entry[0], QUANTITIES)
+            weight = entry[1]
+        elif not custom:
+            known = f"(quantity, weight) with a quantity among {', '.join(QUANTITIES)}"
+            raise checks.refuse(where, entry, f"{known}, or a reward that returns the term")
+        weights[name] = checks.number(where, weight)
+    return made_of, weights

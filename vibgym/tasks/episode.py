@@ -24,26 +24,23 @@ ALIGNMENT_SCALE = 0.15  # rad
 TOUCHING = 1e-4
 """m, distance below which a pair of parts counts as touching."""
 
-QUANTITIES = (
-    "distance", "approach", "turn", "alignment", "inside", "within", "clearance", "time", "success", "fallen", "good", "faulty",
-    "reach",
-)  # fmt: skip
-"""Quantities of reward terms of one part in one step, each at most 1 in magnitude. Changes are those since the last step.
-
-- distance: decrease of the distance to the goal, per 100 mm; approach: decrease of tanh(distance / 10 mm)
-- turn: decrease of the heading error, per rad; alignment: decrease of tanh(heading error / 0.15 rad)
-- inside: change of whether the centre is at the goal
-- within: 1 if the part is within its limits
-- clearance: change of min(distance to the nearest part / required distance, 1)
-- time: -1; success: 1 for all parts of a world that succeeds; fallen: -1 if the part has fallen
-- good, faulty: 1 if the part has left as it should, -1 if it has left otherwise, where parts arrive and leave (:mod:`.flow`)
-- reach: decrease of the distance between a part without a goal and the nearest centre of a part with one, per 100 mm
-
-A world's term is the mean of its parts' terms, and its reward is the sum of these: the mean of the parts' rewards. Of a fall
-that ends the episode the worst part counts: one on the floor is as bad as several. Where some parts have no goal, quantities
-of a goal count times the number of parts over those with one, and reach times that over the others, so that their means are
-over the parts concerned.
-"""
+QUANTITIES = {
+    "distance": "decrease of the distance to the goal or zone, per 100 mm",
+    "approach": "decrease of tanh(distance / 10 mm)",
+    "turn": "decrease of the heading error, per rad",
+    "alignment": "decrease of tanh(heading error / 0.15 rad)",
+    "inside": "1 when the centre gets to the goal or into the zone, -1 when it leaves it",
+    "within": "1 in every period that ends within all limits",
+    "clearance": "increase of min(distance to the nearest part / required distance, 1)",
+    "time": "-1 in every period",
+    "success": "1 for all parts of a world that succeeds",
+    "fallen": "-1 if the part has fallen off the surface",
+    "good": "1 if the part leaves as it should",
+    "faulty": "-1 if the part leaves otherwise",
+    "reach": "decrease of the distance from a part without a goal to the nearest centre of one with a goal, per 100 mm",
+}
+"""Quantities of reward terms of one part in one step, and their meanings; each at most 1 in magnitude (per period). How they
+become the reward of a world is defined in ``docs/extending.md``, section Reward."""
 (DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN, GOOD, FAULTY, REACH) = range(
     len(QUANTITIES)
 )
@@ -122,7 +119,7 @@ class Episode(NamedTuple):
     terms: np.ndarray  # (worlds, terms) reward terms
     part_fallen: np.ndarray  # (worlds, parts) bool, of present parts
     part_number: np.ndarray  # (worlds, parts, PART_NUMBERS)
-    part_terms: np.ndarray  # (worlds, parts, terms) reward terms of each part alone, see QUANTITIES; 0 of absent ones
+    part_terms: np.ndarray  # (worlds, parts, terms) weighted reward terms of each part; 0 of absent ones
     part_reward: np.ndarray  # (worlds, parts) their sum
 
     reward = property(lambda self: self.number[:, REWARD], doc="(worlds,) sum of the terms")

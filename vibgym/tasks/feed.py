@@ -55,8 +55,7 @@ class Feed(Task):
     ``info`` reports the numbers of parts that were ``good``, ``tilted``, ``close``, ``wrong``, ``lost``, their rates per minute
     (``good_per_minute``, ...), the mean time from arrival to leaving (``transit``, s), and the mean number of parts
     ``on_table``, all without the first 12 s. ``info["parts"]`` reports the parts that have ``arrived`` in this step, and the
-    ``event`` of those that have left in it (index of :data:`vibgym.tasks.episode.EVENTS`). A world's reward terms are the sums
-    over its parts, divided by the number of slots in use, or by ``most``.
+    ``event`` of those that have left in it (index of :data:`vibgym.tasks.episode.EVENTS`).
 
     Args:
         surface: the table.
@@ -159,7 +158,7 @@ class FlowScoring(Scoring):
     """Scores episodes in which parts arrive and leave; they end at the limit or if the simulation diverges."""
 
     def __init__(self, task: Feed, state: State, periods: int) -> None:
-        super().__init__(task, state, periods)
+        super().__init__(task.rules(periods), task.hulls, state)
         worlds, parts = state.pose.shape[:2]
         gates = np.array(task.zones)
         self._flow = Flow(
@@ -211,7 +210,7 @@ class FlowScoring(Scoring):
         begin_flow(self._state.address, self._pinned.address, worlds, np.ascontiguousarray(start.present))
 
     def stages(self) -> list[Stage]:
-        return [bound(score_flow, self._state, self._with_scratch(), self._rules.periods)]
+        return [bound(score_flow, self._state, self._with_scratch(), self.rules.periods)]
 
     def _with_scratch(self) -> Pinned[Flow]:
         """Return the flow with scratch memory for one thread."""

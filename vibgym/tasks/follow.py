@@ -249,7 +249,7 @@ class PursuitScoring(Scoring):
     """
 
     def __init__(self, task: Follow, state: State, periods: int) -> None:
-        super().__init__(task, state, periods, MOTION)
+        super().__init__(task.rules(periods), task.hulls, state, motion=MOTION)
         worlds, parts = state.pose.shape[:2]
         still = np.zeros(task.paths.shape)
         # Until the first reset all goals are at the origin.
@@ -265,7 +265,7 @@ class PursuitScoring(Scoring):
             period=task.surface.period,
             episode=self.episode,
             relations=self.relations,
-            rules=self._rules,
+            rules=self.rules,
         )
         self._pinned = self._with_scratch()
 

@@ -15,7 +15,7 @@ from vibgym.scene.surface import Surface
 from vibgym.tasks.base import Start, Task
 from vibgym.tasks.patterns import Pattern
 from vibgym.tasks.pose import PATIENT_TERMS, PoseTask
-from vibgym.tasks.scoring import FactScoring, Stage
+from vibgym.tasks.scoring import Scoring, Stage
 from vibgym.tasks.sort import ArrangedTask
 
 
@@ -61,16 +61,16 @@ class Pack(ArrangedTask):
         return self.pattern.again(start.goal, start.present, pose) if self.settings.free else start.goal
 
     def scoring(self, state: State, periods: int) -> PatternScoring:
-        return PatternScoring(self, state, periods)
+        return PatternScoring(self.rules(periods), self.hulls, state, self.kind if self.exchanges else None)
 
 
-class PatternScoring(FactScoring):
-    """Reports how far the parts are from their pattern: m, root of the mean square distance to the goals."""
+class PatternScoring(Scoring):
+    """Measures how far the parts are from their pattern: m, root of the mean square distance to the goals."""
 
-    FACT = "pattern_error"
+    MEASURED = ("pattern_error",)
 
-    def measure(self) -> Stage:
-        return bound(update_pattern_error, self.relations.error, self.episode.present, self.fact)
+    def measure(self) -> list[Stage]:
+        return [bound(update_pattern_error, self.relations.error, self.episode.present, self.measured["pattern_error"])]
 
 
 @jit

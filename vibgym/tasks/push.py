@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -20,7 +20,7 @@ from vibgym.settings import Length
 from vibgym.tasks.base import Start, Task
 from vibgym.tasks.episode import Episode, Relations
 from vibgym.tasks.pose import PoseTask, pose_caption
-from vibgym.tasks.scoring import FactScoring, Stage
+from vibgym.tasks.scoring import Scoring, Stage
 from vibgym.tasks.starts import pose_of_absent
 
 MARGIN = 0.025
@@ -148,14 +148,18 @@ class Push(Task):
         return pose_caption(self, relations, episode, world, self.pushed)
 
 
-class CoverageScoring(FactScoring):
-    """Reports the share of the goal that the pushed part covers."""
+class CoverageScoring(Scoring):
+    """Measures the share of the goal that the pushed part covers."""
 
-    FACT = "coverage"
+    MEASURED = ("coverage",)
 
-    def measure(self) -> Stage:
-        task: Any = self._task
-        return bound(goal_coverage, task.hulls, task.pushed, self._state.record.pose, self.episode.goal, self.fact)
+    def __init__(self, task: Push, state: State, periods: int) -> None:
+        super().__init__(task.rules(periods), task.hulls, state)
+        self._pushed = task.pushed
+
+    def measure(self) -> list[Stage]:
+        pose, coverage = self.state.pose, self.measured["coverage"]
+        return [bound(goal_coverage, self._hulls, self._pushed, pose, self.episode.goal, coverage)]
 
 
 @jit
