@@ -7,7 +7,8 @@ import pytest
 
 from tests.tasks.helpers import Scorer, made
 from vibgym import Part, Surface
-from vibgym.tasks import Follow, route
+from vibgym.tasks import Follow
+from vibgym.tasks import paths as route
 from vibgym.tasks.episode import MOTION, PREVIEW
 
 SURFACE = Surface()

@@ -167,11 +167,14 @@ class Task(ABC):
             present: (n, parts) bool, the parts of each episode; None: chosen by the task.
         """
 
-    def starts_along(self, name: str, paths: Any, longest: float) -> Callable[[np.ndarray, np.ndarray | None], Start]:
+    def starts_along(
+        self, name: str, settings: Any, longest: float
+    ) -> Callable[[np.ndarray, np.ndarray | None], Start]:
         """Return a replacement of :meth:`start` for goals that move along other paths than the task's.
 
         Args:
             name: of the argument, for errors.
+            settings: of the paths.
             longest: largest duration of the paths, s.
 
         Raises:

@@ -87,7 +87,7 @@ class Start(NamedTuple):
     pose: np.ndarray  # (n, parts, 3) m, m, rad; of absent parts beside the surface
     present: np.ndarray  # (n, parts) bool
     goal: np.ndarray  # (n, parts, 3) goal poses; zeros for tasks without
-    paths: np.ndarray = NO_PATHS  # (n, parts, rows, 6) along which goals move, see vibgym.tasks.route; else empty
+    paths: np.ndarray = NO_PATHS  # (n, parts, rows, 6) along which goals move, see vibgym.tasks.paths; else empty
     key: np.ndarray = NO_KEY  # (n, 2) int64, key of the random numbers of arrivals, see vibgym.tasks.flow; else empty
 
 
