@@ -21,8 +21,19 @@ from vibgym.scene.sliding import LEAST_SPEED, sliding_of
 from vibgym.scene.surface import Surface
 from vibgym.tasks.base import HOLD_PERIODS, Task
 from vibgym.tasks.episode import EVENTS, STAYS, Episode, Relations, Start
-from vibgym.tasks.flow import FLOW, MEAN_LOAD, MEAN_TRANSIT, STEPS, Flow, begin_flow, score_flow
-from vibgym.tasks.inlet import INLET, check_slots, new_inlet
+from vibgym.tasks.flow import (
+    CHANGING,
+    FLOW,
+    INLET,
+    MEAN_LOAD,
+    MEAN_TRANSIT,
+    STEPS,
+    Flow,
+    begin_flow,
+    check_slots,
+    new_inlet,
+    score_flow,
+)
 from vibgym.tasks.scoring import Scoring, Stage
 from vibgym.tasks.sort import Zones, zones_from
 from vibgym.tasks.starts import pose_of_absent
@@ -191,10 +202,7 @@ class FlowScoring(Scoring):
         return np.minimum(self.players.sum(axis=1), self._flow.inlet.most)
 
     def own_state(self) -> dict[str, np.ndarray]:
-        names = (
-            "clock", "key", "tried", "arrivals", "pool", "there", "changed", "age", "last", "tally", "rate", "idle",
-        )  # fmt: skip
-        return {f"flow_{name}": getattr(self._flow, name) for name in names}
+        return {f"flow_{name}": values for name, values in self._flow._asdict().items() if name in CHANGING}
 
     def facts(self) -> dict[str, np.ndarray]:
         tally, rate = self._flow.tally, self._flow.rate
@@ -206,8 +214,12 @@ class FlowScoring(Scoring):
         return {"arrived": self.episode.arrived, "event": self.episode.event}
 
     def begin(self, worlds: np.ndarray, start: Start) -> None:
-        self._flow.key[worlds] = start.key
-        begin_flow(self._state.address, self._pinned.address, worlds, np.ascontiguousarray(start.present))
+        flow = self._flow
+        for values in (*self.own_state().values(), *self.episode):
+            values[worlds] = 0
+        flow.key[worlds], flow.pool[worlds], flow.last[worlds] = start.key, start.present, -flow.headway
+        flow.idle[worlds] = self.state.velocity[worlds]  # of parts that slide in place
+        begin_flow(self._state.address, self._pinned.address, worlds)
 
     def stages(self) -> list[Stage]:
         return [bound(score_flow, self._state, self._with_scratch(), self.rules.periods)]
