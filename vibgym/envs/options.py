@@ -21,7 +21,7 @@ from vibgym.scene.surface import Surface
 from vibgym.sensing import Sensor
 from vibgym.settings import BaseSettings, Given, read
 from vibgym.simulation.simulator import Simulator
-from vibgym.tasks import Start, Task
+from vibgym.tasks import Follow, Start, Task
 
 NAMED = ("start", "zones", "slots", "paths", "randomize")
 """Settings of tasks that are keyword arguments of the environment; others are in ``task_settings``."""
@@ -315,6 +315,8 @@ def parse_reset_options(
             raise checks.conflict(f"options['goal'] cannot be set for {task.name}: {why}")
         goal = _goals(given["goal"], shape, task)
     if "paths" in given:
+        if not isinstance(task, Follow):
+            raise checks.conflict(f"options['paths'] cannot be set for {task.name}: its goals do not follow paths")
         draw = task.starts_along("options['paths']", given["paths"], longest)
     if "parts" in given:
         present = _present(given["parts"], shape[:2])

@@ -243,7 +243,7 @@ class Pipeline:
             facts, part_extra["cost"] = {**facts, "cost": core.costs.total}, core.costs.part
             nested["costs"] = core.costs.named
         return InfoData(
-            core.task.FACTS, facts, core.episode, state.diverged, core.term_names, core.terms, core.part_terms,
+            core.task.facts, facts, core.episode, state.diverged, core.term_names, core.terms, core.part_terms,
             {name: each for name, each in nested.items() if each}, part_extra,
         )  # fmt: skip
 

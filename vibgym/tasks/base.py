@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import BaseSettings
+from vibgym.tasks.assignment import give_out
 from vibgym.tasks.episode import QUANTITIES, Episode, Relations, Rules, Start
 from vibgym.tasks.scoring import Scoring, Step
 
@@ -82,11 +83,6 @@ class Task(ABC):
     """Reward terms in order: quantity (:data:`vibgym.tasks.episode.QUANTITIES`) and weight of each. A term that only an
     overridden :meth:`reward` computes has a weight alone."""
 
-    FACTS: ClassVar[tuple[str, ...]] = (
-        "is_success", "position_error", "heading_error", "clearance", "touching", "parts_done", "fallen", "diverged",
-    )  # fmt: skip
-    """Fields of ``info``, among the names in :data:`vibgym.envs.info.ROWS`."""
-
     FEATURES: ClassVar[tuple[str, ...]]
     """Features of a part in the state observation, among :data:`vibgym.envs.features.FEATURES`."""
 
@@ -149,6 +145,16 @@ class Task(ABC):
         """Whether headings count."""
         return math.isfinite(self.heading_tolerance)
 
+    @property
+    def facts(self) -> tuple[str, ...]:
+        """Fields of ``info``, among the names in :data:`vibgym.envs.info.ROWS`."""
+        counted = {
+            "is_success": True, "position_error": not self.flows, "heading_error": self.has_heading and not self.flows,
+            "clearance": self.MOST_PARTS != 1, "touching": self.MOST_PARTS != 1, "parts_done": self.MOST_PARTS != 1,
+            "fallen": not self.flows, "diverged": True,
+        }  # fmt: skip
+        return tuple(name for name, counts in counted.items() if counts)
+
     def tolerances(self) -> np.ndarray:
         """Return position and heading tolerance of each part, (parts, 2) m and rad."""
         return np.tile([self.position_tolerance, self.heading_tolerance], (len(self.parts), 1))
@@ -167,24 +173,9 @@ class Task(ABC):
             present: (n, parts) bool, the parts of each episode; None: chosen by the task.
         """
 
-    def starts_along(
-        self, name: str, settings: Any, longest: float
-    ) -> Callable[[np.ndarray, np.ndarray | None], Start]:
-        """Return a replacement of :meth:`start` for goals that move along other paths than the task's.
-
-        Args:
-            name: of the argument, for errors.
-            settings: of the paths.
-            longest: largest duration of the paths, s.
-
-        Raises:
-            ValueError: invalid paths, or a task whose goals do not move along paths.
-        """
-        raise checks.conflict(f"{name} cannot be set for task {self.name!r}: its goals do not follow paths")
-
     def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
         """Return the goals (n, parts, 3) of a drawn start whose parts are placed at ``pose`` (n, parts, 3) instead."""
-        return start.goal
+        return give_out(self.kind, start.present, pose, start.goal) if self.exchanges else start.goal
 
     def put_down(self, start: Start, pose: np.ndarray) -> Start:
         """Return a drawn start whose parts are placed at ``pose`` (n, parts, 3) instead.
@@ -238,11 +229,16 @@ class Task(ABC):
         return getattr(self.reward, "__func__", None) is not Task.reward
 
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
-        """Return one line of text for a picture of a world."""
+        """Return one line of text for a picture of a world: the errors of the only part with a goal, or the progress of all."""
+        away, asked = f"{1e3 * episode.position_error[world]:.1f} mm", np.flatnonzero(self.asked & self.has_goal)
+        if len(asked) == 1:
+            turn = rounded(float(np.degrees(relations.error[world, asked[0], 2])))
+            heading = f"   heading {turn:+.1f} deg to go" if self.has_heading else ""
+            return f"{self.name}   distance {away}{heading}"
         done, present = episode.parts_done[world], episode.present[world].sum()
         clearance = rounded(1e3 * float(episode.clearance[world]))
         text = f"{self.name}   {done} of {present} parts done   smallest distance {clearance} mm"
-        return f"{text}   error {1e3 * episode.position_error[world]:.1f} mm" if self.has_goal else text
+        return f"{text}   error {away}" if self.has_goal else text
 
 
 def rounded(value: float) -> float:

@@ -113,7 +113,6 @@ class Feed(Task):
         "faulty": ("faulty", 5.0),
         "fallen": ("fallen", 5.0),
     }
-    FACTS = ("is_success", "clearance", "touching", "parts_done", "diverged")
     FEATURES = (
         "present", "kind", "element", "heading", "position", "way", "way_coarse", "turn", "turn_coarse", "turn_fine",
         "velocity", "spin", "gap", "neighbour", "arrived",

@@ -351,6 +351,16 @@ class Follow(Task):
     def starts_along(
         self, name: str, settings: Any, longest: float
     ) -> Callable[[np.ndarray, np.ndarray | None], Start]:
+        """Return a replacement of :meth:`start` for goals that move along given paths.
+
+        Args:
+            name: of the argument, for errors.
+            settings: a mapping for each path.
+            longest: largest duration of the paths, s.
+
+        Raises:
+            ValueError: invalid paths.
+        """
         if not checks.listed(settings):
             raise checks.refuse(name, settings, "a list with a mapping for each part")
         rows = self.paths.shape[1]

@@ -18,8 +18,7 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import Length
 from vibgym.tasks.base import Start, Task
-from vibgym.tasks.episode import Episode, Relations
-from vibgym.tasks.pose import PoseTask, pose_caption
+from vibgym.tasks.pose import PoseTask
 from vibgym.tasks.scoring import Scoring, Stage
 from vibgym.tasks.starts import pose_of_absent
 
@@ -143,9 +142,6 @@ class Push(Task):
 
     def scoring(self, state: State, periods: int) -> CoverageScoring:
         return CoverageScoring(self, state, periods)
-
-    def caption(self, relations: Relations, episode: Episode, world: int) -> str:
-        return pose_caption(self, relations, episode, world, self.pushed)
 
 
 class CoverageScoring(Scoring):

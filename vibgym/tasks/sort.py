@@ -51,7 +51,6 @@ class ArrangedTask(Task):
         "success": ("success", 5.0),
         "fallen": ("fallen", 5.0),
     }
-    FACTS = ("is_success", "position_error", "clearance", "touching", "parts_done", "fallen", "diverged")
     FEATURES = (
         "present", "kind", "element", "heading", "position", "way", "way_coarse", "velocity", "spin", "gap", "neighbour"
     )  # fmt: skip

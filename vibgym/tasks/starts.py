@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -210,14 +210,14 @@ def push_together(hulls, room, order, count, numbers, placed, pose):
 
 
 @jit
-def heap_starts(hulls, room, order, count, tries, placed, pose):
+def heap_starts(hulls, room, order, count, tries, placed, cells, pose):
     """Draw the poses of the present parts of n worlds, each in one heap.
 
     Args:
         order: (n, parts) int64, the present parts first, in the order in which they are placed.
         count: (n,) number of present parts.
         tries: (n, parts, TRIES, numbers of a try) uniform.
-        placed: scratch, as ``hulls.corner``.
+        placed: scratch, as ``hulls.corner``.  cells: scratch, (cells of the room,) int64.
         pose: (n, parts, 3), overwritten for present parts.
     """
     for world in range(pose.shape[0]):
@@ -226,10 +226,7 @@ def heap_starts(hulls, room, order, count, tries, placed, pose):
 
 @jit
 def scatter_starts(hulls, room, order, count, tries, placed, cells, pose):
-    """Draw the poses of the present parts of n worlds, scattered.
-
-    Args: as for :func:`heap_starts`, and cells: scratch, (cells of the room,) int64.
-    """
+    """Draw the poses of the present parts of n worlds, scattered. Args: as for :func:`heap_starts`."""
     for world in range(pose.shape[0]):
         scatter(hulls, room, order[world], count[world], tries[world], placed, cells, pose[world])
 
@@ -309,6 +306,9 @@ class Scattered(Starts):
     NUMBERS: ClassVar[int] = 3
     """Uniform numbers of one try."""
 
+    PLACE: ClassVar[Callable[..., None]] = staticmethod(scatter_starts)
+    """Kernel that draws the poses."""
+
     def __init__(self, *scene: Any, **settings: Any) -> None:
         super().__init__(*scene, **settings)
         surface, parts = self.surface, self.parts
@@ -328,29 +328,18 @@ class Scattered(Starts):
         pose = np.zeros((worlds, parts, 3))
         order = np.where(present, uniform[:, 1 : 1 + parts], 1.0).argsort(axis=1, kind="stable")
         tries = np.ascontiguousarray(uniform[:, 1 + parts :]).reshape(worlds, parts, TRIES, self.NUMBERS)
-        self.place(order, present.sum(axis=1), tries, np.empty_like(self._hulls.corner), pose)
+        scratch = np.empty_like(self._hulls.corner), np.empty(len(self._room.cells), dtype=np.int64)
+        self.PLACE(self._hulls, self._room, order, present.sum(axis=1), tries, *scratch, pose)
         return pose
-
-    def place(
-        self, order: np.ndarray, count: np.ndarray, tries: np.ndarray, placed: np.ndarray, pose: np.ndarray
-    ) -> None:
-        """Write the poses; arguments as for :func:`scatter_starts`."""
-        cells = np.empty(len(self._room.cells), dtype=np.int64)
-        scatter_starts(self._hulls, self._room, order, count, tries, placed, cells, pose)
 
 
 class Crowded(Scattered):
     """One heap, in touch."""
 
-    NUMBERS = 2
+    NUMBERS, PLACE = 2, staticmethod(heap_starts)
 
     def __init__(self, *scene: Any, **settings: Any) -> None:
         super().__init__(*scene, clear=0.0, **settings)
-
-    def place(
-        self, order: np.ndarray, count: np.ndarray, tries: np.ndarray, placed: np.ndarray, pose: np.ndarray
-    ) -> None:
-        heap_starts(self._hulls, self._room, order, count, tries, placed, pose)
 
 
 class Arranged(Starts):
