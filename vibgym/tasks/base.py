@@ -43,7 +43,7 @@ class Task(ABC):
 
     Args:
         surface: the table.
-        parts: the parts of every world.
+        parts: the parts of every world; those with the same name are of one kind.
         settings: of the task; None: the defaults.
 
     Attributes:

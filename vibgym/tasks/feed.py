@@ -68,10 +68,7 @@ class Feed(Task):
     ``on_table``, all without the first 12 s. ``info["parts"]`` reports the parts that have ``arrived`` in this step, and the
     ``event`` of those that have left in it (index of :data:`vibgym.tasks.episode.EVENTS`).
 
-    Args:
-        surface: the table.
-        parts: one per slot; parts with the same name are of one kind; at most three kinds.
-        settings: of the task.
+    There is one part per slot.
 
     Raises:
         ValueError: a gate for no kind or none for a kind, gates that overlap, a heap of more parts than there are or than fit,

@@ -303,10 +303,7 @@ class Follow(Task):
     straight line leaves. Drawn paths keep parts 46.8 mm apart for all headings: an element's largest dimension plus twice the
     tolerance. Given paths must keep them 36.8 mm apart.
 
-    Args:
-        surface: the table.
-        parts: the parts.
-        settings: of the task; the hold is at the end of the path.
+    The hold is at the end of the path.
 
     Raises:
         ValueError: a bad setting of a path; a path that leaves the surface, or that its part cannot follow with 90 % of the

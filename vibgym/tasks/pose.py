@@ -31,11 +31,6 @@ PATIENT_TERMS = {
 class PoseTask(Task):
     """One part with a goal pose. Subclasses set tolerances and draw start and goal from uniform numbers.
 
-    Args:
-        surface: the table.
-        parts: the part to move.
-        settings: of the task.
-
     Raises:
         ValueError: the part is too large to start on the surface without overhang.
     """

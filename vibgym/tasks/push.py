@@ -40,11 +40,6 @@ class Push(Task):
     borders have walls. Headings count modulo a part's symmetry. ``info["coverage"]`` is the share of the goal's area that
     the pushed part covers.
 
-    Args:
-        surface: the table.
-        parts: one at least that is pushed (``coupling`` 0), and one that is not.
-        settings: of the task.
-
     Raises:
         ValueError: if there are no pushers, or not exactly one part to push, or a part does not fit on the surface.
     """

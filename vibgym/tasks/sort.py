@@ -22,9 +22,7 @@ class ArrangedTask(Task):
     """Base class of tasks with several parts whose starts are drawn by :class:`vibgym.tasks.Starts`.
 
     Args:
-        surface: the table.
-        parts: the parts; those with the same name are of one kind, and there are at most three kinds.
-        settings: of the task.
+        surface, parts, settings: as of :class:`vibgym.tasks.Task`.
         apart: m, distance to the nearest other part above which a part is done; None: it does not count.
 
     Raises:

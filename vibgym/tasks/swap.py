@@ -30,11 +30,6 @@ class Swap(Task):
     Parts of the first kind start scattered over the left end, those of the second over the right end. Their goals, drawn in
     the same way, are at the other end, so all have to pass one another on the way. Headings count modulo a part's symmetry.
 
-    Args:
-        surface: the table.
-        parts: of two kinds, by their names, in any order.
-        settings: of the task.
-
     Raises:
         ValueError: another number of kinds, or ends that overlap or are too small.
     """
