@@ -264,7 +264,7 @@ def _rows(env: VibgymEnv) -> str:
 
 
 def _information(env: VibgymEnv) -> str:
-    lines = [[f"`{name}`", INFO_MEANING[name]] for name in env.task.facts]
+    lines = [[f"`{name}`", INFO_MEANING[name]] for name in env.task.info_fields]
     return "In addition to `reward_terms` and `parts`:\n\n" + markdown(("`info`", "meaning"), lines)
 
 

@@ -53,7 +53,7 @@ def test_a_reward_is_the_mean_over_parts(monkeypatch, name, source):
     present = np.arange(parts) >= np.arange(WORLDS)[:, None]  # one more is absent in each world
     if "split" in settings:
         present[:] = present[1]  # worlds of different shapes
-    if cls.MOST_PARTS == 1 or settings["task"] in ("Follow", "Push"):
+    if cls.MAX_PARTS == 1 or settings["task"] in ("Follow", "Push"):
         present[:] = True
     _, info = env.reset(
         seed=0, options=None if present.all() else {"parts": present[1] if "split" in settings else present}

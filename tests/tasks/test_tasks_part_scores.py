@@ -61,7 +61,7 @@ CASES = {
 def test_terms_of_single_parts(name, spread):
     task = CASES[name]()
     parts, generator = len(task.parts), np.random.default_rng(3)
-    present = generator.random((WORLDS, parts)) < (0.7 if task.MOST_PARTS != 1 and name != "Follow" else 2.0)
+    present = generator.random((WORLDS, parts)) < (0.7 if task.MAX_PARTS != 1 and name != "Follow" else 2.0)
     present[:, 0] = True
     goal = scattered(generator, parts, spread) if task.has_goal else np.zeros((WORLDS, parts, 3))
     pose = np.where(present[..., None], scattered(generator, parts, spread), -1.0)

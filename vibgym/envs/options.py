@@ -207,7 +207,7 @@ def longest_paths(task: Task, actuators: ActuatorStage, sensor: Sensor, max_epis
 def parts_from(parts: Any, task: type[Task], surface: Surface) -> tuple[Part, ...]:
     """Return the parts of a world from the keyword argument, or the task's default parts."""
     parts = task.DEFAULT_PARTS if parts is None else parts
-    one = task.MOST_PARTS == 1
+    one = task.MAX_PARTS == 1
     if isinstance(parts, str) or not isinstance(parts, Sequence) or not parts or (len(parts) != 1 and one):
         allowed = "a list with one part" if one else "a list of parts"
         raise checks.refuse("parts", parts, f"{allowed}: a shipped part's name or a mapping")
@@ -273,7 +273,7 @@ class StartOverride:
             pose = np.where(there[..., None], self.pose[worlds], start.pose)
             where = (simulator.hulls, simulator.surface, simulator.parts, simulator.walls, pose, ~there)
             overlaps.check("options['pose']", *where, overlaps.AT_REST)
-            start = task.put_down(start, pose)
+            start = task.place(start, pose)
         return start if self.goal is None else start._replace(goal=self.goal[worlds])
 
 

@@ -154,11 +154,11 @@ class Pipeline:
             end = elapsed + periods
             if instant is not None and elapsed < instant < end:
                 advance(drive, instant - elapsed)
-                sensing.look(core.simulator.state)
+                sensing.sample(core.simulator.state)
                 elapsed = instant
             advance(drive, end - elapsed, self.by_block if end == core.periods else ())
             if end == instant:
-                sensing.look(core.simulator.state)
+                sensing.sample(core.simulator.state)
             elapsed = end
 
     def score(self, k: int) -> None:
@@ -235,15 +235,15 @@ class Pipeline:
         core = self.core
         state, scoring = core.simulator.state, core.scoring
         drawn = {name: getattr(state, name) for name in core.randomization.ranges} | core.actuators.drawn()
-        nested = {"drawn": drawn, "measured": core.sensing.facts(), "commanded": core.commanded}
-        facts, part_extra = scoring.facts(), {**scoring.part_facts(), **core.simulator.part_info()}
+        nested = {"drawn": drawn, "measured": core.sensing.info(), "commanded": core.commanded}
+        facts, part_extra = scoring.info(), {**scoring.part_info(), **core.simulator.part_info()}
         if core.disturbances is not None:
             part_extra["struck"] = core.disturbances.struck
         if core.costs is not None:
             facts, part_extra["cost"] = {**facts, "cost": core.costs.total}, core.costs.part
             nested["costs"] = core.costs.named
         return InfoData(
-            core.task.facts, facts, core.episode, state.diverged, core.term_names, core.terms, core.part_terms,
+            core.task.info_fields, facts, core.episode, state.diverged, core.term_names, core.terms, core.part_terms,
             {name: each for name, each in nested.items() if each}, part_extra,
         )  # fmt: skip
 

@@ -173,7 +173,7 @@ class HardwareCore(Core):
             raise checks.conflict(f"part {lost[0]} is not measured at the start of the episode")
         goal = None if override is None else override.goal
         with checks.within("the parts as they are measured"):
-            start = self.task.put_down(start, np.where(present[:, None], pose, start.pose[0])[None])
+            start = self.task.place(start, np.where(present[:, None], pose, start.pose[0])[None])
         start = start if goal is None else start._replace(goal=goal[worlds])
         self.put(worlds, start, np.where(start.present[..., None], self.idle, 0.0))
         self.readings.begin(start.pose[0], ~present, taken)

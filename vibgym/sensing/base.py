@@ -18,7 +18,7 @@ from vibgym.sensing.effects import EFFECTS, Effects
 from vibgym.sensing.measurement import Reading, Sampling, new_reading
 from vibgym.settings import BaseSettings, with_unit
 
-MOST_DELAY = 10_000
+MAX_DELAY = 10_000
 """Largest delay, periods: longer than any episode."""
 
 BYTES_OF_READING = 50
@@ -49,7 +49,7 @@ class Sensor(Sampling, ABC):
     class Settings(BaseSettings):
         """Settings of all sensors. Further keys are effects: ``{"kind": "pose", "dropout": 0.1}``."""
 
-        delay: int = Field(default=0, ge=0, le=MOST_DELAY)
+        delay: int = Field(default=0, ge=0, le=MAX_DELAY)
         """Periods between a sample and the observation that contains it."""
 
         rate: float | None = Field(default=None, gt=0.0)
@@ -120,7 +120,7 @@ class Sensor(Sampling, ABC):
         """(parts, 3) nominal standard deviation of a measured pose with effects; for estimators."""
         return np.sqrt(self.sigma**2 + self._effects.variance)
 
-    def facts(self) -> dict[str, np.ndarray]:
+    def info(self) -> dict[str, np.ndarray]:
         """Return live arrays (worlds, ...) of the last sample that ``info`` reports, by name."""
         return {}
 
@@ -162,7 +162,7 @@ class Sensor(Sampling, ABC):
         for each in self._readings[1:]:
             each.seen[where] = False
 
-    def look(self, state: State) -> None:
+    def sample(self, state: State) -> None:
         """Sample the true state; called once a step, at :attr:`instant`."""
         self.looks += 1
         oldest = self._readings.pop(0)

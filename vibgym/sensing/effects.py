@@ -29,7 +29,7 @@ from vibgym.registry import Registry
 from vibgym.sensing.measurement import Reading, Sampling
 from vibgym.settings import Angle, BaseSettings, Length, read
 
-MOST_PLAUSIBLE_TURN = 1.0
+MAX_PLAUSIBLE_TURN = 1.0
 """rad, largest standard deviation of a heading without a warning."""
 
 
@@ -109,7 +109,7 @@ class PoseError(Effect):
                 f"{name}: {position:g} m is more than an element of {surface.element_size:g} m; positions are in m",
                 stacklevel=2,
             )
-        if heading > MOST_PLAUSIBLE_TURN:
+        if heading > MAX_PLAUSIBLE_TURN:
             warnings.warn(
                 f"{name}: {heading:g} rad is {math.degrees(heading):.0f} deg; headings are in rad", stacklevel=2
             )

@@ -23,9 +23,9 @@ from vibgym.tasks.scoring import Scoring, Step
 HOLD_PERIODS = 10
 """Default number of consecutive oscillation periods with all parts done that count as success: 0.4 s at 25 Hz."""
 
-MOST_HOLD, MOST_SLOTS = 10**9, 10_000
+MAX_HOLD, MAX_SLOTS = 10**9, 10_000
 
-MOST_KINDS = 3
+MAX_KINDS = 3
 """Largest number of kinds of parts that observations have room for."""
 
 PER_PERIOD = ("time", "within")
@@ -65,10 +65,10 @@ class Task(ABC):
     class Settings(BaseSettings):
         """Settings of every task. A task that does not take one of them declares it as a class variable with its value."""
 
-        hold: int = Field(default=HOLD_PERIODS, ge=1, le=MOST_HOLD)
+        hold: int = Field(default=HOLD_PERIODS, ge=1, le=MAX_HOLD)
         """Consecutive oscillation periods with all parts done that count as success."""
 
-        slots: int | None = Field(default=None, ge=1, le=MOST_SLOTS)
+        slots: int | None = Field(default=None, ge=1, le=MAX_SLOTS)
         """Blocks of the state observation, at least the number of parts, which is the default."""
 
         weights: dict[str, float] = {}
@@ -77,7 +77,7 @@ class Task(ABC):
     settings: Settings
 
     DEFAULT_PARTS: ClassVar[tuple[str, ...]] = ("aluminium_block",)
-    MOST_PARTS: ClassVar[int | None] = None
+    MAX_PARTS: ClassVar[int | None] = None
 
     TERMS: ClassVar[Mapping[str, tuple[str, float] | float]]
     """Reward terms in order: quantity (:data:`vibgym.tasks.episode.QUANTITIES`) and weight of each. A term that only an
@@ -116,8 +116,8 @@ class Task(ABC):
 
     def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
         self.settings = type(self).Settings() if settings is None else settings
-        if self.MOST_PARTS is not None and len(parts) > self.MOST_PARTS:
-            raise checks.refuse("parts", f"{len(parts)} parts", f"at most {self.MOST_PARTS} for {self.name}")
+        if self.MAX_PARTS is not None and len(parts) > self.MAX_PARTS:
+            raise checks.refuse("parts", f"{len(parts)} parts", f"at most {self.MAX_PARTS} for {self.name}")
         self.hold = self.settings.hold
         self.surface, self.parts, self.features = surface, tuple(parts), tuple(self.FEATURES)
         self.kinds, self.kind = kinds_by_name(self.parts)
@@ -146,11 +146,11 @@ class Task(ABC):
         return math.isfinite(self.heading_tolerance)
 
     @property
-    def facts(self) -> tuple[str, ...]:
+    def info_fields(self) -> tuple[str, ...]:
         """Fields of ``info``, among the names in :data:`vibgym.envs.info.ROWS`."""
         counted = {
             "is_success": True, "position_error": not self.flows, "heading_error": self.has_heading and not self.flows,
-            "clearance": self.MOST_PARTS != 1, "touching": self.MOST_PARTS != 1, "parts_done": self.MOST_PARTS != 1,
+            "clearance": self.MAX_PARTS != 1, "touching": self.MAX_PARTS != 1, "parts_done": self.MAX_PARTS != 1,
             "fallen": not self.flows, "diverged": True,
         }  # fmt: skip
         return tuple(name for name, counts in counted.items() if counts)
@@ -177,7 +177,7 @@ class Task(ABC):
         """Return the goals (n, parts, 3) of a drawn start whose parts are placed at ``pose`` (n, parts, 3) instead."""
         return give_out(self.kind, start.present, pose, start.goal) if self.exchanges else start.goal
 
-    def put_down(self, start: Start, pose: np.ndarray) -> Start:
+    def place(self, start: Start, pose: np.ndarray) -> Start:
         """Return a drawn start whose parts are placed at ``pose`` (n, parts, 3) instead.
 
         Raises:
@@ -202,7 +202,7 @@ class Task(ABC):
         return Rules(
             zone=np.where(self.asked[:, None], zone, ANYWHERE),
             tolerance=np.ascontiguousarray(np.where(self.asked[:, None], self.tolerances(), math.inf)),
-            asked=self.asked,
+            has_goal=self.asked,
             heading_period=np.array([self.heading_period(part) for part in self.parts]),
             slow=float(self.speed_limit),
             apart=float(self.apart),
@@ -252,11 +252,11 @@ def kinds_by_name(parts: Sequence[Part]) -> tuple[tuple[str, ...], np.ndarray]:
     Parts with the same name are of one kind, irrespective of their shape.
 
     Raises:
-        ValueError: there are more than :data:`MOST_KINDS` kinds.
+        ValueError: there are more than :data:`MAX_KINDS` kinds.
     """
     names = tuple(dict.fromkeys(part.name for part in parts))
-    if len(names) > MOST_KINDS:
-        raise checks.refuse("parts", f"{len(names)} kinds: {', '.join(names)}", f"at most {MOST_KINDS} kinds (names)")
+    if len(names) > MAX_KINDS:
+        raise checks.refuse("parts", f"{len(names)} kinds: {', '.join(names)}", f"at most {MAX_KINDS} kinds (names)")
     return names, np.array([names.index(part.name) for part in parts])
 
 

@@ -51,7 +51,7 @@ class Rules(NamedTuple):
 
     zone: np.ndarray  # (parts, 4) m: x_low, y_low, x_high, y_high of each part's rectangle, about its goal
     tolerance: np.ndarray  # (parts, 2) m from the rectangle, and rad, which is infinite where headings do not count
-    asked: np.ndarray  # (parts,) bool, parts with a goal; others are done unless they fall, and have no errors
+    has_goal: np.ndarray  # (parts,) bool, parts with a goal; others are done unless they fall, and have no errors
     heading_period: np.ndarray  # (parts,) rad; headings that differ by it are the same; 0: headings are not wrapped
     slow: float  # m/s, speed below which a part is done
     apart: float  # m, distance to the nearest other part above which a part is done; -inf where it does not count
@@ -276,7 +276,7 @@ def relate_to_goals(context, pose, world):
             if rules.tolerance[i, TURNED] < math.inf:
                 turn = wrapped(goal[world, i, 2] - pose[world, i, 2], rules.heading_period[i])
         error[world, i, 0], error[world, i, 1], error[world, i, 2] = ex, ey, turn
-        if not rules.asked[i]:
+        if not rules.has_goal[i]:
             context.relations.reach[world, i] = reach_of(context, pose, world, i)
 
 
@@ -285,7 +285,7 @@ def reach_of(context, pose, world, part):
     """Return the distance, m, from a part's centre to the nearest centre of a part with a goal; 0 if either is absent."""
     present, nearest = context.episode.present[world], math.inf
     for other in range(pose.shape[1]):
-        if context.rules.asked[other] and present[other]:
+        if context.rules.has_goal[other] and present[other]:
             x, y = pose[world, other, 0] - pose[world, part, 0], pose[world, other, 1] - pose[world, part, 1]
             nearest = min(nearest, math.sqrt(x * x + y * y))
     return nearest if present[part] and nearest < math.inf else 0.0
@@ -310,10 +310,10 @@ def evaluate_world(context, mean_velocity, fallen, world):
         away, turned, gap = math.sqrt(ex * ex + ey * ey), abs(relations.error[world, i, 2]), relations.gap[world, i]
         vx, vy = mean_velocity[world, i, 0], mean_velocity[world, i, 1]
         error, most_turned = max(error, away), max(most_turned, turned)
-        count, asked = count + 1, asked + rules.asked[i]
+        count, asked = count + 1, asked + rules.has_goal[i]
         slow = vx * vx + vy * vy < rules.slow * rules.slow
         fitting = away <= rules.tolerance[i, AWAY] and turned <= rules.tolerance[i, TURNED] and slow and gap > apart
-        context.fits[i] = fitting or not rules.asked[i]
+        context.fits[i] = fitting or not rules.has_goal[i]
         if fallen[world, i]:
             down = True
         elif context.fits[i]:
@@ -366,7 +366,7 @@ def reward_part(context, world, part):
     away, turned = math.sqrt(ex * ex + ey * ey), abs(turned)  # both 0 of a part without a goal
     near, aligned = math.tanh(away / APPROACH_SCALE), math.tanh(turned / ALIGNMENT_SCALE)
     share, others = context.share[0], 0.0
-    if not rules.asked[part]:
+    if not rules.has_goal[part]:
         away, share, others = relations.reach[world, part], 0.0, context.share[1]
     closer = _limited((before[PART_AWAY] - away) / DISTANCE_SCALE)
     inside = 1.0 if ex == 0.0 and ey == 0.0 else 0.0

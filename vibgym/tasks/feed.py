@@ -200,13 +200,13 @@ class FlowScoring(Scoring):
     def own_state(self) -> dict[str, np.ndarray]:
         return {f"flow_{name}": values for name, values in self._flow._asdict().items() if name in CHANGING}
 
-    def facts(self) -> dict[str, np.ndarray]:
+    def info(self) -> dict[str, np.ndarray]:
         tally, rate = self._flow.tally, self._flow.rate
         counts = {name: tally[:, k] for k, name in enumerate(EVENTS) if k != STAYS}
         rates = {f"{name}_per_minute": rate[:, k] for k, name in enumerate(EVENTS) if k != STAYS}
         return {**counts, **rates, "transit": rate[:, MEAN_TRANSIT], "on_table": rate[:, MEAN_LOAD]}
 
-    def part_facts(self) -> dict[str, np.ndarray]:
+    def part_info(self) -> dict[str, np.ndarray]:
         return {"arrived": self.episode.arrived, "event": self.episode.event}
 
     def begin(self, worlds: np.ndarray, start: Start) -> None:

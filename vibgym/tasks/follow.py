@@ -172,7 +172,7 @@ class DrawnPaths:
 SPACING = 1e-3
 """m, largest distance between the points at which a path is checked."""
 
-MOST_PLACES = 200_000
+MAX_PLACES = 200_000
 """Points of one path: 200 m."""
 
 SLACK = 1e-9
@@ -257,7 +257,7 @@ class GivenPaths:
     def _check_apart(self, apart: float) -> None:
         """Check that no two circumscribed circles come near at any instant."""
         speed = max(path[0, paths.SPEED] for path in self.routes)
-        count = min(int(self.lasts * speed / SPACING) + 100, MOST_PLACES)
+        count = min(int(self.lasts * speed / SPACING) + 100, MAX_PLACES)
         times = np.linspace(0.0, self.lasts, count)
         places = [paths.sample(path, times)[:, :2] for path in self.routes]
         for k, part in enumerate(self.parts):
@@ -272,7 +272,7 @@ class GivenPaths:
 
 def _closely(path: np.ndarray) -> np.ndarray:
     """Return the motion (n, 9) along a path at points at most :data:`SPACING` apart."""
-    return paths.sampled(path, min(int(path[0, paths.LENGTH] / SPACING) + 100, MOST_PLACES))
+    return paths.sampled(path, min(int(path[0, paths.LENGTH] / SPACING) + 100, MAX_PLACES))
 
 
 class Follow(Task):
@@ -382,7 +382,7 @@ class Follow(Task):
         pose = np.where(there[..., None], goal, pose_of_absent(self.surface))
         return Start(pose, there, goal, routes)
 
-    def put_down(self, start: Start, pose: np.ndarray) -> Start:
+    def place(self, start: Start, pose: np.ndarray) -> Start:
         away = np.hypot(*np.moveaxis(pose - start.goal, -1, 0)[:2])
         far = start.present & (away > self.position_tolerance)
         if far.any():
@@ -406,7 +406,7 @@ class Follow(Task):
 LINE_SPACING = 0.004
 """m between the points of a path in a picture."""
 
-MOST_LINE = 4000
+MAX_LINE = 4000
 
 RMS, LARGEST, LEFT = range(3)  # of Pursuit.error
 
@@ -520,14 +520,14 @@ class PursuitScoring(Scoring):
             "path_errors": record.error,
         }  # fmt: skip
 
-    def facts(self) -> dict[str, np.ndarray]:
+    def info(self) -> dict[str, np.ndarray]:
         error = self._pursuit.error
         return {"path_error": error[:, RMS], "largest_path_error": error[:, LARGEST]}
 
     def lines(self, world: int) -> list[np.ndarray]:
         lines = []
         for path in self._pursuit.path[world]:
-            count = int(min(path[0, paths.LENGTH] / LINE_SPACING + 2, MOST_LINE))
+            count = int(min(path[0, paths.LENGTH] / LINE_SPACING + 2, MAX_LINE))
             lines.append(paths.sampled(path, count)[:, :2])
         return lines
 

@@ -297,21 +297,21 @@ def turn_kept(routes: np.ndarray, uniform: np.ndarray) -> np.ndarray:
     return routes
 
 
-MOST_POINTS, MOST_LAPS = 200, 100
+MAX_POINTS, MAX_LAPS = 200, 100
 
-LEAST_SIZE, MOST_SIZE = 1e-4, 1e3
+MIN_SIZE, MAX_SIZE = 1e-4, 1e3
 """m."""
 
-MOST_TURN = 8.0 * math.pi
+MAX_TURN = 8.0 * math.pi
 """rad."""
 
-LEAST_SPEED = 1e-3
+MIN_SPEED = 1e-3
 """m/s; of the ramps: m/s^2."""
 
 SHARPEST = math.radians(170.0)
 """Largest turn at a corner."""
 
-Coordinate = Annotated[Length, Field(ge=-MOST_SIZE, le=MOST_SIZE)]
+Coordinate = Annotated[Length, Field(ge=-MAX_SIZE, le=MAX_SIZE)]
 
 Place = tuple[Coordinate, Coordinate]
 
@@ -326,15 +326,15 @@ class PathSettings(BaseSettings):
     PLACE: ClassVar[str] = "centre"
     SIZE: ClassVar[str] = "radius"
 
-    speed: Speed | None = Field(default=None, ge=LEAST_SPEED)
-    acceleration: Acceleration | None = Field(default=None, ge=LEAST_SPEED)
+    speed: Speed | None = Field(default=None, ge=MIN_SPEED)
+    acceleration: Acceleration | None = Field(default=None, ge=MIN_SPEED)
     heading: Literal["kept", "along"] = "kept"
 
 
 class ClosedSettings(PathSettings):
     """Settings of closed shapes: ``laps`` and direction."""
 
-    laps: int = Field(default=1, ge=1, le=MOST_LAPS)
+    laps: int = Field(default=1, ge=1, le=MAX_LAPS)
     clockwise: bool = False
 
 
@@ -343,8 +343,8 @@ class CircleSettings(ClosedSettings):
 
     shape: Literal["circle"]
     centre: Place
-    radius: Length = Field(ge=LEAST_SIZE, le=MOST_SIZE)
-    start: Angle = Field(default=0.0, ge=-MOST_TURN, le=MOST_TURN)
+    radius: Length = Field(ge=MIN_SIZE, le=MAX_SIZE)
+    start: Angle = Field(default=0.0, ge=-MAX_TURN, le=MAX_TURN)
 
     def course(self, corner: float) -> Course:
         """Return the pieces."""
@@ -360,8 +360,8 @@ class EightSettings(ClosedSettings):
 
     shape: Literal["figure_eight"]
     centre: Place
-    radius: Length = Field(ge=LEAST_SIZE, le=MOST_SIZE)
-    turn: Angle = Field(default=0.0, ge=-MOST_TURN, le=MOST_TURN)
+    radius: Length = Field(ge=MIN_SIZE, le=MAX_SIZE)
+    turn: Angle = Field(default=0.0, ge=-MAX_TURN, le=MAX_TURN)
 
     def course(self, corner: float) -> Course:
         """Return the pieces."""
@@ -378,9 +378,9 @@ class SquareSettings(ClosedSettings):
 
     shape: Literal["square"]
     centre: Place
-    side: Length = Field(ge=LEAST_SIZE, le=MOST_SIZE)
-    turn: Angle = Field(default=0.0, ge=-MOST_TURN, le=MOST_TURN)
-    corner: Length | None = Field(default=None, ge=LEAST_SIZE, le=MOST_SIZE)
+    side: Length = Field(ge=MIN_SIZE, le=MAX_SIZE)
+    turn: Angle = Field(default=0.0, ge=-MAX_TURN, le=MAX_TURN)
+    corner: Length | None = Field(default=None, ge=MIN_SIZE, le=MAX_SIZE)
 
     def course(self, corner: float) -> Course:
         """Return the pieces."""
@@ -397,10 +397,10 @@ class PolylineSettings(PathSettings):
     SIZE: ClassVar[str] = "points"
 
     shape: Literal["polyline"]
-    points: tuple[Place, ...] = Field(min_length=2, max_length=MOST_POINTS)
+    points: tuple[Place, ...] = Field(min_length=2, max_length=MAX_POINTS)
     closed: bool = False
-    laps: int = Field(default=1, ge=1, le=MOST_LAPS)
-    corner: Length | None = Field(default=None, ge=LEAST_SIZE, le=MOST_SIZE)
+    laps: int = Field(default=1, ge=1, le=MAX_LAPS)
+    corner: Length | None = Field(default=None, ge=MIN_SIZE, le=MAX_SIZE)
 
     def course(self, corner: float) -> Course:
         """Return the pieces."""

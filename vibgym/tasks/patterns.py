@@ -24,7 +24,7 @@ from vibgym.tasks.base import kinds_by_name
 Goals = tuple[tuple[float, float, float], ...]
 """Poses x, y, heading; m, m, rad."""
 
-MOST_ROWS = 10_000
+MAX_ROWS = 10_000
 
 ROUNDING = 1e-9  # m, by which a pattern may stick out, or overlap: its places are sums and products
 
@@ -56,11 +56,11 @@ class Pattern:
         """Poses [x, y, heading], m and rad, in place of a lattice: a list with one for each part; or a mapping from kind to a
         list with at least one for each of its parts."""
 
-        rows: int | None = Field(default=None, ge=1, le=MOST_ROWS)
+        rows: int | None = Field(default=None, ge=1, le=MAX_ROWS)
         """Rows of the lattice, across the table. By default the square root of the number of parts, rounded down, or what there
         is room for."""
 
-        columns: int | None = Field(default=None, ge=1, le=MOST_ROWS)
+        columns: int | None = Field(default=None, ge=1, le=MAX_ROWS)
         """Columns of the lattice, along the table; by default as many as the rows need."""
 
         gap: Length = Field(default=0.002, ge=0.0)

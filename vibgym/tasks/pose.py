@@ -42,7 +42,7 @@ class PoseTask(Task):
 
     settings: Settings
 
-    MOST_PARTS = 1
+    MAX_PARTS = 1
     TERMS = {
         "distance": ("distance", 1.0),
         "approach": ("approach", 1.0),

@@ -36,7 +36,7 @@ class Scoring:
     """Starts and scores the episodes of all worlds.
 
     A subclass adds what a task measures beyond :class:`vibgym.tasks.episode.Episode`: arrays in :meth:`own_state` and
-    :meth:`facts`, and kernels in :meth:`stages`. One value per world needs :attr:`MEASURED` and :meth:`measure` only.
+    :meth:`info`, and kernels in :meth:`stages`. One value per world needs :attr:`MEASURED` and :meth:`measure` only.
 
     Args:
         rules: of the task.
@@ -104,11 +104,11 @@ class Scoring:
         """Return live arrays (worlds, ...) that a snapshot contains in addition to episodes and relations."""
         return dict(self.measured)
 
-    def facts(self) -> dict[str, np.ndarray]:
+    def info(self) -> dict[str, np.ndarray]:
         """Return further entries of ``info``, each (worlds,); live arrays."""
         return dict(self.measured)
 
-    def part_facts(self) -> dict[str, np.ndarray]:
+    def part_info(self) -> dict[str, np.ndarray]:
         """Return further entries of ``info["parts"]``, each (worlds, parts); live arrays."""
         return {}
 

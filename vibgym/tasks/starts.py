@@ -54,7 +54,7 @@ CLEAR = 0.002
 TOUCH = 1e-6
 """Parts closer than this are in touch, m. Approaching parts stop at half of it."""
 
-MOST_STEPS = 200
+MAX_STEPS = 200
 """Of one approach; a handful is usual."""
 
 
@@ -129,7 +129,7 @@ def slide(hulls, placed, pose, order, count, ux, uy, length):
     """
     part = order[count]
     travelled = 0.0
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         place_hulls(hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], placed)
         smallest, step = math.inf, length - travelled
         for k in range(count):
