@@ -39,6 +39,7 @@ ACTION_MEANINGS = {
     "target": "signed square root of the displacement (x, y) and turn to go, over 0.12 m and 90 degrees",
 }
 
+
 def as_markdown(text: str) -> str:
     """Convert a paragraph of a docstring to Markdown: roles and literals become code."""
     text = re.sub(r":\w+:`~?\.?(?:[\w.]*\.)?(\w+)`", r"`\1`", text)
