@@ -407,41 +407,31 @@ def reward_parts(context, fallen, starting, world):
 
 
 @jit
-def relate_worlds(address, worlds, pose):
-    """Update the relations of some worlds, but not gaps and neighbours.
-
-    Args:
-        address: of a pinned :class:`Context`, whose relations are overwritten.
-        worlds: (n,) index.
-        pose: (worlds, parts, 3).
-    """
-    context = context_at(address)
-    for k in range(worlds.shape[0]):
-        relate_to_goals(context, pose, worlds[k])
+def relate_world(context, pose, gone, world):
+    """Update the relations of one world, whose parts ``gone`` are ignored by others; return how many pairs touch."""
+    relate_to_goals(context, pose, world)
+    if pose.shape[1] == 1:  # its gap and neighbour never change
+        return 0
+    return relate_gaps(context, pose, gone, world)
 
 
 @jit
-def relate_parts(address, true, pose, gone, worlds):
-    """Update gaps and neighbours of some worlds, for scenes with several parts.
+def relate_worlds(address, worlds, pose, gone):
+    """Update the relations of some worlds.
 
     Args:
         address: of a pinned :class:`Context`, whose relations are overwritten.
-        true: whether poses are the true ones, whose touching pairs are counted.
-        pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts to ignore.
         worlds: (n,) index.
+        pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts that others ignore.
     """
     context = context_at(address)
     for k in range(worlds.shape[0]):
-        touching = relate_gaps(context, pose, gone, worlds[k])
-        if true:
-            context.episode.count[worlds[k], IN_TOUCH] = touching
+        relate_world(context, pose, gone, worlds[k])
 
 
 @jit
 def score_worlds(state, address, starting, worlds):
     """Score one step of some worlds relative to the previous one, or start their episodes, whose goals and parts are set.
-
-    Gaps between parts must be up to date, see :func:`relate_parts`; those of a single part never change.
 
     Args:
         state: address of the pinned true state.
@@ -454,7 +444,7 @@ def score_worlds(state, address, starting, worlds):
     for k in range(worlds.shape[0]):
         world = worlds[k]
         number, count, flag = episode.number, episode.count, episode.flag
-        relate_to_goals(context, true.pose, world)
+        count[world, IN_TOUCH] = relate_world(context, true.pose, true.fallen, world)
         complete = evaluate_world(context, true.mean_velocity, true.fallen, world)
         if starting:
             count[world, HELD], flag[world, SUCCEEDED], flag[world, ENDED] = 0, False, False

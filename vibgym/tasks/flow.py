@@ -39,8 +39,7 @@ from vibgym.tasks.episode import (
     WRONG,
     Context,
     average_terms,
-    relate_gaps,
-    relate_to_goals,
+    relate_world,
     reward_part,
     smallest_gap,
 )
@@ -128,20 +127,17 @@ def find_free_pose(inlet, hulls, placed, key, tried, present, pose):
     order, own, part, room = inlet.order, inlet.pose, inlet.order[0], inlet.room
     count = 0
     for other in range(present.shape[0]):
-        for axis in range(3):
-            own[other, axis] = pose[other, axis]
+        if present[other]:
+            order[count] = other
+            count += 1
+            own[other, 0], own[other, 1] = pose[other, 0], pose[other, 1]
+    order[count] = part
     for t in range(TRIES):
         u, v, turn, _ = uniforms(key, tried, t, WHERE, 0)
         own[part, 0] = inlet.low + (inlet.high - inlet.low) * u
         own[part, 1] = hulls.radius[part] + (room.depth - 2.0 * hulls.radius[part]) * v
         own[part, 2] = math.pi * (2.0 * turn - 1.0)
         place_hulls(hulls, part, own[part, 0], own[part, 1], own[part, 2], placed)
-        count = 0
-        for other in range(present.shape[0]):
-            if present[other]:
-                order[count] = other
-                count += 1
-        order[count] = part
         if is_clear(hulls, placed, own, order, count, room.clear):
             order[0] = part
             return True
@@ -432,9 +428,8 @@ def update_rates(flow, world):
 def update_relations(flow, state, world):
     """Update the relations of a world, and the fields of ``info`` that depend on them."""
     context, episode = flow.context, flow.context.episode
-    episode.count[world, IN_TOUCH] = relate_gaps(context, state.pose, state.fallen, world)
+    episode.count[world, IN_TOUCH] = relate_world(context, state.pose, state.fallen, world)
     episode.number[world, SMALLEST_GAP] = smallest_gap(context.relations, world)
-    relate_to_goals(context, state.pose, world)
 
 
 @jit

@@ -24,7 +24,6 @@ from vibgym.tasks.episode import (
     average_worlds,
     new_episode,
     new_relations,
-    relate_parts,
     relate_worlds,
     score_worlds,
 )
@@ -69,7 +68,6 @@ class Scoring:
         self.changed = self.episode.arrived
         self.measured = {name: np.zeros(worlds) for name in self.MEASURED}
         self._context = self.context(self.relations)
-        self._several = parts > 1  # the gap and neighbour of a single part never change
 
     @property
     def state(self) -> State:
@@ -119,10 +117,7 @@ class Scoring:
     def begin(self, worlds: np.ndarray, start: Start) -> None:
         """Start the episodes of ``worlds`` (index array), whose parts have been placed."""
         self.episode.goal[worlds], self.episode.present[worlds] = start.goal, start.present
-        context = self._context.address
-        if self._several:
-            relate_parts(context, True, self.state.pose, self.state.fallen, worlds)
-        score_worlds(self._state.address, context, True, worlds)
+        score_worlds(self._state.address, self._context.address, True, worlds)
         for stage in self.measure():
             stage(worlds)
 
@@ -131,14 +126,11 @@ class Scoring:
 
         Each call allocates scratch memory: stages of several calls can run at the same time, on different worlds.
         """
-        context, true, episode = self.context(self.relations), self.state, self.episode
-        stages = [bound(score_worlds, self._state, context, False), *self.measure()]
-        if self._several:
-            stages.insert(0, bound(relate_parts, context, True, true.pose, true.fallen))
-        if self._exchanged is not None:
-            exchange = bound(exchange_goals, self._exchanged, episode.present, true.pose, episode.goal, EXCHANGE)
-            stages.insert(0, exchange)
-        return stages
+        stages = [bound(score_worlds, self._state, self.context(self.relations), False), *self.measure()]
+        if self._exchanged is None:
+            return stages
+        present, pose, goal = self.episode.present, self.state.pose, self.episode.goal
+        return [bound(exchange_goals, self._exchanged, present, pose, goal, EXCHANGE), *stages]
 
     def measure(self) -> list[Stage]:
         """Return stages that compute :attr:`measured` at the start of an episode and after every step; as :meth:`stages`."""
@@ -149,16 +141,7 @@ class Scoring:
 
         Its arguments: index array of worlds, poses (worlds, parts, 3), and which parts to ignore (worlds, parts) bool.
         """
-        context = self.context(relations)
-        to_goals, to_parts = bound(relate_worlds, context), bound(relate_parts, context, False)
-        if not self._several:
-            return lambda worlds, pose, gone: to_goals(worlds, pose)
-
-        def relate(worlds: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> None:
-            to_parts(pose, gone, worlds)
-            to_goals(worlds, pose)
-
-        return relate
+        return bound(relate_worlds, self.context(relations))
 
 
 class Instant(NamedTuple):
