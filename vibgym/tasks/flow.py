@@ -41,6 +41,7 @@ from vibgym.tasks.episode import (
     average_terms,
     relate_world,
     reward_part,
+    reward_parts,
     smallest_gap,
 )
 from vibgym.tasks.starts import CLEAR, TRIES, Room, heap, is_clear, lattice
@@ -326,15 +327,12 @@ def evaluate_parts(flow, state, world):
         apart = relations.gap[world, part] >= flow.spacing
         flow.there[world, part], episode.arrived[world, part] = here, False
         episode.event[world, part] = event_of(flow, state, world, part, straight, apart) if here else STAYS
-        episode.part_fallen[world, part] = episode.event[world, part] == LOST
         flow.context.fits[part] = here and straight and apart
         at_own = gate_of(flow, flow.gate[flow.kind[part], 0], state.pose[world, part, 1]) == flow.kind[part]
         episode.done[world, part] = flow.context.fits[part] and at_own
         done += episode.done[world, part]
         slots += flow.pool[world, part]
-        episode.part_reward[world, part], episode.part_terms[world, part] = 0.0, 0.0
-        if here:
-            reward_part(flow.context, world, part)
+    reward_parts(flow.context, state.fallen, False, world)
     slots = min(slots, flow.inlet.most)
     episode.number[world, REWARD] = average_terms(
         episode.part_terms[world], flow.there[world], slots, rules.worst, episode.terms[world]

@@ -378,7 +378,7 @@ class Follow(Task):
     def _start(self, routes: np.ndarray, present: np.ndarray | None) -> Start:
         there = np.ones(routes.shape[:2], dtype=bool) if present is None else present
         goal = np.empty((*routes.shape[:2], 3))
-        paths.first_poses(routes, np.empty(len(paths.INSTANT)), goal)
+        paths.first_poses(routes, goal)
         pose = np.where(there[..., None], goal, pose_of_absent(self.surface))
         return Start(pose, there, goal, routes)
 
@@ -419,7 +419,6 @@ class Pursuit(NamedTuple):
     looks: np.ndarray  # (worlds,) int64, number of steps
     squares: np.ndarray  # (worlds, parts) m^2, sum of the squared distances to the goal at these
     error: np.ndarray  # (worlds, 3): rms of the part that was worst (m), largest (m), 1: a tolerance has been left
-    motion: np.ndarray  # (9,) scratch
     period: float  # s
     episode: Episode
     relations: Relations
@@ -431,9 +430,9 @@ pursuit_at = PURSUIT.at
 
 
 @jit
-def place_goals(record, world):
-    """Set the goals of one world, and their motion, at the time of its clock."""
-    episode, motion, period = record.episode, record.motion, record.period
+def place_goals(record, world, motion):
+    """Set the goals of one world, and their motion, at the time of its clock; ``motion`` (9,) is scratch."""
+    episode, period = record.episode, record.period
     time = record.clock[world] * period
     waiting = record.error[world, LEFT] > 0.0
     for i in range(episode.goal.shape[1]):
@@ -451,17 +450,17 @@ def place_goals(record, world):
     episode.flag[world, BARRED] = waiting
 
 
-@jit
+@jit(allocates=True)
 def move_goals(pursuit, periods, worlds):
     """Move the goals of ``worlds`` (n,) on by some periods.
 
     Args:
         pursuit: address of a pinned :class:`Pursuit`.
     """
-    record = pursuit_at(pursuit)
+    record, motion = pursuit_at(pursuit), np.empty(len(paths.INSTANT))
     for k in range(worlds.shape[0]):
         record.clock[worlds[k]] += periods
-        place_goals(record, worlds[k])
+        place_goals(record, worlds[k], motion)
 
 
 @jit
@@ -505,13 +504,12 @@ class PursuitScoring(Scoring):
             looks=np.zeros(worlds, dtype=np.int64),
             squares=np.zeros((worlds, parts)),
             error=np.zeros((worlds, 3)),
-            motion=np.zeros(len(paths.INSTANT)),
             period=task.surface.period,
             episode=self.episode,
             relations=self.relations,
             rules=self.rules,
         )
-        self._pinned = self._with_scratch()
+        self._pinned = Pinned(PURSUIT, self._pursuit)
 
     def own_state(self) -> dict[str, np.ndarray]:
         record = self._pursuit
@@ -539,9 +537,5 @@ class PursuitScoring(Scoring):
         super().begin(worlds, start)
 
     def stages(self) -> list[Stage]:
-        pursuit = self._with_scratch()
-        return [bound(move_goals, pursuit, self.rules.periods), *super().stages(), bound(record_errors, pursuit)]
-
-    def _with_scratch(self) -> Pinned[Pursuit]:
-        """Return the pursuit with scratch memory for one thread."""
-        return Pinned(PURSUIT, self._pursuit._replace(motion=np.zeros(len(paths.INSTANT))))
+        move, record = bound(move_goals, self._pinned, self.rules.periods), bound(record_errors, self._pinned)
+        return [move, *super().stages(), record]

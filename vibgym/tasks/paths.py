@@ -261,9 +261,10 @@ def motion_at(route, time, motion):
     motion[8] = along * (rate * slope + speed * speed * ((bend_ahead - bend_behind) / window))
 
 
-@jit
-def first_poses(paths, motion, pose):
-    """Compute the first poses (n, parts, 3) of routes (n, parts, rows, 6); ``motion`` (9,) is scratch."""
+@jit(allocates=True)
+def first_poses(paths, pose):
+    """Compute the first poses (n, parts, 3) of routes (n, parts, rows, 6)."""
+    motion = np.empty(len(INSTANT))
     for world in range(paths.shape[0]):
         for i in range(paths.shape[1]):
             motion_at(paths[world, i], 0.0, motion)

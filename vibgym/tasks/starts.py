@@ -209,24 +209,25 @@ def push_together(hulls, room, order, count, numbers, placed, pose):
             slide(hulls, placed, pose, order, k, 0.0, -1.0, room.cells[k, 1] - room.cells[0, 1])
 
 
-@jit
-def heap_starts(hulls, room, order, count, tries, placed, cells, pose):
+@jit(allocates=True)
+def heap_starts(hulls, room, order, count, tries, pose):
     """Draw the poses of the present parts of n worlds, each in one heap.
 
     Args:
         order: (n, parts) int64, the present parts first, in the order in which they are placed.
         count: (n,) number of present parts.
         tries: (n, parts, TRIES, numbers of a try) uniform.
-        placed: scratch, as ``hulls.corner``.  cells: scratch, (cells of the room,) int64.
         pose: (n, parts, 3), overwritten for present parts.
     """
+    placed = np.empty_like(hulls.corner)
     for world in range(pose.shape[0]):
         heap(hulls, room, order[world], count[world], tries[world], placed, pose[world])
 
 
-@jit
-def scatter_starts(hulls, room, order, count, tries, placed, cells, pose):
+@jit(allocates=True)
+def scatter_starts(hulls, room, order, count, tries, pose):
     """Draw the poses of the present parts of n worlds, scattered. Args: as for :func:`heap_starts`."""
+    placed, cells = np.empty_like(hulls.corner), np.empty(room.cells.shape[0], np.int64)
     for world in range(pose.shape[0]):
         scatter(hulls, room, order[world], count[world], tries[world], placed, cells, pose[world])
 
@@ -328,8 +329,7 @@ class Scattered(Starts):
         pose = np.zeros((worlds, parts, 3))
         order = np.where(present, uniform[:, 1 : 1 + parts], 1.0).argsort(axis=1, kind="stable")
         tries = np.ascontiguousarray(uniform[:, 1 + parts :]).reshape(worlds, parts, TRIES, self.NUMBERS)
-        scratch = np.empty_like(self._hulls.corner), np.empty(len(self._room.cells), dtype=np.int64)
-        self.PLACE(self._hulls, self._room, order, present.sum(axis=1), tries, *scratch, pose)
+        self.PLACE(self._hulls, self._room, order, present.sum(axis=1), tries, pose)
         return pose
 
 
