@@ -48,12 +48,8 @@ class Task(ABC):
 
     Attributes:
         kinds: names of the parts' kinds.  kind: (parts,) index of each part's.
-        zones: (kinds, 4) m, goal zone of each kind: x_low, y_low, x_high, y_high; None for tasks without zones.
         driven: (parts,) bool, parts that actions control; no element is allocated to the others.
         asked: (parts,) bool, parts with a goal; others have no errors and are done unless they have fallen.
-        apart: m, distance to the nearest other part above which a part is done; -inf where it does not count.
-        goal_gap: m, least distance between goals of all episodes; None where the task does not define one.
-        lasts: s, least duration of an episode before it can succeed, excluding the hold.
         features: features of a part in the state observation: :attr:`FEATURES`, and those of the sensor.
         made_of: quantity of each reward term that has one.  weights: of all terms.
         worst: terms of which a world counts its worst part: falls, where they end the episode.
@@ -114,6 +110,18 @@ class Task(ABC):
     draws: int
     """Uniform numbers per episode."""
 
+    zones: np.ndarray | None = None
+    """(kinds, 4) m, goal zone of each kind: x_low, y_low, x_high, y_high."""
+
+    apart: float = -math.inf
+    """m, distance to the nearest other part above which a part is done; -inf where it does not count."""
+
+    goal_gap: float | None = None
+    """m, least distance between goals of all episodes, where the task defines one."""
+
+    lasts: float = 0.0
+    """s, least duration of an episode before it can succeed, excluding the hold."""
+
     def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
         self.settings = type(self).Settings() if settings is None else settings
         if self.MAX_PARTS is not None and len(parts) > self.MAX_PARTS:
@@ -124,9 +132,6 @@ class Task(ABC):
         self.slots = len(parts) if self.settings.slots is None else self.settings.slots
         if self.slots < len(parts):
             raise checks.refuse("slots", self.slots, f"a whole number >= {len(parts)}, the number of parts")
-        self.zones: np.ndarray | None = None
-        self.goal_gap: float | None = None
-        self.apart, self.lasts = -math.inf, 0.0
         self.driven = np.array([part.coupling > 0.0 for part in self.parts])
         self.asked = np.ones(len(self.parts), dtype=bool)
         self.hulls = hulls_of(self.parts)

@@ -498,7 +498,7 @@ class PursuitScoring(Scoring):
         still = np.zeros(task.paths.shape)
         # Until the first reset all goals are at the origin.
         still[:, 0] = [paths.SMALL, 1.0, 1.0, 1.0, 0.0, 0.0]
-        self._pursuit = Pursuit(
+        pursuit = Pursuit(
             path=np.tile(still, (worlds, 1, 1, 1)),
             clock=np.zeros(worlds, dtype=np.int64),
             looks=np.zeros(worlds, dtype=np.int64),
@@ -509,33 +509,33 @@ class PursuitScoring(Scoring):
             relations=self.relations,
             rules=self.rules,
         )
-        self._pinned = Pinned(PURSUIT, self._pursuit)
+        self._pursuit = Pinned(PURSUIT, pursuit)
 
     def own_state(self) -> dict[str, np.ndarray]:
-        record = self._pursuit
+        record = self._pursuit.record
         return {
             "paths": record.path, "clock": record.clock, "looks": record.looks, "squares": record.squares,
             "path_errors": record.error,
         }  # fmt: skip
 
     def info(self) -> dict[str, np.ndarray]:
-        error = self._pursuit.error
+        error = self._pursuit.record.error
         return {"path_error": error[:, RMS], "largest_path_error": error[:, LARGEST]}
 
     def lines(self, world: int) -> list[np.ndarray]:
         lines = []
-        for path in self._pursuit.path[world]:
+        for path in self._pursuit.record.path[world]:
             count = int(min(path[0, paths.LENGTH] / LINE_SPACING + 2, MAX_LINE))
             lines.append(paths.sampled(path, count)[:, :2])
         return lines
 
     def begin(self, worlds: np.ndarray, start: Start) -> None:
-        record, self.episode.present[worlds] = self._pursuit, start.present
+        record, self.episode.present[worlds] = self._pursuit.record, start.present
         record.path[worlds], record.clock[worlds], record.looks[worlds] = start.paths, 0, 0
         record.squares[worlds], record.error[worlds] = 0.0, 0.0
-        move_goals(self._pinned.address, 0, worlds)
+        move_goals(self._pursuit.address, 0, worlds)
         super().begin(worlds, start)
 
     def stages(self) -> list[Stage]:
-        move, record = bound(move_goals, self._pinned, self.rules.periods), bound(record_errors, self._pinned)
+        move, record = bound(move_goals, self._pursuit, self.rules.periods), bound(record_errors, self._pursuit)
         return [move, *super().stages(), record]
