@@ -33,7 +33,7 @@ from vibgym.sensing.estimation.predictors import FreePredictor, ModelPredictor, 
 from vibgym.sensing.measurement import Reading, new_measurement
 from vibgym.settings import Acceleration, BaseSettings
 
-MIN_SIGMA = 1e-7
+LEAST_SIGMA = 1e-7
 """Floor of the standard deviation of readings, m and rad: an exact reading would have infinite weight."""
 
 START_SPEED = 1e-3  # m/s, initial standard deviation of the velocity of a part
@@ -332,7 +332,7 @@ class FilterEstimator:
                 scratch=np.zeros(6),
                 damping=drag_of(sensor.surface, sensor.parts),
                 arm=np.sqrt([part.gyration for part in sensor.parts]),
-                variance=(settings.sigma * np.maximum(sensor.all_sigma, MIN_SIGMA)) ** 2,
+                variance=(settings.sigma * np.maximum(sensor.all_sigma, LEAST_SIGMA)) ** 2,
                 idle=np.array([sensor.surface.idle_velocity(part.friction) for part in sensor.parts]),
                 step=periods * period,
                 lead=lead * period,
