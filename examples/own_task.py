@@ -14,7 +14,6 @@ class Park(PoseTask):
     """Bring the part to the left end, at half the table's width, at any heading."""
 
     position_tolerance = 0.005  # m
-    FACTS = ("is_success", "position_error", "fallen", "diverged")
     draws = 3  # uniform numbers that a start needs
 
     class Settings(PoseTask.Settings):

@@ -134,7 +134,7 @@ def identities(lines: str, edge: str, frames: int = 1000) -> list[Row]:
     sensor.reset(np.array([0]), state_of(poses[0], None), np.array([[0.1, 0.2]]))
     total, crossings, worst = np.zeros(3, dtype=int), 0, 0.0
     for before, now in zip(poses[:-1], poses[1:], strict=True):
-        sensor.look(state_of(now, before))
+        sensor.sample(state_of(now, before))
         total += sensor.track.count[0]
         order, then = (np.sign(each[:, None, 0] - each[:, 0]) for each in (before, now))
         crossings += int((order != then).sum()) // 2
@@ -153,7 +153,7 @@ def sample_time(sensor: CameraSensor, state: Any, samples: int) -> float:
     took = []
     for _ in range(samples):
         began = time.thread_time()
-        sensor.look(state)
+        sensor.sample(state)
         took.append(time.thread_time() - began)
     return float(np.median(took))
 

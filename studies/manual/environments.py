@@ -39,26 +39,6 @@ ACTION_MEANINGS = {
     "target": "signed square root of the displacement (x, y) and turn to go, over 0.12 m and 90 degrees",
 }
 
-TERM_MEANINGS = {
-    "distance": "decrease of the mean distance to goals or zones, per 100 mm",
-    "approach": "decrease of tanh(mean distance / 10 mm)",
-    "turn": "decrease of the mean heading error, per rad",
-    "alignment": "decrease of tanh(mean heading error / 0.15 rad)",
-    "inside": "increase of the share of parts whose centre is at its goal or in its zone",
-    "within": "1 while all parts are within their tolerances",
-    "clearance": "increase of the mean of min(distance to the nearest part / required distance, 1)",
-    "time": "-1 in every period",
-    "success": "1 on success",
-    "fallen": "-1 if a part has fallen off the surface",
-    "good": "1 for each part that leaves correctly",
-    "faulty": "-1 for each part that leaves incorrectly",
-    "reach": "decrease of the mean distance from parts without a goal to the part with one, per 100 mm",
-}
-"""Meaning of each of :data:`vibgym.tasks.episode.QUANTITIES`."""
-
-if TERM_MEANINGS.keys() != set(QUANTITIES):
-    raise RuntimeError(f"TERM_MEANINGS and QUANTITIES differ in {sorted(TERM_MEANINGS.keys() ^ set(QUANTITIES))}")
-
 
 def as_markdown(text: str) -> str:
     """Convert a paragraph of a docstring to Markdown: roles and literals become code."""
@@ -285,11 +265,12 @@ def _rows(env: VibgymEnv) -> str:
 
 
 def _information(env: VibgymEnv) -> str:
-    lines = [[f"`{name}`", INFO_MEANING[name]] for name in env.task.FACTS]
+    lines = [[f"`{name}`", INFO_MEANING[name]] for name in env.task.info_fields]
     return "In addition to `reward_terms` and `parts`:\n\n" + markdown(("`info`", "meaning"), lines)
 
 
 def _rewards(env: VibgymEnv) -> str:
     task = env.task
-    lines = [[term, TERM_MEANINGS[task.made_of[term]], f"{weight:g}"] for term, weight in task.weights.items()]
-    return markdown(("term", "meaning (magnitude at most 1)", "weight"), lines)
+    lines = [[term, QUANTITIES[task.made_of[term]], f"{weight:g}"] for term, weight in task.weights.items()]
+    definition = "of each part; a world's term is the mean over its parts ([definition](../extending.md#a-reward))"
+    return f"Terms {definition}:\n\n" + markdown(("term", "meaning (magnitude at most 1)", "weight"), lines)

@@ -13,8 +13,8 @@ from vibgym.envs.randomization import Disturbance, Randomization
 from vibgym.scene.part_settings import SHAPES, DrawingSettings
 from vibgym.scene.surface import SurfaceSettings
 from vibgym.settings import BaseSettings, read, table, with_unit
-from vibgym.tasks.paths import DrawnSettings
-from vibgym.tasks.route import SHAPES as PATHS
+from vibgym.tasks.follow import DrawnSettings
+from vibgym.tasks.paths import SHAPES as PATHS
 
 try:
     from agents.algorithms import ALGORITHMS

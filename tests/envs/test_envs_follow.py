@@ -6,7 +6,7 @@ import pytest
 from tests.envs.helpers import assert_same, batch, single
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
-from vibgym.tasks import route
+from vibgym.tasks import paths as route
 
 THREE = ["steel_block", "aluminium_block", "steel_block"]
 SHORT = [{"shape": "polyline", "points_mm": [[x, 80], [x, 95]]} for x in (100, 300)]

@@ -25,9 +25,6 @@ def test_info_of_every_part():
                 assert values.all()
                 continue
             assert not values[~truth.present].any()
-            assert values.sum(1) / truth.present.sum(1) == pytest.approx(info["reward_terms"][name], abs=1e-12)
-        total = sum(values for name, values in reported["reward_terms"].items() if not name.startswith("_"))
-        assert reported["reward"] == pytest.approx(total, abs=1e-12)
 
 
 def test_only_the_fallen_part_is_penalised():
@@ -43,16 +40,6 @@ def test_only_the_fallen_part_is_penalised():
     assert reported["reward_terms"]["fallen"].tolist() == [-5.0 if part == 2 else 0.0 for part in range(6)]
     assert info["reward_terms"]["fallen"] == -5.0
     assert reported["done"].tolist() == [part != 2 for part in range(6)]
-
-
-def test_a_goal_environment_gives_its_part_the_goal_reward():
-    env = single("Align", observation="goal", action="field")
-    env.reset(seed=0)
-    _, reward, *_, info = env.step(env.action_space.sample())
-    assert info["parts"]["reward"].tolist() == [reward] and reward != 0.0
-    assert {name: each.tolist() for name, each in info["parts"]["reward_terms"].items()} == {"goal": [reward]}
-    _, info = env.reset()
-    assert info["parts"]["reward"].tolist() == [0.0] and info["parts"]["reward_terms"]["goal"].tolist() == [0.0]
 
 
 # -- another observation of the same instant -----------------------------------------------------------------------------

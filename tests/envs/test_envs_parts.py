@@ -92,7 +92,7 @@ def test_rows_agree_with_the_table(task, settings):
     seen, _ = env.reset(seed=3)
     env.action_space.seed(3)
     core, rows = env.unwrapped.core, {row.name: row for row in env.unwrapped.parts_layout}
-    parts, several, compared = len(core.parts), core.task.MOST_PARTS != 1, 0
+    parts, several, compared = len(core.parts), core.task.MAX_PARTS != 1, 0
     for step in range(5):
         if step:
             seen, *_ = env.step(env.action_space.sample())

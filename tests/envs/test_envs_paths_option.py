@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import assert_same, batch, single
-from vibgym.tasks import route
+from vibgym.tasks import paths as route
 
 LINE = {"shape": "polyline", "points_mm": [[300, 60], [380, 60], [380, 140]], "speed": 0.1}
 OTHER = {"shape": "circle", "centre_mm": [150, 100], "radius_mm": 50}

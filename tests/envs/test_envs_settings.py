@@ -130,7 +130,6 @@ def test_the_record_of_options():
 class Two(ArrangedTask):
     """Every part has a goal pose, and no PoseTask's reward."""
 
-    FACTS = ("is_success", "fallen", "diverged")
     has_goal = True
 
 

@@ -94,7 +94,7 @@ def read(kind, effects, worlds=200, looks=40, **timing):
         sensor.reset(np.arange(worlds), state, uniform)
         found = [(sensor.due.pose.copy(), sensor.due.seen.copy(), sensor.due.mean_velocity.copy())]
         for _ in range(looks):
-            sensor.look(state)
+            sensor.sample(state)
             found.append((sensor.due.pose.copy(), sensor.due.seen.copy(), sensor.due.mean_velocity.copy()))
         shown.append([np.array(each) for each in zip(*found, strict=True)])
     return shown

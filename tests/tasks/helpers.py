@@ -6,8 +6,7 @@ import numpy as np
 
 from vibgym.physics.core.records import new_state
 from vibgym.settings import read
-from vibgym.tasks.base import Start
-from vibgym.tasks.scoring import Scoring
+from vibgym.tasks.base import Start, Task
 
 
 def made(cls: Any, surface: Any, parts: Any, **settings: Any) -> Any:
@@ -21,7 +20,7 @@ class Scorer:
     def __init__(self, task: Any, worlds: int, periods: int = 1) -> None:
         self.state = new_state(worlds, len(task.parts))
         self.state.velocity[...] = np.nan  # scores use the mean only
-        self.scoring = Scoring(task, self.state, periods)
+        self.scoring = Task.scoring(task, self.state, periods)
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
 
     def begin(self, start: Start, worlds: Any = None) -> None:
@@ -34,4 +33,5 @@ class Scorer:
         """Score a step that ends in this state."""
         self.state.pose[...], self.state.mean_velocity[...] = pose, mean_velocity
         self.state.fallen[...], self.state.diverged[...] = fallen, diverged
-        self.scoring.score()
+        for stage in self.scoring.stages():
+            stage(np.arange(len(self.state.pose)))

@@ -13,7 +13,7 @@ from vibgym import Part
 from vibgym.physics.core.noise import uniforms
 from vibgym.tasks import in_stable_poses
 from vibgym.tasks.feed import ALIKE, enough
-from vibgym.tasks.inlet import DRAWN
+from vibgym.tasks.flow import DRAWN
 
 PROBABILITIES = [0.6, 0.3, 0.1]
 

@@ -7,7 +7,8 @@ import pytest
 
 from tests.tasks.helpers import Scorer, made
 from vibgym import Part, Surface
-from vibgym.tasks import Follow, route
+from vibgym.tasks import Follow
+from vibgym.tasks import paths as route
 from vibgym.tasks.episode import MOTION, PREVIEW
 
 SURFACE = Surface()
@@ -97,7 +98,7 @@ def test_score_kernel(periods):
     start = task.start(generator.random((worlds, task.draws)), present)
     scorer = FollowScorer(task, worlds, periods)
     scorer.begin(start)
-    facts = scorer.scoring.facts()
+    facts = scorer.scoring.info()
     reference = [Reference(start.paths[w], present[w], start.pose[w], periods) for w in range(worlds)]
     seen = {"success": 0, "missed": 0, "fallen": 0}
     for step in range(40 // periods):
@@ -162,10 +163,10 @@ def test_a_given_heading_is_kept_along_the_path():
     task = made(Follow, SURFACE, [BLOCK], paths=SHORT[:1])
     start = task.start(np.full((1, 1), 0.9))
     pose = start.pose + [0.003, -0.003, 0.7]
-    there = task.put_down(start, pose)
+    there = task.place(start, pose)
     assert (there.pose == pose).all() and there.goal[0, 0, 2] == pose[0, 0, 2]
     assert there.goal[0, 0, :2] == pytest.approx([0.1, 0.08])
     assert route.sample(there.paths[0, 0], np.array([0.5]))[0, 2] == pose[0, 0, 2]
     assert start.goal[0, 0, 2] != pose[0, 0, 2]  # nothing else has changed
     with pytest.raises(ValueError, match=r"options\['pose'\]"):
-        task.put_down(start, start.pose + [0.006, 0.0, 0.0])
+        task.place(start, start.pose + [0.006, 0.0, 0.0])

@@ -92,11 +92,11 @@ def test_parts_with_given_poses_get_other_goals():
     task = Pack(SURFACE, SIX)
     start = drawn(task, 1)
     other = start.pose[:, ::-1].copy()
-    moved = task.put_down(start, other)
+    moved = task.place(start, other)
     assert (moved.goal[:, ::-1] == start.goal).all()
     fixed = made(Pack, SURFACE, SIX, free=False)
     start = drawn(fixed, 1)
-    assert (fixed.put_down(start, other).goal == start.goal).all()
+    assert (fixed.place(start, other).goal == start.goal).all()
 
 
 def test_success_is_all_in_place_at_once_and_the_error_is_the_rms():
@@ -106,7 +106,7 @@ def test_success_is_all_in_place_at_once_and_the_error_is_the_rms():
     scorer.episode = scorer.scoring.episode
     start = drawn(task, 2)
     scorer.begin(start)
-    within, goal = scorer.scoring.facts()["pattern_error"], start.goal.copy()
+    within, goal = scorer.scoring.info()["pattern_error"], start.goal.copy()
     assert within == pytest.approx(np.sqrt(((start.goal - start.pose)[..., :2] ** 2).sum(axis=-1).mean(axis=1)))
     pose = goal + [0.0006, 0.0006, math.radians(2.9)]
     pose[:, 0, 2] += math.pi  # a rectangle looks the same

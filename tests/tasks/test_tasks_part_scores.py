@@ -1,4 +1,4 @@
-"""Rewards of each part alone against a plain reference, and against the world's."""
+"""Reward terms of each part against a plain reference; ``tests/contracts/test_reward.py`` compares them with the world's."""
 
 import math
 
@@ -14,8 +14,6 @@ STEEL = Part.rectangle(0.050, 0.040, friction=0.64, name="steel")
 DISC = Part.disc(0.02, friction=0.58, name="disc")
 MIXED = [STEEL, DISC, STEEL, DISC, STEEL]
 WORLDS, STEPS = 30, 12
-LINEAR = ("distance", "turn", "inside", "clearance", "time", "success")
-"""Quantities whose mean over the parts is that of the world."""
 
 
 def scattered(generator, parts, spread=1.0):
@@ -61,7 +59,7 @@ CASES = {
 def test_terms_of_single_parts(name, spread):
     task = CASES[name]()
     parts, generator = len(task.parts), np.random.default_rng(3)
-    present = generator.random((WORLDS, parts)) < (0.7 if task.MOST_PARTS != 1 and name != "Follow" else 2.0)
+    present = generator.random((WORLDS, parts)) < (0.7 if task.MAX_PARTS != 1 and name != "Follow" else 2.0)
     present[:, 0] = True
     goal = scattered(generator, parts, spread) if task.has_goal else np.zeros((WORLDS, parts, 3))
     pose = np.where(present[..., None], scattered(generator, parts, spread), -1.0)
@@ -72,7 +70,7 @@ def test_terms_of_single_parts(name, spread):
     all_gaps(task.hulls, pose, gaps)
     before = numbers(task, pose, goal, gaps, present)
     weights = {term: w * (2 if of in ("time", "within") else 1) for term, (of, w) in task.TERMS.items()}
-    unlimited, limited, successes = 0, 0, 0
+    limited, successes = 0, 0
     for step in range(STEPS):
         aim = goal if task.has_goal else pose
         near = aim + spread * np.array([0.01, 0.01, 0.1]) * generator.standard_normal((WORLDS, parts, 3))
@@ -104,21 +102,15 @@ def test_terms_of_single_parts(name, spread):
             "success": np.tile(episode.success[:, None], (1, parts)).astype(float),
             "fallen": np.where(fallen, -1.0, 0.0),
         }
-        free = ((abs(was_away - away) < 0.1) & (abs(was_turned - turn) < 1.0) | ~present).all(axis=1)
         total = np.zeros((WORLDS, parts))
         for k, (term, (of, _)) in enumerate(task.TERMS.items()):
             expected = np.where(present, weights[term] * quantity[of], 0.0)
             assert episode.part_terms[..., k] == pytest.approx(expected, abs=1e-8), term
             total += expected
-            mean = episode.part_terms[..., k].sum(axis=1) / present.sum(axis=1)
-            if of in LINEAR:
-                assert mean[free] == pytest.approx(episode.terms[free, k], abs=1e-9), term
         assert episode.part_reward == pytest.approx(total, abs=1e-8)
         assert (episode.part_fallen == (fallen & present)).all()
-        if parts == 1:
-            assert episode.part_terms[free, 0] == pytest.approx(episode.terms[free], abs=1e-15)
-        unlimited, limited = unlimited + int(free.sum()), limited + int((~free).sum())
+        limited += int((present & (abs(quantity["distance"]) == 1.0)).sum())
         successes += int(episode.success.sum())
         before = now
-    assert unlimited > 100 and (limited > 5 or spread < 1.0 or name == "Singulate")
+    assert limited > 5 or spread < 1.0 or name == "Singulate"
     assert successes > 0 or name != "Align"

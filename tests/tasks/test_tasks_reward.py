@@ -12,8 +12,6 @@ SCENES = {
     "Transport": {}, "Align": {}, "Rotate": {}, "Follow": {"parts": ["aluminium_block", "steel_block"]},
     "Sort": {"randomize": {"parts": [2, 6]}}, "Singulate": {"randomize": {"parts": [2, 6]}},
 }  # fmt: skip
-OF_MEANS = ("approach", "alignment", "inside")
-"""Terms of the mean errors of several parts, or of whether all of them are inside (Follow)."""
 
 
 class Quiet(Align):
@@ -58,27 +56,14 @@ def actions(env, steps, seed=0):
 @pytest.mark.parametrize("periods", [1, 3])
 @pytest.mark.parametrize("name", SCENES)
 def test_shipped_rewards_are_the_same_bits_in_numpy(names, name, periods):
-    """Compare the kernels with :meth:`Task.reward` called by a custom task, for every part."""
+    """Compare the kernels with :meth:`Task.reward` called by a custom task."""
     own = type("Same", (names[name],), {"reward": lambda self, step: Task.reward(self, step)})
     names.register("Same", own)
     settings = {**SCENES[name], "num_envs": 8, "action": "field", "max_episode_steps": 20, "periods_per_step": periods}
     kernels, numpy = VibgymVectorEnv(name, **settings), VibgymVectorEnv("Same", **settings)
     assert_same(kernels.reset(seed=3), numpy.reset(seed=3))
-    several = len(kernels.parts) > 1
     for action in actions(kernels, 50):
-        expected, got = kernels.step(action), numpy.step(action)
-        assert_same(got[4]["parts"], expected[4]["parts"])
-        # Sums of a world may differ by rounding, since the kernel may add in another order.
-        assert got[1] == pytest.approx(expected[1], abs=1e-12) or name == "Follow"
-        if not several:
-            assert_same((got[0], *got[2:]), (expected[0], *expected[2:]))
-            continue
-        for term, values in expected[4]["reward_terms"].items():
-            if name == "Follow" and term in OF_MEANS:
-                present = kernels.truth.present
-                values = expected[4]["parts"]["reward_terms"][term].sum(axis=1) / present.sum(axis=1)
-            assert got[4]["reward_terms"][term] == pytest.approx(values, abs=1e-12), term
-        assert got[1] == pytest.approx(sum(v for k, v in got[4]["reward_terms"].items() if k[0] != "_"), abs=1e-12)
+        assert_same(numpy.step(action), kernels.step(action))
 
 
 def test_energy_counts_as_computed_by_hand(names):

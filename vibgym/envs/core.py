@@ -36,7 +36,7 @@ from vibgym.simulation import MODELS, Simulator
 from vibgym.snapshots import check_keys, copied, put_back, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import Relations
-from vibgym.tasks.scoring import CustomReward
+from vibgym.tasks.reward import CustomReward, Reward
 
 NONE = np.zeros(0, dtype=np.int64)
 
@@ -66,7 +66,7 @@ class Core:
         began: whether an episode has begun.
         episode, relations: progress of every world, and errors and gaps of its parts, by the true state.
         measured: relations by the measured poses.
-        reward: replaces that of the kernels: the task's method or the goal observation; None: the kernels.
+        reward: replaces that of the kernels, see :meth:`_new_reward`; None: the kernels'.
         term_names: of the reward.  terms: (worlds, terms).  part_terms: (worlds, parts, terms).
         drive: the last one that was executed.
         commanded: live arrays (worlds, ...) for ``info["commanded"]``.
@@ -132,6 +132,9 @@ class Core:
             self.costs = Costs(options.costs, *world, self._all_phasors)
         self.reward = self._new_reward()
         self.term_names: tuple[str, ...] = tuple(self.task.made_of) if self.reward is None else self.reward.names
+        for term in self.task.settings.weights:
+            if term not in self.term_names:
+                raise checks.unknown("term", term, self.term_names, of="task_settings.weights")
         rewarded = self.episode if self.reward is None else self.reward
         self.terms, self.part_terms = rewarded.terms, rewarded.part_terms
         self.make_info, self.by_batch = make_info, make_info is BatchInfo
@@ -246,19 +249,17 @@ class Core:
             )
         return sensing
 
-    def _new_reward(self) -> CustomReward | GoalReward | None:
-        """Create the reward source that replaces the kernels': the task's method or the goal observation; None: the kernels.
+    def _new_reward(self) -> Reward | None:
+        """Create the reward that replaces the kernels': of the goal observation, or of the task's override; None: the kernels'.
 
         Raises:
-            ValueError: reward terms without a weight, or weights with a goal reward.
+            ValueError: an invalid override, or weights with a goal reward.
         """
         if self.observation.goal_reward:
             if self.task.settings.weights:
                 raise checks.conflict("task_settings.weights cannot be set with observation='goal': see compute_reward")
-            return GoalReward(self.observation, self.simulator.state, self.scoring)
-        if self.task.has_custom_reward:
-            return CustomReward(self.scoring, self._all_phasors)
-        return None
+            return GoalReward(self.observation, self.scoring)
+        return CustomReward(self.task, self.scoring, self._all_phasors) if self.task.has_custom_reward else None
 
     def reset(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride | None = None

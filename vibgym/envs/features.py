@@ -17,7 +17,7 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation.plant import LEAST_SPEED
 from vibgym.tasks import Task
-from vibgym.tasks.base import MOST_KINDS
+from vibgym.tasks.base import MAX_KINDS
 from vibgym.tasks.episode import PREVIEW
 
 FAR, COARSE, FINE, FINEST = 0.250, 0.050, 0.005, 0.0005  # m
@@ -85,7 +85,7 @@ AHEAD = "goal 1, 2, 3 and 4 periods ahead minus present"
 TABLE = (
     Feature("present", "present", 1, "1: the part is present; otherwise all its other values are 0",
             "1", 1.0, "flag", STATE),
-    Feature("kind", "kind", MOST_KINDS, "1 for its kind: the first, second or third of the list of parts", "1", 1.0, "flag"),
+    Feature("kind", "kind", MAX_KINDS, "1 for its kind: the first, second or third of the list of parts", "1", 1.0, "flag"),
     Feature("friction", "friction", 1, "nominal coefficient of sliding friction",
             "1", 1.0, "linear", PARTS),
     Feature("radius", "radius", 1, "of the smallest circle about the centre that contains the part",
@@ -315,6 +315,6 @@ def row_features(task: Task) -> tuple[str, ...]:
         without.update(TURNING)
     if task.driven.all():
         without.update(f"neighbour_{k}_{name}" for k in range(1, NEIGHBOURS + 1) for name in PUSHED)
-    if task.MOST_PARTS == 1:
+    if task.MAX_PARTS == 1:
         without.update(each.name for each in ROW[-NEIGHBOURS * len(NEIGHBOUR) :])
     return tuple(each.name for each in ROW if each.name not in without)

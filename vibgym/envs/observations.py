@@ -21,7 +21,6 @@ from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout as Memory
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.contacts.hulls import Hulls, load_hulls, part_contact, part_gap, place_hulls
-from vibgym.physics.core.records import State
 from vibgym.registry import Registry
 from vibgym.rendering.raster import Marks, rasterise
 from vibgym.scene.hulls import hulls_of
@@ -31,6 +30,7 @@ from vibgym.sensing import Measurement, Sensor
 from vibgym.settings import BaseSettings
 from vibgym.tasks import PoseTask, Task
 from vibgym.tasks.episode import PREVIEW, Episode, Relations
+from vibgym.tasks.reward import Reward
 from vibgym.tasks.scoring import Scoring
 
 PIXELS = 6  # per side of an element
@@ -220,33 +220,18 @@ class GoalObservation(StateObservation):
         return [*super().writers(measurement, relations, episode), *goals]
 
 
-class GoalReward:
-    """Reward of a goal observation, which replaces the task's: a function of the true poses of the first parts.
+class GoalReward(Reward):
+    """Reward of a goal observation: ``compute_reward`` of its task, for the true poses as they would be observed."""
 
-    Args:
-        observation: with ``reached``, and a task with ``compute_reward``.
-        state: true state of the worlds.
-        scoring: of their episodes.
+    def __init__(self, observation: Any, scoring: Scoring) -> None:
+        super().__init__(scoring, ("goal",))
+        self._observation = observation
 
-    Attributes:
-        names: of the only term.
-        terms, part_terms: its values, (worlds, 1) and (worlds, parts, 1).
-    """
-
-    names = ("goal",)
-
-    def __init__(self, observation: Any, state: State, scoring: Scoring) -> None:
-        self._observation, self._state, self._scoring = observation, state, scoring
-        goal = scoring.episode.goal
-        self.terms, self.part_terms = np.zeros((len(goal), 1)), np.zeros((*goal.shape[:2], 1))
-
-    def score(self) -> None:
-        """Reward the step that has just been scored."""
-        observation, scoring = self._observation, self._scoring
-        achieved, desired = observation.reached(self._state.pose), observation.reached(scoring.episode.goal)
+    def evaluate(self) -> None:
+        observation, scoring = self._observation, self.scoring
+        achieved, desired = observation.reached(scoring.state.pose), observation.reached(scoring.episode.goal)
         reward = observation.task.compute_reward(achieved, desired, {"fallen": scoring.episode.fallen})
         self.part_terms[..., 0] = np.where(scoring.rewarded, reward[:, None], 0.0)
-        scoring.average(self.part_terms, np.zeros(1, dtype=bool), self.terms)
 
 
 class ImageObservation(Observation):

@@ -22,7 +22,7 @@ from vibgym.scene.parts import Part, part_from
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Sensor
 from vibgym.settings import BaseSettings, Given, read
-from vibgym.tasks import Start, Task
+from vibgym.tasks import Follow, Start, Task
 
 NAMED = ("start", "zones", "slots", "paths", "randomize")
 """Settings of tasks that are keyword arguments of the environment; others are in ``task_settings``."""
@@ -208,7 +208,7 @@ def longest_paths(task: Task, actuators: ActuatorStage, sensor: Sensor, max_epis
 def parts_from(parts: Any, task: type[Task], surface: Surface) -> tuple[Part, ...]:
     """Return the parts of a world from the keyword argument, or the task's default parts."""
     parts = task.DEFAULT_PARTS if parts is None else parts
-    one = task.MOST_PARTS == 1
+    one = task.MAX_PARTS == 1
     if isinstance(parts, str) or not isinstance(parts, Sequence) or not parts or (len(parts) != 1 and one):
         allowed = "a list with one part" if one else "a list of parts"
         raise checks.refuse("parts", parts, f"{allowed}: a shipped part's name or a mapping")
@@ -276,7 +276,7 @@ class StartOverride:
             overlaps.check(
                 "options['pose']", hulls_of(parts), task.surface, parts, walls, pose, ~there, overlaps.AT_REST
             )
-            start = task.put_down(start, pose)
+            start = task.place(start, pose)
         return start if self.goal is None else start._replace(goal=self.goal[worlds])
 
 
@@ -318,6 +318,8 @@ def parse_reset_options(
             raise checks.conflict(f"options['goal'] cannot be set for {task.name}: {why}")
         goal = _goals(given["goal"], shape, task)
     if "paths" in given:
+        if not isinstance(task, Follow):
+            raise checks.conflict(f"options['paths'] cannot be set for {task.name}: its goals do not follow paths")
         draw = partial(_start_along, given["paths"], longest)
     if "parts" in given:
         present = _present(given["parts"], shape[:2])
@@ -328,7 +330,7 @@ def _start(task: Task, uniform: np.ndarray, present: np.ndarray | None) -> Start
     return task.start(uniform, present)
 
 
-def _start_along(paths: Any, longest: float, task: Task, uniform: np.ndarray, present: np.ndarray | None) -> Start:
+def _start_along(paths: Any, longest: float, task: Any, uniform: np.ndarray, present: np.ndarray | None) -> Start:
     return task.starts_along("options['paths']", paths, longest)(uniform, present)
 
 

@@ -17,7 +17,6 @@ import numpy as np
 from vibgym.envs.actions import all_finite_in_blocks, copy_finite
 from vibgym.envs.info import InfoData
 from vibgym.envs.observations import RowObservation, Writer
-from vibgym.tasks.scoring import CustomReward
 
 if TYPE_CHECKING:
     from vibgym.envs.core import Core
@@ -83,9 +82,11 @@ class Pipeline:
     def _list_stages(self) -> None:
         """Set :attr:`before`, :attr:`by_block` and :attr:`after`, without stages that the settings do not need."""
         core = self.core
-        stored = isinstance(core.reward, CustomReward)
         self.before = _needed(
-            (True, self.decode), (True, self.allocate), (stored, self.store_state), (core.disturbances, self.disturb)
+            (True, self.decode),
+            (True, self.allocate),
+            (core.reward, self.store_state),
+            (core.disturbances, self.disturb),
         )
         shown = _needed(
             (not core.sensing.exact, self.relate),
@@ -136,7 +137,7 @@ class Pipeline:
             self.report = self.info.allocate()
 
     def store_state(self, batch: Batch) -> None:
-        """Store the state before the step, for a task that overrides the reward."""
+        """Store the state before the step, for a reward that replaces the kernels'."""
         self.core.reward.begin_step()  # type: ignore[union-attr]
 
     def disturb(self, batch: Batch) -> None:
@@ -153,11 +154,11 @@ class Pipeline:
             end = elapsed + periods
             if instant is not None and elapsed < instant < end:
                 advance(drive, instant - elapsed)
-                sensing.look(core.simulator.state)
+                sensing.sample(core.simulator.state)
                 elapsed = instant
             advance(drive, end - elapsed, self.by_block if end == core.periods else ())
             if end == instant:
-                sensing.look(core.simulator.state)
+                sensing.sample(core.simulator.state)
             elapsed = end
 
     def score(self, k: int) -> None:
@@ -167,7 +168,7 @@ class Pipeline:
             score(block.worlds)
 
     def replace_reward(self, batch: Batch) -> None:
-        """Replace the reward by that of the task's method, or of the goal observation."""
+        """Replace the kernels' reward."""
         self.core.reward.score()  # type: ignore[union-attr]
 
     def score_costs(self, batch: Batch) -> None:
@@ -234,15 +235,15 @@ class Pipeline:
         core = self.core
         state, scoring = core.simulator.state, core.scoring
         drawn = {name: getattr(state, name) for name in core.randomization.ranges} | core.actuators.drawn()
-        nested = {"drawn": drawn, "measured": core.sensing.facts(), "commanded": core.commanded}
-        facts, part_extra = scoring.facts(), {**scoring.part_facts(), **core.simulator.part_info()}
+        nested = {"drawn": drawn, "measured": core.sensing.info(), "commanded": core.commanded}
+        facts, part_extra = scoring.info(), {**scoring.part_info(), **core.simulator.part_info()}
         if core.disturbances is not None:
             part_extra["struck"] = core.disturbances.struck
         if core.costs is not None:
             facts, part_extra["cost"] = {**facts, "cost": core.costs.total}, core.costs.part
             nested["costs"] = core.costs.named
         return InfoData(
-            core.task.FACTS, facts, core.episode, state.diverged, core.term_names, core.terms, core.part_terms,
+            core.task.info_fields, facts, core.episode, state.diverged, core.term_names, core.terms, core.part_terms,
             {name: each for name, each in nested.items() if each}, part_extra,
         )  # fmt: skip
 

@@ -33,7 +33,6 @@ from vibgym.sensing.effects import read_poses
 from vibgym.sensing.measurement import new_reading
 from vibgym.tasks import Start
 from vibgym.tasks.episode import HELD
-from vibgym.tasks.scoring import CustomReward
 
 Locate = Callable[[np.ndarray], Any]
 """Image -> (parts, 3) poses, nan where a part was not found."""
@@ -174,7 +173,7 @@ class HardwareCore(Core):
             raise checks.conflict(f"part {lost[0]} is not measured at the start of the episode")
         goal = None if override is None else override.goal
         with checks.within("the parts as they are measured"):
-            start = self.task.put_down(start, np.where(present[:, None], pose, start.pose[0])[None])
+            start = self.task.place(start, np.where(present[:, None], pose, start.pose[0])[None])
         start = start if goal is None else start._replace(goal=goal[worlds])
         self.put(worlds, start, np.where(start.present[..., None], self.idle, 0.0))
         self.readings.begin(start.pose[0], ~present, taken)
@@ -315,10 +314,9 @@ class HardwarePipeline(Pipeline):
         self.score(0)
         if core.reward is not None:
             self.replace_reward(batch)
+            self.store_state(batch)
         for reward, missed in zip(core.rewards, core.missed_rewards, strict=True):
             missed += reward
-        if isinstance(core.reward, CustomReward):
-            self.store_state(batch)
 
     def predict(self, batch: Batch) -> None:
         """Run the estimator's model for a cycle, while the machine runs."""

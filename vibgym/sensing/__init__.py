@@ -9,11 +9,10 @@ from vibgym import checks
 from vibgym.registry import Registry
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.sensing.base import Sensor
+from vibgym.sensing.base import IdealSensor, PoseSensor, Sensor
 from vibgym.sensing.effects import EFFECTS, Effect
 from vibgym.sensing.estimation import ESTIMATORS, Plant
 from vibgym.sensing.measurement import Measurement, Reading
-from vibgym.sensing.pose import IdealSensor, PoseSensor
 from vibgym.sensing.stage import Estimator, ExactSensing, Sensing
 from vibgym.settings import read
 

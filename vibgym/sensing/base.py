@@ -1,7 +1,8 @@
-"""Base class of sensors: readings of the true state."""
+"""Sensors: the base class, the ideal sensor, and the pose sensor with white noise."""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -11,21 +12,23 @@ from pydantic import Field, model_validator
 
 from vibgym import checks
 from vibgym.physics.core.records import State
-from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing.effects import EFFECTS, Effects
-from vibgym.sensing.measurement import Reading, new_reading
+from vibgym.sensing.measurement import Reading, Sampling, new_reading
 from vibgym.settings import BaseSettings, with_unit
 
-MOST_DELAY = 10_000
+MAX_DELAY = 10_000
 """Largest delay, periods: longer than any episode."""
 
 BYTES_OF_READING = 50
 """Memory of a part in a delayed reading."""
 
+POSITION_NOISE, HEADING_NOISE = 1e-4, math.radians(0.2)
+"""m and rad, standard deviations of the pose sensor by default."""
 
-class Sensor(ABC):
+
+class Sensor(Sampling, ABC):
     """Base of all sensors: batched, with a delay in periods, a rate, and effects.
 
     A custom sensor is a subclass with :meth:`measure`, registered by ``vibgym.sensing.SENSORS.register``. It samples the true
@@ -33,19 +36,11 @@ class Sensor(ABC):
     reading. After a reset, the first reading is repeated until a later one is due.
 
     Args:
-        surface: the table.
-        parts: the parts of every world.
-        worlds: number of worlds.
-        periods: oscillation periods of a step.
+        surface, parts, worlds, periods: see :class:`vibgym.sensing.measurement.Sampling`, also for attributes.
         settings: None: the defaults.
 
     Attributes:
-        step: s of a step.
         instant: periods after a step's start at which the sensor samples.
-        due: the latest delayed reading.
-        looking: (n,) indices of the sampled worlds: all, or at a reset the restarted ones. Readings of others are not used.
-        looks: (worlds,) int64, samples since the episode's start; the one before its first step is 0.
-        key: (worlds, 2) int64, key of the effects' random numbers in this episode.
 
     Raises:
         ValueError: a delay that does not fit into memory, a rate that does not divide that of steps, or a bad effect.
@@ -54,7 +49,7 @@ class Sensor(ABC):
     class Settings(BaseSettings):
         """Settings of all sensors. Further keys are effects: ``{"kind": "pose", "dropout": 0.1}``."""
 
-        delay: int = Field(default=0, ge=0, le=MOST_DELAY)
+        delay: int = Field(default=0, ge=0, le=MAX_DELAY)
         """Periods between a sample and the observation that contains it."""
 
         rate: float | None = Field(default=None, gt=0.0)
@@ -90,21 +85,15 @@ class Sensor(ABC):
     def __init__(
         self, surface: Surface, parts: Sequence[Part], worlds: int, periods: int, settings: Settings | None = None
     ) -> None:
-        self.surface, self.parts, self.worlds = surface, tuple(parts), worlds
-        self.kinds = Kinds.of(parts)
-        self.periods, self.step = periods, periods * surface.period
+        super().__init__(surface, parts, worlds, periods)
         self.settings = chosen = type(self).Settings() if settings is None else settings
         self.delay = checks.fitting("sensor.delay", chosen.delay, BYTES_OF_READING * worlds * len(self.parts) / periods)
         self.every = 1 if chosen.rate is None else _steps_between(chosen.rate, surface.frequency / periods)
         self.instant = periods - self.delay % periods
         # The oldest first.
         self._readings = [new_reading(worlds, len(self.parts)) for _ in range(self.delay // periods + 1)]
-        self.looks = np.zeros(worlds, dtype=np.int64)
         self._fresh = new_reading(worlds, len(self.parts))
-        self._everyone = np.arange(worlds)
-        self.looking = self._everyone
-        self.key = np.zeros((worlds, 2), dtype=np.int64)
-        self._effects = Effects(self, chosen.effects)
+        self._effects = Effects(self, chosen.effects, type(chosen).model_fields)
 
     @property
     def exact(self) -> bool:
@@ -131,7 +120,7 @@ class Sensor(ABC):
         """The same with effects; for estimators."""
         return np.sqrt(self.sigma**2 + self._effects.variance)
 
-    def facts(self) -> dict[str, np.ndarray]:
+    def info(self) -> dict[str, np.ndarray]:
         """Return live arrays (worlds, ...) of the last sample that ``info`` reports, by name."""
         return {}
 
@@ -173,7 +162,7 @@ class Sensor(ABC):
         for each in self._readings[1:]:
             each.seen[where] = False
 
-    def look(self, state: State) -> None:
+    def sample(self, state: State) -> None:
         """Sample the true state; called once a step, at :attr:`instant`."""
         self.looks += 1
         oldest = self._readings.pop(0)
@@ -189,7 +178,7 @@ class Sensor(ABC):
         if self._effects:
             self._effects.apply(reading)
 
-    def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:  # noqa: B027 - optional
+    def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
         """Draw what is constant during the episodes of ``worlds``; see :meth:`reset`."""
 
     @abstractmethod
@@ -218,3 +207,32 @@ def _steps_between(rate: float, steps_per_second: float) -> int:
         allowed = f"{steps_per_second:g} Hz, the rate of steps, over a whole number; or None for that rate"
         raise checks.refuse("sensor.rate", rate, allowed)
     return steps
+
+
+class IdealSensor(Sensor):
+    """Sensor of true poses and mean velocities, by default without delay; arrays are not copied unless needed.
+
+    With effects, velocities are differences of readings, as for :class:`vibgym.sensing.PoseSensor`.
+    """
+
+    @property
+    def exact(self) -> bool:
+        return self.delay == 0 and self.every == 1 and not self._effects
+
+    def measure(self, state: State, reading: Reading) -> None:
+        for read, true in zip(reading, (state.pose, state.mean_velocity, state.fallen), strict=False):
+            read[...] = true
+
+
+class PoseSensor(IdealSensor):
+    """Sensor of every part's pose with noise; velocities are differences of successive poses.
+
+    The ideal sensor with a permanent effect.
+    """
+
+    class Settings(IdealSensor.Settings):
+        """Settings of the pose sensor: those of every sensor, with noise by default."""
+
+        effects: Mapping[str, Any] = {"noise": (POSITION_NOISE, HEADING_NOISE)}
+
+    settings: Settings

@@ -15,9 +15,9 @@ from __future__ import annotations
 import math
 import warnings
 import zlib
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -26,13 +26,10 @@ from vibgym import checks
 from vibgym.kernels.jit import jit
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from, normals, uniforms
 from vibgym.registry import Registry
-from vibgym.sensing.measurement import Reading
+from vibgym.sensing.measurement import Reading, Sampling
 from vibgym.settings import Angle, BaseSettings, Length, read
 
-if TYPE_CHECKING:
-    from vibgym.sensing.base import Sensor
-
-MOST_PLAUSIBLE_TURN = 1.0
+MAX_PLAUSIBLE_TURN = 1.0
 """rad, largest standard deviation of a heading without a warning."""
 
 
@@ -42,7 +39,7 @@ class Effect:
     A custom effect is a subclass with :meth:`apply`, registered by ``vibgym.sensing.EFFECTS.register``.
 
     Args:
-        sensor: the sensor.
+        sensor: whose readings it changes.
         settings: None: the defaults.
     """
 
@@ -54,7 +51,7 @@ class Effect:
     draws: int = 0
     """Number of uniform random numbers for :meth:`begin` at the start of each episode."""
 
-    def __init__(self, sensor: Sensor, settings: Settings | None = None) -> None:
+    def __init__(self, sensor: Sampling, settings: Settings | None = None) -> None:
         self.sensor = sensor
         self.settings = type(self).Settings() if settings is None else settings
 
@@ -101,7 +98,7 @@ class PoseError(Effect):
 
     settings: Settings
 
-    def __init__(self, sensor: Sensor, settings: Settings | None = None) -> None:
+    def __init__(self, sensor: Sampling, settings: Settings | None = None) -> None:
         super().__init__(sensor, settings)
         position, heading, surface = self.settings.position, self.settings.heading, sensor.surface
         checks.number("position", position, most=surface.width + surface.depth)
@@ -112,7 +109,7 @@ class PoseError(Effect):
                 f"{name}: {position:g} m is more than an element of {surface.element_size:g} m; positions are in m",
                 stacklevel=2,
             )
-        if heading > MOST_PLAUSIBLE_TURN:
+        if heading > MAX_PLAUSIBLE_TURN:
             warnings.warn(
                 f"{name}: {heading:g} rad is {math.degrees(heading):.0f} deg; headings are in rad", stacklevel=2
             )
@@ -132,7 +129,7 @@ class Bias(PoseError):
     It does not add to ``sigma``, the deviation of independent noise.
     """
 
-    def __init__(self, sensor: Sensor, settings: PoseError.Settings | None = None) -> None:
+    def __init__(self, sensor: Sampling, settings: PoseError.Settings | None = None) -> None:
         super().__init__(sensor, settings)
         self.offset = np.zeros((sensor.worlds, len(sensor.parts), 3))
 
@@ -177,19 +174,20 @@ class Effects:
     """The effects of a sensor in order, and the velocities computed from their result.
 
     Args:
-        sensor: the sensor.
+        sensor: whose readings they change.
         given: effects by name, see :func:`settings_of`.
+        reserved: names of the sensor's settings; effects of such names are given under ``effects``, for errors.
 
     Raises:
         ValueError: an unknown effect, or a bad value.
     """
 
-    def __init__(self, sensor: Sensor, given: Mapping[str, Any]) -> None:
+    def __init__(self, sensor: Sampling, given: Mapping[str, Any], reserved: Container[str]) -> None:
         self._stages: dict[str, Effect] = {}
         for name in given:
             checks.choice("sensor.effects", name, EFFECTS)
         for name in (each for each in EFFECTS if each in given):
-            where = f"sensor.effects.{name}" if name in type(sensor.settings).model_fields else f"sensor.{name}"
+            where = f"sensor.effects.{name}" if name in reserved else f"sensor.{name}"
             settings = settings_of(EFFECTS[name], given[name], where)
             with checks.within(where):
                 self._stages[name] = EFFECTS[name](sensor, settings=settings)

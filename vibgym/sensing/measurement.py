@@ -1,10 +1,41 @@
-"""Readings of sensors and measurements: records that the stages of sensing exchange."""
+"""Samples of a sensor, readings and measurements: what the stages of sensing exchange."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+
+from vibgym.scene.kinds import Kinds
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+
+
+class Sampling:
+    """Scene and samples of a sensor, for the sensor itself and its effects.
+
+    Args:
+        surface: the table.
+        parts: the parts of every world.
+        worlds: number of worlds.
+        periods: oscillation periods of a step.
+
+    Attributes:
+        kinds: of the parts.  parts: of the first world.
+        step: s of a step.
+        looking: (n,) indices of the sampled worlds: all, or at a reset the restarted ones. Readings of others are not used.
+        looks: (worlds,) int64, samples since the episode's start; the one before its first step is 0.
+        key: (worlds, 2) int64, key of the effects' random numbers in this episode.
+    """
+
+    def __init__(self, surface: Surface, parts: Sequence[Part], worlds: int, periods: int) -> None:
+        self.surface, self.parts, self.worlds = surface, tuple(parts), worlds
+        self.kinds = Kinds.of(parts)
+        self.periods, self.step = periods, periods * surface.period
+        self.looking = self._everyone = np.arange(worlds)
+        self.looks = np.zeros(worlds, dtype=np.int64)
+        self.key = np.zeros((worlds, 2), dtype=np.int64)
 
 
 class Reading(NamedTuple):

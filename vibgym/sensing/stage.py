@@ -92,9 +92,9 @@ class Sensing(Live):
     """A sensor and an estimator.
 
     Attributes:
-        exact: whether the measurement always equals the true state. Then the stages :meth:`predict`, :meth:`look` and
+        exact: whether the measurement always equals the true state. Then the stages :meth:`predict`, :meth:`sample` and
             :meth:`correct` are left out.
-        instant: periods after a step's start at which :meth:`look` is due.
+        instant: periods after a step's start at which :meth:`sample` is due.
         lead: periods after the present for which the measurement is predicted.
         draws: uniform random numbers for the start of an episode.
         tell: features of the measurement added to observations, see :data:`vibgym.sensing.MEASUREMENT_FEATURES`.
@@ -121,10 +121,10 @@ class Sensing(Live):
         """The present measurement, live."""
         return self.estimator.measurement
 
-    def facts(self) -> dict[str, np.ndarray]:
+    def info(self) -> dict[str, np.ndarray]:
         """Return live arrays (worlds, ...) of the measurement that ``info`` reports, by name."""
         measured = self.estimator.measurement
-        return {"age": measured.age, "sigma": measured.sigma, **self.sensor.facts()}
+        return {"age": measured.age, "sigma": measured.sigma, **self.sensor.info()}
 
     def prepare(self, command: Drive) -> None:
         """Allocate buffers for commands of this form, once, before the first of them."""
@@ -144,9 +144,9 @@ class Sensing(Live):
         """Predict the state after a step under its command, before the step."""
         self.estimator.predict(command)
 
-    def look(self, state: State) -> None:
+    def sample(self, state: State) -> None:
         """Sample the true state of this instant."""
-        self.sensor.look(state)
+        self.sensor.sample(state)
 
     def correct(self) -> None:
         """Update the measurement at the end of a step."""
@@ -175,7 +175,7 @@ class ExactSensing(Sensing):
         assert self._truth is not None  # an episode has begun
         return self._truth
 
-    def facts(self) -> dict[str, np.ndarray]:
+    def info(self) -> dict[str, np.ndarray]:
         return {}
 
     def prepare(self, command: Drive) -> None:

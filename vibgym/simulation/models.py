@@ -169,7 +169,7 @@ def auto(setup: Setup, settings: AutoSettings) -> Model:
     Raises:
         ValueError: no model is within the tolerance.
     """
-    kinds = setup.parts.every
+    kinds: Sequence[Part] = setup.parts.every
     if setup.multibody or len(kinds) > 1 or varies(kinds[0]):
         choice = choose_for(setup.surface, kinds, ("planar",), **vars(settings))
     else:

@@ -13,8 +13,15 @@ EXCHANGE = 0.010
 """m, minimum reduction of two parts' distances to their goals for an exchange; prevents repeated exchanges to and fro."""
 
 
+def give_out(kind: np.ndarray, present: np.ndarray, pose: np.ndarray, goal: np.ndarray) -> np.ndarray:
+    """Return goals reassigned to the present parts within each kind; arguments and result as of :func:`reassign`."""
+    result = np.array(goal)
+    reassign(kind, present, np.ascontiguousarray(pose), result)
+    return result
+
+
 @jit(allocates=True)
-def give_out(kind, present, pose, goal):
+def reassign(kind, present, pose, goal):
     """Reassign the goals of the present parts within each kind, in place: the sum of the cubed distances is the least.
 
     Args:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -16,15 +16,16 @@ from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import BaseSettings
+from vibgym.tasks.assignment import give_out
 from vibgym.tasks.episode import QUANTITIES, Episode, Relations, Rules, Start
-from vibgym.tasks.scoring import Scoring, Step, terms_of
+from vibgym.tasks.scoring import Scoring, Step
 
 HOLD_PERIODS = 10
 """Default number of consecutive oscillation periods with all parts done that count as success: 0.4 s at 25 Hz."""
 
-MOST_HOLD, MOST_SLOTS = 10**9, 10_000
+MAX_HOLD, MAX_SLOTS = 10**9, 10_000
 
-MOST_KINDS = 3
+MAX_KINDS = 3
 """Largest number of kinds of parts that observations have room for."""
 
 PER_PERIOD = ("time", "within")
@@ -42,31 +43,28 @@ class Task(ABC):
 
     Args:
         surface: the table.
-        parts: the parts of every world.
+        parts: the parts of every world; those with the same name are of one kind.
         settings: of the task; None: the defaults.
 
     Attributes:
         kinds: names of the parts' kinds.  kind: (parts,) index of each part's.
-        zones: (kinds, 4) m, goal zone of each kind: x_low, y_low, x_high, y_high; None for tasks without zones.
         driven: (parts,) bool, parts that actions control; no element is allocated to the others.
         asked: (parts,) bool, parts with a goal; others have no errors and are done unless they have fallen.
-        apart: m, distance to the nearest other part above which a part is done; -inf where it does not count.
-        goal_gap: m, least distance between goals of all episodes; None where the task does not define one.
-        lasts: s, least duration of an episode before it can succeed, excluding the hold.
         features: features of a part in the state observation: :attr:`FEATURES`, and those of the sensor.
         made_of: quantity of each reward term that has one.  weights: of all terms.
+        worst: terms of which a world counts its worst part: falls, where they end the episode.
 
     Raises:
-        ValueError: too many kinds or parts, too few slots, reward terms without a quantity, or weights of unknown terms.
+        ValueError: too many kinds or parts, too few slots, or reward terms without a quantity.
     """
 
     class Settings(BaseSettings):
         """Settings of every task. A task that does not take one of them declares it as a class variable with its value."""
 
-        hold: int = Field(default=HOLD_PERIODS, ge=1, le=MOST_HOLD)
+        hold: int = Field(default=HOLD_PERIODS, ge=1, le=MAX_HOLD)
         """Consecutive oscillation periods with all parts done that count as success."""
 
-        slots: int | None = Field(default=None, ge=1, le=MOST_SLOTS)
+        slots: int | None = Field(default=None, ge=1, le=MAX_SLOTS)
         """Blocks of the state observation, at least the number of parts, which is the default."""
 
         weights: dict[str, float] = {}
@@ -75,17 +73,11 @@ class Task(ABC):
     settings: Settings
 
     DEFAULT_PARTS: ClassVar[tuple[str, ...]] = ("aluminium_block",)
-    MOST_PARTS: ClassVar[int | None] = None
+    MAX_PARTS: ClassVar[int | None] = None
 
     TERMS: ClassVar[Mapping[str, tuple[str, float] | float]]
-    """Reward terms in order: quantity (:data:`vibgym.tasks.episode.QUANTITIES`) and weight of each. A term is bounded by its
-    weight in magnitude; those of :data:`PER_PERIOD` count every period of a step. A term that only an overridden
-    :meth:`reward` computes has a weight alone."""
-
-    FACTS: ClassVar[tuple[str, ...]] = (
-        "is_success", "position_error", "heading_error", "clearance", "touching", "parts_done", "fallen", "diverged",
-    )  # fmt: skip
-    """Fields of ``info``, among the names in :data:`vibgym.envs.info.ROWS`."""
+    """Reward terms in order: quantity (:data:`vibgym.tasks.episode.QUANTITIES`) and weight of each. A term that only an
+    overridden :meth:`reward` computes has a weight alone."""
 
     FEATURES: ClassVar[tuple[str, ...]]
     """Features of a part in the state observation, among :data:`vibgym.envs.features.FEATURES`."""
@@ -118,10 +110,22 @@ class Task(ABC):
     draws: int
     """Uniform numbers per episode."""
 
+    zones: np.ndarray | None = None
+    """(kinds, 4) m, goal zone of each kind: x_low, y_low, x_high, y_high."""
+
+    apart: float = -math.inf
+    """m, distance to the nearest other part above which a part is done; -inf where it does not count."""
+
+    goal_gap: float | None = None
+    """m, least distance between goals of all episodes, where the task defines one."""
+
+    lasts: float = 0.0
+    """s, least duration of an episode before it can succeed, excluding the hold."""
+
     def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
         self.settings = type(self).Settings() if settings is None else settings
-        if self.MOST_PARTS is not None and len(parts) > self.MOST_PARTS:
-            raise checks.refuse("parts", f"{len(parts)} parts", f"at most {self.MOST_PARTS} for {self.name}")
+        if self.MAX_PARTS is not None and len(parts) > self.MAX_PARTS:
+            raise checks.refuse("parts", f"{len(parts)} parts", f"at most {self.MAX_PARTS} for {self.name}")
         self.hold = self.settings.hold
         self.surface, self.parts, self.features = surface, tuple(parts), tuple(self.FEATURES)
         self.part_kinds = Kinds.of(parts)
@@ -129,16 +133,12 @@ class Task(ABC):
         self.slots = len(parts) if self.settings.slots is None else self.settings.slots
         if self.slots < len(parts):
             raise checks.refuse("slots", self.slots, f"a whole number >= {len(parts)}, the number of parts")
-        self.zones: np.ndarray | None = None
-        self.goal_gap: float | None = None
-        self.apart, self.lasts = -math.inf, 0.0
         self.driven = np.array([part.coupling > 0.0 for part in self.parts])
         self.asked = np.ones(len(self.parts), dtype=bool)
-        self.made_of, self.weights = terms_of(self.name, self.TERMS, self.has_custom_reward)
-        for term in self.settings.weights:
-            if not (term in self.weights or self.has_custom_reward):
-                raise checks.unknown("term", term, self.weights, of="task_settings.weights")
-        self.weights |= self.settings.weights
+        self.made_of, weights = terms_of(self.name, self.TERMS, self.has_custom_reward)
+        self.weights = weights | self.settings.weights
+        falls = [term for term in self.weights if self.made_of.get(term, term) == "fallen"]
+        self.worst = () if self.flows else tuple(falls)
 
     @property
     def name(self) -> str:
@@ -149,6 +149,16 @@ class Task(ABC):
     def has_heading(self) -> bool:
         """Whether headings count."""
         return math.isfinite(self.heading_tolerance)
+
+    @property
+    def info_fields(self) -> tuple[str, ...]:
+        """Fields of ``info``, among the names in :data:`vibgym.envs.info.ROWS`."""
+        counted = {
+            "is_success": True, "position_error": not self.flows, "heading_error": self.has_heading and not self.flows,
+            "clearance": self.MAX_PARTS != 1, "touching": self.MAX_PARTS != 1, "parts_done": self.MAX_PARTS != 1,
+            "fallen": not self.flows, "diverged": True,
+        }  # fmt: skip
+        return tuple(name for name, counts in counted.items() if counts)
 
     def tolerances(self) -> np.ndarray:
         """Return position and heading tolerance of each part, (parts, 2) m and rad."""
@@ -168,23 +178,11 @@ class Task(ABC):
             present: (n, parts) bool, the parts of each episode; None: chosen by the task.
         """
 
-    def starts_along(self, name: str, paths: Any, longest: float) -> Callable[[np.ndarray, np.ndarray | None], Start]:
-        """Return a replacement of :meth:`start` for goals that move along other paths than the task's.
-
-        Args:
-            name: of the argument, for errors.
-            longest: largest duration of the paths, s.
-
-        Raises:
-            ValueError: invalid paths, or a task whose goals do not move along paths.
-        """
-        raise checks.conflict(f"{name} cannot be set for task {self.name!r}: its goals do not follow paths")
-
     def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
         """Return the goals (n, parts, 3) of a drawn start whose parts are placed at ``pose`` (n, parts, 3) instead."""
-        return start.goal
+        return give_out(self.kind, start.present, pose, start.goal) if self.exchanges else start.goal
 
-    def put_down(self, start: Start, pose: np.ndarray) -> Start:
+    def place(self, start: Start, pose: np.ndarray) -> Start:
         """Return a drawn start whose parts are placed at ``pose`` (n, parts, 3) instead.
 
         Raises:
@@ -194,7 +192,7 @@ class Task(ABC):
 
     def scoring(self, state: State, periods: int) -> Scoring:
         """Return the scoring of the worlds of ``state``, with ``periods`` oscillation periods per step."""
-        return Scoring(self, state, periods)
+        return Scoring(self.rules(periods), self.part_kinds, state, self.kind if self.exchanges else None)
 
     def rules(self, periods: int) -> Rules:
         """Return the task's parameters for the kernels, with ``periods`` oscillation periods per step."""
@@ -203,36 +201,32 @@ class Task(ABC):
             zone = self.zones[self.kind]
         elif self.has_goal:
             zone = np.zeros((len(self.parts), 4))
-        counted = [(of, self.weights[name]) for name, of in self.made_of.items()]
+        counted = [(name, of, self.weights[name]) for name, of in self.made_of.items()]
         if self.has_custom_reward:  # takes all quantities without weights
-            counted = [(of, 1.0) for of in QUANTITIES]
+            counted = [(of, of, 1.0) for of in QUANTITIES]
         return Rules(
             zone=np.where(self.asked[:, None], zone, ANYWHERE),
             tolerance=np.ascontiguousarray(np.where(self.asked[:, None], self.tolerances(), math.inf)),
-            asked=self.asked,
+            has_goal=self.asked,
             heading_period=self.part_kinds.values(self.heading_period),
             slow=float(self.speed_limit),
             apart=float(self.apart),
             far=math.hypot(self.surface.width, self.surface.depth),
             hold=max(self.hold, periods + 1) if self.hold > 1 else 1,  # a hold has a first and a last end of a step
             periods=periods,
-            term=np.array([QUANTITIES.index(of) for of, _ in counted], dtype=np.int64),
-            weight=np.array([w * (periods if of in PER_PERIOD else 1) for of, w in counted], dtype=np.float64),
-            worst=np.array([self.counts_worst(of) for of, _ in counted], dtype=bool),
+            term=np.array([list(QUANTITIES).index(of) for _, of, _ in counted], dtype=np.int64),
+            weight=np.array([w * (periods if of in PER_PERIOD else 1) for _, of, w in counted], dtype=np.float64),
+            worst=np.array([name in self.worst for name, *_ in counted], dtype=bool),
         )
 
     def reward(self, step: Step) -> Mapping[str, np.ndarray]:
         """Return the reward terms of a step, each (worlds, parts), before they are weighted.
 
-        ``env.step`` returns the mean of the parts' rewards, see :data:`vibgym.tasks.episode.QUANTITIES`. Override it for a
-        custom reward, with ``super().reward(step)`` for the terms of :attr:`TERMS`; without an override kernels compute these.
-        A reward must depend on the step alone and store nothing: worlds, copies and snapshots then continue bit for bit.
+        Override it for a custom reward, with ``super().reward(step)`` for the terms of :attr:`TERMS`; without an override
+        kernels compute these. ``docs/extending.md`` defines how terms become rewards. A reward must depend on the step alone
+        and store nothing: worlds, copies and snapshots then continue bit for bit.
         """
         return {name: step.quantities[quantity] for name, quantity in self.made_of.items()}
-
-    def counts_worst(self, term: str) -> bool:
-        """Return whether a world counts its worst part of a term, given by its quantity: of falls that end the episode."""
-        return term == "fallen" and not self.flows
 
     @property
     def has_custom_reward(self) -> bool:
@@ -240,11 +234,16 @@ class Task(ABC):
         return getattr(self.reward, "__func__", None) is not Task.reward
 
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
-        """Return one line of text for a picture of a world."""
+        """Return one line of text for a picture of a world: the errors of the only part with a goal, or the progress of all."""
+        away, asked = f"{1e3 * episode.position_error[world]:.1f} mm", np.flatnonzero(self.asked & self.has_goal)
+        if len(asked) == 1:
+            turn = rounded(float(np.degrees(relations.error[world, asked[0], 2])))
+            heading = f"   heading {turn:+.1f} deg to go" if self.has_heading else ""
+            return f"{self.name}   distance {away}{heading}"
         done, present = episode.parts_done[world], episode.present[world].sum()
         clearance = rounded(1e3 * float(episode.clearance[world]))
         text = f"{self.name}   {done} of {present} parts done   smallest distance {clearance} mm"
-        return f"{text}   error {1e3 * episode.position_error[world]:.1f} mm" if self.has_goal else text
+        return f"{text}   error {away}" if self.has_goal else text
 
 
 def rounded(value: float) -> float:
@@ -258,9 +257,32 @@ def kinds_by_name(parts: Sequence[Part]) -> tuple[tuple[str, ...], np.ndarray]:
     Parts with the same name are of one kind, irrespective of their shape.
 
     Raises:
-        ValueError: there are more than :data:`MOST_KINDS` kinds.
+        ValueError: there are more than :data:`MAX_KINDS` kinds.
     """
     names = tuple(dict.fromkeys(part.name for part in parts))
-    if len(names) > MOST_KINDS:
-        raise checks.refuse("parts", f"{len(names)} kinds: {', '.join(names)}", f"at most {MOST_KINDS} kinds (names)")
+    if len(names) > MAX_KINDS:
+        raise checks.refuse("parts", f"{len(names)} kinds: {', '.join(names)}", f"at most {MAX_KINDS} kinds (names)")
     return names, np.array([names.index(part.name) for part in parts])
+
+
+def terms_of(owner: str, terms: Mapping[str, Any], custom: bool) -> tuple[dict[str, str], dict[str, float]]:
+    """Return the quantities and the weights of a table of terms, see :attr:`Task.TERMS`.
+
+    Args:
+        owner: the task's name, for errors.
+        custom: whether the task overrides ``reward``.
+
+    Raises:
+        ValueError: if a quantity is unknown, a weight is not finite, or a term is not computed by any quantity or override.
+    """
+    made_of, weights = {}, {}
+    for name, entry in terms.items():
+        where, weight = f"{owner}.TERMS[{name!r}]", entry
+        if isinstance(entry, tuple) and len(entry) == 2:
+            made_of[name] = checks.choice(f"{where}[0]", entry[0], QUANTITIES)
+            weight = entry[1]
+        elif not custom:
+            known = f"(quantity, weight) with a quantity among {', '.join(QUANTITIES)}"
+            raise checks.refuse(where, entry, f"{known}, or a reward that returns the term")
+        weights[name] = checks.number(where, weight)
+    return made_of, weights

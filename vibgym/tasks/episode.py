@@ -24,26 +24,23 @@ ALIGNMENT_SCALE = 0.15  # rad
 TOUCHING = 1e-4
 """m, distance below which a pair of parts counts as touching."""
 
-QUANTITIES = (
-    "distance", "approach", "turn", "alignment", "inside", "within", "clearance", "time", "success", "fallen", "good", "faulty",
-    "reach",
-)  # fmt: skip
-"""Quantities of reward terms of one part in one step, each at most 1 in magnitude. Changes are those since the last step.
-
-- distance: decrease of the distance to the goal, per 100 mm; approach: decrease of tanh(distance / 10 mm)
-- turn: decrease of the heading error, per rad; alignment: decrease of tanh(heading error / 0.15 rad)
-- inside: change of whether the centre is at the goal
-- within: 1 if the part is within its limits
-- clearance: change of min(distance to the nearest part / required distance, 1)
-- time: -1; success: 1 for all parts of a world that succeeds; fallen: -1 if the part has fallen
-- good, faulty: 1 if the part has left as it should, -1 if it has left otherwise, where parts arrive and leave (:mod:`.flow`)
-- reach: decrease of the distance between a part without a goal and the nearest centre of a part with one, per 100 mm
-
-A world's term is the mean of its parts' terms, and its reward is the sum of these: the mean of the parts' rewards. Of a fall
-that ends the episode the worst part counts: one on the floor is as bad as several. Where some parts have no goal, quantities
-of a goal count times the number of parts over those with one, and reach times that over the others, so that their means are
-over the parts concerned.
-"""
+QUANTITIES = {
+    "distance": "decrease of the distance to the goal or zone, per 100 mm",
+    "approach": "decrease of tanh(distance / 10 mm)",
+    "turn": "decrease of the heading error, per rad",
+    "alignment": "decrease of tanh(heading error / 0.15 rad)",
+    "inside": "1 when the centre gets to the goal or into the zone, -1 when it leaves it",
+    "within": "1 in every period that ends within all limits",
+    "clearance": "increase of min(distance to the nearest part / required distance, 1)",
+    "time": "-1 in every period",
+    "success": "1 for all parts of a world that succeeds",
+    "fallen": "-1 if the part has fallen off the surface",
+    "good": "1 if the part leaves as it should",
+    "faulty": "-1 if the part leaves otherwise",
+    "reach": "decrease of the distance from a part without a goal to the nearest centre of one with a goal, per 100 mm",
+}
+"""Quantities of reward terms of one part in one step, and their meanings; each at most 1 in magnitude (per period). How they
+become the reward of a world is defined in ``docs/extending.md``, section Reward."""
 (DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN, GOOD, FAULTY, REACH) = range(
     len(QUANTITIES)
 )
@@ -54,7 +51,7 @@ class Rules(NamedTuple):
 
     zone: np.ndarray  # (parts, 4) m: x_low, y_low, x_high, y_high of each part's rectangle, about its goal
     tolerance: np.ndarray  # (parts, 2) m from the rectangle, and rad, which is infinite where headings do not count
-    asked: np.ndarray  # (parts,) bool, parts with a goal; others are done unless they fall, and have no errors
+    has_goal: np.ndarray  # (parts,) bool, parts with a goal; others are done unless they fall, and have no errors
     # (worlds, parts), or one row for all worlds, rad; headings that differ by it are the same; 0: headings are not wrapped
     heading_period: np.ndarray
     slow: float  # m/s, speed below which a part is done
@@ -91,7 +88,7 @@ class Start(NamedTuple):
     pose: np.ndarray  # (n, parts, 3) m, m, rad; of absent parts beside the surface
     present: np.ndarray  # (n, parts) bool
     goal: np.ndarray  # (n, parts, 3) goal poses; zeros for tasks without
-    paths: np.ndarray = NO_PATHS  # (n, parts, rows, 6) along which goals move, see vibgym.tasks.route; else empty
+    paths: np.ndarray = NO_PATHS  # (n, parts, rows, 6) along which goals move, see vibgym.tasks.paths; else empty
     key: np.ndarray = NO_KEY  # (n, 2) int64, key of the random numbers of arrivals, see vibgym.tasks.flow; else empty
 
 
@@ -123,7 +120,7 @@ class Episode(NamedTuple):
     terms: np.ndarray  # (worlds, terms) reward terms
     part_fallen: np.ndarray  # (worlds, parts) bool, of present parts
     part_number: np.ndarray  # (worlds, parts, PART_NUMBERS)
-    part_terms: np.ndarray  # (worlds, parts, terms) reward terms of each part alone, see QUANTITIES; 0 of absent ones
+    part_terms: np.ndarray  # (worlds, parts, terms) weighted reward terms of each part; 0 of absent ones
     part_reward: np.ndarray  # (worlds, parts) their sum
 
     reward = property(lambda self: self.number[:, REWARD], doc="(worlds,) sum of the terms")
@@ -284,7 +281,7 @@ def relate_to_goals(context, pose, world):
             if rules.tolerance[i, TURNED] < math.inf:
                 turn = wrapped(goal[world, i, 2] - pose[world, i, 2], heading_period[i])
         error[world, i, 0], error[world, i, 1], error[world, i, 2] = ex, ey, turn
-        if not rules.asked[i]:
+        if not rules.has_goal[i]:
             context.relations.reach[world, i] = reach_of(context, pose, world, i)
 
 
@@ -293,7 +290,7 @@ def reach_of(context, pose, world, part):
     """Return the distance, m, from a part's centre to the nearest centre of a part with a goal; 0 if either is absent."""
     present, nearest = context.episode.present[world], math.inf
     for other in range(pose.shape[1]):
-        if context.rules.asked[other] and present[other]:
+        if context.rules.has_goal[other] and present[other]:
             x, y = pose[world, other, 0] - pose[world, part, 0], pose[world, other, 1] - pose[world, part, 1]
             nearest = min(nearest, math.sqrt(x * x + y * y))
     return nearest if present[part] and nearest < math.inf else 0.0
@@ -318,10 +315,10 @@ def evaluate_world(context, mean_velocity, fallen, world):
         away, turned, gap = math.sqrt(ex * ex + ey * ey), abs(relations.error[world, i, 2]), relations.gap[world, i]
         vx, vy = mean_velocity[world, i, 0], mean_velocity[world, i, 1]
         error, most_turned = max(error, away), max(most_turned, turned)
-        count, asked = count + 1, asked + rules.asked[i]
+        count, asked = count + 1, asked + rules.has_goal[i]
         slow = vx * vx + vy * vy < rules.slow * rules.slow
         fitting = away <= rules.tolerance[i, AWAY] and turned <= rules.tolerance[i, TURNED] and slow and gap > apart
-        context.fits[i] = fitting or not rules.asked[i]
+        context.fits[i] = fitting or not rules.has_goal[i]
         if fallen[world, i]:
             down = True
         elif context.fits[i]:
@@ -374,7 +371,7 @@ def reward_part(context, world, part):
     away, turned = math.sqrt(ex * ex + ey * ey), abs(turned)  # both 0 of a part without a goal
     near, aligned = math.tanh(away / APPROACH_SCALE), math.tanh(turned / ALIGNMENT_SCALE)
     share, others = context.share[0], 0.0
-    if not rules.asked[part]:
+    if not rules.has_goal[part]:
         away, share, others = relations.reach[world, part], 0.0, context.share[1]
     closer = _limited((before[PART_AWAY] - away) / DISTANCE_SCALE)
     inside = 1.0 if ex == 0.0 and ey == 0.0 else 0.0
@@ -415,41 +412,31 @@ def reward_parts(context, fallen, starting, world):
 
 
 @jit
-def relate_worlds(address, worlds, pose):
-    """Update the relations of some worlds, but not gaps and neighbours.
-
-    Args:
-        address: of a pinned :class:`Context`, whose relations are overwritten.
-        worlds: (n,) index.
-        pose: (worlds, parts, 3).
-    """
-    context = context_at(address)
-    for k in range(worlds.shape[0]):
-        relate_to_goals(context, pose, worlds[k])
+def relate_world(context, pose, gone, world):
+    """Update the relations of one world, whose parts ``gone`` are ignored by others; return how many pairs touch."""
+    relate_to_goals(context, pose, world)
+    if pose.shape[1] == 1:  # its gap and neighbour never change
+        return 0
+    return relate_gaps(context, pose, gone, world)
 
 
 @jit
-def relate_parts(address, true, pose, gone, worlds):
-    """Update gaps and neighbours of some worlds, for scenes with several parts.
+def relate_worlds(address, worlds, pose, gone):
+    """Update the relations of some worlds.
 
     Args:
         address: of a pinned :class:`Context`, whose relations are overwritten.
-        true: whether poses are the true ones, whose touching pairs are counted.
-        pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts to ignore.
         worlds: (n,) index.
+        pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts that others ignore.
     """
     context = context_at(address)
     for k in range(worlds.shape[0]):
-        touching = relate_gaps(context, pose, gone, worlds[k])
-        if true:
-            context.episode.count[worlds[k], IN_TOUCH] = touching
+        relate_world(context, pose, gone, worlds[k])
 
 
 @jit
 def score_worlds(state, address, starting, worlds):
     """Score one step of some worlds relative to the previous one, or start their episodes, whose goals and parts are set.
-
-    Gaps between parts must be up to date, see :func:`relate_parts`; those of a single part never change.
 
     Args:
         state: address of the pinned true state.
@@ -462,7 +449,7 @@ def score_worlds(state, address, starting, worlds):
     for k in range(worlds.shape[0]):
         world = worlds[k]
         number, count, flag = episode.number, episode.count, episode.flag
-        relate_to_goals(context, true.pose, world)
+        count[world, IN_TOUCH] = relate_world(context, true.pose, true.fallen, world)
         complete = evaluate_world(context, true.mean_velocity, true.fallen, world)
         if starting:
             count[world, HELD], flag[world, SUCCEEDED], flag[world, ENDED] = 0, False, False

@@ -21,8 +21,19 @@ from vibgym.scene.surface import Surface
 from vibgym.simulation.plant import LEAST_SPEED, plant_of
 from vibgym.tasks.base import HOLD_PERIODS, Task
 from vibgym.tasks.episode import EVENTS, STAYS, Episode, Relations, Start
-from vibgym.tasks.flow import FLOW, MEAN_LOAD, MEAN_TRANSIT, STEPS, Flow, begin_flow, score_flow
-from vibgym.tasks.inlet import INLET, check_slots, new_inlet
+from vibgym.tasks.flow import (
+    CHANGING,
+    FLOW,
+    INLET,
+    MEAN_LOAD,
+    MEAN_TRANSIT,
+    STEPS,
+    Flow,
+    begin_flow,
+    check_slots,
+    new_inlet,
+    score_flow,
+)
 from vibgym.tasks.scoring import Scoring, Stage
 from vibgym.tasks.sort import Zones, zones_from
 from vibgym.tasks.starts import pose_of_absent
@@ -55,13 +66,9 @@ class Feed(Task):
     ``info`` reports the numbers of parts that were ``good``, ``tilted``, ``close``, ``wrong``, ``lost``, their rates per minute
     (``good_per_minute``, ...), the mean time from arrival to leaving (``transit``, s), and the mean number of parts
     ``on_table``, all without the first 12 s. ``info["parts"]`` reports the parts that have ``arrived`` in this step, and the
-    ``event`` of those that have left in it (index of :data:`vibgym.tasks.episode.EVENTS`). A world's reward terms are the sums
-    over its parts, divided by the number of slots in use, or by ``most``.
+    ``event`` of those that have left in it (index of :data:`vibgym.tasks.episode.EVENTS`).
 
-    Args:
-        surface: the table.
-        parts: one per slot; parts with the same name are of one kind; at most three kinds.
-        settings: of the task.
+    There is one part per slot.
 
     Raises:
         ValueError: a gate for no kind or none for a kind, gates that overlap, a heap of more parts than there are or than fit,
@@ -103,7 +110,6 @@ class Feed(Task):
         "faulty": ("faulty", 5.0),
         "fallen": ("fallen", 5.0),
     }
-    FACTS = ("is_success", "clearance", "touching", "parts_done", "diverged")
     FEATURES = (
         "present", "kind", "element", "heading", "position", "way", "way_coarse", "turn", "turn_coarse", "turn_fine",
         "velocity", "spin", "gap", "neighbour", "arrived",
@@ -159,7 +165,7 @@ class FlowScoring(Scoring):
     """Scores episodes in which parts arrive and leave; they end at the limit or if the simulation diverges."""
 
     def __init__(self, task: Feed, state: State, periods: int) -> None:
-        super().__init__(task, state, periods)
+        super().__init__(task.rules(periods), task.part_kinds, state)
         worlds, parts = state.pose.shape[:2]
         gates = np.array(task.zones)
         self._flow = Flow(
@@ -192,26 +198,27 @@ class FlowScoring(Scoring):
         return np.minimum(self.players.sum(axis=1), self._flow.inlet.most)
 
     def own_state(self) -> dict[str, np.ndarray]:
-        names = (
-            "clock", "key", "tried", "arrivals", "pool", "there", "changed", "age", "last", "tally", "rate", "idle",
-        )  # fmt: skip
-        return {f"flow_{name}": getattr(self._flow, name) for name in names}
+        return {f"flow_{name}": values for name, values in self._flow._asdict().items() if name in CHANGING}
 
-    def facts(self) -> dict[str, np.ndarray]:
+    def info(self) -> dict[str, np.ndarray]:
         tally, rate = self._flow.tally, self._flow.rate
         counts = {name: tally[:, k] for k, name in enumerate(EVENTS) if k != STAYS}
         rates = {f"{name}_per_minute": rate[:, k] for k, name in enumerate(EVENTS) if k != STAYS}
         return {**counts, **rates, "transit": rate[:, MEAN_TRANSIT], "on_table": rate[:, MEAN_LOAD]}
 
-    def part_facts(self) -> dict[str, np.ndarray]:
+    def part_info(self) -> dict[str, np.ndarray]:
         return {"arrived": self.episode.arrived, "event": self.episode.event}
 
     def begin(self, worlds: np.ndarray, start: Start) -> None:
-        self._flow.key[worlds] = start.key
-        begin_flow(self._state.address, self._pinned.address, worlds, np.ascontiguousarray(start.present))
+        flow = self._flow
+        for values in (*self.own_state().values(), *self.episode):
+            values[worlds] = 0
+        flow.key[worlds], flow.pool[worlds], flow.last[worlds] = start.key, start.present, -flow.headway
+        flow.idle[worlds] = self.state.velocity[worlds]  # of parts that slide in place
+        begin_flow(self._state.address, self._pinned.address, worlds)
 
     def stages(self) -> list[Stage]:
-        return [bound(score_flow, self._state, self._with_scratch(), self._rules.periods)]
+        return [bound(score_flow, self._state, self._with_scratch(), self.rules.periods)]
 
     def _with_scratch(self) -> Pinned[Flow]:
         """Return the flow with scratch memory for one thread."""

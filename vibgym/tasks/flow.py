@@ -1,19 +1,28 @@
-"""Episodes in which parts arrive and leave: events of parts, and rates per minute.
+"""Episodes in which parts arrive and leave: events of parts and rates per minute, which parts arrive, and where.
 
 Each index of a part is a slot. A part leaves at the end of the step in which its centre enters a gate or in which it falls, and
 gets the reward of this step. In a later step an equal part arrives in its slot.
+
+All draws follow from the key of the episode and counters: the poses from the number of attempts, and with given probabilities
+the part that is next from the number of arrivals, so that it stays next until it has a slot and room.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.kernels.jit import jit
 from vibgym.kernels.reference import Layout
 from vibgym.physics.contacts.hulls import place_hulls
+from vibgym.physics.core.noise import uniforms
 from vibgym.physics.core.records import state_at
+from vibgym.scene.parts import Part, kinds_of
+from vibgym.scene.surface import Surface
 from vibgym.tasks.episode import (
     ENDED,
     EVENTS,
@@ -30,12 +39,212 @@ from vibgym.tasks.episode import (
     WRONG,
     Context,
     average_terms,
-    relate_gaps,
-    relate_to_goals,
+    relate_world,
     reward_part,
+    reward_parts,
     smallest_gap,
 )
-from vibgym.tasks.inlet import Inlet, draw_arrivals
+from vibgym.tasks.starts import CLEAR, TRIES, Room, heap, is_clear, lattice
+
+INLET = (0.020, 0.055)
+"""m, least and largest x of the centres of parts that arrive one at a time."""
+
+HEAP_LENGTH = 0.200
+"""m along x in which heaps arrive."""
+
+ROUNDED = 1e-3
+"""Largest deviation of the sum of probabilities from 1, of numbers that have been rounded."""
+
+WHICH, WHERE, HEAPED, DRAWN = 17, 18, 19, 20
+"""Third word of a counter, by the purpose of a random number."""
+
+
+class Inlet(NamedTuple):
+    """Region in which parts arrive, and scratch memory."""
+
+    low: float  # m, least and largest x of the centres of parts that arrive one at a time
+    high: float
+    heap: int  # parts that arrive at once, in touch; 1: they arrive one at a time
+    most: int  # parts on the table at once
+    group: np.ndarray  # (parts,) int64, which different part a slot is for
+    cumulative: np.ndarray  # (groups,) probabilities of arrivals, summed up; empty: any slot that is empty may be next
+    room: Room  # of a heap, from the left border on
+    numbers: np.ndarray  # scratch: (parts, TRIES, 2)
+    order: np.ndarray  # scratch: (parts,) int64
+    chance: np.ndarray  # scratch: (parts,)
+    pose: np.ndarray  # scratch: (parts, 3)
+
+
+@jit
+def shuffle_waiting(inlet, key, tried, waiting):
+    """Write the waiting parts into ``order``, shuffled; returns their number."""
+    order, chance, count = inlet.order, inlet.chance, 0
+    for part in range(waiting.shape[0]):
+        if waiting[part]:
+            value, _, _, _ = uniforms(key, tried, part, WHICH, 0)
+            at = count
+            while at > 0 and chance[at - 1] > value:
+                order[at], chance[at] = order[at - 1], chance[at - 1]
+                at -= 1
+            order[at], chance[at] = part, value
+            count += 1
+    return count
+
+
+@jit
+def choose_drawn(inlet, key, arrivals, count):
+    """Draw the parts that arrive next by their probabilities, and move an empty slot for each to the front of ``order``.
+
+    The draw depends on the number of arrivals alone: a part without a slot or room is next until it arrives.
+
+    Args:
+        arrivals: number of parts that have arrived in this episode.  count: of empty slots, in ``order``.
+
+    Returns:
+        Whether each of the next ``heap`` parts has an empty slot.
+    """
+    order, cumulative = inlet.order, inlet.cumulative
+    for k in range(inlet.heap):
+        value, _, _, _ = uniforms(key, arrivals + k, 0, DRAWN, 0)
+        group, at = 0, k
+        while group + 1 < cumulative.shape[0] and value >= cumulative[group]:
+            group += 1
+        while at < count and inlet.group[order[at]] != group:
+            at += 1
+        if at == count:
+            return False
+        order[k], order[at] = order[at], order[k]
+    return True
+
+
+@jit
+def find_free_pose(inlet, hulls, placed, key, tried, present, pose):
+    """Draw a free pose for the part ``order[0]``, into ``inlet.pose``; returns whether one has been found.
+
+    Args:
+        hulls, placed: of all parts; those that are present have been placed.
+        present: (parts,) bool.  pose: (parts, 3).
+    """
+    order, own, part, room = inlet.order, inlet.pose, inlet.order[0], inlet.room
+    count = 0
+    for other in range(present.shape[0]):
+        if present[other]:
+            order[count] = other
+            count += 1
+            own[other, 0], own[other, 1] = pose[other, 0], pose[other, 1]
+    order[count] = part
+    for t in range(TRIES):
+        u, v, turn, _ = uniforms(key, tried, t, WHERE, 0)
+        own[part, 0] = inlet.low + (inlet.high - inlet.low) * u
+        own[part, 1] = hulls.radius[part] + (room.depth - 2.0 * hulls.radius[part]) * v
+        own[part, 2] = math.pi * (2.0 * turn - 1.0)
+        place_hulls(hulls, part, own[part, 0], own[part, 1], own[part, 2], placed)
+        if is_clear(hulls, placed, own, order, count, room.clear):
+            order[0] = part
+            return True
+    return False
+
+
+@jit
+def draw_heap(inlet, hulls, placed, key, tried, present, pose):
+    """Draw the poses of a heap of the parts ``order[:inlet.heap]``, into ``inlet.pose``; returns False if its room is occupied.
+
+    Args: as for :func:`find_free_pose`.
+    """
+    room, numbers = inlet.room, inlet.numbers
+    for other in range(present.shape[0]):
+        if present[other] and pose[other, 0] - hulls.radius[other] < room.width:
+            return False
+    for k in range(inlet.heap):
+        for t in range(TRIES):
+            part = inlet.order[k]
+            numbers[part, t, 0], numbers[part, t, 1], _, _ = uniforms(key, tried, part * TRIES + t, HEAPED, 0)
+    heap(hulls, room, inlet.order, inlet.heap, numbers, placed, inlet.pose)
+    return True
+
+
+@jit
+def draw_arrivals(inlet, hulls, placed, key, tried, arrivals, waiting, present, pose):
+    """Draw which waiting parts arrive, and their poses; returns their number.
+
+    They are the first ones of ``inlet.order``, at ``inlet.pose``.
+
+    Args:
+        key: (2,) of the episode.  tried: number of previous draws.  arrivals: number of parts that have arrived.
+        waiting, present: (parts,) bool.  pose: (parts, 3) of present parts.
+    """
+    count = shuffle_waiting(inlet, key, tried, waiting)
+    if count < inlet.heap or present.sum() + inlet.heap > inlet.most:
+        return 0
+    if inlet.cumulative.shape[0] > 0 and not choose_drawn(inlet, key, arrivals, count):
+        return 0
+    if inlet.heap > 1:
+        return inlet.heap if draw_heap(inlet, hulls, placed, key, tried, present, pose) else 0
+    return 1 if find_free_pose(inlet, hulls, placed, key, tried, present, pose) else 0
+
+
+def new_inlet(
+    surface: Surface, parts: Sequence[Part], together: int, probabilities: Sequence[float] | None, most: int | None
+) -> Inlet:
+    """Return an inlet at the left border for heaps of so many parts; other arguments are settings of Feed.
+
+    Raises:
+        ValueError: a heap of more parts than there are, than there is certainly room for, or than a part has slots if it is
+            drawn; no probabilities of the different parts.
+    """
+    count, radius, length = len(parts), max(part.radius for part in parts), HEAP_LENGTH
+    if together > count:
+        raise checks.refuse("task_settings.heap", together, f"a whole number <= {count}, the number of parts")
+    most = count if most is None else most
+    if not together <= most <= count:
+        allowed = f"a whole number >= {together} and <= {count}, the number of parts"
+        raise checks.refuse("task_settings.most", most, allowed)
+    cells = lattice(np.zeros(2), np.array([length, surface.depth]), radius, 0.0)
+    if together > 1 and len(cells) < together:
+        allowed = f"at most {len(cells)} parts of radius {radius:.4g} m on {length:g} x {surface.depth:g} m at the left border"
+        raise checks.refuse("task_settings.heap", together, allowed)
+    if 2.0 * radius > surface.depth:
+        got = f"a part of radius {radius:.4g} m"
+        raise checks.refuse("parts", got, f"at most {surface.depth / 2:g} m on this surface")
+    kinds, group = kinds_of(parts, lambda one, other: one.name == other.name and one.same_as(other))
+    inlet = Inlet(
+        *INLET, together, most, group, _cumulative(probabilities, kinds), Room(length, surface.depth, cells, CLEAR),
+        np.zeros((count, TRIES, 2)), np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros((count, 3)),
+    )  # fmt: skip
+    check_slots("parts", inlet, np.ones((1, count), dtype=bool))
+    return inlet
+
+
+def _cumulative(probabilities: Sequence[float] | None, kinds: Sequence[Part]) -> np.ndarray:
+    """Return the sums of the probabilities of different parts, (kinds,); empty for None."""
+    if probabilities is None:
+        return np.zeros(0)
+    name, names = "task_settings.probabilities", ", ".join(part.name for part in kinds)
+    if len(probabilities) != len(kinds):
+        raise checks.refuse(name, probabilities, f"{len(kinds)} numbers, one for each different part: {names}")
+    total = sum(probabilities)
+    if abs(total - 1.0) > ROUNDED:
+        raise checks.refuse(name, f"a sum of {total:.6g}", f"a sum of 1, within {ROUNDED:g}")
+    return np.cumsum(probabilities) / total
+
+
+def check_slots(name: str, inlet: Inlet, there: np.ndarray) -> None:
+    """Check that every part that may be drawn has slots for a heap of it alone, without which it would never arrive.
+
+    Args:
+        name: of the argument, for errors.
+        there: (n, parts) bool, slots that are in use.
+
+    Raises:
+        ValueError: too few slots.
+    """
+    for group in range(len(inlet.cumulative)):
+        fewest = int(there[:, inlet.group == group].sum(axis=1).min(initial=inlet.heap))
+        if fewest < inlet.heap:
+            first = int((inlet.group == group).argmax())
+            allowed = f"at least {inlet.heap}, which may be drawn for one heap" if inlet.heap > 1 else "at least 1"
+            raise checks.refuse(name, f"{fewest} slots for parts equal to parts[{first}]", allowed)
+
 
 LEFT, TRANSIT, ON_TABLE, STEPS = len(EVENTS), len(EVENTS) + 1, len(EVENTS) + 2, len(EVENTS) + 3
 """Columns of :attr:`Flow.tally` after those of the events."""
@@ -59,9 +268,8 @@ class Flow(NamedTuple):
     # (worlds, ...) int64 since the warm-up: parts by event, all that left, sum of their periods, sum over steps of the parts on
     # the table, steps
     tally: np.ndarray
-    rate: (
-        np.ndarray
-    )  # (worlds, ...) since the warm-up: parts a minute by event, mean transit (s), mean parts on the table
+    # (worlds, ...) since the warm-up: parts a minute by event, mean transit (s), mean parts on the table
+    rate: np.ndarray
     idle: np.ndarray  # (worlds, parts, 3) velocity of a part that slides in place
     gate: np.ndarray  # (kinds, 4) m: x_low, y_low, x_high, y_high
     kind: np.ndarray  # (parts,) int64, index of each part's gate
@@ -73,6 +281,9 @@ class Flow(NamedTuple):
     inlet: Inlet
     context: Context
 
+
+CHANGING = Flow._fields[: Flow._fields.index("gate")]
+"""Fields that change during an episode."""
 
 FLOW: Layout[Flow] = Layout("FLOW", __name__)
 flow_at = FLOW.at
@@ -89,16 +300,7 @@ def gate_of(flow, x, y):
 
 
 @jit
-def is_straight_and_apart(flow, world, part):
-    """Return whether a part is straight and far enough from the others to leave; relations must be up to date."""
-    relations, rules = flow.context.relations, flow.context.rules
-    return abs(relations.error[world, part, 2]) <= rules.tolerance[part, TURNED] and (
-        relations.gap[world, part] >= flow.spacing
-    )
-
-
-@jit
-def event_of(flow, state, world, part):
+def event_of(flow, state, world, part, straight, apart):
     """Return the event of a present part in this step, see :data:`vibgym.tasks.episode.EVENTS`."""
     if state.fallen[world, part]:
         return LOST
@@ -109,34 +311,31 @@ def event_of(flow, state, world, part):
     flow.last[world, gate] = flow.clock[world]
     if gate != flow.kind[part]:
         return WRONG
-    context = flow.context
-    if abs(context.relations.error[world, part, 2]) > context.rules.tolerance[part, TURNED]:
+    if not straight:
         return TILTED
-    if context.relations.gap[world, part] < flow.spacing or since < flow.headway:
-        return TOO_CLOSE
-    return LEFT_GOOD
+    return LEFT_GOOD if apart and since >= flow.headway else TOO_CLOSE
 
 
 @jit
 def evaluate_parts(flow, state, world):
-    """Compute event and reward of every part of a world."""
+    """Compute event and reward of every part of a world; relations must be up to date."""
     episode, done, slots = flow.context.episode, 0, 0
+    relations, rules = flow.context.relations, flow.context.rules
     for part in range(state.fallen.shape[1]):
         here = episode.present[world, part]
+        straight = abs(relations.error[world, part, 2]) <= rules.tolerance[part, TURNED]
+        apart = relations.gap[world, part] >= flow.spacing
         flow.there[world, part], episode.arrived[world, part] = here, False
-        episode.event[world, part] = event_of(flow, state, world, part) if here else STAYS
-        episode.part_fallen[world, part] = episode.event[world, part] == LOST
-        flow.context.fits[part] = here and is_straight_and_apart(flow, world, part)
+        episode.event[world, part] = event_of(flow, state, world, part, straight, apart) if here else STAYS
+        flow.context.fits[part] = here and straight and apart
         at_own = gate_of(flow, flow.gate[flow.kind[part], 0], state.pose[world, part, 1]) == flow.kind[part]
         episode.done[world, part] = flow.context.fits[part] and at_own
         done += episode.done[world, part]
         slots += flow.pool[world, part]
-        episode.part_reward[world, part], episode.part_terms[world, part] = 0.0, 0.0
-        if here:
-            reward_part(flow.context, world, part)
+    reward_parts(flow.context, state.fallen, False, world)
     slots = min(slots, flow.inlet.most)
     episode.number[world, REWARD] = average_terms(
-        episode.part_terms[world], flow.there[world], slots, flow.context.rules.worst, episode.terms[world]
+        episode.part_terms[world], flow.there[world], slots, rules.worst, episode.terms[world]
     )
     episode.count[world, PARTS_DONE] = done
 
@@ -227,9 +426,8 @@ def update_rates(flow, world):
 def update_relations(flow, state, world):
     """Update the relations of a world, and the fields of ``info`` that depend on them."""
     context, episode = flow.context, flow.context.episode
-    episode.count[world, IN_TOUCH] = relate_gaps(context, state.pose, state.fallen, world)
+    episode.count[world, IN_TOUCH] = relate_world(context, state.pose, state.fallen, world)
     episode.number[world, SMALLEST_GAP] = smallest_gap(context.relations, world)
-    relate_to_goals(context, state.pose, world)
 
 
 @jit
@@ -245,31 +443,22 @@ def begin_arrived(flow, state, world):
 
 
 @jit
-def begin_flow(state, flow, worlds, pools):
-    """Start the episodes of ``worlds`` (n,), whose keys are set, with the parts of ``pools`` (n, parts).
+def begin_flow(state, flow, worlds):
+    """Start the episodes of ``worlds`` (n,), whose arrays have been reset.
 
-    Parts whose centres are on the table are present. If there are none, parts arrive.
+    Parts of the pool whose centres are on the table are present. If there are none, parts arrive.
 
     Args:
-        state: address of the pinned true state, with the velocities of parts that slide in place.
+        state: address of the pinned true state.
         flow: address of a pinned :class:`Flow`.
     """
     true, all_of = state_at(state), flow_at(flow)
-    episode, parts = all_of.context.episode, pools.shape[1]
+    episode, parts = all_of.context.episode, all_of.pool.shape[1]
     for k in range(worlds.shape[0]):
         world, begun = worlds[k], 0
-        all_of.clock[world], all_of.tried[world], all_of.arrivals[world], all_of.age[world] = 0, 0, 0, 0
-        all_of.there[world], all_of.changed[world], all_of.last[world] = False, False, -all_of.headway
-        all_of.tally[world], all_of.rate[world] = 0, 0.0
-        episode.arrived[world], episode.event[world], episode.part_fallen[world] = False, STAYS, False
-        episode.part_reward[world], episode.part_terms[world], episode.terms[world] = 0.0, 0.0, 0.0
-        episode.number[world], episode.count[world], episode.flag[world] = 0.0, 0, False
         for part in range(parts):
-            all_of.pool[world, part] = pools[k, part]
-            for axis in range(3):
-                all_of.idle[world, part, axis] = true.velocity[world, part, axis]
             x, y = true.pose[world, part, 0], true.pose[world, part, 1]
-            if pools[k, part] and x >= 0.0 and y >= 0.0:
+            if all_of.pool[world, part] and x >= 0.0 and y >= 0.0:
                 episode.present[world, part] = episode.arrived[world, part] = True
                 begun += 1
             else:

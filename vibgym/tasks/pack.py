@@ -12,10 +12,10 @@ from vibgym.kernels.reference import bound
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import Start, Task
+from vibgym.tasks.base import Start
 from vibgym.tasks.patterns import Pattern
 from vibgym.tasks.pose import PATIENT_TERMS, PoseTask
-from vibgym.tasks.scoring import FactScoring, Stage
+from vibgym.tasks.scoring import Scoring, Stage
 from vibgym.tasks.sort import ArrangedTask
 
 
@@ -37,7 +37,6 @@ class Pack(ArrangedTask):
 
     DEFAULT_PARTS = ("aluminium_block",) * 12
     TERMS = PATIENT_TERMS
-    FACTS = Task.FACTS
     FEATURES = ("present", "kind", *PoseTask.FEATURES, "gap", "neighbour")
     has_goal = True
     position_tolerance = 0.001
@@ -53,24 +52,22 @@ class Pack(ArrangedTask):
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
         pose, there = self.starts.draw(uniform[:, : self.starts.draws], present)
         goals = self.pattern.draw(uniform[:, self.starts.draws :])
-        if self.settings.free:
-            return Start(pose, there, self.pattern.free(goals, there, pose))
-        return Start(pose, there, self.pattern.own(goals, there))
-
-    def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
-        return self.pattern.again(start.goal, start.present, pose) if self.settings.free else start.goal
+        if not self.settings.free:
+            return Start(pose, there, self.pattern.own(goals, there))
+        start = Start(pose, there, self.pattern.first(goals, there))
+        return start._replace(goal=self.goal_from(start, pose))
 
     def scoring(self, state: State, periods: int) -> PatternScoring:
-        return PatternScoring(self, state, periods)
+        return PatternScoring(self.rules(periods), self.part_kinds, state, self.kind if self.exchanges else None)
 
 
-class PatternScoring(FactScoring):
-    """Reports how far the parts are from their pattern: m, root of the mean square distance to the goals."""
+class PatternScoring(Scoring):
+    """Measures how far the parts are from their pattern: m, root of the mean square distance to the goals."""
 
-    FACT = "pattern_error"
+    MEASURED = ("pattern_error",)
 
-    def measure(self) -> Stage:
-        return bound(update_pattern_error, self.relations.error, self.episode.present, self.fact)
+    def measure(self) -> list[Stage]:
+        return [bound(update_pattern_error, self.relations.error, self.episode.present, self.measured["pattern_error"])]
 
 
 @jit

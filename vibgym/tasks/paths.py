@@ -1,21 +1,31 @@
-"""Timed paths, given as settings or drawn for every episode, and the motions that a part can follow."""
+"""Timed paths: straight lines and arcs with a trapezoidal speed profile, their settings, and the motions a part can follow.
+
+A path is an array (rows, 6), a *route*: a header (:data:`HEADER`), the pieces (:data:`PIECE`) in order, and straight pieces of
+no length up to the number of rows. At a distance ``u`` into a piece with direction ``phi`` and curvature ``kappa``
+
+    position = (x, y) + u sinc(kappa u / 2) (cos, sin)(phi + kappa u / 2).
+
+The heading of a part that turns with its path is the mean direction of the path over a window ``w``, so that heading and
+spin are continuous where a line meets an arc; for this, the path is extended straight beyond its ends:
+
+    heading(s) = (Phi(s + w / 2) - Phi(s - w / 2)) / w,   Phi = integral of phi over s.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Field
 
 from vibgym import checks
+from vibgym.kernels.jit import jit
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.settings import read
+from vibgym.settings import Acceleration, Angle, BaseSettings, Length, Speed, read
 from vibgym.simulation.plant import means, plant_of
-from vibgym.tasks import route
-from vibgym.tasks.route import PathSettings, Shape, shape_from
 
 EFFORT = 0.9
 """Largest effort of a path; the rest is for corrections."""
@@ -103,276 +113,377 @@ class Reach:
         return 1.0 / max(bisected(0.0, self._push / (speed * speed), easy), STRAIGHT)
 
     def most_effort(self, motion: np.ndarray) -> float:
-        """Return the largest effort of a motion (n, 9), see :data:`vibgym.tasks.route.MOTION`."""
+        """Return the largest effort of a motion (n, 9), see :data:`INSTANT`."""
         speed = np.minimum(np.hypot(motion[:, 3], motion[:, 4]), self.surface.table_speed)
         return float(self.effort(speed, motion[:, 6], motion[:, 7], motion[:, 8], motion[:, 5]).max())
 
 
-Name = Literal["circle", "square", "figure_eight"]
+HEADER = ("length", "speed", "acceleration", "window", "heading", "along")
+"""- length: m, of the whole path; speed: m/s; acceleration: m/s^2; window: m
+- heading: rad, of the part, or added to that of the path; along: 1 if the part turns with the path, else 0
+"""
+LENGTH, SPEED, ACCELERATION, WINDOW, HEADING, ALONG = range(len(HEADER))
 
-LARGEST, SMALLEST = 0.1, 0.4
-"""m, largest radius (or half a side); smallest one over the largest one that fits."""
+PIECE = ("start", "x", "y", "direction", "curvature", "turned")
+"""- start: m, s at its beginning; x, y (m), direction (rad), turned (m rad, Phi): there; curvature: 1/m, to the left"""
+START, X, Y, DIRECTION, CURVATURE, TURNED = range(len(PIECE))
 
-ROOM = 1.2
-"""Smallest radius (or half a side) over that of a corner."""
+INSTANT = ("x", "y", "heading", "vx", "vy", "spin", "along", "across", "turning")
+"""Motion at an instant: m, m, rad; m/s, m/s, rad/s; acceleration along the path and to its left, m/s^2; rad/s^2."""
 
-NUMBERS = 7
-"""Uniform numbers of a path: shape, size, place in x and y, start, direction, heading."""
-
-PIECES = 9
-
-INSTANTS = 1000
-"""Samples of the effort of a path."""
-
-AROUND = {"circle": 2.0 * math.pi, "square": 8.0, "figure_eight": 4.0 * math.pi}
-"""Length of a path over its radius (or half a side), at most."""
+SMALL = 1e-9
+"""m, length of a path that stays at a point."""
 
 
-class DrawnSettings(PathSettings):
-    """Settings of drawn paths."""
+class Course(NamedTuple):
+    """The beginning of a path, and its pieces."""
 
-    shapes: tuple[Name, ...] = Field(default=("circle", "square", "figure_eight"), min_length=1)
-
-
-class DrawnPaths:
-    """Paths of random shape, size, place, start and direction. Each part has its own cell of the surface.
-
-    Args:
-        surface, parts: the scene.
-        settings: a mapping of :class:`DrawnSettings`.
-        apart: m, minimum distance between parts that the cells ensure, for all headings.
-
-    Attributes:
-        draws: uniform numbers per episode.  lasts: s, duration of the longest possible path.
-
-    Raises:
-        ValueError: a bad setting, or no room for a path that the parts can follow.
-    """
-
-    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Any, apart: float) -> None:
-        known = read(DrawnSettings, settings, "paths")
-        self.parts, self._shapes = tuple(parts), list(dict.fromkeys(known.shapes))
-        reach = [Reach(surface, part) for part in parts]
-        fastest, hardest = (min(getattr(each, name) for each in reach) for name in ("fastest", "acceleration"))
-        speed = SHARE[known.heading] * min(each.top_speed for each in reach) if known.speed is None else known.speed
-        rate = RAMP * hardest if known.acceleration is None else known.acceleration
-        if speed > fastest:
-            raise checks.refuse("paths.speed", speed, f"a number > 0 and <= {fastest:.4g} m/s for these parts")
-        along, window = known.heading == "along", 2.0 * max(part.radius for part in parts)
-        self._corner = max(each.corner(speed, *([window] if along else [])) for each in reach)
-        self._header = np.array([0.0, speed, rate, window, 0.0, float(along)])
-        self._cells = self._cells_of(surface, apart, ROOM * self._corner)
-        self.draws = NUMBERS * len(self.parts)
-        self.shape = (len(self.parts), PIECES + 2, 6)
-        most = bisected(0.0, rate, lambda each: self._effort(reach, each) <= EFFORT)
-        if known.acceleration is not None and most < rate * (1.0 - 1e-6):
-            allowed = f"a number > 0 and <= {most:.4g} m/s^2 for these parts and bends"
-            raise checks.refuse("paths.acceleration", rate, allowed)
-        self._header[route.ACCELERATION] = most
-        longest = max(
-            AROUND[name] * each.max() for name, each in zip(self._shapes, self._radii(self._cells)[1], strict=True)
-        )
-        self.lasts = float(route.duration(np.array([longest, *self._header[1:]])))
-
-    def _effort(self, reach: Sequence[Reach], rate: float) -> float:
-        """Return the largest effort of all paths with the smallest radii, which are the hardest, at this acceleration."""
-        number = np.zeros((len(self._shapes), len(self.parts), NUMBERS))
-        number[..., 0] = (np.arange(len(self._shapes))[:, None] + 0.5) / len(self._shapes)
-        paths = self.draw(number.reshape(len(self._shapes), -1))
-        paths[:, :, 0, route.ACCELERATION] = rate
-        efforts = []
-        for shape, part in np.ndindex(paths.shape[:2]):
-            times = np.linspace(0.0, route.duration(paths[shape, part, 0]), INSTANTS)
-            efforts.append(reach[part].most_effort(route.sample(paths[shape, part], times)))
-        return max(efforts)
-
-    def _radii(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return smallest and largest radius (or half a side) of each shape in each cell, (shapes, n) from cells (n, 4)."""
-        size = cells[:, 2:] - cells[:, :2]
-        short, long = 0.5 * size.min(axis=1), 0.5 * size.max(axis=1)
-        each = [np.minimum(short, 0.5 * long) if name == "figure_eight" else short for name in self._shapes]
-        most = np.minimum(each, max(LARGEST, ROOM * self._corner))
-        return np.maximum(SMALLEST * most, np.minimum(most, ROOM * self._corner)), most
-
-    def _cells_of(self, surface: Surface, apart: float, least: float) -> np.ndarray:
-        """Return the largest cells (parts, 4) of the parts' centres: x_low, y_low, x_high, y_high."""
-        radius = max(part.radius for part in self.parts)
-        size, best, found = np.array([surface.width, surface.depth]), -math.inf, np.zeros((0, 4))
-        for columns in range(1, len(self.parts) + 1):
-            count = np.array([columns, math.ceil(len(self.parts) / columns)])
-            step = (size + apart) / count  # from cell to cell
-            cell = step - 2.0 * radius - apart
-            if cell.min() <= 0.0:
-                continue
-            k = np.arange(len(self.parts))
-            low = radius + np.column_stack([k // count[1], k % count[1]]) * step
-            cells = np.concatenate([low, low + cell], axis=1)
-            most = self._radii(cells)[1].min()
-            if most > best:
-                best, found = most, cells
-        if best < least:
-            got = f"{len(self.parts)} parts of radius up to {radius:.4g} m"
-            allowed = (
-                f"as many as have room for paths of radius {1e3 * least:.4g} mm, {1e3 * apart:.4g} mm apart, on "
-                f"{surface.width:g} x {surface.depth:g} m; slower paths need less"
-            )
-            raise checks.refuse("parts", got, allowed)
-        return found
-
-    def draw(self, uniform: np.ndarray) -> np.ndarray:
-        """Return routes (n, parts, rows, 6) from ``uniform`` (n, draws)."""
-        n, parts = len(uniform), len(self.parts)
-        number = uniform.reshape(n, parts, NUMBERS)
-        choice = np.minimum((len(self._shapes) * number[..., 0]).astype(int), len(self._shapes) - 1)
-        low, high = (each[choice, np.arange(parts)] for each in self._radii(self._cells))
-        radius = low + (high - low) * number[..., 1]
-        names = np.array(self._shapes)[choice]
-        circle, square, eight = (names == name for name in ("circle", "square", "figure_eight"))
-        # A figure of eight lies along the longer side of its cell.
-        size = self._cells[:, 2:] - self._cells[:, :2]
-        wide = np.array([size[:, 0] >= size[:, 1], size[:, 0] < size[:, 1]]).T
-        reach = radius[..., None] * np.where(eight[..., None] & wide, 2.0, 1.0)
-        centre = self._cells[:, :2] + reach + np.maximum(size - 2.0 * reach, 0.0) * number[..., 2:4]
-        sign = np.where(number[..., 5] < 0.5, 1.0, -1.0)
-
-        # A circle begins anywhere, a square in the middle of any side, a figure of eight at its centre, either way.
-        turn = 2.0 * math.pi * number[..., 4]
-        quarter = 0.5 * math.pi * np.floor(4.0 * number[..., 4])
-        half = np.where(wide[:, 0], 0.5 * math.pi, 0.0) + math.pi * np.floor(2.0 * number[..., 4])
-        begin = np.where(circle, turn, quarter)
-        out = np.where(eight, 0.0, radius)
-        direction = np.where(eight, half, begin + sign * 0.5 * math.pi)
-        x, y = centre[..., 0] + out * np.cos(begin), centre[..., 1] + out * np.sin(begin)
-
-        lengths, curvatures = np.zeros((2, n, parts, PIECES))
-        side, corner = 2.0 * (radius - self._corner), np.full_like(radius, self._corner)
-        for k in range(PIECES):
-            straight = 0.5 * side if k in (0, PIECES - 1) else side
-            lengths[..., k] = np.where(square, straight if k % 2 == 0 else 0.5 * math.pi * corner, 0.0)
-            curvatures[..., k] = np.where(square, 0.0 if k % 2 == 0 else sign / corner, 0.0)
-        around = np.where(square, 0.0, 2.0 * math.pi * radius)
-        lengths[..., 0] = np.where(square, lengths[..., 0], around)
-        curvatures[..., 0] = np.where(square, 0.0, sign / radius)
-        lengths[..., 1] = np.where(eight, around, lengths[..., 1])
-        curvatures[..., 1] = np.where(eight, -sign / radius, curvatures[..., 1])
-
-        header = np.tile(self._header, (n, parts, 1))
-        header[..., route.HEADING] = (1.0 - header[..., route.ALONG]) * math.pi * (2.0 * number[..., 6] - 1.0)
-        start = np.stack([x, y, direction], axis=2)
-        flat = [each.reshape(n * parts, -1) for each in (start, lengths, curvatures, header)]
-        return route.routes(*flat).reshape(n, parts, PIECES + 2, 6)
+    start: Sequence[float]  # x, y (m), direction (rad)
+    lengths: Sequence[float]  # m
+    curvatures: Sequence[float]  # 1/m
 
 
-SPACING = 1e-3
-"""m, largest distance between the points at which a path is checked."""
-
-MOST_PLACES = 200_000
-"""Points of one path: 200 m."""
-
-SLACK = 1e-9
-
-
-class GivenPaths:
-    """The same paths in all episodes; only kept headings are drawn.
+def routes(start: np.ndarray, lengths: np.ndarray, curvatures: np.ndarray, header: np.ndarray) -> np.ndarray:
+    """Return routes (n, pieces + 2, 6).
 
     Args:
-        surface, parts: the scene.
-        paths: a mapping for each part, see :class:`vibgym.tasks.Follow`.
-        apart: m, required minimum distance between parts at all times and for all headings.
-        argument: name for errors.
+        start: (n, 3) x, y (m), direction (rad).
+        lengths, curvatures: (n, pieces) m, 1/m.
+        header: (n, 6); lengths are computed.
+    """
+    n, pieces = lengths.shape
+    turn = lengths * curvatures
+    route = np.zeros((n, pieces + 2, 6))
+    begin = np.concatenate([np.zeros((n, 1)), lengths.cumsum(axis=1)], axis=1)
+    direction = start[:, 2:] + np.concatenate([np.zeros((n, 1)), turn.cumsum(axis=1)], axis=1)
+    chord = lengths * np.sinc(0.5 * turn / np.pi)
+    middle = direction[:, :-1] + 0.5 * turn
+    step = np.stack([chord * np.cos(middle), chord * np.sin(middle), lengths * middle], axis=2)
+    place = np.concatenate([np.zeros((n, 1, 3)), step.cumsum(axis=1)], axis=1)
+    route[:, 0] = header
+    route[:, 0, LENGTH] = begin[:, -1]
+    route[:, 1:, START], route[:, 1:, DIRECTION] = begin, direction
+    route[:, 1:, X : Y + 1] = start[:, None, :2] + place[..., :2]
+    route[:, 1:-1, CURVATURE] = curvatures
+    route[:, 1:, TURNED] = place[..., 2]
+    return route
+
+
+def padded(route: np.ndarray, rows: int) -> np.ndarray:
+    """Return a route (k, 6) extended to ``rows`` rows."""
+    return np.concatenate([route, np.repeat(route[-1:], rows - len(route), axis=0)])
+
+
+@jit
+def peak_speed(header):
+    """Return the largest speed, m/s: that of the header, or less on a short route."""
+    return min(header[SPEED], math.sqrt(header[ACCELERATION] * header[LENGTH]))
+
+
+@jit
+def duration(header):
+    """Return the time from rest at the beginning to rest at the end, s."""
+    speed = peak_speed(header)
+    return header[LENGTH] / speed + speed / header[ACCELERATION]
+
+
+@jit
+def progress(header, time):
+    """Return s (m), speed and acceleration along the path at ``time`` (s); at rest before and after."""
+    speed, rate = peak_speed(header), header[ACCELERATION]
+    ramp, end = speed / rate, header[LENGTH] / speed + speed / rate
+    if time <= 0.0:
+        return 0.0, 0.0, 0.0
+    if time >= end:
+        return header[LENGTH], 0.0, 0.0
+    if time < ramp:
+        return 0.5 * rate * time * time, rate * time, rate
+    left = end - time
+    if left < ramp:
+        return header[LENGTH] - 0.5 * rate * left * left, rate * left, -rate
+    return speed * (time - 0.5 * ramp), speed, 0.0
+
+
+@jit
+def piece_at(route, s):
+    """Return the row of the piece that contains ``s``; beyond the ends that of the first or last one."""
+    low, high = 1, route.shape[0] - 1
+    while low < high:
+        middle = (low + high + 1) // 2
+        if route[middle, START] <= s:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+@jit
+def directed(route, s):
+    """Return direction (rad), curvature (1/m) and Phi (m rad) of the path at ``s``; straight beyond its ends."""
+    row = route[piece_at(route, s)]
+    u = s - row[START]
+    curvature = row[CURVATURE] if u >= 0.0 else 0.0
+    return row[DIRECTION] + curvature * u, curvature, row[TURNED] + u * (row[DIRECTION] + 0.5 * curvature * u)
+
+
+@jit
+def motion_at(route, time, motion):
+    """Write the :data:`INSTANT` of a route (rows, 6) at ``time`` (s) into ``motion`` (9,)."""
+    header = route[0]
+    s, speed, rate = progress(header, time)
+    row = route[piece_at(route, s)]
+    u = s - row[START]
+    half = 0.5 * row[CURVATURE] * u
+    chord = u * (math.sin(half) / half) if half != 0.0 else u
+    motion[0] = row[X] + chord * math.cos(row[DIRECTION] + half)
+    motion[1] = row[Y] + chord * math.sin(row[DIRECTION] + half)
+    direction = row[DIRECTION] + row[CURVATURE] * u
+    motion[3], motion[4] = speed * math.cos(direction), speed * math.sin(direction)
+    motion[6], motion[7] = rate, row[CURVATURE] * speed * speed
+    window, along = header[WINDOW], header[ALONG]
+    ahead, bend_ahead, turned_ahead = directed(route, s + 0.5 * window)
+    behind, bend_behind, turned_behind = directed(route, s - 0.5 * window)
+    slope = (ahead - behind) / window
+    motion[2] = header[HEADING] + along * ((turned_ahead - turned_behind) / window)
+    motion[5] = along * (speed * slope)
+    motion[8] = along * (rate * slope + speed * speed * ((bend_ahead - bend_behind) / window))
+
+
+@jit(allocates=True)
+def first_poses(paths, pose):
+    """Compute the first poses (n, parts, 3) of routes (n, parts, rows, 6)."""
+    motion = np.empty(len(INSTANT))
+    for world in range(paths.shape[0]):
+        for i in range(paths.shape[1]):
+            motion_at(paths[world, i], 0.0, motion)
+            for axis in range(3):
+                pose[world, i, axis] = motion[axis]
+
+
+@jit
+def sample_route(route, times, motion):
+    """Compute the :data:`INSTANT` (n, 9) of a route at ``times`` (n,)."""
+    for k in range(times.shape[0]):
+        motion_at(route, times[k], motion[k])
+
+
+def sample(route: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return the :data:`INSTANT` (n, 9) of a route (rows, 6) at ``times`` (n,), s."""
+    motion = np.empty((len(times), len(INSTANT)))
+    sample_route(np.ascontiguousarray(route), np.ascontiguousarray(times, dtype=np.float64), motion)
+    return motion
+
+
+def sampled(route: np.ndarray, instants: int) -> np.ndarray:
+    """Return the :data:`INSTANT` (instants, 9) of a route at equal intervals, from its beginning to its end."""
+    return sample(route, np.linspace(0.0, duration(route[0]), instants))
+
+
+def turn_kept(routes: np.ndarray, uniform: np.ndarray) -> np.ndarray:
+    """Set the kept headings of routes (n, parts, rows, 6), in place, to any direction, by ``uniform`` (n, parts) in [0, 1)."""
+    kept = 1.0 - routes[:, :, 0, ALONG]
+    routes[:, :, 0, HEADING] = kept * math.pi * (2.0 * uniform - 1.0)
+    return routes
+
+
+MAX_POINTS, MAX_LAPS = 200, 100
+
+MIN_SIZE, MAX_SIZE = 1e-4, 1e3
+"""m."""
+
+MAX_TURN = 8.0 * math.pi
+"""rad."""
+
+MIN_SPEED = 1e-3
+"""m/s; of the ramps: m/s^2."""
+
+SHARPEST = math.radians(170.0)
+"""Largest turn at a corner."""
+
+Coordinate = Annotated[Length, Field(ge=-MAX_SIZE, le=MAX_SIZE)]
+
+Place = tuple[Coordinate, Coordinate]
+
+
+class PathSettings(BaseSettings):
+    """Settings of all shapes, see :class:`vibgym.tasks.Follow`.
 
     Attributes:
-        draws: uniform numbers per episode.  lasts: s, duration of the longest path.
-        routes: (parts, rows, 6), see :mod:`vibgym.tasks.route`; kept headings are 0.  shape: of these.
-
-    Raises:
-        ValueError: a bad setting, a path that leaves the surface or that its part cannot follow, or two that come too near.
+        PLACE, SIZE: settings of place and size, for errors.
     """
 
-    def __init__(
-        self, surface: Surface, parts: Sequence[Part], paths: Sequence[Any], apart: float, argument: str = "paths"
-    ) -> None:
-        if len(paths) != len(parts):
-            raise checks.refuse(argument, f"{len(paths)} paths", f"one for each of {len(parts)} parts")
-        self.surface, self.parts, self._argument = surface, tuple(parts), argument
-        made = [self._route(f"{argument}[{k}]", value, part) for k, (value, part) in enumerate(zip(paths, parts))]
-        rows = max(len(each) for each in made)
-        self.routes = np.stack([route.padded(each, rows) for each in made])
-        self.shape = (len(parts), rows, 6)
-        self.lasts = max(float(route.duration(each[0])) for each in made)
-        self.draws = len(parts)
-        self._check_apart(apart)
+    PLACE: ClassVar[str] = "centre"
+    SIZE: ClassVar[str] = "radius"
 
-    def draw(self, uniform: np.ndarray) -> np.ndarray:
-        """Return routes (n, parts, rows, 6) from ``uniform`` (n, draws)."""
-        return with_headings(self.routes, uniform)
-
-    def _route(self, name: str, value: Any, part: Part) -> np.ndarray:
-        shape, reach = shape_from(value, name), Reach(self.surface, part)
-        window = 2.0 * part.radius
-        speed = SHARE[shape.heading] * reach.top_speed if shape.speed is None else shape.speed
-        rate = RAMP * reach.acceleration if shape.acceleration is None else shape.acceleration
-        whose = f"for {part.name!r} on this surface"
-        if speed > reach.fastest:
-            raise checks.refuse(f"{name}.speed", speed, f"a number > 0 and <= {reach.fastest:.4g} m/s {whose}")
-        if rate > reach.acceleration:
-            allowed = f"a number > 0 and <= {reach.acceleration:.4g} m/s^2 {whose}"
-            raise checks.refuse(f"{name}.acceleration", rate, allowed)
-        along = shape.heading == "along"
-        corner = getattr(shape, "corner", None) or reach.corner(speed, *([window] if along else []))
-        with checks.within(name, "."):
-            course = shape.course(corner)
-        rows = (np.array([each], dtype=np.float64) for each in (*course, [0.0, speed, rate, window, 0.0, float(along)]))
-        found = route.routes(*rows)[0]
-        self._check_place(name, shape, found, part)
-        fastest = bisected(0.0, speed, lambda each: reach.most_effort(self._motion(found, each)) <= EFFORT)
-        if fastest < speed * (1.0 - 1e-6):
-            allowed = f"at most {fastest:.4g} m/s {whose}: its bends and ramps need more acceleration than there is"
-            raise checks.refuse(f"{name}.speed", f"{speed:.4g} m/s", allowed)
-        return found
-
-    @staticmethod
-    def _motion(path: np.ndarray, speed: float | None = None) -> np.ndarray:
-        """Return the motion (n, 9) at points at most :data:`SPACING` apart, optionally at another speed."""
-        path = path.copy()
-        if speed is not None:
-            path[0, route.SPEED] = speed
-        count = min(int(path[0, route.LENGTH] / SPACING) + 100, MOST_PLACES)
-        return route.sample(path, np.linspace(0.0, route.duration(path[0]), count))
-
-    def _check_place(self, name: str, shape: Shape, path: np.ndarray, part: Part) -> None:
-        """Check that the part stays on the surface; errors name the size, or the place if the path would fit elsewhere."""
-        place, margin = self._motion(path)[:, :2], part.radius - SLACK
-        room = np.array([self.surface.width, self.surface.depth])
-        off = ((place < margin) | (place > room - margin)).any(axis=1)
-        if off.any():
-            key = shape.SIZE if (np.ptp(place, axis=0) > room - 2.0 * margin).any() else shape.PLACE
-            low, high = part.radius, room - part.radius
-            allowed = (
-                f"a path on which {part.name!r} lies wholly on the surface for every heading: "
-                f"x in [{low:.4g}, {high[0]:.4g}] and y in [{low:.4g}, {high[1]:.4g}] m"
-            )
-            raise checks.refuse(f"{name}.{key}", f"a path through {place[off][0].round(4).tolist()}", allowed)
-
-    def _check_apart(self, apart: float) -> None:
-        """Check that no two circumscribed circles come near at any instant."""
-        speed = max(path[0, route.SPEED] for path in self.routes)
-        count = min(int(self.lasts * speed / SPACING) + 100, MOST_PLACES)
-        times = np.linspace(0.0, self.lasts, count)
-        places = [route.sample(path, times)[:, :2] for path in self.routes]
-        for k, part in enumerate(self.parts):
-            for j in range(k):
-                gap = np.hypot(*(places[k] - places[j]).T) - part.radius - self.parts[j].radius
-                if gap.min() < apart - SLACK:
-                    at = f"of that of {self._argument}[{j}] at {times[gap.argmin()]:.2f} s"
-                    got = f"a path on which the part comes within {1e3 * gap.min():.4g} mm {at}"
-                    allowed = f"at least {1e3 * apart:.4g} mm between parts at all times, for all headings"
-                    raise checks.refuse(f"{self._argument}[{k}]", got, allowed)
+    speed: Speed | None = Field(default=None, ge=MIN_SPEED)
+    acceleration: Acceleration | None = Field(default=None, ge=MIN_SPEED)
+    heading: Literal["kept", "along"] = "kept"
 
 
-def with_headings(routes: np.ndarray, uniform: np.ndarray) -> np.ndarray:
-    """Return routes (n, parts, rows, 6) with kept headings drawn by ``uniform`` (n, parts), from routes (parts, rows, 6)."""
-    drawn = np.tile(routes, (len(uniform), 1, 1, 1))
-    kept = 1.0 - drawn[:, :, 0, route.ALONG]
-    drawn[:, :, 0, route.HEADING] = kept * np.pi * (2.0 * uniform - 1.0)
-    return drawn
+class ClosedSettings(PathSettings):
+    """Settings of closed shapes: ``laps`` and direction."""
+
+    laps: int = Field(default=1, ge=1, le=MAX_LAPS)
+    clockwise: bool = False
+
+
+class CircleSettings(ClosedSettings):
+    """A circle; ``start``: rad, where the path begins, 0: at the largest x."""
+
+    shape: Literal["circle"]
+    centre: Place
+    radius: Length = Field(ge=MIN_SIZE, le=MAX_SIZE)
+    start: Angle = Field(default=0.0, ge=-MAX_TURN, le=MAX_TURN)
+
+    def course(self, corner: float) -> Course:
+        """Return the pieces."""
+        sign = -1.0 if self.clockwise else 1.0
+        x = self.centre[0] + self.radius * math.cos(self.start)
+        y = self.centre[1] + self.radius * math.sin(self.start)
+        length = 2.0 * math.pi * self.radius * self.laps
+        return Course((x, y, self.start + sign * 0.5 * math.pi), [length], [sign / self.radius])
+
+
+class EightSettings(ClosedSettings):
+    """Two circles that touch at ``centre``, where the path begins; ``clockwise``: the first of them."""
+
+    shape: Literal["figure_eight"]
+    centre: Place
+    radius: Length = Field(ge=MIN_SIZE, le=MAX_SIZE)
+    turn: Angle = Field(default=0.0, ge=-MAX_TURN, le=MAX_TURN)
+
+    def course(self, corner: float) -> Course:
+        """Return the pieces."""
+        sign = -1.0 if self.clockwise else 1.0
+        lengths = [2.0 * math.pi * self.radius] * (2 * self.laps)
+        curvatures = [sign / self.radius, -sign / self.radius] * self.laps
+        return Course((*self.centre, self.turn + 0.5 * math.pi), lengths, curvatures)
+
+
+class SquareSettings(ClosedSettings):
+    """A square with round corners; the path begins in the middle of the lower side."""
+
+    SIZE: ClassVar[str] = "side"
+
+    shape: Literal["square"]
+    centre: Place
+    side: Length = Field(ge=MIN_SIZE, le=MAX_SIZE)
+    turn: Angle = Field(default=0.0, ge=-MAX_TURN, le=MAX_TURN)
+    corner: Length | None = Field(default=None, ge=MIN_SIZE, le=MAX_SIZE)
+
+    def course(self, corner: float) -> Course:
+        """Return the pieces."""
+        half, cos, sin = 0.5 * self.side, math.cos(self.turn), math.sin(self.turn)
+        rows = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
+        points = np.array(self.centre) + rows @ np.array([[cos, sin], [-sin, cos]])
+        return rounded(points[[1, 0, 3, 2]] if self.clockwise else points, corner, self.laps, "side")
+
+
+class PolylineSettings(PathSettings):
+    """A line through ``points`` with round corners; if ``closed``, it begins in the middle between the first two points."""
+
+    PLACE: ClassVar[str] = "points"
+    SIZE: ClassVar[str] = "points"
+
+    shape: Literal["polyline"]
+    points: tuple[Place, ...] = Field(min_length=2, max_length=MAX_POINTS)
+    closed: bool = False
+    laps: int = Field(default=1, ge=1, le=MAX_LAPS)
+    corner: Length | None = Field(default=None, ge=MIN_SIZE, le=MAX_SIZE)
+
+    def course(self, corner: float) -> Course:
+        """Return the pieces."""
+        if self.laps > 1 and not self.closed:
+            raise checks.conflict(f"laps {self.laps} requires a closed polyline")
+        if self.closed and len(self.points) < 3:
+            raise checks.refuse("points", f"{len(self.points)} points", "at least 3 where the polyline is closed")
+        return rounded(np.array(self.points), corner, self.laps if self.closed else 0, "points")
+
+
+def profile(name: str, settings: PathSettings, reach: Sequence[Reach]) -> tuple[np.ndarray, float]:
+    """Return the header (6,) of a path, without its length, and the radius of its corners, m.
+
+    Args:
+        name: of the path, for errors.
+        reach: of the parts that are to follow it.
+
+    Raises:
+        ValueError: a speed or an acceleration that a part cannot reach.
+    """
+    fastest, hardest = (min(getattr(each, limit) for each in reach) for limit in ("fastest", "acceleration"))
+    speed, rate = settings.speed, settings.acceleration
+    speed = SHARE[settings.heading] * min(each.top_speed for each in reach) if speed is None else speed
+    rate = RAMP * hardest if rate is None else rate
+    whose = "for " + ", ".join(dict.fromkeys(repr(each.part.name) for each in reach)) + " on this surface"
+    for key, value, most, unit in (("speed", speed, fastest, "m/s"), ("acceleration", rate, hardest, "m/s^2")):
+        if value > most:
+            raise checks.refuse(f"{name}.{key}", value, f"a number > 0 and <= {most:.4g} {unit} {whose}")
+    along, window = settings.heading == "along", 2.0 * max(each.part.radius for each in reach)
+    corner = max(each.corner(speed, window if along else math.inf) for each in reach)
+    return np.array([0.0, speed, rate, window, 0.0, float(along)]), corner
+
+
+Shape = CircleSettings | EightSettings | SquareSettings | PolylineSettings
+
+SHAPES: dict[str, type[Shape]] = {
+    "circle": CircleSettings,
+    "square": SquareSettings,
+    "polyline": PolylineSettings,
+    "figure_eight": EightSettings,
+}
+"""Shapes by name."""
+
+
+def shape_from(value: Any, where: str) -> Shape:
+    """Return a shape from a mapping.
+
+    Raises:
+        ValueError: an unknown shape, or a bad setting of it.
+    """
+    if not isinstance(value, Mapping) or "shape" not in value:
+        raise checks.refuse(where, value, f"a mapping with 'shape', one of {', '.join(map(repr, SHAPES))}")
+    return read(SHAPES[checks.choice(f"{where}.shape", value["shape"], tuple(SHAPES))], value, where)
+
+
+def rounded(points: np.ndarray, corner: float, laps: int, name: str) -> Course:
+    """Return a line through points (n, 2), m, with round corners.
+
+    Args:
+        corner: radius, m.
+        laps: of a closed line, which begins in the middle between the first two points; 0: an open one.
+        name: of the setting, for errors.
+
+    Raises:
+        ValueError: two consecutive points are the same, the line turns back, or there is no room for a corner.
+    """
+    if laps:
+        middle = 0.5 * (points[0] + points[1])
+        lap = [*points[1:], points[0]]
+        points = np.array([middle, *lap * laps, middle])
+    edge = np.diff(points, axis=0)
+    length = np.hypot(edge[:, 0], edge[:, 1])
+    if not (length > 1e-9).all():
+        raise checks.refuse(name, points[length.argmin()].tolist(), "places that differ from the one before")
+    direction = np.arctan2(edge[:, 1], edge[:, 0])
+    turn = np.diff(direction)
+    turn -= 2.0 * math.pi * np.round(turn / (2.0 * math.pi))
+    if (np.abs(turn) > SHARPEST).any():
+        sharp = int(np.abs(turn).argmax())
+        got = f"a turn of {math.degrees(abs(turn[sharp])):.1f} deg at {points[sharp + 1].round(6).tolist()}"
+        raise checks.refuse(name, got, f"at most {math.degrees(SHARPEST):g} deg")
+    # Length of each edge that the corners at its ends take.
+    taken = np.concatenate([[0.0], corner * np.tan(0.5 * np.abs(turn)), [0.0]])
+    left = length - taken[:-1] - taken[1:]
+    if left.min() < -1e-9:
+        short = int(left.argmin())
+        got = f"{1e3 * length[short]:.4g} mm between corners of radius {1e3 * corner:.4g} mm"
+        allowed = f"at least {1e3 * (taken[short] + taken[short + 1]):.4g} mm there, or smaller corners"
+        raise checks.refuse(name, got, allowed)
+    lengths, curvatures = [max(float(left[0]), 0.0)], [0.0]
+    for bend, straight in zip(turn.tolist(), left[1:].tolist(), strict=True):
+        if bend != 0.0:
+            lengths.append(corner * abs(bend))
+            curvatures.append(math.copysign(1.0 / corner, bend))
+        lengths.append(max(straight, 0.0))
+        curvatures.append(0.0)
+    return Course((*points[0].tolist(), float(direction[0])), lengths, curvatures)

@@ -19,13 +19,12 @@ from vibgym.scene.hulls import gaps_between
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import Angle, BaseSettings, Length
-from vibgym.tasks.assignment import give_out
 from vibgym.tasks.base import kinds_by_name
 
 Goals = tuple[tuple[float, float, float], ...]
 """Poses x, y, heading; m, m, rad."""
 
-MOST_ROWS = 10_000
+MAX_ROWS = 10_000
 
 ROUNDING = 1e-9  # m, by which a pattern may stick out, or overlap: its places are sums and products
 
@@ -57,11 +56,11 @@ class Pattern:
         """Poses [x, y, heading], m and rad, in place of a lattice: a list with one for each part; or a mapping from kind to a
         list with at least one for each of its parts."""
 
-        rows: int | None = Field(default=None, ge=1, le=MOST_ROWS)
+        rows: int | None = Field(default=None, ge=1, le=MAX_ROWS)
         """Rows of the lattice, across the table. By default the square root of the number of parts, rounded down, or what there
         is room for."""
 
-        columns: int | None = Field(default=None, ge=1, le=MOST_ROWS)
+        columns: int | None = Field(default=None, ge=1, le=MAX_ROWS)
         """Columns of the lattice, along the table; by default as many as the rows need."""
 
         gap: Length = Field(default=0.002, ge=0.0)
@@ -117,24 +116,18 @@ class Pattern:
         at = [np.flatnonzero(self.of_kind == kind)[rank] for kind, rank in zip(self._kind, self._rank, strict=True)]
         return np.where(present[..., None], goals[:, at], 0.0)
 
-    def free(self, goals: np.ndarray, present: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """Goals (n, parts, 3), given out within each kind: as many as there are parts, the first ones, so that none stays open.
+    def first(self, goals: np.ndarray, present: np.ndarray) -> np.ndarray:
+        """Return goals (n, parts, 3): the first ones of each kind, as many as it has present parts, so that none stays open.
 
         Args:
-            goals: (n, goals, 3).  present: (n, parts) bool.  pose: (n, parts, 3) of the parts.
+            goals: (n, goals, 3).  present: (n, parts) bool.
         """
-        result = np.zeros_like(pose)
+        result = np.zeros((*present.shape, 3))
         for kind in range(len(self._kinds)):
             own, places = self._kind == kind, np.flatnonzero(self.of_kind == kind)
             number = np.cumsum(present & own, axis=1) - 1  # of each present part among those of its kind
-            taken = goals[np.arange(len(pose))[:, None], places[np.clip(number, 0, len(places) - 1)]]
+            taken = goals[np.arange(len(goals))[:, None], places[np.clip(number, 0, len(places) - 1)]]
             result = np.where((present & own)[..., None], taken, result)
-        return self.again(result, present, pose)
-
-    def again(self, goal: np.ndarray, present: np.ndarray, pose: np.ndarray) -> np.ndarray:
-        """The goals (n, parts, 3) that parts have, given out anew within each kind for other ``pose`` (n, parts, 3)."""
-        result = np.array(goal)
-        give_out(self._kind, present, np.ascontiguousarray(pose), result)
         return result
 
     def _lattice(self, settings: Settings) -> tuple[np.ndarray, np.ndarray]:
@@ -188,8 +181,6 @@ class Pattern:
         corners = self._corners(self.pose)
         low, high = -corners.min(axis=0), np.array([self._surface.width, self._surface.depth]) - corners.max(axis=0)
         middle = 0.5 * (low + high)
-        if (low > high + ROUNDING).any():
-            self._check(self.pose + [*middle, 0.0], self._name, None)
         low, high = np.minimum(low, middle), np.maximum(high, middle)
         self._check(self.pose + [*middle, 0.0], self._name, None)
         return low, high

@@ -12,8 +12,8 @@ import numpy as np
 from vibgym import checks
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import Start, Task, rounded
-from vibgym.tasks.episode import Episode, Relations, misses_goal
+from vibgym.tasks.base import Start, Task
+from vibgym.tasks.episode import misses_goal
 
 PATIENT_TERMS = {
     "distance": ("distance", 1.0),
@@ -31,11 +31,6 @@ PATIENT_TERMS = {
 class PoseTask(Task):
     """One part with a goal pose. Subclasses set tolerances and draw start and goal from uniform numbers.
 
-    Args:
-        surface: the table.
-        parts: the part to move.
-        settings: of the task.
-
     Raises:
         ValueError: the part is too large to start on the surface without overhang.
     """
@@ -47,7 +42,7 @@ class PoseTask(Task):
 
     settings: Settings
 
-    MOST_PARTS = 1
+    MAX_PARTS = 1
     TERMS = {
         "distance": ("distance", 1.0),
         "approach": ("approach", 1.0),
@@ -58,7 +53,6 @@ class PoseTask(Task):
         "success": ("success", 5.0),
         "fallen": ("fallen", 5.0),
     }
-    FACTS: ClassVar[tuple[str, ...]] = ("is_success", "position_error", "heading_error", "fallen", "diverged")
     FEATURES = (
         "element", "heading", "position", "way", "way_coarse", "way_fine", "turn", "turn_coarse", "turn_fine",
         "velocity", "spin",
@@ -87,9 +81,6 @@ class PoseTask(Task):
         pose, goal = self.draw(uniform)
         there = np.ones((len(pose), 1), dtype=bool) if present is None else present
         return Start(pose[:, None, :], there, goal[:, None, :])
-
-    def caption(self, relations: Relations, episode: Episode, world: int) -> str:
-        return pose_caption(self, relations, episode, world)
 
     def somewhere(self, uniform: np.ndarray) -> np.ndarray:
         """Return positions (n, 2) at which the part lies wholly on the surface, from ``uniform`` (n, 2)."""
@@ -137,14 +128,6 @@ class PoseTask(Task):
         return periods[:1] if (periods == periods[0]).all() else periods
 
 
-def pose_caption(task: Task, relations: Relations, episode: Episode, world: int, part: int = 0) -> str:
-    """Return the distance of the only part with a goal, and its heading error where headings count."""
-    text = f"{task.name}   distance {1e3 * episode.position_error[world]:.1f} mm"
-    if task.has_heading:
-        text += f"   heading {rounded(float(np.degrees(relations.error[world, part, 2]))):+.1f} deg to go"
-    return text
-
-
 def _fallen(info: Any) -> np.ndarray:
     if isinstance(info, dict):
         return np.asarray(info.get("fallen", False), dtype=bool)
@@ -158,7 +141,6 @@ class Transport(PoseTask):
 
     position_tolerance = 0.005
     draws = 5
-    FACTS = ("is_success", "position_error", "fallen", "diverged")
 
     def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         start = self._anywhere(uniform[:, 0:3])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -19,9 +19,8 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import Length
 from vibgym.tasks.base import Start, Task
-from vibgym.tasks.episode import Episode, Relations
-from vibgym.tasks.pose import PoseTask, pose_caption
-from vibgym.tasks.scoring import FactScoring, Stage
+from vibgym.tasks.pose import PoseTask
+from vibgym.tasks.scoring import Scoring, Stage
 from vibgym.tasks.starts import pose_of_absent
 
 MARGIN = 0.025
@@ -41,11 +40,6 @@ class Push(Task):
     are the only ones that actions control. By default two discs push a T of 72 mm, as in PushT (Chi et al., RSS 2023), and all
     borders have walls. Headings count modulo a part's symmetry. ``info["coverage"]`` is the share of the goal's area that
     the pushed part covers.
-
-    Args:
-        surface: the table.
-        parts: one at least that is pushed (``coupling`` 0), and one that is not.
-        settings: of the task.
 
     Raises:
         ValueError: if there are no pushers, or not exactly one part to push, or a part does not fit on the surface.
@@ -145,20 +139,19 @@ class Push(Task):
     def scoring(self, state: State, periods: int) -> CoverageScoring:
         return CoverageScoring(self, state, periods)
 
-    def caption(self, relations: Relations, episode: Episode, world: int) -> str:
-        return pose_caption(self, relations, episode, world, self.pushed)
 
+class CoverageScoring(Scoring):
+    """Measures the share of the goal that the pushed part covers."""
 
-class CoverageScoring(FactScoring):
-    """Reports the share of the goal that the pushed part covers."""
+    MEASURED = ("coverage",)
 
-    FACT = "coverage"
+    def __init__(self, task: Push, state: State, periods: int) -> None:
+        super().__init__(task.rules(periods), task.part_kinds, state)
+        self._pushed = task.pushed
 
-    def measure(self) -> Stage:
-        task: Any = self._task
-        return bound(
-            goal_coverage, hulls_of(task.part_kinds), task.pushed, self._state.record.pose, self.episode.goal, self.fact
-        )
+    def measure(self) -> list[Stage]:
+        pose, coverage = self.state.pose, self.measured["coverage"]
+        return [bound(goal_coverage, hulls_of(self._parts), self._pushed, pose, self.episode.goal, coverage)]
 
 
 @jit

@@ -1,23 +1,18 @@
-"""Scoring of episodes on the true state, and rewards that a task computes in NumPy.
-
-A shipped reward is a table of quantities and weights (:attr:`vibgym.tasks.Task.TERMS`), which the kernels of
-:mod:`vibgym.tasks.episode` evaluate. A task that overrides :meth:`vibgym.tasks.Task.reward` gets the same quantities as arrays.
-"""
+"""Scoring of the episodes of all worlds on the true state, by the kernels of :mod:`.episode`; the step that a reward is of."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from vibgym import checks
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.core.records import STATE, State
 from vibgym.scene.hulls import hulls_of
+from vibgym.scene.kinds import Kinds
 from vibgym.tasks.assignment import EXCHANGE, exchange_goals
 from vibgym.tasks.episode import (
     CONTEXT,
@@ -25,29 +20,29 @@ from vibgym.tasks.episode import (
     Context,
     Episode,
     Relations,
+    Rules,
     Start,
     average_worlds,
     new_episode,
     new_relations,
-    relate_parts,
     relate_worlds,
     score_worlds,
 )
-
-if TYPE_CHECKING:
-    from vibgym.tasks.base import Task
-
 
 Stage = Callable[[np.ndarray], None]
 
 
 class Scoring:
-    """Starts and scores the episodes of all worlds of a task.
+    """Starts and scores the episodes of all worlds.
+
+    A subclass adds what a task measures beyond :class:`vibgym.tasks.episode.Episode`: arrays in :meth:`own_state` and
+    :meth:`info`, and kernels in :meth:`stages`. One value per world needs :attr:`MEASURED` and :meth:`measure` only.
 
     Args:
-        task: with its parts.
+        rules: of the task.
+        parts: of the worlds.
         state: true state of the worlds; its arrays are changed in place.
-        periods: oscillation periods of a step.
+        exchanged: (parts,) kinds; parts of a kind exchange goals where that shortens their distances. None: goals stay.
         motion: numbers of the motion of every goal, see :class:`vibgym.tasks.episode.Episode`.
 
     Attributes (live arrays):
@@ -56,25 +51,36 @@ class Scoring:
         players: (worlds, parts) bool, parts of the episodes, on the table or not.
         rewarded: (worlds, parts) bool, parts that the reward of a step includes.
         changed: (worlds, parts) bool, parts that have arrived or left in a step.
+        measured: entries of ``info`` by their names, :attr:`MEASURED`, each (worlds,).
     """
 
-    def __init__(self, task: Task, state: State, periods: int, motion: int = 0) -> None:
-        worlds, parts = state.pose.shape[:2]
-        self._task, self._rules, self._state = task, task.rules(periods), Pinned(STATE, state)
-        self.relations = new_relations(worlds, parts, self._rules.far)
-        self.episode = new_episode(worlds, parts, len(self._rules.term), motion)
+    MEASURED: ClassVar[tuple[str, ...]] = ()
+    """Entries of ``info`` that :meth:`measure` computes."""
+
+    def __init__(
+        self, rules: Rules, parts: Kinds, state: State, exchanged: np.ndarray | None = None, motion: int = 0
+    ) -> None:
+        worlds, count = state.pose.shape[:2]
+        self.rules, self._parts, self._state = rules, parts, Pinned(STATE, state)
+        self._exchanged = None if exchanged is None else np.ascontiguousarray(exchanged)
+        self.relations = new_relations(worlds, count, rules.far)
+        self.episode = new_episode(worlds, count, len(rules.term), motion)
         self.players = self.rewarded = self.episode.present
         self.changed = self.episode.arrived
+        self.measured = {name: np.zeros(worlds) for name in self.MEASURED}
         self._context = self.context(self.relations)
-        self._everyone = np.arange(worlds)
-        self._several = parts > 1  # the gap and neighbour of a single part never change
+
+    @property
+    def state(self) -> State:
+        """True state of the worlds, live."""
+        return self._state.record
 
     def context(self, relations: Relations) -> Pinned[Context]:
         """Return the kernels' arguments for such relations, with scratch memory for one thread."""
-        hulls = hulls_of(self._task.part_kinds)
+        hulls = hulls_of(self._parts)
         fits = np.zeros(self.episode.done.shape[1], dtype=bool)
         scratch = np.zeros(hulls.corner.shape), np.ones(2), np.zeros(len(QUANTITIES)), fits
-        return Pinned(CONTEXT, Context(relations, self.episode, self._rules, hulls, *scratch))
+        return Pinned(CONTEXT, Context(relations, self.episode, self.rules, hulls, *scratch))
 
     def shares(self) -> np.ndarray:
         """Return the number of parts (worlds,) that the mean of a reward is over."""
@@ -96,13 +102,13 @@ class Scoring:
 
     def own_state(self) -> dict[str, np.ndarray]:
         """Return live arrays (worlds, ...) that a snapshot contains in addition to episodes and relations."""
-        return {}
+        return dict(self.measured)
 
-    def facts(self) -> dict[str, np.ndarray]:
+    def info(self) -> dict[str, np.ndarray]:
         """Return further entries of ``info``, each (worlds,); live arrays."""
-        return {}
+        return dict(self.measured)
 
-    def part_facts(self) -> dict[str, np.ndarray]:
+    def part_info(self) -> dict[str, np.ndarray]:
         """Return further entries of ``info["parts"]``, each (worlds, parts); live arrays."""
         return {}
 
@@ -113,77 +119,31 @@ class Scoring:
     def begin(self, worlds: np.ndarray, start: Start) -> None:
         """Start the episodes of ``worlds`` (index array), whose parts have been placed."""
         self.episode.goal[worlds], self.episode.present[worlds] = start.goal, start.present
-        state, context = self._state, self._context.address
-        if self._several:
-            relate_parts(context, True, state.record.pose, state.record.fallen, worlds)
-        score_worlds(state.address, context, True, worlds)
-
-    def score(self) -> None:
-        """Score one step of every world relative to the previous one."""
-        for stage in self.stages():
-            stage(self._everyone)
+        score_worlds(self._state.address, self._context.address, True, worlds)
+        for stage in self.measure():
+            stage(worlds)
 
     def stages(self) -> list[Stage]:
         """Return the functions that score a step of some worlds, called in order with their index array.
 
         Each call allocates scratch memory: stages of several calls can run at the same time, on different worlds.
         """
-        context, true, episode = self.context(self.relations), self._state.record, self.episode
-        stages = [bound(score_worlds, self._state, context, False)]
-        if self._several:
-            stages.insert(0, bound(relate_parts, context, True, true.pose, true.fallen))
-        if self._task.exchanges:
-            kind = np.ascontiguousarray(self._task.kind)
-            stages.insert(0, bound(exchange_goals, kind, episode.present, true.pose, episode.goal, EXCHANGE))
-        return stages
+        stages = [bound(score_worlds, self._state, self.context(self.relations), False), *self.measure()]
+        if self._exchanged is None:
+            return stages
+        present, pose, goal = self.episode.present, self.state.pose, self.episode.goal
+        return [bound(exchange_goals, self._exchanged, present, pose, goal, EXCHANGE), *stages]
+
+    def measure(self) -> list[Stage]:
+        """Return stages that compute :attr:`measured` at the start of an episode and after every step; as :meth:`stages`."""
+        return []
 
     def relating(self, relations: Relations) -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
         """Return a function that updates relations by other poses than the true ones; scratch memory as for :meth:`stages`.
 
         Its arguments: index array of worlds, poses (worlds, parts, 3), and which parts to ignore (worlds, parts) bool.
         """
-        context = self.context(relations)
-        to_goals, to_parts = bound(relate_worlds, context), bound(relate_parts, context, False)
-        if not self._several:
-            return lambda worlds, pose, gone: to_goals(worlds, pose)
-
-        def relate(worlds: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> None:
-            to_parts(pose, gone, worlds)
-            to_goals(worlds, pose)
-
-        return relate
-
-
-class FactScoring(Scoring):
-    """Scoring with one more entry of ``info``, which a kernel computes at the start of an episode and after every step.
-
-    Attributes:
-        FACT: its name.
-        fact: (worlds,) live array.
-    """
-
-    FACT: ClassVar[str]
-
-    def __init__(self, task: Task, state: State, periods: int) -> None:
-        super().__init__(task, state, periods)
-        self.fact = np.zeros(len(state.pose))
-
-    @abstractmethod
-    def measure(self) -> Stage:
-        """Return the stage that computes :attr:`fact` of some worlds."""
-
-    def own_state(self) -> dict[str, np.ndarray]:
-        return {self.FACT: self.fact}
-
-    def facts(self) -> dict[str, np.ndarray]:
-        return {self.FACT: self.fact}
-
-    def begin(self, worlds: np.ndarray, start: Start) -> None:
-        super().begin(worlds, start)
-        self.measure()(worlds)
-
-    def stages(self) -> list[Stage]:
-        return [*super().stages(), self.measure()]
+        return bound(relate_worlds, self.context(relations))
 
 
 class Instant(NamedTuple):
@@ -216,7 +176,7 @@ class Instant(NamedTuple):
             state.pose, state.velocity, state.mean_velocity, state.sticking, episode.goal, relations.error, relations.gap,
             episode.done, episode.part_fallen,
         )  # fmt: skip
-        return cls(*map(_readable, live))
+        return cls(*map(read_only, live))
 
 
 @dataclass(frozen=True)
@@ -246,113 +206,8 @@ class Step:
         return self._elements()
 
 
-class CustomReward:
-    """Calls a task's :meth:`~vibgym.tasks.Task.reward` after every step and weighs its terms; see :meth:`Scoring.average`.
-
-    Args:
-        scoring: of a task with a custom reward, called once at construction with a step in which nothing happens.
-        elements: computes :attr:`Step.phasors`.
-
-    Attributes:
-        names: of the terms.
-        terms: (worlds, terms) weighted.  part_terms: (worlds, parts, terms) likewise.
-
-    Raises:
-        ValueError: the task returns no mapping, a term of a wrong shape or one without a weight; a weight of no term.
-    """
-
-    def __init__(self, scoring: Scoring, elements: Callable[[], np.ndarray]) -> None:
-        self._scoring, self._elements, self._task = scoring, elements, scoring._task
-        worlds, parts = self._shape = scoring.episode.present.shape
-        self.names: tuple[str, ...] = ()
-        self.begin_step()
-        with np.errstate(all="ignore"):
-            first = self._asked(np.ones(self._shape, dtype=bool))
-        self.names = tuple(first)
-        for name in self._task.settings.weights:
-            if name not in self.names:
-                raise checks.unknown("term", name, self.names, of="task_settings.weights")
-        self.terms, self.part_terms = np.zeros((worlds, len(first))), np.zeros((worlds, parts, len(first)))
-
-    def begin_step(self) -> None:
-        """Store the state before a step."""
-        self._before = Instant(*(view.copy() for view in self._now()))
-
-    @np.errstate(over="ignore", invalid="ignore")  # what is not finite is refused
-    def score(self) -> None:
-        """Compute the reward of the step that has just been scored.
-
-        Raises:
-            ValueError: the task returns no mapping, other terms than before, or one of a wrong shape, without a weight or
-                with numbers that are not finite.
-        """
-        scoring, task = self._scoring, self._task
-        for k, (name, values) in enumerate(self._asked(scoring.rewarded).items()):
-            part_terms = self.part_terms[..., k]
-            part_terms[:] = task.weights[name] * np.where(scoring.rewarded, values, 0.0)
-            if not np.isfinite(part_terms).all():
-                world, part = np.argwhere(~np.isfinite(part_terms))[0].tolist()
-                what = f"reward of {task.name}, term {name!r}, part {part} of world {world}"
-                raise checks.refuse(what, float(values[world, part]), "a finite number, weighed too")
-        worst = np.array([task.counts_worst(task.made_of.get(name, name)) for name in self.names])
-        scoring.average(self.part_terms, worst, self.terms)
-
-    def _now(self) -> Instant:
-        return Instant.of(self._scoring._state.record, self._scoring.episode, self._scoring.relations)
-
-    def _asked(self, present: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the task's terms, checked except for their numbers."""
-        episode, periods = self._scoring.episode, self._scoring._rules.periods
-        quantities = {name: _readable(episode.part_terms[..., k]) for k, name in enumerate(QUANTITIES)}
-        here, success = _readable(present), _readable(episode.success)
-        step = Step(self._before, self._now(), quantities, here, success, periods, self._elements)
-        found = self._task.reward(step)
-        if not isinstance(found, Mapping):
-            raise checks.refuse(f"reward of {self._task.name}", found, "a mapping from terms to (worlds, parts) arrays")
-        terms = {name: self._checked(name, values) for name, values in found.items()}
-        if self.names and tuple(terms) != self.names:
-            if set(terms) != set(self.names):
-                allowed = f"the terms of its first step: {', '.join(self.names)}"
-                raise checks.refuse(f"reward of {self._task.name}", list(terms), allowed)
-            terms = {name: terms[name] for name in self.names}
-        return terms
-
-    def _checked(self, name: Any, values: Any) -> np.ndarray:
-        """Return a term as an array of numbers, if it has a weight."""
-        known = self._task.weights
-        if not isinstance(name, str) or name not in known:
-            allowed = f"those with a weight, in TERMS or task_settings.weights: {', '.join(known) or 'none'}"
-            raise checks.refuse(f"terms of the reward of {self._task.name}", name, allowed)
-        where, meaning = f"reward of {self._task.name}, term {name!r}", ": (worlds, parts)"
-        return checks.shaped(where, values, (self._shape,), "an array of numbers", meaning, "bfiu").astype(np.float64)
-
-
-def _readable(array: np.ndarray) -> np.ndarray:
+def read_only(array: np.ndarray) -> np.ndarray:
     """Return a read-only view."""
     view = array.view()
     view.flags.writeable = False
     return view
-
-
-def terms_of(owner: str, terms: Mapping[str, Any], own: bool) -> tuple[dict[str, str], dict[str, float]]:
-    """Return the quantities and the weights of a task's table of terms.
-
-    Args:
-        owner: the task's name, for errors.
-        terms: see :attr:`vibgym.tasks.Task.TERMS`.
-        own: whether the task overrides ``reward``.
-
-    Raises:
-        ValueError: if a quantity is unknown, a weight is not finite, or a term is not computed by any quantity or override.
-    """
-    made_of, weights = {}, {}
-    for name, entry in terms.items():
-        where, weight = f"{owner}.TERMS[{name!r}]", entry
-        if isinstance(entry, tuple) and len(entry) == 2:
-            made_of[name] = checks.choice(f"{where}[0]", entry[0], QUANTITIES)
-            weight = entry[1]
-        elif not own:
-            known = f"(quantity, weight) with a quantity among {', '.join(QUANTITIES)}"
-            raise checks.refuse(where, entry, f"{known}, or a reward that returns the term")
-        weights[name] = checks.number(where, weight)
-    return made_of, weights

@@ -21,11 +21,7 @@ Zones = dict[str, tuple[float, float, float, float]]
 class ArrangedTask(Task):
     """Base class of tasks with several parts whose starts are drawn by :class:`vibgym.tasks.Starts`.
 
-    Args:
-        surface: the table.
-        parts: the parts; those with the same name are of one kind, and there are at most three kinds.
-        settings: of the task.
-        apart: m, distance to the nearest other part above which a part is done; None: it does not count.
+    They have room for parts :attr:`apart`, where a subclass sets it first.
 
     Raises:
         ValueError: a bad start, or too little room on the surface.
@@ -51,19 +47,14 @@ class ArrangedTask(Task):
         "success": ("success", 5.0),
         "fallen": ("fallen", 5.0),
     }
-    FACTS = ("is_success", "position_error", "clearance", "touching", "parts_done", "fallen", "diverged")
     FEATURES = (
         "present", "kind", "element", "heading", "position", "way", "way_coarse", "velocity", "spin", "gap", "neighbour"
     )  # fmt: skip
 
     RANDOMIZED = ("parts",)
 
-    def __init__(
-        self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None, apart: float | None = None
-    ) -> None:
+    def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
         super().__init__(surface, parts, settings)
-        if apart is not None:
-            self.apart = apart
         scene = surface, self.parts, self.settings.randomize.parts, self.apart
         self.starts: Starts = STARTS.make("start", self.settings.start, *scene)
         self.draws = self.starts.draws
@@ -109,7 +100,8 @@ class Singulate(ArrangedTask):
     settings: Settings
 
     def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
-        super().__init__(surface, parts, settings, apart=math.sqrt(2.0) * surface.element_size)
+        self.apart = math.sqrt(2.0) * surface.element_size
+        super().__init__(surface, parts, settings)
 
 
 ZONE_COLUMNS = 6

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -54,7 +54,7 @@ CLEAR = 0.002
 TOUCH = 1e-6
 """Parts closer than this are in touch, m. Approaching parts stop at half of it."""
 
-MOST_STEPS = 200
+MAX_STEPS = 200
 """Of one approach; a handful is usual."""
 
 
@@ -129,7 +129,7 @@ def slide(hulls, placed, pose, order, count, ux, uy, length):
     """
     part = order[count]
     travelled = 0.0
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         place_hulls(hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], placed)
         smallest, step = math.inf, length - travelled
         for k in range(count):
@@ -209,27 +209,25 @@ def push_together(hulls, room, order, count, numbers, placed, pose):
             slide(hulls, placed, pose, order, k, 0.0, -1.0, room.cells[k, 1] - room.cells[0, 1])
 
 
-@jit
-def heap_starts(hulls, room, order, count, tries, placed, pose):
+@jit(allocates=True)
+def heap_starts(hulls, room, order, count, tries, pose):
     """Draw the poses of the present parts of n worlds, each in one heap.
 
     Args:
         order: (n, parts) int64, the present parts first, in the order in which they are placed.
         count: (n,) number of present parts.
         tries: (n, parts, TRIES, numbers of a try) uniform.
-        placed: scratch, as ``hulls.corner``.
         pose: (n, parts, 3), overwritten for present parts.
     """
+    placed = np.empty_like(hulls.corner)
     for world in range(pose.shape[0]):
         heap(hulls, room, order[world], count[world], tries[world], placed, pose[world])
 
 
-@jit
-def scatter_starts(hulls, room, order, count, tries, placed, cells, pose):
-    """Draw the poses of the present parts of n worlds, scattered.
-
-    Args: as for :func:`heap_starts`, and cells: scratch, (cells of the room,) int64.
-    """
+@jit(allocates=True)
+def scatter_starts(hulls, room, order, count, tries, pose):
+    """Draw the poses of the present parts of n worlds, scattered. Args: as for :func:`heap_starts`."""
+    placed, cells = np.empty_like(hulls.corner), np.empty(room.cells.shape[0], np.int64)
     for world in range(pose.shape[0]):
         scatter(hulls, room, order[world], count[world], tries[world], placed, cells, pose[world])
 
@@ -309,6 +307,9 @@ class Scattered(Starts):
     NUMBERS: ClassVar[int] = 3
     """Uniform numbers of one try."""
 
+    PLACE: ClassVar[Callable[..., None]] = staticmethod(scatter_starts)
+    """Kernel that draws the poses."""
+
     def __init__(self, *scene: Any, **settings: Any) -> None:
         super().__init__(*scene, **settings)
         surface, parts = self.surface, self.parts
@@ -328,29 +329,17 @@ class Scattered(Starts):
         pose = np.zeros((worlds, parts, 3))
         order = np.where(present, uniform[:, 1 : 1 + parts], 1.0).argsort(axis=1, kind="stable")
         tries = np.ascontiguousarray(uniform[:, 1 + parts :]).reshape(worlds, parts, TRIES, self.NUMBERS)
-        self.place(order, present.sum(axis=1), tries, np.empty_like(self._hulls.corner), pose)
+        self.PLACE(self._hulls, self._room, order, present.sum(axis=1), tries, pose)
         return pose
-
-    def place(
-        self, order: np.ndarray, count: np.ndarray, tries: np.ndarray, placed: np.ndarray, pose: np.ndarray
-    ) -> None:
-        """Write the poses; arguments as for :func:`scatter_starts`."""
-        cells = np.empty(len(self._room.cells), dtype=np.int64)
-        scatter_starts(self._hulls, self._room, order, count, tries, placed, cells, pose)
 
 
 class Crowded(Scattered):
     """One heap, in touch."""
 
-    NUMBERS = 2
+    NUMBERS, PLACE = 2, staticmethod(heap_starts)
 
     def __init__(self, *scene: Any, **settings: Any) -> None:
         super().__init__(*scene, clear=0.0, **settings)
-
-    def place(
-        self, order: np.ndarray, count: np.ndarray, tries: np.ndarray, placed: np.ndarray, pose: np.ndarray
-    ) -> None:
-        heap_starts(self._hulls, self._room, order, count, tries, placed, pose)
 
 
 class Arranged(Starts):

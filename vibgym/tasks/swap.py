@@ -13,7 +13,6 @@ from vibgym import checks
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import Length
-from vibgym.tasks.assignment import give_out
 from vibgym.tasks.base import Start, Task
 from vibgym.tasks.pose import PATIENT_TERMS, PoseTask
 from vibgym.tasks.starts import DrawnParts, Scattered, pose_of_absent
@@ -30,11 +29,6 @@ class Swap(Task):
 
     Parts of the first kind start scattered over the left end, those of the second over the right end. Their goals, drawn in
     the same way, are at the other end, so all have to pass one another on the way. Headings count modulo a part's symmetry.
-
-    Args:
-        surface: the table.
-        parts: of two kinds, by their names, in any order.
-        settings: of the task.
 
     Raises:
         ValueError: another number of kinds, or ends that overlap or are too small.
@@ -102,10 +96,3 @@ class Swap(Task):
         goal = np.where(present[..., None], goal, 0.0)
         start = Start(pose, present, goal)
         return start._replace(goal=self.goal_from(start, pose))
-
-    def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
-        if not self.settings.free:
-            return start.goal
-        goal = start.goal.copy()
-        give_out(self.kind, start.present, np.ascontiguousarray(pose), goal)
-        return goal

@@ -66,7 +66,6 @@ class Park(PoseTask):
     """Bring the part to the left end, whatever its heading."""
 
     position_tolerance = 0.010
-    FACTS = ("is_success", "position_error", "fallen", "diverged")
     draws = 2
 
     def draw(self, uniform):

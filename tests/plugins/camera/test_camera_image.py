@@ -73,7 +73,7 @@ def test_half_the_lines_are_two_and_two_together():
 def test_odd_lines_of_an_interlaced_image_are_from_half_a_period_before():
     sensor = camera([BLOCK], POSE, **QUIET, lines="interlaced")
     velocity = np.array([[[0.25, -0.1, 0.5]]])
-    sensor.look(state_of(POSE, velocity))
+    sensor.sample(state_of(POSE, velocity))
     image = sensor.image()[0]
     now = picture(**QUIET, lines="all")
     before = picture(np.array(POSE) - 0.02 * velocity, **QUIET, lines="all")

@@ -38,9 +38,9 @@ def test_a_part_that_leaves_the_image_is_lost_and_found_again():
     sensor = camera([BLOCK, DISC], [[[x[0], 0.1, 0.0], [0.2, 0.1, 0.0]]])
     seen = []
     for at in x[1:]:
-        sensor.look(state_of([[[at, 0.1, 0.0], [0.2, 0.1, 0.0]]]))
+        sensor.sample(state_of([[[at, 0.1, 0.0], [0.2, 0.1, 0.0]]]))
         seen.append(sensor.due.seen[0].tolist())
-        assert sensor.facts()["losses"].tolist() == [int(not seen[-1][0])] and not sensor.facts()["merges"].any()
+        assert sensor.info()["losses"].tolist() == [int(not seen[-1][0])] and not sensor.info()["merges"].any()
     assert seen == [[True, True], [True, True], [False, True], [True, True], [True, True]]
 
 
@@ -50,19 +50,19 @@ def test_touching_parts_are_merged_and_separated_again(statistical):
     poses = [[[0.3, 0.1, 0.0], [0.35 + gap, 0.1, 0.0], [0.6, 0.1, 1.0]] for gap in gaps]
     sensor = camera([BLOCK] * 3, [poses[0]], statistical=statistical)
     for pose, gap in zip(poses[1:], gaps[1:]):
-        sensor.look(state_of([pose]))
+        sensor.sample(state_of([pose]))
         apart = gap > 0.001
         assert sensor.due.seen[0].tolist() == [apart, apart, True]
-        assert sensor.facts()["merges"].tolist() == [0 if apart else 2] and not sensor.facts()["losses"].any()
-        assert np.isfinite(sensor.due.pose).all() and not sensor.facts()["swaps"].any()
+        assert sensor.info()["merges"].tolist() == [0 if apart else 2] and not sensor.info()["losses"].any()
+        assert np.isfinite(sensor.due.pose).all() and not sensor.info()["swaps"].any()
 
 
 def test_swapped_parts_are_counted():
     """Two parts of a kind that exchange positions between samples cannot be distinguished."""
     left, right = [0.3, 0.1, 0.0], [0.4, 0.1, 0.0]
     sensor = camera([BLOCK, BLOCK], [[left, right]])
-    sensor.look(state_of([[right, left]]))
-    assert sensor.due.seen.all() and sensor.facts()["swaps"].tolist() == [2]
+    sensor.sample(state_of([[right, left]]))
+    assert sensor.due.seen.all() and sensor.info()["swaps"].tolist() == [2]
 
 
 def test_the_image_is_the_one_that_is_due():
@@ -140,7 +140,7 @@ def test_errors_of_the_statistical_sensor_equal_the_cameras(settings):
             sensor = camera([part], pose, statistical=statistical, **settings)
             errors = [sensor.due.pose - pose]
             for at in (pose, shifted):
-                sensor.look(state_of(at))
+                sensor.sample(state_of(at))
                 assert sensor.due.seen.all()
                 errors.append(sensor.due.pose - at)
             first, again, moved = (each[:, 0] for each in errors)
@@ -163,7 +163,7 @@ def test_effect_of_motion_on_interlaced_lines(part):
         sensor.track.velocity[:] = velocity  # as after some tracked samples
         sensor.looks[:] = 1
         sensor.track.pose[:] = pose - 0.04 * velocity
-        sensor.look(state_of(pose, velocity))
+        sensor.sample(state_of(pose, velocity))
         assert sensor.due.seen.all()
         errors[statistical] = (sensor.due.pose - pose)[:, 0]
     assert errors[False][:, :2] == pytest.approx(-0.01 * velocity[:, 0, :2], abs=3e-4)
@@ -179,7 +179,7 @@ def test_its_error_freezes_at_rest(statistical):
     sensor = camera([BLOCK], pose, statistical=statistical, edge="threshold", noise=0.3)
     total = np.zeros_like(pose)
     for _ in range(16):
-        sensor.look(state_of(pose))
+        sensor.sample(state_of(pose))
         total += sensor.due.pose - pose
     one, mean = (sensor.due.pose - pose).std(axis=0), (total / 16).std(axis=0)
     assert (mean > 0.8 * one).all() and one[0, 2] > math.radians(0.3)

@@ -69,7 +69,7 @@ def test_headings_of_all_shapes_through_two_turns(part, lines):
     worst = 0.0
     for k in range(1, 130):
         pose = [0.1 + 0.004 * k, 0.06 + 0.0007 * k, 0.1 * k]
-        sensor.look(state_of([[pose]]))
+        sensor.sample(state_of([[pose]]))
         assert sensor.due.seen.all()
         error = sensor.due.pose[0, 0] - pose
         worst = max(worst, abs(error[2]))
@@ -86,7 +86,7 @@ def test_no_identity_is_lost_among_parts_that_keep_the_spacing_rule(lines, edge)
     assert (np.diff(order, axis=0) != 0).sum() // 2 > 20  # they do pass each other
     sensor = camera(parts, poses[:1], lines=lines, edge=edge)
     for before, now in zip(poses[:-1], poses[1:]):
-        sensor.look(state_of([now], (now - before) / 0.04))
+        sensor.sample(state_of([now], (now - before) / 0.04))
         assert sensor.due.seen.all() and not sensor.track.count.any()
         assert np.abs(sensor.due.pose[0] - now)[:, :2].max() < 1e-3
 
@@ -97,7 +97,7 @@ def test_kinds_are_distinguished_by_shape():
     for kinds in ([ALUMINIUM, STEEL], [STEEL, DISC], [ALUMINIUM, SQUARE]):
         sensor = camera(kinds, [[left, right]])
         near = [[0.306, 0.1, 0.0], [0.306, 0.16, 0.0]]
-        sensor.look(state_of([near]))
+        sensor.sample(state_of([near]))
         assert sensor.due.seen.all() and not sensor.track.count.any()
     traits = traits_of([ALUMINIUM, STEEL], np.arange(2))
     assert traits.area[1] / traits.area[0] == pytest.approx(8 / 7) and SURFACE.width > 0.8

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Surface
-from vibgym.tasks import route
-from vibgym.tasks.paths import EFFORT, DrawnPaths, Reach
+from vibgym.tasks import paths as route
+from vibgym.tasks.follow import DrawnPaths
+from vibgym.tasks.paths import EFFORT, Reach
 
 SURFACE, TALL = Surface(), Surface(rows=24, columns=10)
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibgym import Part, Surface
-from vibgym.tasks import route
-from vibgym.tasks.paths import EFFORT, GivenPaths, Reach
-from vibgym.tasks.route import rounded
+from vibgym.tasks import paths as route
+from vibgym.tasks.follow import GivenPaths
+from vibgym.tasks.paths import EFFORT, Reach, rounded
 
 SURFACE = Surface()
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)

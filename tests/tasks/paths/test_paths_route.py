@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vibgym.tasks import route
+from vibgym.tasks import paths as route
 
 WINDOW = 0.06
 

@@ -81,7 +81,7 @@ class CameraSensor(Sensor):
         errors = self.errors
         return np.sqrt(errors.mean**2 + errors.fixed**2 + errors.white**2)[self.kinds.kind]
 
-    def facts(self) -> dict[str, np.ndarray]:
+    def info(self) -> dict[str, np.ndarray]:
         return {name: self.track.count[:, k] for k, name in enumerate(MISHAPS)}
 
     def keep_pictures(self) -> None:
@@ -127,8 +127,8 @@ class CameraSensor(Sensor):
         for picture in self._pictures:
             self._take(picture, worlds, state)
 
-    def look(self, state: State) -> None:
-        super().look(state)
+    def sample(self, state: State) -> None:
+        super().sample(state)
         if self._pictures:
             self._pictures.append(self._pictures.pop(0))
             self._take(self._pictures[-1], self._everyone, state)
