@@ -1,5 +1,5 @@
 // Draws a table on a canvas: elements, zones, paths, goals, trails and parts, to scale, as vibgym.rendering.canvas does. It
-// knows a scene (what stays, see vibgym.plugins.play.drawing) and a view (what is now), lengths in m, y up, and nothing of where
+// knows a scene (what stays, see vibgym.plugins.play.picture) and a view (what is now), lengths in m, y up, and nothing of where
 // they come from.
 
 import { placed, wedge } from "./shapes.js";
