@@ -13,10 +13,10 @@ import yaml
 from vibgym import Part, Surface
 from vibgym.__main__ import main
 from vibgym.identification import Camera, Excitation, Log, fit, record
+from vibgym.identification.command import page, settings_text
 from vibgym.identification.fit import _Job
 from vibgym.identification.guess import first_estimates, starts_of
 from vibgym.identification.law import applied
-from vibgym.identification.page import page, settings_text
 from vibgym.identification.plant import LOCAL
 from vibgym.identification.solver import STATE_SCALE, Estimate
 
@@ -217,7 +217,7 @@ def test_environments_load_the_settings_file(fitted):
 @pytest.mark.full
 def test_command_writes_page_and_settings(log, tmp_path, capsys, monkeypatch, fitted):
     monkeypatch.setattr(
-        "vibgym.identification.fit", lambda log, report, force: fitted
+        "vibgym.identification.command.fit", lambda log, report, force: fitted
     )  # fitted above, from the same recording
     log.save(tmp_path / "log.npz")
     assert main(["identify", str(tmp_path / "log.npz"), "--quiet"]) == 0

@@ -89,7 +89,7 @@ class Core:
         self.actuators.vary(self.randomization.actuators)
         settings = task_settings(options, cls, self.randomization.task)
         self.task: Task = cls(self.surface, self.parts, settings=settings)
-        self.action = self._new_action()
+        self.action = self.new_action()
         self.action.step_time = self.periods * self.surface.period
         self.simulator = self._new_simulator()
         disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
@@ -175,7 +175,7 @@ class Core:
         self.shape_draws = drawn.draws
         return drawn.fixed(options, drawn.shapes)
 
-    def _new_action(self) -> Action:
+    def new_action(self) -> Action:
         """Create the action."""
         return new_action(self.options.action, self.surface, self.parts)
 

@@ -36,7 +36,7 @@ class SimulatedCore(Core):
 
     action: GivenMotion
 
-    def _new_action(self) -> Action:
+    def new_action(self) -> Action:
         return GivenMotion(self.surface, self.parts)
 
 

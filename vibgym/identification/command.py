@@ -1,15 +1,21 @@
-"""Page and settings file of a fit: ``python -m vibgym identify LOG``."""
+"""``python -m vibgym identify LOG``: page and settings file of a fit."""
 
 from __future__ import annotations
 
+import argparse
 import html
+import sys
 from collections.abc import Iterable, Sequence
 from io import StringIO
 from typing import Any
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.config import json_values
+from vibgym.files import output_directory, write_together
+from vibgym.identification.fit import fit
+from vibgym.identification.log import Log
 from vibgym.identification.result import Fitted
 
 UNITS: dict[str, tuple[float, str]] = {
@@ -27,6 +33,25 @@ STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:52rem;margin:2rem a
 body{color:#1b1b1b;background:#fff}
 table{border-collapse:collapse}td,th{padding:.15rem .7rem;border-bottom:1px solid #ddd;text-align:right}
 th:first-child,td:first-child{text-align:left}.wide{overflow-x:auto}svg{width:100%;height:auto}small{color:#444}"""
+
+
+def identify(arguments: argparse.Namespace) -> int:
+    """Fit the recording, print the result, and write both files; returns the exit code."""
+    log = Log.load(arguments.log)
+    folder = output_directory(arguments.output or arguments.log.parent)
+    report = None if arguments.quiet else lambda line: print(line, file=sys.stderr, flush=True)
+    with checks.within(arguments.log, kind=checks.Refused):
+        fitted = fit(log, report=report, force=arguments.force)
+    title = f"Identification of {arguments.log.name}"
+    write_together({folder / "identified.html": page(fitted, title), folder / "machine.yaml": settings_text(fitted)})
+    for name, value, between, unit in rows(fitted):
+        print(f"{name:<28}{value:>12} {unit:<8}{between}")
+    for name, advice in fitted.unidentified.items():
+        print(f"not identified: {name} ({advice})")
+    for note in fitted.notes:
+        print(note)
+    print(f"written: {folder / 'identified.html'}, {folder / 'machine.yaml'}")
+    return 0
 
 
 def rows(fitted: Fitted) -> list[list[str]]:
