@@ -12,7 +12,7 @@ from vibgym.physics.core.assignment import assign
 from vibgym.plugins.camera.calibration import Grid, at_height, locate
 from vibgym.plugins.camera.edges import Grey, complex_moment, share_moments, shares
 from vibgym.plugins.camera.image import Canvas, Exposure, Shapes, draw, wipe
-from vibgym.plugins.camera.objects import Found, Interest, clear, find, new_found
+from vibgym.plugins.camera.objects import Found, Interest, find, new_found
 from vibgym.plugins.camera.optics import Optics
 from vibgym.plugins.camera.shapes import Traits
 
@@ -256,7 +256,6 @@ def look_at(
             rig.optics, rig.shapes, rig.exposure, pose[w], earlier[w], shown[w], key[w], looks[w], seen.canvas,
             seen.boxes,
         )  # fmt: skip
-        clear(seen.found)
         find(seen.canvas.grey, known.interest, seen.found)
         for k in range(seen.found.count[0]):
             measure_object(seen.canvas.grey, known, seen.found, k, seen.measure[k])

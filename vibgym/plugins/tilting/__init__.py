@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibgym.plugins.tilting.model import Tilting, TiltingSettings, scheme_of
+from vibgym.plugins.tilting.model import Tilting, TiltingMultibody, TiltingSettings, scheme_of
 from vibgym.scene.parts import kinds_of
 from vibgym.simulation.model import Model, Setup
 from vibgym.simulation.schemes import planar_scheme, planar_schemes
@@ -24,8 +24,6 @@ def tilting(setup: Setup, settings: TiltingSettings | None = None) -> Model:
     scheme = scheme_of(setup.surface, TiltingSettings() if settings is None else settings)
     if not setup.multibody:
         return Tilting(setup, planar_scheme(setup.surface, setup.parts[0]), scheme)
-    from vibgym.plugins.tilting.multibody import TiltingMultibody
-
     return TiltingMultibody(setup, planar_schemes(setup.surface, kinds_of(setup.parts)[0], setup.walls), scheme)
 
 

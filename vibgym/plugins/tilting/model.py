@@ -16,10 +16,11 @@ from pydantic import Field
 
 from vibgym import checks
 from vibgym.kernels.reference import Pinned
+from vibgym.physics.contacts.multibody import BroadPhase
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
 from vibgym.physics.planar.friction import slide_rows
-from vibgym.plugins.tilting.period import rock_rows, sort_rows
+from vibgym.plugins.tilting.period import keep_toppled, rock_rows, sort_rows
 from vibgym.plugins.tilting.records import (
     FIXED_TILTING,
     FLAT,
@@ -41,6 +42,8 @@ from vibgym.settings import BaseSettings, Length
 from vibgym.simulation import Simulator
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup, worlds_from
 from vibgym.simulation.models import planar_scene
+from vibgym.simulation.multibody import ContactBuffers, Multibody
+from vibgym.simulation.schemes import PlanarSchemes
 from vibgym.simulation.threads import Pool
 
 LEAST_RAMP = 1e-6
@@ -271,6 +274,40 @@ class Tilting(AbovePlane):
             flat, others = sorted_rows(rows, rigid, inputs, tilt, 1)
             rock_rows(others, True, rigid, *inputs, tilt, NO_PATHS, 0, 0)
             slide_rows(flat, planar, *inputs, 1, NO_PATHS, 0)
+
+
+class TiltingMultibody(AbovePlane, Multibody):
+    """The tilting model of several parts in a world, or with walls: contacts of the planar model, rigid bodies between them.
+
+    For contacts a tilted part has its flat footprint. In a period in which it touches another part or a wall, the planar model
+    computes its motion in the plane as that of a flat part; height and tilt are integrated without the contacts.
+    """
+
+    def __init__(self, setup: Setup, schemes: PlanarSchemes, scheme: TiltScheme) -> None:
+        Multibody.__init__(self, setup, schemes)
+        AbovePlane.__init__(self, setup, scheme)
+        self._rigid = Pool(partial(rigid_buffers, setup, scheme))
+
+    def check_conditions(self, conditions: Conditions, where: str) -> None:
+        self.check_contacts(conditions, where)
+
+    def slide(
+        self, start: int, stop: int, buffers: ContactBuffers, prospect: BroadPhase, drive: int, state: int, near: bool
+    ) -> None:
+        paths, base, tilt = prospect.paths if near else NO_PATHS, start * buffers.parts, self.pinned.address
+        rigid, inputs = self._rigid.take(), (drive, state)
+        touching = prospect.driven[: stop - start] & (prospect.found[: stop - start] > 0)[:, None]
+        _, others = sorted_rows(base + np.flatnonzero(touching), rigid.address, inputs, tilt, 1)
+        rock_rows(others, False, rigid.address, *inputs, tilt, NO_PATHS, 0, 0)
+        for kind, alone in enumerate(buffers.alone):
+            rows = prospect.rows[kind, : prospect.count[kind]]
+            flat, others = sorted_rows(rows, rigid.address, inputs, tilt, 1)
+            rock_rows(others, True, rigid.address, *inputs, tilt, paths, base, int(prospect.steps[kind]))
+            slide_rows(flat, alone.address, *inputs, 1, paths, base)
+        self._rigid.give(rigid)
+
+    def end_period(self, start: int, stop: int, buffers: ContactBuffers, state: int) -> None:
+        keep_toppled(start, stop, state, self.pinned.address)
 
 
 def sorted_rows(
