@@ -14,7 +14,7 @@ from vibgym import Part, Surface
 from vibgym.__main__ import main
 from vibgym.identification import Camera, Excitation, Log, fit, record
 from vibgym.identification.command import page, settings_text
-from vibgym.identification.fit import _Job
+from vibgym.identification.fit import Fit
 from vibgym.identification.guess import first_estimates, starts_of
 from vibgym.identification.law import applied
 from vibgym.identification.plant import LOCAL
@@ -95,7 +95,7 @@ def test_correlations_are_those_of_a_covariance(fitted):
 
 
 def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
-    job = _Job(log, NOMINAL, (PART,), print)
+    job = Fit(log, NOMINAL, (PART,), print)
     solver = job.solver(12)
     parameters = first_estimates(log, solver.plant.segments, job.surface, job.kinds, job.sheet)[0]
     starts = starts_of(solver.plant.segments, parameters, job.surface)
@@ -135,7 +135,7 @@ def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
 
 
 def test_common_gain_and_phase_can_be_exchanged_with_those_of_the_elements(log):
-    job = _Job(log, NOMINAL, (PART,), print)
+    job = Fit(log, NOMINAL, (PART,), print)
     solver = job.solver(40)
     parameters = first_estimates(log, solver.plant.segments, job.surface, job.kinds, job.sheet)[0]
     starts = starts_of(solver.plant.segments, parameters, job.surface)
@@ -276,7 +276,7 @@ def test_a_result_that_is_not_to_be_used_is_refused_unless_forced(log, fitted, m
             return fitted
         return replace(fitted, values={**fitted.values, name: float(value.split()[0])})
 
-    monkeypatch.setattr(_Job, "run", run)
+    monkeypatch.setattr(Fit, "run", run)
     with pytest.raises(ValueError, match=fault):
         fit(log)
     assert fault in fit(log, force=True).notes[-1]

@@ -16,7 +16,7 @@ from vibgym.config import json_values
 from vibgym.files import output_directory, write_together
 from vibgym.identification.fit import fit
 from vibgym.identification.log import Log
-from vibgym.identification.result import Fitted
+from vibgym.identification.outcome import Fitted
 
 UNITS: dict[str, tuple[float, str]] = {
     "frequency": (1.0, "Hz"), "horizontal_amplitude": (1e3, "mm"), "dead_zone": (1e3, "mm"), "phase": (np.degrees(1.0), "deg"),

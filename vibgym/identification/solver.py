@@ -149,12 +149,11 @@ class Solver:
     def posterior(self, system: System, now: Estimate, fixed: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
         """Return step and covariance of the dense unknowns with the prior; unknowns ``fixed`` do not change."""
         precision, gradient = self._prior_terms(now)
-        matrix, right = system.matrix + np.diag(precision), system.right + gradient
-        free = np.ones(len(right), dtype=bool)
-        free[list(fixed)] = False
-        covariance, step = np.zeros_like(matrix), np.zeros_like(right)
-        covariance[np.ix_(free, free)] = np.linalg.inv(matrix[np.ix_(free, free)])
-        step[free] = covariance[np.ix_(free, free)] @ right[free]
+        matrix = system.matrix + np.diag(precision)
+        free = np.delete(np.arange(len(matrix)), fixed)
+        covariance, step = np.zeros_like(matrix), np.zeros(len(matrix))
+        covariance[np.ix_(free, free)] = inverse = np.linalg.inv(matrix[np.ix_(free, free)])
+        step[free] = inverse @ (system.right + gradient)[free]
         return step, covariance
 
     def freedom(self, which: Sequence[int], system: System, covariance: np.ndarray) -> np.ndarray:
@@ -288,8 +287,6 @@ class Solver:
         """
         _, covariance = self.posterior(system, now, fixed)
         _, gradient = self._prior_terms(now)
-        free = np.ones(len(gradient), dtype=bool)
-        free[list(fixed)] = False
         count = len(predicted[0])
         rights, squares = np.zeros((len(gradient), count)), np.zeros((count, count))
         for segment, each, (q, _, block), own in zip(which, predicted, system.blocks, system.columns, strict=True):
@@ -297,7 +294,8 @@ class Solver:
             left, rest = _rest(q, block), _rest(q, residual.reshape(count, -1).T)
             rights[own] += left.T @ rest
             squares += rest.T @ rest
-        rights = (rights + gradient[:, None]) * free[:, None]
+        rights += gradient[:, None]
+        rights[list(fixed)] = 0.0
         return squares - rights.T @ covariance @ rights, rights
 
 

@@ -32,7 +32,6 @@ from vibgym.plugins.tilting.records import (
     TiltScheme,
     new_tilt,
     new_work,
-    tilt_scheme,
 )
 from vibgym.scene.bodies import bodies_of
 from vibgym.scene.outlines import is_convex, rotation
@@ -94,10 +93,12 @@ def solids_of(kinds: list[Part]) -> Solids:
 
 
 def scheme_of(surface: Surface, settings: TiltingSettings) -> TiltScheme:
-    """Return the model's constants."""
+    """Return the model's constants, with the drive's trigonometry at the half steps."""
     ramp = max(checks.number("model.ramp", settings.ramp, most=0.5 * surface.element_size * (1.0 + 1e-12)), LEAST_RAMP)
     settling = max(surface.full_scale / surface.angular_frequency, LEAST_SETTLING)
-    return tilt_scheme(settings.steps, settings.restitution, ramp, surface.element_size, settling)
+    steps, fineness = settings.steps, 1.0 / surface.element_size
+    phase, steepness = np.arange(2 * steps + 1) * (math.pi / steps), 0.5 * surface.element_size / ramp
+    return TiltScheme(steps, np.cos(phase), np.sin(phase), settings.restitution, ramp, fineness, steepness, settling)
 
 
 def stands(part: Part, heading: np.ndarray, lean: np.ndarray) -> np.ndarray:
