@@ -96,7 +96,8 @@ def test_correlations_are_those_of_a_covariance(fitted):
 
 def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
     job = Fit(log, NOMINAL, (PART,), print)
-    solver = job.solver(12)
+    job.use_segments(12)
+    solver = job.solver
     parameters = first_estimates(log, solver.plant.segments, job.surface, job.kinds, job.sheet)[0]
     starts = starts_of(solver.plant.segments, parameters, job.surface)
     now = Estimate(parameters, starts, np.array([3e-4, 4e-3]), job.prior(parameters))
@@ -131,12 +132,13 @@ def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
     measured = np.concatenate(rows)
     lever = np.einsum("ij,jk,ik->i", measured, np.linalg.inv(dense.T @ dense), measured).reshape(-1, 3)
     free = [2 * len(lever) - lever[:, :2].sum(), len(lever) - lever[:, 2].sum()]
-    np.testing.assert_allclose(solver.freedom(which, system, covariance), free, rtol=1e-6)
+    np.testing.assert_allclose(solver.freedom(system, covariance), free, rtol=1e-6)
 
 
 def test_common_gain_and_phase_can_be_exchanged_with_those_of_the_elements(log):
     job = Fit(log, NOMINAL, (PART,), print)
-    solver = job.solver(40)
+    job.use_segments(40)
+    solver = job.solver
     parameters = first_estimates(log, solver.plant.segments, job.surface, job.kinds, job.sheet)[0]
     starts = starts_of(solver.plant.segments, parameters, job.surface)
     each = solver.plant.differentiate([3], parameters, starts, elements=True)[0]

@@ -85,10 +85,8 @@ def settings_text(fitted: Fitted) -> str:
 def page(fitted: Fitted, title: str) -> str:
     """Return the page as HTML, in one file without scripts."""
     residuals = fitted.residuals
-    coupled = sorted(
-        ((abs(value), a, b, value) for (a, b), value in fitted.correlation.items() if a < b and np.isfinite(value)),
-        reverse=True,
-    )[:8]
+    pairs = [(a, b, value) for (a, b), value in fitted.correlation.items() if a < b and np.isfinite(value)]
+    coupled = sorted(pairs, key=lambda pair: -abs(pair[2]))[:8]
     body = [
         f"<h1>{html.escape(title)}</h1>",
         "<h2>Values</h2>",
@@ -96,7 +94,7 @@ def page(fitted: Fitted, title: str) -> str:
         "<h2>Not identified</h2>",
         _table(("parameter", "recording that would identify it"), fitted.unidentified.items()),
         "<h2>Largest correlations</h2>",
-        _table(("pair", "correlation"), ((f"{a}, {b}", f"{value:+.3f}") for _, a, b, value in coupled)),
+        _table(("pair", "correlation"), ((f"{a}, {b}", f"{value:+.3f}") for a, b, value in coupled)),
         "<h2>Alternatives</h2>",
         _table(("hypothesis", "chi squared above the best"), ((k, f"{v:.1f}") for k, v in fitted.alternatives.items())),
         "<h2>Residuals over time</h2>",
@@ -108,10 +106,7 @@ def page(fitted: Fitted, title: str) -> str:
         _over_table(fitted, _by_element(fitted)),
         "<h2>Gain of the elements</h2>",
         "<p>Relative to the common gain, in percent. Grey: not visited long enough.</p>",
-        _over_table(
-            fitted,
-            np.where(_known(fitted), 100.0 * fitted.elements[..., 0], np.nan),
-        ),
+        _over_table(fitted, np.where(_known(fitted), 100.0 * fitted.elements[..., 0], np.nan)),
         "<h2>Recording</h2>",
         "<ul>" + "".join(f"<li>{html.escape(each)}</li>" for each in fitted.notes) + "</ul>",
     ]
@@ -171,9 +166,8 @@ def _by_element(fitted: Fitted) -> np.ndarray:
 def _over_table(fitted: Fitted, values: np.ndarray) -> str:
     """Return a map of the surface, y upwards; NaN is grey."""
     side = WIDTH / fitted.surface.columns
-    least, most = (
-        (float(bound(values)) for bound in (np.nanmin, np.nanmax)) if np.isfinite(values).any() else (0.0, 1.0)
-    )
+    known = values[np.isfinite(values)]
+    least, most = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     parts = [_svg(WIDTH, side * fitted.surface.rows + 20, f"Map of the surface, from {least:.3g} to {most:.3g}")]
     for (row, column), value in np.ndenumerate(values):
         fill = "#ddd" if np.isnan(value) else _colour((value - least) / max(most - least, 1e-12))

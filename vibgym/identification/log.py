@@ -71,16 +71,13 @@ class Log:
             checks.array(f"log.{name}", found[name], shapes[name], least=least)
         pose, taken = found["pose"], found["taken"]
         if np.isinf(pose).any() or (np.isnan(pose).any(axis=2) != np.isnan(pose).all(axis=2)).any():
-            raise checks.refuse(
-                "log.pose", "infinity, or a pose that is partly NaN", "finite, or NaN for the whole pose"
-            )
+            got = "infinity, or a pose that is partly NaN"
+            raise checks.refuse("log.pose", got, "finite, or NaN for the whole pose")
         seen = ~np.isnan(pose[..., 0]).all(axis=1)
         if not np.isfinite(taken[seen]).all():
             raise checks.refuse("log.taken", "a row with poses but without a time", "finite in rows with poses")
-        for name, values, rows in (
-            ("time", found["time"], np.arange(n)),
-            ("taken", taken[seen], np.flatnonzero(seen)),
-        ):
+        clocks = ("time", found["time"], np.arange(n)), ("taken", taken[seen], np.flatnonzero(seen))
+        for name, values, rows in clocks:
             back = np.diff(values) <= 0.0 if name == "time" else np.diff(values) < 0.0
             if back.any():
                 k = int(np.flatnonzero(back)[0])

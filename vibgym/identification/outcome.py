@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from vibgym.identification.guess import wrapped
 from vibgym.identification.law import applied
 from vibgym.identification.segments import LONG
-from vibgym.identification.solver import Estimate, Solver, System
+from vibgym.identification.solver import Estimate, System
 from vibgym.physics.core.hardware import FORMS
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -93,23 +92,14 @@ class Outcome:
 
     Args:
         problem: what was fitted.
-        solver, now, which, system: estimate, segments, and the problem linearized there.
+        now, system: estimate, and the problem linearized there.
         zone: 95 % interval of a hard dead zone (m), which has no derivative; None for other forms.
     """
 
-    def __init__(
-        self,
-        problem: Fit,
-        solver: Solver,
-        now: Estimate,
-        which: Sequence[int],
-        system: System,
-        zone: tuple[float, float] | None,
-    ) -> None:
-        self.problem, self.solver, self.now = problem, solver, now
-        self.which, self.system, self.zone = which, system, zone
+    def __init__(self, problem: Fit, now: Estimate, system: System, zone: tuple[float, float] | None) -> None:
+        self.problem, self.solver, self.now, self.system, self.zone = problem, problem.solver, now, system, zone
         self.fixed = problem.fixed(now)
-        _, self.covariance = solver.posterior(system, now, self.fixed)
+        _, self.covariance = self.solver.posterior(system, now, self.fixed)
         for found in problem.laws.values():  # laws of several kinds are independent, but for the other parameters
             change = self.covariance @ found.products
             self.covariance = self.covariance + change @ found.covariance @ change.T
@@ -133,17 +123,14 @@ class Outcome:
         values["latency"], values["dead_zone_form"] = now.parameters.latency, now.parameters.dead_zone_form
         self.add_spreads(values, intervals)
         self.add_laws(values, intervals)
-        free = self.solver.freedom(self.which, self.system, self.covariance)
+        free = self.solver.freedom(self.system, self.covariance)
         for k, name in enumerate(("noise_position", "noise_heading")):
             value, factor = float(now.noise[k]), math.exp(LEVEL / math.sqrt(2.0 * free[k]))
             values[name], intervals[name] = value, (value / factor, value * factor)
         relative = deviation[:shared] / now.prior.deviation
-        correlation = self.covariance[:shared, :shared] / np.maximum(
-            np.outer(deviation[:shared], deviation[:shared]), 1e-300
-        )
-        pairs = {
-            (a, b): float(correlation[i, j]) for i, a in enumerate(problem.names) for j, b in enumerate(problem.names)
-        }
+        product = np.maximum(np.outer(deviation[:shared], deviation[:shared]), 1e-300)
+        correlation, names = self.covariance[:shared, :shared] / product, list(enumerate(problem.names))
+        pairs = {(a, b): float(correlation[i, j]) for i, a in names for j, b in names}
         relation = np.array([1.0 / now.parameters.gain, 1.0])  # of gains, from absolute to relative errors
         elements = now.parameters.elements * relation
         element_deviations = deviation[shared:].reshape(elements.shape)
@@ -243,7 +230,7 @@ class Outcome:
     def residual_rows(self) -> np.ndarray:
         """Return the rows of :attr:`Fitted.residuals`."""
         rows = []
-        for k, residual in zip(self.which, self.system.residuals, strict=True):
+        for k, residual in zip(self.system.which, self.system.residuals, strict=True):
             each = self.solver.plant.segments[k]
             head = np.column_stack([each.first + each.instant, np.full(len(residual), each.part), each.pose[:, :2]])
             rows.append(np.column_stack([head, residual[:, :2]]))

@@ -296,16 +296,8 @@ class Plant:
         number[:, LIMIT], number[:, RESOLUTION] = self._limit * scale, self._resolution * scale
         element = np.zeros((*batch.response.shape, 4))
         element[..., 0], element[..., 1] = np.real(batch.response), np.imag(batch.response)
-        hardware = Pinned(
-            HARDWARE,
-            Hardware(
-                source=np.zeros(worlds, dtype=np.int64),
-                element=element,
-                number=number,
-                form=FORMS.index(parameters.dead_zone_form),
-                top=self.top * scale,
-            ),
-        )
+        form = FORMS.index(parameters.dead_zone_form)
+        hardware = Pinned(HARDWARE, Hardware(np.zeros(worlds, np.int64), element, number, form, self.top * scale))
         drive = self._drive._replace(hardware=hardware.address)
         rows, path = self._first[batch.segment] - parameters.latency, np.empty((self._length + 1, worlds, 3))
         path[0] = batch.start[:, :3]
@@ -356,9 +348,8 @@ class Plant:
         shared[:, 2, place["camera_turn"]] = 1.0
         shared[:, 0, place["camera_x"]] = shared[:, 1, place["camera_y"]] = 1.0
         stacked = (np.stack(elements, axis=-1) if elements else np.zeros((n, 3, 0))).reshape(n, 3, -1, 2)
-        if (
-            elements
-        ):  # only sums of common and own errors act: derivatives that differed would forbid an exchange between them
+        # Only sums of common and own errors act: derivatives that differed would forbid an exchange between them.
+        if elements:
             shared[..., place["gain"]] = parameters.gain * stacked[..., 0].sum(axis=-1)
             shared[..., place["phase"]] = stacked[..., 1].sum(axis=-1)
         return Derivatives(local, shared, stacked)

@@ -280,9 +280,8 @@ class Session:
         rows, columns = self.world.paint.shape[:2]
         cells = np.array(elements, dtype=int).reshape(-1, 2)
         if ((cells < 0) | (cells >= [rows, columns])).any():
-            raise checks.refuse(
-                "elements", "an element off the table", f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
-            )
+            allowed = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
+            raise checks.refuse("elements", "an element off the table", allowed)
         if begin:
             self._note()
         colour = np.array([np.nan, np.nan] if phasor is None else phasor)
