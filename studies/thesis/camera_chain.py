@@ -134,7 +134,7 @@ def _runs(scene: Scene) -> bytes:
     number = int(np.argmin(np.hypot(*(scene.measures[:, X : X + 2] - scene.pose[2, :2]).T)))
     runs = scene.found.run[scene.found.first[number] : scene.found.first[number + 1]]
     inside, box = scene.found.label == number + 1, scene.found.box[number]
-    edge = np.argwhere(inside & ~binary_erosion(inside))
+    edge = np.argwhere(inside & ~np.asarray(binary_erosion(inside), dtype=bool))
     outline = _outline(scene, 2)
     for k in range(2):
         axes = figure.add_subplot(1, 2, k + 1)
