@@ -10,7 +10,7 @@ import vibgym
 
 HEAVY = (
     "torch", "matplotlib", "pygame", "stable_baselines3", "scipy", "pandas", "PIL", "jinja2", "tensorboard", "safetensors",
-    "tqdm", "rich",
+    "tqdm", "rich", "vibgym.hardware", "vibgym.identification", "vibgym.plugins",
 )  # fmt: skip
 
 

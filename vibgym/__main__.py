@@ -73,25 +73,9 @@ def identify(parser: argparse.ArgumentParser) -> Command:
 
 def run_identification(arguments: argparse.Namespace) -> int:
     """Run ``identify``."""
-    from vibgym.files import output_directory, write_together
-    from vibgym.identification import Log, fit
-    from vibgym.identification.page import page, rows, settings_text
+    from vibgym.identification.command import identify
 
-    log = Log.load(arguments.log)
-    folder = output_directory(arguments.output or arguments.log.parent)
-    report = None if arguments.quiet else lambda line: print(line, file=sys.stderr, flush=True)
-    with checks.within(arguments.log, kind=checks.Refused):
-        fitted = fit(log, report=report, force=arguments.force)
-    title = f"Identification of {arguments.log.name}"
-    write_together({folder / "identified.html": page(fitted, title), folder / "machine.yaml": settings_text(fitted)})
-    for name, value, between, unit in rows(fitted):
-        print(f"{name:<28}{value:>12} {unit:<8}{between}")
-    for name, advice in fitted.unidentified.items():
-        print(f"not identified: {name} ({advice})")
-    for note in fitted.notes:
-        print(note)
-    print(f"written: {folder / 'identified.html'}, {folder / 'machine.yaml'}")
-    return 0
+    return identify(arguments)
 
 
 COMMANDS: Registry[Callable[[argparse.ArgumentParser], Command]] = Registry(

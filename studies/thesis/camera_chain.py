@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from scipy.ndimage import binary_erosion
 
 from agents.evaluation.figures import FAILURE, MUTED, SUCCESS, new_figure, png
 from studies.thesis.figure import Comparison, Figure, Picture
 from vibgym import Part, Surface
 from vibgym.physics.core.records import new_state
 from vibgym.plugins.camera.look import M00, XX, XY, YY, X, measure_object
-from vibgym.plugins.camera.objects import boundary, find_objects, new_found
+from vibgym.plugins.camera.objects import find, new_found
 from vibgym.plugins.camera.optics import projected
 from vibgym.scene.parts import shipped_part
 from vibgym.sensing import SENSORS
@@ -42,7 +43,7 @@ class Scene:
         self.setup = self.sensor.setup
         self.image = self.sensor.image()[0]
         self.found = new_found(self.setup.shape, 64)
-        find_objects(self.image, self.setup.known.interest, self.found)
+        find(self.image, self.setup.known.interest, self.found)
         self.measures = np.zeros((int(self.found.count[0]), 10))
         for k, measure in enumerate(self.measures):
             measure_object(self.image, self.setup.known, self.found, k, measure)
@@ -132,7 +133,8 @@ def _runs(scene: Scene) -> bytes:
     figure = new_figure(6.2, 3.2)
     number = int(np.argmin(np.hypot(*(scene.measures[:, X : X + 2] - scene.pose[2, :2]).T)))
     runs = scene.found.run[scene.found.first[number] : scene.found.first[number + 1]]
-    edge, box = boundary(scene.found, number), scene.found.box[number]
+    inside, box = scene.found.label == number + 1, scene.found.box[number]
+    edge = np.argwhere(inside & ~np.asarray(binary_erosion(inside), dtype=bool))
     outline = _outline(scene, 2)
     for k in range(2):
         axes = figure.add_subplot(1, 2, k + 1)

@@ -13,7 +13,7 @@ from studies.thesis.figure import Comparison, Figure, Picture, Table
 from vibgym.kernels.jit import jit
 from vibgym.plugins.camera.edges import Grey, share_moments, shares
 from vibgym.plugins.camera.image import BOTH, Exposure, hide, normal_quantiles
-from vibgym.plugins.camera.objects import Found, Interest, find_objects, new_found
+from vibgym.plugins.camera.objects import Found, Interest, find, new_found
 from vibgym.simulation.threads import available_threads
 
 CORNERS = 256
@@ -40,7 +40,7 @@ def _chain(
             for column in range(grey.shape[1]):
                 grey[line, column] = np.uint8(_LEVEL * bare[line, column] + 0.5)
                 bare[line, column] = 1.0
-        find_objects(grey, interest, found)
+        find(grey, interest, found)
         best = 0
         for k in range(found.count[0]):
             if found.moment[k, 0] > found.moment[best, 0]:

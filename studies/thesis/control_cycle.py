@@ -18,7 +18,7 @@ from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.physics.core.records import new_state
 from vibgym.plugins.camera.look import measure_object
-from vibgym.plugins.camera.objects import find_objects, new_found
+from vibgym.plugins.camera.objects import find, new_found
 from vibgym.scene.parts import shipped_part
 from vibgym.sensing import SENSORS
 
@@ -67,7 +67,7 @@ def cycle(objects: int) -> Cycle:
     found, measures = new_found(camera.setup.shape, 4 * objects + 16), np.zeros((4 * objects + 16, 10))
 
     def look() -> None:
-        find_objects(image, known.interest, found)
+        find(image, known.interest, found)
         for k in range(int(found.count[0])):
             measure_object(image, known, found, k, measures[k])
 

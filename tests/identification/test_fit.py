@@ -13,10 +13,10 @@ import yaml
 from vibgym import Part, Surface
 from vibgym.__main__ import main
 from vibgym.identification import Camera, Excitation, Log, fit, record
-from vibgym.identification.fit import _Job
+from vibgym.identification.command import page, settings_text
+from vibgym.identification.fit import Fit
 from vibgym.identification.guess import first_estimates, starts_of
 from vibgym.identification.law import applied
-from vibgym.identification.page import page, settings_text
 from vibgym.identification.plant import LOCAL
 from vibgym.identification.solver import STATE_SCALE, Estimate
 
@@ -95,8 +95,9 @@ def test_correlations_are_those_of_a_covariance(fitted):
 
 
 def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
-    job = _Job(log, NOMINAL, (PART,), print)
-    solver = job.solver(12)
+    job = Fit(log, NOMINAL, (PART,), print)
+    job.use_segments(12)
+    solver = job.solver
     parameters = first_estimates(log, solver.plant.segments, job.surface, job.kinds, job.sheet)[0]
     starts = starts_of(solver.plant.segments, parameters, job.surface)
     now = Estimate(parameters, starts, np.array([3e-4, 4e-3]), job.prior(parameters))
@@ -131,12 +132,13 @@ def test_the_linear_algebra_is_that_of_one_dense_least_squares_problem(log):
     measured = np.concatenate(rows)
     lever = np.einsum("ij,jk,ik->i", measured, np.linalg.inv(dense.T @ dense), measured).reshape(-1, 3)
     free = [2 * len(lever) - lever[:, :2].sum(), len(lever) - lever[:, 2].sum()]
-    np.testing.assert_allclose(solver.freedom(which, system, covariance), free, rtol=1e-6)
+    np.testing.assert_allclose(solver.freedom(system, covariance), free, rtol=1e-6)
 
 
 def test_common_gain_and_phase_can_be_exchanged_with_those_of_the_elements(log):
-    job = _Job(log, NOMINAL, (PART,), print)
-    solver = job.solver(40)
+    job = Fit(log, NOMINAL, (PART,), print)
+    job.use_segments(40)
+    solver = job.solver
     parameters = first_estimates(log, solver.plant.segments, job.surface, job.kinds, job.sheet)[0]
     starts = starts_of(solver.plant.segments, parameters, job.surface)
     each = solver.plant.differentiate([3], parameters, starts, elements=True)[0]
@@ -217,7 +219,7 @@ def test_environments_load_the_settings_file(fitted):
 @pytest.mark.full
 def test_command_writes_page_and_settings(log, tmp_path, capsys, monkeypatch, fitted):
     monkeypatch.setattr(
-        "vibgym.identification.fit", lambda log, report, force: fitted
+        "vibgym.identification.command.fit", lambda log, report, force: fitted
     )  # fitted above, from the same recording
     log.save(tmp_path / "log.npz")
     assert main(["identify", str(tmp_path / "log.npz"), "--quiet"]) == 0
@@ -276,7 +278,7 @@ def test_a_result_that_is_not_to_be_used_is_refused_unless_forced(log, fitted, m
             return fitted
         return replace(fitted, values={**fitted.values, name: float(value.split()[0])})
 
-    monkeypatch.setattr(_Job, "run", run)
+    monkeypatch.setattr(Fit, "run", run)
     with pytest.raises(ValueError, match=fault):
         fit(log)
     assert fault in fit(log, force=True).notes[-1]

@@ -97,7 +97,7 @@ class Core:
         settings = task_settings(options, cls, self.randomization.task)
         self.task: Task = cls(self.surface, self.kinds, settings=settings)
         self._tasks: dict[bytes, Task] = {}  # by the kinds of a world, see _task_of
-        self.action = self._new_action()
+        self.action = self.new_action()
         self.action.step_time = self.periods * self.surface.period
         self.simulator = self._new_simulator()
         disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
@@ -215,7 +215,7 @@ class Core:
             self._tasks[key] = type(self.task)(self.surface, parts, settings=self.task.settings)
         return self._tasks[key]
 
-    def _new_action(self) -> Action:
+    def new_action(self) -> Action:
         """Create the action."""
         return new_action(self.options.action, self.surface, self.kinds)
 

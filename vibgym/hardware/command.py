@@ -30,10 +30,8 @@ def serve(arguments: argparse.Namespace) -> int:
             connection, address = listener.accept()
             with connection:
                 try:
-                    session = Session(
-                        driver, Channel(connection, f"the control loop at {address[0]}"), hold=hold, clock=clock
-                    )
-                    print(session.run(), flush=True)
+                    channel = Channel(connection, f"the control loop at {address[0]}")
+                    print(Session(driver, channel, hold=hold, clock=clock).run(), flush=True)
                 except MachineError as error:
                     print(error, flush=True)
             seed = None if seed is None else seed + 1

@@ -12,8 +12,8 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -36,8 +36,6 @@ from vibgym.tasks.episode import HELD
 
 Locate = Callable[[np.ndarray], Any]
 """Image -> (parts, 3) poses, nan where a part was not found."""
-
-Result = TypeVar("Result")
 
 CLOSE = 1e-2
 """Relative difference to the step time that a machine may report: nominal and identified frequencies differ."""
@@ -138,12 +136,6 @@ class HardwareCore(Core):
         self._stopped = ""
         self._raw: tuple[float, np.ndarray, float] | None = None  # s, poses as measured and when, without a command yet
         self.missed, self.received, self.sent = 0, 0.0, 0.0
-        self.missed_rewards = [np.zeros_like(each) for each in self.rewards]
-
-    @property
-    def rewards(self) -> tuple[np.ndarray, ...]:
-        """Live arrays of the rewards of a step, and of their terms."""
-        return self.episode.reward, self.episode.part_reward, self.terms, self.part_terms
 
     def new_pipeline(self) -> HardwarePipeline:
         return HardwarePipeline(self)
@@ -167,7 +159,8 @@ class HardwareCore(Core):
         start = self.drawn_start(generators[0], override)
         present = start.present[0]
         self._stopped = ""
-        pose, taken = self.supervised(lambda: self._first(present))
+        with self.supervised():
+            pose, taken = self._first(present)
         lost = np.flatnonzero(present & ~np.isfinite(pose).all(axis=1))
         if lost.size:
             raise checks.conflict(f"part {lost[0]} is not measured at the start of the episode")
@@ -200,10 +193,11 @@ class HardwareCore(Core):
             self.record(now, amplitude, phase, pose, taken)
         self._raw = None
 
-    def supervised(self, work: Callable[[], Result]) -> Result:
-        """Return the result of ``work``; stop the elements if it fails."""
+    @contextlib.contextmanager
+    def supervised(self) -> Iterator[None]:
+        """Stop the elements if the block fails."""
         try:
-            return work()
+            yield
         except BaseException as error:
             self.stop(str(error) or type(error).__name__)
             raise
@@ -272,18 +266,25 @@ class HardwarePipeline(Pipeline):
     core: HardwareCore
 
     def run(self, action: np.ndarray, given: Any = None) -> None:
-        for missed in self.core.missed_rewards:
-            missed[...] = 0.0
+        episode = self.core.episode
+        self.rewards = episode.reward, episode.part_reward, self.core.terms, self.core.part_terms
+        self.missed_rewards = [np.zeros_like(each) for each in self.rewards]
         super().run(action, given)
-        for reward, missed in zip(self.core.rewards, self.core.missed_rewards, strict=True):
+        for reward, missed in zip(self.rewards, self.missed_rewards, strict=True):
             reward += missed
 
     def advance(self, batch: Batch) -> None:
         """Send the command, and receive the measurement of the next cycle."""
         core = self.core
-        core.drive, state = batch.command, core.simulator.state
-        core.supervised(lambda: self.exchange(batch))
-        reading = core.readings.last
+        core.drive, state, reading = batch.command, core.simulator.state, core.readings.last
+        with core.supervised():
+            core.send(batch.command)
+            self.predict(batch)
+            measurement = core.driver.receive()
+            core.received = core.clock()
+            for _ in range(core.watchdog.check_clock(core.driver.now())):
+                self.miss(batch)
+            core.add(measurement)
         seen = reading.seen[0]
         state.pose[0, seen] = reading.pose[0, seen]
         state.mean_velocity[0, seen] = state.velocity[0, seen] = reading.mean_velocity[0, seen]
@@ -292,31 +293,23 @@ class HardwarePipeline(Pipeline):
         for stage in self.by_block:
             stage(0)
 
-    def exchange(self, batch: Batch) -> None:
-        """Send the command, wait for the next cycle, and add its measurement to the readings."""
-        core, estimator = self.core, None if self.core.sensing.exact else self.core.sensing.estimator
-        core.send(batch.command)
-        self.predict(batch)
-        measurement = core.driver.receive()
-        core.received = core.clock()
-        for _ in range(core.watchdog.check_clock(core.driver.now())):
-            core.missed += 1
-            self.score_missed(batch)
-            if estimator is not None:
-                estimator.correct(core.readings.unseen)
-            self.predict(batch)  # the elements hold the command
-        core.add(measurement)
+    def miss(self, batch: Batch) -> None:
+        """Score a missed cycle with the last poses, and predict the next: the elements hold the command.
 
-    def score_missed(self, batch: Batch) -> None:
-        """Score a missed cycle with the last poses: goals move on, and its reward is part of this step's."""
+        Goals move on, and the reward is part of this step's.
+        """
         core = self.core
+        core.missed += 1
         core.suspend_hold()
         self.score(0)
         if core.reward is not None:
             self.replace_reward(batch)
             self.store_state(batch)
-        for reward, missed in zip(core.rewards, core.missed_rewards, strict=True):
+        for reward, missed in zip(self.rewards, self.missed_rewards, strict=True):
             missed += reward
+        if not core.sensing.exact:
+            core.sensing.estimator.correct(core.readings.unseen)
+        self.predict(batch)
 
     def predict(self, batch: Batch) -> None:
         """Run the estimator's model for a cycle, while the machine runs."""

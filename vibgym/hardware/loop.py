@@ -101,9 +101,8 @@ class ControlLoop:
         for name, value in chosen.items():
             checks.choice(name, settings.get(name, value), (value,))
         self.env = HardwareEnv(driver, task, **{**settings, **chosen})
-        self._rehearse(
-            HardwareEnv(Still(self.env, REHEARSED), task, **{**settings, **chosen, "watchdog": None}), policy
-        )
+        still = HardwareEnv(Still(self.env, REHEARSED), task, **{**settings, **chosen, "watchdog": None})
+        self._rehearse(still, policy)
 
     @staticmethod
     def _rehearse(env: HardwareEnv, policy: Any) -> None:

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from queue import SimpleQueue
-from tempfile import TemporaryFile
-from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -21,9 +18,7 @@ LEAST_ROWS = 2
 
 
 class Recorder:
-    """Writes a :class:`vibgym.identification.Log`.
-
-    Rows wait in a temporary file, so that memory does not grow. Another thread writes it: a disk may block for long.
+    """Writes a :class:`vibgym.identification.Log`; rows wait in memory.
 
     Args:
         path: of the log, ``.npz``.
@@ -39,49 +34,27 @@ class Recorder:
         self.path, self._settings = Path(path), settings
         output_files([self.path], "record")
         fields = [("time", "f8"), ("taken", "f8"), ("pose", "f8", (parts, 3))]
-        self._row = np.zeros(1, dtype=[*fields, *((name, "f8", elements) for name in ("amplitude", "phase"))])
-        self._rows, self._last = 0, -np.inf
-        self._error: OSError | None = None
-        self._file, self._queue = TemporaryFile(), SimpleQueue[bytes | None]()
-        self._writer = Thread(target=self._write, daemon=True)
-        self._writer.start()
+        self._type = np.dtype([*fields, *((name, "f8", elements) for name in ("amplitude", "phase"))])
+        self._rows: list[np.ndarray] = []
+        self._last = -np.inf
 
     def add(self, time: float, amplitude: Any, phase: Any, pose: np.ndarray, taken: float) -> None:
         """Add a cycle: see :class:`vibgym.identification.Log`. A second command at the same time is not recorded."""
         if not time > self._last:
             return
-        row = self._row[0]
+        row = np.zeros((), self._type)
         row["time"], row["taken"], row["amplitude"], row["phase"] = time, taken, amplitude, phase
         row["pose"] = np.where(np.isfinite(pose).all(axis=1, keepdims=True), pose, np.nan)
-        self._queue.put(self._row.tobytes())
-        self._rows, self._last = self._rows + 1, time
+        self._rows.append(row)
+        self._last = time
 
     def save(self) -> Path | None:
-        """Write the log and return its path; None if there are less than two cycles.
-
-        Raises:
-            OSError: rows could not be written, such as to a full disk.
-        """
-        self._queue.put(None)
-        self._writer.join()
-        with self._file as file:
-            if self._error is not None:
-                raise self._error
-            if self._rows < LEAST_ROWS:
-                return None
-            rows = np.memmap(file, self._row.dtype, "r", shape=(self._rows,))
-            arrays = {name: np.ascontiguousarray(rows[name]) for name in rows.dtype.names or ()}
-            Log(**arrays, settings=self._settings).save(self.path)
+        """Write the log and return its path; None if there are less than two cycles."""
+        if len(self._rows) < LEAST_ROWS:
+            return None
+        rows = np.stack(self._rows)
+        Log(**{name: rows[name] for name in rows.dtype.names or ()}, settings=self._settings).save(self.path)
         return self.path
-
-    def _write(self) -> None:
-        """Write rows until None."""
-        try:
-            for row in iter(self._queue.get, None):
-                self._file.write(row)
-            self._file.flush()
-        except OSError as error:
-            self._error = error
 
 
 class ReplayDriver:

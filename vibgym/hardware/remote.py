@@ -137,21 +137,19 @@ class Session:
         try:
             due = self._clock() if self._clock else 0.0
             while True:
-                self._channel.send(*pack_measurement(*self._measure()))
+                measurement = self._driver.receive()
+                self._channel.send(*pack_measurement(self._driver.now(), measurement))
                 if self._clock is None:
                     self._execute()
                     continue
-                due = max(
-                    due + self._driver.step_time, self._clock()
-                )  # a simulation that is late does not hurry afterwards
+                due = max(due + self._driver.step_time, self._clock())  # a late simulation does not hurry afterwards
                 self._sleep(max(due - self._clock(), 0.0))
                 self._held += 1
                 while self._channel.waiting():
                     self._execute()
                 if self._moving and self._held > self._hold:
-                    raise MachineError(
-                        f"the machine has had no command for {self._held} cycles: its elements have stopped"
-                    )
+                    since = f"the machine has had no command for {self._held} cycles"
+                    raise MachineError(f"{since}: its elements have stopped")
         except (MachineError, checks.Refused) as error:
             self._driver.stop()
             with contextlib.suppress(MachineError):  # the control loop may have gone
@@ -159,11 +157,6 @@ class Session:
             return str(error)
         finally:
             self._driver.stop()
-
-    def _measure(self) -> tuple[float, Measurement]:
-        """Return the measurement of the next cycle and its time."""
-        measurement = self._driver.receive()
-        return self._driver.now(), measurement
 
     def _execute(self) -> None:
         """Execute the next message of the control loop."""

@@ -36,7 +36,7 @@ class SimulatedCore(Core):
 
     action: GivenMotion
 
-    def _new_action(self) -> Action:
+    def new_action(self) -> Action:
         return GivenMotion(self.surface, self.parts)
 
 
@@ -63,6 +63,7 @@ class SimulatedDriver:
 
     Attributes:
         env: with the true state, ``env.truth``.
+        surface: the table.  parts: their number.  step_time: s, of a cycle.
         info: of the last step, by the true state.
 
     Raises:
@@ -86,6 +87,7 @@ class SimulatedDriver:
         if isinstance(actuators, Mapping):  # the control loop compensates
             kwargs["actuators"] = {name: value for name, value in actuators.items() if name != "compensate"}
         self.env = SimulatedMachine(**kwargs)
+        self.surface, self.parts, self.step_time = self.env.surface, len(self.env.parts), self.env.step_time
         self.info: dict[str, Any] = {}
         self._camera: Any = self.env.core.sensing.sensor if images else None
         if images:
@@ -100,23 +102,8 @@ class SimulatedDriver:
         self.stop()
         self._cycle = -1
 
-    @property
-    def surface(self) -> Any:
-        """The table, see :class:`vibgym.Surface`."""
-        return self.env.surface
-
-    @property
-    def parts(self) -> int:
-        """Number of parts."""
-        return len(self.env.parts)
-
-    @property
-    def step_time(self) -> float:
-        """Time of a cycle, s."""
-        return self.env.step_time
-
     def send(self, amplitude: np.ndarray, phase: np.ndarray) -> None:
-        action, most = self.env.core.action, float(self.surface.max_amplitude)
+        action, most = self.env.core.action, float(self.surface.max_amplitude or 0.0)
         given = checks.array("amplitude", amplitude, action.amplitude.shape[1:], least=0.0, most=most * (1.0 + 1e-12))
         action.amplitude[0], action.phase[0] = given, checks.array("phase", phase, action.phase.shape[1:])
 

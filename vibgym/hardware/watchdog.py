@@ -121,20 +121,15 @@ class Watchdog:
             self._fresh = now
         elif now - self._fresh > self.stale + self._oldest:
             since = f"no usable measurement for {now - self._fresh:.3f} s"
-            same = (
-                "the same one is repeated"
-                if again
-                else f"they are {now - taken:.3f} s old, sensor.delay is {delay:.3f} s"
-            )
-            raise Stopped(f"{since}: {same}")
+            old = f"they are {now - taken:.3f} s old, sensor.delay is {delay:.3f} s"
+            raise Stopped(f"{since}: {'the same one is repeated' if again else old}")
         return usable
 
     def _check_future(self, taken: float) -> None:
         now = self._now
         if not taken <= now + 0.5 * self._step:  # nan, too
-            raise Stopped(
-                f"a measurement of {taken:.3f} s arrived at {now:.3f} s: the clocks of machine and camera differ"
-            )
+            late = f"a measurement of {taken:.3f} s arrived at {now:.3f} s"
+            raise Stopped(f"{late}: the clocks of machine and camera differ")
 
     def check_parts(self, pose: np.ndarray, present: np.ndarray) -> None:
         """Check the poses of a measurement.

@@ -85,15 +85,13 @@ class Channel:
         """
         magic, version, kind, length = HEADER.unpack(self._read(HEADER.size, timeout))
         if magic != MAGIC:
-            raise MachineError(
-                f"{self.peer} does not speak this protocol: a message begins with {magic!r}, not {MAGIC!r}"
-            )
+            wrong = f"a message begins with {magic!r}, not {MAGIC!r}"
+            raise MachineError(f"{self.peer} does not speak this protocol: {wrong}")
         if version != VERSION:
             raise MachineError(f"{self.peer} has version {version} of the protocol, this side has version {VERSION}")
         if kind not in set(Kind) or length > MOST_BYTES:
-            raise MachineError(
-                f"{self.peer} has sent a message of kind {kind} with {length} bytes, which is not defined"
-            )
+            undefined = f"a message of kind {kind} with {length} bytes, which is not defined"
+            raise MachineError(f"{self.peer} has sent {undefined}")
         return Message(Kind(kind), self._read(length, timeout))
 
     def waiting(self) -> bool:
@@ -153,13 +151,11 @@ def unpack_measurement(message: Message, parts: int) -> tuple[float, Measurement
             pose = np.frombuffer(payload, "<f8", offset=TIMES.size).reshape(parts, 3)
             return now, Measurement(pose.astype(np.float64), taken)
         shape = SIZE.unpack_from(payload, TIMES.size)
-        return now, Measurement(
-            None, taken, np.frombuffer(payload, np.uint8, offset=TIMES.size + SIZE.size).reshape(shape)
-        )
+        image = np.frombuffer(payload, np.uint8, offset=TIMES.size + SIZE.size).reshape(shape)
+        return now, Measurement(None, taken, image)
     except (struct.error, ValueError):
-        raise MachineError(
-            f"a message {message.kind.name} has a payload of {len(payload)} bytes, which does not fit"
-        ) from None
+        size = f"a payload of {len(payload)} bytes, which does not fit"
+        raise MachineError(f"a message {message.kind.name} has {size}") from None
 
 
 def unpack_command(message: Message, shape: tuple[int, int]) -> np.ndarray:

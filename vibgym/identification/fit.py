@@ -10,17 +10,16 @@ from dataclasses import replace
 import numpy as np
 
 from vibgym import checks
+from vibgym.actuators import ACTUATORS
 from vibgym.identification import law
-from vibgym.identification.guess import CAMERA, LARGEST_ZONE, first_estimates, starts_of
+from vibgym.identification.guess import CAMERA, LARGEST_ZONE, first_estimates, latencies_of, starts_of
 from vibgym.identification.log import Log
-from vibgym.identification.outcome import Outcome
-from vibgym.identification.plant import Derivatives, Parameters, Plant
-from vibgym.identification.problem import Problem
-from vibgym.identification.result import Fitted
-from vibgym.identification.segments import LONG, SHORT, segments_of
+from vibgym.identification.outcome import Fitted, Outcome
+from vibgym.identification.plant import Parameters, Plant
+from vibgym.identification.segments import LONG, SHORT, segments_of, timing_of
 from vibgym.identification.solver import Estimate, Prior, Progress, Solver, System
 from vibgym.physics.core.hardware import FORMS, HARD
-from vibgym.scene.parts import Part
+from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 
 FEW, SOME = 60, 120
@@ -65,11 +64,20 @@ NEAR = 0.5
 SETTLED, ENOUGH = 0.02, 1.0
 """Step over standard deviation, of all shared parameters, and decrease of chi squared, below which the fit has converged."""
 
-MOST_NOISE = 3e-3, 0.1
-"""Largest plausible standard deviations of measured positions (m) and headings (rad)."""
+MOST_NOISE = ("noise_position", 3e-3, "m"), ("noise_heading", 0.1, "rad")
+"""Largest plausible standard deviations of measured positions and headings."""
 
 UNSETTLED, ASTRAY = 0.2, 1.0
 """Step over standard deviation above which it has not, and above which intervals have no meaning."""
+
+OUTSIDE = 0.05
+"""m beyond the table at which a part may be measured: an offset of the camera."""
+
+ERRATIC = 0.3
+"""Heading changes between images, in periods of the part's symmetry, that a tenth may exceed; of random ones, 0.45."""
+
+KNOWN = 1.05
+"""Lift-off over the nominal limit up to which the elements' limit is the nominal one."""
 
 
 def fit(
@@ -99,88 +107,121 @@ def fit(
     checks.instance("log", log, Log)
     nominal: Surface = log.surface if surface is None else checks.instance("surface", surface, Surface)
     parts = log.parts if parts is None else (parts,) if isinstance(parts, Part) else tuple(parts)
-    job = _Job(log, nominal, parts, report or (lambda line: None))
+    job = Fit(log, nominal, parts, report or (lambda line: None))
     fitted = job.run()
-    for k, (name, most, unit) in enumerate(
-        (("noise_position", MOST_NOISE[0], "m"), ("noise_heading", MOST_NOISE[1], "rad"))
-    ):
+    for k, (name, most, unit) in enumerate(MOST_NOISE):
         if fitted.values[name] > most:
             job.faults.insert(k, f"{name} is {fitted.values[name]:.3g} {unit}, at most {most:g} {unit} are plausible")
     if job.faults and not force:
-        raise checks.conflict(
-            f"log: {'; '.join(job.faults)}: check units, axes and nominal settings (force=True returns the result)"
-        )
+        faults = "; ".join(job.faults)
+        raise checks.conflict(f"log: {faults}: check units, axes and nominal settings (force=True returns the result)")
     return replace(fitted, notes=[*fitted.notes, *job.faults])
 
 
-class _Job(Problem):
-    """A fit in progress."""
+class Fit:
+    """A fit in progress: a recording, the nominal machine, and what is found besides numbers.
+
+    Args:
+        log: the recording.
+        surface, parts: nominal ones.
+        report: called with a line about each stage.
+
+    Attributes:
+        surface: with the frequency of the recording, and lift-off as its largest amplitude; ``nominal`` without.
+        limit: m, largest amplitude of the elements; commands have that of ``nominal``, which need not be the same.
+        kinds, kind_of: different parts, and the kind of each part.
+        sheet: data sheet of the nominal actuators.
+        names: of the shared parameters, in the order of :meth:`Parameters.vector`; ``zone``: index of the dead zone.
+        solver, everything: of the present segments, and their numbers.
+        alternatives: see :class:`vibgym.identification.Fitted`.
+        remarks: notes about the fit.
+        faults: reasons not to use its result.
+        laws: friction laws by kind, of those that require one.
+
+    Raises:
+        ValueError: commands for another surface, other parts, or too little data.
+    """
 
     def __init__(self, log: Log, surface: Surface, parts: tuple[Part, ...], report: Callable[[str], object]) -> None:
-        super().__init__(log, surface, parts)
-        self.report, self.zone = report, self.names.index("dead_zone")
+        _check_machine(log, surface, parts)
+        self.log, self.nominal, self.parts, self.report = log, surface, parts, report
+        self.timing = timing_of(log, surface.period)
+        frequency = 1.0 / self.timing.period
+        lift_off = surface.gravity / (2.0 * math.pi * frequency) ** 2
+        self.surface = replace(surface, frequency=frequency, max_amplitude=lift_off)
+        nominal_limit = min(surface.max_amplitude or math.inf, lift_off)
+        self.limit = lift_off if lift_off > KNOWN * nominal_limit else nominal_limit
+        self.kinds, self.kind_of = kinds_of(parts, Part.same_as)
+        self.sheet = ACTUATORS.make("actuators", log.settings["actuators"], surface, 1, 1).data_sheet
+        self.latencies = latencies_of(self.sheet)
+        self.names = [*_friction_names(self.kinds), *Parameters.GLOBALS]
+        self.zone = self.names.index("dead_zone")
+        self.alternatives: dict[str, float] = {}
+        self.remarks: list[str] = []
+        self.faults: list[str] = []
+        self.laws: dict[int, law.Rise] = {}
 
-    def solver(self, length: int) -> Solver:
-        """Return the solver for segments of a length."""
+    def fixed(self, now: Estimate) -> list[int]:
+        """Return the indices of parameters without derivatives: a hard dead zone has steps."""
+        return [self.zone] if now.parameters.dead_zone_form == FORMS[HARD] else []
+
+    def use_segments(self, length: int) -> None:
+        """Cut the recording into segments of a length, and set :attr:`solver` and :attr:`everything`."""
         segments = segments_of(self.log, self.timing, self.parts, self.surface.element_size, self.latencies, length)
-        limit = self.sheet.limit
-        resolution, fine = self.sheet.resolution, length == LONG
-        plant = Plant(self.log, segments, length, self.surface, self.kinds, limit, resolution, fine=fine)
+        limits, fine = (self.sheet.limit, self.sheet.resolution), length == LONG
+        plant = Plant(self.log, segments, length, self.surface, self.kinds, *limits, fine=fine)
         plant.top = self.limit
-        return Solver(plant, [kind.symmetry != 0 for kind in self.kinds])
+        self.solver, self.everything = Solver(plant, [kind.symmetry != 0 for kind in self.kinds]), range(len(segments))
 
     def run(self) -> Fitted:
         """Return the result."""
-        solver = self.solver(SHORT)
-        now = self.with_latency(solver)
-        everything, some = range(len(solver.plant.segments)), _drawn(solver, SOME)
+        self.use_segments(SHORT)
+        now, some = self.with_latency(), self.drawn(SOME)
         for _ in range(2):  # again with a better dead zone, whose form may be far from the nominal one
-            now = self.improve(solver, now, everything, ROUNDS, elements=False).estimate
-            now = self.with_zone(solver, now, some, solver.linearize(some, now, False))
+            now = self.improve(now, elements=False).estimate
+            now = self.with_zone(now, self.solver.linearize(some, now, False))
             for form in FORMS:
                 self.alternatives.pop(f"{form} dead zone", None)  # elements may decide otherwise
         # Long segments have several minima, so elements are fitted to short ones first.
-        now = self.improve(solver, now, everything, ROUNDS, elements=True).estimate
-        now = self.with_zone(solver, now, everything, solver.linearize(everything, now, True))
-        now = self.improve(solver, now, everything, ROUNDS, elements=True).estimate
+        now = self.improve(now).estimate
+        now = self.with_zone(now, self.solver.linearize(self.everything, now, True))
+        now = self.improve(now).estimate
         self.report(f"short segments: {self.describe(now)}")
-        known = {(each.part, each.first): start for each, start in zip(solver.plant.segments, now.starts, strict=True)}
-        solver = self.solver(LONG)
-        segments, everything = solver.plant.segments, range(len(solver.plant.segments))
+        short = zip(self.solver.plant.segments, now.starts, strict=True)
+        known = {(each.part, each.first): start for each, start in short}
+        self.use_segments(LONG)
+        segments = self.solver.plant.segments
         starts = starts_of(segments, now.parameters, self.surface)
         for k, each in enumerate(segments):
             starts[k] = known.get((each.part, each.first), starts[k])
-        done = self.improve(solver, replace(now, starts=starts), everything, ROUNDS, elements=True)
-        done = self.with_limit(solver, done, everything)
+        done = self.with_limit(self.improve(replace(now, starts=starts)))
         self.report(f"long segments: {self.describe(done.estimate)}")
-        system = solver.linearize(everything, done.estimate, True)
+        system = self.solver.linearize(self.everything, done.estimate, True)
         for _ in range(2):  # a form that fits better once the elements' errors are known is tried in a second round
-            now = self.with_zone(solver, done.estimate, everything, system)
-            tried = self.improve(solver, now, everything, ROUNDS, elements=True)
+            tried = self.improve(self.with_zone(done.estimate, system))
             worse = sum(len(each.pose) for each in segments) * (misfit(tried.estimate) - misfit(done.estimate))
             if worse >= 0.0:  # the choice was by linear fits, which mislead far from the solution
                 kept, form = (each.estimate.parameters.dead_zone_form for each in (done, tried))
                 self.alternatives[f"{form} dead zone"], self.alternatives[f"{kept} dead zone"] = worse, 0.0
                 break
-            done = tried
-            now = done.estimate
-            system = solver.linearize(everything, now, True, done.derivatives if done.moved < NEAR else None)
-            if self.forms(solver, now, everything, system)[0][1] == now.parameters.dead_zone_form:
+            done, system = tried, self.linearized(tried)
+            if self.forms(done.estimate, system)[0][1] == done.estimate.parameters.dead_zone_form:
                 break
-        done, system = self.with_laws(solver, done, everything, system)
+        done, system = self.with_laws(done, system)
         now = done.estimate
         if done.moved > UNSETTLED:
             found = self.faults if done.moved > ASTRAY else self.remarks
             found.append(f"the fit has not converged: its last step was {done.moved:.2g} standard deviations")
         self.report(f"final: {self.describe(now)}")
-        zone = None
-        if self.fixed(now):
-            now, zone = self.hard_zone(solver, now, everything, system)
-        return Outcome(self, solver, now, everything, system, zone).fitted()
+        now, zone = self.hard_zone(now, system) if self.fixed(now) else (now, None)
+        return Outcome(self, now, system, zone).fitted()
 
-    def with_laws(
-        self, solver: Solver, done: Progress, which: Sequence[int], system: System
-    ) -> tuple[Progress, System]:
+    def linearized(self, done: Progress) -> System:
+        """Return the problem linearized after a step, near the solution with the derivatives that the step has used."""
+        derivatives = done.derivatives if done.moved < NEAR else None
+        return self.solver.linearize(self.everything, done.estimate, True, derivatives)
+
+    def with_laws(self, done: Progress, system: System) -> tuple[Progress, System]:
         """Return progress and linearized problem with friction laws of the kinds of parts for which they are required.
 
         Laws that parts have are taken as given.
@@ -189,18 +230,17 @@ class _Job(Problem):
             if self.kinds[kind].friction_law is not None:
                 continue
             now = done.estimate
-            found = law.likeliest(solver, now, which, system, self.fixed(now), kind)
+            found = law.likeliest(self.solver, now, system, self.fixed(now), kind)
             self.alternatives[f"constant {name}"] = found.gain
             if found.gain < law.SIGNIFICANT:
                 self.remarks.append(f"{name}: no dependence on the speed of the slip is required")
                 continue
             old = found
             for _ in range(LAWS):
-                self.kinds[kind] = solver.plant.kinds[kind] = law.applied(self.kinds[kind], found.law)
-                done = self.improve(solver, done.estimate, which, ROUNDS, elements=True)
-                now = done.estimate
-                system = solver.linearize(which, now, True, done.derivatives if done.moved < NEAR else None)
-                old, found = found, law.improved(solver, now, which, system, self.fixed(now), kind, found)
+                self.kinds[kind] = self.solver.plant.kinds[kind] = law.applied(self.kinds[kind], found.law)
+                done = self.improve(done.estimate)
+                now, system = done.estimate, self.linearized(done)
+                old, found = found, law.improved(self.solver, now, system, self.fixed(now), kind, found)
                 self.report(f"friction law: {old.law}, chi squared {found.gain:.2f} less by the next step")
                 if found.gain < SETTLED:
                     break
@@ -209,6 +249,10 @@ class _Job(Problem):
             self.laws[kind] = found._replace(rise=old.rise, speed=old.speed)
             self.remarks.append(f"{name}: a dependence on the speed of the slip is required, see its rise")
         return done, system
+
+    def drawn(self, most: int) -> list[int]:
+        """Return the numbers of at most ``most`` segments, spread over the recording."""
+        return sorted(np.random.default_rng(0).permutation(len(self.everything))[:most].tolist())
 
     def describe(self, now: Estimate) -> str:
         """Return a line with the main values."""
@@ -220,32 +264,31 @@ class _Job(Problem):
             f"noise {1e3 * now.noise[0]:.4f} mm, spread {now.prior.spread.round(4)}"
         )
 
-    def improve(self, solver: Solver, now: Estimate, which: Sequence[int], steps: int, *, elements: bool) -> Progress:
-        """Return the last of at most ``steps`` Gauss-Newton steps, its estimate with its noise.
+    def improve(self, now: Estimate, *, elements: bool = True) -> Progress:
+        """Return the last of at most :data:`ROUNDS` Gauss-Newton steps with all segments, its estimate with its noise.
 
         Steps near the solution use the derivatives of the one before, which cost most of the time.
         """
-        derivatives: list[Derivatives] | None = None
+        solver, which, derivatives = self.solver, self.everything, None
         now = solver.with_noise(which, now, solver.residuals(which, now))  # else the elements would explain misfits
-        for _ in range(steps):
+        for _ in range(ROUNDS):
             again = derivatives is not None
-            done = solver.step(
-                which, now, elements=elements, fixed=self.fixed(now), spreads=elements, derivatives=derivatives
-            )
+            fixed = self.fixed(now)
+            done = solver.step(which, now, elements=elements, fixed=fixed, spreads=elements, derivatives=derivatives)
             now = solver.with_noise(which, done.estimate, done.residuals, done.free)
             derivatives = done.derivatives if done.moved < NEAR and done.after < done.before else None
-            self.report(
-                f"  chi squared {done.before:.1f} -> {done.after:.1f}, moved {done.moved:.2f}: {self.describe(now)}"
-            )
+            less = f"chi squared {done.before:.1f} -> {done.after:.1f}, moved {done.moved:.2f}"
+            self.report(f"  {less}: {self.describe(now)}")
             stuck = done.after >= done.before
             if (done.moved < SETTLED and done.before - done.after < ENOUGH) or (stuck and not again):
                 break
         return done._replace(estimate=now)
 
-    def with_latency(self, solver: Solver) -> Estimate:
+    def with_latency(self) -> Estimate:
         """Return a first estimate, with the latency that describes the recording best."""
+        solver = self.solver
         first = first_estimates(self.log, solver.plant.segments, self.surface, self.kinds, self.sheet)
-        which, tried = _drawn(solver, FEW), []
+        which, tried = self.drawn(FEW), []
         amplitude = self.names.index("horizontal_amplitude")  # far from the solution friction and gain replace it
         for parameters in first:
             starts = starts_of(solver.plant.segments, parameters, self.surface)
@@ -266,23 +309,20 @@ class _Job(Problem):
 
     def prior(self, parameters: Parameters) -> Prior:
         """Return the weak prior about the nominal values."""
-        mean = replace(
-            parameters, friction=np.array([kind.friction for kind in self.kinds]), gain=1.0, camera=CAMERA
-        ).vector()
+        friction = np.array([kind.friction for kind in self.kinds])
+        mean = replace(parameters, friction=friction, gain=1.0, camera=CAMERA).vector()
         amplitude = self.names.index("horizontal_amplitude")
         mean[amplitude] = math.log(self.nominal.horizontal_amplitude)
         mean[self.zone] = 1e3 * max(self.sheet.dead_zone, 1e-4)
         deviation = np.array([DEVIATIONS[name.partition(".")[0]] for name in self.names])
         return Prior(mean, deviation, np.array([0.05, 0.1]))
 
-    def forms(
-        self, solver: Solver, now: Estimate, which: Sequence[int], system: System
-    ) -> list[tuple[float, str, float]]:
+    def forms(self, now: Estimate, system: System) -> list[tuple[float, str, float]]:
         """Return chi squared, form and width (m) of dead zones, the best first; those excluded before are not tried again."""
         most = min(LARGEST_ZONE, self.sheet.limit)
         zones, found = np.linspace(0.0, most, ZONES), []
         for form in [each for each in FORMS if self.alternatives.get(f"{each} dead zone", 0.0) < EXCLUDED]:
-            costs = self.zone_costs(solver, now, which, system, form, zones)
+            costs = self.zone_costs(now, system, form, zones)
             found.append((float(costs.min()), form, float(zones[costs.argmin()])))
         found.sort()
         for cost, form, _ in found:
@@ -290,43 +330,42 @@ class _Job(Problem):
         self.report("dead zones: " + ", ".join(f"{f} {1e3 * z:.3f} mm {c - found[0][0]:+.1f}" for c, f, z in found))
         return found
 
-    def zone_costs(
-        self, solver: Solver, now: Estimate, which: Sequence[int], system: System, form: str, zones: np.ndarray
-    ) -> np.ndarray:
+    def zone_costs(self, now: Estimate, system: System, form: str, zones: np.ndarray) -> np.ndarray:
         """Return chi squared (zones,) of dead zones (m) of a form, with all other unknowns fitted linearly."""
         parameters = replace(now.parameters, dead_zone_form=form)
-        predicted = solver.plant.dead_zones(which, parameters, now.starts, zones)
-        products, _ = solver.scan(which, now, predicted, system, [self.zone])
+        predicted = self.solver.plant.predict(system.which, parameters, now.starts, zones)
+        products, _ = self.solver.scan(now, system, predicted, [self.zone])
         return np.diag(products)
 
-    def with_zone(self, solver: Solver, now: Estimate, which: Sequence[int], system: System) -> Estimate:
+    def with_zone(self, now: Estimate, system: System) -> Estimate:
         """Return the estimate with the form and width of the dead zone that describe the recording best."""
-        _, form, zone = self.forms(solver, now, which, system)[0]
+        _, form, zone = self.forms(now, system)[0]
         now = replace(now, parameters=replace(now.parameters, dead_zone_form=form, dead_zone=zone))
         if form == FORMS[HARD]:
-            now, _ = self.hard_zone(solver, now, which, system)
+            now, _ = self.hard_zone(now, system)
         return now
 
-    def with_limit(self, solver: Solver, now: Progress, which: Sequence[int]) -> Progress:
+    def with_limit(self, now: Progress) -> Progress:
         """Return progress with the elements' limit that describes the recording best: :attr:`limit`, which is set.
 
         It is the nominal one unless another is required: that of lift-off if it suffices, else one between. Each is fitted:
         linear fits mislead, since the gain has no effect on commands that are cut.
         """
         nominal, highest = float(self.nominal.max_amplitude or 0.0), self.limit
-        poses, tried = sum(len(solver.plant.segments[k].pose) for k in which), {highest: now}
+        plant = self.solver.plant
+        poses, tried = sum(len(each.pose) for each in plant.segments), {highest: now}
 
         def costs(limits: Sequence[float]) -> dict[float, float]:
             for self.limit in set(limits) - set(tried):
-                solver.plant.top = self.limit
-                tried[self.limit] = self.improve(solver, now.estimate, which, ROUNDS, elements=True)
+                plant.top = self.limit
+                tried[self.limit] = self.improve(now.estimate)
                 self.report(f"limit {1e3 * self.limit:.4f} mm: {self.describe(tried[self.limit].estimate)}")
             misfits = {limit: misfit(each.estimate) for limit, each in tried.items()}
             return {limit: poses * (each - min(misfits.values())) for limit, each in misfits.items()}
 
         gains = now.estimate.parameters.gain + now.estimate.parameters.elements[..., 0]
         if highest <= nominal or (gains * self.log.amplitude.max(axis=0)).max() < UNLIMITED * nominal:
-            self.limit = solver.plant.top = min(nominal, highest)  # without effect
+            self.limit = plant.top = min(nominal, highest)  # without effect
             return now
         found = costs(np.linspace(nominal, highest, COARSE).tolist())
         for _ in range(HALVINGS if min(found[nominal], found[highest]) > REQUIRED else 0):
@@ -334,23 +373,20 @@ class _Job(Problem):
             k = limits.index(min(found, key=found.__getitem__))
             found = costs([0.5 * (a + b) for a, b in itertools.pairwise(limits[max(k - 1, 0) : k + 2])])
         suffice = [each for each in (nominal, highest) if found[each] < REQUIRED]
-        self.limit = solver.plant.top = [*suffice, min(found, key=found.__getitem__)][0]
+        self.limit = plant.top = [*suffice, min(found, key=found.__getitem__)][0]
         if self.limit > nominal:
-            own = (
-                "they reach no limit" if suffice else f"{1e3 * self.limit:.3g} mm, whose error is not in the intervals"
-            )
+            reached = f"{1e3 * self.limit:.3g} mm, whose error is not in the intervals"
+            own = "they reach no limit" if suffice else reached
             self.remarks.append(f"elements exceed the nominal max_amplitude, {1e3 * nominal:.3g} mm: {own}")
         return tried[self.limit]
 
-    def hard_zone(
-        self, solver: Solver, now: Estimate, which: Sequence[int], system: System
-    ) -> tuple[Estimate, tuple[float, float]]:
+    def hard_zone(self, now: Estimate, system: System) -> tuple[Estimate, tuple[float, float]]:
         """Return the estimate with a finely scanned hard dead zone, and its 95 % interval."""
         low, high = 0.0, min(LARGEST_ZONE, self.sheet.limit)
         most, interval = high, (low, high)
         for _ in range(FINER):
             zones = np.linspace(low, high, ZONES)
-            costs, step = self.zone_costs(solver, now, which, system, FORMS[HARD], zones), zones[1] - zones[0]
+            costs, step = self.zone_costs(now, system, FORMS[HARD], zones), zones[1] - zones[0]
             chance = np.exp(-0.5 * (costs - costs.min()))
             chance /= chance.sum()
             first, last = (int(np.searchsorted(np.cumsum(chance), share)) for share in (0.025, 0.975))
@@ -362,12 +398,48 @@ class _Job(Problem):
         return now, interval
 
 
+def _check_machine(log: Log, surface: Surface, parts: Sequence[Part]) -> None:
+    """Raise ValueError for a recording of another machine."""
+    shape = log.amplitude.shape[1:]
+    if shape != (surface.rows, surface.columns):
+        got = f"commands for {shape[0]} x {shape[1]} elements"
+        raise checks.refuse("log", got, f"of this surface, {surface.rows} x {surface.columns}")
+    if log.surface.element_size != surface.element_size:
+        got = f"elements of {log.surface.element_size:g} m"
+        raise checks.refuse("log", got, f"of this surface, with elements of {surface.element_size:g} m")
+    assert surface.max_amplitude is not None
+    most = float(log.amplitude.max())
+    if most > surface.max_amplitude * (1.0 + 1e-6):
+        raise checks.refuse("log.amplitude", f"{most:g} m", f"at most the surface's {surface.max_amplitude:g} m")
+    if len(parts) != log.pose.shape[1]:
+        raise checks.refuse("parts", f"{len(parts)}", f"the {log.pose.shape[1]} of the recording, in its order")
+    size, place = np.array([surface.width, surface.depth]), log.pose[..., :2]
+    off = ((place < -OUTSIDE) | (place > size + OUTSIDE)).any(axis=2)
+    if off.any():
+        row, part = np.argwhere(off)[0].tolist()
+        x, y = place[row, part].tolist()
+        allowed = f"in m, on the table of {size[0]:g} x {size[1]:g} m or at most {OUTSIDE:g} m outside"
+        raise checks.refuse("log.pose", f"x {x:g}, y {y:g} in row {row}", allowed)
+    if np.abs(log.phase).max() > 2.0 * math.pi:
+        raise checks.refuse("log.phase", f"{np.abs(log.phase).max():g}", "in [-2 pi, 2 pi] rad")
+    for k, part in enumerate(parts):
+        heading = log.pose[np.isfinite(log.pose[:, k, 2]), k, 2]
+        turns = np.abs(np.diff(heading)) * max(part.symmetry, 1) / (2.0 * math.pi)
+        if part.symmetry and len(turns) and np.quantile(np.abs(turns - np.round(turns)), 0.9) > ERRATIC:
+            got = f"headings of part {k} that change at random between images, from {heading.min():g} to {heading.max():g}"
+            raise checks.refuse("log.pose", got, "headings in rad, one image a period")
+    if surface.horizontal_amplitude == 0.0:
+        raise checks.refuse("surface.horizontal_amplitude", 0.0, "above 0: a still table does not move parts")
+
+
+def _friction_names(kinds: Sequence[Part]) -> list[str]:
+    """Return a name for the friction of each kind."""
+    if len(kinds) == 1:
+        return ["friction"]
+    names = [f"friction.{kind.name}" for kind in kinds]
+    return [name if names.count(name) == 1 else f"{name}-{k}" for k, name in enumerate(names)]
+
+
 def misfit(now: Estimate) -> float:
     """Return -2 log likelihood over the number of poses, but for a constant, of an estimate with its noise."""
     return float(np.log(now.noise**2) @ [2.0, 1.0])
-
-
-def _drawn(solver: Solver, most: int) -> list[int]:
-    """Return at most ``most`` segments, spread over the recording."""
-    count = len(solver.plant.segments)
-    return sorted(np.random.default_rng(0).permutation(count)[:most].tolist())

@@ -62,9 +62,8 @@ def first_estimates(
     best, found = min(tried, key=lambda axes: tried[axes][0][0]), tried["no axis"]
     if tried[best][0][0] < MIRRORED * found[0][0]:
         got = f"positions that agree with the commands if {best} is mirrored (or if all phases are negated)"
-        raise checks.refuse(
-            "log.pose", got, "x to the right and y upwards on the table, as the commands' columns and rows"
-        )
+        allowed = "x to the right and y upwards on the table, as the commands' columns and rows"
+        raise checks.refuse("log.pose", got, allowed)
     estimates = []
     for _, latency, factor in found[:CANDIDATES]:
         response = factor / (-0.5j * surface.angular_frequency**2)
@@ -124,15 +123,12 @@ def _regressions(
             at = np.clip(row + late - latency, 0, len(log) - 1)
             for i in (-1, 0, 1):
                 for j in (-1, 0, 1):
-                    y, x = (
-                        np.clip(patch[:, 0] + i, 0, surface.rows - 1),
-                        np.clip(patch[:, 1] + j, 0, surface.columns - 1),
-                    )
+                    y = np.clip(patch[:, 0] + i, 0, surface.rows - 1)
+                    x = np.clip(patch[:, 1] + j, 0, surface.columns - 1)
                     near[latency] += commands[at, y, x] / 18.0
     if not np.abs(near).max() > 0.0:
-        raise checks.refuse(
-            "log.amplitude", "zeros wherever a part was", "commands under the parts (too little excitation)"
-        )
+        allowed = "commands under the parts (too little excitation)"
+        raise checks.refuse("log.amplitude", "zeros wherever a part was", allowed)
     found = []
     for latency in range(latencies):
         design = np.column_stack([mu * near[latency].conj(), mu * v])

@@ -59,12 +59,10 @@ def applied(part: Part, law: Mapping[str, Any]) -> Part:
     return replace(part, friction_law=dict(law), static_friction=static)
 
 
-def likeliest(
-    solver: Solver, now: Estimate, which: Sequence[int], system: System, fixed: Sequence[int], kind: int
-) -> Rise:
+def likeliest(solver: Solver, now: Estimate, system: System, fixed: Sequence[int], kind: int) -> Rise:
     """Return the best law near a constant coefficient: one speed of :data:`SPEEDS`, everything else fitted linearly."""
     laws = [Rise(RISE_STEP, speed).law for speed in SPEEDS]
-    slope, square, _ = _products(solver, now, which, system, fixed, kind, laws, np.full(len(laws), RISE_STEP))
+    slope, square, _ = _products(solver, now, system, fixed, kind, laws, np.full(len(laws), RISE_STEP))
     information = np.diag(square)
     gains = np.where(information > UNSEEN, slope**2 / np.maximum(information, UNSEEN), 0.0)
     k = int(np.argmax(gains))
@@ -72,13 +70,11 @@ def likeliest(
     return Rise(rise, SPEEDS[k], float(gains[k]))
 
 
-def improved(
-    solver: Solver, now: Estimate, which: Sequence[int], system: System, fixed: Sequence[int], kind: int, old: Rise
-) -> Rise:
+def improved(solver: Solver, now: Estimate, system: System, fixed: Sequence[int], kind: int, old: Rise) -> Rise:
     """Return a law after a Gauss-Newton step from the law ``old`` of a kind, everything else fitted linearly."""
     steps = np.array([RISE_STEP, math.log(SPEED_STEP)])
     laws = [old._replace(rise=old.rise + RISE_STEP).law, old._replace(speed=old.speed * SPEED_STEP).law]
-    slope, square, products = _products(solver, now, which, system, fixed, kind, laws, steps)
+    slope, square, products = _products(solver, now, system, fixed, kind, laws, steps)
     covariance = np.linalg.inv(square)
     step = covariance @ slope
     rise = float(np.clip(old.rise + np.clip(step[0], -0.5, 0.5), SMALLEST_RISE, LARGEST_RISE))
@@ -89,7 +85,6 @@ def improved(
 def _products(
     solver: Solver,
     now: Estimate,
-    which: Sequence[int],
     system: System,
     fixed: Sequence[int],
     kind: int,
@@ -102,11 +97,11 @@ def _products(
     Differences of laws are added to the predictions, so that summation over contact points need not be as accurate as the
     series that these predictions use.
     """
-    changes = solver.plant.laws(which, now.parameters, now.starts, kind, laws)
+    changes = solver.plant.laws(system.which, now.parameters, now.starts, kind, laws)
     predicted = [
         solver.plant.segments[k].pose - residual + change
-        for k, residual, change in zip(which, system.residuals, changes, strict=True)
+        for k, residual, change in zip(system.which, system.residuals, changes, strict=True)
     ]
-    gram, rights = solver.scan(which, now, predicted, system, fixed)
+    gram, rights = solver.scan(now, system, predicted, fixed)
     turn = np.concatenate([np.ones((len(laws), 1)), -np.eye(len(laws))], axis=1) / steps[:, None]
     return turn @ gram[:, 0], turn @ gram @ turn.T, rights @ turn.T

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -63,36 +64,27 @@ class Log:
         n = len(self.time) if checks.listed(self.time) else 0
         if n < 2:
             raise checks.refuse("log.time", f"{n} cycles", "at least two cycles")
-        elements, parts = (surface.rows, surface.columns), len(settings["parts"])
-        found = {
-            "time": checks.array("log.time", _exact("time", self.time, (n,)), (n,)),
-            "amplitude": checks.array(
-                "log.amplitude", _exact("amplitude", self.amplitude, (n, *elements)), (n, *elements), least=0.0
-            ),
-            "phase": checks.array("log.phase", _exact("phase", self.phase, (n, *elements)), (n, *elements)),
-            "pose": np.array(_exact("pose", self.pose, (n, parts, 3)), dtype=np.float64),
-            "taken": np.array(_exact("taken", self.taken, (n,)), dtype=np.float64),
-            "settings": settings,
-        }
+        elements, parts = (n, surface.rows, surface.columns), len(settings["parts"])
+        shapes = {"time": (n,), "amplitude": elements, "phase": elements, "pose": (n, parts, 3), "taken": (n,)}
+        found: dict[str, Any] = {name: _exact(name, getattr(self, name), shape) for name, shape in shapes.items()}
+        for name, least in (("time", -math.inf), ("amplitude", 0.0), ("phase", -math.inf)):
+            checks.array(f"log.{name}", found[name], shapes[name], least=least)
         pose, taken = found["pose"], found["taken"]
         if np.isinf(pose).any() or (np.isnan(pose).any(axis=2) != np.isnan(pose).all(axis=2)).any():
-            raise checks.refuse(
-                "log.pose", "infinity, or a pose that is partly NaN", "finite, or NaN for the whole pose"
-            )
+            got = "infinity, or a pose that is partly NaN"
+            raise checks.refuse("log.pose", got, "finite, or NaN for the whole pose")
         seen = ~np.isnan(pose[..., 0]).all(axis=1)
         if not np.isfinite(taken[seen]).all():
             raise checks.refuse("log.taken", "a row with poses but without a time", "finite in rows with poses")
-        for name, values, rows in (
-            ("time", found["time"], np.arange(n)),
-            ("taken", taken[seen], np.flatnonzero(seen)),
-        ):
+        clocks = ("time", found["time"], np.arange(n)), ("taken", taken[seen], np.flatnonzero(seen))
+        for name, values, rows in clocks:
             back = np.diff(values) <= 0.0 if name == "time" else np.diff(values) < 0.0
             if back.any():
                 k = int(np.flatnonzero(back)[0])
                 got = f"{values[k + 1]:.6f} s after {values[k]:.6f} s in row {rows[k + 1]}"
                 raise checks.refuse(f"log.{name}", got, "increasing: timestamps of one clock, in the order of cycles")
-        for each in fields(self):
-            object.__setattr__(self, each.name, found[each.name])  # the class is frozen
+        for name, value in {**found, "settings": settings}.items():
+            object.__setattr__(self, name, value)  # the class is frozen
 
     def __len__(self) -> int:
         return len(self.time)
@@ -150,9 +142,9 @@ class Log:
 
 
 def _exact(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Return an array of exactly this shape; a broadcast one would repeat a row unnoticed."""
+    """Return an array of floats of exactly this shape; a broadcast one would repeat a row unnoticed."""
     meaning = {"amplitude": " (cycles, rows, columns) of the surface in the settings", "pose": " (cycles, parts, 3)"}
-    return checks.shaped(f"log.{name}", value, (shape,), "an array", meaning.get(name, ""))
+    return np.array(checks.shaped(f"log.{name}", value, (shape,), "an array", meaning.get(name, "")), dtype=np.float64)
 
 
 def _checked_settings(settings: Any) -> dict[str, Any]:

@@ -104,9 +104,8 @@ def record(
     amplitude, phase, pose, now = np.empty((cycles, *shape[1:])), np.empty((cycles, *shape[1:])), [], image()
     for k in range(cycles):
         amplitude[k], phase[k] = excitation.command(now)
-        for drive, periods in stage.apply(
-            polar_drive(amplitude[k : k + 1], phase[k : k + 1], surface.angular_frequency)
-        ):
+        command = polar_drive(amplitude[k : k + 1], phase[k : k + 1], surface.angular_frequency)
+        for drive, periods in stage.apply(command):
             simulator.run(drive, periods)
         if simulator.fallen.any():
             raise checks.conflict(f"a part has fallen off the surface after {simulator.time:.1f} s of the recording")

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vibgym.identification.guess import wrapped
 from vibgym.identification.law import applied
-from vibgym.identification.problem import Problem
-from vibgym.identification.result import ADVICE, Fitted
 from vibgym.identification.segments import LONG
-from vibgym.identification.solver import Estimate, Solver, System
+from vibgym.identification.solver import Estimate, System
 from vibgym.physics.core.hardware import FORMS
 from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+
+if TYPE_CHECKING:
+    from vibgym.identification.fit import Fit
 
 UNKNOWN = 0.3
 """Posterior over prior deviation from which on a parameter counts as not identified."""
@@ -31,34 +32,74 @@ LEVEL = 1.959964
 """Half the width of a 95 % interval, in standard deviations."""
 
 
+ADVICE = {
+    "friction": "parts that coast on elements at rest",
+    "horizontal_amplitude": "runs at full amplitude, at more than half the top speed",
+    "gain": "commands at several amplitudes above the dead zone",
+    "phase": "commands above the dead zone",
+    "dead_zone": "amplitudes from 0 to 0.2 mm, each for some periods",
+    "camera_scale": "paths over the whole surface with different commands on neighbouring elements",
+    "camera_turn": "paths over the whole surface with different commands on neighbouring elements",
+    "camera_x": "different commands on neighbouring elements along x",
+    "camera_y": "different commands on neighbouring elements along y",
+}
+"""What a recording must contain to identify a parameter."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Result of :func:`fit`.
+
+    Attributes:
+        values: estimates by name: ``friction``, ``frequency`` (Hz),
+            ``horizontal_amplitude`` (m), ``gain``, ``phase`` (rad), ``dead_zone`` (m), ``dead_zone_form``, ``latency``
+            (periods), ``gain_spread``, ``phase_spread`` (rad), ``camera_scale``, ``camera_turn`` (rad), ``camera_x``,
+            ``camera_y`` (m), ``max_amplitude`` (m, of the elements), ``noise_position`` (m), ``noise_heading`` (rad),
+            ``friction_law`` (kind or ``"constant"``); with a law that the recording requires ``rise`` and ``rise_speed`` (m/s),
+            see :class:`vibgym.scene.friction_laws.Stribeck`. With several kinds of parts, these three and friction end in
+            ``.<name>``.
+        intervals: 95 % intervals (low, high) of all numbers but ``latency`` and ``max_amplitude``.
+        correlation: of the estimates, by pairs of names.
+        surface: the table with fitted amplitude and frequency; ``max_amplitude`` is that of the elements, which a gain above 1
+            lets exceed that of commands, ``actuators["limit"]``.
+        actuators: setting of environments: prototype actuators with the fitted values.
+        parts: with the fitted friction, and with a friction law if the recording requires one.
+        elements: (rows, columns, 2) relative gain and phase error (rad) of each element, shrunk towards 0.
+        element_deviations: (rows, columns, 2) their standard deviations; those of elements without data equal the spreads.
+        unidentified: what the recording does not determine, and which recording would.
+        notes: gaps, assumptions and warnings.
+        residuals: (n, 6) cycle, part, measured x and y (m), residual along x and y (m) of every image used.
+        alternatives: for latencies and forms of the dead zone that were tried, chi squared above the best; for constant
+            friction, chi squared above that of the best friction law.
+    """
+
+    values: dict[str, Any]
+    intervals: dict[str, tuple[float, float]]
+    correlation: dict[tuple[str, str], float]
+    surface: Surface
+    actuators: dict[str, Any]
+    parts: tuple[Part, ...]
+    elements: np.ndarray
+    element_deviations: np.ndarray
+    unidentified: dict[str, str]
+    notes: list[str]
+    residuals: np.ndarray
+    alternatives: dict[str, float]
+
+
 class Outcome:
     """Values and intervals at an estimate.
 
     Args:
         problem: what was fitted.
-        solver, now, which, system: estimate, segments, and the problem linearized there.
+        now, system: estimate, and the problem linearized there.
         zone: 95 % interval of a hard dead zone (m), which has no derivative; None for other forms.
     """
 
-    def __init__(
-        self,
-        problem: Problem,
-        solver: Solver,
-        now: Estimate,
-        which: Sequence[int],
-        system: System,
-        zone: tuple[float, float] | None,
-    ) -> None:
-        self.problem, self.solver, self.now, self.which, self.system, self.zone = (
-            problem,
-            solver,
-            now,
-            which,
-            system,
-            zone,
-        )
+    def __init__(self, problem: Fit, now: Estimate, system: System, zone: tuple[float, float] | None) -> None:
+        self.problem, self.solver, self.now, self.system, self.zone = problem, problem.solver, now, system, zone
         self.fixed = problem.fixed(now)
-        _, self.covariance = solver.posterior(system, now, self.fixed)
+        _, self.covariance = self.solver.posterior(system, now, self.fixed)
         for found in problem.laws.values():  # laws of several kinds are independent, but for the other parameters
             change = self.covariance @ found.products
             self.covariance = self.covariance + change @ found.covariance @ change.T
@@ -82,17 +123,14 @@ class Outcome:
         values["latency"], values["dead_zone_form"] = now.parameters.latency, now.parameters.dead_zone_form
         self.add_spreads(values, intervals)
         self.add_laws(values, intervals)
-        free = self.solver.freedom(self.which, self.system, self.covariance)
+        free = self.solver.freedom(self.system, self.covariance)
         for k, name in enumerate(("noise_position", "noise_heading")):
             value, factor = float(now.noise[k]), math.exp(LEVEL / math.sqrt(2.0 * free[k]))
             values[name], intervals[name] = value, (value / factor, value * factor)
         relative = deviation[:shared] / now.prior.deviation
-        correlation = self.covariance[:shared, :shared] / np.maximum(
-            np.outer(deviation[:shared], deviation[:shared]), 1e-300
-        )
-        pairs = {
-            (a, b): float(correlation[i, j]) for i, a in enumerate(problem.names) for j, b in enumerate(problem.names)
-        }
+        product = np.maximum(np.outer(deviation[:shared], deviation[:shared]), 1e-300)
+        correlation, names = self.covariance[:shared, :shared] / product, list(enumerate(problem.names))
+        pairs = {(a, b): float(correlation[i, j]) for i, a in names for j, b in names}
         relation = np.array([1.0 / now.parameters.gain, 1.0])  # of gains, from absolute to relative errors
         elements = now.parameters.elements * relation
         element_deviations = deviation[shared:].reshape(elements.shape)
@@ -192,7 +230,7 @@ class Outcome:
     def residual_rows(self) -> np.ndarray:
         """Return the rows of :attr:`Fitted.residuals`."""
         rows = []
-        for k, residual in zip(self.which, self.system.residuals, strict=True):
+        for k, residual in zip(self.system.which, self.system.residuals, strict=True):
             each = self.solver.plant.segments[k]
             head = np.column_stack([each.first + each.instant, np.full(len(residual), each.part), each.pose[:, :2]])
             rows.append(np.column_stack([head, residual[:, :2]]))

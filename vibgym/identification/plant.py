@@ -151,30 +151,28 @@ class Plant:
         self._limit, self._resolution, self.top = limit, resolution, float(surface.max_amplitude or 0.0)
         self._finer = FINE if fine else {}
 
-    def predict(self, which: Sequence[int], parameters: Parameters, starts: np.ndarray) -> list[np.ndarray]:
-        """Return predicted measurements (n, 3) of segments ``which`` from their initial states (segments, LOCAL)."""
-        found: dict[int, np.ndarray] = {}
-        for kind, some in self._groups(which, 1):
-            batch = self._batch(np.array(some), parameters, starts)
-            path = self._simulate(kind, batch, parameters, parameters.horizontal_amplitude, **self._finer)
-            for k, segment in enumerate(some):
-                found[segment] = _camera(parameters).measured(self._at(segment, path[:, k]), self.surface)
-        return [found[segment] for segment in which]
-
-    def dead_zones(
-        self, which: Sequence[int], parameters: Parameters, starts: np.ndarray, zones: np.ndarray
+    def predict(
+        self, which: Sequence[int], parameters: Parameters, starts: np.ndarray, zones: np.ndarray | None = None
     ) -> list[np.ndarray]:
-        """Return predicted measurements (zones, n, 3) of segments for several dead zones (m)."""
+        """Return predicted measurements of segments ``which`` from their initial states (segments, LOCAL).
+
+        Args:
+            zones: dead zones (m) instead of that of the parameters, with the time steps of derivatives.
+
+        Returns:
+            For each segment (n, 3), or (zones, n, 3).
+        """
+        tried = np.array([parameters.dead_zone]) if zones is None else zones
+        knobs = self._finer if zones is None else {}
         found: dict[int, np.ndarray] = {}
-        for kind, some in self._groups(which, len(zones)):
-            worlds = np.repeat(some, len(zones))
-            batch = self._batch(worlds, parameters, starts)
-            batch = batch._replace(dead_zone=np.tile(zones, len(some)))
-            path = self._simulate(kind, batch, parameters, parameters.horizontal_amplitude)
+        for kind, some in self._groups(which, len(tried)):
+            batch = self._batch(np.repeat(some, len(tried)), parameters, starts)
+            batch = batch._replace(dead_zone=np.tile(tried, len(some)))
+            path = self._simulate(kind, batch, parameters, parameters.horizontal_amplitude, **knobs)
             for k, segment in enumerate(some):
-                seen = self._at(segment, path[:, k * len(zones) : (k + 1) * len(zones)])
+                seen = self._at(segment, path[:, k * len(tried) : (k + 1) * len(tried)])
                 found[segment] = _camera(parameters).measured(seen, self.surface).swapaxes(0, 1)
-        return [found[segment] for segment in which]
+        return [found[segment][0] if zones is None else found[segment] for segment in which]
 
     def laws(
         self,
@@ -190,10 +188,8 @@ class Plant:
         found = {k: np.zeros((1 + len(laws), len(self.segments[k].instant), 3)) for k in which}
         predicted = []
         try:
-            for law in [
-                part.friction_law or {"kind": "stribeck"},
-                *laws,
-            ]:  # the first is constant, summed over points too
+            # The first law is constant, summed over points too.
+            for law in [part.friction_law or {"kind": "stribeck"}, *laws]:
                 self.kinds[kind] = replace(part, friction_law=dict(law))
                 predicted.append(self.predict(some, parameters, starts))
         finally:
@@ -300,16 +296,8 @@ class Plant:
         number[:, LIMIT], number[:, RESOLUTION] = self._limit * scale, self._resolution * scale
         element = np.zeros((*batch.response.shape, 4))
         element[..., 0], element[..., 1] = np.real(batch.response), np.imag(batch.response)
-        hardware = Pinned(
-            HARDWARE,
-            Hardware(
-                source=np.zeros(worlds, dtype=np.int64),
-                element=element,
-                number=number,
-                form=FORMS.index(parameters.dead_zone_form),
-                top=self.top * scale,
-            ),
-        )
+        form = FORMS.index(parameters.dead_zone_form)
+        hardware = Pinned(HARDWARE, Hardware(np.zeros(worlds, np.int64), element, number, form, self.top * scale))
         drive = self._drive._replace(hardware=hardware.address)
         rows, path = self._first[batch.segment] - parameters.latency, np.empty((self._length + 1, worlds, 3))
         path[0] = batch.start[:, :3]
@@ -360,9 +348,8 @@ class Plant:
         shared[:, 2, place["camera_turn"]] = 1.0
         shared[:, 0, place["camera_x"]] = shared[:, 1, place["camera_y"]] = 1.0
         stacked = (np.stack(elements, axis=-1) if elements else np.zeros((n, 3, 0))).reshape(n, 3, -1, 2)
-        if (
-            elements
-        ):  # only sums of common and own errors act: derivatives that differed would forbid an exchange between them
+        # Only sums of common and own errors act: derivatives that differed would forbid an exchange between them.
+        if elements:
             shared[..., place["gain"]] = parameters.gain * stacked[..., 0].sum(axis=-1)
             shared[..., place["phase"]] = stacked[..., 1].sum(axis=-1)
         return Derivatives(local, shared, stacked)

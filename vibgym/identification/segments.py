@@ -137,9 +137,8 @@ def segments_of(
                 found.append(Segment(k, int(kinds[k]), first, timing.cycle[rows] - first, pose, elements))
     if len(found) < LEAST_SEGMENTS:
         got = f"{len(found)} stretches of {length} periods with {LEAST_IMAGES} images and without gaps"
-        raise checks.refuse(
-            "log", got, f"a recording with at least {LEAST_SEGMENTS}; record longer, or with fewer gaps"
-        )
+        allowed = f"a recording with at least {LEAST_SEGMENTS}; record longer, or with fewer gaps"
+        raise checks.refuse("log", got, allowed)
     return found
 
 

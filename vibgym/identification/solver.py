@@ -60,6 +60,7 @@ class System(NamedTuple):
     """Linearized problem after elimination of the initial states, without priors.
 
     Attributes:
+        which: segments.
         matrix, right: normal equations in shared parameters and elements (rows, columns, 2), flat.
         blocks: for each segment Q, R of its initial state, and its weighted matrix of the shared and element columns.
         columns: for each segment the indices of these columns.
@@ -67,6 +68,7 @@ class System(NamedTuple):
         derivatives: for each segment, from which the others follow.
     """
 
+    which: Sequence[int]
     matrix: np.ndarray
     right: np.ndarray
     blocks: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -136,7 +138,7 @@ class Solver:
             right[own] += left.T @ rest[:, 0]
             blocks.append((q, r, block))
             columns.append(own)
-        return System(matrix, right, blocks, columns, residuals, found)
+        return System(which, matrix, right, blocks, columns, residuals, found)
 
     def _columns(self, segment: int, shared: int, elements: bool) -> np.ndarray:
         """Return the indices of a segment's columns in the dense system."""
@@ -149,22 +151,21 @@ class Solver:
     def posterior(self, system: System, now: Estimate, fixed: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
         """Return step and covariance of the dense unknowns with the prior; unknowns ``fixed`` do not change."""
         precision, gradient = self._prior_terms(now)
-        matrix, right = system.matrix + np.diag(precision), system.right + gradient
-        free = np.ones(len(right), dtype=bool)
-        free[list(fixed)] = False
-        covariance, step = np.zeros_like(matrix), np.zeros_like(right)
-        covariance[np.ix_(free, free)] = np.linalg.inv(matrix[np.ix_(free, free)])
-        step[free] = covariance[np.ix_(free, free)] @ right[free]
+        matrix = system.matrix + np.diag(precision)
+        free = np.delete(np.arange(len(matrix)), fixed)
+        covariance, step = np.zeros_like(matrix), np.zeros(len(matrix))
+        covariance[np.ix_(free, free)] = inverse = np.linalg.inv(matrix[np.ix_(free, free)])
+        step[free] = inverse @ (system.right + gradient)[free]
         return step, covariance
 
-    def freedom(self, which: Sequence[int], system: System, covariance: np.ndarray) -> np.ndarray:
+    def freedom(self, system: System, covariance: np.ndarray) -> np.ndarray:
         """Return degrees of freedom (2,) of the residuals of positions and of headings, at least 1.
 
         They are numbers of measurements less the traces of the hat matrix's blocks. If the priors hold, the expected sum of
         squared residuals is the variance times this. Positions and headings are fitted by different shares of the unknowns.
         """
         free = np.zeros(3)
-        for segment, (q, _, block), own in zip(which, system.blocks, system.columns, strict=True):
+        for segment, (q, _, block), own in zip(system.which, system.blocks, system.columns, strict=True):
             top, left = q[: len(block)], _rest(q, block)[: len(block)]
             lever = (top**2).sum(axis=1) + ((left @ covariance[np.ix_(own, own)]) * left).sum(axis=1)
             free += np.sign(self.weights(segment, np.ones(2))) * (1.0 - lever.reshape(-1, 3)).sum(axis=0)
@@ -179,10 +180,8 @@ class Solver:
 
     def cost(self, residuals: Sequence[np.ndarray], which: Sequence[int], now: Estimate, elements: bool) -> float:
         """Return the sum of weighted squares of residuals and prior."""
-        total = sum(
-            float(((each * self.weights(segment, now.noise)) ** 2).sum())
-            for segment, each in zip(which, residuals, strict=True)
-        )
+        weighted = (each * self.weights(k, now.noise) for k, each in zip(which, residuals, strict=True))
+        total = sum(float((each**2).sum()) for each in weighted)
         total += float((((now.parameters.vector() - now.prior.mean) / now.prior.deviation) ** 2).sum())
         return total + (float(((now.parameters.elements / now.prior.spread) ** 2).sum()) if elements else 0.0)
 
@@ -215,29 +214,23 @@ class Solver:
             now = self.with_spreads(system, now, fixed)
         before = self.cost(system.residuals, which, now, elements)
         step, covariance = self.posterior(system, now, fixed)
-        variance, shared, share = np.diag(covariance), len(now.prior.mean), 1.0
-        free = self.freedom(which, system, covariance)
-        moved = float(
-            np.max(
-                np.abs(step[:shared]) / np.sqrt(np.maximum(variance[:shared], 1e-300)),
-                where=variance[:shared] > 0.0,
-                initial=0.0,
-            )
-        )
+        shared, share = len(now.prior.mean), 1.0
+        free = self.freedom(system, covariance)
+        deviation = np.sqrt(np.diag(covariance)[:shared])
+        known = deviation > 0.0
+        moved = float((np.abs(step[:shared][known]) / deviation[known]).max(initial=0.0))
         vector, errors = now.parameters.vector(), now.parameters.elements
         moves = []
-        for segment, (q, r, block), own, residual in zip(
-            which, system.blocks, system.columns, system.residuals, strict=True
-        ):
+        parts = zip(which, system.blocks, system.columns, system.residuals, strict=True)
+        for segment, (q, r, block), own, residual in parts:
             rest = (residual * self.weights(segment, now.noise)).ravel() - block @ step[own]
             padded = np.concatenate([rest, np.zeros(LOCAL)])
             moves.append(STATE_SCALE * np.linalg.solve(r, q.T @ padded))
         for _ in range(HALVINGS):
             starts = now.starts.copy()
             starts[list(which)] += share * np.array(moves)
-            changed = now.parameters.changed(
-                vector + share * step[:shared], errors + share * step[shared:].reshape(errors.shape)
-            )
+            own_errors = errors + share * step[shared:].reshape(errors.shape)
+            changed = now.parameters.changed(vector + share * step[:shared], own_errors)
             after = replace(now, parameters=changed, starts=starts)
             residuals = self.residuals(which, after)
             cost = self.cost(residuals, which, after, elements)
@@ -272,12 +265,7 @@ class Solver:
         return replace(now, noise=np.where(noise > 0.0, np.maximum(noise, 1e-9), now.noise))
 
     def scan(
-        self,
-        which: Sequence[int],
-        now: Estimate,
-        predicted: Sequence[np.ndarray],
-        system: System,
-        fixed: Sequence[int],
+        self, now: Estimate, system: System, predicted: Sequence[np.ndarray], fixed: Sequence[int]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return products (m, m) of what all unknowns but ``fixed`` ones, fitted linearly, leave of m hypotheses' residuals.
 
@@ -288,16 +276,16 @@ class Solver:
         """
         _, covariance = self.posterior(system, now, fixed)
         _, gradient = self._prior_terms(now)
-        free = np.ones(len(gradient), dtype=bool)
-        free[list(fixed)] = False
         count = len(predicted[0])
         rights, squares = np.zeros((len(gradient), count)), np.zeros((count, count))
-        for segment, each, (q, _, block), own in zip(which, predicted, system.blocks, system.columns, strict=True):
+        parts = zip(system.which, predicted, system.blocks, system.columns, strict=True)
+        for segment, each, (q, _, block), own in parts:
             residual = (self.plant.segments[segment].pose - each) * self.weights(segment, now.noise)
             left, rest = _rest(q, block), _rest(q, residual.reshape(count, -1).T)
             rights[own] += left.T @ rest
             squares += rest.T @ rest
-        rights = (rights + gradient[:, None]) * free[:, None]
+        rights += gradient[:, None]
+        rights[list(fixed)] = 0.0
         return squares - rights.T @ covariance @ rights, rights
 
 

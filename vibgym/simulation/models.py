@@ -169,11 +169,11 @@ def auto(setup: Setup, settings: AutoSettings) -> Model:
     Raises:
         ValueError: no model is within the tolerance.
     """
-    kinds: Sequence[Part] = setup.parts.every
-    if setup.multibody or len(kinds) > 1 or varies(kinds[0]):
-        choice = choose_for(setup.surface, kinds, ("planar",), **vars(settings))
+    one, *others = setup.parts.every
+    if setup.multibody or others or varies(one):
+        choice = choose_for(setup.surface, [one, *others], ("planar",), **vars(settings))
     else:
-        choice = choose(setup.surface, kinds[0], **vars(settings))
+        choice = choose(setup.surface, one, **vars(settings))
     model: Model = MODELS.make("model", {"kind": choice.model, **choice.knobs}, replace(setup, model=choice.model))
     model.choice = choice
     return model

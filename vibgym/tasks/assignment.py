@@ -43,10 +43,7 @@ def reassign(kind, present, pose, goal):
                 for j in range(count):
                     dx, dy = goals[j, 0] - pose[w, members[i], 0], goals[j, 1] - pose[w, members[i], 1]
                     cost[i, j] = (dx * dx + dy * dy) ** 1.5
-            assign(
-                cost, np.empty(count + 1), np.empty(count + 1), np.empty(count + 1, np.int64), np.empty(count + 1, np.int64),
-                np.empty(count + 1), np.empty(count + 1, np.bool_), column_of,
-            )  # fmt: skip
+            assign(cost, column_of)
             for i in range(count):
                 goal[w, members[i]] = goals[column_of[i]]
 

@@ -7,8 +7,7 @@ from skimage.measure import label, regionprops
 from vibgym.plugins.camera.objects import (
     Interest,
     area_of_interest,
-    boundary,
-    find_objects,
+    find,
     new_found,
 )
 
@@ -30,7 +29,7 @@ def blobs(seed, share=0.5, scale=6):
 
 def found_in(grey, interest=None, most=400):
     found = new_found(grey.shape, most)
-    find_objects(grey, whole() if interest is None else interest, found)
+    find(grey, whole() if interest is None else interest, found)
     return found
 
 
@@ -84,10 +83,3 @@ def test_the_area_of_interest_cuts():
     grey[30:40, 50:60] = grey[40:50, :40] = grey[2:5, 2:5] = 20
     found = found_in(grey, whole()._replace(first=first, last=last))
     assert found.count[0] == 2 and sorted(found.clipped[:2].tolist()) == [False, True]
-
-
-def test_the_boundary_of_an_object():
-    grey = np.full(SHAPE, 200, np.uint8)
-    grey[10:16, 20:29] = 20
-    edge = boundary(found_in(grey), 0)
-    assert len(edge) == 2 * (6 + 9) - 4 and {tuple(each) for each in edge} >= {(10, 20), (15, 28), (12, 20)}

@@ -11,7 +11,6 @@ from scipy.optimize import linear_sum_assignment
 from studies.benchmarks.camera import wandering
 from tests.plugins.camera.helpers import QUIET, SURFACE, camera, state_of
 from vibgym import Part
-from vibgym.kernels.jit import jit
 from vibgym.physics.core.assignment import assign
 from vibgym.plugins.camera.shapes import outline_moment, size_moment, traits_of
 from vibgym.scene.parts import shipped_part
@@ -22,15 +21,6 @@ SQUARE, DISC = Part.rectangle(0.04, 0.04, friction=0.5), Part.disc(0.02, frictio
 TRIANGLE = Part.polygon([[0.0, 0.0], [0.05, 0.0], [0.025, 0.05 * math.sqrt(0.75)]], friction=0.5)
 
 
-@jit(allocates=True)
-def assigned(cost: np.ndarray, result: np.ndarray) -> None:
-    rows, columns = cost.shape
-    assign(
-        cost, np.zeros(rows + 1), np.zeros(columns + 1), np.zeros(columns + 1, dtype=np.int64),
-        np.zeros(columns + 1, dtype=np.int64), np.zeros(columns + 1), np.zeros(columns + 1, dtype=np.bool_), result,
-    )  # fmt: skip
-
-
 @given(st.integers(1, 7), st.integers(0, 5), st.integers(0, 10**6))
 def test_assignments_cost_as_little_as_those_of_scipy(rows, more, seed):
     random = np.random.default_rng(seed)
@@ -38,7 +28,7 @@ def test_assignments_cost_as_little_as_those_of_scipy(rows, more, seed):
     cost[random.random(cost.shape) < 0.3] = 1e9  # impossible pairs
     cost[:, :rows] = np.where(np.eye(rows) > 0, 60.0, cost[:, :rows])
     result = np.full(rows, -1)
-    assigned(cost, result)
+    assign(cost, result)
     assert len(set(result.tolist())) == rows and (result >= 0).all()
     best = cost[linear_sum_assignment(cost)].sum()
     assert cost[np.arange(rows), result].sum() == pytest.approx(best, rel=1e-9)

@@ -10,8 +10,8 @@ import uvicorn
 from tests.browser import chromium
 from vibgym.plugins.play.choices import settings_of
 from vibgym.plugins.play.command import LOOPBACK, _listening
-from vibgym.plugins.play.messages import MOST_BYTES
 from vibgym.plugins.play.server import Server
+from vibgym.plugins.play.session import MOST_BYTES
 
 
 @pytest.fixture(scope="module")

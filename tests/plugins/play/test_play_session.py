@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from vibgym.plugins.play import messages, starts
+from vibgym.plugins.play import starts
 from vibgym.plugins.play.choices import settings_of
-from vibgym.plugins.play.session import Session
+from vibgym.plugins.play.session import Session, parsed
 
 
 class Page:
@@ -59,6 +59,7 @@ def refused(answers):
         ('{"do": "undo", "n": 1}', "undo"),
         ('{"do": "record", "n": 1, "what": "gif"}', "record"),
         ('{"do": "reset", "n": 1, "colour": "red"}', "colour"),
+        ('{"do": "carry", "n": 1, "part": 0}', "pose"),
     ],
 )
 def test_bad_messages_are_one_clear_line_and_change_nothing(align, text, named):
@@ -80,7 +81,7 @@ def test_bad_messages_are_one_clear_line_and_change_nothing(align, text, named):
 )
 def test_any_text_is_a_message_or_refused(text):
     try:
-        messages.parsed(text)
+        parsed(text)
     except ValueError as error:
         assert "\n" not in str(error)
 

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from vibgym.kernels.jit import jit
 
 
-@jit
-def assign(cost, potential_row, potential_column, row_of, way, least, used, column_of):
+@jit(allocates=True)
+def assign(cost, column_of):
     """Assign each row to a different column at the least total cost (H. W. Kuhn 1955; augmenting shortest paths).
 
     Args:
         cost: (rows, columns), rows <= columns.
-        potential_row: (rows + 1,) and potential_column, way, row_of, least, used: (columns + 1,), scratch.
         column_of: (rows,) written.
     """
     rows, columns = cost.shape
-    potential_row[:] = 0.0
-    potential_column[:] = 0.0
-    row_of[:] = 0
-    way[:] = 0
+    potential_row, potential_column, least = np.zeros(rows + 1), np.zeros(columns + 1), np.empty(columns + 1)
+    row_of, way = np.zeros(columns + 1, np.int64), np.zeros(columns + 1, np.int64)
+    used = np.empty(columns + 1, np.bool_)
     for row in range(1, rows + 1):
         row_of[0] = row
         at = 0

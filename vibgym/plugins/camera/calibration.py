@@ -15,7 +15,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.kernels.jit import jit
 from vibgym.plugins.camera.edges import Grey, share_moments, shares
-from vibgym.plugins.camera.objects import Found, Interest, clear, find, new_found
+from vibgym.plugins.camera.objects import Found, Interest, find, new_found
 
 
 class Grid(NamedTuple):
@@ -47,7 +47,6 @@ class Template(NamedTuple):
 
 @jit(allocates=True)
 def _centroids(grey: np.ndarray, interest: Interest, meaning: Grey, found: Found, places: np.ndarray) -> None:
-    clear(found)
     find(grey, interest, found)
     moment = np.empty(6)
     for k in range(found.count[0]):

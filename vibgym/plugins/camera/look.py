@@ -12,7 +12,7 @@ from vibgym.physics.core.assignment import assign
 from vibgym.plugins.camera.calibration import Grid, at_height, locate
 from vibgym.plugins.camera.edges import Grey, complex_moment, share_moments, shares
 from vibgym.plugins.camera.image import Canvas, Exposure, Shapes, draw, wipe
-from vibgym.plugins.camera.objects import Found, Interest, clear, find, new_found
+from vibgym.plugins.camera.objects import Found, Interest, find, new_found
 from vibgym.plugins.camera.optics import Optics
 from vibgym.plugins.camera.shapes import Traits, load_kinds
 
@@ -68,13 +68,7 @@ class Seen(NamedTuple):
     measure: np.ndarray  # (objects, 10): position on the surface, area in px, central moments over area, Jacobian
     expected: np.ndarray  # (parts, 3) predicted pose
     cost: np.ndarray  # (parts, objects + parts)
-    potential_row: np.ndarray  # scratch of vibgym.physics.core.assignment.assign
-    potential_column: np.ndarray
-    row_of: np.ndarray
-    way: np.ndarray
-    least: np.ndarray
-    used: np.ndarray
-    column_of: np.ndarray
+    column_of: np.ndarray  # (parts,) object of each part, -1 for none
 
 
 class Track(NamedTuple):
@@ -89,7 +83,6 @@ class Track(NamedTuple):
 def new_seen(shape: tuple[int, int], parts: int, background: np.ndarray) -> Seen:
     """Return working arrays for an image of ``shape`` with ``parts`` parts."""
     objects = 4 * parts + 16
-    columns = objects + parts
     canvas = Canvas(np.ones(shape, dtype=np.float32), background.copy())
     return Seen(
         canvas,
@@ -97,13 +90,7 @@ def new_seen(shape: tuple[int, int], parts: int, background: np.ndarray) -> Seen
         np.zeros((parts, 2, 4), dtype=np.int64),
         np.zeros((objects, 10)),
         np.zeros((parts, 3)),
-        np.zeros((parts, columns)),
-        np.zeros(parts + 1),
-        np.zeros(columns + 1),
-        np.zeros(columns + 1, dtype=np.int64),
-        np.zeros(columns + 1, dtype=np.int64),
-        np.zeros(columns + 1),
-        np.zeros(columns + 1, dtype=np.bool_),
+        np.zeros((parts, objects + parts)),
         np.zeros(parts, dtype=np.int64),
     )
 
@@ -187,11 +174,7 @@ def _match(known, missed, shown, seen):
                     spread = xx + yy
                     elongation = math.hypot(xx - yy, 2.0 * xy) / max(spread, 1e-30)
                     cost[p, k] = unlikeness(away, gate, area, spread, elongation, known.grain, traits, kind)
-    assign(
-        cost, seen.potential_row, seen.potential_column[: objects + parts + 1], seen.row_of[: objects + parts + 1],
-        seen.way[: objects + parts + 1], seen.least[: objects + parts + 1], seen.used[: objects + parts + 1],
-        seen.column_of,
-    )  # fmt: skip
+    assign(cost, seen.column_of)
     for p in range(parts):
         if seen.column_of[p] >= objects:
             seen.column_of[p] = -1
@@ -258,7 +241,6 @@ def look_at(
             rig.optics, rig.shapes, rig.exposure, pose[w], earlier[w], shown[w], key[w], looks[w], seen.canvas,
             seen.boxes,
         )  # fmt: skip
-        clear(seen.found)
         find(seen.canvas.grey, known.interest, seen.found)
         for k in range(seen.found.count[0]):
             measure_object(seen.canvas.grey, known, seen.found, k, seen.measure[k])

@@ -34,7 +34,7 @@ class Found(NamedTuple):
     box: np.ndarray  # (most objects, 4) int64: first line, line after the last, first column, column after the last
     # (most objects,) bool: reaches the border of the area of interest, so that it may be incomplete
     clipped: np.ndarray
-    label: np.ndarray  # (lines, columns) int16: 1 + object, 0 elsewhere; cleared by :func:`clear`
+    label: np.ndarray  # (lines, columns) int16: 1 + object, 0 elsewhere
 
 
 def new_found(shape: tuple[int, int], objects: int) -> Found:
@@ -137,20 +137,15 @@ def shift_moments(moment, column, line):
 
 
 @jit
-def clear(found):
-    """Clear the labels of the previous image."""
-    for k in range(found.count[1]):
-        for column in range(found.run[k, 1], found.run[k, 2]):
-            found.label[found.run[k, 0], column] = 0
-
-
-@jit
-def find(grey, interest, found):
-    """Find all objects in the area of interest; the labels of ``found`` are clear.
+def find(grey: np.ndarray, interest: Interest, found: Found) -> None:
+    """Find all objects in the area of interest, after those of the previous image are cleared.
 
     Args:
         grey: (lines, columns) uint8.
     """
+    for k in range(found.count[1]):
+        for column in range(found.run[k, 1], found.run[k, 2]):
+            found.label[found.run[k, 0], column] = 0
     objects, runs = 0, 0
     for line in range(interest.lines // 2, grey.shape[0], interest.lines):
         for column in range(interest.first[line], interest.last[line] + 1, interest.columns):
@@ -177,13 +172,6 @@ def find(grey, interest, found):
     found.count[0], found.count[1] = objects, runs
 
 
-@jit
-def find_objects(grey: np.ndarray, interest: Interest, found: Found) -> None:
-    """Clear the labels of the previous image and find objects, see :func:`find`."""
-    clear(found)
-    find(grey, interest, found)
-
-
 def area_of_interest(places: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Return first and last column, each (lines,), of pixel centres inside a convex polygon ``places`` (n, 2), px."""
     first, last = np.full(shape[0], 0, dtype=np.int64), np.full(shape[0], -1, dtype=np.int64)
@@ -196,15 +184,3 @@ def area_of_interest(places: np.ndarray, shape: tuple[int, int]) -> tuple[np.nda
             first[line] = max(int(np.ceil(column.min())), 0)
             last[line] = min(int(np.floor(column.max())), shape[1] - 1)
     return first, last
-
-
-def boundary(found: Found, number: int) -> np.ndarray:
-    """Return boundary pixels (n, 2) of an object, line and column; for pictures."""
-    runs = found.run[found.first[number] : found.first[number + 1]]
-    top, left = runs[:, 0].min() - 1, runs[:, 1].min() - 1
-    inside = np.zeros((runs[:, 0].max() - top + 2, runs[:, 2].max() - left + 1), dtype=bool)
-    for line, start, end, _ in runs:
-        inside[line - top, start - left : end - left] = True
-    core = inside[1:-1, 1:-1] & inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
-    edge = inside[1:-1, 1:-1] & ~core
-    return np.argwhere(edge) + (top + 1, left + 1)

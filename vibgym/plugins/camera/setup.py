@@ -122,6 +122,7 @@ class Setup:
         exposure = self._exposure()
         self.kinds = Kinds.of(parts)
         kinds, kind = self.kinds.every, self.kinds.kind[0].copy()
+        self._rooms = [room_inside(part) for part in kinds]
         self._refuse_unfit(kinds)
         shapes = image.Shapes(
             kind,
@@ -157,10 +158,7 @@ class Setup:
         shown = np.ones(marks.shape[:2], dtype=bool)
         for row, column in missing:
             shown[row, column] = False
-        outline = self.template.outline()
-        shapes = image.Shapes(
-            np.zeros(shown.size, dtype=np.int64), outline, np.array([0, len(outline)]), np.zeros(1)
-        )  # fmt: skip
+        shapes = _flat(self.template.outline(), shown.size)
         pose = np.column_stack([marks.reshape(-1, 2), np.zeros(shown.size)])
         return self._drawn(shapes, pose, shown.ravel(), self.rig.exposure)[1]
 
@@ -231,28 +229,23 @@ class Setup:
         if np.isfinite(frame).all():
             low, high = frame.min(axis=0), frame.max(axis=0)
             got += f": columns {low[0]:.0f} to {high[0]:.0f}, lines {low[1]:.0f} to {high[1]:.0f}"
-        raise checks.conflict(
-            f"sensor: {got}; the image has {columns} x {lines} px: change height, position, tilt, lens or border"
-        )
+        change = "change height, position, tilt, lens or border"
+        raise checks.conflict(f"sensor: {got}; the image has {columns} x {lines} px: {change}")
 
     def _refuse_unfit(self, kinds: Sequence[Part]) -> None:
         """Raise ValueError for parts that cannot be detected."""
-        for part in kinds:
+        for part, room in zip(kinds, self._rooms, strict=True):
             if part.height > 0.5 * self.optics.place[2]:
                 got = f"{part.name}, {part.height:g} m high"
                 raise checks.refuse("parts", got, f"at most half as high as the camera, {self.optics.place[2]:g} m")
-            if self._inner(part) < 1.0:
-                got = f"{part.name}, {2e3 * room_inside(part):.3g} mm wide within"
+            if room / self._pixel() < 1.0:
+                got = f"{part.name}, {2e3 * room:.3g} mm wide within"
                 allowed = f"wide enough for a circle of a pixel's radius, {1e3 * self._pixel():.3g} mm"
                 raise checks.refuse("parts", got, allowed)
 
     def _pixel(self) -> float:
         """Return the size of a pixel on the surface along a line, m."""
         return self.optics.place[2] / self.optics.focal
-
-    def _inner(self, part: Part) -> float:
-        """Return the radius of the largest circle inside a part in the image, px."""
-        return room_inside(part) / self._pixel()
 
     def _exposure(self) -> image.Exposure:
         settings, blur, (lines, columns) = self.settings, self.settings.blur, self.shape
@@ -264,9 +257,7 @@ class Setup:
         # The border extends a little farther, so that the blurred surroundings stay outside the area of interest.
         beyond = (1 + len(along) // 2) * self.pitch * self._pixel()
         bare = image.Exposure(np.ones(self.shape, np.float32), 0.0, across, along, 0.0, image.normal_quantiles())
-        frame = image.Shapes(
-            np.zeros(1, dtype=np.int64), self._corners(settings.border + beyond), np.array([0, 4]), np.zeros(1)
-        )  # fmt: skip
+        frame = _flat(self._corners(settings.border + beyond), 1)
         outside, _ = self._drawn(frame, np.zeros((1, 3)), np.ones(1, dtype=bool), bare)
         level = brightness * (SURFACE + (SURROUNDINGS - SURFACE) * outside)
         return bare._replace(level=level.astype(np.float32), dark=PARTS / SURFACE, noise=settings.noise)
@@ -279,16 +270,13 @@ class Setup:
         threshold = self.settings.threshold
         low, high = PARTS + 4.0 * exposure.noise, darkest - 4.0 * exposure.noise
         if not low < threshold < high:
-            allowed = (
-                f"between the grey levels of parts and surface, four sigma of noise from both: {low:.4g} to {high:.4g}"
-            )
-            raise checks.refuse("sensor.threshold", threshold, allowed)
+            allowed = "between the grey levels of parts and surface, four sigma of noise from both"
+            raise checks.refuse("sensor.threshold", threshold, f"{allowed}: {low:.4g} to {high:.4g}")
         least = min(part.area for part in kinds) / (self.pitch * self._pixel() ** 2)
         # A square grid hits every circle of 1 / sqrt 2 of its spacing; half a pixel is lost to the threshold.
-        spacing = min(1.4 * (self._inner(part) - 0.5) for part in kinds)
-        interest = Interest(
-            first, last, threshold, max(int(spacing / self.pitch), 1), max(int(spacing), 1), max(int(0.25 * least), 1)
-        )
+        spacing = min(1.4 * (room / self._pixel() - 0.5) for room in self._rooms)
+        grid = max(int(spacing / self.pitch), 1), max(int(spacing), 1)
+        interest = Interest(first, last, threshold, *grid, max(int(0.25 * least), 1))
         band = 1 + len(exposure.along) // 2, 1 + len(exposure.across) // 2
         fine = self.settings.edge == "grey"
         return interest, Grey(exposure.level, 1.0 - exposure.dark, band[0], band[1], fine)
@@ -306,3 +294,8 @@ class Setup:
         if mark > most:
             raise checks.refuse("sensor.mark", mark, f"at most half the distance of marks, {most:g} m")
         return template
+
+
+def _flat(outline: np.ndarray, count: int) -> image.Shapes:
+    """Return ``count`` equal shapes without height."""
+    return image.Shapes(np.zeros(count, dtype=np.int64), outline, np.array([0, len(outline)]), np.zeros(1))

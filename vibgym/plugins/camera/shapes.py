@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.kernels.jit import jit
+from vibgym.scene.outlines import contains
 from vibgym.scene.parts import Part
 
 MOST_ORDER = 12
@@ -109,13 +110,8 @@ def room_inside(part: Part) -> float:
 
 def _depth(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
     """Return the distance of points (n, 2) to the outline, negative outside."""
-    ends = np.roll(outline, -1, axis=0)
-    edge = ends - outline
+    edge = np.roll(outline, -1, axis=0) - outline
     relative = points[:, None] - outline
     t = np.clip((relative * edge).sum(-1) / (edge**2).sum(-1), 0.0, 1.0)
     away = np.linalg.norm(relative - t[..., None] * edge, axis=-1).min(axis=1)
-    y = points[:, 1, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        crossing = outline[:, 0] + (y - outline[:, 1]) * edge[:, 0] / edge[:, 1]
-    crosses = ((outline[:, 1] <= y) != (ends[:, 1] <= y)) & (crossing > points[:, 0, None])
-    return np.where(crosses.sum(axis=1) % 2 == 1, away, -away)
+    return np.where(contains(outline, points), away, -away)

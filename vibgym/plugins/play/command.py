@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 import asyncio
 import ipaddress
+import os
 import socket
-import sys
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
@@ -69,7 +69,7 @@ def _serve(app: ASGIApp, heard: socket.socket, announcement: str) -> None:
     """Serve until Ctrl-C; print ``announcement`` after startup."""
     import uvicorn
 
-    from vibgym.plugins.play.messages import MOST_BYTES
+    from vibgym.plugins.play.session import MOST_BYTES
 
     class Announced(uvicorn.Server):
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -94,19 +94,13 @@ def _check_extra() -> None:
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    """Return a socket bound to this address before the server starts."""
+    """Return a socket that listens at this address before the server starts."""
     try:
-        family, kind, number, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except (OSError, UnicodeError):
         raise checks.refuse("--host", host, "an address of this host, such as 127.0.0.1") from None
-    result = socket.socket(family, kind, number)
-    if sys.platform != "win32":
-        result.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        result.bind(address)
-        result.listen(64)
+        return socket.create_server(address, family=family, backlog=64)
     except OSError as error:
-        result.close()
-        why = (error.strerror or str(error)).lower()
+        why = os.strerror(error.errno or 0).lower()
         raise checks.refuse("--port", f"{port} on {host} ({why})", "a free port; 0 selects one") from None
-    return result

@@ -10,21 +10,31 @@ import numpy as np
 
 from vibgym.envs.viewer import has_side, scenery_of, side_of
 from vibgym.plugins.play.choices import HARDWARE, MODELS, MOST_RATE, MOST_TILT
-from vibgym.plugins.play.drawing import drawn_scene
 from vibgym.plugins.play.world import World
+from vibgym.rendering import colours
 
 LENGTH, ANGLE = 1e5, 1e4
 """Resolution of frames: 10 um and 0.1 mrad."""
 
 
 def scene_of(world: World) -> dict[str, Any]:
-    """Return the static scene and the available settings."""
+    """Return the static scene, lengths in m, and the available settings."""
     env, task = world.env, world.core.task
-    found = drawn_scene(scenery_of(env))
-    paths = [np.round(line, 5).tolist() for line in env.paths()]
+    scenery = scenery_of(env)
     return {
-        **found,
-        "paths": paths,
+        "rows": scenery.rows,
+        "columns": scenery.columns,
+        "size": scenery.element_size,
+        "walls": list(scenery.walls),
+        "outlines": [np.round(outline, 6).tolist() for outline in scenery.outlines],
+        "tints": [_tint(kind) for kind in scenery.kinds],
+        "zones": [
+            {"box": [*zone.low, *zone.high], "tint": _tint(zone.kind), "label": zone.label} for zone in scenery.zones
+        ],
+        "goalSize": scenery.goal_size,
+        "tolerance": scenery.tolerance or 0.0,
+        "asked": list(scenery.asked),
+        "paths": [np.round(line, 5).tolist() for line in env.paths()],
         "id": world.settings.id,
         "policy": world.settings.policy,
         "policies": list(world.policies),
@@ -71,6 +81,13 @@ def frame_of(world: World) -> dict[str, Any]:
         ]
         found["plates"] = np.round(side.plates, 5).tolist()
     return found
+
+
+def _tint(kind: int) -> list[str]:
+    """Return the colour of a kind, and that of text on it."""
+    colour = colours.PARTS[kind % len(colours.PARTS)]
+    on_it = colours.INK if colours.is_light(colour) else colours.PAPER
+    return ["#{:02x}{:02x}{:02x}".format(*each) for each in (colour, on_it)]
 
 
 def _poses(pose: np.ndarray) -> list[list[int]]:

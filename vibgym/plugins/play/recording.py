@@ -64,9 +64,8 @@ class Recorder:
         """Store the result of a step."""
         if self.full:
             return
-        if (
-            not self._over
-        ):  # steps after an episode's end belong to no episode, until an intervention starts another one
+        # Steps after an episode's end belong to no episode, until an intervention starts another one.
+        if not self._over:
             part = self.segments[-1]
             part.observations.append(world.observation)
             part.actions.append(world.done.reshape(-1))

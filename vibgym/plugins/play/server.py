@@ -5,32 +5,26 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import mimetypes
 import secrets
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
+from starlette.datastructures import MutableHeaders
 from starlette.requests import Request
 from starlette.responses import FileResponse, PlainTextResponse, Response
-from starlette.routing import Route, WebSocketRoute
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from vibgym.plugins.play.choices import Settings, settings_of
-from vibgym.plugins.play.drawing import SCRIPTS, script_path
 from vibgym.plugins.play.session import Session
 
-HERE = Path(__file__).parent / "page"
-
-OWN = ("main", "link", "motion", "plot", "hand", "brush", "panel")
-
-PAGE = {
-    "play.css": (HERE / "play.css", "text/css"),
-    **{f"{name}.js": (HERE / f"{name}.js", "text/javascript") for name in OWN},
-    **{f"{name}.js": (script_path(name), "text/javascript") for name in SCRIPTS},
-}
-"""Served files and their media types; no other file is served."""
+PAGE = Path(__file__).parent / "page"
+"""Served files."""
 
 MOST_WORLDS = 16
 """Most visitors at a time, including those whose connection was lost."""
@@ -106,32 +100,20 @@ class Server:
 
     def app(self, hosts: Sequence[str]) -> ASGIApp:
         """Return the application; ``hosts``: accepted host names, ``"*"`` for all."""
+        mimetypes.add_type("text/javascript", ".js")  # Windows may have another type
         routes = [
-            Route("/", self._page),
-            Route("/{name}", self._file),
             Route("/kept/{name}", self._kept),
             WebSocketRoute("/world", self._world),
+            Mount("/", StaticFiles(directory=PAGE, html=True)),
         ]
-        app = Starlette(routes=routes)
-        app.router.redirect_slashes = False
-        return Guard(app, hosts)
-
-    async def _page(self, request: Request) -> Response:
-        return FileResponse(HERE / "index.html", media_type="text/html", headers=HEADERS)
-
-    async def _file(self, request: Request) -> Response:
-        name = request.path_params["name"]
-        if name not in PAGE:
-            return PlainTextResponse("not found\n", 404)
-        path, kind = PAGE[name]
-        return FileResponse(path, media_type=kind, headers=HEADERS)
+        return Guard(Starlette(routes=routes), hosts)
 
     async def _kept(self, request: Request) -> Response:
         name = request.path_params["name"]
         path = next((each.session.kept[name] for each in self.visitors.values() if name in each.session.kept), None)
         if path is None or not path.is_file():
             return PlainTextResponse("not found\n", 404)
-        return FileResponse(path, media_type="image/gif", filename=name, headers=HEADERS)
+        return FileResponse(path, media_type="image/gif", filename=name)
 
     async def _world(self, socket: WebSocket) -> None:
         await socket.accept()
@@ -198,7 +180,7 @@ async def _text(socket: WebSocket) -> str | bytes:
 
 
 class Guard:
-    """Refuses requests with another host name, such as those of other sites' pages (DNS rebinding)."""
+    """Refuses requests with another host name, such as those of other sites' pages (DNS rebinding); adds :data:`HEADERS`."""
 
     def __init__(self, app: ASGIApp, hosts: Sequence[str]) -> None:
         self._app, self._hosts = app, tuple(hosts)
@@ -211,7 +193,13 @@ class Guard:
             if not same or not ("*" in self._hosts or _name(host) in self._hosts):
                 await self._refuse(scope, receive, send)
                 return
-        await self._app(scope, receive, send)
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(HEADERS)
+            await send(message)
+
+        await self._app(scope, receive, with_headers)
 
     async def _refuse(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":

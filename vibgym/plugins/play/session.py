@@ -1,9 +1,14 @@
-"""Session of one visitor: a world, its undo stack and its recording. Independent of the network."""
+"""Session of one visitor: a world, its undo stack and its recording. Independent of the network.
+
+Messages of the page are JSON objects: ``do`` is the name of a method of :class:`Session` with :func:`message`, ``n`` the number
+of the message, and all others are arguments of the method, validated by its annotations.
+"""
 
 from __future__ import annotations
 
 import base64
 import binascii
+import json
 import re
 import tempfile
 import threading
@@ -11,12 +16,12 @@ import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from pydantic import ConfigDict, Field, ValidationError, validate_call
 
 from vibgym import Part, checks
-from vibgym.plugins.play import messages
 from vibgym.plugins.play.choices import Settings, settings_of
 from vibgym.plugins.play.picture import frame_of, scene_of
 from vibgym.plugins.play.recording import Recorder
@@ -27,7 +32,29 @@ from vibgym.scene.drawings.records import summary
 MOST_UNDONE = 60
 """Depth of the undo stack."""
 
+MOST_BYTES = 4 * 1024 * 1024
+"""Largest size of a message; a drawing is the largest."""
+
+MOST_ELEMENTS = 4096
+"""Most elements painted by a message."""
+
+QUIET = ("carry", "aim", "paint")
+"""Messages of a stroke: while time passes, the next step shows their effect."""
+
 Answer = dict[str, Any]
+Finite = Annotated[float, Field(ge=-1e3, le=1e3)]
+Pose = tuple[Finite, Finite, Finite]
+Share = Annotated[float, Field(ge=-1.0, le=1.0)]
+Name = Annotated[str, Field(max_length=200)]
+
+MESSAGES: dict[str, Callable[..., list[Answer] | None]] = {}
+"""Handlers of messages by name; they return answers besides the present frame."""
+
+
+def message(method: Callable[..., list[Answer] | None]) -> Callable[..., list[Answer] | None]:
+    """Register a method of :class:`Session` as the handler of the messages of its name."""
+    checked = MESSAGES[method.__name__] = validate_call(config=ConfigDict(allow_inf_nan=False))(method)
+    return checked
 
 
 class Session:
@@ -91,18 +118,19 @@ class Session:
         """Execute a message; for an invalid one return an error, without any change."""
         with self._lock:
             try:
-                message = messages.parsed(text)
+                number, name, arguments = parsed(text)
             except ValueError as error:
                 return [_refusal(str(error))]
-            if message.n <= self.acknowledged:
+            if number <= self.acknowledged:
                 return []  # sent twice: the connection was lost before the answer
-            self.acknowledged = message.n
+            self.acknowledged = number
             try:
-                answers: list[Answer] = getattr(self, f"_{message.do}")(message) or []
+                answers = MESSAGES[name](self, **arguments) or []
+            except ValidationError as error:
+                answers = [_refusal(_complaint(error))]
             except (ValueError, ModuleNotFoundError, OSError) as error:
                 answers = [_refusal(str(error))]
-            quiet = isinstance(message, messages.Carry | messages.Aim | messages.Paint) and self.running
-            return answers if quiet else [*answers, *self._look()]
+            return answers if name in QUIET and self.running else [*answers, *self._look()]
 
     def _look(self) -> list[Answer]:
         scene = [{"kind": "scene", **scene_of(self.world)}] if self._scene_due else []
@@ -139,25 +167,31 @@ class Session:
             self._past.pop()
             raise
 
-    def _open(self, message: messages.Open) -> None:
-        if message.start is not None:
-            world = world_from(message.start)
-        else:
-            world = World(settings_of(message.id or self.world.settings.id))
+    @message
+    def open(self, id: Name | None = None, start: Annotated[str, Field(max_length=40_000)] | None = None) -> None:
+        """Open another environment, or a shared start."""
+        world = World(settings_of(id or self.world.settings.id)) if start is None else world_from(start)
         self._note()
         self._go_to(world)
 
-    def _drop(self, message: messages.Drop) -> list[Answer]:
+    @message
+    def drop(
+        self,
+        name: Name,
+        content: Annotated[str, Field(max_length=MOST_BYTES)],
+        units: Annotated[str, Field(max_length=10)] | None = None,
+    ) -> list[Answer]:
+        """Open the present environment with the part of a drawing: name and content of the file, in base 64."""
         settings = self.world.settings
         friction = self.world.env.parts[0].friction
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / Path(message.name.replace("\\", "/")).name
+            path = Path(folder) / Path(name.replace("\\", "/")).name
             try:
-                path.write_bytes(base64.b64decode(message.content, validate=True))
+                path.write_bytes(base64.b64decode(content, validate=True))
             except (binascii.Error, OSError, ValueError):
-                raise checks.refuse("content", message.content[:20], "a file with a name, in base 64") from None
+                raise checks.refuse("content", content[:20], "a file with a name, in base 64") from None
             try:
-                part = Part.from_file(path, friction=friction, units=message.units, surface=self.world.core.surface)
+                part = Part.from_file(path, friction=friction, units=units, surface=self.world.core.surface)
             except checks.Refused as error:
                 raise checks.conflict(str(error).replace(str(path), path.name)) from None
         world = World(settings_of(**{**vars(settings), "part": part.to_dict(), "policy": ""}))
@@ -174,26 +208,31 @@ class Session:
         self._jumps += 1
         self._scene_due = True
 
-    def _reset(self, message: messages.Reset) -> None:
-        seed = self.world.seed + 1 if message.seed is None else message.seed
-        self._tried(lambda: self.world.begin(seed))
+    @message
+    def reset(self, seed: Annotated[int, Field(ge=0, le=2**31)] | None = None) -> None:
+        """Begin another episode; without a seed, with the next one."""
+        self._tried(lambda: self.world.begin(self.world.seed + 1 if seed is None else seed))
         self._jumped()
 
-    def _pace(self, message: messages.Pace) -> None:
-        if message.running is not None:
-            self.running = message.running
-        if message.speed is not None:
-            self.speed = message.speed
+    @message
+    def pace(self, running: bool | None = None, speed: Annotated[float, Field(ge=0.02, le=4.0)] | None = None) -> None:
+        """Run or pause; ``speed`` is a multiple of real time."""
+        self.running = self.running if running is None else running
+        self.speed = self.speed if speed is None else speed
 
-    def _steps(self, message: messages.Steps) -> list[Answer]:
+    @message
+    def steps(self, count: Annotated[int, Field(ge=1, le=250)] = 1) -> list[Answer]:
+        """Pause, and execute single steps."""
         self.running = False
         self._note()
         answers: list[Answer] = []
-        for _ in range(message.count):
+        for _ in range(count):
             answers = self._step()
         return answers[:-1]
 
-    def _undo(self, message: messages.Request) -> None:
+    @message
+    def undo(self) -> None:
+        """Undo the last intervention."""
         if not self._past:
             raise checks.conflict("undo: there is nothing to undo")
         past = self._past.pop()
@@ -202,62 +241,90 @@ class Session:
             self._recorder.cut()
         self._go_to(past["world"])
 
-    def _lift(self, message: messages.Lift) -> None:
-        part = self.world.part(message.part)
+    @message
+    def lift(self, part: int) -> None:
+        """Lift a part."""
+        part = self.world.part(part)
         self._tried(lambda: self.world.lift(part))
 
-    def _carry(self, message: messages.Carry) -> None:
-        self.world.carry(self.world.part(message.part), np.array(message.pose))
+    @message
+    def carry(self, part: int, pose: Pose) -> None:
+        """Move a lifted part."""
+        self.world.carry(self.world.part(part), np.array(pose))
 
-    def _put_down(self, message: messages.PutDown) -> None:
-        part = self.world.part(message.part)
-        if message.pose is not None:
-            self.world.carry(part, np.array(message.pose))
+    @message
+    def put_down(self, part: int, pose: Pose | None = None) -> None:
+        """Put a lifted part down."""
+        part = self.world.part(part)
+        if pose is not None:
+            self.world.carry(part, np.array(pose))
         self.world.put_down(part)
 
-    def _aim(self, message: messages.Aim) -> None:
-        part, pose = self.world.part(message.part), np.array(message.pose)
-        if message.begin:
-            self._tried(lambda: self.world.aim(part, pose))
+    @message
+    def aim(self, part: int, pose: Pose, begin: bool = True) -> None:
+        """Set a goal; ``begin``: the first message of a stroke, which is undone as a whole."""
+        part, goal = self.world.part(part), np.array(pose)
+        if begin:
+            self._tried(lambda: self.world.aim(part, goal))
         else:
-            self.world.aim(part, pose)
+            self.world.aim(part, goal)
 
-    def _paint(self, message: messages.Paint) -> None:
+    @message
+    def paint(
+        self,
+        elements: Annotated[list[tuple[int, int]], Field(max_length=MOST_ELEMENTS)],
+        phasor: tuple[Share, Share] | None,
+        begin: bool = True,
+    ) -> None:
+        """Paint elements [row, column] with a phasor (C, S), fractions of full scale; None removes paint."""
         rows, columns = self.world.paint.shape[:2]
-        elements = np.array(message.elements, dtype=int).reshape(-1, 2)
-        if ((elements < 0) | (elements >= [rows, columns])).any():
-            raise checks.refuse(
-                "elements", "an element off the table", f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
-            )
-        if message.begin:
+        cells = np.array(elements, dtype=int).reshape(-1, 2)
+        if ((cells < 0) | (cells >= [rows, columns])).any():
+            allowed = f"rows 0 to {rows - 1}, columns 0 to {columns - 1}"
+            raise checks.refuse("elements", "an element off the table", allowed)
+        if begin:
             self._note()
-        phasor = np.array([np.nan, np.nan] if message.phasor is None else message.phasor)
-        self.world.draw(elements, phasor / max(1.0, float(np.hypot(*phasor))))
+        colour = np.array([np.nan, np.nan] if phasor is None else phasor)
+        self.world.draw(cells, colour / max(1.0, float(np.hypot(*colour))))
 
-    def _wipe(self, message: messages.Request) -> None:
+    @message
+    def wipe(self) -> None:
+        """Remove all paint."""
         self._note()
         self.world.paint[...] = np.nan
 
-    def _switch(self, message: messages.Switch) -> None:
-        chosen = {name: value for name, value in message.model_dump(exclude={"n", "do"}).items() if value is not None}
+    @message
+    def switch(
+        self,
+        policy: Name | None = None,
+        hardware: Name | None = None,
+        model: Name | None = None,
+        rate: Finite | None = None,
+        tilt: Finite | None = None,
+    ) -> None:
+        """Change policy, hardware, model or disturbance (1/s, rad)."""
+        given = {"policy": policy, "hardware": hardware, "model": model, "rate": rate, "tilt": tilt}
+        chosen = {name: value for name, value in given.items() if value is not None}
         settings = settings_of(**{**vars(self.world.settings), **chosen})
         self._tried(lambda: self.world.switch(settings))
         self._scene_due = True
 
-    def _record(self, message: messages.Record) -> list[Answer]:
+    @message
+    def record(self, what: Literal["begin", "gif", "minari", "drop"]) -> list[Answer]:
+        """Begin a recording, or end it and write a GIF or a data set."""
         recorder = self._recorder
-        if message.what == "begin":
+        if what == "begin":
             self._recorder = Recorder(self.world)
             return []
         if recorder is None:
             raise checks.conflict("record: there is no recording")
         self._recorder = None
-        if message.what == "drop":
+        if what == "drop":
             return []
         stem = re.sub(r"\W+", "-", self.world.settings.id.rpartition("/")[2].lower())
         name = f"{stem}-{time.strftime('%Y%m%d-%H%M%S')}-{len(self.kept)}"
         try:
-            if message.what == "gif":
+            if what == "gif":
                 path = self.output / f"{name}.gif"
                 recorder.gif(path, self.world.env.step_time)
                 self.kept[path.name] = path
@@ -269,8 +336,33 @@ class Session:
         text = f"written: {path} (MINARI_DATASETS_PATH={self.output}, data set play/{name}-v0)"
         return [{"kind": "kept", "text": text}]
 
-    def _share(self, message: messages.Request) -> list[Answer]:
+    @message
+    def share(self) -> list[Answer]:
+        """Return the start as a code for a URL."""
         return [{"kind": "start", "code": code_of(self.world)}]
+
+
+def parsed(text: str | bytes) -> tuple[int, str, dict[str, Any]]:
+    """Return number, name and arguments of a message.
+
+    Raises:
+        ValueError: no JSON object, a bad number or an unknown name.
+    """
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise checks.refuse("message", text[:60], "a JSON object")
+    name = checks.choice("do", found.pop("do", None), MESSAGES)
+    return checks.count("n", found.pop("n", None), most=2**53), name, found
+
+
+def _complaint(error: ValidationError) -> str:
+    """Return one line about the first fault in the arguments of a message."""
+    first = error.errors(include_url=False)[0]
+    got = "" if first["type"].startswith("missing") else f", got {first['input']!r}"
+    return str(checks.conflict(f"{'.'.join(map(str, first['loc']))}: {first['msg']}{got}"))
 
 
 def _refusal(text: str) -> Answer:

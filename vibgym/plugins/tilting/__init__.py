@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibgym.plugins.tilting.model import Tilting, TiltingSettings, scheme_of
+from vibgym.plugins.tilting.model import Tilting, TiltingMultibody, TiltingSettings, scheme_of
 from vibgym.simulation.model import Model, Setup
 from vibgym.simulation.schemes import PlanarSettings, schemes_alone
 
@@ -23,8 +23,6 @@ def tilting(setup: Setup, settings: TiltingSettings | None = None) -> Model:
     scheme = scheme_of(setup.surface, TiltingSettings() if settings is None else settings)
     if not setup.multibody:
         return Tilting(setup, schemes_alone(setup.surface, setup.parts.every, PlanarSettings()), scheme)
-    from vibgym.plugins.tilting.multibody import TiltingMultibody
-
     return TiltingMultibody(setup, scheme)
 
 

@@ -19,7 +19,7 @@ from vibgym.kernels.reference import Pinned
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
 from vibgym.physics.planar.friction import slide_rows
-from vibgym.plugins.tilting.period import rock_rows, sort_rows
+from vibgym.plugins.tilting.period import keep_toppled, rock_rows, sort_rows
 from vibgym.plugins.tilting.records import (
     FIXED_TILTING,
     FLAT,
@@ -31,7 +31,6 @@ from vibgym.plugins.tilting.records import (
     TiltScheme,
     new_tilt,
     new_work,
-    tilt_scheme,
 )
 from vibgym.scene.bodies import bodies_of
 from vibgym.scene.outlines import is_convex, rotation
@@ -40,8 +39,11 @@ from vibgym.scene.surface import Surface
 from vibgym.settings import BaseSettings, Length
 from vibgym.simulation import Simulator
 from vibgym.simulation.alone import Alone
+from vibgym.simulation.contacts import ContactModel
 from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup, worlds_from
 from vibgym.simulation.models import alone_of
+from vibgym.simulation.multibody import Multibody
+from vibgym.simulation.schemes import PlanarSettings
 from vibgym.simulation.threads import Pool
 
 LEAST_RAMP = 1e-6
@@ -92,10 +94,12 @@ def solids_of(kinds: Sequence[Part]) -> Solids:
 
 
 def scheme_of(surface: Surface, settings: TiltingSettings) -> TiltScheme:
-    """Return the model's constants."""
+    """Return the model's constants, with the drive's trigonometry at the half steps."""
     ramp = max(checks.number("model.ramp", settings.ramp, most=0.5 * surface.element_size * (1.0 + 1e-12)), LEAST_RAMP)
     settling = max(surface.full_scale / surface.angular_frequency, LEAST_SETTLING)
-    return tilt_scheme(settings.steps, settings.restitution, ramp, surface.element_size, settling)
+    steps, fineness = settings.steps, 1.0 / surface.element_size
+    phase, steepness = np.arange(2 * steps + 1) * (math.pi / steps), 0.5 * surface.element_size / ramp
+    return TiltScheme(steps, np.cos(phase), np.sin(phase), settings.restitution, ramp, fineness, steepness, settling)
 
 
 def stands(part: Part, heading: np.ndarray, lean: np.ndarray) -> np.ndarray:
@@ -281,6 +285,36 @@ def slide_flat_rows(planar: Alone, rows: np.ndarray, inputs: tuple[int, int], pe
     """Advance some rows by the planar model; ``inputs``: addresses of drive and state."""
     for alone, chosen in planar.sort(rows):
         slide_rows(chosen, alone.address, *inputs, periods, NO_PATHS, 0)
+
+
+class TiltingMultibody(AbovePlane, Multibody):
+    """The tilting model of several parts in a world, or with walls: contacts of the planar model, rigid bodies between them.
+
+    For contacts a tilted part has its flat footprint. In a period in which it touches another part or a wall, the planar model
+    computes its motion in the plane as that of a flat part; height and tilt are integrated without the contacts.
+    """
+
+    def __init__(self, setup: Setup, scheme: TiltScheme) -> None:
+        Multibody.__init__(self, setup, PlanarSettings())
+        AbovePlane.__init__(self, setup, scheme)
+        self._rigid = Pool(partial(rigid_buffers, setup, scheme))
+
+    def check_conditions(self, conditions: Conditions, where: str) -> None:
+        self.check_contacts(conditions, where)
+
+    def slide(self, start: int, contacts: ContactModel, drive: int, state: int, near: bool) -> None:
+        paths, base, tilt = contacts.paths if near else NO_PATHS, start * len(self.setup.parts), self.pinned.address
+        block, rigid, inputs = contacts.block.record, self._rigid.take(), (drive, state)
+        _, others = sorted_rows(base + np.flatnonzero(block.driven), rigid.address, inputs, tilt, 1)
+        rock_rows(others, False, rigid.address, *inputs, tilt, NO_PATHS, 0, 0)
+        for alone, rows in contacts.alone.split(block.rows, block.count):
+            flat, others = sorted_rows(rows, rigid.address, inputs, tilt, 1)
+            rock_rows(others, True, rigid.address, *inputs, tilt, paths, base, alone.record.scheme.steps)
+            slide_rows(flat, alone.address, *inputs, 1, paths, base)
+        self._rigid.give(rigid)
+
+    def end_period(self, start: int, stop: int, state: int) -> None:
+        keep_toppled(start, stop, state, self.pinned.address)
 
 
 def sorted_rows(

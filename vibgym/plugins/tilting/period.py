@@ -20,9 +20,17 @@ from vibgym.plugins.tilting.attitude import (
     write_frame,
     write_inverse_inertia,
 )
-from vibgym.plugins.tilting.candidates import find_contacts, is_inside, on_bottom, place_corners
+from vibgym.plugins.tilting.contacts import (
+    IMPACT,
+    begin_flat,
+    find_contacts,
+    is_inside,
+    on_bottom,
+    place_corners,
+    resolve_contacts,
+    slide_flat,
+)
 from vibgym.plugins.tilting.ground import begin_reading, ground, is_level, plate, write_plates
-from vibgym.plugins.tilting.impulses import IMPACT, begin_flat, resolve_contacts, slide_flat
 from vibgym.plugins.tilting.records import (
     CX,
     CY,

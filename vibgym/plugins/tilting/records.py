@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -172,9 +171,3 @@ def new_work(table: Table, bodies: Bodies) -> Work:
         grip=np.ones(phasors.c.shape[1:]),
         highest=np.zeros((2, phasors.c.shape[1])),
     )
-
-
-def tilt_scheme(steps: int, restitution: float, ramp: float, size: float, settling: float) -> TiltScheme:
-    """Return the constants, with the drive's trigonometry at the half steps."""
-    phase = np.arange(2 * steps + 1) * (math.pi / steps)
-    return TiltScheme(steps, np.cos(phase), np.sin(phase), restitution, ramp, 1.0 / size, 0.5 * size / ramp, settling)

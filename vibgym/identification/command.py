@@ -1,16 +1,22 @@
-"""Page and settings file of a fit: ``python -m vibgym identify LOG``."""
+"""``python -m vibgym identify LOG``: page and settings file of a fit."""
 
 from __future__ import annotations
 
+import argparse
 import html
+import sys
 from collections.abc import Iterable, Sequence
 from io import StringIO
 from typing import Any
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.config import json_values
-from vibgym.identification.result import Fitted
+from vibgym.files import output_directory, write_together
+from vibgym.identification.fit import fit
+from vibgym.identification.log import Log
+from vibgym.identification.outcome import Fitted
 
 UNITS: dict[str, tuple[float, str]] = {
     "frequency": (1.0, "Hz"), "horizontal_amplitude": (1e3, "mm"), "dead_zone": (1e3, "mm"), "phase": (np.degrees(1.0), "deg"),
@@ -27,6 +33,25 @@ STYLE = """body{font:16px/1.5 system-ui,sans-serif;max-width:52rem;margin:2rem a
 body{color:#1b1b1b;background:#fff}
 table{border-collapse:collapse}td,th{padding:.15rem .7rem;border-bottom:1px solid #ddd;text-align:right}
 th:first-child,td:first-child{text-align:left}.wide{overflow-x:auto}svg{width:100%;height:auto}small{color:#444}"""
+
+
+def identify(arguments: argparse.Namespace) -> int:
+    """Fit the recording, print the result, and write both files; returns the exit code."""
+    log = Log.load(arguments.log)
+    folder = output_directory(arguments.output or arguments.log.parent)
+    report = None if arguments.quiet else lambda line: print(line, file=sys.stderr, flush=True)
+    with checks.within(arguments.log, kind=checks.Refused):
+        fitted = fit(log, report=report, force=arguments.force)
+    title = f"Identification of {arguments.log.name}"
+    write_together({folder / "identified.html": page(fitted, title), folder / "machine.yaml": settings_text(fitted)})
+    for name, value, between, unit in rows(fitted):
+        print(f"{name:<28}{value:>12} {unit:<8}{between}")
+    for name, advice in fitted.unidentified.items():
+        print(f"not identified: {name} ({advice})")
+    for note in fitted.notes:
+        print(note)
+    print(f"written: {folder / 'identified.html'}, {folder / 'machine.yaml'}")
+    return 0
 
 
 def rows(fitted: Fitted) -> list[list[str]]:
@@ -60,10 +85,8 @@ def settings_text(fitted: Fitted) -> str:
 def page(fitted: Fitted, title: str) -> str:
     """Return the page as HTML, in one file without scripts."""
     residuals = fitted.residuals
-    coupled = sorted(
-        ((abs(value), a, b, value) for (a, b), value in fitted.correlation.items() if a < b and np.isfinite(value)),
-        reverse=True,
-    )[:8]
+    pairs = [(a, b, value) for (a, b), value in fitted.correlation.items() if a < b and np.isfinite(value)]
+    coupled = sorted(pairs, key=lambda pair: -abs(pair[2]))[:8]
     body = [
         f"<h1>{html.escape(title)}</h1>",
         "<h2>Values</h2>",
@@ -71,7 +94,7 @@ def page(fitted: Fitted, title: str) -> str:
         "<h2>Not identified</h2>",
         _table(("parameter", "recording that would identify it"), fitted.unidentified.items()),
         "<h2>Largest correlations</h2>",
-        _table(("pair", "correlation"), ((f"{a}, {b}", f"{value:+.3f}") for _, a, b, value in coupled)),
+        _table(("pair", "correlation"), ((f"{a}, {b}", f"{value:+.3f}") for a, b, value in coupled)),
         "<h2>Alternatives</h2>",
         _table(("hypothesis", "chi squared above the best"), ((k, f"{v:.1f}") for k, v in fitted.alternatives.items())),
         "<h2>Residuals over time</h2>",
@@ -83,10 +106,7 @@ def page(fitted: Fitted, title: str) -> str:
         _over_table(fitted, _by_element(fitted)),
         "<h2>Gain of the elements</h2>",
         "<p>Relative to the common gain, in percent. Grey: not visited long enough.</p>",
-        _over_table(
-            fitted,
-            np.where(_known(fitted), 100.0 * fitted.elements[..., 0], np.nan),
-        ),
+        _over_table(fitted, np.where(_known(fitted), 100.0 * fitted.elements[..., 0], np.nan)),
         "<h2>Recording</h2>",
         "<ul>" + "".join(f"<li>{html.escape(each)}</li>" for each in fitted.notes) + "</ul>",
     ]
@@ -146,9 +166,8 @@ def _by_element(fitted: Fitted) -> np.ndarray:
 def _over_table(fitted: Fitted, values: np.ndarray) -> str:
     """Return a map of the surface, y upwards; NaN is grey."""
     side = WIDTH / fitted.surface.columns
-    least, most = (
-        (float(bound(values)) for bound in (np.nanmin, np.nanmax)) if np.isfinite(values).any() else (0.0, 1.0)
-    )
+    known = values[np.isfinite(values)]
+    least, most = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     parts = [_svg(WIDTH, side * fitted.surface.rows + 20, f"Map of the surface, from {least:.3g} to {most:.3g}")]
     for (row, column), value in np.ndenumerate(values):
         fill = "#ddd" if np.isnan(value) else _colour((value - least) / max(most - least, 1e-12))

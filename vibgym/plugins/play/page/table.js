@@ -1,42 +1,27 @@
-// Draws a table on a canvas: elements, zones, paths, goals, trails and parts, to scale, as vibgym.rendering.canvas does. It
-// knows a scene (what stays, see vibgym.plugins.play.drawing) and a view (what is now), lengths in m, y up, and nothing of where
+// Draws a table on a canvas: elements, zones, paths, goals and parts, to scale, as vibgym.rendering.canvas does. It
+// knows a scene (what stays, see vibgym.plugins.play.picture) and a view (what is now), lengths in m, y up, and nothing of where
 // they come from.
 
 import { placed, wedge } from "./shapes.js";
 
-const PAPER = "#ffffff", INK = "#262c38", GAP = "#ced2d8", FRAME = "#474e5c", REST = [237, 239, 241];
+const PAPER = "#ffffff", INK = "#262c38", GAP = "#ced2d8", FRAME = "#474e5c", REST = "#edeff1";
 const ACCENT = "#0a6b66", BAD = "#d02010";
 export const MARGIN = 12; // pixels around the table, in which parts that hang over are seen
 const HUES = 360, WALL = 7, FAINTEST = 0.03;
 const LIFTED = { shadowColor: "rgba(0,0,0,.45)", shadowBlur: 14, shadowOffsetY: 8, globalAlpha: 0.85 };
 
-// Oklch to sRGB, channels 0 to 255: hues of even lightness, as vibgym.rendering.colours has them.
-function oklch(lightness, chroma, hue) {
-  const a = chroma * Math.cos(hue), b = chroma * Math.sin(hue);
-  const l = (lightness + 0.3963377774 * a + 0.2158037573 * b) ** 3;
-  const m = (lightness - 0.1055613458 * a - 0.0638541728 * b) ** 3;
-  const s = (lightness - 0.0894841775 * a - 1.291485548 * b) ** 3;
-  return [
-    4.0767416621 * l - 3.3077115913 * m + 0.2309699292 * s,
-    -1.2684380046 * l + 2.6097574011 * m - 0.3413193965 * s,
-    -0.0041960863 * l - 0.7034186147 * m + 1.707614701 * s,
-  ].map((x) => {
-    const y = Math.min(1, Math.max(0, x));
-    return 255 * (y <= 0.0031308 ? 12.92 * y : 1.055 * y ** (1 / 2.4) - 0.055);
-  });
-}
-
+// Hues of even lightness, as vibgym.rendering.colours has them.
 function wheel(lightness, chroma) {
   return Array.from({ length: HUES }, (_, k) => {
-    const hue = (2 * Math.PI * k) / HUES - (15 * Math.PI) / 180;
-    return oklch(lightness + 0.065 * Math.cos(hue - (150 * Math.PI) / 180), chroma, hue);
+    const hue = (360 * k) / HUES - 15, even = lightness + 0.065 * Math.cos(((hue - 150) * Math.PI) / 180);
+    return `oklch(${even} ${chroma} ${hue})`;
   });
 }
 
 const FULL = wheel(0.78, 0.125), ARROW = wheel(0.36, 0.075);
 const hueOf = (c, s) => ((Math.round((Math.atan2(s, c) * HUES) / (2 * Math.PI)) % HUES) + HUES) % HUES;
-const rgb = (colour) => `rgb(${colour.map(Math.round).join(",")})`;
-export const darker = (tint) => `color-mix(in srgb, ${tint} 45%, black)`;
+const mixed = (colour, share, other) => `color-mix(in srgb, ${colour} ${100 * share}%, ${other})`;
+export const darker = (tint) => mixed(tint, 0.45, "black");
 
 // Signed bytes from base64: an element's phasor (C, S) in 1/127 of full scale.
 export function bytes(text) {
@@ -82,8 +67,8 @@ export class Table {
     return [(u - MARGIN) / this.scale, this.depth - (v - MARGIN) / this.scale];
   }
 
-  // view: pose and goal (null: none) of each part, there, field; and, where there are any, trails [[x, y], ...] of each part, oldest
-  // first; fallen; chosen, a part; held, {part: why it cannot be put down, or ""}.
+  // view: pose and goal (null: none) of each part, there, field; and, where there are any, fallen; chosen, a part; held, {part: why
+  // it cannot be put down, or ""}.
   draw(view) {
     const { context, scene } = this;
     if (this.drawn !== view.field) this.#ground(view.field);
@@ -94,7 +79,6 @@ export class Table {
     const each = (list, draw) => (list || []).forEach((one, part) => view.there[part] && one && draw(one, part));
     each(scene.paths, (path, part) => this.#path(path, scene.tints[part][0]));
     if (scene.goalSize) each(view.goal, (goal, part) => (!scene.asked.length || scene.asked[part]) && this.#goal(goal, part, view));
-    each(view.trails, (trail, part) => this.#trail(trail, scene.tints[part]));
     each(view.pose, (pose, part) => this.#part(pose, part, view));
   }
 
@@ -115,11 +99,11 @@ export class Table {
       for (let column = 0; column < scene.columns; column++) {
         const k = 2 * (row * scene.columns + column), c = field[k] / 127, s = field[k + 1] / 127;
         const strength = Math.min(1, Math.hypot(c, s)), hue = hueOf(c, s);
-        context.fillStyle = rgb(REST.map((rest, j) => rest + strength * (FULL[hue][j] - rest)));
+        context.fillStyle = mixed(FULL[hue], strength, REST);
         const [u, v] = this.at([column * scene.size, (row + 1) * scene.size]);
         context.fillRect(u + 0.5, v + 0.5, size - 1, size - 1);
         // An element pushes towards (-S, -C), y up.
-        if (strength > FAINTEST) this.#arrow(context, u + size / 2, v + size / 2, Math.atan2(c, -s), strength, size, rgb(ARROW[hue]));
+        if (strength > FAINTEST) this.#arrow(context, u + size / 2, v + size / 2, Math.atan2(c, -s), strength, size, ARROW[hue]);
       }
     }
     scene.zones.forEach((zone) => this.#zone(context, zone));
@@ -182,10 +166,10 @@ export class Table {
     context.fill();
   }
 
-  #stroke(points, colour, width, alpha = 1, dashes = [], closed = false, lineCap = "round") {
+  #stroke(points, colour, width, alpha = 1, dashes = [], closed = false) {
     const { context } = this;
     context.save();
-    Object.assign(context, { strokeStyle: colour, lineWidth: width, globalAlpha: alpha, lineJoin: "round", lineCap });
+    Object.assign(context, { strokeStyle: colour, lineWidth: width, globalAlpha: alpha, lineJoin: "round", lineCap: "round" });
     context.setLineDash(dashes);
     this.#outline(context, points, closed);
     context.stroke();
@@ -197,16 +181,6 @@ export class Table {
     if (points.length < 2) return;
     this.#stroke(points, PAPER, 4, 0.6);
     this.#stroke(points, tint, 1.6, 0.67);
-  }
-
-  // Fading with age; light colours have a dark edge.
-  #trail(trail, [colour, mark]) {
-    const points = trail.map((each) => this.at(each));
-    for (let k = 1; k < points.length; k++) {
-      const alpha = 0.12 + (0.82 * k) / points.length, piece = [points[k - 1], points[k]];
-      if (mark === INK) this.#stroke(piece, INK, 4.4, 0.7 * alpha, [], false, "butt");
-      this.#stroke(piece, colour, 2.4, alpha, [], false, "butt");
-    }
   }
 
   #corners(outline, pose) {
