@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.scene.drawings.contours import SAMPLES, Stroke
-from vibgym.scene.drawings.records import UNITS
+from vibgym.plugins.drawings.contours import SAMPLES, Stroke
+from vibgym.plugins.drawings.records import UNITS
 
 USER = {unit: UNITS[unit] / UNITS["px"] for unit in ("px", "in", "cm", "mm", "pt")}
 USER |= {"": 1.0, "q": 0.25 * USER["mm"], "pc": 12.0 * USER["pt"]}

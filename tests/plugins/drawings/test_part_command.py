@@ -7,7 +7,7 @@ import pytest
 from tests.commands import said_in_one_line
 from vibgym import Part, Surface
 from vibgym.__main__ import main
-from vibgym.part_command import centred, cuts, elements_under
+from vibgym.plugins.drawings.command import centred, cuts, elements_under
 from vibgym.policies.applicable import parts_with, tasks_with
 
 BRACKET = "configs/datasheets/bracket.dxf"

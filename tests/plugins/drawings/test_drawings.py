@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Surface
-from vibgym.scene.drawings.contours import Stroke, flattened, loops
-from vibgym.scene.drawings.drawing import read
+from vibgym.plugins.drawings.contours import Stroke, flattened, loops
 from vibgym.scene.parts import part_from
 
 ezdxf = pytest.importorskip("ezdxf")
@@ -18,11 +17,7 @@ trimesh = pytest.importorskip("trimesh")
 from studies.benchmarks.drawing_cases import KINDS, case, write  # noqa: E402
 from studies.benchmarks.drawing_faults import FAULTS, spoiled  # noqa: E402
 from studies.benchmarks.drawings import deviations, refusal  # noqa: E402
-
-
-def saved(document, path):
-    document.saveas(path)
-    return path
+from tests.plugins.drawings.helpers import read, saved  # noqa: E402
 
 
 def page(path, inner, size='width="100mm" height="50mm" viewBox="0 0 100 50"'):
@@ -61,7 +56,7 @@ def arcs(radius, *bounds):
 @pytest.mark.parametrize("bounds", [(0, 2 * math.pi), (0, math.pi, 2 * math.pi), (0, 1, 1.5, 4, 2 * math.pi)])
 def test_flattening_keeps_area_and_tolerance(bounds, tolerance):
     """Of a circle, whole or of arcs: every edge is within the tolerance, and the area is right to higher order."""
-    points = flattened(arcs(20.0, *bounds), tolerance).points
+    points = flattened(arcs(20.0, *bounds), tolerance)
     along = np.linspace(0.0, 1.0, 9)[:, None, None]
     edges = points + along * (np.roll(points, -1, axis=0) - points)
     assert np.abs(np.hypot(edges[..., 0], edges[..., 1]) - 20.0).max() <= tolerance
@@ -75,7 +70,7 @@ def test_corners_between_curves_stay():
     """A lens of two arcs: the ends where they meet at an angle are not moved."""
     one = arcs(20.0, math.pi / 4, 3 * math.pi / 4)[0]
     other = Stroke(one.points[::-1] * [1, -1] + [0, 2 * one.points[0, 1]], True, "other")
-    points = flattened(loops([one, other], 0.005)[0][0], 0.05).points
+    points = flattened(loops([one, other], 0.005)[0][0], 0.05)
     for tip in (one.points[0], one.points[-1]):
         assert np.hypot(*(points - tip).T).min() < 1e-12
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from vibgym import checks
-from vibgym.scene.drawings.svg_geometry import NUMBER, label_of
+from vibgym.plugins.drawings.svg_geometry import NUMBER, label_of
 
 INHERITED = frozenset(
     "color fill fill-opacity fill-rule marker marker-end marker-mid marker-start stroke stroke-dasharray stroke-opacity "

@@ -84,7 +84,7 @@ def run(given: argparse.Namespace) -> int:
     with warnings.catch_warnings(record=True) as notes:
         warnings.simplefilter("always")
         try:
-            made, drawing = drawn_part(settings, surface)
+            made, poses = drawn_part(settings, surface)
         except checks.Refused as error:
             for k, fault in enumerate(error.faults):
                 print(f"fault {k}: {fault.text}")
@@ -97,7 +97,7 @@ def run(given: argparse.Namespace) -> int:
     pose = centred(surface)
     for line in description(made, surface, pose):
         print(line)
-    for k, each in enumerate(drawing.solid.poses if drawing.solid else ()):
+    for k, each in enumerate(poses):
         print(f"stable pose {k}: {100 * each.probability:.1f} %, {each.height:.4g} mm high, on {each.area:.4g} mm^2")
     if given.picture is not None:
         picture(made, surface, pose, given.picture)

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from vibgym import checks, extras
+from vibgym import checks
+from vibgym.plugins.drawings.records import GAP, UNITS, Solid
 from vibgym.scene import outlines
-from vibgym.scene.drawings.records import GAP, UNITS, Solid, StablePose
+from vibgym.scene.parts import StablePose
 
 SIMPLIFIED = 0.05
 """Corners nearer to the line between their neighbours than this share of the tolerance are removed."""
@@ -31,7 +32,6 @@ def read(
 
     As modelled it keeps its x axis; in a stable pose the long side of the smallest rectangle around the outline is along x.
     """
-    extras.require("cad", "trimesh", "scipy", "shapely", "networkx")
     mesh, poses, transforms = _mesh_and_poses(content, UNITS[units or "mm"], GAP * tolerance)
     mesh = mesh.copy()
     if stable_pose is not None:

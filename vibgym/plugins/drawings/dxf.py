@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from vibgym import checks, extras
-from vibgym.scene.drawings.contours import SAMPLES, Stroke
-from vibgym.scene.drawings.records import UNITS, Fault, factor_of, refusal
+from vibgym import checks
+from vibgym.plugins.drawings.contours import SAMPLES, Stroke
+from vibgym.plugins.drawings.records import UNITS, Fault, factor_of, refusal
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document
@@ -62,7 +62,6 @@ def read(
         flat: mm, largest distance from the plane of the drawing.
         layers, without: names in any case; None: all that are visible.
     """
-    extras.require("cad", "ezdxf")
     document, undefined = _document(content)
     code = document.header.get("$INSUNITS", 0)
     if code and code not in CODES and units is None:

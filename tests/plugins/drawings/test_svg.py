@@ -6,9 +6,9 @@ import random
 import numpy as np
 import pytest
 
+from tests.plugins.drawings.helpers import read
+from vibgym.plugins.drawings import svg
 from vibgym.scene import outlines
-from vibgym.scene.drawings import svg
-from vibgym.scene.drawings.drawing import read
 
 pytest.importorskip("svgpathtools")
 pytest.importorskip("cssselect2")
@@ -151,11 +151,11 @@ def test_units(tmp_path, size, units, expected):
     path = page(tmp_path / "part.svg", '<rect width="96" height="96"/>', size)
     if isinstance(expected, str):
         with pytest.raises(ValueError, match=expected):
-            read(path, units=units, surface=None)
+            read(path, units=units)
     else:
         scale = 48 / 96 if "48" in size else 1.0
         inner = f'<rect width="{96 * scale}" height="{96 * scale}"/>'
-        drawing = read(page(path, inner, size), units=units, surface=None)
+        drawing = read(page(path, inner, size), units=units)
         assert area(drawing) == pytest.approx(expected)
 
 
@@ -171,7 +171,7 @@ LAYERS = (
 ])  # fmt: skip
 def test_layers(tmp_path, layers, without, lines, arcs):
     content = page(tmp_path / "part.svg", LAYERS).read_bytes()
-    strokes, skipped = svg.read(content, 0.005, None, layers, without)
+    strokes, skipped, _ = svg.read(content, 0.005, None, layers, without)
     assert [each.curved for each in strokes] == lines * [False] + arcs * [True]
     assert sum(skipped.values()) == 3 - lines // 4 - arcs // 2
     for unknown in (("cutt",), ()), (None, ("greeen",)):
@@ -235,7 +235,7 @@ def test_random_trees(tmp_path, seed):
         with pytest.raises(ValueError, match="no outline"):
             svg.read(content.read_bytes(), 0.005, None)
         return
-    strokes, _ = svg.read(content.read_bytes(), 0.005, None)
+    strokes, *_ = svg.read(content.read_bytes(), 0.005, None)
     found = np.sort([complex(x, -y) for each in strokes for x, y in each.points[:1]])
     true = np.sort([complex(*corner) for each in expected for corner in each])
     assert found == pytest.approx(true, abs=1e-6)
