@@ -48,7 +48,7 @@ def arcs(radius, *bounds):
     found = []
     for a, b in zip(bounds, bounds[1:], strict=False):
         angle = np.linspace(a, b, 1025)
-        found.append(Stroke(radius * np.column_stack([np.cos(angle), np.sin(angle)]), True, f"arc {a:g}"))
+        found.append(Stroke(radius * np.column_stack([np.cos(angle), np.sin(angle)]), f"arc {a:g}"))
     return found
 
 
@@ -69,7 +69,7 @@ def test_flattening_keeps_area_and_tolerance(bounds, tolerance):
 def test_corners_between_curves_stay():
     """A lens of two arcs: the ends where they meet at an angle are not moved."""
     one = arcs(20.0, math.pi / 4, 3 * math.pi / 4)[0]
-    other = Stroke(one.points[::-1] * [1, -1] + [0, 2 * one.points[0, 1]], True, "other")
+    other = Stroke(one.points[::-1] * [1, -1] + [0, 2 * one.points[0, 1]], "other")
     points = flattened(loops([one, other], 0.005)[0][0], 0.05)
     for tip in (one.points[0], one.points[-1]):
         assert np.hypot(*(points - tip).T).min() < 1e-12

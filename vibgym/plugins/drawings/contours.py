@@ -43,14 +43,17 @@ class Stroke(NamedTuple):
     """A line or curve of a drawing.
 
     Attributes:
-        points: (n, 2) mm, fine samples; two of a line.
-        curved: whether it is a curve.
+        points: (n, 2) mm: the ends of a line, or fine samples of a curve.
         label: where it is in the file, such as ``LINE 2F``.
     """
 
     points: np.ndarray
-    curved: bool
     label: str
+
+    @property
+    def curved(self) -> bool:
+        """Whether it is a curve."""
+        return len(self.points) > 2
 
 
 def outline_of(
@@ -159,7 +162,7 @@ def _bridged(loop: list[Stroke], gap: float, bridge: float) -> list[Stroke]:
         end, begin = stroke.points[-1], after.points[0]
         if math.dist(end, begin) > gap:
             if stroke.curved or after.curved:
-                found.append(Stroke(np.array([end, begin]), False, f"the gap after {stroke.label}"))
+                found.append(Stroke(np.array([end, begin]), f"the gap after {stroke.label}"))
                 continue
             along = np.column_stack([end - stroke.points[-2], begin - after.points[1]])
             corner = 0.5 * (end + begin)

@@ -225,8 +225,8 @@ class _Reader:
                 "freeze that layer, turn it on, or leave it out by without_layers="
             )
         else:
-            for points, curved in self._samples_of(entity, kind, label):
-                yield Stroke(self._flat(points, at.matrix, label), curved, label)
+            for piece in self._pieces(entity, kind, label):
+                yield Stroke(self._flat(_samples(piece, label), at.matrix, label), label)
 
     def _properties(self, entity: Any) -> tuple[str, str, bool]:
         """Return layer, linetype, and whether an entity is invisible."""
@@ -248,10 +248,10 @@ class _Reader:
             matrix = np.array(list(one.matrix44().rows())) @ at.matrix
             yield from self.strokes(block, at._replace(label=f" in {label}", matrix=matrix, depth=at.depth + 1))
 
-    def _samples_of(self, entity: Any, kind: str, label: str) -> Iterator[tuple[np.ndarray, bool]]:
-        """Yield fine samples (n, 3) of lines and curves in units of the file, and whether it is a curve."""
+    def _pieces(self, entity: Any, kind: str, label: str) -> Iterator[Any]:
+        """Yield an entity, or the lines and arcs of a polyline."""
         if kind not in ("LWPOLYLINE", "POLYLINE"):
-            yield self._samples(entity, kind, label), kind != "LINE"
+            yield entity
             return
         if kind == "POLYLINE" and not (entity.is_2d_polyline or entity.is_3d_polyline):
             raise checks.conflict(f"{label} is a mesh, not a polyline")
@@ -259,36 +259,8 @@ class _Reader:
             raise checks.conflict(f"{label} is fitted by a curve or spline: explode it")
         self.skipped[f"{kind} with a width, of which the centre line is read"] += entity.has_width
         for piece in entity.virtual_entities():
-            points = self._samples(piece, piece.dxftype(), label)
-            if len(points) > 2 or (points[1] != points[0]).any():  # repeated corners
-                yield points, piece.dxftype() != "LINE"
-
-    def _samples(self, entity: Any, kind: str, label: str) -> np.ndarray:
-        """Return fine samples (n, 3) of a line or curve, in units of the file."""
-        try:
-            if kind == "LINE":
-                return np.array([entity.dxf.start, entity.dxf.end], dtype=float)
-            if kind == "ARC":
-                begin, end = entity.dxf.start_angle, entity.dxf.end_angle
-                sweep = (end - begin) % 360.0 or 360.0
-                return np.array(list(entity.vertices(np.linspace(begin, begin + sweep, _count(sweep / 360.0)))), float)
-            if kind == "CIRCLE":
-                return np.array(list(entity.vertices(np.linspace(0.0, 360.0, SAMPLES + 1))), dtype=float)
-            if kind == "ELLIPSE":
-                begin, whole = entity.dxf.start_param, 2.0 * math.pi
-                sweep = (entity.dxf.end_param - begin) % whole or whole
-                share = sweep / whole
-                return np.array(list(entity.vertices(np.linspace(begin, begin + sweep, _count(share)))), dtype=float)
-            if kind == "SPLINE":
-                curve = entity.construction_tool()
-                knots = np.array(curve.knots())
-                knots = np.unique(knots[curve.order - 1 : curve.count + 1])
-                per = max(SPAN, 2 ** math.ceil(math.log2(SAMPLES / (len(knots) - 1))))
-                t = np.interp(np.arange((len(knots) - 1) * per + 1) / per, np.arange(len(knots)), knots)
-                return np.array(list(curve.points(t)), dtype=float)
-        except (ValueError, ZeroDivisionError, ArithmeticError, TypeError, IndexError) as error:
-            raise checks.conflict(f"{label} is invalid: {error}") from None
-        raise checks.conflict(f"{label}: entities of type {kind} are not outlines; remove it or select a layer")
+            if piece.dxftype() != "LINE" or piece.dxf.start != piece.dxf.end:  # repeated corners
+                yield piece
 
     def _flat(self, points: np.ndarray, matrix: np.ndarray, label: str) -> np.ndarray:
         """Return points (n, 2) in mm."""
@@ -301,9 +273,30 @@ class _Reader:
         return np.ascontiguousarray(points[:, :2])
 
 
-def _count(share: float) -> int:
-    """Return the number of samples of a share of a full turn: one more than a power of two."""
-    return 2 ** max(3, math.ceil(math.log2(SAMPLES * share))) + 1
+def _samples(entity: Any, label: str) -> np.ndarray:
+    """Return fine samples (n, 3) of a line or curve, in units of the file; of a curve 2^n + 1."""
+    kind = entity.dxftype()
+    try:
+        if kind == "LINE":
+            return np.array([entity.dxf.start, entity.dxf.end], dtype=float)
+        if kind in ("ARC", "CIRCLE", "ELLIPSE"):
+            begin, end, turn = 0.0, 0.0, 2.0 * math.pi if kind == "ELLIPSE" else 360.0
+            if kind == "ARC":
+                begin, end = entity.dxf.start_angle, entity.dxf.end_angle
+            elif kind == "ELLIPSE":
+                begin, end = entity.dxf.start_param, entity.dxf.end_param
+            sweep = (end - begin) % turn or turn
+            count = 2 ** max(3, math.ceil(math.log2(SAMPLES * sweep / turn)))
+            return np.array(list(entity.vertices(np.linspace(begin, begin + sweep, count + 1))), dtype=float)
+        if kind == "SPLINE":
+            curve = entity.construction_tool()
+            knots = np.unique(curve.knots()[curve.order - 1 : curve.count + 1])
+            per = max(SPAN, 2 ** math.ceil(math.log2(SAMPLES / (len(knots) - 1))))
+            t = np.interp(np.arange((len(knots) - 1) * per + 1) / per, np.arange(len(knots)), knots)
+            return np.array(list(curve.points(t)), dtype=float)
+    except (ValueError, ZeroDivisionError, ArithmeticError, TypeError, IndexError) as error:
+        raise checks.conflict(f"{label} is invalid: {error}") from None
+    raise checks.conflict(f"{label}: entities of type {kind} are not outlines; remove it or select a layer")
 
 
 assert set(CODES.values()) <= set(UNITS)
