@@ -122,7 +122,12 @@ def curves(element: ET.Element, size: tuple[float, float], matrix: np.ndarray, l
             path: Any = Path(data)
     except Exception as error:  # of a parser that expects valid data
         raise checks.refuse(f"{label}: d", str(error) or type(error).__name__, "path data") from None
-    for piece in path.continuous_subpaths() if len(path) else ():
+    pieces = list[list[Any]]()
+    for segment in path:
+        if not pieces or pieces[-1][-1].end == pieces[-1][0].start or segment.start != pieces[-1][-1].end:
+            pieces.append([])
+        pieces[-1].append(segment)
+    for piece in pieces:
         strokes = []
         for segment in piece:
             straight = isinstance(segment, Line)
