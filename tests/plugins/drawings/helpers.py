@@ -10,6 +10,15 @@ def read(path, surface=None, **given):
     return reading.read(settings_from(DrawingSettings, {"file": str(path), **given}, ""), surface)
 
 
+def page(path, inner, size='width="100mm" height="80mm" viewBox="0 0 100 80"'):
+    """Save elements in line 2 of an SVG file, and return the path."""
+    space = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    path.write_text(
+        f'<svg {space} xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape" {size}>\n{inner}\n</svg>'
+    )
+    return path
+
+
 def saved(document, path):
     """Save a document of ezdxf, and return the path."""
     document.saveas(path)

@@ -185,6 +185,8 @@ class _Reader:
                 yield from self._strokes(entity, label, at)
             except checks.Refused as error:
                 self.faults.append(Fault(str(error), self._centre(entity, at)))
+            except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:  # of ezdxf
+                self.faults.append(Fault(f"{label} is invalid: {error}", self._centre(entity, at)))
 
     def _centre(self, entity: DXFGraphic, at: _Place) -> np.ndarray | None:
         """Return the centre (2,) mm of an entity at fault; None if ezdxf cannot find it."""
@@ -276,26 +278,23 @@ class _Reader:
 def _samples(entity: Any, label: str) -> np.ndarray:
     """Return fine samples (n, 3) of a line or curve, in units of the file; of a curve 2^n + 1."""
     kind = entity.dxftype()
-    try:
-        if kind == "LINE":
-            return np.array([entity.dxf.start, entity.dxf.end], dtype=float)
-        if kind in ("ARC", "CIRCLE", "ELLIPSE"):
-            begin, end, turn = 0.0, 0.0, 2.0 * math.pi if kind == "ELLIPSE" else 360.0
-            if kind == "ARC":
-                begin, end = entity.dxf.start_angle, entity.dxf.end_angle
-            elif kind == "ELLIPSE":
-                begin, end = entity.dxf.start_param, entity.dxf.end_param
-            sweep = (end - begin) % turn or turn
-            count = 2 ** max(3, math.ceil(math.log2(SAMPLES * sweep / turn)))
-            return np.array(list(entity.vertices(np.linspace(begin, begin + sweep, count + 1))), dtype=float)
-        if kind == "SPLINE":
-            curve = entity.construction_tool()
-            knots = np.unique(curve.knots()[curve.order - 1 : curve.count + 1])
-            per = max(SPAN, 2 ** math.ceil(math.log2(SAMPLES / (len(knots) - 1))))
-            t = np.interp(np.arange((len(knots) - 1) * per + 1) / per, np.arange(len(knots)), knots)
-            return np.array(list(curve.points(t)), dtype=float)
-    except (ValueError, ZeroDivisionError, ArithmeticError, TypeError, IndexError) as error:
-        raise checks.conflict(f"{label} is invalid: {error}") from None
+    if kind == "LINE":
+        return np.array([entity.dxf.start, entity.dxf.end], dtype=float)
+    if kind in ("ARC", "CIRCLE", "ELLIPSE"):
+        begin, end, turn = 0.0, 0.0, 2.0 * math.pi if kind == "ELLIPSE" else 360.0
+        if kind == "ARC":
+            begin, end = entity.dxf.start_angle, entity.dxf.end_angle
+        elif kind == "ELLIPSE":
+            begin, end = entity.dxf.start_param, entity.dxf.end_param
+        sweep = (end - begin) % turn or turn
+        count = 2 ** max(3, math.ceil(math.log2(SAMPLES * sweep / turn)))
+        return np.array(list(entity.vertices(np.linspace(begin, begin + sweep, count + 1))), dtype=float)
+    if kind == "SPLINE":
+        curve = entity.construction_tool()
+        knots = np.unique(curve.knots()[curve.order - 1 : curve.count + 1])
+        per = max(SPAN, 2 ** math.ceil(math.log2(SAMPLES / (len(knots) - 1))))
+        t = np.interp(np.arange((len(knots) - 1) * per + 1) / per, np.arange(len(knots)), knots)
+        return np.array(list(curve.points(t)), dtype=float)
     raise checks.conflict(f"{label}: entities of type {kind} are not outlines; remove it or select a layer")
 
 
