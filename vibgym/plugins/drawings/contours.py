@@ -12,6 +12,7 @@ import networkx
 import numpy as np
 import shapely
 from scipy.spatial import KDTree
+from shapely.geometry.polygon import orient
 
 from vibgym import checks
 from vibgym.plugins.drawings.records import Fault, refusal
@@ -35,9 +36,6 @@ BRIDGED = 1.0
 LISTED = 20
 """Most parts of a file that an error lists."""
 
-NONE, LEFT_OUT, AT_FAULT = -1, -2, -3
-"""Instead of the partner of an end: none yet, that of a stroke without length, one of several."""
-
 
 class Stroke(NamedTuple):
     """A line or curve of a drawing.
@@ -50,11 +48,6 @@ class Stroke(NamedTuple):
     points: np.ndarray
     label: str
 
-    @property
-    def curved(self) -> bool:
-        """Whether it is a curve."""
-        return len(self.points) > 2
-
 
 def outline_of(
     strokes: Sequence[Stroke],
@@ -66,6 +59,8 @@ def outline_of(
 ) -> tuple[list[np.ndarray], Counter[str]]:
     """Return the outline of a part (n, 2) mm, counter-clockwise, with its holes, clockwise; and notes with their numbers.
 
+    Notes are gaps beyond ``gap``, strokes that are drawn twice, and parts that are not selected.
+
     Args:
         tolerance: mm, of flattened curves.
         gap: mm, between ends that are joined.
@@ -76,101 +71,91 @@ def outline_of(
     Raises:
         ValueError: faults, all of them, or several parts of which none is selected.
     """
-    joined, found, notes = loops(strokes, gap, bridge)
-    rings = [flattened(loop, tolerance) for loop in joined]
-    flat = [loop[0] for loop, ring in zip(joined, rings, strict=True) if len(ring) < 3]
-    found += [Fault(f"{each.label} encloses no area", each.points[0]) for each in flat]
-    faults = [*faults, *found, *_crossings([ring for ring in rings if len(ring) > 2], strokes, tolerance)]
+    strokes, notes = _without_duplicates(strokes, gap)
+    pairs, found, gaps = _joints(strokes, gap, bridge)
+    lines = _joined([flattened(each.points, tolerance, gap) for each in strokes], pairs, gap, bridge)
+    merged = shapely.get_parts(shapely.line_merge(shapely.MultiLineString(lines)))
+    rings = shapely.remove_repeated_points(merged[shapely.is_closed(merged)], gap)
+    tree = shapely.STRtree([shapely.LineString(each.points) for each in strokes])
+    labels = [strokes[k].label for k in tree.nearest(shapely.get_point(rings, 0))]
+    flat = shapely.get_num_coordinates(rings) < 4
+    found += [
+        Fault(f"{labels[k]} encloses no area within the tolerance", np.array(rings[k].coords[0]))
+        for k in np.flatnonzero(flat)
+    ]
+    polygons: Any = np.array([shapely.Polygon(each) for each in rings[~flat]], dtype=object)
+    faults = [*faults, *found, *_crossings(polygons, [each.label for each in strokes], tree, tolerance)]
     if faults:
         raise refusal(faults, [each.points for each in strokes])
-    rings, others = _chosen(rings, [loop[0].label for loop in joined], part)
-    return rings, notes + Counter({"parts that are not selected": others})
+    rings, others = _chosen(polygons, labels, part)
+    return rings, notes + gaps + Counter({"parts that are not selected": others})
 
 
-def loops(
-    strokes: Sequence[Stroke], gap: float, bridge: float = 0.0
-) -> tuple[list[list[Stroke]], list[Fault], Counter[str]]:
-    """Return the closed loops of strokes, each turned so that it begins where the one before ends; faults; and notes.
+def _joints(
+    strokes: Sequence[Stroke], gap: float, bridge: float
+) -> tuple[list[tuple[int, int]], list[Fault], Counter[str]]:
+    """Return the pairs of ends that join, faults, and notes on gaps beyond ``gap``; stroke k has the ends 2 k and 2 k + 1.
 
     Ends are joined to the nearest first: those that coincide, those within ``gap``, and those within ``bridge``. Strokes
     shorter than ``gap`` are left out where their neighbours join. Faults are open ends, more than two ends that meet, and
-    contours without length. Notes are gaps beyond ``gap`` and strokes that are drawn twice.
+    strokes without length.
     """
-    strokes, notes = _without_duplicates(strokes, gap)
-    faults = list[Fault]()
+    faults, notes, joints = list[Fault](), Counter[str](), list[tuple[int, int]]()
     ends = np.array([each.points[[0, -1]] for each in strokes]).reshape(-1, 2)
-    length = [_length(each) for each in strokes]
-    partner = np.full(len(ends), NONE)
+    length = [float(np.hypot(*np.diff(each.points, axis=0).T).sum()) for each in strokes]
+    free, left_out = set(range(len(ends))), set[int]()
     for reach in (COINCIDENT * gap, gap, bridge):
-        free = np.flatnonzero(partner == NONE)
-        pairs = free[KDTree(ends[free]).query_pairs(reach, output_type="ndarray")]
-        for group in networkx.connected_components(networkx.Graph(pairs.tolist())):
+        at = np.array(sorted(free), dtype=int)
+        near = at[KDTree(ends[at]).query_pairs(reach, output_type="ndarray")]
+        for group in networkx.connected_components(networkx.Graph(near.tolist())):
             short = {k for k in group if k ^ 1 in group and length[k // 2] <= min(reach, gap)}
             if len(group) > 2:
-                partner[list(short)] = LEFT_OUT
-                group = group - short
-            meeting = sorted(group)
+                left_out |= short
+            meeting = sorted(group - left_out)
             names = [strokes[k // 2].label for k in meeting]
+            if len(meeting) == 2 and (away := math.dist(*ends[meeting])) > reach:
+                continue
+            free -= group
             if len(meeting) > 2:
                 text = f"{len(meeting)} ends meet at {_place(ends[meeting[0]])}: {', '.join(dict.fromkeys(names))}"
                 faults.append(Fault(text, ends[meeting[0]]))
-                partner[meeting] = AT_FAULT
-            elif len(meeting) == 2 and (away := math.dist(*ends[meeting])) <= reach:
-                partner[meeting] = meeting[::-1]
+            elif group == short:
+                faults.append(Fault(f"{strokes[min(group) // 2].label} has no length", ends[min(group)]))
+            elif len(meeting) == 2:
+                joints.append((meeting[0], meeting[1]))
                 if reach > gap:
                     notes[f"gap of {away:.3g} mm between {names[0]} and {names[1]}"] += 1
-    present = np.flatnonzero(partner != LEFT_OUT)
-    for k in np.flatnonzero(partner == NONE):
+    present = np.array(sorted(set(range(len(ends))) - left_out), dtype=int)
+    for k in sorted(free):
         (_, away), (_, nearest) = KDTree(ends[present]).query(ends[k], 2)
         label, other = strokes[k // 2].label, strokes[present[nearest] // 2].label
         hint = " (gap_mm= joins them)" if bridge < away <= BRIDGED else ""
         text = f"{label} ends at {_place(ends[k])}, {away:.3g} mm from the next end, of {other}{hint}"
         faults.append(Fault(f"open contour: {text}", ends[k]))
-    found, left = list[list[Stroke]](), {int(k) // 2 for k in present}
-    while left:
-        first = at = min(left)
-        loop, end = list[Stroke](), 2 * at + 1
-        while at in left:
-            left.remove(at)
-            loop.append(strokes[at] if end % 2 else strokes[at]._replace(points=strokes[at].points[::-1]))
-            at, end = int(partner[end]) // 2, int(partner[end]) ^ 1
-        if at == first:
-            if closed := _bridged(loop, gap, bridge):
-                found.append(closed)
-            else:
-                faults.append(Fault(f"{loop[0].label} has no length", loop[0].points[0]))
-    return found, faults, notes
+    return joints, faults, notes
 
 
-def _length(stroke: Stroke) -> float:
-    return float(np.hypot(*np.diff(stroke.points, axis=0).T).sum())
+def _joined(lines: list[np.ndarray], pairs: list[tuple[int, int]], gap: float, bridge: float) -> list[np.ndarray]:
+    """Return lines (n, 2) whose ends coincide where they join, and lines that close gaps.
 
-
-def _bridged(loop: list[Stroke], gap: float, bridge: float) -> list[Stroke]:
-    """Return a loop without strokes shorter than ``gap``, whose gaps are closed.
-
-    Two lines are joined at their intersection, or halfway if that is not within ``bridge`` of both ends; curves by a line.
+    Two straight lines are joined at their intersection, or halfway if that is not within ``bridge`` of both ends.
     """
-    kept, at = list[Stroke](), loop[0].points[0]
-    for stroke in loop:
-        if _length(stroke) > gap or math.dist(stroke.points[-1], at) > gap:
-            kept.append(stroke._replace(points=stroke.points.copy()))
-            at = stroke.points[-1]
-    found = list[Stroke]()
-    for stroke, after in zip(kept, [*kept[1:], *kept[:1]], strict=True):
-        found.append(stroke)
-        end, begin = stroke.points[-1], after.points[0]
+    bridges = []
+    for a, b in pairs:
+        one, other = lines[a // 2][:: 1 if a % 2 else -1], lines[b // 2][:: -1 if b % 2 else 1]
+        end, begin = one[-1], other[0]  # views
         if math.dist(end, begin) > gap:
-            if stroke.curved or after.curved:
-                found.append(Stroke(np.array([end, begin]), f"the gap after {stroke.label}"))
+            if len(one) > 2 or len(other) > 2:
+                bridges.append(np.array([end, begin]))
                 continue
-            along = np.column_stack([end - stroke.points[-2], begin - after.points[1]])
+            along = np.column_stack([end - one[0], begin - other[1]])
             corner = 0.5 * (end + begin)
             if np.linalg.det(along):
                 meeting = end + np.linalg.solve(along, begin - end)[0] * along[:, 0]
                 corner = meeting if max(math.dist(meeting, end), math.dist(meeting, begin)) <= bridge else corner
-            stroke.points[-1] = after.points[0] = corner
-    return found
+            end[:] = corner
+        begin[:] = end
+    return lines + bridges
 
 
 def _without_duplicates(strokes: Sequence[Stroke], gap: float) -> tuple[list[Stroke], Counter[str]]:
@@ -184,27 +169,29 @@ def _without_duplicates(strokes: Sequence[Stroke], gap: float) -> tuple[list[Str
     return list(kept.values()), notes
 
 
-def flattened(loop: list[Stroke], tolerance: float) -> np.ndarray:
-    """Return a loop as a polygon (n, 2) mm, counter-clockwise, within the tolerance and with its area.
+def flattened(points: np.ndarray, tolerance: float, gap: float) -> np.ndarray:
+    """Return a stroke (n, 2) mm, closed if its ends are within ``gap``, as a polyline within the tolerance and with its area.
 
-    Curves become chords of half their samples, of a quarter, and so on; corners between two chords of a curve are then moved
-    to its outer side by the area that the chords cut off.
+    Curves become chords of half their samples, of a quarter, and so on; corners between two chords are then moved to the outer
+    side by the area that the chords cut off.
     """
-    corners, lost, owner = list[np.ndarray](), list[float](), list[int]()
-    for k, stroke in enumerate(loop):
-        at = _chords(stroke.points, SAGITTA * tolerance) if stroke.curved else [0, len(stroke.points) - 1]
-        corners.append(stroke.points[at[:-1]])
-        lost += [outlines.signed_area(stroke.points[a : b + 1] - stroke.points[a]) for a, b in pairwise(at)]
-        owner += [k] * (len(at) - 1)
-    points, area, curve = np.concatenate(corners), np.array(lost), np.array(owner)
-    along = (np.roll(points, -1, axis=0) - points) @ [1.0, 1j]
-    turn = np.abs(np.angle(along * np.roll(along, 1).conj()))
-    free = (turn < SHARP) & (curve == np.roll(curve, 1))
+    if len(points) == 2:
+        return points.copy()
+    at = _chords(points, SAGITTA * tolerance)
+    closed = math.dist(points[0], points[-1]) <= gap
+    area = np.array(
+        [outlines.signed_area(points[a : b + 1] - points[a]) for a, b in pairwise(at)] + [0.0] * (not closed)
+    )
+    corners = points[at[: len(area)]]
+    along = (np.roll(corners, -1, axis=0) - corners) @ [1.0, 1j]
+    free = np.abs(np.angle(along * np.roll(along, 1).conj())) < SHARP
+    if not closed:
+        free[[0, -1]] = False
     share = area / np.maximum(free.astype(int) + np.roll(free, -1), 1)  # of a corner of an edge
-    across = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    across = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)
     moved = np.where(free, 2.0 * (share + np.roll(share, 1)) / np.maximum((across**2).sum(axis=1), 1e-300), 0.0)
-    points = points + moved[:, None] * np.column_stack([across[:, 1], -across[:, 0]])
-    return points[::-1] if outlines.signed_area(points) < 0.0 else points
+    corners = corners + moved[:, None] * np.column_stack([across[:, 1], -across[:, 0]])
+    return corners[[*range(len(corners)), 0]] if closed else corners
 
 
 def _chords(points: np.ndarray, sagitta: float) -> list[int]:
@@ -226,46 +213,49 @@ def _bulge(points: np.ndarray) -> float:
     return float(shapely.distance(shapely.LineString(points[[0, -1]]), shapely.points(points)).max())
 
 
-def _crossings(rings: list[np.ndarray], strokes: Sequence[Stroke], tolerance: float) -> list[Fault]:
-    """Return the faults of contours that cross or touch themselves or one another."""
-    polygons: Any = np.array([shapely.Polygon(each) for each in rings], dtype=object)
+def _crossings(polygons: Any, labels: list[str], tree: Any, tolerance: float) -> list[Fault]:
+    """Return the faults of contours that cross or touch themselves or one another.
+
+    Args:
+        labels, tree: of the strokes.
+    """
     reasons = [each.partition("[") for each in shapely.is_valid_reason(polygons)]
     places = [np.array(place[:-1].split(), float) for what, _, place in reasons if place]
     borders = shapely.get_exterior_ring(polygons[shapely.is_valid(polygons)])
     pairs = shapely.STRtree(borders).query(borders, "intersects").T
     places += [shapely.get_coordinates(shapely.intersection(*borders[[a, b]]))[0] for a, b in pairs.tolist() if a < b]
-    tree, faults = shapely.STRtree([shapely.LineString(each.points) for each in strokes]), []
+    faults = []
     for place in places:
         point = shapely.Point(place)
         near = sorted({int(tree.nearest(point)), *tree.query(point, "dwithin", distance=tolerance).tolist()})
-        names = list(dict.fromkeys(strokes[k].label for k in near))
+        names = list(dict.fromkeys(labels[k] for k in near))
         what = f"{' and '.join(names)} intersect" if len(names) > 1 else f"{names[0]} intersects itself"
         faults.append(Fault(f"self-intersecting outline: {what} near {_place(place)}", place))
     return faults
 
 
-def _chosen(rings: list[np.ndarray], labels: list[str], part: int | None) -> tuple[list[np.ndarray], int]:
+def _chosen(polygons: Any, labels: list[str], part: int | None) -> tuple[list[np.ndarray], int]:
     """Return the outer contour of a part and those inside it, and the number of other parts.
 
     Raises:
         ValueError: several parts, or no part of this number.
     """
-    polygons = np.array([shapely.Polygon(each) for each in rings], dtype=object)
     inner, outer = shapely.STRtree(polygons).query(polygons, "within")
-    inside = [set(outer[(inner == k) & (outer != k)].tolist()) for k in range(len(rings))]
+    inside = [set(outer[(inner == k) & (outer != k)].tolist()) for k in range(len(polygons))]
     rims = [k for k, each in enumerate(inside) if len(each) % 2 == 0]
     rims.sort(key=lambda k: -polygons[k].area)
     if part is None and len(rims) > 1:
         listed = []
         for number, k in enumerate(rims[:LISTED]):
-            low, size = rings[k].min(axis=0), np.ptp(rings[k], axis=0)
-            where = f"from {_place(low)}, with {labels[k]}" + ", in a hole" * bool(inside[k])
-            listed.append(f"{number}: {size[0]:.4g} x {size[1]:.4g} mm, {polygons[k].area:.4g} mm^2, {where}")
+            x, y, right, top = polygons[k].bounds
+            where = f"from {_place((x, y))}, with {labels[k]}" + ", in a hole" * bool(inside[k])
+            listed.append(f"{number}: {right - x:.4g} x {top - y:.4g} mm, {polygons[k].area:.4g} mm^2, {where}")
         raise checks.conflict(f"{len(rims)} parts in one file, select one by part=: {'; '.join(listed)}")
     rim = rims[checks.count("part", 0 if part is None else part, least=0, most=len(rims) - 1)]
-    holes = [k for k, each in enumerate(inside) if each == inside[rim] | {rim}]
-    return [rings[rim], *(rings[k][::-1] for k in holes)], len(rims) - 1
+    holes = [shapely.get_exterior_ring(polygons[k]) for k, each in enumerate(inside) if each == inside[rim] | {rim}]
+    whole = orient(shapely.Polygon(polygons[rim].exterior, holes))
+    return [np.array(each.coords)[:-1] for each in (whole.exterior, *whole.interiors)], len(rims) - 1
 
 
-def _place(point: np.ndarray) -> str:
+def _place(point: Sequence[float] | np.ndarray) -> str:
     return f"({point[0]:.6g}, {point[1]:.6g}) mm"
