@@ -241,6 +241,7 @@ ARC = [(20 * math.cos(k), 20 * math.sin(k)) for k in np.linspace(0, math.pi, 40)
 
 @pytest.mark.parametrize(("chain", "options", "area"), [
     ([(0, 0), (50, 0), (50, 30), (0, 30), (4e-7, 0)], {}, 1500),  # a segment of 0.4 nm closes the contour
+    ([(0, 0), (50, 0), (50.00003, 0), (50, 30), (0, 30), (0, 29.99997)], {}, 1500),  # two such segments
     ([(0, 0), (50, 0), (50, 0), (50, 30), (0, 30)], {}, 1500),  # a line without length
     ([(0, 0), (50, 0), (50.003, 0), (50, 30), (0, 30)], {}, 1500),  # a corner is passed, and returned to
     ([(0, 0), (20, 0), *((20 + 0.002 * k, 0) for k in range(1, 30)), (50, 0), (50, 30), (0, 30)], {}, 1500),  # many short lines

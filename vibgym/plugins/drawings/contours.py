@@ -73,21 +73,21 @@ def outline_of(
     """
     strokes, notes = _without_duplicates(strokes, gap)
     pairs, found, gaps = _joints(strokes, gap, bridge)
-    lines = _joined([flattened(each.points, tolerance, gap) for each in strokes], pairs, gap, bridge)
+    lines = [flattened(each.points, tolerance, (2 * k, 2 * k + 1) in pairs) for k, each in enumerate(strokes)]
+    lines = _joined(lines, pairs, gap, bridge)
     merged = shapely.get_parts(shapely.line_merge(shapely.MultiLineString(lines)))
-    rings = shapely.remove_repeated_points(merged[shapely.is_closed(merged)], gap)
+    rings = shapely.remove_repeated_points(merged, gap)
     tree = shapely.STRtree([shapely.LineString(each.points) for each in strokes])
-    labels = [strokes[k].label for k in tree.nearest(shapely.get_point(rings, 0))]
-    flat = shapely.get_num_coordinates(rings) < 4
-    found += [
-        Fault(f"{labels[k]} encloses no area within the tolerance", np.array(rings[k].coords[0]))
-        for k in np.flatnonzero(flat)
-    ]
-    polygons: Any = np.array([shapely.Polygon(each) for each in rings[~flat]], dtype=object)
+    labels = np.array([strokes[k].label for k in tree.nearest(shapely.get_point(rings, 0))])
+    closed, whole = shapely.is_closed(rings), shapely.get_num_coordinates(rings) > 3
+    for k in np.flatnonzero(closed & ~whole if found else ~(closed & whole)):
+        text = f"{labels[k]} encloses no area within the tolerance"
+        found.append(Fault(text, np.array(rings[k].coords[0])))
+    polygons: Any = np.array([shapely.Polygon(each) for each in rings[closed & whole]], dtype=object)
     faults = [*faults, *found, *_crossings(polygons, [each.label for each in strokes], tree, tolerance)]
     if faults:
         raise refusal(faults, [each.points for each in strokes])
-    rings, others = _chosen(polygons, labels, part)
+    rings, others = _chosen(polygons, labels[closed & whole], part)
     return rings, notes + gaps + Counter({"parts that are not selected": others})
 
 
@@ -127,8 +127,9 @@ def _joints(
                     notes[f"gap of {away:.3g} mm between {names[0]} and {names[1]}"] += 1
     present = np.array(sorted(set(range(len(ends))) - left_out), dtype=int)
     for k in sorted(free):
-        (_, away), (_, nearest) = KDTree(ends[present]).query(ends[k], 2)
-        label, other = strokes[k // 2].label, strokes[present[nearest] // 2].label
+        distance = np.hypot(*(ends[present] - ends[k]).T)
+        nearest = int(np.argsort(distance)[1])
+        away, label, other = distance[nearest], strokes[k // 2].label, strokes[present[nearest] // 2].label
         hint = " (gap_mm= joins them)" if bridge < away <= BRIDGED else ""
         text = f"{label} ends at {_place(ends[k])}, {away:.3g} mm from the next end, of {other}{hint}"
         faults.append(Fault(f"open contour: {text}", ends[k]))
@@ -136,7 +137,7 @@ def _joints(
 
 
 def _joined(lines: list[np.ndarray], pairs: list[tuple[int, int]], gap: float, bridge: float) -> list[np.ndarray]:
-    """Return lines (n, 2) whose ends coincide where they join, and lines that close gaps.
+    """Return those lines (n, 2) that join, with ends that coincide, and lines that close gaps.
 
     Two straight lines are joined at their intersection, or halfway if that is not within ``bridge`` of both ends.
     """
@@ -155,7 +156,7 @@ def _joined(lines: list[np.ndarray], pairs: list[tuple[int, int]], gap: float, b
                 corner = meeting if max(math.dist(meeting, end), math.dist(meeting, begin)) <= bridge else corner
             end[:] = corner
         begin[:] = end
-    return lines + bridges
+    return [lines[k] for k in sorted({end // 2 for pair in pairs for end in pair})] + bridges
 
 
 def _without_duplicates(strokes: Sequence[Stroke], gap: float) -> tuple[list[Stroke], Counter[str]]:
@@ -169,8 +170,8 @@ def _without_duplicates(strokes: Sequence[Stroke], gap: float) -> tuple[list[Str
     return list(kept.values()), notes
 
 
-def flattened(points: np.ndarray, tolerance: float, gap: float) -> np.ndarray:
-    """Return a stroke (n, 2) mm, closed if its ends are within ``gap``, as a polyline within the tolerance and with its area.
+def flattened(points: np.ndarray, tolerance: float, closed: bool) -> np.ndarray:
+    """Return a stroke (n, 2) mm, which may be a contour by itself, as a polyline within the tolerance and with its area.
 
     Curves become chords of half their samples, of a quarter, and so on; corners between two chords are then moved to the outer
     side by the area that the chords cut off.
@@ -178,7 +179,6 @@ def flattened(points: np.ndarray, tolerance: float, gap: float) -> np.ndarray:
     if len(points) == 2:
         return points.copy()
     at = _chords(points, SAGITTA * tolerance)
-    closed = math.dist(points[0], points[-1]) <= gap
     area = np.array(
         [outlines.signed_area(points[a : b + 1] - points[a]) for a, b in pairwise(at)] + [0.0] * (not closed)
     )
@@ -234,7 +234,7 @@ def _crossings(polygons: Any, labels: list[str], tree: Any, tolerance: float) ->
     return faults
 
 
-def _chosen(polygons: Any, labels: list[str], part: int | None) -> tuple[list[np.ndarray], int]:
+def _chosen(polygons: Any, labels: np.ndarray, part: int | None) -> tuple[list[np.ndarray], int]:
     """Return the outer contour of a part and those inside it, and the number of other parts.
 
     Raises:

@@ -15,7 +15,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.plugins.drawings.contours import Stroke
-from vibgym.plugins.drawings.records import GAP, UNITS, factor_of
+from vibgym.plugins.drawings.records import GAP, UNITS, Fault, factor_of
 from vibgym.plugins.drawings.svg_geometry import curves, label_of, length, shift, transform, view_box, viewport
 from vibgym.plugins.drawings.svg_style import INHERITED, TESTS, Style, Styles, colour_of, painted, zero
 from vibgym.scene import outlines
@@ -81,13 +81,13 @@ class _State(NamedTuple):
 
 def read(
     content: bytes, flat: float, units: str | None, layers: tuple[str, ...] | None = None, without: tuple[str, ...] = ()
-) -> tuple[list[Stroke], Counter[str]]:
-    """Return the strokes of an SVG file, whose y axis points down, and the numbers of elements that are no outlines.
+) -> tuple[list[Stroke], Counter[str], list[Fault]]:
+    """Return the strokes of an SVG file, whose y axis points down; the numbers of elements that are no outlines; no faults.
 
     Args:
         content: of the file.
         flat: mm, gap that is closed.
-        units: see :func:`vibgym.plugins.drawings.reading.read`.
+        units: instead of those in the file.
         layers, without: ids, labels of groups or colours of strokes, which are read alone, or left out.
 
     Raises:

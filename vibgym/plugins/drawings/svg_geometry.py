@@ -136,7 +136,7 @@ def curves(element: ET.Element, size: tuple[float, float], matrix: np.ndarray, l
             z = np.array(
                 [segment.point(t) for t in ((0.0, 1.0) if straight else np.linspace(0.0, 1.0, SAMPLES // 4 + 1))]
             )
-            points = np.column_stack([z.real, z.imag]) @ matrix[:2, :2].T + matrix[:2, 2]
+            points = np.column_stack([np.real(z), np.imag(z)]) @ matrix[:2, :2].T + matrix[:2, 2]
             if not np.isfinite(points).all():
                 raise checks.conflict(f"{label} has coordinates that are not finite")
             strokes.append(Stroke(points, label))
