@@ -193,6 +193,8 @@ def dashed_layer(document, space):
     (dashed_layer, {}, 0, {"LINE with linetype 'phantom'": 1}),
     (lambda document, space: space.add_line((50, 0), (50, 100), dxfattribs={"linetype": "HIDDEN2"}), {}, 0,
      {"LINE with linetype 'hidden2'": 1}),
+    (lambda document, space: space.add_line((50, 0), (50, 100), dxfattribs={"linetype": "Dashed-own"}), {}, 0,
+     {"LINE with linetype 'dashed-own'": 1}),  # without a definition
     (lambda document, space: document.layout("Layout1").add_circle((0, 0), 5), {}, 0, {"CIRCLE in paper space 'Layout1'": 1}),
     (lambda document, space: [space.add_line((0, 0), (50, 0), dxfattribs={"layer": "bend"}) for _ in range(2)],
      {"without_layers": ["Bend"]}, 0, {"LINE on layer 'bend', which is not selected": 2}),

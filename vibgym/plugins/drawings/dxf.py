@@ -7,17 +7,20 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from ezdxf import bbox, recover
+from ezdxf.audit import AuditError
+from ezdxf.document import Drawing as Document
+from ezdxf.entities import factory
+from ezdxf.entities.dxfentity import DXFTagStorage
+from ezdxf.entities.dxfgfx import DXFGraphic
+from ezdxf.lldxf.const import DXFError
 
 from vibgym import checks
 from vibgym.plugins.drawings.contours import SAMPLES, Stroke
 from vibgym.plugins.drawings.records import UNITS, Fault, factor_of, refusal
-
-if TYPE_CHECKING:
-    from ezdxf.document import Drawing as Document
-    from ezdxf.entities.dxfgfx import DXFGraphic
 
 CODES = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 9: "mil", 13: "um", 14: "dm"}
 """Value of ``$INSUNITS`` -> unit."""
@@ -62,7 +65,7 @@ def read(
         flat: mm, largest distance from the plane of the drawing.
         layers, without: names in any case; None: all that are visible.
     """
-    document, undefined = _document(content)
+    document = _document(content)
     code = document.header.get("$INSUNITS", 0)
     if code and code not in CODES and units is None:
         raise checks.refuse("$INSUNITS", code, f"one of {', '.join(f'{k} ({name})' for k, name in CODES.items())}")
@@ -72,7 +75,7 @@ def read(
     for name in (*(layers or ()), *without):
         if name.lower() not in known:
             raise checks.unknown("layer", name, sorted(known.values()))
-    reader = _Reader(factor, flat, layers, without, document, undefined)
+    reader = _Reader(document, factor, flat, layers, without)
     strokes = list(reader.strokes(document.modelspace(), _Place()))
     for layout in document.layouts:
         for entity in () if layout.is_modelspace else layout:
@@ -80,16 +83,12 @@ def read(
     return strokes, +reader.skipped, reader.faults
 
 
-def _document(content: bytes) -> tuple[Document, dict[str, str]]:
-    """Return the document, and the names of linetypes without a definition by the handles of their users.
+def _document(content: bytes) -> Document:
+    """Return the document; entities and layers keep the names of linetypes without a definition.
 
     Raises:
         ValueError: not a DXF file, or one that lost geometry when ezdxf repaired it.
     """
-    from ezdxf import recover
-    from ezdxf.audit import AuditError
-    from ezdxf.lldxf.const import DXFError
-
     if content.startswith(b"AutoCAD Binary DXF"):
         raise checks.refuse("file", "binary DXF", "DXF in text")
     try:
@@ -104,16 +103,14 @@ def _document(content: bytes) -> tuple[Document, dict[str, str]]:
     faults += [Fault(f"the file is damaged: {lost}") for each in audit.fixes if (lost := _lost(each))]
     if faults:
         raise refusal(faults)
-    undefined = (each for each in audit.fixes if each.code == AuditError.UNDEFINED_LINETYPE)
-    return document, {each.entity.dxf.handle: str(each.data or "") for each in undefined if each.entity is not None}
+    for each in audit.fixes:
+        if each.code == AuditError.UNDEFINED_LINETYPE and each.entity is not None and each.data:
+            each.entity.dxf.linetype = str(each.data)
+    return document
 
 
 def _lost(fix: Any) -> str | None:
     """Return what a repair by ezdxf says if it may have changed an outline; else None."""
-    from ezdxf.audit import AuditError
-    from ezdxf.entities import factory
-    from ezdxf.entities.dxfgfx import DXFGraphic
-
     text = re.sub(r"\b([A-Z0-9_]+)\(#([0-9A-Fa-f]+)\)", r"\1 \2", fix.message)
     words = set(re.findall(r"\b[A-Z][A-Z0-9_]+\b", text))
     shapes = {each for each in words if issubclass(factory.ENTITY_CLASSES.get(each, object), DXFGraphic)} - NOTES
@@ -151,7 +148,6 @@ class _Reader:
         factor: mm per unit.
         flat: mm, largest deviation from a plane parallel to the page.
         layers, without: see :func:`read`.
-        undefined: linetypes without a definition.
 
     Attributes:
         skipped: number of entities that are not read, by type and reason.
@@ -159,23 +155,18 @@ class _Reader:
     """
 
     def __init__(
-        self, factor: float, flat: float, layers: tuple[str, ...] | None, without: tuple[str, ...], document: Document,
-        undefined: dict[str, str],
-    ) -> None:  # fmt: skip
-        self.factor, self.flat, self.undefined = factor, flat, undefined
+        self, document: Document, factor: float, flat: float, layers: tuple[str, ...] | None, without: tuple[str, ...]
+    ) -> None:
+        self.factor, self.flat = factor, flat
         self.layers = None if layers is None else {name.lower() for name in layers}
         self.without = {name.lower() for name in without}
         table = {each.dxf.name.lower(): each for each in document.layers}
         self.frozen = {name for name, each in table.items() if each.is_frozen()}
         self.off = {name for name, each in table.items() if each.is_off()} | {"defpoints"}
-        self.linetype = {name: self._named(each) for name, each in table.items()}
-        self.broken = {each.dxf.name.lower() for each in document.linetypes if each.simplified_line_pattern()}
-        self.broken |= {name for name in map(str.lower, undefined.values()) if name.startswith(BROKEN)}
+        self.linetype = {name: each.dxf.linetype.lower() for name, each in table.items()}
+        self.broken = {each.dxf.name.lower(): bool(each.simplified_line_pattern()) for each in document.linetypes}
         self.skipped, self.faults = Counter[str](), list[Fault]()
         self.level: float | None = None
-
-    def _named(self, entity: Any) -> str:
-        return str(self.undefined.get(entity.dxf.handle, entity.dxf.linetype)).lower()
 
     def strokes(self, entities: Iterable[DXFGraphic], at: _Place) -> Iterator[Stroke]:
         """Yield the strokes of entities; add to :attr:`faults` for those that are no outlines, or not parallel to the page."""
@@ -190,8 +181,6 @@ class _Reader:
 
     def _centre(self, entity: DXFGraphic, at: _Place) -> np.ndarray | None:
         """Return the centre (2,) mm of an entity at fault; None if ezdxf cannot find it."""
-        from ezdxf import bbox
-
         try:
             centre = np.array([*bbox.extents([entity]).center, 1.0])
         except Exception:  # of an entity that may be invalid in any way
@@ -211,7 +200,7 @@ class _Reader:
             reason = f"on layer {layer!r}, which is not selected"
         elif kind in NOTES:
             reason = ""
-        elif linetype in self.broken and kind != "INSERT":
+        elif self.broken.get(linetype, linetype.startswith(BROKEN)) and kind != "INSERT":
             reason = f"with linetype {linetype!r}"
         absent = [name for name in REQUIRED.get(kind, ()) if not entity.dxf.hasattr(name)]
         if reason is not None:
@@ -232,12 +221,10 @@ class _Reader:
 
     def _properties(self, entity: Any) -> tuple[str, str, bool]:
         """Return layer, linetype, and whether an entity is invisible."""
-        from ezdxf.entities.dxfentity import DXFTagStorage
-
         if isinstance(entity, DXFTagStorage):  # of a type that ezdxf does not know
             tags = (tag for each in entity.xtags.subclasses for tag in each)
             return next((tag.value for tag in tags if tag.code == 8), "0"), "", False
-        return entity.dxf.layer, self._named(entity), bool(entity.dxf.get("invisible", 0))
+        return entity.dxf.layer, entity.dxf.linetype.lower(), bool(entity.dxf.get("invisible", 0))
 
     def _block(self, insert: Any, label: str, at: _Place) -> Iterator[Stroke]:
         block = insert.block()
