@@ -291,6 +291,13 @@ def test_parts_are_listed_and_selected(tmp_path):
         read(path, part=3)
 
 
+def test_a_drawing_without_lines_names_its_entities(tmp_path):
+    document = ezdxf.new(units=4)
+    face = document.modelspace().add_3dface([(0, 0), (9, 0), (9, 9)])
+    with pytest.raises(ValueError, match=f"3DFACE {face.dxf.handle}"):
+        read(saved(document, tmp_path))
+
+
 def test_all_faults_of_a_file_are_reported_at_once(tmp_path):
     document, space = new()
     solid = space.add_solid([(0, 0), (5, 0), (0, 5), (5, 5)])

@@ -73,7 +73,8 @@ def outline_of(
     """
     strokes, notes = _without_duplicates(strokes, gap)
     pairs, found, gaps = _joints(strokes, gap, bridge)
-    lines = [flattened(each.points, tolerance, (2 * k, 2 * k + 1) in pairs) for k, each in enumerate(strokes)]
+    alone = {a // 2 for a, b in pairs if b == a ^ 1}
+    lines = [flattened(each.points, tolerance, k in alone) for k, each in enumerate(strokes)]
     lines = _joined(lines, pairs, gap, bridge)
     merged = shapely.get_parts(shapely.line_merge(shapely.MultiLineString(lines)))
     rings = shapely.remove_repeated_points(merged, gap)

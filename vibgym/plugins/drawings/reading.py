@@ -18,7 +18,7 @@ import numpy as np
 
 from vibgym import checks, extras
 from vibgym.files import reason
-from vibgym.plugins.drawings.records import GAP, UNITS, Drawing, Solid
+from vibgym.plugins.drawings.records import GAP, UNITS, Drawing, Fault, Solid, refusal
 from vibgym.scene import outlines
 from vibgym.scene.part_settings import DrawingSettings, PartSettings
 from vibgym.scene.parts import STEEL_DENSITY, Part, StablePose, skipped_text
@@ -142,15 +142,14 @@ def _flat(
     gap = GAP * tolerance
     strokes, skipped, faults = reader.read(content, gap / factor, settings.units, layers, without)
     strokes = [each._replace(points=factor * each.points) for each in strokes]
-    if not strokes and not faults:
+    if not strokes:
         left = f" (skipped: {skipped_text(skipped)})" if skipped else ""
-        raise checks.conflict(f"the drawing has no outline: no lines or curves{left}")
-    if strokes:
-        # Before anything else is wrong: the largest line alone, since a file may have several parts.
-        whole = np.concatenate([each.points for each in strokes])
-        _check_size(whole, tolerance)
-        largest = max((each.points for each in strokes), key=lambda each: np.ptp(each, axis=0).max())
-        _check_fit(largest, surface, whole)
+        raise refusal(faults or [Fault(f"the drawing has no outline: no lines or curves{left}")])
+    # Before anything else is wrong: the largest line alone, since a file may have several parts.
+    whole = np.concatenate([each.points for each in strokes])
+    _check_size(whole, tolerance)
+    largest = max((each.points for each in strokes), key=lambda each: np.ptp(each, axis=0).max())
+    _check_fit(largest, surface, whole)
     bridge = 0.0 if settings.gap is None else _in_mm(settings.gap)
     rings, notes = contours.outline_of(strokes, tolerance, gap, bridge, settings.part, faults)
     return rings, +(skipped + notes)
