@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from vibgym import checks
-from vibgym.part_command import part
 from vibgym.registry import Registry
 
 Command = Callable[[argparse.Namespace], int]
@@ -80,7 +79,7 @@ def run_identification(arguments: argparse.Namespace) -> int:
 
 COMMANDS: Registry[Callable[[argparse.ArgumentParser], Command]] = Registry(
     "command",
-    {"identify": identify, "machine": machine, "part": part, "warm": warm},
+    {"identify": identify, "machine": machine, "warm": warm},
     "vibgym.commands",
 )
 """Commands by name: functions that add arguments to a parser and return the function to run. Their docstring is the help."""

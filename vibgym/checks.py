@@ -27,7 +27,7 @@ class Refused(ValueError):
     """Invalid input, described in one line. Any other ``ValueError`` is a fault of the program.
 
     Attributes:
-        faults, lines: of a drawing, see :func:`vibgym.scene.drawings.records.refusal`; else empty.
+        faults, lines: of a drawing, its faults and (n, 2) mm each what could be read; else empty.
     """
 
     faults: tuple[Any, ...] = ()

@@ -23,8 +23,7 @@ from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
-from vibgym.scene.drawings.records import StablePose
-from vibgym.scene.parts import part_and_drawing, part_from
+from vibgym.scene.parts import StablePose, part_and_poses, part_from
 from vibgym.scene.surface import surface_from
 from vibgym.seeds import RANGES, check_seeds
 
@@ -209,5 +208,4 @@ def part_of(settings: DatasheetSettings) -> tuple[Part, tuple[StablePose, ...]]:
     surface = surface_from(settings.surface)
     if not (isinstance(settings.part, Mapping) and "file" in settings.part):
         return part_from(settings.part, "datasheet.part"), ()
-    part, drawing = part_and_drawing(settings.part, "datasheet.part", surface)
-    return part, () if drawing.solid is None else drawing.solid.poses
+    return part_and_poses(settings.part, "datasheet.part", surface)

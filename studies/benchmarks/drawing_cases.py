@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibgym.scene.drawings.records import UNITS
+from vibgym.plugins.drawings.records import UNITS
 
 DENSE = 1500
 """Samples of a curve of the reference."""
@@ -155,7 +155,7 @@ class Case:
     Attributes:
         rings: outline and holes, inside the frames.
         frames: of nested blocks or groups, the innermost one first.
-        unit: a key of :data:`vibgym.scene.drawings.records.UNITS`; lengths of the rings are in it.
+        unit: a key of :data:`vibgym.plugins.drawings.records.UNITS`; lengths of the rings are in it.
         kind: among :data:`KINDS`.
         thickness: of a prism.
         shape: name of the outline.

@@ -19,13 +19,14 @@ from studies.benchmarks.drawing_cases import KINDS, Case, Truth, case, write
 from studies.benchmarks.drawing_faults import FAULTS, spoiled
 from studies.kept import show
 from vibgym import Part
+from vibgym.plugins.drawings.reading import read
 from vibgym.scene import outlines
-from vibgym.scene.drawings.drawing import read
+from vibgym.scene.part_settings import DrawingSettings
 
 
 def deviations(of: Case, path: Path, true: Truth) -> dict[str, float]:
     """Import a drawing and return the relative deviations of area, centre (over the size) and inertia."""
-    part, drawing = Part.from_file(path, friction=0.5, surface=None), read(path)
+    part, drawing = Part.from_file(path, friction=0.5, surface=None), read(DrawingSettings(file=str(path)))
     centre = outlines.area_and_centre([drawing.rim, *drawing.holes])[1]
     return {
         "area": abs(1e6 * part.area / true.area - 1.0),

@@ -117,15 +117,14 @@ class DrawingSettings(PartSettings):
     density: float | None = Field(default=None, ge=LEAST_DENSITY, le=MOST_DENSITY)
     """Density, kg/m^3, instead of the mass; by default that of steel."""
 
-    tolerance: Length = 5e-5
+    tolerance: Length = Field(default=5e-5, ge=1e-7)
     """Largest distance of flattened curves from the drawn ones; flattening preserves area."""
 
     units: str | None = None
-    """``"mm"``, ``"in"``, ... (:data:`vibgym.scene.drawings.records.UNITS`), if the file names none, or wrong ones; STL files
-    are in mm by default."""
+    """``"mm"``, ``"in"``, ... (docs/drawings.md), if the file names none, or wrong ones; STL files are in mm by default."""
 
-    scale: float | None = None
-    """Factor of all lengths of a drawing, > 0."""
+    scale: float | None = Field(default=None, gt=0.0)
+    """Factor of all lengths of a drawing."""
 
     layer: str | tuple[str, ...] | None = None
     """One layer or several whose content alone is read; in SVG files ids, group labels or stroke colours."""
@@ -133,13 +132,13 @@ class DrawingSettings(PartSettings):
     without_layers: str | tuple[str, ...] = ()
     """Layers whose content is not read."""
 
-    part: int | None = None
+    part: int | None = Field(default=None, ge=0)
     """Number among several parts in a drawing, 0 for the largest; without it, several are an error that lists them."""
 
-    gap: Length | None = None
+    gap: Length | None = Field(default=None, ge=0.0)
     """Largest gap between ends of lines that is closed, with a warning; by default a tenth of the tolerance."""
 
-    stable_pose: int | None = None
+    stable_pose: int | None = Field(default=None, ge=0)
     """Pose of a mesh, 0 for the most probable one; None: as modelled."""
 
     @model_validator(mode="after")

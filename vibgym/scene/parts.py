@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vibgym import checks
+from vibgym.registry import Registry
 from vibgym.scene import outlines
 from vibgym.scene.friction_laws import law_table
 from vibgym.scene.part_settings import (
@@ -29,13 +30,7 @@ from vibgym.scene.part_settings import (
 from vibgym.scene.surface import Surface
 from vibgym.settings import read
 
-if TYPE_CHECKING:
-    from vibgym.scene.drawings.records import Drawing, Solid
-
 STEEL_DENSITY = 7850.0  # kg/m^3, for parts given without a mass
-
-PRISM = 0.05
-"""Relative deviation from a prism above which a mesh gives a warning."""
 
 PROTOTYPE = Surface()
 
@@ -303,7 +298,7 @@ def part_from(value: Any, where: str = "parts", surface: Surface | None = None) 
     if not isinstance(value, Mapping):
         raise checks.refuse(where, value, "a shipped part's name, the path of a drawing, or a mapping with 'shape'")
     if "file" in value:
-        return part_and_drawing(value, where, surface)[0]
+        return part_and_poses(value, where, surface)[0]
     if "shape" not in value:
         raise checks.missing(f"{where}.shape", f"one of {', '.join(SHAPES)}")
     shape = checks.choice(f"{where}.shape", value["shape"], SHAPES)
@@ -312,69 +307,50 @@ def part_from(value: Any, where: str = "parts", surface: Surface | None = None) 
     return getattr(Part, shape)(**{name: each for name, each in settings.items() if name != "shape"})
 
 
-def part_and_drawing(
+def part_and_poses(
     value: Mapping[str, Any], where: str = "parts", surface: Surface | None = None
-) -> tuple[Part, Drawing]:
-    """Return the part of a mapping of drawing settings as :func:`part_from`, and its drawing, from one reading of the file."""
-    given = {name: each for name, each in value.items() if each is not None}
-    settings = read(DrawingSettings, given, where)
+) -> tuple[Part, tuple[StablePose, ...]]:
+    """Return the part of a mapping of drawing settings as :func:`part_from`, and the stable poses of a mesh."""
+    settings = read(DrawingSettings, {name: each for name, each in value.items() if each is not None}, where)
     with checks.within(where):
         return drawn_part(settings, surface)
 
 
-def drawn_part(settings: DrawingSettings, surface: Surface | None = None) -> tuple[Part, Drawing]:
-    """Return the part of a drawing and the drawing; errors and warnings are those of :meth:`Part.from_file`."""
-    from vibgym.scene.drawings import drawing as drawings
-    from vibgym.scene.drawings.records import summary
+class StablePose(NamedTuple):
+    """A pose in which a part from a mesh rests on the table.
 
-    drawing = drawings.read(
-        settings.file, _in_mm(settings.tolerance), settings.units, scale=settings.scale, layer=settings.layer,
-        without_layers=settings.without_layers, part=settings.part,
-        gap=None if settings.gap is None else _in_mm(settings.gap), stable_pose=settings.stable_pose, surface=surface,
-    )  # fmt: skip
-    path, solid = Path(settings.file), drawing.solid
-    more: dict[str, Any] = {}
-    if solid is None:
-        if settings.thickness is not None:
-            more["height"] = settings.thickness
-    else:
-        for name in ("thickness", "height", "centre_height"):
-            if name in settings.model_fields_set and getattr(settings, name) is not None:
-                raise checks.conflict(f"{name} is that of the mesh, in {path.name}")
-        more = {"height": 1e-3 * solid.height, "centre_height": 1e-3 * solid.centre_height}
-        if settings.mass is None:
-            more["mass"] = (settings.density or STEEL_DENSITY) * 1e-9 * solid.volume
-    given = {name: getattr(settings, name) for name in PartSettings.model_fields} | more
-    if given["name"] is None:
-        given["name"] = path.stem
-    if drawing.radius is not None:
-        part = Part.disc(1e-3 * drawing.radius, **given)
-    else:
-        part = Part.polygon(1e-3 * drawing.rim, holes=[1e-3 * hole for hole in drawing.holes], **given)
-    if solid is not None:
-        _warn_of_shape(part, solid)
-    elif settings.density is not None:
-        part = replace(part, mass=settings.density * part.area * part.height)
-    if drawing.skipped:
-        warnings.warn(f"part {part.name!r}: skipped {summary(drawing.skipped)}", stacklevel=3)
-    return replace(part, skipped=drawing.skipped), drawing
+    Attributes:
+        probability: that a part dropped at a random orientation without bouncing comes to rest in it.
+        height, centre_height: of the part and its centre of mass above the table, mm.
+        area: of the faces on the table, mm^2.
+    """
+
+    probability: float
+    height: float
+    centre_height: float
+    area: float
 
 
-def _in_mm(length: float) -> float:
-    """Return a length in mm without the rounding of the conversion: of 0.05 mm exactly 0.05."""
-    return float(f"{1e3 * length:.12g}")
+DRAWINGS: Registry[Callable[[DrawingSettings, Surface | None], tuple[Part, tuple[StablePose, ...]]]] = Registry(
+    "kind of drawing", {}, "vibgym.drawings"
+)
+"""Readers of drawings by the suffix of the file without its dot: return what :func:`drawn_part` returns."""
 
 
-def _warn_of_shape(part: Part, solid: Solid) -> None:
-    """Warn of a mesh that differs from a plate with its outline, as which it moves."""
-    inertia = 1e-6 * solid.gyration / part.gyration
-    offset = 1e-3 * solid.offset / part.radius
-    if solid.resting < 1.0 - PRISM or abs(inertia - 1.0) > PRISM or offset > PRISM:
-        warnings.warn(
-            f"part {part.name!r} is no prism: it rests on {100 * solid.resting:.0f} % of its outline, its centre of mass is "
-            f"{solid.offset:.3g} mm from the outline's, its inertia {inertia:.2f} of a plate's; it moves as a plate",
-            stacklevel=4,
-        )
+def drawn_part(settings: DrawingSettings, surface: Surface | None = None) -> tuple[Part, tuple[StablePose, ...]]:
+    """Return the part of a drawing, and the stable poses of a mesh, most probable first.
+
+    Errors and warnings are those of :meth:`Part.from_file`.
+    """
+    kind = Path(settings.file).suffix.lower().removeprefix(".")
+    if kind not in DRAWINGS:
+        raise checks.refuse("file", settings.file, "a drawing: " + ", ".join(f".{each}" for each in DRAWINGS))
+    return DRAWINGS[kind](settings, surface)
+
+
+def skipped_text(skipped: Mapping[str, int]) -> str:
+    """Return what a drawing contains and its part does not, :attr:`Part.skipped`, as a list."""
+    return ", ".join(f"{count} {kind}" for kind, count in sorted(skipped.items()))
 
 
 def kinds_of(

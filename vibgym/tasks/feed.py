@@ -16,8 +16,10 @@ from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from
 from vibgym.physics.core.records import State
 from vibgym.scene import outlines
-from vibgym.scene.parts import PROTOTYPE, Part
+from vibgym.scene.part_settings import DrawingSettings
+from vibgym.scene.parts import PROTOTYPE, Part, StablePose, drawn_part
 from vibgym.scene.surface import Surface
+from vibgym.settings import read
 from vibgym.simulation.plant import LEAST_SPEED, plant_of
 from vibgym.tasks.base import HOLD_PERIODS, Task
 from vibgym.tasks.episode import EVENTS, STAYS, Episode, Relations, Start
@@ -260,24 +262,23 @@ def in_stable_poses(
     Raises:
         ValueError: a file or property that :meth:`vibgym.Part.from_file` refuses, or the name of a pose that there is not.
     """
-    # Readers of drawings are loaded with the first drawing only, as by Part.from_file.
-    from vibgym.scene.drawings.drawing import read
-    from vibgym.scene.drawings.records import TOLERANCE
 
-    units = properties.get("units")
-    solid = read(path, properties.get("tolerance_mm", TOLERANCE), units, stable_pose=0, surface=surface).solid
-    assert solid is not None  # only meshes have the option stable_pose
+    def lying(pose: int, name: str | None) -> tuple[Part, tuple[StablePose, ...]]:
+        given = {"file": str(path), **properties, "stable_pose": pose, "name": name}
+        return drawn_part(read(DrawingSettings, given, ""), surface)
+
+    poses = lying(0, None)[1]
     most, heap = checks.count("most", most, most=1000), checks.count("heap", heap)
     given = {} if names is None else dict(names)
     for argument, numbers in {"names": given, "without": without}.items():
         for k in numbers:
-            checks.count(f"{argument}: number of a stable pose", k, least=0, most=len(solid.poses) - 1)
+            checks.count(f"{argument}: number of a stable pose", k, least=0, most=len(poses) - 1)
     different: list[Part] = []
     probability: list[float] = []
     left_out = set()
-    for k, pose in enumerate(solid.poses):
+    for k, pose in enumerate(poses):
         name = f"{Path(path).stem}-{k}" if names is None else given.get(k, OTHER)
-        part = Part.from_file(path, stable_pose=k, surface=surface, name=name, **properties)
+        part = lying(k, name)[0]
         at = next((j for j, other in enumerate(different) if _alike(part, other)), len(different))
         if at == len(different):
             different.append(part)

@@ -151,10 +151,10 @@ parts: [{shape: rectangle, length: 0.05, width: 0.035, friction: 0.47, name: blo
 def test_a_part_on_an_identified_machine(tmp_path, capsys, monkeypatch):
     """One command with the two files; the part has the machine's friction. The drawing is read once."""
     pytest.importorskip("ezdxf")
-    from vibgym.scene.drawings import drawing
+    from vibgym.plugins.drawings import reading
 
-    read, reads = drawing.read, []
-    monkeypatch.setattr(drawing, "read", lambda *given, **options: reads.append(given) or read(*given, **options))
+    read, reads = reading.read, []
+    monkeypatch.setattr(reading, "read", lambda *given, **options: reads.append(given) or read(*given, **options))
     machine = tmp_path / "machine.yaml"
     machine.write_text(MACHINE % ([[[1.0, 0.1]] * 32] * 8), encoding="utf-8")
     options = ["--part", "configs/datasheets/bracket.dxf", "--episodes", "8", "--output", str(tmp_path), "--quiet"]

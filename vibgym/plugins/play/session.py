@@ -27,7 +27,7 @@ from vibgym.plugins.play.picture import frame_of, scene_of
 from vibgym.plugins.play.recording import Recorder
 from vibgym.plugins.play.starts import code_of, world_from
 from vibgym.plugins.play.world import World
-from vibgym.scene.drawings.records import summary
+from vibgym.scene.parts import skipped_text
 
 MOST_UNDONE = 60
 """Depth of the undo stack."""
@@ -197,7 +197,7 @@ class Session:
         world = World(settings_of(**{**vars(settings), "part": part.to_dict(), "policy": ""}))
         self._note()
         self._go_to(world)
-        return [{"kind": "note", "text": f"{path.name}: skipped {summary(part.skipped)}"}] if part.skipped else []
+        return [{"kind": "note", "text": f"{path.name}: skipped {skipped_text(part.skipped)}"}] if part.skipped else []
 
     def _go_to(self, world: World) -> None:
         self.world = world

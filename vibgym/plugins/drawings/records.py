@@ -10,15 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import checks
+from vibgym.scene.parts import StablePose
 
 UNITS = {
     "um": 1e-3, "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1e3,
     "mil": 0.0254, "in": 25.4, "ft": 304.8, "px": 25.4 / 96.0, "pt": 25.4 / 72.0,
 }  # fmt: skip
 """Unit of a drawing -> mm."""
-
-TOLERANCE = 0.05
-"""mm, of flattened curves, by default."""
 
 GAP = 0.1
 """Ends of strokes that are farther apart than this share of the tolerance are not joined."""
@@ -47,22 +45,6 @@ def refusal(faults: Sequence[Fault], lines: Sequence[np.ndarray] = ()) -> checks
     error = checks.conflict(faults[0].text + others)
     error.faults, error.lines = tuple(faults), tuple(lines)
     return error
-
-
-@dataclass(frozen=True)
-class StablePose:
-    """A pose in which a part rests on the table.
-
-    Attributes:
-        probability: that a part dropped at a random orientation without bouncing comes to rest in it.
-        height, centre_height: of the part and its centre of mass above the table, mm.
-        area: of the faces on the table, mm^2.
-    """
-
-    probability: float
-    height: float
-    centre_height: float
-    area: float
 
 
 @dataclass(frozen=True)
@@ -123,10 +105,5 @@ def factor_of(named: str | None, given: str | None, missing: str) -> float:
     if unit is None:
         raise checks.conflict(f"unknown units: {missing}; give units=, one of {', '.join(UNITS)}")
     if named is not None and named != unit:
-        warnings.warn(f"units={given!r} replaces {named!r}, the unit of the file", stacklevel=6)
+        warnings.warn(f"units={given!r} replaces {named!r}, the unit of the file", stacklevel=8)
     return UNITS[unit]
-
-
-def summary(skipped: Mapping[str, int]) -> str:
-    """Return a list of what a drawing contains and a part does not."""
-    return ", ".join(f"{count} {kind}" for kind, count in sorted(skipped.items()))

@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 
 from tests.commands import said_in_one_line
-from vibgym import Part, Surface
 from vibgym.__main__ import main
-from vibgym.part_command import centred, cuts, elements_under
 from vibgym.policies.applicable import parts_with, tasks_with
 
 BRACKET = "configs/datasheets/bracket.dxf"
@@ -35,26 +33,6 @@ def test_bad_input_is_one_line(capsys, options, named):
     pytest.importorskip("ezdxf")
     assert main(["part", *options]) == 2
     assert named in said_in_one_line(capsys)
-
-
-def test_elements_beneath():
-    """A square of 60 mm in the middle of an element of 26 mm: 26 / 60 of its width on that column, 17 / 60 on those beside."""
-    surface = Surface()
-    rows, columns, share = elements_under(Part.rectangle(0.06, 0.06, friction=0.5), surface, centred(surface))
-    across = np.array([17, 26, 17]) / 60
-    assert sorted(share) == pytest.approx(sorted(np.outer(across, across).ravel()))
-    assert set(rows) == {3, 4, 5} and set(columns) == {15, 16, 17}
-
-
-def test_borders_of_slivers_are_not_drawn():
-    """A square of four pieces: halves of the left half, and a sliver beside the rest of the right half."""
-    pieces = [
-        np.array(each, dtype=float)
-        for each in ([[0, 0], [5, 0], [5, 5], [0, 5]], [[0, 5], [5, 5], [5, 10], [0, 10]], [[9.9, 0], [10, 0], [9.9, 10]],
-                     [[10, 0], [10, 10], [9.9, 10]], [[5, 0], [9.9, 0], [9.9, 10], [5, 10]])
-    ]  # fmt: skip
-    found = {tuple(map(tuple, cut)) for cut in cuts(pieces, 2.0)}
-    assert found == {((0, 5), (5, 5)), ((9.9, 0), (9.9, 10))}
 
 
 def test_tasks_and_policies():
@@ -85,6 +63,11 @@ def drawn(folder, *entities):
 
 def test_a_small_disc_on_another_surface(capsys, tmp_path):
     """A disc has no angle of symmetry; 'learned' was trained on larger parts; a surface is a mapping or a file."""
+    # A square of 60 mm in the middle of an element of 26 mm: 26 / 60 of its width on that column, 17 / 60 on those beside.
+    square = drawn(tmp_path, ("lwpolyline", [(0, 0), (60, 0), (60, 60), (0, 60), (0, 0)]))
+    assert main(["part", str(square), "--no-tasks"]) == 0
+    beneath = "elements beneath, in the middle of one: 9, in rows 3 to 5 and columns 15 to 17; the most loaded one carries 19 %"
+    assert beneath in capsys.readouterr().out
     path = drawn(tmp_path, ("circle", (0, 0), 10.0))
     assert main(["part", str(path)]) == 0
     text = capsys.readouterr().out

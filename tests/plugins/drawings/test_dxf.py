@@ -8,8 +8,9 @@ import warnings
 import numpy as np
 import pytest
 
+from tests.plugins.drawings import helpers
+from tests.plugins.drawings.helpers import read
 from vibgym import Part, checks
-from vibgym.scene.drawings.drawing import read
 from vibgym.scene.parts import part_from
 
 ezdxf = pytest.importorskip("ezdxf")
@@ -30,9 +31,7 @@ def new(*, units=4):
 
 
 def saved(document, folder):
-    path = folder / "drawing.dxf"
-    document.saveas(path)
-    return path
+    return helpers.saved(document, folder / "drawing.dxf")
 
 
 class Campaign:
@@ -194,6 +193,8 @@ def dashed_layer(document, space):
     (dashed_layer, {}, 0, {"LINE with linetype 'phantom'": 1}),
     (lambda document, space: space.add_line((50, 0), (50, 100), dxfattribs={"linetype": "HIDDEN2"}), {}, 0,
      {"LINE with linetype 'hidden2'": 1}),
+    (lambda document, space: space.add_line((50, 0), (50, 100), dxfattribs={"linetype": "Dashed-own"}), {}, 0,
+     {"LINE with linetype 'dashed-own'": 1}),  # without a definition
     (lambda document, space: document.layout("Layout1").add_circle((0, 0), 5), {}, 0, {"CIRCLE in paper space 'Layout1'": 1}),
     (lambda document, space: [space.add_line((0, 0), (50, 0), dxfattribs={"layer": "bend"}) for _ in range(2)],
      {"without_layers": ["Bend"]}, 0, {"LINE on layer 'bend', which is not selected": 2}),
@@ -242,10 +243,11 @@ ARC = [(20 * math.cos(k), 20 * math.sin(k)) for k in np.linspace(0, math.pi, 40)
 
 @pytest.mark.parametrize(("chain", "options", "area"), [
     ([(0, 0), (50, 0), (50, 30), (0, 30), (4e-7, 0)], {}, 1500),  # a segment of 0.4 nm closes the contour
+    ([(0, 0), (50, 0), (50.00003, 0), (50, 30), (0, 30), (0, 29.99997)], {}, 1500),  # two such segments
     ([(0, 0), (50, 0), (50, 0), (50, 30), (0, 30)], {}, 1500),  # a line without length
     ([(0, 0), (50, 0), (50.003, 0), (50, 30), (0, 30)], {}, 1500),  # a corner is passed, and returned to
     ([(0, 0), (20, 0), *((20 + 0.002 * k, 0) for k in range(1, 30)), (50, 0), (50, 30), (0, 30)], {}, 1500),  # many short lines
-    (ARC, {"gap": 3.0}, 200 * math.pi),  # segments of 1.6 mm, shorter than the gap that may be closed
+    (ARC, {"gap_mm": 3.0}, 200 * math.pi),  # segments of 1.6 mm, shorter than the gap that may be closed
 ])  # fmt: skip
 def test_short_segments_are_joined(tmp_path, chain, options, area):
     drawing = read(lines(tmp_path, chain), **options)
@@ -263,12 +265,12 @@ def test_gaps_are_closed_and_reported(tmp_path, end, area):
     path = lines(tmp_path, chain, closed=False)
     with pytest.raises(ValueError, match=r"open contour: LINE .* 0.1\S* mm from the next end.*gap_mm= joins"):
         read(path)
-    drawing = read(path, gap=0.2)
+    drawing = read(path, gap_mm=0.2)
     assert [name.split()[:2] for name in drawing.skipped] == [["gap", "of"]]
     assert 1e6 * Part.polygon(1e-3 * drawing.rim, friction=0.5).area == pytest.approx(area, rel=1e-4)
     forked = lines(tmp_path, chain, [(0.0, 0.1), (-20, 0.1)], closed=False)
     with pytest.raises(ValueError, match="3 ends meet"):
-        read(forked, gap=0.2)
+        read(forked, gap_mm=0.2)
 
 
 def test_parts_are_listed_and_selected(tmp_path):
@@ -287,6 +289,13 @@ def test_parts_are_listed_and_selected(tmp_path):
     assert [each.radius and round(each.radius, 3) for each in holes] == [12.0, None, 3.0]
     with pytest.raises(ValueError, match="part must be"):
         read(path, part=3)
+
+
+def test_a_drawing_without_lines_names_its_entities(tmp_path):
+    document = ezdxf.new(units=4)
+    face = document.modelspace().add_3dface([(0, 0), (9, 0), (9, 9)])
+    with pytest.raises(ValueError, match=f"3DFACE {face.dxf.handle}"):
+        read(saved(document, tmp_path))
 
 
 def test_all_faults_of_a_file_are_reported_at_once(tmp_path):

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Surface
-from vibgym.scene.drawings.contours import Stroke, flattened, loops
-from vibgym.scene.drawings.drawing import read
+from vibgym.scene import outlines
 from vibgym.scene.parts import part_from
 
 ezdxf = pytest.importorskip("ezdxf")
@@ -18,16 +17,7 @@ trimesh = pytest.importorskip("trimesh")
 from studies.benchmarks.drawing_cases import KINDS, case, write  # noqa: E402
 from studies.benchmarks.drawing_faults import FAULTS, spoiled  # noqa: E402
 from studies.benchmarks.drawings import deviations, refusal  # noqa: E402
-
-
-def saved(document, path):
-    document.saveas(path)
-    return path
-
-
-def page(path, inner, size='width="100mm" height="50mm" viewBox="0 0 100 50"'):
-    path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg" {size}>\n{inner}\n</svg>')
-    return path
+from tests.plugins.drawings.helpers import read, saved  # noqa: E402
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -48,36 +38,32 @@ def test_faults_are_refused_with_the_entity(tmp_path, kind, fault):
     assert "\n" not in error
 
 
-def arcs(radius, *bounds):
-    """Strokes of the arcs of a circle between angles."""
-    found = []
-    for a, b in zip(bounds, bounds[1:], strict=False):
-        angle = np.linspace(a, b, 1025)
-        found.append(Stroke(radius * np.column_stack([np.cos(angle), np.sin(angle)]), True, f"arc {a:g}"))
-    return found
+def arcs(path, *given, **options):
+    """Return the drawing of arcs: centre, radius, and angles between which they are."""
+    document = ezdxf.new(units=4)
+    for centre, radius, *angles in given:
+        for a, b in zip(angles, angles[1:], strict=False):
+            document.modelspace().add_arc(centre, radius, a, b)
+    return read(saved(document, path / "arcs.dxf"), **options)
 
 
 @pytest.mark.parametrize("tolerance", [0.01, 0.05, 0.3])
-@pytest.mark.parametrize("bounds", [(0, 2 * math.pi), (0, math.pi, 2 * math.pi), (0, 1, 1.5, 4, 2 * math.pi)])
-def test_flattening_keeps_area_and_tolerance(bounds, tolerance):
+@pytest.mark.parametrize("angles", [(0, 360), (0, 180, 360), (0, 57, 86, 229, 360)])
+def test_flattening_keeps_area_and_tolerance(tmp_path, angles, tolerance):
     """Of a circle, whole or of arcs: every edge is within the tolerance, and the area is right to higher order."""
-    points = flattened(arcs(20.0, *bounds), tolerance).points
+    points = arcs(tmp_path, ((0, 0), 20.0, *angles), tolerance_mm=tolerance).rim
     along = np.linspace(0.0, 1.0, 9)[:, None, None]
     edges = points + along * (np.roll(points, -1, axis=0) - points)
     assert np.abs(np.hypot(edges[..., 0], edges[..., 1]) - 20.0).max() <= tolerance
-    x, y = points.T
-    area = 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
     inscribed = (2 * math.pi / len(points)) ** 2 / 6
-    assert abs(area / (math.pi * 400.0) - 1.0) < 0.1 * inscribed
+    assert abs(outlines.signed_area(points) / (math.pi * 400.0) - 1.0) < 0.1 * inscribed
 
 
-def test_corners_between_curves_stay():
+def test_corners_between_curves_stay(tmp_path):
     """A lens of two arcs: the ends where they meet at an angle are not moved."""
-    one = arcs(20.0, math.pi / 4, 3 * math.pi / 4)[0]
-    other = Stroke(one.points[::-1] * [1, -1] + [0, 2 * one.points[0, 1]], True, "other")
-    points = flattened(loops([one, other], 0.005)[0][0], 0.05).points
-    for tip in (one.points[0], one.points[-1]):
-        assert np.hypot(*(points - tip).T).min() < 1e-12
+    rim = arcs(tmp_path, ((0, 0), 20.0, 45, 135), ((0, 20 * math.sqrt(2)), 20.0, 225, 315)).rim
+    for x in (-1, 1):
+        assert np.hypot(*(rim - 20 * math.sqrt(0.5) * np.array([x, 1])).T).min() < 1e-12
 
 
 def test_a_circle_is_a_disc(tmp_path):
@@ -145,43 +131,6 @@ def test_faults_in_blocks_name_entity_and_insertion(tmp_path):
     insert = document.modelspace().add_blockref("B", (5, 5), dxfattribs={"rotation": 30})
     with pytest.raises(ValueError, match=f"LINE {line.dxf.handle} in INSERT {insert.dxf.handle}"):
         read(saved(document, tmp_path / "block.dxf"))
-
-
-@pytest.mark.parametrize(("inner", "size", "area"), [
-    ('<rect width="40" height="20"/>', 'width="200mm" viewBox="0 0 100 50"', 3200),
-    ('<rect width="40mm" height="20mm"/>', 'width="200mm" height="100mm"', 800),
-    ('<rect width="40" height="20"/>', 'width="2in" height="2in" viewBox="0 0 50.8 100"', 800 * 0.508**2),
-    ('<rect width="40" height="20"/>', 'width="10cm" height="10cm" viewBox="0 0 100 50" preserveAspectRatio="none"', 1600),
-    ('<rect width="40" height="20" rx="5"/>', 'width="100mm" viewBox="0 0 100 50"', 800 - 25 * (4 - math.pi)),
-    ('<defs><g id="a"><circle r="5"/></g></defs><use href="#a" transform="scale(2)"/>',
-     'width="100mm" viewBox="-50 -25 100 50"', 100 * math.pi),
-    ('<g transform="rotate(30)"><g transform="skewX(20) scale(2 -1)"><path d="M0 0h10v10H0z"/></g></g>',
-     'width="100mm" viewBox="-50 -25 100 50"', 200),
-    ('<path d="M0 0 Q 15 20 30 0 Z"/><text>30</text>', 'width="100mm" viewBox="0 0 100 50"', 200),
-    ('<path style="display:none" d="M0 0h9v9z"/><polygon points="0,0 30,0 30,10"/>', 'width="100mm" viewBox="0 0 100 50"', 150),
-])  # fmt: skip
-def test_svg(tmp_path, inner, size, area):
-    drawing = read(page(tmp_path / "part.svg", inner, size))
-    part = Part.from_file(tmp_path / "part.svg", friction=0.5)
-    assert 1e6 * part.area == pytest.approx(area, rel=1e-4)
-    assert not drawing.holes
-
-
-def test_svg_is_not_mirrored(tmp_path):
-    """The y axis of the file points down, that of a part up."""
-    drawing = read(page(tmp_path / "ell.svg", '<polygon points="0,0 10,0 10,30 30,30 30,40 0,40"/>'))
-    assert [10.0, -30.0] in drawing.rim.tolist() and (drawing.rim[:, 1] <= 0.0).all()
-
-
-@pytest.mark.parametrize("inner", [
-    '<use href="#b"/>', '<rect width="4" height="3" transform="rotate(a)"/>',
-    '<rect width="4" height="3" transform="scale(0)"/>',
-    '<circle r="-1"/>',
-    '<polygon points="1 2 3"/>',
-])  # fmt: skip
-def test_invalid_svg_is_refused_with_its_line(tmp_path, inner):
-    with pytest.raises(ValueError, match="in line 2"):
-        read(page(tmp_path / "bad.svg", inner))
 
 
 def box_shares(a, b, c):

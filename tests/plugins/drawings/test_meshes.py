@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from vibgym.scene.drawings.drawing import read
+from tests.plugins.drawings.helpers import read
 
 trimesh = pytest.importorskip("trimesh")
 shapely = pytest.importorskip("shapely")

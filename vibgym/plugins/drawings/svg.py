@@ -13,12 +13,12 @@ from xml.parsers import expat
 
 import numpy as np
 
-from vibgym import checks, extras
+from vibgym import checks
+from vibgym.plugins.drawings.contours import Stroke
+from vibgym.plugins.drawings.records import GAP, UNITS, Fault, factor_of
+from vibgym.plugins.drawings.svg_geometry import curves, label_of, length, shift, transform, view_box, viewport
+from vibgym.plugins.drawings.svg_style import INHERITED, TESTS, Style, Styles, colour_of, painted, zero
 from vibgym.scene import outlines
-from vibgym.scene.drawings.contours import Stroke
-from vibgym.scene.drawings.records import GAP, UNITS, factor_of
-from vibgym.scene.drawings.svg_geometry import curves, label_of, length, shift, transform, view_box, viewport
-from vibgym.scene.drawings.svg_style import INHERITED, TESTS, Style, Styles, colour_of, painted, zero
 
 CONTAINERS = frozenset("a g svg switch symbol use".split())
 SHAPES = frozenset("path rect circle ellipse line polyline polygon".split())
@@ -81,19 +81,18 @@ class _State(NamedTuple):
 
 def read(
     content: bytes, flat: float, units: str | None, layers: tuple[str, ...] | None = None, without: tuple[str, ...] = ()
-) -> tuple[list[Stroke], Counter[str]]:
-    """Return the strokes of an SVG file, whose y axis points down, and the numbers of elements that are no outlines.
+) -> tuple[list[Stroke], Counter[str], list[Fault]]:
+    """Return the strokes of an SVG file, whose y axis points down; the numbers of elements that are no outlines; no faults.
 
     Args:
         content: of the file.
         flat: mm, gap that is closed.
-        units: see :func:`vibgym.scene.drawings.drawing.read`.
+        units: instead of those in the file.
         layers, without: ids, labels of groups or colours of strokes, which are read alone, or left out.
 
     Raises:
         ValueError: content that is not supported, or of which it cannot be decided how a viewer draws it.
     """
-    extras.require("cad", "svgpathtools", "tinycss2", "cssselect2")
     root = _tree(content)
     try:
         reader = _Reader(root, flat, layers, without)
@@ -106,7 +105,7 @@ def read(
     if not strokes and reader.skipped:
         parts = ", ".join(f"{number} {kind}" for kind, number in reader.skipped.items())
         raise checks.conflict(f"the drawing has no outline: nothing is left without {parts}")
-    return strokes, reader.skipped
+    return strokes, reader.skipped, []
 
 
 def _tree(content: bytes) -> ET.Element:

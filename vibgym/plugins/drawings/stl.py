@@ -8,10 +8,15 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import shapely
+import trimesh
+from trimesh.convex import convex_hull
+from trimesh.poses import compute_stable_poses
 
-from vibgym import checks, extras
+from vibgym import checks
+from vibgym.plugins.drawings.records import GAP, UNITS, Solid
 from vibgym.scene import outlines
-from vibgym.scene.drawings.records import GAP, UNITS, Solid, StablePose
+from vibgym.scene.parts import StablePose
 
 SIMPLIFIED = 0.05
 """Corners nearer to the line between their neighbours than this share of the tolerance are removed."""
@@ -19,9 +24,8 @@ SIMPLIFIED = 0.05
 UPWARDS = 1e-6
 """Upward components of normals up to this are of vertical facets."""
 
-MERGED, ROUNDING, SAME = 1e-6, 1e-9, 1e-3
-"""Over the size of the part: deviation of facets from a plane that are merged, and rounding; difference of the normals of poses
-that are one."""
+MERGED = 1e-6
+"""Over the size of the part: deviation of facets from a plane that are merged."""
 
 
 def read(
@@ -31,7 +35,6 @@ def read(
 
     As modelled it keeps its x axis; in a stable pose the long side of the smallest rectangle around the outline is along x.
     """
-    extras.require("cad", "trimesh", "scipy", "shapely", "networkx")
     mesh, poses, transforms = _mesh_and_poses(content, UNITS[units or "mm"], GAP * tolerance)
     mesh = mesh.copy()
     if stable_pose is not None:
@@ -59,8 +62,6 @@ def _mesh(content: bytes, factor: float) -> Any:
     Raises:
         ValueError: another content; names a facet and, of a file in text, its line.
     """
-    import trimesh
-
     plain = content
     if _is_text(content):  # one body may have several sections, with names in any encoding
         plain = b"solid\n" + re.sub(rb"(?m)^\s*(end)?solid\b.*$", b"", content.lower()) + b"\nendsolid\n"
@@ -144,37 +145,13 @@ def _shares(triangles: np.ndarray) -> np.ndarray:
 
 def _stable(mesh: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return the transforms (n, 4, 4) to the stable poses, and their probabilities (n,), the largest first."""
-    from scipy.spatial import ConvexHull, KDTree
-
-    size = float(mesh.extents.max())
-    hull = ConvexHull(mesh.vertices, qhull_options=f"Qt C-{MERGED * size:g}")  # vertices on edges would make needles
-    corners, normals = (mesh.vertices - mesh.center_mass)[hull.simplices], hull.equations[:, :3]
-    shares = np.abs(_shares(corners))
-    # The part rolls over the side that its centre of mass is farthest beyond.
-    sides = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)  # each opposite to its corner
-    inwards = np.cross(normals[:, None], sides)
-    inwards *= np.sign((np.roll(sides, -1, axis=1) * inwards).sum(axis=2))[..., None]
-    foot = (normals * (normals * corners[:, 0]).sum(axis=1)[:, None])[:, None]
-    beyond = ((np.roll(corners, -1, axis=1) - foot) * inwards).sum(axis=2) / np.linalg.norm(sides, axis=2)
-    own = np.arange(len(corners))
-    falls = np.where(beyond.max(axis=1) > ROUNDING * size, hull.neighbors[own, beyond.argmax(axis=1)], own)
-    rests = falls == own
-    for _ in range(len(own).bit_length()):
-        falls = falls[falls]
-    shares = np.bincount(falls, shares, len(own))
-    if not abs(shares[rests].sum() - 1.0) < MERGED:
-        raise checks.conflict(f"the probabilities of the stable poses add up to {shares[rests].sum():.6g}, not 1")
-    rest = np.flatnonzero(rests)[np.argsort(-shares[rests], kind="stable")]
-    first = np.array([min(each) for each in KDTree(normals[rest]).query_ball_point(normals[rest], SAME)])
-    found = np.bincount(first[first], shares[rest], len(rest))  # of poses that differ by rounding only
-    poses = sorted(
-        np.unique(first[first]).tolist(), key=lambda k: (-float(found[k].round(9)), *np.round(normals[rest[k]], 6))
-    )
-    transforms = np.tile(np.eye(4), (len(poses), 1, 1))
-    for turn, (x, y, z) in zip(transforms, normals[rest[poses]], strict=True):
-        across = np.array([y, -x, 0.0] if x or y else [1.0, 0.0, 0.0]) / (np.hypot(x, y) or 1.0)
-        turn[:3, :3] = across, np.cross([-x, -y, -z], across), [-x, -y, -z]
-    return transforms, found[poses]
+    merged = f"Qt C-{MERGED * mesh.extents.max():g}"  # vertices on edges would make needles
+    transforms, shares = compute_stable_poses(convex_hull(mesh.vertices, qhull_options=merged), mesh.center_mass)
+    if not abs(shares.sum() - 1.0) < MERGED:
+        raise checks.conflict(f"the probabilities of the stable poses add up to {shares.sum():.6g}, not 1")
+    order = np.lexsort([*-transforms[:, 2, 2::-1].round(6).T, -shares.round(9)])
+    transforms[:, :3, 3] = 0.0
+    return transforms[order], shares[order]
 
 
 def _resting_area(mesh: Any, up: np.ndarray, level: float) -> float:
@@ -184,16 +161,13 @@ def _resting_area(mesh: Any, up: np.ndarray, level: float) -> float:
 
 
 def _check_standing(mesh: Any, flat: float, poses: int) -> None:
-    low = np.unique(mesh.vertices[mesh.vertices[:, 2] <= flat][:, :2], axis=0)
-    hull = outlines.convex_hull(low) if len(low) > 2 else low
-    if len(hull) < 3 or outlines.inner_distance(hull - mesh.center_mass[:2]) <= 0.0:
+    low = mesh.vertices[mesh.vertices[:, 2] <= flat][:, :2]
+    if not shapely.MultiPoint(low).convex_hull.contains(shapely.Point(mesh.center_mass[:2])):
         raise checks.conflict(f"the part does not stand as modelled, with z up: give stable_pose=, 0 to {poses - 1}")
 
 
 def _projection(mesh: Any, tolerance: float) -> list[np.ndarray]:
     """Return the outline of the part from above, counter-clockwise, and its through holes, clockwise."""
-    import shapely
-
     triangles = mesh.triangles[mesh.face_normals[:, 2] > UPWARDS][:, :, :2]
     gap = UPWARDS * mesh.extents[2]  # between facets above and below one that is left out
     area = (
@@ -210,8 +184,6 @@ def _projection(mesh: Any, tolerance: float) -> list[np.ndarray]:
 
 def _lengthwise(outline: np.ndarray) -> np.ndarray:
     """Return the matrix (2, 2) by which rows are multiplied: it turns the long side of the smallest rectangle to x."""
-    import shapely
-
     around: Any = shapely.oriented_envelope(shapely.Polygon(outline))
     corners = np.array(around.exterior.coords)
     x, y = max(np.diff(corners, axis=0), key=lambda side: float(np.hypot(*side)))

@@ -6,9 +6,9 @@ import random
 import numpy as np
 import pytest
 
+from tests.plugins.drawings.helpers import page, read
+from vibgym.plugins.drawings import svg
 from vibgym.scene import outlines
-from vibgym.scene.drawings import svg
-from vibgym.scene.drawings.drawing import read
 
 pytest.importorskip("svgpathtools")
 pytest.importorskip("cssselect2")
@@ -17,14 +17,6 @@ PAGE = 'width="100mm" height="80mm" viewBox="0 0 100 80"'
 PLATE = '<rect id="plate" x="10" y="10" width="60" height="40"/>'
 HOLE = '<circle cx="30" cy="30" r="5"/>'
 DISC = 25 * math.pi
-
-
-def page(path, inner, size=PAGE):
-    space = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-    path.write_text(
-        f'<svg {space} xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape" {size}>\n{inner}\n</svg>'
-    )
-    return path
 
 
 def area(drawing):
@@ -90,6 +82,30 @@ def test_what_is_drawn_is_read(tmp_path, inner, expected):
     assert area(read(page(tmp_path / "part.svg", inner))) == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.parametrize(("inner", "size", "area"), [
+    ('<rect width="40" height="20"/>', 'width="200mm" viewBox="0 0 100 50"', 3200),
+    ('<rect width="40mm" height="20mm"/>', 'width="200mm" height="100mm"', 800),
+    ('<rect width="40" height="20"/>', 'width="2in" height="2in" viewBox="0 0 50.8 100"', 800 * 0.508**2),
+    ('<rect width="40" height="20"/>', 'width="10cm" height="10cm" viewBox="0 0 100 50" preserveAspectRatio="none"', 1600),
+    ('<rect width="40" height="20" rx="5"/>', 'width="100mm" viewBox="0 0 100 50"', 800 - 25 * (4 - math.pi)),
+    ('<defs><g id="a"><circle r="5"/></g></defs><use href="#a" transform="scale(2)"/>',
+     'width="100mm" viewBox="-50 -25 100 50"', 100 * math.pi),
+    ('<g transform="rotate(30)"><g transform="skewX(20) scale(2 -1)"><path d="M0 0h10v10H0z"/></g></g>',
+     'width="100mm" viewBox="-50 -25 100 50"', 200),
+    ('<path d="M0 0 Q 15 20 30 0 Z"/><text>30</text>', 'width="100mm" viewBox="0 0 100 50"', 200),
+])  # fmt: skip
+def test_sizes_and_transforms(tmp_path, inner, size, area):
+    drawing = read(page(tmp_path / "part.svg", inner, size))
+    assert outlines.signed_area(drawing.rim) == pytest.approx(area, rel=1e-4)
+    assert not drawing.holes
+
+
+def test_svg_is_not_mirrored(tmp_path):
+    """The y axis of the file points down, that of a part up."""
+    drawing = read(page(tmp_path / "ell.svg", '<polygon points="0,0 10,0 10,30 30,30 30,40 0,40"/>'))
+    assert [10.0, -30.0] in drawing.rim.round(9).tolist() and (drawing.rim[:, 1] < 1e-9).all()
+
+
 @pytest.mark.parametrize(("inner", "named"), [
     *[(hidden(each), f"circle in line 2.*{each.partition('=')[0]}") for each in (
         'clip-path="url(#a)"', 'mask="url(#a)"', 'filter="url(#a)"', 'transform-origin="3 3"', 'systemLanguage="de"')],
@@ -119,6 +135,9 @@ def test_what_is_drawn_is_read(tmp_path, inner, expected):
     (PLATE + f'<switch><foreignObject/><g>{HOLE}</g></switch>', "circle in line 2.*the choice of switch"),
     (PLATE + '<rect x="20" y="20" width="-3" height="5"/>', "rect in line 2"),
     (PLATE + '<path d="M20 20 q 5 X"/>', "path in line 2"),
+    *[(each, "in line 2") for each in (
+        '<rect width="4" height="3" transform="rotate(a)"/>', '<rect width="4" height="3" transform="scale(0)"/>',
+        '<circle r="-1"/>', '<polygon points="1 2 3"/>')],
     ("<g display='none'><rect/></g>", "no outline.*1 g not drawn"),
     ("<style>g rect{fill:red}</style>" + 3000 * "<g>" + PLATE + 3000 * "</g>", "too deeply"),
 ])  # fmt: skip
@@ -151,11 +170,11 @@ def test_units(tmp_path, size, units, expected):
     path = page(tmp_path / "part.svg", '<rect width="96" height="96"/>', size)
     if isinstance(expected, str):
         with pytest.raises(ValueError, match=expected):
-            read(path, units=units, surface=None)
+            read(path, units=units)
     else:
         scale = 48 / 96 if "48" in size else 1.0
         inner = f'<rect width="{96 * scale}" height="{96 * scale}"/>'
-        drawing = read(page(path, inner, size), units=units, surface=None)
+        drawing = read(page(path, inner, size), units=units)
         assert area(drawing) == pytest.approx(expected)
 
 
@@ -165,18 +184,19 @@ LAYERS = (
 )
 
 
-@pytest.mark.parametrize(("layers", "without", "lines", "arcs"), [
-    (None, (), 8, 2), (("cut",), (), 4, 0), (("cut", "blue"), (), 4, 2), (None, ("engrave",), 4, 2),
-    (None, ("#FF0000", "blue"), 4, 0), (("plate",), (), 4, 0),
+@pytest.mark.parametrize(("layers", "without", "holes", "skipped"), [
+    (None, (), 1, {"parts that are not selected": 1}), (("cut",), (), 0, {"rect not selected": 1, "circle not selected": 1}),
+    (("cut", "blue"), (), 1, {"rect not selected": 1}), (None, "engrave", 1, {"g left out": 1}),
+    (None, ("#FF0000", "blue"), 0, {"rect left out": 1, "circle left out": 1}),
+    ("plate", (), 0, {"rect not selected": 1, "circle not selected": 1}),
 ])  # fmt: skip
-def test_layers(tmp_path, layers, without, lines, arcs):
-    content = page(tmp_path / "part.svg", LAYERS).read_bytes()
-    strokes, skipped = svg.read(content, 0.005, None, layers, without)
-    assert [each.curved for each in strokes] == lines * [False] + arcs * [True]
-    assert sum(skipped.values()) == 3 - lines // 4 - arcs // 2
-    for unknown in (("cutt",), ()), (None, ("greeen",)):
+def test_layers(tmp_path, layers, without, holes, skipped):
+    path = page(tmp_path / "part.svg", LAYERS)
+    drawing = read(path, layer=layers, without_layers=without, part=0)
+    assert (len(drawing.holes), drawing.skipped) == (holes, skipped)
+    for unknown in {"layer": "cutt"}, {"without_layers": "greeen"}:
         with pytest.raises(ValueError, match="unknown layer.*cut"):
-            svg.read(content, 0.005, None, *unknown)
+            read(path, **unknown)
 
 
 def affine(draw):
@@ -235,7 +255,7 @@ def test_random_trees(tmp_path, seed):
         with pytest.raises(ValueError, match="no outline"):
             svg.read(content.read_bytes(), 0.005, None)
         return
-    strokes, _ = svg.read(content.read_bytes(), 0.005, None)
+    strokes, *_ = svg.read(content.read_bytes(), 0.005, None)
     found = np.sort([complex(x, -y) for each in strokes for x, y in each.points[:1]])
     true = np.sort([complex(*corner) for each in expected for corner in each])
     assert found == pytest.approx(true, abs=1e-6)

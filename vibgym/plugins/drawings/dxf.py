@@ -7,17 +7,20 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from ezdxf import bbox, recover
+from ezdxf.audit import AuditError
+from ezdxf.document import Drawing as Document
+from ezdxf.entities import factory
+from ezdxf.entities.dxfentity import DXFTagStorage
+from ezdxf.entities.dxfgfx import DXFGraphic
+from ezdxf.lldxf.const import DXFError
 
-from vibgym import checks, extras
-from vibgym.scene.drawings.contours import SAMPLES, Stroke
-from vibgym.scene.drawings.records import UNITS, Fault, factor_of, refusal
-
-if TYPE_CHECKING:
-    from ezdxf.document import Drawing as Document
-    from ezdxf.entities.dxfgfx import DXFGraphic
+from vibgym import checks
+from vibgym.plugins.drawings.contours import SAMPLES, Stroke
+from vibgym.plugins.drawings.records import UNITS, Fault, factor_of, refusal
 
 CODES = {1: "in", 2: "ft", 4: "mm", 5: "cm", 6: "m", 9: "mil", 13: "um", 14: "dm"}
 """Value of ``$INSUNITS`` -> unit."""
@@ -62,8 +65,7 @@ def read(
         flat: mm, largest distance from the plane of the drawing.
         layers, without: names in any case; None: all that are visible.
     """
-    extras.require("cad", "ezdxf")
-    document, undefined = _document(content)
+    document = _document(content)
     code = document.header.get("$INSUNITS", 0)
     if code and code not in CODES and units is None:
         raise checks.refuse("$INSUNITS", code, f"one of {', '.join(f'{k} ({name})' for k, name in CODES.items())}")
@@ -73,7 +75,7 @@ def read(
     for name in (*(layers or ()), *without):
         if name.lower() not in known:
             raise checks.unknown("layer", name, sorted(known.values()))
-    reader = _Reader(factor, flat, layers, without, document, undefined)
+    reader = _Reader(document, factor, flat, layers, without)
     strokes = list(reader.strokes(document.modelspace(), _Place()))
     for layout in document.layouts:
         for entity in () if layout.is_modelspace else layout:
@@ -81,16 +83,12 @@ def read(
     return strokes, +reader.skipped, reader.faults
 
 
-def _document(content: bytes) -> tuple[Document, dict[str, str]]:
-    """Return the document, and the names of linetypes without a definition by the handles of their users.
+def _document(content: bytes) -> Document:
+    """Return the document; entities and layers keep the names of linetypes without a definition.
 
     Raises:
         ValueError: not a DXF file, or one that lost geometry when ezdxf repaired it.
     """
-    from ezdxf import recover
-    from ezdxf.audit import AuditError
-    from ezdxf.lldxf.const import DXFError
-
     if content.startswith(b"AutoCAD Binary DXF"):
         raise checks.refuse("file", "binary DXF", "DXF in text")
     try:
@@ -105,16 +103,14 @@ def _document(content: bytes) -> tuple[Document, dict[str, str]]:
     faults += [Fault(f"the file is damaged: {lost}") for each in audit.fixes if (lost := _lost(each))]
     if faults:
         raise refusal(faults)
-    undefined = (each for each in audit.fixes if each.code == AuditError.UNDEFINED_LINETYPE)
-    return document, {each.entity.dxf.handle: str(each.data or "") for each in undefined if each.entity is not None}
+    for each in audit.fixes:
+        if each.code == AuditError.UNDEFINED_LINETYPE and each.entity is not None and each.data:
+            each.entity.dxf.linetype = str(each.data)
+    return document
 
 
 def _lost(fix: Any) -> str | None:
     """Return what a repair by ezdxf says if it may have changed an outline; else None."""
-    from ezdxf.audit import AuditError
-    from ezdxf.entities import factory
-    from ezdxf.entities.dxfgfx import DXFGraphic
-
     text = re.sub(r"\b([A-Z0-9_]+)\(#([0-9A-Fa-f]+)\)", r"\1 \2", fix.message)
     words = set(re.findall(r"\b[A-Z][A-Z0-9_]+\b", text))
     shapes = {each for each in words if issubclass(factory.ENTITY_CLASSES.get(each, object), DXFGraphic)} - NOTES
@@ -152,7 +148,6 @@ class _Reader:
         factor: mm per unit.
         flat: mm, largest deviation from a plane parallel to the page.
         layers, without: see :func:`read`.
-        undefined: linetypes without a definition.
 
     Attributes:
         skipped: number of entities that are not read, by type and reason.
@@ -160,23 +155,18 @@ class _Reader:
     """
 
     def __init__(
-        self, factor: float, flat: float, layers: tuple[str, ...] | None, without: tuple[str, ...], document: Document,
-        undefined: dict[str, str],
-    ) -> None:  # fmt: skip
-        self.factor, self.flat, self.undefined = factor, flat, undefined
+        self, document: Document, factor: float, flat: float, layers: tuple[str, ...] | None, without: tuple[str, ...]
+    ) -> None:
+        self.factor, self.flat = factor, flat
         self.layers = None if layers is None else {name.lower() for name in layers}
         self.without = {name.lower() for name in without}
         table = {each.dxf.name.lower(): each for each in document.layers}
         self.frozen = {name for name, each in table.items() if each.is_frozen()}
         self.off = {name for name, each in table.items() if each.is_off()} | {"defpoints"}
-        self.linetype = {name: self._named(each) for name, each in table.items()}
-        self.broken = {each.dxf.name.lower() for each in document.linetypes if each.simplified_line_pattern()}
-        self.broken |= {name for name in map(str.lower, undefined.values()) if name.startswith(BROKEN)}
+        self.linetype = {name: each.dxf.linetype.lower() for name, each in table.items()}
+        self.broken = {each.dxf.name.lower(): bool(each.simplified_line_pattern()) for each in document.linetypes}
         self.skipped, self.faults = Counter[str](), list[Fault]()
         self.level: float | None = None
-
-    def _named(self, entity: Any) -> str:
-        return str(self.undefined.get(entity.dxf.handle, entity.dxf.linetype)).lower()
 
     def strokes(self, entities: Iterable[DXFGraphic], at: _Place) -> Iterator[Stroke]:
         """Yield the strokes of entities; add to :attr:`faults` for those that are no outlines, or not parallel to the page."""
@@ -186,11 +176,11 @@ class _Reader:
                 yield from self._strokes(entity, label, at)
             except checks.Refused as error:
                 self.faults.append(Fault(str(error), self._centre(entity, at)))
+            except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:  # of ezdxf
+                self.faults.append(Fault(f"{label} is invalid: {error}", self._centre(entity, at)))
 
     def _centre(self, entity: DXFGraphic, at: _Place) -> np.ndarray | None:
         """Return the centre (2,) mm of an entity at fault; None if ezdxf cannot find it."""
-        from ezdxf import bbox
-
         try:
             centre = np.array([*bbox.extents([entity]).center, 1.0])
         except Exception:  # of an entity that may be invalid in any way
@@ -210,7 +200,7 @@ class _Reader:
             reason = f"on layer {layer!r}, which is not selected"
         elif kind in NOTES:
             reason = ""
-        elif linetype in self.broken and kind != "INSERT":
+        elif self.broken.get(linetype, linetype.startswith(BROKEN)) and kind != "INSERT":
             reason = f"with linetype {linetype!r}"
         absent = [name for name in REQUIRED.get(kind, ()) if not entity.dxf.hasattr(name)]
         if reason is not None:
@@ -226,17 +216,15 @@ class _Reader:
                 "freeze that layer, turn it on, or leave it out by without_layers="
             )
         else:
-            for points, curved in self._samples_of(entity, kind, label):
-                yield Stroke(self._flat(points, at.matrix, label), curved, label)
+            for piece in self._pieces(entity, kind, label):
+                yield Stroke(self._flat(_samples(piece, label), at.matrix, label), label)
 
     def _properties(self, entity: Any) -> tuple[str, str, bool]:
         """Return layer, linetype, and whether an entity is invisible."""
-        from ezdxf.entities.dxfentity import DXFTagStorage
-
         if isinstance(entity, DXFTagStorage):  # of a type that ezdxf does not know
             tags = (tag for each in entity.xtags.subclasses for tag in each)
             return next((tag.value for tag in tags if tag.code == 8), "0"), "", False
-        return entity.dxf.layer, self._named(entity), bool(entity.dxf.get("invisible", 0))
+        return entity.dxf.layer, entity.dxf.linetype.lower(), bool(entity.dxf.get("invisible", 0))
 
     def _block(self, insert: Any, label: str, at: _Place) -> Iterator[Stroke]:
         block = insert.block()
@@ -249,10 +237,10 @@ class _Reader:
             matrix = np.array(list(one.matrix44().rows())) @ at.matrix
             yield from self.strokes(block, at._replace(label=f" in {label}", matrix=matrix, depth=at.depth + 1))
 
-    def _samples_of(self, entity: Any, kind: str, label: str) -> Iterator[tuple[np.ndarray, bool]]:
-        """Yield fine samples (n, 3) of lines and curves in units of the file, and whether it is a curve."""
+    def _pieces(self, entity: Any, kind: str, label: str) -> Iterator[Any]:
+        """Yield an entity, or the lines and arcs of a polyline."""
         if kind not in ("LWPOLYLINE", "POLYLINE"):
-            yield self._samples(entity, kind, label), kind != "LINE"
+            yield entity
             return
         if kind == "POLYLINE" and not (entity.is_2d_polyline or entity.is_3d_polyline):
             raise checks.conflict(f"{label} is a mesh, not a polyline")
@@ -260,36 +248,8 @@ class _Reader:
             raise checks.conflict(f"{label} is fitted by a curve or spline: explode it")
         self.skipped[f"{kind} with a width, of which the centre line is read"] += entity.has_width
         for piece in entity.virtual_entities():
-            points = self._samples(piece, piece.dxftype(), label)
-            if len(points) > 2 or (points[1] != points[0]).any():  # repeated corners
-                yield points, piece.dxftype() != "LINE"
-
-    def _samples(self, entity: Any, kind: str, label: str) -> np.ndarray:
-        """Return fine samples (n, 3) of a line or curve, in units of the file."""
-        try:
-            if kind == "LINE":
-                return np.array([entity.dxf.start, entity.dxf.end], dtype=float)
-            if kind == "ARC":
-                begin, end = entity.dxf.start_angle, entity.dxf.end_angle
-                sweep = (end - begin) % 360.0 or 360.0
-                return np.array(list(entity.vertices(np.linspace(begin, begin + sweep, _count(sweep / 360.0)))), float)
-            if kind == "CIRCLE":
-                return np.array(list(entity.vertices(np.linspace(0.0, 360.0, SAMPLES + 1))), dtype=float)
-            if kind == "ELLIPSE":
-                begin, whole = entity.dxf.start_param, 2.0 * math.pi
-                sweep = (entity.dxf.end_param - begin) % whole or whole
-                share = sweep / whole
-                return np.array(list(entity.vertices(np.linspace(begin, begin + sweep, _count(share)))), dtype=float)
-            if kind == "SPLINE":
-                curve = entity.construction_tool()
-                knots = np.array(curve.knots())
-                knots = np.unique(knots[curve.order - 1 : curve.count + 1])
-                per = max(SPAN, 2 ** math.ceil(math.log2(SAMPLES / (len(knots) - 1))))
-                t = np.interp(np.arange((len(knots) - 1) * per + 1) / per, np.arange(len(knots)), knots)
-                return np.array(list(curve.points(t)), dtype=float)
-        except (ValueError, ZeroDivisionError, ArithmeticError, TypeError, IndexError) as error:
-            raise checks.conflict(f"{label} is invalid: {error}") from None
-        raise checks.conflict(f"{label}: entities of type {kind} are not outlines; remove it or select a layer")
+            if piece.dxftype() != "LINE" or piece.dxf.start != piece.dxf.end:  # repeated corners
+                yield piece
 
     def _flat(self, points: np.ndarray, matrix: np.ndarray, label: str) -> np.ndarray:
         """Return points (n, 2) in mm."""
@@ -302,9 +262,27 @@ class _Reader:
         return np.ascontiguousarray(points[:, :2])
 
 
-def _count(share: float) -> int:
-    """Return the number of samples of a share of a full turn: one more than a power of two."""
-    return 2 ** max(3, math.ceil(math.log2(SAMPLES * share))) + 1
+def _samples(entity: Any, label: str) -> np.ndarray:
+    """Return fine samples (n, 3) of a line or curve, in units of the file; of a curve 2^n + 1."""
+    kind = entity.dxftype()
+    if kind == "LINE":
+        return np.array([entity.dxf.start, entity.dxf.end], dtype=float)
+    if kind in ("ARC", "CIRCLE", "ELLIPSE"):
+        begin, end, turn = 0.0, 0.0, 2.0 * math.pi if kind == "ELLIPSE" else 360.0
+        if kind == "ARC":
+            begin, end = entity.dxf.start_angle, entity.dxf.end_angle
+        elif kind == "ELLIPSE":
+            begin, end = entity.dxf.start_param, entity.dxf.end_param
+        sweep = (end - begin) % turn or turn
+        count = 2 ** max(3, math.ceil(math.log2(SAMPLES * sweep / turn)))
+        return np.array(list(entity.vertices(np.linspace(begin, begin + sweep, count + 1))), dtype=float)
+    if kind == "SPLINE":
+        curve = entity.construction_tool()
+        knots = np.unique(curve.knots()[curve.order - 1 : curve.count + 1])
+        per = max(SPAN, 2 ** math.ceil(math.log2(SAMPLES / (len(knots) - 1))))
+        t = np.interp(np.arange((len(knots) - 1) * per + 1) / per, np.arange(len(knots)), knots)
+        return np.array(list(curve.points(t)), dtype=float)
+    raise checks.conflict(f"{label}: entities of type {kind} are not outlines; remove it or select a layer")
 
 
 assert set(CODES.values()) <= set(UNITS)

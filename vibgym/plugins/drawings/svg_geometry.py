@@ -6,18 +6,27 @@ import math
 import re
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from svgpathtools import Line, Path
+from svgpathtools.parser import parse_transform
+from svgpathtools.svg_to_paths import ellipse2pathd, rect2pathd
 
 from vibgym import checks
-from vibgym.scene.drawings.contours import SAMPLES, Stroke
-from vibgym.scene.drawings.records import UNITS
+from vibgym.plugins.drawings.contours import SAMPLES, Stroke
+from vibgym.plugins.drawings.records import UNITS
 
 USER = {unit: UNITS[unit] / UNITS["px"] for unit in ("px", "in", "cm", "mm", "pt")}
 USER |= {"": 1.0, "q": 0.25 * USER["mm"], "pc": 12.0 * USER["pt"]}
 """Unit of a length -> user units (CSS Values and Units 3, section 6.2)."""
+
+LENGTHS = {
+    "line": ("x1", "y1", "x2", "y2"), "rect": ("x", "y", "width", "height", "rx", "ry"),
+    "circle": ("cx", "cy", "r"), "ellipse": ("cx", "cy", "rx", "ry"),
+}  # fmt: skip
+"""Attributes of shapes that are lengths."""
 
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 
@@ -85,8 +94,6 @@ def shift(x: float, y: float) -> np.ndarray:
 
 def transform(element: ET.Element, label: str) -> np.ndarray:
     """Return the (3, 3) matrix of the transform of an element."""
-    from svgpathtools.parser import parse_transform
-
     text, name = element.get("transform", ""), f"{label}: transform"
     spaced = re.sub(r"\(([^()]*)\)", lambda each: f"({' '.join(_numbers(each[1], name))})", text)
     try:
@@ -107,35 +114,39 @@ def curves(element: ET.Element, size: tuple[float, float], matrix: np.ndarray, l
         matrix: (3, 3) to mm.
         label: of the element.
     """
-    from svgpathtools import parse_path
-
-    data, begin, end = _path(element, size, label), 0j, 0j
+    data = _path(element, size, label)
     if re.sub(rf"{NUMBER}|[MmZzLlHhVvCcSsQqTtAa]", "", data).strip(", \t\r\n") or not re.match(r"\s*([Mm]|$)", data):
         raise checks.refuse(f"{label}: d", data, "path data")
-    for piece in re.split(r"(?=[Mm])|(?<=[Zz])(?=[\s,]*[^Mm\s,])", data):
-        if not piece.strip():
-            continue
-        if piece.lstrip()[0] not in "Mm":
-            piece = f"M {begin.real!r} {begin.imag!r} {piece}"
-        try:
-            with warnings.catch_warnings(action="ignore"):  # arcs without a radius are lines
-                path: Any = parse_path(piece + " h 0", current_pos=end)  # ends where the next piece begins
-        except Exception as error:  # of a parser that expects valid data
-            raise checks.refuse(f"{label}: d", str(error) or type(error).__name__, "path data") from None
-        begin, end = path[0].start, path[-1].end
-        if strokes := _samples(path[:-1], matrix, label):
+    try:
+        with warnings.catch_warnings(action="ignore"):  # arcs without a radius are lines
+            path: Any = Path(data)
+    except Exception as error:  # of a parser that expects valid data
+        raise checks.refuse(f"{label}: d", str(error) or type(error).__name__, "path data") from None
+    pieces = list[list[Any]]()
+    for segment in path:
+        if not pieces or pieces[-1][-1].end == pieces[-1][0].start or segment.start != pieces[-1][-1].end:
+            pieces.append([])
+        pieces[-1].append(segment)
+    for piece in pieces:
+        strokes = []
+        for segment in piece:
+            straight = isinstance(segment, Line)
+            if straight and abs(segment.end - segment.start) <= 1e-12 * abs(segment.end):
+                continue  # closes a path at its beginning, or repeats a point
+            z = np.array(
+                [segment.point(t) for t in ((0.0, 1.0) if straight else np.linspace(0.0, 1.0, SAMPLES // 4 + 1))]
+            )
+            points = np.column_stack([np.real(z), np.imag(z)]) @ matrix[:2, :2].T + matrix[:2, 2]
+            if not np.isfinite(points).all():
+                raise checks.conflict(f"{label} has coordinates that are not finite")
+            strokes.append(Stroke(points, label))
+        if strokes:
             yield strokes
 
 
 def _path(element: ET.Element, size: tuple[float, float], label: str) -> str:
     """Return the path data of a shape; empty if it has no extent."""
-    from svgpathtools.svg_to_paths import ellipse2pathd, rect2pathd
-
-    (width, height), kind = size, element.tag
-
-    def user(name: str, extent: float) -> float:
-        return length(element, name, extent)[0]
-
+    kind = element.tag
     if kind == "path":
         return "" if element.get("d", "").strip() == "none" else element.get("d", "")
     if kind in ("polyline", "polygon"):
@@ -143,41 +154,21 @@ def _path(element: ET.Element, size: tuple[float, float], label: str) -> str:
         if len(numbers) == 2 or len(numbers) % 2:
             raise checks.refuse(f"{label}: points", element.get("points"), "at least two pairs of coordinates")
         return f"M {' '.join(numbers)}" + (" Z" if kind == "polygon" else "") if numbers else ""
+    width, height = size
+    extents = {"width": width, "height": height, "r": math.hypot(width, height) / math.sqrt(2.0)}
+    extents |= {name: width if "x" in name else height for name in LENGTHS[kind] if name not in extents}
+    given = {name: length(element, name, extents[name])[0] for name in LENGTHS[kind]}
     if kind == "line":
-        return f"M {user('x1', width)} {user('y1', height)} L {user('x2', width)} {user('y2', height)}"
-    if kind in ("circle", "ellipse"):
-        x, y, a, b = user("cx", width), user("cy", height), user("rx", width), user("ry", height)
-        if kind == "circle":
-            a = b = user("r", math.hypot(width, height) / math.sqrt(2.0))
-        elif len({"rx", "ry"}.intersection(element.keys())) == 1:
-            raise checks.conflict(f"{label}: only one of rx and ry")
-        if min(a, b) < 0.0:
-            raise checks.refuse(f"{label}: radius", min(a, b), ">= 0")
-        return ellipse2pathd({"cx": x, "cy": y, "rx": a, "ry": b}) if min(a, b) > 0.0 else ""
-    x, y, w, h = user("x", width), user("y", height), user("width", width), user("height", height)
-    given = [each for each in ("rx", "ry") if element.get(each, "auto").strip() != "auto"]
-    a, b = (user(each, width if each == "rx" else height) for each in (given * 2)[:2] or ("rx", "ry"))
-    if min(w, h, a, b) < 0.0:
-        raise checks.refuse(f"{label}: size", f"{w:g} x {h:g}", ">= 0, also of the radii")
-    if min(w, h) == 0.0:
-        return ""
-    rounded = {"rx": min(a, 0.5 * w), "ry": min(b, 0.5 * h)} if min(a, b) > 0.0 else {}
-    return rect2pathd({"x": x, "y": y, "width": w, "height": h} | rounded)
-
-
-def _samples(path: Iterable[Any], matrix: np.ndarray, label: str) -> list[Stroke]:
-    """Return the strokes of segments."""
-    from svgpathtools import Line
-
-    strokes = []
-    for segment in path:
-        straight = isinstance(segment, Line)
-        if straight and abs(segment.end - segment.start) <= 1e-12 * abs(segment.end):
-            continue  # closes a path at its beginning, or repeats a point
-        t = np.linspace(0.0, 1.0, 2 if straight else SAMPLES // 4 + 1)
-        z = np.asarray([segment.point(each) for each in t], dtype=np.complex128)
-        points = (np.column_stack([np.real(z), np.imag(z)]) @ matrix[:2, :2].T) + matrix[:2, 2]
-        if not np.isfinite(points).all():
-            raise checks.conflict(f"{label} has coordinates that are not finite")
-        strokes.append(Stroke(points, not straight, label))
-    return strokes
+        return "M {x1} {y1} L {x2} {y2}".format(**given)
+    single = [name for name in ("rx", "ry") if name in given and element.get(name, "auto").strip() != "auto"]
+    if kind == "ellipse" and len(single) == 1:
+        raise checks.conflict(f"{label}: only one of rx and ry")
+    sizes = {name: given[name] for name in ("width", "height", "r", "rx", "ry") if name in given}
+    if min(sizes.values()) < 0.0:
+        raise checks.refuse(f"{label}: {', '.join(sizes)}", [*sizes.values()], ">= 0")
+    if kind != "rect":
+        return ellipse2pathd(given) if min(sizes.values()) > 0.0 else ""
+    x, y = (given[name] for name in (single * 2)[:2] or ("rx", "ry"))
+    sharp = {name: given[name] for name in ("x", "y", "width", "height")}
+    rounded = {"rx": min(x, 0.5 * given["width"]), "ry": min(y, 0.5 * given["height"])} if min(x, y) > 0.0 else {}
+    return rect2pathd(sharp | rounded) if min(given["width"], given["height"]) > 0.0 else ""

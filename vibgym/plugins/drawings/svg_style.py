@@ -7,8 +7,12 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from typing import Any
 
+import tinycss2
+from cssselect2 import ElementWrapper, Matcher, compile_selector_list
+from tinycss2.color4 import parse_color
+
 from vibgym import checks
-from vibgym.scene.drawings.svg_geometry import NUMBER, label_of
+from vibgym.plugins.drawings.svg_geometry import NUMBER, label_of
 
 INHERITED = frozenset(
     "color fill fill-opacity fill-rule marker marker-end marker-mid marker-start stroke stroke-dasharray stroke-opacity "
@@ -50,8 +54,6 @@ class Styles:
     """
 
     def __init__(self, root: ET.Element) -> None:
-        from cssselect2 import Matcher
-
         self._root, self._matcher = root, Matcher()
         self._matches: dict[ET.Element, dict[ET.Element, list[Declaration]]] = {}
         for sheet in root.iter("style"):
@@ -60,8 +62,6 @@ class Styles:
 
     def _matched(self, element: ET.Element, top: ET.Element) -> list[Declaration]:
         """Return the declarations of style sheets for an element, as if ``top`` were the root."""
-        from cssselect2 import ElementWrapper
-
         if top not in self._matches:
             self._matches[top] = {
                 each.etree_element: [declaration for *_, block in self._matcher.match(each) for declaration in block]
@@ -103,9 +103,6 @@ class Styles:
 
 def _rules(sheet: ET.Element) -> Iterator[tuple[Any, list[Declaration]]]:
     """Yield the compiled selectors of a style sheet, and their declarations."""
-    import cssselect2
-    import tinycss2
-
     label = label_of(sheet)
     if sheet.get("type", "text/css") != "text/css" or sheet.get("media", "all") not in ("all", "screen"):
         raise checks.conflict(f"{label}: only text/css for all media is supported")
@@ -121,7 +118,7 @@ def _rules(sheet: ET.Element) -> Iterator[tuple[Any, list[Declaration]]]:
         if not declarations:
             continue
         try:
-            selectors = cssselect2.compile_selector_list(rule.prelude)
+            selectors = compile_selector_list(rule.prelude)
         except Exception:  # of a compiler that expects valid selectors
             selectors = []
         if not selectors or UNDECIDED.search(text):
@@ -131,8 +128,6 @@ def _rules(sheet: ET.Element) -> Iterator[tuple[Any, list[Declaration]]]:
 
 def _declarations(block: Any, label: str) -> list[Declaration]:
     """Return the declarations of properties that matter; invalid ones do not count."""
-    import tinycss2
-
     nodes: Any = tinycss2.parse_blocks_contents(block, skip_comments=True, skip_whitespace=True)
     found = []
     for node in nodes:
@@ -157,8 +152,6 @@ def zero(value: str) -> bool:
 
 def painted(style: Style, name: str, default: str) -> bool | None:
     """Return whether a fill or stroke is visible; None if that depends on another element, or is unknown."""
-    from tinycss2.color4 import parse_color
-
     paint = style.get(name, default)
     if paint == "none":
         return False

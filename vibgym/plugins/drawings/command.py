@@ -6,7 +6,7 @@ import argparse
 import io
 import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from vibgym.scene import outlines
 from vibgym.scene.part_settings import DrawingSettings
 from vibgym.scene.parts import Part, drawn_part, part_from
 from vibgym.scene.surface import Surface, surface_from
-from vibgym.settings import read
+from vibgym.settings import read, with_unit
 
 PIXELS = 6000.0
 """Pixels per metre of the picture."""
@@ -27,7 +27,7 @@ PIXELS = 6000.0
 FAULTS, MARK = 1000.0, 0.015
 """Pixels of a side of a picture of faults, and half the side of a mark as a share of it."""
 
-LEAST_PIECE = 0.02
+MIN_PIECE = 0.02
 """Share of the part's area of convex pieces whose borders the picture shows."""
 
 
@@ -41,7 +41,9 @@ def part(parser: argparse.ArgumentParser) -> Callable[[argparse.Namespace], int]
     parser.add_argument("--units", help="of a file that names none or wrong ones, such as mm or in")
     parser.add_argument("--scale", type=float, help="of a drawing, factor of all lengths (1)")
     parser.add_argument("--layer", action="append", help="to read, others are not; may be repeated")
-    parser.add_argument("--without-layer", action="append", default=[], help="not to read; may be repeated")
+    parser.add_argument(
+        "--without-layer", dest="without_layers", action="append", default=[], help="not to read; may be repeated"
+    )
     parser.add_argument("--part", type=int, metavar="N", help="among several in a drawing, 0 for the largest")
     parser.add_argument(
         "--gap-mm", type=float, help="largest gap between lines that is closed (a tenth of the tolerance)"
@@ -66,25 +68,13 @@ def run(given: argparse.Namespace) -> int:
         raise checks.refuse("--picture", str(given.picture), "a .png file")
     surface = from_text("--surface", given.surface)
     surface = surface_from(surface.get("surface", surface) if isinstance(surface, Mapping) else surface)
-    names = (
-        "file",
-        "friction",
-        "thickness_mm",
-        "density",
-        "tolerance_mm",
-        "units",
-        "scale",
-        "layer",
-        "part",
-        "gap_mm",
-        "stable_pose",
-    )
-    settings = {name: getattr(given, name) for name in names if getattr(given, name) is not None}
-    settings = read(DrawingSettings, {**settings, "without_layers": given.without_layer}, "")
+    keys = {*DrawingSettings.model_fields, *with_unit(DrawingSettings)}
+    values = {name: value for name, value in vars(given).items() if name in keys and value is not None}
+    settings = read(DrawingSettings, values, "")
     with warnings.catch_warnings(record=True) as notes:
         warnings.simplefilter("always")
         try:
-            made, drawing = drawn_part(settings, surface)
+            made, poses = drawn_part(settings, surface)
         except checks.Refused as error:
             for k, fault in enumerate(error.faults):
                 print(f"fault {k}: {fault.text}")
@@ -97,7 +87,7 @@ def run(given: argparse.Namespace) -> int:
     pose = centred(surface)
     for line in description(made, surface, pose):
         print(line)
-    for k, each in enumerate(drawing.solid.poses if drawing.solid else ()):
+    for k, each in enumerate(poses):
         print(f"stable pose {k}: {100 * each.probability:.1f} %, {each.height:.4g} mm high, on {each.area:.4g} mm^2")
     if given.picture is not None:
         picture(made, surface, pose, given.picture)
@@ -165,18 +155,6 @@ def elements_under(part: Part, surface: Surface, pose: np.ndarray) -> tuple[np.n
     return rows, columns, pieces.share[:count].copy()
 
 
-def cuts(pieces: Sequence[np.ndarray], least: float) -> list[np.ndarray]:
-    """Return the edges (2, 2) between convex pieces of which at least one has an area of ``least`` m^2.
-
-    A rounded inner corner consists of slivers, whose edges would cover the picture.
-    """
-    edges: dict[frozenset[tuple[float, ...]], list[float]] = {}
-    for piece in pieces:
-        for ends in zip(piece.tolist(), np.roll(piece, -1, axis=0).tolist(), strict=True):
-            edges.setdefault(frozenset(map(tuple, ends)), []).append(outlines.signed_area(piece))
-    return [np.array(sorted(ends)) for ends, areas in edges.items() if len(areas) == 2 and max(areas) >= least]
-
-
 def picture(part: Part, surface: Surface, pose: np.ndarray, path: Path) -> None:
     """Draw outline, borders of convex pieces, centre of mass, and the elements beneath with their shares of the load.
 
@@ -202,8 +180,9 @@ def picture(part: Part, surface: Surface, pose: np.ndarray, path: Path) -> None:
         canvas.zone(each, each + size, colours.PARTS[1], "")
     here = pose - [*(size * first), 0.0]
     canvas.part(here, part.outline, colours.PARTS[0], ahead=False)
-    for cut in cuts(convex_pieces(part), LEAST_PIECE * part.area):
-        canvas.path(here[:2] + cut, colours.PAPER)
+    for piece in convex_pieces(part):
+        if outlines.signed_area(piece) >= MIN_PIECE * part.area:  # a rounded inner corner consists of slivers
+            canvas.path(here[:2] + piece[[*range(len(piece)), 0]], colours.PAPER)
     canvas.goal(here[:2], part.outline, None)
     for each, loaded in zip(low, share, strict=True):
         canvas.tag(each, each + size, colours.PARTS[1], f"{100 * loaded:.0f} %")

@@ -1,1 +1,0 @@
-"""Parts from drawings: DXF, SVG and STL files."""
