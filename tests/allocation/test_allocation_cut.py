@@ -25,8 +25,8 @@ def cut(parts, pose, present=None):
     pose = np.asarray(pose, dtype=float)
     pieces = new_pieces(SURFACE, parts)
     outlines = outlines_of(SURFACE, parts)
-    n = cut_parts(outlines, pose, np.ones(len(parts), dtype=bool) if present is None else present, pieces)
-    lever = pieces.lever[:n] * outlines.gyration[pieces.part[:n], None]
+    n = cut_parts(outlines, 0, pose, np.ones(len(parts), dtype=bool) if present is None else present, pieces)
+    lever = pieces.lever[:n] * outlines.gyration[outlines.kind[0, pieces.part[:n]], None]
     return pieces.part[:n].copy(), pieces.element[:n].copy(), pieces.share[:n].copy(), lever
 
 

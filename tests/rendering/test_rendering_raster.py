@@ -26,6 +26,7 @@ def rasterised(
     marks = Marks(
         outline=np.concatenate(list(outlines)),
         first=np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int64),
+        kind=np.arange(len(outlines))[None],
         value=np.array(value, dtype=np.uint8),
         zone=np.zeros((0, 4)) if zone is None else zone,
         zone_value=np.array(zone_value, dtype=np.uint8),

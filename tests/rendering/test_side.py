@@ -34,7 +34,7 @@ def test_a_tilted_part_is_drawn_with_its_height():
     after = env.render()[-HEIGHT:]
     rows = np.flatnonzero((before != after).any(axis=(1, 2)))
     (bottom,) = simulator.bottoms(0)
-    extent = MAGNIFIED * np.ptp(bottom[:, 2]) * env.unwrapped._viewer.painter._table[3]
+    extent = MAGNIFIED * np.ptp(bottom[:, 2]) * env.unwrapped._viewer._painters[0]._table[3]
     assert abs(np.ptp(rows) - extent) < 12 and np.ptp(rows) > 30
 
 

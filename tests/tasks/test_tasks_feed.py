@@ -50,7 +50,7 @@ def put(env, poses):
     state.pose[0, :, :2] = -1.0
     for slot, pose in poses.items():
         episode.present[0, slot], state.fallen[0, slot], state.pose[0, slot] = True, False, pose
-        state.velocity[0, slot] = core.idle[slot]
+        state.velocity[0, slot] = core.idle[0, slot]
     core.scoring._flow.pool[0] = episode.present[0]  # no further arrivals
 
 

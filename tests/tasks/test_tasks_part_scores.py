@@ -8,6 +8,7 @@ import pytest
 from tests.tasks.helpers import Scorer, made
 from vibgym import Part, Surface
 from vibgym.physics.contacts.hulls import all_gaps
+from vibgym.scene.hulls import hulls_of
 from vibgym.tasks import Align, Follow, Singulate, Sort, Start
 
 STEEL = Part.rectangle(0.050, 0.040, friction=0.64, name="steel")
@@ -67,7 +68,7 @@ def test_terms_of_single_parts(name, spread):
     scorer.begin(Start(pose, present, goal))
     episode, gaps = scorer.episode, np.empty((WORLDS, parts, parts))
     assert not episode.part_terms.any() and not episode.part_reward.any()
-    all_gaps(task.hulls, pose, gaps)
+    all_gaps(hulls_of(task.parts), pose, gaps)
     before = numbers(task, pose, goal, gaps, present)
     weights = {term: w * (2 if of in ("time", "within") else 1) for term, (of, w) in task.TERMS.items()}
     limited, successes = 0, 0
@@ -82,7 +83,7 @@ def test_terms_of_single_parts(name, spread):
         speed = generator.uniform(0.0, 0.03, (WORLDS, parts, 3))
         scorer.score(pose, speed, fallen)
         counted = np.where((present & ~fallen)[..., None], pose, [10.0, 10.0, 0.0])
-        all_gaps(task.hulls, counted, gaps)
+        all_gaps(hulls_of(task.parts), counted, gaps)
         away, turn, inside, _ = now = numbers(task, pose, goal, gaps, present)
         # Fallen parts are far from the others.
         seen = present & ~fallen

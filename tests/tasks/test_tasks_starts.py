@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 from tests.tasks.helpers import made
 from vibgym import Part, Surface
 from vibgym.physics.contacts.hulls import all_gaps
+from vibgym.scene.hulls import hulls_of
 from vibgym.tasks import ArrangedTask, Singulate, Sort
 from vibgym.tasks.starts import TRIES, lattice
 
@@ -91,7 +92,7 @@ def test_crowded_parts_are_in_touch(task, parts):
     crowd = made(Sort, SURFACE, parts, start="crowded") if task == "Sort" else Singulate(SURFACE, parts)
     start = starts(crowd, 30)
     gaps = np.empty((30, len(parts), len(parts)))
-    all_gaps(crowd.hulls, start.pose, gaps)
+    all_gaps(hulls_of(crowd.parts), start.pose, gaps)
     for pose, between in zip(start.pose, gaps, strict=True):
         assert distances(parts, pose) == pytest.approx(between, abs=1e-9)  # of which none is negative
         assert between.min() > 0.0

@@ -9,6 +9,7 @@ Data flow:
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -52,7 +53,8 @@ class Pipeline:
 
     Attributes:
         before: stages before the advance, called with the :class:`Batch`.
-        by_block: stages that follow the advance of a block, on the thread that has advanced it, called with its number.
+        by_block: stages of each block that follow its advance, on the thread that has advanced it.
+        score: those of them that score a block's step by the true state.
         after: stages after all blocks, called with the batch.
         info: makes ``info``.
         report: fields of ``info`` of the last step; batches only.
@@ -88,21 +90,24 @@ class Pipeline:
             (core.reward, self.store_state),
             (core.disturbances, self.disturb),
         )
-        shown = _needed(
-            (not core.sensing.exact, self.relate),
-            (self._rows, self.write_observations),
-            (core.by_batch, self.write_report),
-        )
+        shown = [self._shown_stages(block) for block in self._blocks]
         of_all = _needed(
             (core.reward, self.replace_reward), (core.costs, self.score_costs), (not core.sensing.exact, self.sense)
         )
         # Without stages of all worlds in between, one pass over the blocks is enough.
-        self.by_block: list[Callable[[int], None]] = [self.score, *([] if of_all else shown)]
+        self.score: list[list[Callable[[], None]]] = [
+            [partial(kernel, block.worlds) for kernel in block.score] for block in self._blocks
+        ]
+        self.by_block = self.score
+        if not of_all:
+            self.by_block = [[*first, *then] for first, then in zip(self.score, shown, strict=True)]
         self._shown = shown
         self.after = [
             *of_all,
             *_needed(
-                (of_all and shown, self.show), (self._rows is None, self.observe), (core.task.flows, self.renew_parts)
+                (of_all and shown[0], self.show),
+                (self._rows is None, self.observe),
+                (core.task.flows, self.renew_parts),
             ),
         ]
 
@@ -161,12 +166,6 @@ class Pipeline:
                 sensing.sample(core.simulator.state)
             elapsed = end
 
-    def score(self, k: int) -> None:
-        """Score the step of a block by the true state."""
-        block = self._blocks[k]
-        for score in block.score:
-            score(block.worlds)
-
     def replace_reward(self, batch: Batch) -> None:
         """Replace the kernels' reward."""
         self.core.reward.score()  # type: ignore[union-attr]
@@ -183,27 +182,33 @@ class Pipeline:
         if core.task.flows and core.scoring.changed.any():  # parts that have arrived or left
             core.sensing.renew(core.scoring.changed, core.simulator.state)
 
-    def relate(self, k: int) -> None:
+    def _shown_stages(self, block: Block) -> list[Callable[[], None]]:
+        """Return the stages that write what a block's observations and ``info`` show."""
+        return _needed(
+            (not self.core.sensing.exact, partial(self.relate, block)),
+            (self._rows, partial(self.write_observations, block)),
+            (self.core.by_batch, partial(self.write_report, block)),
+        )
+
+    def relate(self, block: Block) -> None:
         """Compute errors and gaps of a block by the measured poses."""
-        block = self._blocks[k]
         block.relate(block.worlds, self.measurement.pose, self.measurement.gone)
 
-    def write_observations(self, k: int) -> None:
+    def write_observations(self, block: Block) -> None:
         """Write the observations of a block."""
-        block = self._blocks[k]
         for write, array in zip(block.write, self._arrays):
             write(block.worlds, array)
 
-    def write_report(self, k: int) -> None:
+    def write_report(self, block: Block) -> None:
         """Write the fields of ``info`` of a block."""
-        self.info.write(self._blocks[k].worlds, *self.report)
+        self.info.write(block.worlds, *self.report)
 
     def show(self, batch: Batch) -> None:
         """Write observations and ``info`` of all blocks, on all threads."""
 
         def work(k: int) -> None:
-            for stage in self._shown:
-                stage(k)
+            for stage in self._shown[k]:
+                stage()
 
         self.core.simulator.blocks.run(work)
 

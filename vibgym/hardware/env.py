@@ -290,8 +290,8 @@ class HardwarePipeline(Pipeline):
         state.mean_velocity[0, seen] = state.velocity[0, seen] = reading.mean_velocity[0, seen]
         if not seen[core.episode.present[0]].all():
             core.suspend_hold()
-        for stage in self.by_block:
-            stage(0)
+        for stage in self.by_block[0]:
+            stage()
 
     def miss(self, batch: Batch) -> None:
         """Score a missed cycle with the last poses, and predict the next: the elements hold the command.
@@ -301,7 +301,8 @@ class HardwarePipeline(Pipeline):
         core = self.core
         core.missed += 1
         core.suspend_hold()
-        self.score(0)
+        for stage in self.score[0]:
+            stage()
         if core.reward is not None:
             self.replace_reward(batch)
             self.store_state(batch)

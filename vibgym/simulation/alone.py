@@ -17,12 +17,15 @@ class Alone:
 
     Args:
         schemes: of the kinds.
+
+    Attributes:
+        scenes: the constants.
     """
 
     def __init__(self, table: Table, bodies: Bodies, schemes: Sequence[Scheme]) -> None:
         most = max(schemes, key=lambda scheme: scheme.substeps)  # for the size of the working arrays
         workspace, different = new_workspace(table, bodies, most, LANES), {scheme[:3]: scheme for scheme in schemes}
-        self._scenes = [Pinned(FIXED_SCENE, FixedScene(table, bodies, each, workspace)) for each in different.values()]
+        self.scenes = [Pinned(FIXED_SCENE, FixedScene(table, bodies, each, workspace)) for each in different.values()]
         self._kinds = [[k for k, scheme in enumerate(schemes) if scheme[:3] == steps] for steps in different]
         self._of_kind = np.array([list(different).index(scheme[:3]) for scheme in schemes])
         # Parts in a group have the same elements more often if they are alike, and take as long as that with the most corners.
@@ -38,18 +41,16 @@ class Alone:
             rows: (kinds, n) parts as ``world * parts + part``, of which the first ``count`` (kinds,) are used.
         """
         numbers = count.tolist()
-        for scene, kinds in zip(self._scenes, self._kinds):
+        for scene, kinds in zip(self.scenes, self._kinds):
             found = [rows[kind, : numbers[kind]] for kind in kinds if numbers[kind]]
             if found:
                 yield scene, found[0] if len(found) == 1 else np.concatenate(found)
 
-    def sort(self, rows: np.ndarray) -> Iterator[tuple[Pinned[FixedScene], np.ndarray]]:
-        """Yield constants, and the rows of parts that they are for; ``rows``: (n,) of worlds with one part each."""
+    def sort(self, rows: np.ndarray) -> Sequence[tuple[Pinned[FixedScene], np.ndarray]]:
+        """Return constants, and the rows of parts that they are for; ``rows``: (n,) of worlds with one part each."""
         if len(self._of_kind) == 1:
-            yield self._scenes[0], rows
-            return
+            return ((self.scenes[0], rows),)
         kind = self._kind[rows, 0]
         order = np.argsort(self._rank[kind], kind="stable")
         rows, scheme = rows[order], self._of_kind[kind[order]]
-        for number, scene in enumerate(self._scenes):
-            yield scene, rows[scheme == number]
+        return [(scene, rows[scheme == number]) for number, scene in enumerate(self.scenes)]

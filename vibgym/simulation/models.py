@@ -16,7 +16,7 @@ from vibgym.kernels.vector import LANES
 from vibgym.physics.averaged import integrator
 from vibgym.physics.averaged.integrator import AveragedScheme
 from vibgym.physics.core.drive import Drive
-from vibgym.physics.core.records import Scheme, State
+from vibgym.physics.core.records import Body, Scheme, State, Table
 from vibgym.physics.planar.friction import slide_rows
 from vibgym.physics.planar.tipping import edge_fractions
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
@@ -58,7 +58,7 @@ class Planar(Model):
 
     def __init__(self, setup: Setup, schemes: Sequence[Scheme]) -> None:
         super().__init__(setup)
-        self._setups = Pool(partial(alone_of, setup, schemes))
+        self._setups, self._sorted = Pool(partial(alone_of, setup, schemes)), len(schemes) > 1
         self._rows = np.arange(setup.worlds)
         area = max(kind.area for kind in setup.parts.every)
         self.cost = 1.5 + 0.09 * area / setup.surface.element_size**2  # of docs/performance.md
@@ -68,7 +68,8 @@ class Planar(Model):
         if stop > len(rows):  # used without a simulator, for more worlds
             rows = self._rows = np.arange(stop)
         setup = self._setups.take()
-        for alone, chosen in setup.sort(rows[start:stop]):
+        rows = rows[start:stop]
+        for alone, chosen in setup.sort(rows) if self._sorted else ((setup.scenes[0], rows),):
             slide_rows(chosen, alone.address, drive.address, state.address, periods, NO_PATHS, 0)
         self._setups.give(setup)
 
@@ -83,17 +84,10 @@ class Averaged(Model):
 
     def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:
         super().__init__(setup)
-        self._table, self._bodies, self._scheme = (
-            setup.surface.table(),
-            [body_of(kind) for kind in setup.parts.every],
-            scheme,
-        )
+        self._table, self._scheme = setup.surface.table(), scheme
+        self._bodies = [body_of(kind) for kind in setup.parts.every]
         self.cost = 1.5
-        self._workspaces = Pool(self._new_workspaces)
-
-    def _new_workspaces(self) -> list[integrator.AveragedWorkspace]:
-        """Return working arrays for each kind."""
-        return [integrator.new_workspace(self._table, body) for body in self._bodies]
+        self._workspaces = Pool(partial(new_workspaces, self._table, self._bodies))
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         def work(workspaces: list[integrator.AveragedWorkspace]) -> None:
@@ -122,6 +116,11 @@ class Averaged(Model):
             name = conditions.stronger if factor > 1.0 else "incline"
             check_sliding(surface, factor * part.static_friction, slope, where.format(name), got)
         super().check_conditions(conditions, where)
+
+
+def new_workspaces(table: Table, bodies: Sequence[Body]) -> list[integrator.AveragedWorkspace]:
+    """Return working arrays of one thread for each kind of parts."""
+    return [integrator.new_workspace(table, body) for body in bodies]
 
 
 class AutoSettings(BaseSettings):

@@ -258,11 +258,11 @@ class Simulator:
         """Advance under a drive of :mod:`vibgym.physics.core.drive` whose values have been checked."""
         self.go_on(drive, checks.count("periods", periods, most=checks.MOST_PERIODS))
 
-    def go_on(self, drive: Drive, periods: int, stages: Sequence[Callable[[int], None]] = ()) -> None:
+    def go_on(self, drive: Drive, periods: int, stages: Sequence[Sequence[Callable[[], None]]] = ()) -> None:
         """Advance like :meth:`run`, without checks; run stages for each of :attr:`blocks` after its worlds have been advanced.
 
         Args:
-            stages: called with a block's number on the thread that has advanced it, several blocks at a time.
+            stages: of each block, called on the thread that has advanced it, several blocks at a time; empty: none.
         """
         if self._drive is None:
             self._drive = Pinned(DRIVE, drive)
@@ -271,15 +271,15 @@ class Simulator:
         advance, held, state, edges = self._model.advance, self._drive, self._pinned, self.blocks.edges
         if len(edges) == 1:
             advance(0, self.worlds, held, state, periods)
-            for stage in stages:
-                stage(0)
+            for stage in stages[0] if stages else ():
+                stage()
         else:
 
             def work(k: int) -> None:
                 start, stop = edges[k]
                 advance(start, stop, held, state, periods)
-                for stage in stages:
-                    stage(k)
+                for stage in stages[k] if stages else ():
+                    stage()
 
             self.blocks.run(work)
         self._periods += periods

@@ -188,5 +188,6 @@ def test_its_error_freezes_at_rest(statistical):
 def test_sigma_for_estimators():
     sensor = CameraSensor(SURFACE, [DISC, BLOCK, DISC], 1, 1, CameraSensor.Settings(edge="threshold"))
     errors = fit_errors(sensor.setup)
-    assert sensor.sigma.shape == (3, 3) and (sensor.sigma[0] == sensor.sigma[2]).all() and sensor.sigma[0, 2] == 0.0
-    assert sensor.sigma[1] == pytest.approx(np.sqrt(errors.mean**2 + errors.fixed**2 + errors.white**2)[1])
+    (sigma,) = sensor.sigma
+    assert sigma.shape == (3, 3) and (sigma[0] == sigma[2]).all() and sigma[0, 2] == 0.0
+    assert sigma[1] == pytest.approx(np.sqrt(errors.mean**2 + errors.fixed**2 + errors.white**2)[1])

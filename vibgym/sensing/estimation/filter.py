@@ -344,12 +344,19 @@ class FilterEstimator:
             ),
         )
 
+        self._update_variance()
+
+    def _update_variance(self) -> None:
+        """Set the variance of readings, which may depend on the kinds of the parts."""
+        self._filter.record.variance[...] = (self._factor * np.maximum(self._sensor.all_sigma, LEAST_SIGMA)) ** 2
+
     def prepare(self, command: Drive) -> None:
         self._predictor.prepare(command)
 
     def reset(self, worlds: np.ndarray, reading: Reading) -> None:
         self._predictor.place(worlds, reading.pose[worlds], reading.gone[worlds])
-        self._filter.record.variance[...] = (self._factor * np.maximum(self._sensor.all_sigma, LEAST_SIGMA)) ** 2
+        if self._sensor.kinds.vary:
+            self._update_variance()
         which = np.zeros(reading.gone.shape, dtype=bool)
         which[worlds] = True
         begin_filter(which, reading.pose, reading.gone, self._filter.address)
@@ -367,6 +374,8 @@ class FilterEstimator:
         update_activity(self._filter.address)
 
     def correct(self, reading: Reading) -> None:
+        if self._sensor.kinds.vary:  # a snapshot may have changed them
+            self._update_variance()
         correct_all(reading, self._sensor.delay, self._sensor.periods, self._filter.address)
 
     def live(self) -> dict[str, np.ndarray]:
