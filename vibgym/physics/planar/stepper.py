@@ -109,17 +109,21 @@ def load_shape(scene, slot, kind):
     shape[2 * LANES + lane] = 1.0 if bodies.turns[kind] else 0.0
     shape[3 * LANES + lane] = 1.0 if bodies.convex[kind] else 0.0
     workspace.kind[slot] = kind
-    workspace.sector[g, lane] = -1.0
+    workspace.sector[g, lane], workspace.most[g] = -1.0, -1
 
 
 @jit
 def most_corners(scene, g):
-    """Return the largest number of corners of a group's outlines."""
-    first, workspace, most = scene.bodies.first, scene.workspace, 0
-    for slot in range(g * LANES, (g + 1) * LANES):
-        kind = workspace.kind[slot]
-        most = max(most, first[kind + 1] - first[kind])
-    return most
+    """Return the largest number of corners of a group's outlines; outlines with fewer stored ones are loaded again."""
+    workspace = scene.workspace
+    if workspace.most[g] < 0:
+        for lane in range(LANES):
+            kind = workspace.kind[g * LANES + lane]
+            workspace.most[g] = max(workspace.most[g], scene.bodies.first[kind + 1] - scene.bodies.first[kind])
+        for lane in range(LANES):
+            if workspace.corners[g * LANES + lane] < workspace.most[g]:
+                workspace.sector[g, lane] = -1.0
+    return workspace.most[g]
 
 
 @jit
@@ -304,10 +308,6 @@ def place_in_window(scene, g, first, cutting, count):
     sector = floor(turns - SECTORS * floor(turns / SECTORS))
     sector, old = select(cutting, minimum(sector, SECTORS - 1.0), 0.0), load_register(workspace.sector[g], first)
     other = bits(cutting & ((sector > old) | (sector < old)))
-    cut = bits(cutting)
-    for lane in range(WIDTH):  # outlines of a group end together
-        if cut >> lane & 1 and workspace.corners[g * LANES + first + lane] < count:
-            other |= 1 << lane
     if other != 0:
         store(workspace.sector[g], first, select(cutting, sector, old))
         load_outlines(scene, g, other << first, count)

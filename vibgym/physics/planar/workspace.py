@@ -59,6 +59,7 @@ class Workspace(NamedTuple):
     outline: np.ndarray  # (groups, corner x 2 x lane) m
     shape: np.ndarray  # (groups, 4 x lane), see vibgym.physics.planar.stepper.load_shape
     corners: np.ndarray  # (slots,) number of corners of the stored outline, with repeated ones
+    most: np.ndarray  # (groups,) largest number of corners of the group's outlines, -1: not known
     lowest: np.ndarray  # (kinds, SECTORS) lowest corner of an outline whose heading is in a sector
     sector: np.ndarray  # (groups, lane) sector of the loaded outline
     across: int  # elements along a side of the window that holds any part
@@ -165,6 +166,7 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
         outline=lanes(2 * corners),
         shape=lanes(4),
         corners=np.zeros(slots, np.int64),
+        most=np.full(groups, -1),
         lowest=np.array([lowest_corners(body) for body in kinds]),
         sector=lanes(1),
         across=across,
