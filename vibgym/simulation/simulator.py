@@ -100,7 +100,9 @@ class Simulator:
         self.model = self.choice.model
         self._model.check_parts()
         threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
-        self.blocks = workers.Blocks(self.worlds, threads, self._model.cost)
+        # Where parts differ, large blocks have more parts of a kind, which friction moves together.
+        each = 1 if self.kinds.vary else workers.BLOCKS_PER_THREAD
+        self.blocks = workers.Blocks(self.worlds, threads, self._model.cost, each)
         self._tipping: TippingMargin | None = None  # built on first use
         self._state = new_state(self.worlds, len(self.parts))
         self._state.pose[...] = overlaps.apart(surface, len(self.kinds))

@@ -113,16 +113,19 @@ class Blocks:
         worlds: how many.
         threads: most threads in use.
         cost: us, rough time of a world in a call, by which the number of threads in use is chosen.
+        per_thread: blocks for each thread in use.
 
     Attributes:
         worlds: how many.
         edges: first world of each block, and the one after its last.
     """
 
-    def __init__(self, worlds: int, threads: int, cost: float = USUAL_COST) -> None:
+    def __init__(
+        self, worlds: int, threads: int, cost: float = USUAL_COST, per_thread: int = BLOCKS_PER_THREAD
+    ) -> None:
         self.worlds = worlds
         self._threads = max(min(threads, worlds // max(LANES, math.ceil(WORTH / cost))), 1)
-        count = min(self._threads * BLOCKS_PER_THREAD, worlds // LANES) if self._threads > 1 else 1
+        count = min(self._threads * per_thread, worlds // LANES) if self._threads > 1 else 1
         # Multiples of LANES: other blocks would leave vector lanes empty.
         edges = [min(-(-worlds * k // count // LANES) * LANES, worlds) for k in range(count + 1)]
         self.edges = list(zip(edges, edges[1:]))
