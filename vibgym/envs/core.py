@@ -25,9 +25,10 @@ from vibgym.envs.options import (
     task_settings,
 )
 from vibgym.envs.randomization import Disturbances, Randomization
+from vibgym.envs.starts import Starts
 from vibgym.envs.step import Pipeline
 from vibgym.physics.core.drive import Drive, all_phasors
-from vibgym.scene.kinds import Kinds, groups_of
+from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import surface_from
 from vibgym.sensing import MEASUREMENT_FEATURES, Sensing, sensing_from
@@ -42,9 +43,6 @@ NONE = np.zeros(0, dtype=np.int64)
 
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
 """Least memory of a world: its generator, arrays of the parts, and actions and drives of the elements."""
-
-MOST_TASKS = 256
-"""Tasks that are kept for starts of worlds with drawn shapes; one takes 0.1 to some ms to make."""
 
 
 class Core:
@@ -63,6 +61,7 @@ class Core:
         idle: (worlds, parts, 3), or one row for all worlds: velocities of parts that slide in place on elements at rest.
         longest: s, longest path of an episode.
         shape_draws: uniform numbers of an episode for its shapes.
+        starts: draws the starts of episodes.
         began: whether an episode has begun.
         episode, relations: progress of every world, and errors and gaps of its parts, by the true state.
         measured: relations by the measured poses.
@@ -96,10 +95,10 @@ class Core:
         self.actuators.vary(self.randomization.actuators)
         settings = task_settings(options, cls, self.randomization.task)
         self.task: Task = cls(self.surface, self.kinds, settings=settings)
-        self._tasks: dict[bytes, Task] = {}  # by the kinds of a world, see _task_of
         self.action = self.new_action()
         self.action.step_time = self.periods * self.surface.period
         self.simulator = self._new_simulator()
+        self.starts = Starts(self.task, self.kinds, self.shapes, self.shape_draws, self.simulator.walls)
         disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
         self.disturbances = None if disturbance is None else Disturbances(disturbance, self.simulator, span)
         self.sensing = self._new_sensing()
@@ -203,18 +202,6 @@ class Core:
         """The parts of the first world."""
         return self.kinds.parts(0)
 
-    def _task_of(self, kinds: np.ndarray) -> Task:
-        """Return the task of worlds with parts of these kinds (parts,), which draws their starts."""
-        if not self.kinds.vary:
-            return self.task
-        key = kinds.tobytes()
-        if key not in self._tasks:
-            if len(self._tasks) == MOST_TASKS:
-                self._tasks.clear()
-            parts = [self.kinds.every[kind] for kind in kinds.tolist()]
-            self._tasks[key] = type(self.task)(self.surface, parts, settings=self.task.settings)
-        return self._tasks[key]
-
     def new_action(self) -> Action:
         """Create the action."""
         return new_action(self.options.action, self.surface, self.kinds)
@@ -272,8 +259,7 @@ class Core:
         Raises:
             ValueError: an invalid start; only the generators have changed.
         """
-        task = self.shape_draws
-        actuators = task + self.task.draws
+        actuators = self.starts.draws
         sensing = actuators + self.actuators.draws
         randomization = sensing + self.sensing.draws
         disturbances = randomization + self.randomization.draws
@@ -281,8 +267,7 @@ class Core:
         uniform = np.empty((len(worlds), total))
         for row, generator in zip(uniform, generators, strict=True):
             generator.random(out=row)
-        kinds = self._drawn_kinds(uniform)
-        start = self.start_of(worlds, uniform[:, task:actuators], override, kinds)
+        start, kinds = self.starts.draw(worlds, uniform[:, :actuators], override)
         if self.kinds.vary:
             self.kinds.choose(worlds, kinds)
         drawn = self.randomization.values(uniform[:, randomization:disturbances])
@@ -315,57 +300,17 @@ class Core:
             memory[worlds] = 0
         self.began = True
 
-    def _drawn_kinds(self, uniform: np.ndarray) -> np.ndarray:
-        """Return the kinds (n, parts) of parts of new episodes, from uniform numbers (n, ...) that begin with their own."""
-        if self.shapes is None:
-            return self.kinds.kind
-        return self.shapes.kind_of(self.shapes.draw(uniform[:, : self.shape_draws]))
-
     def _idle_velocity(self, world: int, factors: np.ndarray) -> np.ndarray:
         """Return velocities (parts, 3) of parts that slide in place on elements at rest, with friction factors (parts,)."""
         pairs = zip(factors.tolist(), self.kinds.parts(world), strict=True)
         return np.array([np.append(self.surface.idle_velocity(each * part.friction), 0.0) for each, part in pairs])
 
-    def start_of(
-        self, worlds: np.ndarray, uniform: np.ndarray, override: StartOverride | None, kinds: np.ndarray
-    ) -> Start:
-        """Return the checked start of a reset from uniform numbers (n, task.draws) and reset options.
-
-        Args:
-            kinds: (n, parts) of the parts, or one row for all.
-        """
-        task, rows = self.task, kinds.shape[0]
-        if rows == 1:
-            start = self._draw_start(self._task_of(kinds[0]), worlds, uniform, override)
-        else:
-            groups = groups_of(kinds)
-            found = [
-                self._draw_start(self._task_of(own), worlds[some], uniform[some], override) for own, some in groups
-            ]
-            start = joined_starts(found, [some for _, some in groups])
-        shape, present = (len(worlds), len(self.kinds)), start.present
-        checks.shaped(f"{task.name}: present", present, (shape,), "booleans", kinds="b")
-        placed, aimed = present & (not task.flows), present & task.asked & task.has_goal  # parts of a flow arrive later
-        least, most = (0.0, 0.0, -1e9), (self.surface.width, self.surface.depth, 1e9)
-        for name, poses, counted in (("pose", start.pose, placed), ("goal", start.goal, aimed)):
-            poses = checks.shaped(f"{task.name}: {name}", poses, ((*shape, 3),), "an array")
-            off = ~((poses >= least) & (poses <= most)).all(axis=-1) & counted
-            if off.any():
-                allowed = f"on the surface, x in [0, {most[0]:g}] m and y in [0, {most[1]:g}] m, with a finite heading"
-                raise checks.refuse(f"{task.name}: {name}", poses[off][0].tolist(), allowed)
-        return start
-
-    def _draw_start(self, task: Task, worlds: np.ndarray, uniform: np.ndarray, override: StartOverride | None) -> Start:
-        """Return a start of worlds with the parts of a task."""
-        return task.start(uniform) if override is None else override.start(task, self.simulator.walls, worlds, uniform)
-
     def check_start(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride
     ) -> None:
         """Raise ValueError if :meth:`reset` would; nothing changes, generators included."""
-        first, draws = self.shape_draws, self.shape_draws + self.task.draws
-        uniform = np.array([copy.deepcopy(generator).random(draws) for generator in generators])
-        self.start_of(worlds, uniform[:, first:], override, self._drawn_kinds(uniform))
+        uniform = [copy.deepcopy(generator).random(self.starts.draws) for generator in generators]
+        self.starts.draw(worlds, np.array(uniform), override)
 
     def refresh_all(self) -> None:
         """Observe and report all worlds, in a new batch."""
@@ -502,13 +447,6 @@ class Core:
             "shown_terms": self.terms,
             "shown_part_terms": self.part_terms,
         }
-
-
-def joined_starts(starts: Sequence[Start], groups: Sequence[np.ndarray]) -> Start:
-    """Return the starts of groups of worlds as one; ``groups``: indices of the worlds of each."""
-    back = np.argsort(np.concatenate(groups))
-    fields = (np.concatenate(values) for values in zip(*starts, strict=True))
-    return Start(*(values[back] if len(values) else values for values in fields))
 
 
 def checked_kinds(kinds: Kinds, given: Any) -> np.ndarray:

@@ -176,8 +176,8 @@ class HardwareCore(Core):
 
     def drawn_start(self, generator: np.random.Generator, override: StartOverride | None = None) -> Start:
         """Return the start of a simulated episode with this generator."""
-        uniform = generator.random((1, self.shape_draws + self.task.draws))
-        return self.start_of(self.pipeline.now.worlds, uniform[:, self.shape_draws :], override, self.kinds.kind)
+        uniform = generator.random((1, self.starts.draws))
+        return self.starts.draw(self.pipeline.now.worlds, uniform, override)[0]
 
     def stop(self, reason: str) -> None:
         """Stop the elements until the next episode."""
