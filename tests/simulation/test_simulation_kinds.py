@@ -1,5 +1,8 @@
 """Worlds of one simulator with different parts."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -61,3 +64,19 @@ def test_kinds_of_another_number_of_worlds_are_refused():
     kinds = Kinds(EVERY, np.zeros((3, 1), dtype=int), [range(len(EVERY))])
     with pytest.raises(ValueError, match="3 worlds"):
         Simulator(SURFACE, kinds, worlds=2)
+
+
+def test_values_follow_the_kinds_as_long_as_they_are_used():
+    kinds = Kinds(EVERY, np.zeros((2, 1), dtype=int), [range(len(EVERY))])
+    held, twice = (
+        kinds.values(lambda part: part.mass),
+        kinds.changed(lambda part: part).values(lambda part: part.mass, 2),
+    )
+    for _ in range(50):
+        kinds.values(lambda part: part.radius)
+    copied, copies = copy.deepcopy((kinds, held))
+    for known, values in ((kinds, held), (pickle.loads(pickle.dumps((kinds, held)))), (copied, copies)):
+        known.choose(np.array([1]), np.array([[2]]))
+        np.testing.assert_array_equal(values[:, 0], [EVERY[0].mass, EVERY[2].mass])
+    np.testing.assert_array_equal(twice, held)
+    assert len(kinds._live.entries()) == 2 and len(copied._live.entries()) == 1

@@ -101,13 +101,13 @@ def rounding(part: Part) -> float:
 def hulls_of(parts: Sequence[Part]) -> Hulls:
     """Return the hulls of the parts of a world for kernels, those of the first one; in memory of their own."""
     kinds = Kinds.of(parts)
-    every, first = _table(kinds.every), _table([kinds.every[kind] for kind in kinds.kind[0]])
+    every, first = _table(kinds.every), _table(tuple(kinds.every[kind] for kind in kinds.kind[0]))
     room = first
     if kinds.vary:  # for the largest kind
         pieces, corners = len(parts) * int(np.diff(every.owner).max()), len(parts) * _most_corners(every)
         room = HullTable(
             corner=np.zeros((corners, 4)), first=np.zeros(pieces + 1, dtype=np.int64), rounding=np.zeros(pieces),
-            owner=first.owner, radius=first.radius,
+            owner=first.owner.copy(), radius=first.radius.copy(),
         )  # fmt: skip
         for whole, own in zip(room, first, strict=True):
             whole[: len(own)] = own
@@ -119,8 +119,9 @@ def _most_corners(table: HullTable) -> int:
     return int(np.diff(table.first[table.owner]).max())
 
 
-def _table(parts: Sequence[Part]) -> HullTable:
-    """Return the hulls of parts."""
+@functools.lru_cache(maxsize=256)
+def _table(parts: tuple[Part, ...]) -> HullTable:
+    """Return the hulls of parts; the arrays are shared, and not changed."""
     pieces = [(part, piece) for part in parts for piece in convex_pieces(part)]
     corners = []
     for _, piece in pieces:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -28,7 +29,7 @@ class Kinds(Sequence[Part]):
         self.kind = np.ascontiguousarray(kind, dtype=np.int64)
         self.options = [[each] for each in self.kind[0].tolist()] if options is None else options
         self._names: list[Part] | None = None
-        self._tables: list[tuple[np.ndarray, np.ndarray]] = []  # of the kinds, and live
+        self._live = LiveArrays()
 
     @classmethod
     def of(cls, parts: Sequence[Part]) -> Kinds:
@@ -67,7 +68,7 @@ class Kinds(Sequence[Part]):
     def changed(self, change: Callable[[Part], Part]) -> Kinds:
         """Return these kinds with other properties, of the same worlds: :meth:`choose` applies to both."""
         kinds = Kinds([change(part) for part in self.every], self.kind, self.options)
-        kinds.kind, kinds._tables = self.kind, self._tables
+        kinds.kind, kinds._live = self.kind, self._live
         if self._names is not None:
             kinds._names = [change(part) for part in self._names]
         return kinds
@@ -83,7 +84,7 @@ class Kinds(Sequence[Part]):
         if worlds is not None and worlds != len(live):
             live = np.repeat(live, worlds, axis=0)
         if self.vary:
-            self._tables.append((table, live))
+            self._live.add(table, live)
         return live
 
     def largest(self, value: Callable[[Part], float]) -> list[Part]:
@@ -95,12 +96,34 @@ class Kinds(Sequence[Part]):
     def choose(self, worlds: Any, kind: np.ndarray) -> None:
         """Set the kinds (n, parts) of the parts of some worlds (index array)."""
         self.kind[worlds] = kind
-        for table, live in self._tables:
+        for table, live in self._live.entries():
             live[worlds] = table[kind]
 
     def rows(self, worlds: Any) -> Any:
         """Return the rows of live arrays for worlds (index array or slice): all, where all worlds have the same parts."""
         return worlds if self.vary else slice(None)
+
+
+class LiveArrays:
+    """Arrays of values of parts, as long as something else holds them, each with its values by kind."""
+
+    def __init__(self) -> None:
+        self._known: list[tuple[np.ndarray, weakref.ref[np.ndarray]]] = []
+
+    def add(self, table: np.ndarray, live: np.ndarray) -> None:
+        """Add an array."""
+        self._known = [entry for entry in self._known if entry[1]() is not None]
+        self._known.append((table, weakref.ref(live)))
+
+    def entries(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Return values by kind, and the array, of each."""
+        return [(table, live) for table, known in self._known if (live := known()) is not None]
+
+    def __getstate__(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        return self.entries()
+
+    def __setstate__(self, state: list[tuple[np.ndarray, np.ndarray]]) -> None:
+        self._known = [(table, weakref.ref(live)) for table, live in state]
 
 
 def groups_of(kind: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
