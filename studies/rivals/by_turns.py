@@ -192,7 +192,7 @@ def choose_strokes(
         costs = easy if eased[w] else usual
         if arrived(costs, rest[w], present[w]):
             continue
-        count = cut_parts(outlines, pose[w], present[w], pieces)
+        count = cut_parts(outlines, w, pose[w], present[w], pieces)
         pairs = near_pairs(costs, rest[w], present[w], one, other)
         best = resting_cost(costs, rest[w], present[w], target[w], one, other, pairs)
         resting_gradient(costs, rest[w], present[w], target[w], one, other, pairs, slope)

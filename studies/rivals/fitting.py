@@ -104,7 +104,7 @@ def fit_strokes(
     """
     for w in range(start, stop):
         found[w] = 0.0
-        count = cut_parts(outlines, pose[w], present[w], pieces)
+        count = cut_parts(outlines, w, pose[w], present[w], pieces)
         best, strength, which = 0.0, 0.0, -1
         for k in range(strokes.stroke.shape[0]):
             effect_of(pieces, count, strokes.push[k], effect)
@@ -151,7 +151,7 @@ def fit_cells(
     for w in range(start, stop):
         cell = found[w]
         cell[:] = 0.0
-        count = cut_parts(outlines, pose[w], present[w], pieces)
+        count = cut_parts(outlines, w, pose[w], present[w], pieces)
         first[:] = -1
         for i in range(count):
             following[i] = first[pieces.element[i]]
