@@ -7,6 +7,7 @@ import pytest
 from tests.envs.helpers import assert_same
 from vibgym.envs import VibgymEnv
 from vibgym.envs.drawn import drawn_shapes, fixed_scenes
+from vibgym.envs.viewer import scenery_of
 from vibgym.policies import make_policy, rollout
 from vibgym.policies.measures import Measures
 from vibgym.scene.library import shapes
@@ -96,6 +97,14 @@ def test_pictures_show_the_drawn_part():
         env.reset(seed=seed, options={"pose": [0.4, 0.1, 0.0], "goal": [0.4, 0.1, 0.0]})
         frames.append(env.render())
     assert len({frame.tobytes() for frame in frames}) == 3
+
+
+def test_zones_are_labelled_by_the_drawn_parts():
+    env = made("SortShapes", render_mode="rgb_array")
+    for seed in range(3):
+        env.reset(seed=seed)
+        labels = [zone.label for zone in scenery_of(env.unwrapped).zones]
+        assert labels == list(dict.fromkeys(part.name for part in env.unwrapped.parts))
 
 
 def test_rollouts_have_a_policy_for_each_shape_and_the_order_of_the_seeds():

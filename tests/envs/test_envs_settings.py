@@ -204,7 +204,7 @@ def test_pictures_show_zones_and_present_parts():
         env.action_space.seed(0)
         for _ in range(3):
             env.step(env.action_space.sample())
-        scenery = env.unwrapped._viewer.scenery
+        scenery = env.unwrapped._viewer._sceneries[0]
         assert env.unwrapped.truth.present[0].sum() == count
         pictures[count] = env.render()
     assert [(zone.kind, zone.label) for zone in scenery.zones] == [(0, "steel block"), (1, "aluminium block")]

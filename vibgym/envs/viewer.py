@@ -8,12 +8,14 @@ import numpy as np
 
 from vibgym.envs.shared import SharedInterface
 from vibgym.rendering import Scenery, Side, Window, Zone
+from vibgym.tasks.base import kinds_by_name
 
 
 def scenery_of(env: SharedInterface, world: int = 0) -> Scenery:
     """Return the static content of images of a world."""
     surface, task = env.surface, env.task
-    zones = () if task.zones is None else zip(task.kinds, task.zones.tolist(), strict=True)
+    names, _ = kinds_by_name(env.core.kinds.parts(world))  # drawn parts have other names in every episode
+    zones = () if task.zones is None else zip(names, task.zones.tolist(), strict=True)
     return Scenery(
         surface.rows,
         surface.columns,
@@ -60,8 +62,8 @@ class Viewer:
 
     def __init__(self, env: SharedInterface, title: str, worlds: int = 1) -> None:
         self.env = env
-        self.scenery = self._scenery(0)
-        self._painters = [self.scenery.painter()] * worlds
+        self._sceneries = [self._scenery(0)] * worlds
+        self._painters = [self._sceneries[0].painter()] * worlds
         self.window = Window(self._painters[0], 1.0 / env.step_time, title)
         self.trails: list[list[np.ndarray]] = [[] for _ in range(worlds)]  # (parts, 2) at each step
 
@@ -72,14 +74,15 @@ class Viewer:
         """Clear the trails of a world whose episode starts, and draw its parts from now on."""
         self.trails[world] = []
         if self.env.core.kinds.vary:
-            self._painters[world] = self._scenery(world).painter()
+            self._sceneries[world] = self._scenery(world)
+            self._painters[world] = self._sceneries[world].painter()
         self.follow(world)
 
     def follow(self, world: int) -> None:
         """Extend the trails by the present positions."""
         trail = self.trails[world]
         trail.append(self.env.core.simulator.state.pose[world, :, :2].copy())
-        del trail[: -self.scenery.trail]
+        del trail[: -self._sceneries[world].trail]
 
     def frame(self, world: int) -> np.ndarray:
         """Return an image (height, width, 3) uint8 of a world."""
@@ -89,7 +92,7 @@ class Viewer:
         present, goal = episode.present[world], episode.goal[world]
         caption = self.env.caption(world)
         lines = self.env.paths(world)
-        view = self.scenery.view(
+        view = self._sceneries[world].view(
             pose, present, goal, core.phasors(world), trail, caption, lines, side_of(self.env, world)
         )
         return self._painters[world].paint(view)

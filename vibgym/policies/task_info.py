@@ -17,6 +17,7 @@ from vibgym.envs.features import Layout
 from vibgym.registry import Registry
 from vibgym.scene.kinds import Kinds
 from vibgym.simulation.plant import Sliding, plant_of
+from vibgym.tasks.base import kinds_by_name
 
 
 class Policy(Protocol):
@@ -150,7 +151,8 @@ class TaskInfo:
         """Return the properties for worlds that all have these parts."""
         layout, scene = self.layout, {**self.scene, "parts": list(parts)}
         layout = Layout(self.surface, parts, layout.features, layout.slots)
-        return replace(self, parts=tuple(parts), layout=layout, scene=scene, worlds=None)
+        names, _ = kinds_by_name(parts)
+        return replace(self, parts=tuple(parts), kinds=names, layout=layout, scene=scene, worlds=None)
 
     @property
     def plant(self) -> Sliding:
