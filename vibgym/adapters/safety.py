@@ -31,8 +31,7 @@ class SafetyEnv:
             env = gym.make(env, **settings)
         elif settings:
             raise checks.conflict(f"settings {sorted(settings)} require the id of an environment, not an environment")
-        first = getattr(env.unwrapped, "singles", [env.unwrapped])[0]  # of a batch with drawn shapes
-        core = getattr(first, "core", None)
+        core = getattr(env.unwrapped, "core", None)
         if getattr(core, "costs", None) is None:
             raise checks.refuse("env", env, 'an environment of vibgym with costs, such as costs={"impulse": 1.0}')
         self.env = env

@@ -65,7 +65,7 @@ class BatchEnv(EnvBase):
             raise checks.conflict(f"settings {sorted(settings)} require the id of an environment, not an environment")
         inner = env.unwrapped
         if not isinstance(inner, VibgymVectorEnv):
-            raise checks.refuse("env", inner, "a VibgymVectorEnv; where shapes are drawn, set shapes=[...]")
+            raise checks.refuse("env", inner, "a VibgymVectorEnv")
         mode = env.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.DISABLED:
             raise checks.refuse("env.autoreset_mode", mode, "AutoresetMode.DISABLED")

@@ -241,14 +241,14 @@ class Pipeline:
         state, scoring = core.simulator.state, core.scoring
         drawn = {name: getattr(state, name) for name in core.randomization.ranges} | core.actuators.drawn()
         nested = {"drawn": drawn, "measured": core.sensing.info(), "commanded": core.commanded}
-        facts, part_extra = scoring.info(), {**scoring.part_info(), **core.simulator.part_info()}
+        info, part_extra = scoring.info(), {**scoring.part_info(), **core.simulator.part_info()}
         if core.disturbances is not None:
             part_extra["struck"] = core.disturbances.struck
         if core.costs is not None:
-            facts, part_extra["cost"] = {**facts, "cost": core.costs.total}, core.costs.part
+            info, part_extra["cost"] = {**info, "cost": core.costs.total}, core.costs.part
             nested["costs"] = core.costs.named
         return InfoData(
-            core.task.info_fields, facts, core.episode, state.diverged, core.term_names, core.terms, core.part_terms,
+            core.task.info_fields, info, core.episode, state.diverged, core.term_names, core.terms, core.part_terms,
             {name: each for name, each in nested.items() if each}, part_extra,
         )  # fmt: skip
 

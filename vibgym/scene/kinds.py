@@ -28,7 +28,7 @@ class Kinds(Sequence[Part]):
         self.every: tuple[Part, ...] = tuple(every)
         self.kind = np.ascontiguousarray(kind, dtype=np.int64)
         self.options = [[each] for each in self.kind[0].tolist()] if options is None else options
-        self._names: list[Part] | None = None
+        self._fixed: list[Part] | None = None
         self._live = LiveArrays()
 
     @classmethod
@@ -38,13 +38,13 @@ class Kinds(Sequence[Part]):
             return parts
         every, index = kinds_of(parts, Part.same_as)
         kinds = cls(every, index[None])
-        kinds._names = list(parts)
+        kinds._fixed = list(parts)
         return kinds
 
     @property
     def vary(self) -> bool:
         """Whether worlds may have different parts."""
-        return self._names is None
+        return self._fixed is None
 
     def __len__(self) -> int:
         return self.kind.shape[1]
@@ -57,8 +57,8 @@ class Kinds(Sequence[Part]):
 
     def parts(self, world: int) -> tuple[Part, ...]:
         """Return the parts of a world."""
-        if self._names is not None:
-            return tuple(self._names)
+        if self._fixed is not None:
+            return tuple(self._fixed)
         return tuple(self.every[kind] for kind in self.kind[world].tolist())
 
     def some(self, worlds: np.ndarray) -> Kinds:
@@ -69,8 +69,8 @@ class Kinds(Sequence[Part]):
         """Return these kinds with other properties, of the same worlds: :meth:`choose` applies to both."""
         kinds = Kinds([change(part) for part in self.every], self.kind, self.options)
         kinds.kind, kinds._live = self.kind, self._live
-        if self._names is not None:
-            kinds._names = [change(part) for part in self._names]
+        if self._fixed is not None:
+            kinds._fixed = [change(part) for part in self._fixed]
         return kinds
 
     def values(self, value: Callable[[Part], Any], worlds: int | None = None) -> np.ndarray:
@@ -89,8 +89,8 @@ class Kinds(Sequence[Part]):
 
     def largest(self, value: Callable[[Part], float]) -> list[Part]:
         """Return for each part the kind with the largest value among those that it may have."""
-        if self._names is not None:
-            return list(self._names)
+        if self._fixed is not None:
+            return list(self._fixed)
         return [max((self.every[kind] for kind in options), key=value) for options in self.options]
 
     def choose(self, worlds: Any, kind: np.ndarray) -> None:
