@@ -184,7 +184,7 @@ def test_a_lost_connection_is_restored_and_pending_messages_are_applied(look):
     seen.until(lambda: abs(seen.pose()[0] - 0.4) < 3e-3 and not seen.world.held)
     seen.page.reload()
     seen.page.wait_for_function("() => window.vibgym && window.vibgym.pictures > 5")
-    assert seen.page.locator("#run").inner_text() == "Go on", "the same world, as it was left"
+    assert seen.page.locator("#run").inner_text() == "Resume", "the same world, as it was left"
     seen.page.click("#run")
     seen.until(lambda: seen.session.running)
 

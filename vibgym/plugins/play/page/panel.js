@@ -51,7 +51,7 @@ export class Panel {
 
   frame(frame) {
     this.running = frame.running;
-    const text = frame.running ? "Stop" : "Go on";
+    const text = frame.running ? "Pause" : "Resume";
     if ($("run").textContent !== text) {
       $("run").textContent = text;
       $("run").setAttribute("aria-pressed", String(frame.running));
@@ -60,10 +60,10 @@ export class Panel {
     $("undo").disabled = frame.back === 0;
     $("wipe").disabled = !frame.painted;
     this.recording = frame.recording !== null;
-    $("record").textContent = this.recording ? "Drop" : "Record";
+    $("record").textContent = this.recording ? "Discard" : "Record";
     $("record").setAttribute("aria-pressed", String(this.recording));
     $("gif").disabled = $("minari").disabled = !this.recording;
-    this.#say("recorded", this.recording ? `${frame.recording.steps} steps recorded${frame.recording.full ? ": it is full" : ""}` : "");
+    this.#say("recorded", this.recording ? `${frame.recording.steps} steps recorded${frame.recording.full ? ", memory full" : ""}` : "");
     this.#say("caption", `${frame.caption}${frame.success ? "   ✓ success" : ""}`);
     const [mm, deg] = frame.error;
     this.#say("mm", mm === null ? "–" : `${mm.toFixed(1)} mm`);

@@ -15,7 +15,7 @@ export function drawSide(canvas, scene, { plates = [], bottoms = [], there }) {
   context.clearRect(0, 0, wide, high);
   context.fillStyle = INK;
   context.font = "12px system-ui, sans-serif";
-  context.fillText(`From the side, heights ${MAGNIFIED} times as large`, MARGIN, 16);
+  context.fillText(`Side view, heights magnified ${MAGNIFIED} times`, MARGIN, 16);
   context.strokeStyle = context.fillStyle = GAP;
   context.beginPath();
   context.moveTo(...at(0, 0));
