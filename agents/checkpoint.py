@@ -86,7 +86,7 @@ def check_finite(tree: Any, name: str = "") -> None:
 def _mapped(tree: Any, function: Callable[[Any], Any]) -> Any:
     if isinstance(tree, Mapping):
         return {key: _mapped(value, function) for key, value in tree.items()}
-    return [_mapped(each, function) for each in tree] if isinstance(tree, list | tuple) else function(tree)
+    return [_mapped(entry, function) for entry in tree] if isinstance(tree, list | tuple) else function(tree)
 
 
 def _as_torch(leaf: Any) -> Any:

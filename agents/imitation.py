@@ -37,15 +37,15 @@ class Demonstrations(NamedTuple):
 
 def experts(settings: ImitationSettings, action: str, seed: int, env: VecEnv) -> list[tuple[Policy, VibgymVectorEnv]]:
     """Return an expert, for ``action`` and the run's ``seed``, and the unwrapped environment for each scene of a run."""
-    found = []
+    pairs = []
     for wrapped in env.envs:
         scene = wrapped.unwrapped  # rewards are not used
         expert = make_policy(for_seed(settings.expert, seed), TaskInfo.of(scene), seed)
         if expert.action != action:
             got = f"one with action {expert.action!r}"
             raise checks.refuse("imitation.expert", got, f"a policy with action {action!r}")
-        found.append((expert, scene))
-    return found
+        pairs.append((expert, scene))
+    return pairs
 
 
 class Demonstrator:
@@ -167,7 +167,7 @@ class Imitation:
 
     def _learn(self, optimizer: torch.optim.Optimizer, epochs: int) -> float:
         """Fit the actor's mean to all demonstrations; return the mean :func:`relative_error` of the last epoch."""
-        rows, mask, labels = (torch.from_numpy(each[: self.steps]) for each in self._demonstrations)
+        rows, mask, labels = (torch.from_numpy(array[: self.steps]) for array in self._demonstrations)
         size, rate = max(self.settings.batch_size // mask.shape[1], 1), self.settings.learning_rate
         updates, done, total = epochs * -(-len(rows) // size), 0, 0.0
         for _ in range(epochs):

@@ -56,10 +56,10 @@ class PartsLearner:
         self.settings, self.network, self.action = settings, settings.own, settings.action
         checks.choice(f"{settings.algorithm}.network", self.network.network, tuple(NETWORKS))
         self.observation = CODINGS[self.network.network].observation
-        given = settings.environment.get("observation", self.observation)
-        if given != self.observation:
+        observation = settings.environment.get("observation", self.observation)
+        if observation != self.observation:
             name = f"{settings.algorithm} with network {self.network.network!r}"
-            raise checks.conflict(f"{name} requires observation {self.observation!r}, got {given!r}")
+            raise checks.conflict(f"{name} requires observation {self.observation!r}, got {observation!r}")
 
     def coding(self) -> Coding:
         """Return the conversion of observations and actions for the network.
@@ -73,11 +73,11 @@ class PartsLearner:
             checks.choice(f"{where}.blind", name, tuple(row.name for row in layout))
         columns = [[row.name, row.width] for row in layout if row.name not in network.blind] if network.blind else None
         flags = network.turned, network.remembers, network.recalls
-        found = CODINGS[network.network](env.surface, env.parts, layout, self.action, columns, *flags)
-        if network.network == "elements" and not found.shape.has_elements:
-            reason = "column 'element' is in 'blind'" if found.shape.side else f"not {self.action!r}"
+        coding = CODINGS[network.network](env.surface, env.parts, layout, self.action, columns, *flags)
+        if network.network == "elements" and not coding.shape.has_elements:
+            reason = "column 'element' is in 'blind'" if coding.shape.side else f"not {self.action!r}"
             raise checks.conflict(f"{where}.network 'elements' requires action 'element' or 'phasor' ({reason})")
-        return found
+        return coding
 
     # -- policies ----------------------------------------------------------------------------------------------------
 
@@ -107,17 +107,17 @@ class PartsLearner:
         """
         info, mine, residual = TaskInfo.of(self.env.env), self.acting(), self.settings.residual
         if residual is None:
-            found: Any = load_trained(path, info)
+            trained: Any = load_trained(path, info)
         else:
-            found = load_correction(path, info, residual.base, residual.scale).learned
-        if not isinstance(found, TrainedPolicy):
+            trained = load_correction(path, info, residual.base, residual.scale).learned
+        if not isinstance(trained, TrainedPolicy):
             raise checks.refuse("start", str(path), "a policy trained by PPO")
         # Tensors of equal shapes may have another meaning.
-        theirs, ours = _form(found), _form(mine)
+        theirs, ours = _form(trained), _form(mine)
         for name in ours:
             if theirs[name] != ours[name]:
                 raise checks.conflict(f"start: {path} has other {name} than the settings")
-        tensors = {name: each for name, each in found.tensors.items() if not name.startswith("log_std")}
+        tensors = {name: tensor for name, tensor in trained.tensors.items() if not name.startswith("log_std")}
         self.set_actor({**self.actor(), **tensors})
 
     def save_policy(self, path: Path, training: dict[str, Any]) -> None:
@@ -159,7 +159,7 @@ class PartsLearner:
 
     def weights(self) -> dict[str, Any]:
         """Return the states of networks and optimizers."""
-        return {name: each.state_dict() for name, each in self.learned().items()}
+        return {name: network.state_dict() for name, network in self.learned().items()}
 
     def get_state(self) -> dict[str, Any]:
         """Return everything that the rest of the run depends on."""
@@ -172,8 +172,8 @@ class PartsLearner:
             ValueError: a state of other worlds or data.
             RuntimeError: a state of other networks.
         """
-        for name, each in self.learned().items():
-            each.load_state_dict(state[name])
+        for name, network in self.learned().items():
+            network.load_state_dict(state[name])
         self.steps = state["steps"]
         torch.set_rng_state(state["torch"])
 
@@ -207,7 +207,7 @@ def served(surface: Surface, serves: ServesSettings) -> dict[str, Any]:
     """Return the surfaces that a policy serves, as its file has them."""
     whole = dict.fromkeys(("rows", "columns"), ANY) if serves.surface == ANY else {}
     ranges = {"frequency": serves.frequency, "element_size": serves.element_size}
-    return described(surface) | whole | {name: list(each) for name, each in ranges.items() if each is not None}
+    return described(surface) | whole | {name: list(span) for name, span in ranges.items() if span is not None}
 
 
 def _form(policy: TrainedPolicy) -> dict[str, Any]:
@@ -221,5 +221,5 @@ def _form(policy: TrainedPolicy) -> dict[str, Any]:
         "ppo.recalls": coding.recalls,
         "ppo.network": policy.network,
         "ppo.activation": policy.activation,
-        "layers": {name: each.shape for name, each in policy.tensors.items() if name != FLOOR},
+        "layers": {name: tensor.shape for name, tensor in policy.tensors.items() if name != FLOOR},
     }

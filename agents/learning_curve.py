@@ -89,7 +89,7 @@ def read_curve(path: Path, field: str) -> Curve:
         for name in ("steps", "seconds"):
             if index > 2 and getattr(rows[-1], name) < getattr(rows[-2], name):
                 raise checks.refuse(f"{where}: {name}", getattr(rows[-1], name), "at least that of the line before")
-    columns: dict[str, Any] = {each.name: [getattr(row, each.name) for row in rows] for each in fields(Curve)}
+    columns: dict[str, Any] = {column.name: [getattr(row, column.name) for row in rows] for column in fields(Curve)}
     arrays = {name: np.array(values) for name, values in columns.items() if name != "phase"}
     return Curve(phase=tuple(columns["phase"]), **arrays)
 
@@ -191,16 +191,16 @@ class LearningCurve:
     def is_best(self, row: dict[str, Any]) -> bool:
         """Return whether no row of the curve so far is better, see :func:`rank`."""
         asked = self.judging.best, self.judging.cost_limit
-        return all(rank(each, *asked) >= rank(row, *asked) for each in self.rows)
+        return all(rank(other, *asked) >= rank(row, *asked) for other in self.rows)
 
     def _episodes(self, policy: Policy, env: Any, first: int) -> pd.DataFrame:
         """Run an episode in every world; world k starts with seed ``first + k``. Return a row for each."""
         if self.residual is not None:
             info = TaskInfo.of(env)
             policy = ResidualPolicy(info, make_policy(self.residual.base, info), policy, scale=self.residual.scale)
-        found = run(policy, env, range(first, first + env.num_envs), env.spec.name)
-        measured = {"success": found.success, "steps": found.steps, "return_": found.returns, "cost": found.cost}
-        return pd.DataFrame({**measured, "rate": found.fact(RATE), "limit": env.unwrapped.max_episode_steps})
+        result = run(policy, env, range(first, first + env.num_envs), env.spec.name)
+        measured = {"success": result.success, "steps": result.steps, "return_": result.returns, "cost": result.cost}
+        return pd.DataFrame({**measured, "rate": result.fact(RATE), "limit": env.unwrapped.max_episode_steps})
 
     def _write(self) -> None:
         text = pd.DataFrame(self.rows, columns=list(COLUMNS)).to_csv(index=False, lineterminator="\n")
@@ -224,7 +224,7 @@ def without_hold(settings: TrainSettings) -> list[dict[str, Any]]:
 def evaluation_environments(settings: TrainSettings) -> list[dict[str, Any]]:
     """Return :func:`without_hold` with certified contacts, in which a run is evaluated."""
     changed = without_hold(settings)
-    for each in changed:
-        if "model" in each:
-            each["model"] = with_certified_contacts(each["model"])
+    for scene in changed:
+        if "model" in scene:
+            scene["model"] = with_certified_contacts(scene["model"])
     return changed

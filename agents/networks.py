@@ -279,7 +279,7 @@ class PixelEncoder(nn.Module):
     def forward(self, rows: torch.Tensor) -> torch.Tensor:
         """Return (..., size) for rows (..., columns), uint8."""
         planes = self.shape.planes
-        pixels, plane, x, y = (torch.from_numpy(each) for each in occupied(rows.numpy(), self.shape))
+        pixels, plane, x, y = (torch.from_numpy(array) for array in occupied(rows.numpy(), self.shape))
         mass = torch.relu(self.conv(pixels)).unsqueeze(-1)  # (squares, maps, 1)
         moments = mass * torch.stack([torch.ones_like(x), x, y], dim=-1).unsqueeze(-2)
         sums = torch.zeros(rows[..., 0].numel() * planes, MAPS, 3).index_add(0, plane, moments)

@@ -49,7 +49,7 @@ class ActionValues(nn.Module):
     def forward(self, rows: torch.Tensor, mask: torch.Tensor, action: torch.Tensor) -> torch.Tensor:
         """Return both values (2, samples, parts)."""
         rows = torch.cat([rows[..., : self.own], action, rows[..., self.own :]], dim=-1)
-        return torch.stack([each(rows, mask) for each in self.both])
+        return torch.stack([critic(rows, mask) for critic in self.both])
 
 
 class DataLearner(PartsLearner):
@@ -98,7 +98,7 @@ class DataLearner(PartsLearner):
         except ValueError:
             self.env.close()
             raise
-        self.equivalents = [tuple(map(torch.from_numpy, each)) for each in coding.equivalents]
+        self.equivalents = [tuple(map(torch.from_numpy, equivalent)) for equivalent in coding.equivalents]
         self.make_networks(coding)
 
     def make_networks(self, coding: Coding) -> None:

@@ -223,7 +223,7 @@ class PPO(PartsLearner):
             torch.nn.utils.clip_grad_norm_(self.policy.parameters(), MAX_GRADIENT)
             self.optimizer.step()
         self.check_finite()
-        return {name: float(np.mean([each[name] for each in losses])) for name in losses[0]} | {"pace": self.pace}
+        return {name: float(np.mean([terms[name] for terms in losses])) for name in losses[0]} | {"pace": self.pace}
 
     def loss(self, batch: dict[str, torch.Tensor], actor_learns: bool = True) -> tuple[torch.Tensor, dict[str, float]]:
         """Return the clipped surrogate loss plus the value loss, and metrics.

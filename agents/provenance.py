@@ -28,22 +28,22 @@ PACKAGES = (
 
 def versions() -> dict[str, str | None]:
     """Return the versions of Python and of the packages that affect results; None if not installed."""
-    found: dict[str, str | None] = {"python": platform.python_version()}
+    installed: dict[str, str | None] = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
-            found[name] = metadata.version(name)
+            installed[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            found[name] = None
-    if found["vibgym"] is None:  # run from a checkout that is not installed
-        found["vibgym"] = vibgym.__version__
-    return found
+            installed[name] = None
+    if installed["vibgym"] is None:  # run from a checkout that is not installed
+        installed["vibgym"] = vibgym.__version__
+    return installed
 
 
 def commit() -> str | None:
     """Return the Git commit of the checkout, with "+ changes" if tracked files differ from it; None without Git."""
     try:
-        found = _git("rev-parse", "HEAD")
-        return f"{found} + changes" if _git("status", "--porcelain", "--untracked-files=no") else found
+        head = _git("rev-parse", "HEAD")
+        return f"{head} + changes" if _git("status", "--porcelain", "--untracked-files=no") else head
     except (OSError, subprocess.SubprocessError):
         return None
 
@@ -94,9 +94,9 @@ def portable(value: Any) -> Any:
         value: a text, or mappings and lists of values; keys and other values are unchanged.
     """
     if isinstance(value, Mapping):
-        return {key: portable(each) for key, each in value.items()}
+        return {key: portable(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [portable(each) for each in value]
+        return [portable(entry) for entry in value]
     if not isinstance(value, str) or not (path := Path(value)).is_absolute():
         return value
     here = Path.cwd()
@@ -112,10 +112,10 @@ def policy_files(policies: Iterable[tuple[Any, str]]) -> dict[str, str | None]:
     Returns:
         The digests by path, see :func:`portable`; None for a JSON file that cannot be read.
     """
-    found: dict[str, str | None] = {}
+    digests: dict[str, str | None] = {}
     for content, task in policies:
-        found |= policy_sources(content, task)[1]
-    return {portable(name): found[name] for name in sorted(found)}
+        digests |= policy_sources(content, task)[1]
+    return {portable(name): digests[name] for name in sorted(digests)}
 
 
 def policy_sources(content: Any, task: str) -> tuple[set[str], dict[str, str | None]]:
@@ -136,8 +136,8 @@ def policy_sources(content: Any, task: str) -> tuple[set[str], dict[str, str | N
         if isinstance(value, Mapping):
             value = list(value.values())
         if isinstance(value, list | tuple):
-            for each in value:
-                collect(each)
+            for entry in value:
+                collect(entry)
         elif isinstance(value, str | os.PathLike):
             text = os.fspath(value).replace("{task}", task.lower())
             if text not in texts and (text.endswith(".json") or os.path.isfile(text)):
@@ -167,10 +167,10 @@ def user_modules() -> dict[str, str]:
     """Return the digests of all loaded modules that are neither installed nor in ``vibgym`` or ``agents``, by name."""
     places = [*(sysconfig.get_path(name) for name in ("stdlib", "platstdlib", "purelib", "platlib"))]
     places += [str(Path(__file__).parent), *vibgym.__path__]
-    found = {}
+    digests = {}
     for name, module in list(sys.modules.items()):
         file = getattr(module, "__dict__", {}).get("__file__")
         if file and not any(Path(file).is_relative_to(place) for place in places):
             with contextlib.suppress(OSError):
-                found[name] = digest(Path(file).read_bytes())
-    return found
+                digests[name] = digest(Path(file).read_bytes())
+    return digests

@@ -84,7 +84,7 @@ class Rollout:
             flat = torch.from_numpy(self.rows.reshape(-1, *self.rows.shape[2:]))
             mask = torch.from_numpy(self.mask.reshape(-1, parts))
             size = max(CRITIC_BATCH // flat[0].numel(), 1)
-            value = torch.cat([critic(*each) for each in zip(flat.split(size), mask.split(size), strict=True)])
+            value = torch.cat([critic(*chunk) for chunk in zip(flat.split(size), mask.split(size), strict=True)])
             value = value.numpy().reshape(steps + 1, worlds, parts)
             if self.truncated:
                 where, world, rows, there = zip(*self.truncated, strict=True)
@@ -116,7 +116,7 @@ class Rollout:
             "advantage": self.advantage,
             "target": self.advantage + self.value,
         }
-        return {name: torch.from_numpy(each.reshape(-1, *each.shape[2:])) for name, each in named.items()}
+        return {name: torch.from_numpy(array.reshape(-1, *array.shape[2:])) for name, array in named.items()}
 
     def minibatches(self, size: int, epochs: int) -> Iterator[dict[str, torch.Tensor]]:
         """Yield random minibatches of all epochs, without a small one at the end of an epoch.
@@ -135,4 +135,4 @@ class Rollout:
         for _ in range(epochs):
             for chosen in torch.randperm(count).split(size):
                 if len(chosen) * 2 >= size or count < size:
-                    yield {name: each.index_select(0, chosen) for name, each in samples.items()}
+                    yield {name: tensor.index_select(0, chosen) for name, tensor in samples.items()}

@@ -34,8 +34,8 @@ CHECKPOINT, REPLAY = "checkpoint.zip", "replay.pkl"
 
 NAMES = tuple(
     name
-    for name, each in vars(stable_baselines3).items()
-    if isinstance(each, type) and issubclass(each, BaseAlgorithm) and name not in ("DQN", "HER")  # discrete actions
+    for name, cls in vars(stable_baselines3).items()
+    if isinstance(cls, type) and issubclass(cls, BaseAlgorithm) and name not in ("DQN", "HER")  # discrete actions
 )
 """Values of NAME in ``sb3.NAME``."""
 
@@ -136,11 +136,11 @@ class SB3:
 
     def actor(self) -> dict[str, np.ndarray]:
         """Return the weights of the whole policy."""
-        return {name: each.detach().numpy().copy() for name, each in self.model.policy.state_dict().items()}
+        return {name: tensor.detach().numpy().copy() for name, tensor in self.model.policy.state_dict().items()}
 
     def set_actor(self, tensors: dict[str, np.ndarray]) -> None:
         """Replace the weights of the policy."""
-        self.model.policy.load_state_dict({name: torch.from_numpy(each.copy()) for name, each in tensors.items()})
+        self.model.policy.load_state_dict({name: torch.from_numpy(tensor.copy()) for name, tensor in tensors.items()})
 
     def save_policy(self, path: Path, training: dict[str, Any]) -> Path:
         """Write the policy as Stable-Baselines3's ``.zip`` beside ``path``; return its path."""

@@ -104,7 +104,7 @@ def tabulate(
 def markdown(rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the table in Markdown: one line for every training."""
     machines = sorted({f"{row['processor']}, {row['threads']} thread(s); {row['versions']}" for row in rows})
-    lines = [INTRODUCTION, *(_line(row) for row in rows), "", *(f"Trained on: {each}" for each in machines)]
+    lines = [INTRODUCTION, *(_line(row) for row in rows), "", *(f"Trained on: {machine}" for machine in machines)]
     return "\n".join(lines) + "\n"
 
 
@@ -175,7 +175,7 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     if any(has_fast_contacts(scene.get("model", "")) for scene in trained_in):
         quick = _played(policy, settings.task, trained_in, episodes)
         fast = {"success_fast_contacts": mean(quick, "success"), "good_per_minute_fast_contacts": mean(quick, RATE)}
-    found, good, faulty = (
+    totals, good, faulty = (
         summary(played, LEVEL, RESAMPLES),
         values(played, RATE),
         played[FAULTY].sum(axis=1, skipna=False),
@@ -201,11 +201,11 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "judged_time_s": float(judged["time_to_goal"] or "inf"),
         "episodes": episodes,
         "first_seed": FIRST_SEED,
-        "success": found["success_rate"],
-        **{name: found[name] for name in ("success_low", "success_high", "time_to_goal_median_s")},
+        "success": totals["success_rate"],
+        **{name: totals[name] for name in ("success_low", "success_high", "time_to_goal_median_s")},
         "time_to_goal_mean_s": float(np.mean(seconds)) if len(seconds) else math.nan,
         **ends("time_to_goal_mean", middle, "_s"),
-        **{name: found[name] for name in ("time_over_bound_median", "collisions_mean", "fallen")},
+        **{name: totals[name] for name in ("time_over_bound_median", "collisions_mean", "fallen")},
         "judged_rate": float(judged.get("rate") or 0.0),
         "good_per_minute_mean": mean(played, RATE),
         "faulty_share": faulty.sum() / (good + faulty).sum(),
@@ -221,9 +221,9 @@ def _played(policy: Any, task: str, scenes: Sequence[Mapping[str, Any]], episode
     for scene, share in zip(scenes, np.array_split(np.arange(episodes), len(scenes)), strict=True):
         own = {key: value for key, value in scene.items() if key not in ("action", "observation", "autoreset_mode")}
         seeds = [FIRST_SEED + int(k) for k in share]
-        found = rollout(policy, task, seeds=seeds, keep=Measures, **own)
-        tables.append(frame(found))
-        longest = max(longest, found.step_time * float(found.steps.max()))
+        result = rollout(policy, task, seeds=seeds, keep=Measures, **own)
+        tables.append(frame(result))
+        longest = max(longest, result.step_time * float(result.steps.max()))
     return pd.concat(tables, ignore_index=True).assign(training_seed=-1, limit_s=longest)
 
 
@@ -244,13 +244,13 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ship", type=Path, metavar="DIR", help="directory for the best seeds' policies")
 
 
-def command(given: argparse.Namespace) -> None:
+def command(args: argparse.Namespace) -> None:
     """Evaluate the seeds of trained agents and write their table."""
-    known = agents_in(given.config)
-    for name in given.agent or ():
+    known = agents_in(args.config)
+    for name in args.agent or ():
         checks.choice("--agent", name, tuple(known))
-    names, output = given.agent or list(known), given.output or Path("runs/agents")
-    for row in tabulate(given.config, names, given.seeds, given.episodes, output, given.page, given.ship):
+    names, output = args.agent or list(known), args.output or Path("runs/agents")
+    for row in tabulate(args.config, names, args.seeds, args.episodes, output, args.page, args.ship):
         time = row["time_to_goal_median_s"]
         print(f"{row['agent']} seed {row['seed']}: success {100 * row['success']:.1f} %, median {time:.2f} s")
 

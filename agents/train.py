@@ -298,7 +298,7 @@ class Log:
         new = [name for name in row if name not in self._names]
         self._names += new
         self._rows.append(row)
-        text = csv_text([{name: each.get(name) for name in self._names} for each in (self._rows if new else [row])])
+        text = csv_text([{name: line.get(name) for name in self._names} for line in (self._rows if new else [row])])
         if new:
             write_atomically(self.path, text)
         else:
@@ -328,16 +328,16 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     command_line.side_by_side(parser)
 
 
-def command(given: argparse.Namespace) -> None:
+def command(args: argparse.Namespace) -> None:
     """Train a policy, or several with different seeds."""
-    if given.seeds is None:
-        if given.ray is not None:
+    if args.seeds is None:
+        if args.ray is not None:
             raise checks.conflict("--ray requires --seeds")
-        train(given.config, given.output, given.quiet, given.agent, given.seed)
+        train(args.config, args.output, args.quiet, args.agent, args.seed)
         return
-    if given.seed is not None:
+    if args.seed is not None:
         raise checks.conflict("--seed and --seeds exclude each other")
-    paths = train_seeds(given.config, given.seeds, given.output, given.quiet, given.agent, given.processes, given.ray)
+    paths = train_seeds(args.config, args.seeds, args.output, args.quiet, args.agent, args.processes, args.ray)
     print("\n".join(map(str, paths)))
 
 

@@ -157,7 +157,7 @@ class ResidualEnv(VectorWrapper):
 def _in_form(pattern: Any, tree: Any) -> Any:
     """Return ``tree`` with tuples, including named ones, where ``pattern`` has them; raise ValueError if they differ."""
     if isinstance(pattern, tuple):
-        values = [_in_form(*each) for each in zip(pattern, tree, strict=True)]
+        values = [_in_form(*pair) for pair in zip(pattern, tree, strict=True)]
         return type(pattern)(*values) if hasattr(pattern, "_fields") else tuple(values)
     if np.shape(pattern) != np.shape(tree):
         raise ValueError(f"expected an array of shape {np.shape(pattern)}, got {np.shape(tree)}")
@@ -288,8 +288,8 @@ class Worlds:
         if not self.episodes:
             return {}
         means = np.mean(self.episodes, axis=0)
-        found = {name: float(mean) for name, mean in zip(("return", "length", "success", "cost"), means, strict=True)}
-        return found | ({"stage": self.stage} if self.settings.curriculum else {})
+        metrics = {name: float(mean) for name, mean in zip(("return", "length", "success", "cost"), means, strict=True)}
+        return metrics | ({"stage": self.stage} if self.settings.curriculum else {})
 
     def get_state(self) -> dict[str, Any]:
         """Return everything needed to continue bit for bit."""

@@ -80,8 +80,8 @@ def replaced(value: Any, old: str, new: str) -> Any:
     if isinstance(value, str):
         return value.replace(old, new)
     if isinstance(value, Mapping):
-        return {key: replaced(each, old, new) for key, each in value.items()}
-    return [replaced(each, old, new) for each in value] if isinstance(value, list | tuple) else value
+        return {key: replaced(entry, old, new) for key, entry in value.items()}
+    return [replaced(entry, old, new) for entry in value] if isinstance(value, list | tuple) else value
 
 
 class RateSettings(BaseSettings):

@@ -66,15 +66,15 @@ def read(settings: DataLearner.Settings, env: Any, action: str, coding: Coding, 
                 raise checks.refuse(f"{where}.episodes", settings.episodes, allowed)
             count = settings.episodes or int(data.total_episodes)
             groups = (range(count)[first : first + AT_ONCE] for first in range(0, count, AT_ONCE))
-            found = [_group(data, numbers, coding) for numbers in groups]
+            loaded = [_group(data, numbers, coding) for numbers in groups]
         except checks.Refused:
             raise
         except (OSError, ValueError, KeyError, AssertionError, TypeError, AttributeError) as error:
             raise checks.refuse(f"{where}.dataset", str(place), f"a complete data set ({error})") from None
-    observations = np.cumsum([0, *(len(each["rows"]) for each in found)])
-    for group, first in zip(found, observations[:-1], strict=True):
+    observations = np.cumsum([0, *(len(group["rows"]) for group in loaded)])
+    for group, first in zip(loaded, observations[:-1], strict=True):
         group["at"] += first
-    whole = {name: torch.from_numpy(np.concatenate([group[name] for group in found])) for name in found[0]}
+    whole = {name: torch.from_numpy(np.concatenate([group[name] for group in loaded])) for name in loaded[0]}
     facts = {"dataset": settings.dataset, "episodes": count, "steps": len(whole["reward"]), "sha256": digest}
     return Transitions(**whole, facts=facts)
 
@@ -93,25 +93,25 @@ def check(name: str, data: Any, env: Any, action: str, observation: str, where: 
 def _group(data: Any, numbers: range, coding: Coding) -> dict[str, np.ndarray]:
     """Return the transitions of some episodes, converted step by step since rows may contain previous actions."""
     episodes = list(data.iterate_episodes(numbers))
-    lengths = np.array([len(each.rewards) for each in episodes])
+    lengths = np.array([len(episode.rewards) for episode in episodes])
     steps = int(lengths.max())
 
     def padded(rows: list[np.ndarray]) -> np.ndarray:
         whole = np.zeros((steps + 1, len(rows), *rows[0].shape[1:]), dtype=rows[0].dtype)
-        for k, each in enumerate(rows):
-            whole[: len(each), k] = each
+        for k, row in enumerate(rows):
+            whole[: len(row), k] = row
         return whole
 
     parts = len(coding.parts)
-    executed = padded([each.actions for each in episodes]).reshape(steps + 1, len(episodes), parts, -1)
-    observed = [each.observations for each in episodes]
+    executed = padded([episode.actions for episode in episodes]).reshape(steps + 1, len(episodes), parts, -1)
+    observed = [episode.observations for episode in episodes]
     named = isinstance(observed[0], dict)
-    seen: Any = {name: padded([each[name] for each in observed]) for name in observed[0]} if named else padded(observed)
+    seen: Any = {name: padded([own[name] for own in observed]) for name in observed[0]} if named else padded(observed)
     rows, mask, actions = [], [], []
     inputs: Any = None
     start = np.zeros(len(episodes), dtype=bool)
     for step in range(steps + 1):
-        now = {name: each[step] for name, each in seen.items()} if named else seen[step]
+        now = {name: values[step] for name, values in seen.items()} if named else seen[step]
         inputs = coding.encode(now, inputs, start)
         rows.append(inputs.rows)
         mask.append(inputs.mask)
@@ -126,6 +126,6 @@ def _group(data: Any, numbers: range, coding: Coding) -> dict[str, np.ndarray]:
         "mask": np.stack(mask, axis=1)[there].astype(np.float32),
         "at": order[acted],
         "action": np.stack(actions, axis=1)[acted].astype(np.float32),
-        "reward": np.concatenate([each.rewards for each in episodes]).astype(np.float32),
-        "ended": np.concatenate([each.terminations for each in episodes]).astype(np.float32),
+        "reward": np.concatenate([episode.rewards for episode in episodes]).astype(np.float32),
+        "ended": np.concatenate([episode.terminations for episode in episodes]).astype(np.float32),
     }

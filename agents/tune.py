@@ -53,19 +53,19 @@ class TuningSettings(BaseSettings):
     """Trials in parallel."""
 
 
-def distribution(given: Any, where: str) -> BaseDistribution:
+def distribution(entry: Any, where: str) -> BaseDistribution:
     """Return the distribution of a setting from its entry in a file."""
-    if checks.listed(given) and given and all(isinstance(each, bool | int | float | str | None) for each in given):
-        return CategoricalDistribution(given)
+    if checks.listed(entry) and entry and all(isinstance(choice, bool | int | float | str | None) for choice in entry):
+        return CategoricalDistribution(entry)
     allowed = "a list of values, or a mapping with 'low', 'high' and optionally 'log: true'"
-    if not isinstance(given, dict) or not {"low", "high"} <= set(given) <= {"low", "high", "log"}:
-        raise checks.refuse(where, given, allowed)
-    low, high, log = given["low"], given["high"], given.get("log", False)
-    whole = all(isinstance(each, int) and not isinstance(each, bool) for each in (low, high))
+    if not isinstance(entry, dict) or not {"low", "high"} <= set(entry) <= {"low", "high", "log"}:
+        raise checks.refuse(where, entry, allowed)
+    low, high, log = entry["low"], entry["high"], entry.get("log", False)
+    whole = all(isinstance(end, int) and not isinstance(end, bool) for end in (low, high))
     try:
         return IntDistribution(low, high, log) if whole else FloatDistribution(float(low), float(high), log)
     except (TypeError, ValueError) as error:
-        raise checks.refuse(where, given, f"{allowed} ({error})") from None
+        raise checks.refuse(where, entry, f"{allowed} ({error})") from None
 
 
 def run_trial(
@@ -153,12 +153,12 @@ def tune(
     if tuning.steps is not None:
         common["steps"] = tuning.steps
     space: dict[str, Any] = {
-        name: distribution(given, f"{where}: space.{name}") for name, given in tuning.space.items()
+        name: distribution(entry, f"{where}: space.{name}") for name, entry in tuning.space.items()
     }
     for end in (0, -1):  # of every list and range
         values = {
-            name: each.choices[end] if hasattr(each, "choices") else (each.low, each.high)[end]
-            for name, each in space.items()
+            name: span.choices[end] if hasattr(span, "choices") else (span.low, span.high)[end]
+            for name, span in space.items()
         }
         load_settings(config, agent, SEED, {**common, **values})
     count = tuning.trials if trials is None else checks.count("--trials", trials, least=1, most=100_000)
@@ -177,8 +177,8 @@ def tune(
         done = study.trials
     rows = [{"trial": t.number, "state": t.state.name.lower(), "score_s": t.value, **t.params} for t in done]
     write_atomically(directory / TRIALS, csv_text(rows))
-    complete = [each for each in done if each.state is TrialState.COMPLETE]
-    return directory / TRIALS, min(complete, key=lambda each: (each.value, each.number), default=None)
+    complete = [trial for trial in done if trial.state is TrialState.COMPLETE]
+    return directory / TRIALS, min(complete, key=lambda trial: (trial.value, trial.number), default=None)
 
 
 def _study(path: Path, mine: str) -> optuna.Study:
@@ -202,11 +202,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     command_line.side_by_side(parser)
 
 
-def command(given: argparse.Namespace) -> None:
+def command(args: argparse.Namespace) -> None:
     """Tune hyperparameters."""
-    path, found = tune(given.config, given.agent, given.trials, given.output, given.quiet, given.processes, given.ray)
-    if found is not None:
-        print(f"best: trial {found.number}, {found.value:.3f} s, {found.params}")
+    path, best = tune(args.config, args.agent, args.trials, args.output, args.quiet, args.processes, args.ray)
+    if best is not None:
+        print(f"best: trial {best.number}, {best.value:.3f} s, {best.params}")
     print(f"trials: {path}")
 
 

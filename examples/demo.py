@@ -47,9 +47,9 @@ print(f"{episodes} episodes for each policy")
 print(f"{'task':8}{'policy':14}{'success':>8}{'median time to goal':>22}", flush=True)
 for task, (_, names) in TASKS.items():
     for name in names:
-        found = vibgym.policies.rollout(name, task, seeds=SEEDS[:episodes])
-        median = f"{np.nanmedian(found.time_to_goal):.2f} s" if found.success.any() else "-"
-        print(f"{task:8}{name:14}{100 * found.success.mean():6.1f} %{median:>22}", flush=True)
+        result = vibgym.policies.rollout(name, task, seeds=SEEDS[:episodes])
+        median = f"{np.nanmedian(result.time_to_goal):.2f} s" if result.success.any() else "-"
+        print(f"{task:8}{name:14}{100 * result.success.mean():6.1f} %{median:>22}", flush=True)
 
 pygame.font.init()
 shown = {f"{task}: {goal} (policy: learned)": episode(task) for task, (goal, _) in TASKS.items()}

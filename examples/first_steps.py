@@ -38,5 +38,5 @@ pygame.image.save(picture, sys.argv[1] if len(sys.argv) > 1 else "first_steps.pn
 
 # Compare policies on the same seeds; "learned" is the agent that is shipped for the task.
 for name in ("local_field", "pose", "learned"):
-    found = vibgym.policies.rollout(name, "vibgym/Align-v0", seeds=range(100))
-    print(f"{name:12} {100 * found.success.mean():.0f} %, median {np.nanmedian(found.time_to_goal):.2f} s")
+    result = vibgym.policies.rollout(name, "vibgym/Align-v0", seeds=range(100))
+    print(f"{name:12} {100 * result.success.mean():.0f} %, median {np.nanmedian(result.time_to_goal):.2f} s")

@@ -58,7 +58,7 @@ steps = int(sys.argv[1]) if len(sys.argv) > 1 else 500_000
 run = {"task": "Transport", "environment": {"action": "field"}, "worlds": 128, "steps": steps, "algorithm": "search"}
 with Training(settings_from(run), Path("runs/own_algorithm"), quiet=True) as training:
     for when in ("untrained", "trained"):
-        found = rollout(training.learner, "vibgym/Transport-v0", seeds=range(100))
-        print(f"{when:10} {100 * found.success.mean():5.1f} %, mean return {found.returns.mean():.2f}", flush=True)
+        result = rollout(training.learner, "vibgym/Transport-v0", seeds=range(100))
+        print(f"{when:10} {100 * result.success.mean():5.1f} %, mean return {result.returns.mean():.2f}", flush=True)
         if when == "untrained":
             training.run()

@@ -37,7 +37,7 @@ worlds = {
 }
 for policy in ({"kind": "spring"}, {"kind": "spring", "damping": 15.0}, {"kind": "pose"}):
     for name, settings in worlds.items():
-        found = rollout(policy, "vibgym/Align-v0", seeds=range(episodes), **settings)
-        times = found.time_to_goal[found.success]
+        result = rollout(policy, "vibgym/Align-v0", seeds=range(episodes), **settings)
+        times = result.time_to_goal[result.success]
         median = f"median {np.median(times):.2f} s" if len(times) else "never there"
-        print(f"{policy!s:36} {name:34} {100 * found.success.mean():5.1f} %, {median}")
+        print(f"{policy!s:36} {name:34} {100 * result.success.mean():5.1f} %, {median}")

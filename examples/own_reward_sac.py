@@ -46,7 +46,7 @@ settings["ent_coef"] = (
 model = SAC("MlpPolicy", venv, seed=0, device="cpu", policy_kwargs={"net_arch": [128, 128]}, **settings)
 venv.seed(training_seed(0))  # instead of the model's seed: the worlds begin with seeds that no evaluation uses
 for when in ("untrained", "trained"):
-    found = rollout(model, "mine/ThriftyTransport-v0", seeds=range(100), action="field")
-    print(f"{when:10} {100 * found.success.mean():5.1f} %, mean return {found.returns.mean():.2f}", flush=True)
+    result = rollout(model, "mine/ThriftyTransport-v0", seeds=range(100), action="field")
+    print(f"{when:10} {100 * result.success.mean():5.1f} %, mean return {result.returns.mean():.2f}", flush=True)
     if when == "untrained":
         model.learn(steps, progress_bar=True)

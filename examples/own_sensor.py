@@ -50,8 +50,8 @@ SENSORS.register("biased", Biased)
 episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 100
 for bias in (0.0, 0.0005, 0.001, 0.002, 0.004):
     sensor = {"kind": "biased", "bias": bias, "dropout": 0.05, "estimator": "model"}
-    found = rollout("pose", "vibgym/Align-v0", seeds=range(episodes), sensor=sensor)
-    off = 1e3 * np.median(found.position_error)
+    result = rollout("pose", "vibgym/Align-v0", seeds=range(episodes), sensor=sensor)
+    off = 1e3 * np.median(result.position_error)
     print(
-        f"off by up to {1e3 * bias:.1f} mm: success {100 * found.success.mean():.0f} %, ends {off:.2f} mm from its goal"
+        f"off by up to {1e3 * bias:.1f} mm: success {100 * result.success.mean():.0f} %, ends {off:.2f} mm from its goal"
     )

@@ -38,7 +38,7 @@ gym.register(
 
 episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 100
 for name in ("zero", "local_field", "pose"):
-    found = rollout(name, "mine/Park-v0", seeds=range(episodes))
-    times = found.time_to_goal[found.success]
+    result = rollout(name, "mine/Park-v0", seeds=range(episodes))
+    times = result.time_to_goal[result.success]
     median = f"median {np.median(times):.2f} s" if len(times) else "never there"
-    print(f"{name:12} {100 * found.success.mean():5.1f} %, {median}")
+    print(f"{name:12} {100 * result.success.mean():5.1f} %, {median}")

@@ -39,6 +39,6 @@ cases += [("averaged", {"order": order}) for order in (1, 2)]
 cases += [("auto", {"tolerance": 1e-4}), ("auto", {"tolerance": 1e-3})]
 print("model, knobs: us a period and world; error of position, median and 95 %, mm")
 for model, knobs in cases:
-    found, cost = played(model, **knobs)
-    error = 1e3 * np.hypot(*(found - truth)[:, :2].T)
+    reached, cost = played(model, **knobs)
+    error = 1e3 * np.hypot(*(reached - truth)[:, :2].T)
     print(f"{model:9} {knobs!s:22} {cost:6.2f}   {np.median(error):.4f} {np.quantile(error, 0.95):.4f}")

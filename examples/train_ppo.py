@@ -26,6 +26,6 @@ for when in ("untrained", "trained"):
     if when == "trained":
         model.learn(steps)
     taken = time.perf_counter() - began
-    found = rollout(model, ID, seeds=range(200), action="velocity")  # episodes that are not those of the training
-    median = f"median {np.nanmedian(found.time_to_goal):.2f} s" if found.success.any() else "never there"
-    print(f"{when} in {taken:.1f} s: success {100 * found.success.mean():.1f} %, {median}", flush=True)
+    result = rollout(model, ID, seeds=range(200), action="velocity")  # episodes that are not those of the training
+    median = f"median {np.nanmedian(result.time_to_goal):.2f} s" if result.success.any() else "never there"
+    print(f"{when} in {taken:.1f} s: success {100 * result.success.mean():.1f} %, {median}", flush=True)

@@ -95,8 +95,8 @@ def parser() -> argparse.ArgumentParser:
         except checks.Refused as error:  # a plug-in that cannot be imported; the other commands still work
             print(error, file=sys.stderr)
             continue
-        each = commands.add_parser(name, help=(inspect.getdoc(add) or "").partition("\n")[0])
-        each.set_defaults(run=add(each))
+        subparser = commands.add_parser(name, help=(inspect.getdoc(add) or "").partition("\n")[0])
+        subparser.set_defaults(run=add(subparser))
     return result
 
 

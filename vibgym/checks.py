@@ -76,7 +76,7 @@ def unknown(what: str, value: object, known: Iterable[object], of: str = "") -> 
     ``of``: what should have it: "FILE: SECTION" becomes ``FILE: unknown key 'gama' of SECTION``.
     """
     place, of = _split(of)
-    names = [str(each) for each in known]
+    names = [str(name) for name in known]
     close = difflib.get_close_matches(str(value), names, n=1) if isinstance(value, str) else []
     hint = f"; did you mean {close[0]!r}?" if close else ""
     owner = f" of {_shortened(of, 500)}" if of else ""
@@ -98,7 +98,7 @@ def plain_text(text: str) -> str:
     """Return ``text`` with escapes for characters that are not printable or not UTF-8 (lone surrogates)."""
     if text.isprintable():
         return text
-    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode("ascii") for each in text)
+    return "".join(char if char.isprintable() else char.encode("unicode_escape").decode("ascii") for char in text)
 
 
 def _shortened(text: str, most: int) -> str:
@@ -208,7 +208,7 @@ def flag(name: str, value: Any) -> bool:
 def choice(name: str, value: Any, allowed: Collection[Any]) -> Any:
     """Return ``value`` if it is one of the names ``allowed``."""
     if not isinstance(value, str):
-        raise refuse(name, value, "one of " + ", ".join(repr(each) for each in allowed))
+        raise refuse(name, value, "one of " + ", ".join(repr(option) for option in allowed))
     if value not in allowed:
         raise unknown(name, value, allowed)
     return value
@@ -225,16 +225,16 @@ def array(
 ) -> np.ndarray:
     """Return a finite array broadcast to ``shape`` (a read-only view if it was broadcast)."""
     try:
-        given = np.asarray(value)
-        if given.dtype.kind not in "biuf":
+        values = np.asarray(value)
+        if values.dtype.kind not in "biuf":
             raise TypeError
         changed = None
-        if given.dtype == dtype or np.dtype(dtype).kind == "f":
-            result = given.astype(dtype, copy=False)
+        if values.dtype == dtype or np.dtype(dtype).kind == "f":
+            result = values.astype(dtype, copy=False)
         else:
             with np.errstate(invalid="ignore"):  # reported below
-                result = given.astype(dtype)
-            changed = result != given
+                result = values.astype(dtype)
+            changed = result != values
         if result.shape != shape:
             if result.ndim > len(shape):
                 raise ValueError
@@ -247,7 +247,7 @@ def array(
             f"real numbers that broadcast to {shape}",
         ) from None
     if changed is not None and changed.any():
-        raise refuse(name, _first(given, changed), "True or False" if result.dtype.kind == "b" else "whole numbers")
+        raise refuse(name, _first(values, changed), "True or False" if result.dtype.kind == "b" else "whole numbers")
     # One pass each for min and max
     low, high = (result.min(), result.max()) if result.size else (0.0, 0.0)
     if not (math.isfinite(low) and math.isfinite(high)):
@@ -282,10 +282,10 @@ def _first(values: np.ndarray, bad: np.ndarray) -> str:
     return f"{float(values[index])!r} at {list(index)}"
 
 
-def misfit(make: Any, *given: Any, **settings: Any) -> str | None:
+def misfit(make: Any, *arguments: Any, **settings: Any) -> str | None:
     """Return why a class or function does not take these arguments, or None if it does."""
     try:
-        inspect.signature(make).bind(*given, **settings)
+        inspect.signature(make).bind(*arguments, **settings)
     except TypeError as error:
         return str(error)
     return None

@@ -95,17 +95,17 @@ def write_together(contents: Mapping[Path, str | bytes]) -> None:
         for path, temporary in fresh.items():
             os.replace(temporary, path)
     except BaseException as error:
-        renamed = [each for each, temporary in fresh.items() if not temporary.exists()]
-        for each in renamed if len(renamed) < len(contents) else ():
-            before = old.pop(each)
-            each.unlink() if before is None else os.replace(before, each)
+        renamed = [target for target, temporary in fresh.items() if not temporary.exists()]
+        for target in renamed if len(renamed) < len(contents) else ():
+            before = old.pop(target)
+            target.unlink() if before is None else os.replace(before, target)
         if isinstance(error, OSError):
             raise WriteError(f"{path}: could not be written ({reason(error)}); existing files are unchanged") from error
         raise
     finally:
-        for each in (*fresh.values(), *old.values()):
-            if each is not None:
-                each.unlink(missing_ok=True)
+        for leftover in (*fresh.values(), *old.values()):
+            if leftover is not None:
+                leftover.unlink(missing_ok=True)
 
 
 def _temporary(directory: Path) -> Path:

@@ -52,7 +52,7 @@ class Registry(Mapping[str, Item], Generic[Item]):
         """
         return self[checks.choice(argument, name, self)]
 
-    def make(self, argument: str, given: Any, *context: Any) -> Any:
+    def make(self, argument: str, value: Any, *context: Any) -> Any:
         """Return ``item(*context, settings=...)`` for a name, or for a mapping with ``kind`` and settings.
 
         The settings are an instance of the item's ``Settings``, a :class:`vibgym.settings.BaseSettings`. An item without this
@@ -61,7 +61,7 @@ class Registry(Mapping[str, Item], Generic[Item]):
         Raises:
             ValueError: an unknown name, or a bad setting; ``argument`` is the name of both in errors.
         """
-        kind, settings = self.split(argument, given)
+        kind, settings = self.split(argument, value)
         item: Any = self[kind]
         if hasattr(item, "Settings"):
             values = read(item.Settings, settings, argument)
@@ -72,13 +72,13 @@ class Registry(Mapping[str, Item], Generic[Item]):
             raise checks.conflict(f"{argument} {kind!r}: {reason}")
         return item(*context, **settings)
 
-    def split(self, argument: str, given: Any) -> tuple[str, dict[str, Any]]:
+    def split(self, argument: str, value: Any) -> tuple[str, dict[str, Any]]:
         """Return the registered name and the settings of a name, or of a mapping with ``kind`` and settings."""
-        if not isinstance(given, Mapping):
-            return checks.choice(argument, given, self), {}
-        if "kind" not in given:
+        if not isinstance(value, Mapping):
+            return checks.choice(argument, value, self), {}
+        if "kind" not in value:
             raise checks.missing(f"{argument}.kind", f"one of {', '.join(map(repr, self))}")
-        settings = dict(given)
+        settings = dict(value)
         return checks.choice(f"{argument}.kind", settings.pop("kind"), self), settings
 
     def __getitem__(self, name: str) -> Item:
@@ -87,7 +87,7 @@ class Registry(Mapping[str, Item], Generic[Item]):
         return self._items[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._items or any(name == each for each in self)
+        return name in self._items or any(name == known for known in self)
 
     def __iter__(self) -> Iterator[str]:
         return iter(dict.fromkeys((*self._items, *self._plugins())))

@@ -22,7 +22,7 @@ STREAM = 2**20
 
 def range_of(seed: int) -> str:
     """Return the name of the range that contains a seed."""
-    return next((name for name, each in RANGES.items() if seed in each), "no range")
+    return next((name for name, seeds in RANGES.items() if seed in seeds), "no range")
 
 
 def check_seeds(argument: str, first: int, count: int, *names: str) -> None:

@@ -72,12 +72,12 @@ class BaseSettings(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _in_si(cls, given: Any) -> Any:
+    def _in_si(cls, values: Any) -> Any:
         """Return the given values in SI units without suffixes."""
-        return in_si(cls, given) if isinstance(given, Mapping) else given
+        return in_si(cls, values) if isinstance(values, Mapping) else values
 
 
-def in_si(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[Any, Any]:
+def in_si(model: type[BaseModel], values: Mapping[Any, Any]) -> dict[Any, Any]:
     """Return values by the names of a model's fields, in SI units; other keys as they are.
 
     Raises:
@@ -85,7 +85,7 @@ def in_si(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[Any, Any]:
     """
     suffixed, result = with_unit(model), {}
     untouched = {name for name, field in model.model_fields.items() if AsGiven in field.metadata}
-    for key, value in given.items():
+    for key, value in values.items():
         name, factor = suffixed.get(key, (key, 1.0))
         if name in result:
             raise checks.conflict(f"{name!r} is given twice, in two units")
@@ -100,74 +100,74 @@ def in_si(model: type[BaseModel], given: Mapping[Any, Any]) -> dict[Any, Any]:
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def read(model: type[Model], given: Any, where: str) -> Model:
+def read(model: type[Model], values: Any, where: str) -> Model:
     """Return settings from a mapping, or those that are given; raise one line that names argument, value and range.
 
     Args:
         where: the argument that holds them, for errors; empty: they are arguments themselves.
     """
-    if isinstance(given, model):
-        return given
-    if not isinstance(given, Mapping):
-        raise checks.refuse(where, given, f"a mapping with keys among {', '.join(model.model_fields)}")
+    if isinstance(values, model):
+        return values
+    if not isinstance(values, Mapping):
+        raise checks.refuse(where, values, f"a mapping with keys among {', '.join(model.model_fields)}")
     try:
-        return model.model_validate(given)
+        return model.model_validate(values)
     except RecursionError:
         raise checks.refuse(
-            where or ", ".join(map(str, given)), given, "a mapping that does not contain itself"
+            where or ", ".join(map(str, values)), values, "a mapping that does not contain itself"
         ) from None
     except ValidationError as error:
-        raise refusal(error, model, given, where) from None
+        raise refusal(error, model, values, where) from None
 
 
-def refusal(error: ValidationError, model: type[BaseModel], given: Any, where: str) -> checks.Refused:
+def refusal(error: ValidationError, model: type[BaseModel], value: Any, where: str) -> checks.Refused:
     """Return the one-line error for values that a model does not take."""
     # An unknown name first: a field may be missing because its name is misspelt.
-    faults = sorted(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
+    faults = sorted(error.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
     # One fault for each member of a union: the member that fits best fails deepest.
-    same = [each for each in faults if each["loc"][:1] == faults[0]["loc"][:1]]
-    fault = max(same, key=lambda each: len(each["loc"]))
+    same = [fault for fault in faults if fault["loc"][:1] == faults[0]["loc"][:1]]
+    fault = max(same, key=lambda candidate: len(candidate["loc"]))
     place, owner, field, factor = where, model, None, 1.0
     for part in fault["loc"]:
-        if isinstance(given, Mapping):
+        if isinstance(value, Mapping):
             if part in owner.model_fields:
-                names = {name: (key, scale) for key, (name, scale) in with_unit(owner).items() if key in given}
+                names = {name: (key, scale) for key, (name, scale) in with_unit(owner).items() if key in value}
                 key, factor = names.get(part, (part, 1.0))
                 field = owner.model_fields[part]
                 owner = _model_of(field.annotation, fault["loc"]) or owner
-            elif part in given:
+            elif part in value:
                 key, field = part, None
             else:
                 continue  # the name of a member of a union
-            place, given = f"{place}.{key}" if place else str(key), given.get(key)
-        elif isinstance(part, int) and checks.listed(given) and part < len(given) and factor == 1.0:
-            place, given, field = f"{place}[{part}]", given[part], None
+            place, value = f"{place}.{key}" if place else str(key), value.get(key)
+        elif isinstance(part, int) and checks.listed(value) and part < len(value) and factor == 1.0:
+            place, value, field = f"{place}[{part}]", value[part], None
     kind = fault["type"]
     if kind == "extra_forbidden":
         return checks.unknown("setting", fault["loc"][-1], owner.model_fields, of=place.rpartition(".")[0])
-    if kind == "missing" and not checks.listed(given):
+    if kind == "missing" and not checks.listed(value):
         return checks.missing(place)
     if kind == "value_error":
         return checks.conflict(f"{place}: {fault.get('ctx', {}).get('error')}".removeprefix(": "))
     if field is not None:
-        return checks.refuse(place, given, allowed(field, factor))
+        return checks.refuse(place, value, allowed(field, factor))
     if kind == "missing":
-        return checks.conflict(f"{place} has too few items, got {checks.shown(given)}")
+        return checks.conflict(f"{place} has too few items, got {checks.shown(value)}")
     what, _, values = fault["msg"].partition(" should be ")
     if not values:  # "List should have at least 1 item after validation, not 0"
-        return checks.conflict(f"{place}: {what[0].lower()}{what[1:]}, got {checks.shown(given)}")
-    return checks.refuse(place, given, values)
+        return checks.conflict(f"{place}: {what[0].lower()}{what[1:]}, got {checks.shown(value)}")
+    return checks.refuse(place, value, values)
 
 
 def _model_of(kind: Any, location: tuple[Any, ...]) -> type[BaseModel] | None:
     """Return the model in an annotation, of several the one that the location of a fault names."""
-    found = [each for each in _nested(kind) if isinstance(each, type) and issubclass(each, BaseModel)]
-    return next((each for each in found if each.__name__ in location), found[0] if found else None)
+    models = [model for model in _nested(kind) if isinstance(model, type) and issubclass(model, BaseModel)]
+    return next((model for model in models if model.__name__ in location), models[0] if models else None)
 
 
 def _nested(kind: Any) -> list[Any]:
     """Return the types in an annotation, without containers."""
-    inner = [each for argument in get_args(kind) for each in _nested(argument)]
+    inner = [inner_kind for argument in get_args(kind) for inner_kind in _nested(argument)]
     return inner or [kind]
 
 
@@ -188,14 +188,14 @@ def with_unit(model: type[BaseModel]) -> dict[str, tuple[str, float]]:
 
 def unit_of(field: FieldInfo) -> str | None:
     """Return the unit of a field, None without one."""
-    found = [each for each in (*field.metadata, *_metadata(field.annotation)) if isinstance(each, Unit)]
-    return found[0].symbol if found else None
+    units = [unit for unit in (*field.metadata, *_metadata(field.annotation)) if isinstance(unit, Unit)]
+    return units[0].symbol if units else None
 
 
 def _metadata(kind: Any) -> list[Any]:
     """Return all metadata in an annotation, of items of containers too."""
     own = list(kind.__metadata__) if get_origin(kind) is Annotated else []
-    return own + [each for argument in get_args(kind) if not isinstance(argument, Unit) for each in _metadata(argument)]
+    return own + [note for argument in get_args(kind) if not isinstance(argument, Unit) for note in _metadata(argument)]
 
 
 def plain(value: Any) -> Any:
@@ -205,7 +205,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, Mapping):
-        return {key: plain(each) for key, each in value.items()}
+        return {key: plain(entry) for key, entry in value.items()}
     return tuple(map(plain, value)) if type(value) in (list, tuple) else value
 
 
@@ -224,7 +224,7 @@ def _endless(name: str, value: Any) -> checks.Refused:
 def _scaled(value: Any, factor: float) -> Any:
     """Return numbers times the factor; other values as they are, for the validation to refuse."""
     if isinstance(value, tuple):
-        return tuple(_scaled(each, factor) for each in value)
+        return tuple(_scaled(entry, factor) for entry in value)
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return value
     try:
@@ -258,26 +258,26 @@ def allowed(field: FieldInfo, factor: float = 1.0) -> str:
 
 def _words(kind: Any, metadata: Sequence[Any], factor: float) -> str:
     if get_origin(kind) is Annotated:
-        own = [one for each in kind.__metadata__ for one in getattr(each, "metadata", [each])]  # of Field(...)
+        own = [one for field in kind.__metadata__ for one in getattr(field, "metadata", [field])]  # of Field(...)
         return _words(kind.__origin__, (*own, *metadata), factor)
     origin, arguments = get_origin(kind), get_args(kind)
-    lengths = [f"at least {each.min_length}" for each in metadata if isinstance(each, MinLen)]
-    size = " and ".join(lengths + [f"at most {each.max_length}" for each in metadata if isinstance(each, MaxLen)])
+    lengths = [f"at least {bound.min_length}" for bound in metadata if isinstance(bound, MinLen)]
+    size = " and ".join(lengths + [f"at most {bound.max_length}" for bound in metadata if isinstance(bound, MaxLen)])
     if origin in (Union, types.UnionType):
-        return " or ".join(_words(each, metadata if each is not type(None) else (), factor) for each in arguments)
+        return " or ".join(_words(arg, metadata if arg is not type(None) else (), factor) for arg in arguments)
     if origin is Literal:
         return "one of " + ", ".join(map(repr, arguments))
     if origin is tuple:
         if arguments[-1] is not ...:
-            kinds = dict.fromkeys(_words(each, (), factor) for each in arguments)
+            kinds = dict.fromkeys(_words(arg, (), factor) for arg in arguments)
             return f"a list of {len(arguments)}: {', '.join(kinds)}"
         return f"a list of {size + ': ' if size else ''}{_words(arguments[0], (), factor)}"
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         return f"a mapping with keys among {', '.join(kind.model_fields)}"
     bounds = [
-        f"{_SIGNS[type(each)][0]} {getattr(each, _SIGNS[type(each)][1]) / factor:.10g}"
-        for each in metadata
-        if type(each) in _SIGNS
+        f"{_SIGNS[type(bound)][0]} {getattr(bound, _SIGNS[type(bound)][1]) / factor:.10g}"
+        for bound in metadata
+        if type(bound) in _SIGNS
     ]
     known = origin or kind
     word = _WORDS.get(known, f"a {getattr(known, '__name__', 'valid value')}")
@@ -298,13 +298,13 @@ def table(model: type[BaseModel]) -> str:
 
 def _meanings(model: type[BaseModel]) -> dict[str, str]:
     """Return the docstrings of a model's fields: the strings below them in the source, of its bases too."""
-    found: dict[str, str] = {}
-    for each in reversed(model.__mro__):
-        if not issubclass(each, BaseSettings) or each is BaseSettings:
+    meanings: dict[str, str] = {}
+    for cls in reversed(model.__mro__):
+        if not issubclass(cls, BaseSettings) or cls is BaseSettings:
             continue
-        (source,) = ast.parse(textwrap.dedent(inspect.getsource(each))).body
+        (source,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
         body = source.body  # type: ignore[attr-defined]
         for field, text in itertools.pairwise(body):
             if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant):
-                found[field.target.id] = " ".join(str(text.value.value).split())  # type: ignore[union-attr]
-    return found
+                meanings[field.target.id] = " ".join(str(text.value.value).split())  # type: ignore[union-attr]
+    return meanings

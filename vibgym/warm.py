@@ -132,9 +132,9 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     yield "viewers", phasors
     yield "many worlds", many_worlds
     yield "policies", policies
-    specs = (each for each in gymnasium.registry.values() if each.namespace == "vibgym")
+    specs = (spec for spec in gymnasium.registry.values() if spec.namespace == "vibgym")
     # Ids with drawn shapes have the kernels of their task.
-    for name in sorted(each.id for each in specs if "split" not in each.kwargs):
+    for name in sorted(spec.id for spec in specs if "split" not in spec.kwargs):
         for kind in ("state", "parts", "goal", "image"):
             yield f"{name}, {kind}", partial(observation, name, kind)
     for name, settings in HARDWARE.items():

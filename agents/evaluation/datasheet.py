@@ -83,10 +83,10 @@ class DatasheetSettings(FileSettings):
     @classmethod
     def checked(cls, data: Any, episodes: int | None = None, output: str | None = None) -> Self:
         """Return checked settings, with those of the machine where ``data`` has none; see :meth:`FileSettings.checked`."""
-        found, machine = dict(data), {}
-        if isinstance(found.get("part"), str) and Path(found["part"]).suffix:
-            found["part"] = {"file": found["part"]}
-        if isinstance(path := found.get("machine"), str):
+        settings, machine = dict(data), {}
+        if isinstance(settings.get("part"), str) and Path(settings["part"]).suffix:
+            settings["part"] = {"file": settings["part"]}
+        if isinstance(path := settings.get("machine"), str):
             machine = load_yaml(path)
             with checks.within(path):
                 for name in machine:
@@ -95,10 +95,10 @@ class DatasheetSettings(FileSettings):
                 if isinstance(machine.get("sensor"), Mapping):
                     machine["sensor"] = {"estimator": ESTIMATOR, **machine["sensor"]}
                 if parts:
-                    part = found.setdefault("part", parts[0])
+                    part = settings.setdefault("part", parts[0])
                     if isinstance(part, Mapping) and "friction" not in part:
-                        found["part"] = {**part, "friction": part_from(parts[0]).friction}
-        return super().checked({**machine, **found}, episodes, output)
+                        settings["part"] = {**part, "friction": part_from(parts[0]).friction}
+        return super().checked({**machine, **settings}, episodes, output)
 
     @property
     def seeds(self) -> list[int]:

@@ -75,7 +75,7 @@ def groups(sheet: Sheet) -> dict[str, list[Line]]:
             accuracy.append((label, "–", sheet.unfit[name]))
         else:
             accuracy.append((label, f"{reached[name]}, {_middle(sheet.played[name].time_to_goal, 2, 's')}", note))
-    lost = sum(int(each.fallen.sum()) for each in sheet.played.values())
+    lost = sum(int(outcomes.fallen.sum()) for outcomes in sheet.played.values())
     accuracy += [
         ("Circle at rest", quantity(limits.circle, 1e3, 2, "mm"), "radius, once a period"),
         ("Parts lost", str(lost), "off the surface, all episodes"),
@@ -94,7 +94,7 @@ def groups(sheet: Sheet) -> dict[str, list[Line]]:
     else:
         tallest = f"friction alone tips it from {1e3 * part.height / limits.tipping:.0f} mm of height on"
         tipping = ("Margin to tipping", f"{100 * (1.0 - limits.tipping):.0f} %", tallest)
-    found = {
+    sections = {
         "Rates": rates,
         "Accuracy": accuracy,
         "Limits": [
@@ -111,24 +111,24 @@ def groups(sheet: Sheet) -> dict[str, list[Line]]:
         "Tasks and controllers": _tasks(sheet),
     }  # fmt: skip
     if sheet.poses:
-        found["Stable poses"] = [
-            (f"Pose {k}", f"{100 * each.probability:.1f} %", f"{each.height:.3g} mm high, on {each.area:.3g} mm²")
-            for k, each in enumerate(sheet.poses[:MOST_POSES])
+        sections["Stable poses"] = [
+            (f"Pose {k}", f"{100 * pose.probability:.1f} %", f"{pose.height:.3g} mm high, on {pose.area:.3g} mm²")
+            for k, pose in enumerate(sheet.poses[:MOST_POSES])
         ]
-    return found
+    return sections
 
 
 def _tasks(sheet: Sheet) -> list[Line]:
     """Return the tasks that accept the part, and the policies that support them."""
     accepted = {
-        name: [each for each in policies if each not in FOR_DEMONSTRATION]
+        name: [policy for policy in policies if policy not in FOR_DEMONSTRATION]
         for name, policies in sheet.tasks.items()
         if not isinstance(policies, str)
     }
     refused = [name for name in sheet.tasks if name not in accepted]
-    learned = [name for name, policies in accepted.items() if any(each.startswith("learned") for each in policies)]
+    learned = [name for name, policies in accepted.items() if any(policy.startswith("learned") for policy in policies)]
     first = next(iter(accepted.values()), [])
-    everywhere = [each for each in first if all(each in policies for policies in accepted.values())]
+    everywhere = [policy for policy in first if all(policy in policies for policies in accepted.values())]
     count = len(sheet.tasks)
     return [
         ("Tasks", f"{len(accepted)} of {count}", ", ".join(accepted) or "none"),
@@ -142,8 +142,8 @@ def _flat(value: Any) -> str:
     """Return settings in one line, numbers with four digits."""
     if isinstance(value, Mapping):
         return ", ".join(
-            f"{name} ({_flat(each)})" if isinstance(each, Mapping) else f"{name} {_flat(each)}"
-            for name, each in value.items()
+            f"{name} ({_flat(entry)})" if isinstance(entry, Mapping) else f"{name} {_flat(entry)}"
+            for name, entry in value.items()
         )
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
@@ -183,8 +183,8 @@ def _about(sheet: Sheet) -> list[Line]:
         ("Surface", elements, f"{1e3 * surface.width:.0f} × {1e3 * surface.depth:.0f} mm, {circles}"),
         ("Part", part.name, f"{shape}{height}, friction {part.friction:.4g}, {1e3 * part.mass:.3g} g"),
     ]
-    for label, given in (("Actuators", actuators), ("Sensor", sheet.settings.sensor)):
-        settings = dict(given) if isinstance(given, Mapping) else {"kind": given}
+    for label, value in (("Actuators", actuators), ("Sensor", sheet.settings.sensor)):
+        settings = dict(value) if isinstance(value, Mapping) else {"kind": value}
         lines.append((label, str(settings.pop("kind")), _flat(settings)))
     return lines
 
@@ -231,10 +231,10 @@ def write(sheet: Sheet) -> Path:
 
 def summary(sheet: Sheet) -> str:
     """Return the lines as text."""
-    found: list[str] = []
+    rows: list[str] = []
     for title, lines in groups(sheet).items():
-        found += [title, *(f"  {label}: {value}; {note}" for label, value, note in lines)]
-    return "\n".join(found)
+        rows += [title, *(f"  {label}: {value}; {note}" for label, value, note in lines)]
+    return "\n".join(rows)
 
 
 # -- command -----------------------------------------------------------------------------------------------------------
@@ -253,18 +253,18 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 def command(arguments: argparse.Namespace) -> None:
     """Measure a part on a surface, and write and print the sheet."""
-    config, given = arguments.config, dict[str, Any]()
+    config, options = arguments.config, dict[str, Any]()
     if arguments.machine is not None:
-        given["machine"] = arguments.machine
+        options["machine"] = arguments.machine
     if arguments.part is not None:
-        given["part"] = from_text("--part", arguments.part)
+        options["part"] = from_text("--part", arguments.part)
     data = {} if config is None else load_yaml(config)
     output = None if arguments.output is None else str(arguments.output)
     with contextlib.nullcontext() if config is None else checks.within(config):
-        settings = DatasheetSettings.checked({**data, **given}, arguments.episodes, output)
+        settings = DatasheetSettings.checked({**data, **options}, arguments.episodes, output)
         output_files([output_directory(Path(settings.output), "datasheet.output") / PAGE], "datasheet.output")
-        found = measure(settings, arguments.quiet)
-    print(f"{summary(found)}\n\npage: {write(found)}")
+        sheet = measure(settings, arguments.quiet)
+    print(f"{summary(sheet)}\n\npage: {write(sheet)}")
 
 
 COMMANDS = {"datasheet": Command(_arguments, command, OUTPUT)}

@@ -86,11 +86,11 @@ def load_entries(directory: Path, settings: SuiteSettings, trusted: Collection[s
         raise checks.refuse("--entries", str(directory), f"a directory with folders that contain {ENTRY}")
     for name in trusted:
         checks.choice("--trust", name, tuple(folder.name for folder in folders))
-    found = {}
+    entries = {}
     for folder in folders:
         with checks.within(folder):
-            found[folder.name] = _load(folder, settings, trusted)
-    return found
+            entries[folder.name] = _load(folder, settings, trusted)
+    return entries
 
 
 def _load(folder: Path, settings: SuiteSettings, trusted: Collection[str]) -> Entry:
@@ -124,11 +124,11 @@ def _word(field: str, value: str) -> str:
 
 def _files(folder: Path) -> list[Path]:
     """Return all files of a folder, hidden ones included; raise ValueError if it contains anything but files and folders."""
-    found = sorted(folder.rglob("*"))
-    for path in (folder, *found):
+    paths = sorted(folder.rglob("*"))
+    for path in (folder, *paths):
         if path.is_symlink() or not (path.is_file() or path.is_dir()):
             raise checks.refuse("file of the entry", str(path), "a file or folder, no link and no device")
-    return [path for path in found if path.is_file()]
+    return [path for path in paths if path.is_file()]
 
 
 def _inside(folder: Path, content: Any, tasks: Sequence[str]) -> tuple[set[str], set[Path]]:
@@ -144,12 +144,12 @@ def _inside(folder: Path, content: Any, tasks: Sequence[str]) -> tuple[set[str],
     files: set[Path] = set()
     places = [Path(os.path.realpath(place)) for place in (folder, SHIPPED)]
     for task in tasks:
-        named, found = policy_sources(content, task)
-        for name in sorted({*found, *(text for text in named if "/" in text or os.sep in text)} - set(POLICIES)):
+        named, sources = policy_sources(content, task)
+        for name in sorted({*sources, *(text for text in named if "/" in text or os.sep in text)} - set(POLICIES)):
             if not any(Path(os.path.realpath(name)).is_relative_to(place) for place in places):
                 raise checks.refuse("file of entry.policy", name, f"in the entry's folder, as '{HERE}/NAME'")
         texts |= named
-        files |= {Path(name) for name in found}
+        files |= {Path(name) for name in sources}
     return texts, files
 
 
@@ -162,7 +162,7 @@ def _stated_steps(files: Iterable[Path]) -> int:
             steps = training["steps"], training.get("data", {}).get("steps", 0)
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             continue  # not a trained policy
-        total += sum(checks.count(f"training.steps of {path.name}", each, least=0) for each in steps)
+        total += sum(checks.count(f"training.steps of {path.name}", number, least=0) for number in steps)
     return total
 
 
@@ -228,7 +228,7 @@ def write(
     played, whole = _episodes(results.settings), _episodes(protocol)
     more = "." if played == whole else f"; the protocol has {whole}."
     unserved = [
-        f"- {each.policy}, {each.task}, {each.hardware}: scores 0 ({why})" for each, why in results.refused.items()
+        f"- {place.policy}, {place.task}, {place.hardware}: scores 0 ({why})" for place, why in results.refused.items()
     ]
     parts = markdown(heads, lines), f"Episodes of each task: {played}{more}", "\n".join(unserved)
     text = "\n\n".join(part for part in parts if part)
@@ -242,7 +242,7 @@ def _episodes(settings: SuiteSettings) -> str:
     """Return the numbers of episodes of all tasks: "2", or "50 to 200"."""
     machines = settings.machines().values()
     numbers = {len(settings.seed_list(task, machine.episodes)) for task in settings.tasks for machine in machines}
-    return " to ".join(str(each) for each in sorted({min(numbers), max(numbers)}))
+    return " to ".join(str(number) for number in sorted({min(numbers), max(numbers)}))
 
 
 def enter(entry: PolicyEntry, source: Path, authors: str, settings: SuiteSettings) -> Path:

@@ -108,24 +108,24 @@ class EntryPolicy:
 
     def _make(self) -> None:
         process = self._process
-        found = self._read(process.ask(("make", self._info, self._seed)))
-        self.action = checks.choice(f"action of entry {process.name!r}", found.get("action"), tuple(ACTIONS))
+        made = self._read(process.ask(("make", self._info, self._seed)))
+        self.action = checks.choice(f"action of entry {process.name!r}", made.get("action"), tuple(ACTIONS))
         self.observation = checks.choice(
-            f"observation of entry {process.name!r}", found.get("observation"), tuple(OBSERVATIONS)
+            f"observation of entry {process.name!r}", made.get("observation"), tuple(OBSERVATIONS)
         )
-        self._number = checks.count("number of the policy", found.get("number"), least=0)
+        self._number = checks.count("number of the policy", made.get("number"), least=0)
         self._started = process.started
 
     def _read(self, answer: bytes) -> dict[str, Any]:
         """Return an answer in JSON; raise ValueError for one that is an error."""
         try:
-            found = json.loads(answer)
+            content = json.loads(answer)
         except (ValueError, RecursionError):
-            found = None
-        if not isinstance(found, dict) or "error" in found:
-            reason = found.get("error") if isinstance(found, dict) else "an answer that cannot be read"
+            content = None
+        if not isinstance(content, dict) or "error" in content:
+            reason = content.get("error") if isinstance(content, dict) else "an answer that cannot be read"
             raise checks.conflict(f"code of entry {self._process.name!r}: {reason}")
-        return found
+        return content
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True

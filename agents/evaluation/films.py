@@ -185,7 +185,7 @@ class Log(Measures):
         """Return the records of all episodes."""
         world, fields = self.watched, self.fields
         *arrays, captions, sides = zip(*self.frames, strict=True)
-        poses, present, phasors, goals = (np.array(each) for each in arrays)
+        poses, present, phasors, goals = (np.array(array) for array in arrays)
         film = Film(self.seeds[world], poses, present, phasors, goals, self.paths, captions, sides)
         return Rollout(task, self.seeds, self.env.step_time, timing, film=film, **fields)
 
@@ -212,7 +212,7 @@ def painter_for(scenery: Scenery, width: int) -> SurfacePainter:
 
 def picture(film: Film, scenery: Scenery, frame: int, painter: SurfacePainter) -> np.ndarray:
     """Return a frame of a film, (height, width, 3) uint8."""
-    pose, present, goal, phasors = (each[frame] for each in (film.poses, film.present, film.goals, film.phasors))
+    pose, present, goal, phasors = (series[frame] for series in (film.poses, film.present, film.goals, film.phasors))
     trail = film.poses[: frame + 1, :, :2]
     view = scenery.view(pose, present, goal, phasors, trail, film.captions[frame], film.paths, film.sides[frame])
     return painter.paint(view)

@@ -159,8 +159,8 @@ def page(results: Any, command: str, title: str, lead: str, sections: Sequence[S
     settings, origin = results.settings, results.provenance
     ran = {name: settings.environments()[name] for name in results.hardware_of()}
     keys = ("model", "actuators", "sensor", "randomize")
-    machines = {name: {key: each[key] for key in keys if key in each} for name, each in ran.items()}
-    cards = [Card(name, code=as_yaml(each) if each else "ideal") for name, each in machines.items()]
+    machines = {name: {key: arguments[key] for key in keys if key in arguments} for name, arguments in ran.items()}
+    cards = [Card(name, code=as_yaml(machine) if machine else "ideal") for name, machine in machines.items()]
     about = (
         "Settings of the hardware models of actuators and sensor (docs/hardware.md). All results are simulated; rewards and "
         "success are computed from the true poses, not from measurements."
@@ -193,16 +193,16 @@ def success_cell(row: Mapping[str, Any], **more: Any) -> Cell:
     return Cell(f"{percent(row)} %", f"{percent_between(row)} %", **shown)
 
 
-def estimate_cell(each: Estimate | None, factor: float, digits: int, unit: str = "") -> Cell:
+def estimate_cell(estimate: Estimate | None, factor: float, digits: int, unit: str = "") -> Cell:
     """Return the cell of a difference, bold if zero is outside its interval; "–" for None."""
-    if each is None:
+    if estimate is None:
         return Cell("–")
-    interval = each.interval
-    text = f"{signed(factor * each.value, digits)}{unit}" if math.isfinite(each.value) else "–"
+    interval = estimate.interval
+    text = f"{signed(factor * estimate.value, digits)}{unit}" if math.isfinite(estimate.value) else "–"
     if interval is None:
         return Cell(text)
     small = f"{signed(factor * interval.low, digits)} to {signed(factor * interval.high, digits)}"
-    return Cell(text, small, kind="clear" if each.clear else "", title=interval.method)
+    return Cell(text, small, kind="clear" if estimate.clear else "", title=interval.method)
 
 
 def data_address(content: bytes, kind: str = "png") -> str:
@@ -220,8 +220,8 @@ def as_yaml(value: Any, flow: bool = False) -> str:
     writer.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     # Through JSON: YAML would write references for a mapping that occurs twice.
     writer.dump(json.loads(json.dumps(plain(value))), text)
-    found = text.getvalue().strip()
-    return found.removeprefix("{").removesuffix("}") if flow else found
+    content = text.getvalue().strip()
+    return content.removeprefix("{").removesuffix("}") if flow else content
 
 
 def colour(share: float) -> str:

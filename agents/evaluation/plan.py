@@ -81,15 +81,15 @@ class Infos:
 
     def of(self, task: str, environment: dict[str, Any], place: str) -> tuple[TaskInfo, Scenery]:
         """Return the information on an environment, and what its pictures show; errors begin with ``place``."""
-        for name, arguments, found in self._known:
+        for name, arguments, pair in self._known:
             if (name, arguments) == (task, environment):
-                return found
+                return pair
         with checks.within(place):
             env = certified_world(task, environment)
-        found = TaskInfo.of(env), scenery_of(env.unwrapped)  # type: ignore[arg-type]
+        pair = TaskInfo.of(env), scenery_of(env.unwrapped)  # type: ignore[arg-type]
         env.close()
-        self._known.append((task, environment, found))
-        return found
+        self._known.append((task, environment, pair))
+        return pair
 
 
 class _Plan:
@@ -226,7 +226,7 @@ class _Plan:
         if not info.flows:
             raise checks.refuse(f"{where}.task", load.task, "a task in which parts come and go")
         kinds = [info.parts[info.kind.index(kind)].to_dict() for kind in range(len(info.kinds))]
-        contents = {each.name: each.content for each in settings.policies}
+        contents = {policy.name: policy.content for policy in settings.policies}
         seeds = settings.seed_list(load.task, load.episodes)
         for name in load.policies:
             for count in sorted(load.parts):

@@ -69,8 +69,8 @@ def trajectories(rollout: Rollout, task: TaskInfo, scenery: Scenery) -> bytes:
     for column, (name, values) in enumerate(panels):
         axes, (label, factor) = figure.add_subplot(layout[1, column]), PANELS[name]
         least = FLOOR if task.has_goal else 0.0
-        for each, colour in zip(np.maximum(factor * values, least), outcome_colours(rollout), strict=True):
-            axes.plot(seconds, each, color=colour, linewidth=0.8, alpha=0.6)
+        for curve, colour in zip(np.maximum(factor * values, least), outcome_colours(rollout), strict=True):
+            axes.plot(seconds, curve, color=colour, linewidth=0.8, alpha=0.6)
         if good.get(name) is not None:
             axes.axhspan(*good[name], color=SUCCESS, alpha=0.10, linewidth=0)
         axes.set(xlim=(0.0, end))
@@ -84,7 +84,7 @@ def trajectories(rollout: Rollout, task: TaskInfo, scenery: Scenery) -> bytes:
 
 def outcome_colours(rollout: Rollout) -> list[str]:
     """Return the colours of the first episodes."""
-    return [SUCCESS if each else FAILURE for each in rollout.success[:SHOWN]]
+    return [SUCCESS if success else FAILURE for success in rollout.success[:SHOWN]]
 
 
 def draw_table(axes: Axes, surface: Surface) -> None:
@@ -157,7 +157,7 @@ def arrivals(episodes: pd.DataFrame, names: Sequence[str], flows: bool) -> bytes
         return _rates(some)
     figure = new_figure(8.6, 2.8)
     axes, end = figure.subplots(), float(values(episodes, "limit_s").max())
-    arrived = {name: np.sort(each["time_to_goal_s"].dropna()) for name, each in some.items()}
+    arrived = {name: np.sort(group["time_to_goal_s"].dropna()) for name, group in some.items()}
     # A few late successes would squeeze the rest into a corner; the legend has all of them.
     last = [float(at[-1]) for name, at in arrived.items() if len(at) >= max(WORTH_SHOWING * len(some[name]), 1)]
     for name, at in arrived.items():
@@ -175,7 +175,7 @@ def _rates(some: Mapping[str, pd.DataFrame]) -> bytes:
     figure = new_figure(8.6, 0.9 + 0.34 * len(some))
     axes, left = figure.subplots(), np.zeros(len(some))
     for column, event in RATES.items():
-        rates = np.array([each[column].mean() for each in some.values()])
+        rates = np.array([group[column].mean() for group in some.values()])
         axes.barh(list(some), rates, left=left, color=COLOURS[event], height=0.66, label=event)
         left += rates
     axes.invert_yaxis()

@@ -69,8 +69,8 @@ def rounded(episodes: pd.DataFrame) -> pd.DataFrame:
 
 def samples(episodes: pd.DataFrame) -> dict[tuple[Place, Quantity], np.ndarray]:
     """Return the finite values (n,) of every figure in every place where it has any."""
-    found = {(place, each): each.sample(some) for place, some in places(episodes).items() for each in QUANTITIES}
-    return {key: sample for key, sample in found.items() if len(sample)}
+    known = {(place, figure): figure.sample(some) for place, some in places(episodes).items() for figure in QUANTITIES}
+    return {key: sample for key, sample in known.items() if len(sample)}
 
 
 def figure_rows(episodes: pd.DataFrame, level: float | None = None, resamples: int = 9999) -> list[dict[str, Any]]:
@@ -123,8 +123,8 @@ def changed_settings(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[
     """Return the names of settings that differ; of policies also their names."""
     names = changed(before, now)
     if "policies" in names:
-        pair = (each["policies"] for each in (before, now))
-        policies = (each if isinstance(each, Mapping) else {one["name"]: one for one in each} for each in pair)
+        pair = (side["policies"] for side in (before, now))
+        policies = (side if isinstance(side, Mapping) else {one["name"]: one for one in side} for side in pair)
         names[names.index("policies")] = f"policies ({', '.join(changed(*policies)) or 'their order'})"
     return names
 
@@ -138,8 +138,8 @@ def load(directory: Path) -> Published:
     path = directory / RECORD
     record = _record(path, ("format", "version", "settings", "digests", "versions"))
     if (record["format"], record["version"]) != (FORMAT, VERSION):
-        given = {key: record[key] for key in ("format", "version")}
-        raise checks.refuse(str(path), given, f"of format {FORMAT!r}, version {VERSION}")
+        stated = {key: record[key] for key in ("format", "version")}
+        raise checks.refuse(str(path), stated, f"of format {FORMAT!r}, version {VERSION}")
     if not isinstance(record["digests"], dict) or not {"settings", "files", "policies"} <= set(record["digests"]):
         raise checks.missing("digests.settings, .files, .policies", f"of {path}")
     with checks.within(path):
@@ -149,8 +149,8 @@ def load(directory: Path) -> Published:
     good = episodes[["success", "fallen"]].isin((0.0, 1.0)).all(axis=1) & episodes["study"].isin((REPORT, EFFECTS))
     good &= episodes["seed"].between(0, 2**63, inclusive="left")
     for line in np.flatnonzero(~good)[:1]:
-        given = episodes.loc[line, ["study", "seed", "success", "fallen"]].to_dict()
-        raise checks.refuse(f"{path}, line {line + 2}", given, "a study, a seed, and 0 or 1")
+        cells = episodes.loc[line, ["study", "seed", "success", "fallen"]].to_dict()
+        raise checks.refuse(f"{path}, line {line + 2}", cells, "a study, a seed, and 0 or 1")
     figures = _columns(directory / FIGURE_FILE, [*PLACE, "figure"], ["value"])
     return Published(directory, record, settings, episodes.astype({"seed": int}), figures)
 
@@ -158,15 +158,15 @@ def load(directory: Path) -> Published:
 def _record(path: Path, needed: Sequence[str]) -> dict[str, Any]:
     """Return the content of a JSON file with at least the keys ``needed``."""
     try:
-        found = json.loads(path.read_bytes())
+        record = json.loads(path.read_bytes())
     except OSError as error:
         raise checks.refuse(str(path), reason(error), "a readable file of an evaluation") from None
     except (ValueError, RecursionError) as error:
         raise checks.refuse(str(path), f"not JSON ({error})", "the results of an evaluation") from None
-    absent = [name for name in needed if not isinstance(found, dict) or name not in found]
+    absent = [name for name in needed if not isinstance(record, dict) or name not in record]
     if absent:
         raise checks.missing(", ".join(absent), f"of {path}")
-    return found
+    return record
 
 
 def _columns(path: Path, texts: Sequence[str], numbers: Sequence[str]) -> pd.DataFrame:
@@ -182,16 +182,16 @@ def _columns(path: Path, texts: Sequence[str], numbers: Sequence[str]) -> pd.Dat
     for line, row in enumerate(rows, 2):
         if len(row) != len(heads):
             raise checks.refuse(f"{path}, line {line}", len(row), f"{len(heads)} cells")
-    found = pd.DataFrame(dict(zip(heads, zip(*rows, strict=True), strict=True)))
-    found = found.reindex(columns=[*texts, *numbers], fill_value="")
+    table = pd.DataFrame(dict(zip(heads, zip(*rows, strict=True), strict=True)))
+    table = table.reindex(columns=[*texts, *numbers], fill_value="")
     for name in texts:  # csv_text puts an apostrophe before names that a spreadsheet would read as a formula
-        found[name] = found[name].str.removeprefix("'")
+        table[name] = table[name].str.removeprefix("'")
     for name in numbers:
-        cells = found[name]
-        found[name] = np.asarray(pd.to_numeric(cells.where(cells != "", "nan"), errors="coerce"), dtype=np.float64)
-        for line in np.flatnonzero(found[name].isna() & ~cells.str.lower().isin(("", "nan")))[:1]:
+        cells = table[name]
+        table[name] = np.asarray(pd.to_numeric(cells.where(cells != "", "nan"), errors="coerce"), dtype=np.float64)
+        for line in np.flatnonzero(table[name].isna() & ~cells.str.lower().isin(("", "nan")))[:1]:
             raise checks.refuse(f"{path}, line {line + 2}: {name}", cells[line], "a number, or empty")
-    return found
+    return table
 
 
 def publish(config: Path, run: Path | None, directory: Path) -> Path:
@@ -212,15 +212,15 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
             f"{config}: evaluation.generalisation cannot be published, only episodes of tasks and effects"
         )
     path = (Path(settings.output) if run is None else run) / "results.json"
-    found = _record(path, (*KEPT, "policy_files", "settings", "episodes"))
+    results = _record(path, (*KEPT, "policy_files", "settings", "episodes"))
     with checks.within(config):
         written = written_settings(settings)
         prepare(EvaluationSettings.stored(written))
     wanted = json.loads(canonical(settings.as_written()))
-    apart = [name for name in changed_settings(wanted, found["settings"]) if name != "output"]
+    apart = [name for name in changed_settings(wanted, results["settings"]) if name != "output"]
     if apart:
         raise checks.refuse(str(path), f"one with other settings ({', '.join(apart)})", f"a run of {config}")
-    episodes = _episodes(path, found)
+    episodes = _episodes(path, results)
     files = {
         FIGURE_FILE: csv_text(figure_rows(episodes, settings.confidence, settings.resamples)),
         EPISODE_FILE: csv_text([
@@ -232,12 +232,12 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
         "format": FORMAT,
         "version": VERSION,
         "config": portable(config.as_posix()),
-        **{key: found[key] for key in KEPT},
+        **{key: results[key] for key in KEPT},
         "confidence": settings.confidence,
         "digests": {
             "settings": digest(canonical(written)),
             "files": {name: digest(text) for name, text in files.items()},
-            "policies": found["policy_files"],
+            "policies": results["policy_files"],
         },
         "settings": written,
     }
@@ -250,13 +250,13 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
     return directory / RECORD
 
 
-def _episodes(path: Path, found: Mapping[str, Any]) -> pd.DataFrame:
+def _episodes(path: Path, results: Mapping[str, Any]) -> pd.DataFrame:
     """Return the rounded table of all episodes in results.json."""
     try:
-        rows = [{"study": REPORT, **row} for row in found["episodes"]]
-        if "effects" in found:
-            labels = {"study": EFFECTS, "task": found["effects"]["task"]}
-            rows += [{**labels, "hardware": row["case"], **row} for row in found["effects"]["episodes"]]
+        rows = [{"study": REPORT, **row} for row in results["episodes"]]
+        if "effects" in results:
+            labels = {"study": EFFECTS, "task": results["effects"]["task"]}
+            rows += [{**labels, "hardware": row["case"], **row} for row in results["effects"]["episodes"]]
         episodes = pd.DataFrame(rows)
         metrics = episodes.reindex(columns=COLUMNS).astype(np.float64)
         return rounded(episodes[[*PLACE, "seed"]].astype({"seed": int}).join(metrics))

@@ -75,15 +75,16 @@ def write(results: Results, gif: Gif | None = None, quiet: bool = False) -> tupl
     Raises:
         WriteError: a file could not be written; then none is new.
     """
-    settings, found = results.settings, rows(results)
-    gaps, rungs, compares = differences(results, found, quiet), ladders(results, found), settings.where == "comparison"
+    settings, all_rows = results.settings, rows(results)
+    gaps, rungs = differences(results, all_rows, quiet), ladders(results, all_rows)
+    compares = settings.where == "comparison"
     metrics = [name for name in METRICS if name not in UNPUBLISHED]
     episodes = records(results.main, ("task", "hardware", "policy", "seed", *metrics))
     cells = {place: study_rows(results, place, study) for place, study in settings.studies.items()}
     estimates = [{key: asdict(v) if isinstance(v, Estimate) else v for key, v in gap.items()} for gap in gaps]
     more: dict[str, Any] = {"differences" if compares else "comparisons": estimates}
     if compares:
-        best = best_classical(found)
+        best = best_classical(all_rows)
         more["best_classical"] = [{key: row[key] for key in ("task", "hardware", "policy")} for row in best.values()]
         more["curves"] = [
             {"task": task, "policy": policy, "training_seed": seed}
@@ -105,13 +106,13 @@ def write(results: Results, gif: Gif | None = None, quiet: bool = False) -> tupl
         for k, study in enumerate(settings.generalisation)
     ]
     more["ladders"] = rungs
-    load, grids = load_rows(results), tables(results, found)
+    load, grids = load_rows(results), tables(results, all_rows)
     if settings.under_load is not None:
         more["load"] = {"task": settings.under_load.task, "results": load}
     if not compares:
         more["episodes"] = episodes
     written = (
-        csv_text(found), pages.json_text(results, found, more), page(results, found, gaps, cells, rungs, load),
+        csv_text(all_rows), pages.json_text(results, all_rows, more), page(results, all_rows, gaps, cells, rungs, load),
         csv_text(episodes),
     )  # fmt: skip
     directory, files = output_directory(Path(settings.output), f"{settings.where}.output"), FILES[settings.where]
@@ -119,13 +120,13 @@ def write(results: Results, gif: Gif | None = None, quiet: bool = False) -> tupl
         directory / name: content for name, content in zip(files, written, strict=False)
     }
     if gif is not None:
-        contents[gif.path] = next(each[GIF] for each in results.pictures.values() if GIF in each)
+        contents[gif.path] = next(pictures[GIF] for pictures in results.pictures.values() if GIF in pictures)
     write_together(contents)
     if settings.effects is not None:
         grids.append(study_table(results, settings.effects, cells["effects"])[0])
     if load:
         grids.append(grid("Under load", load, LOAD_FIGURES))
-    return directory / files[2], "\n\n".join(each.markdown() for each in grids)
+    return directory / files[2], "\n\n".join(table.markdown() for table in grids)
 
 
 # -- commands ----------------------------------------------------------------------------------------------------------
@@ -164,8 +165,8 @@ def _run(kind: type[EvaluationSettings], arguments: argparse.Namespace, gif: Gif
     settings = commands.load(kind, arguments)
 
     def prepared() -> Prepared:
-        found = prepare(settings)
-        return found if gif is None else with_film(found, gif)
+        ready = prepare(settings)
+        return ready if gif is None else with_film(ready, gif)
 
     with commands.played(prepared, FILES[settings.where], arguments, arguments.config) as results:
         path, text = write(results, gif, arguments.quiet)

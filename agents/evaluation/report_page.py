@@ -90,11 +90,11 @@ LOAD_FIGURES: Columns = {
 }
 
 
-def tables(results: Results, found: Sequence[Row]) -> list[Grid]:
+def tables(results: Results, all_rows: Sequence[Row]) -> list[Grid]:
     """Return the tables of all figures: tasks with the same figures together. In a comparison there is one, the best classical
     policies are named so, and training runs stand below their policy."""
     compares, alike = results.settings.where == "comparison", dict[tuple[str, ...], list[Row]]()
-    best = best_classical(found)
+    best = best_classical(all_rows)
 
     def policy(row: Row) -> Cell:
         if row["training_seed"] is not None:
@@ -106,7 +106,7 @@ def tables(results: Results, found: Sequence[Row]) -> list[Grid]:
         return Cell(row["policy"], tag, "name", dot=_dot(results, row["policy"]))
 
     for task in results.tasks:
-        some = [row for row in found if row["task"] == task]
+        some = [row for row in all_rows if row["task"] == task]
         names = [f.name for f in QUANTITIES if not f.rate and any(math.isfinite(row[f.name]) for row in some)]
         always = "time_to_goal_median_s", "time_over_bound_median", "path_efficiency_median"  # of successes
         key = () if compares else tuple(name for name in names if name not in always)
@@ -148,22 +148,22 @@ def study_table(results: Results, study: Study, cells: Sequence[Row]) -> tuple[G
 
 def page(
     results: Results,
-    found: Sequence[Row],
+    all_rows: Sequence[Row],
     gaps: Sequence[Row],
     cells: Mapping[str, Sequence[Row]],
     rungs: Sequence[Row],
     load: Sequence[Row],
 ) -> str:
     """Return the page as HTML."""
-    settings, best = results.settings, best_rows(results, found)
+    settings, best = results.settings, best_rows(results, all_rows)
     compares, names = settings.where == "comparison", ", ".join(results.tasks)
     sections = [
         Section("asked", "Tasks", [pages.task_cards(results)]),
-        Section("results", "Results", [TERMS[settings.where], *tables(results, found)]),
+        Section("results", "Results", [TERMS[settings.where], *tables(results, all_rows)]),
     ]
     if not compares:
         gaps = against_best(results, gaps, best)
-        sections.insert(0, Section("answers", "Answers", _answers(results, found, best)))
+        sections.insert(0, Section("answers", "Answers", _answers(results, all_rows, best)))
     if gaps:
         title = "Against the best classical policy" if compares else "Differences on the same seeds"
         sections.append(Section("differences", title, _differences(gaps, compares)))
@@ -180,7 +180,7 @@ def page(
         for k, study in enumerate(settings.generalisation):
             blocks += [Heading(study.name), *_study(results, study, cells[f"generalisation.{k}"])]
         sections.append(Section("generalisation", "Generalisation", blocks))
-    sections += _tasks(results, found) if settings.draws else []
+    sections += _tasks(results, all_rows) if settings.draws else []
     if settings.under_load is not None:
         text = "Parts a minute by what became of them, without the warm-up. Dashed: the bound; band: interval of good parts."
         picture = Picture(data_address(plots.throughput(load)), "Parts a minute against the number of parts", text)
@@ -202,11 +202,11 @@ def anchor(row: Row) -> str:
     return "-".join(("card", row["task"], row["hardware"], row["policy"])).replace(" ", "_")
 
 
-def _answers(results: Results, found: Sequence[Row], best: Mapping[tuple[str, str], Row]) -> list[Any]:
+def _answers(results: Results, all_rows: Sequence[Row], best: Mapping[tuple[str, str], Row]) -> list[Any]:
     """Return the matrix of policies by tasks, and the tasks that are open."""
-    known = {(row["task"], row["hardware"], row["policy"]): row for row in found if row["training_seed"] is None}
+    known = {(row["task"], row["hardware"], row["policy"]): row for row in all_rows if row["training_seed"] is None}
     columns: Columns = {"task": lambda place: Cell(place[0], kind="name"), "hardware": lambda place: place[1]}
-    for name in dict.fromkeys(row["policy"] for row in found):
+    for name in dict.fromkeys(row["policy"] for row in all_rows):
         columns[name] = lambda place, name=name: _answer(results, known.get((*place, name)), best[place])
     text = (
         "Share of the episodes that succeed; in small print the median time over the least possible one, or in seconds where "
@@ -267,8 +267,8 @@ TEXTS: dict[str, tuple[str, Callable[[float], str]]] = {
 
 def _listed(name: str, values: Iterable[float]) -> str:
     """Return values with commas, or one if their texts are equal; ``name`` is one of :data:`TEXTS`."""
-    found = [TEXTS[name][1](value) for value in values]
-    return found[0] if len(set(found)) == 1 else ", ".join(found)
+    texts = [TEXTS[name][1](value) for value in values]
+    return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
 
 
 def _curves(results: Results) -> list[Any]:
@@ -276,15 +276,15 @@ def _curves(results: Results) -> list[Any]:
         "Deterministic evaluations during training, one line a training seed. Dashed: imitation of a controller."
     ]
     for task in results.tasks:
-        runs = {policy: curves for (each, policy), curves in results.curves.items() if each == task}
+        runs = {policy: curves for (other, policy), curves in results.curves.items() if other == task}
         if runs:
             alt = f"Success rate and median time to goal over environment steps, {task}"
             columns: Columns = {
-                "policy": lambda each: Cell(each[0], kind="name", dot=_dot(results, each[0])),
-                "training seeds": lambda each: str(len(each[1])),
+                "policy": lambda run: Cell(run[0], kind="name", dot=_dot(results, run[0])),
+                "training seeds": lambda run: str(len(run[1])),
             }
             for name, (head, _) in TEXTS.items():
-                columns[head] = lambda each, name=name: _listed(name, [getattr(c, name)[-1] for c in each[1].values()])
+                columns[head] = lambda run, name=name: _listed(name, [getattr(c, name)[-1] for c in run[1].values()])
             lines = grid(f"Learning curves, {task}", list(runs.items()), columns)
             picture = Picture(data_address(plots.draw_curves(runs, results.settings.names)), alt)
             blocks += [Heading(task), picture, lines]
@@ -334,7 +334,7 @@ def _study(results: Results, study: Study, cells: Sequence[Row]) -> list[Any]:
     return [text, lines, *([reasons] if reasons else []), *([sensors] if sensors else [])]
 
 
-def _tasks(results: Results, found: Sequence[Row]) -> list[Section]:
+def _tasks(results: Results, all_rows: Sequence[Row]) -> list[Section]:
     """Return the section of each task: arrivals, and a card with pictures of every policy."""
     sections, about, names = [], results.policies(), results.settings.names
     for task, info in results.tasks.items():
@@ -347,7 +347,7 @@ def _tasks(results: Results, found: Sequence[Row]) -> list[Section]:
             alt = "Parts a minute" if info.flows else "Share of episodes at the goal over time"
             blocks.append(Picture(data_address(plots.arrivals(some, names, info.flows)), f"{alt}, for each policy"))
             cards = []
-            for row in found:
+            for row in all_rows:
                 if (row["task"], row["hardware"], row["training_seed"]) == (task, machine, None):
                     rate = f"{row['good_per_minute_mean']:.1f} a minute" if info.flows else f"{percent(row)} %"
                     cards.append(

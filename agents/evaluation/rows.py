@@ -33,19 +33,19 @@ Row = Mapping[str, Any]
 
 def rows(results: Results) -> list[dict[str, Any]]:
     """Return the rows of results.csv: every policy on every task and hardware, followed by its training runs."""
-    groups, order = {each.name: each.group for each in results.settings.policies}, results.settings.names
+    groups, order = {policy.name: policy.group for policy in results.settings.policies}, results.settings.names
 
     def columns(episodes: pd.DataFrame) -> dict[str, Any]:
         group = groups[values(episodes, "policy")[0]]
         return {"group": group, "training_seed": None, **summary(episodes, *results.settings.intervals)}
 
     by = ("task", "hardware", "policy")
-    found = table(results.main, by, columns).to_dict("records")
+    records = table(results.main, by, columns).to_dict("records")
     several = results.main.loc[results.main["training_seed"] >= 0]
     runs = table(several, (*by, "training_seed"), lambda some: columns(some) | {"training_seed": _seed(some)})
-    found += runs.to_dict("records")
-    there = list(dict.fromkeys((row["task"], row["hardware"]) for row in found))
-    return sorted(found, key=lambda row: (there.index((row["task"], row["hardware"])), order.index(row["policy"])))
+    records += runs.to_dict("records")
+    there = list(dict.fromkeys((row["task"], row["hardware"]) for row in records))
+    return sorted(records, key=lambda row: (there.index((row["task"], row["hardware"])), order.index(row["policy"])))
 
 
 def _seed(episodes: pd.DataFrame) -> int:
@@ -53,7 +53,7 @@ def _seed(episodes: pd.DataFrame) -> int:
     return int(values(episodes, "training_seed")[0])
 
 
-def best_rows(results: Results, found: Sequence[Row]) -> dict[tuple[str, str], Row]:
+def best_rows(results: Results, all_rows: Sequence[Row]) -> dict[tuple[str, str], Row]:
     """Return the best policy by task and hardware: most successes, then the lowest time over its bound, then the lowest time;
     where parts come and go, the most good parts a minute."""
 
@@ -63,39 +63,39 @@ def best_rows(results: Results, found: Sequence[Row]) -> dict[tuple[str, str], R
         times = (row[name] for name in ("time_over_bound_median", "time_to_goal_median_s"))
         return -row["successes"], *(time if math.isfinite(time) else math.inf for time in times)
 
-    return _first(found, rank)
+    return _first(all_rows, rank)
 
 
-def best_classical(found: Sequence[Row]) -> dict[tuple[str, str], Row]:
+def best_classical(all_rows: Sequence[Row]) -> dict[tuple[str, str], Row]:
     """Return the best classical policy by task and hardware: most successes, then the lowest interquartile mean of times.
 
     It is chosen on the episodes on which others are compared with it, so chance may favour it slightly.
     """
-    some = [row for row in found if row["group"] == "classical"]
+    some = [row for row in all_rows if row["group"] == "classical"]
     return _first(some, lambda row: (-row["successes"], row["time_iqm_s"]))
 
 
-def _first(found: Sequence[Row], rank: Callable[[Row], tuple[float, ...]]) -> dict[tuple[str, str], Row]:
+def _first(all_rows: Sequence[Row], rank: Callable[[Row], tuple[float, ...]]) -> dict[tuple[str, str], Row]:
     """Return the policy of the lowest rank by task and hardware."""
     best: dict[tuple[str, str], Row] = {}
-    for row in found:
+    for row in all_rows:
         place = row["task"], row["hardware"]
         if row["training_seed"] is None and (place not in best or rank(row) < rank(best[place])):
             best[place] = row
     return best
 
 
-def differences(results: Results, found: Sequence[Row], quiet: bool = True) -> list[dict[str, Any]]:
+def differences(results: Results, all_rows: Sequence[Row], quiet: bool = True) -> list[dict[str, Any]]:
     """Return paired differences seed by seed: of every two policies on the same task and hardware; in a comparison, of learned
     and hybrid policies to the best classical one."""
     known, compares = places(results.main), results.settings.where == "comparison"
     pairs = [pair for pair in itertools.combinations(known, 2) if pair[0][:3] == pair[1][:3]]
     if compares:
-        best = best_classical(found)
-        others = [row for row in found if row["group"] != "classical" and row["training_seed"] is None]
+        best = best_classical(all_rows)
+        others = [row for row in all_rows if row["group"] != "classical" and row["training_seed"] is None]
         names = ((row, best[place]) for row in others if (place := (row["task"], row["hardware"])) in best)
         pairs = [
-            tuple(Place(REPORT, row["task"], row["hardware"], each["policy"]) for each in (row, other))
+            tuple(Place(REPORT, row["task"], row["hardware"], entry["policy"]) for entry in (row, other))
             for row, other in names
         ]  # type: ignore[misc]
     gaps = []
@@ -109,7 +109,7 @@ def differences(results: Results, found: Sequence[Row], quiet: bool = True) -> l
 
 def against_best(results: Results, gaps: Sequence[Row], best: Mapping[tuple[str, str], Row]) -> list[Row]:
     """Return the differences of the best policy on every task and hardware to each other one."""
-    found: list[Row] = []
+    chosen: list[Row] = []
     for gap in gaps:
         name = best[gap["task"], gap["hardware"]]["policy"]
         if results.tasks[gap["task"]].flows or name not in (gap["first"], gap["second"]):
@@ -117,8 +117,8 @@ def against_best(results: Results, gaps: Sequence[Row], best: Mapping[tuple[str,
         if name == gap["second"]:
             flipped = {key: value.negative() for key, value in gap.items() if isinstance(value, Estimate)}
             gap = {**gap, "first": name, "second": gap["first"], **flipped}
-        found.append(gap)
-    return found
+        chosen.append(gap)
+    return chosen
 
 
 def study_rows(results: Results, place: str, study: Study) -> list[dict[str, Any]]:
@@ -134,10 +134,10 @@ def study_rows(results: Results, place: str, study: Study) -> list[dict[str, Any
     for case in study.cases:
         for column in study.policies:
             cell = Place(label, study.task, case, column.name)
-            found = {"runs": 0, "episodes": 0}
+            figures = {"runs": 0, "episodes": 0}
             if cell in known:
-                found = summary(known[cell], *results.settings.intervals)
-            cells.append({"case": case, "policy": column.name, "refusal": results.refused.get(cell, ""), **found})
+                figures = summary(known[cell], *results.settings.intervals)
+            cells.append({"case": case, "policy": column.name, "refusal": results.refused.get(cell, ""), **figures})
     return pd.DataFrame(cells, dtype=object).to_dict("records")  # nan where a policy cannot act
 
 
@@ -158,7 +158,7 @@ def load_rows(results: Results) -> list[dict[str, Any]]:
     ]
 
 
-def ladders(results: Results, found: Sequence[Row]) -> list[dict[str, Any]]:
+def ladders(results: Results, all_rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Return the ladders: of every policy its action, training budget and rows of statistics."""
     actions = {case.place: case.policy.action for case in results.cases if case.policy is not None}
     result = []
@@ -166,7 +166,7 @@ def ladders(results: Results, found: Sequence[Row]) -> list[dict[str, Any]]:
         hardware, steps = results.settings.ladder_hardware(ladder), []
         for name in ladder.policies:
             place = Place(REPORT, ladder.task, hardware, name)
-            first, *others = (row for row in found if (row["task"], row["hardware"], row["policy"]) == place[1:])
+            first, *others = (row for row in all_rows if (row["task"], row["hardware"], row["policy"]) == place[1:])
             curves = results.curves[ladder.task, name].values()
             budget = {key: [getattr(curve, key)[-1].item() for curve in curves] for key in ("steps", "seconds")}
             steps.append({"policy": name, "action": actions[place], **budget, "row": first, "runs": others})

@@ -99,14 +99,14 @@ class Case:
         with bar:
             policy = self.policy or self.made().policy
             arguments = {"seeds": self.seeds, "keep": self.recorder, "progress": bar.update}
-            found = rollout(policy, self.task, **arguments, **self.environment)
-        return Played(frame(found), {name: self._picture(name, found) for name in self.pictures})
+            result = rollout(policy, self.task, **arguments, **self.environment)
+        return Played(frame(result), {name: self._picture(name, result) for name in self.pictures})
 
-    def _picture(self, name: str, found: Rollout) -> bytes:
+    def _picture(self, name: str, result: Rollout) -> bytes:
         assert self.scenery is not None
         if name == PLOT:
-            return plots.trajectories(found, self.info, self.scenery)
-        return film_gif(found.film, self.scenery, found.step_time, PAGE if name == FILM else FILE)
+            return plots.trajectories(result, self.info, self.scenery)
+        return film_gif(result.film, self.scenery, result.step_time, PAGE if name == FILM else FILE)
 
     def labelled(self, episodes: pd.DataFrame) -> pd.DataFrame:
         """Return the rows of the table of episodes."""
@@ -136,7 +136,7 @@ class Case:
             return None
         texts, files = policy_sources(self.content, self.info.name)
         if LEARNED in texts:
-            files |= {str(each): digest(each.read_bytes()) for each in sorted(SHIPPED.iterdir()) if each.is_file()}
+            files |= {str(path): digest(path.read_bytes()) for path in sorted(SHIPPED.iterdir()) if path.is_file()}
         values = [
             self.place, self.training_seed, self.task, self.environment, self.seeds, self.content, self.origin,
             self.recorder.__name__, self.pictures, files,
@@ -164,13 +164,13 @@ def play(case: Case, folder: Path | None, quiet: bool) -> Played:
     path = case.file(folder)
     if (kept := case.recorded(path)) is not None:
         return kept
-    found = case.play(quiet)
+    played = case.play(quiet)
     # A file of the policy that changed meanwhile: it is not known which content was played.
     if path is not None and path == case.file(folder):
         path.parent.mkdir(parents=True, exist_ok=True)
-        pictures = {path.with_suffix(f".{name}"): data for name, data in found.pictures.items()}
-        write_together({**pictures, path: found.episodes.to_csv(index=False)})
-    return found
+        pictures = {path.with_suffix(f".{name}"): data for name, data in played.pictures.items()}
+        write_together({**pictures, path: played.episodes.to_csv(index=False)})
+    return played
 
 
 def play_all(
@@ -188,14 +188,14 @@ def play_all(
     Raises:
         ValueError: a file of recorded episodes that is none; nothing is played.
     """
-    found = [case.recorded(case.file(folder)) for case in cases]
-    todo = [k for k, played in enumerate(found) if played is None]
+    all_played = [case.recorded(case.file(folder)) for case in cases]
+    todo = [k for k, played in enumerate(all_played) if played is None]
     workers = parallel.usable(processes)
     alone = ray is None and workers == 1
     elsewhere = [] if alone else sorted((k for k in todo if cases[k].plain), key=lambda k: cases[k].order)
     for k in todo:
         if k not in elsewhere:
-            found[k] = play(cases[k], folder, quiet)
+            all_played[k] = play(cases[k], folder, quiet)
     items = [
         (replace(cases[k], policy=None, line=n % workers + 1), folder, quiet or ray is not None)
         for n, k in enumerate(elsewhere)
@@ -203,8 +203,8 @@ def play_all(
     with tqdm(total=len(items), desc="running policies", unit="run", disable=quiet or alone) as bar:
         results = parallel.run(play, items, workers=processes, ray=ray, done=bar.update)
     for k, played in zip(elsewhere, results, strict=True):
-        found[k] = played
-    return found  # type: ignore[return-value]
+        all_played[k] = played
+    return all_played  # type: ignore[return-value]
 
 
 def run(cases: Sequence[Case], **options: Any) -> pd.DataFrame:
@@ -214,7 +214,7 @@ def run(cases: Sequence[Case], **options: Any) -> pd.DataFrame:
 
 def joined(cases: Sequence[Case], played: Sequence[Played]) -> pd.DataFrame:
     """Return the table of episodes."""
-    rows = [case.labelled(found.episodes) for case, found in zip(cases, played, strict=True)]
+    rows = [case.labelled(result.episodes) for case, result in zip(cases, played, strict=True)]
     return pd.concat(rows, ignore_index=True)
 
 
@@ -260,11 +260,11 @@ class Results(Prepared):
 
     def policies(self) -> dict[str, str]:
         """Return the first line of each policy's docstring by name, without markup."""
-        found: dict[str, str] = {}
+        texts: dict[str, str] = {}
         for case in self.cases:
             text = (inspect.getdoc(case.policy) or "").partition("\n")[0].replace("`", "").replace('"', "")
-            found.setdefault(case.place.policy, text)
-        return found
+            texts.setdefault(case.place.policy, text)
+        return texts
 
 
 def evaluate(prepared: Prepared, quiet: bool = False, ray: str | None = None) -> Results:
@@ -274,5 +274,5 @@ def evaluate(prepared: Prepared, quiet: bool = False, ray: str | None = None) ->
     files = policy_files((case.content, case.info.name) for case in cases)
     origin = provenance() | {"code": prepared.code, "policy_files": files}
     played = play_all(cases, Path(settings.output) / KEPT, settings.processes, ray, quiet)
-    pictures = {case.place: found.pictures for case, found in zip(cases, played, strict=True)}
+    pictures = {case.place: result.pictures for case, result in zip(cases, played, strict=True)}
     return Results(**vars(prepared), episodes=joined(cases, played), pictures=pictures, provenance=origin)

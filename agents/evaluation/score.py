@@ -77,13 +77,13 @@ def score(
 
 def rows(results: Results) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Return the rows of scores.csv (policy, task, hardware) and of suite.csv (policy, hardware)."""
-    settings, found = results.settings, []
+    settings, by_task = results.settings, []
     limit, intervals = settings.cost_limit, settings.intervals
     order = [(hardware, policy) for hardware in settings.machines() for policy in settings.names]
     for hardware, policy in order:
         for task in settings.tasks:
             some = where(results.main, task=task, hardware=hardware, policy=policy)
-            found.append({
+            by_task.append({
                 "task": task,
                 "hardware": hardware,
                 "policy": policy,
@@ -99,7 +99,7 @@ def rows(results: Results) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
         for row in score(results.main, settings.tasks, *intervals, cost_limit=limit).to_dict("records")
     }
     nothing = {"score": 0.0, **ends("score", None)}
-    return found, [known.get(key, {"hardware": key[0], "policy": key[1], **nothing}) for key in order]
+    return by_task, [known.get(key, {"hardware": key[0], "policy": key[1], **nothing}) for key in order]
 
 
 def _details(episodes: pd.DataFrame, limit: float | None) -> dict[str, float]:
@@ -123,15 +123,15 @@ def _details(episodes: pd.DataFrame, limit: float | None) -> dict[str, float]:
     }
 
 
-def totals_table(found: Sequence[Row], totals: Sequence[Row]) -> Grid:
+def totals_table(by_task: Sequence[Row], totals: Sequence[Row]) -> Grid:
     """Return the table of scores: of all tasks, and of each."""
-    known = {(row["hardware"], row["policy"], row["task"]): row for row in found}
+    known = {(row["hardware"], row["policy"], row["task"]): row for row in by_task}
     columns: dict[str, Callable[[Row], Cell | str]] = {
         "policy": lambda row: Cell(row["policy"], kind="name"),
         "hardware": lambda row: row["hardware"],
         "score": _score,
     }
-    for task in dict.fromkeys(row["task"] for row in found):
+    for task in dict.fromkeys(row["task"] for row in by_task):
         columns[task] = lambda row, task=task: _score(known[row["hardware"], row["policy"], task])
     return grid("Scores", totals, columns)
 
@@ -176,9 +176,9 @@ def write(results: Results) -> tuple[Path, str]:
         WriteError: a file could not be written; then none is new.
     """
     directory, limit = output_directory(Path(results.settings.output), "suite.output"), results.settings.cost_limit
-    found, totals = rows(results)
-    scores = totals_table(found, totals)
-    details = grid("What the scores are made of", [row for row in found if row["served"]], DETAILS)
+    by_task, totals = rows(results)
+    scores = totals_table(by_task, totals)
+    details = grid("What the scores are made of", [row for row in by_task if row["served"]], DETAILS)
     about = (
         "Medians of times over the successes, and of costs; means of collisions, rates, pattern errors and coverage. Faulty: "
         "tilted, close, wrong and lost parts a minute. Time of the policy: of predict(), a step of one world, while all "
@@ -191,13 +191,13 @@ def write(results: Results) -> tuple[Path, str]:
     ]
     lead = TERMS + ("" if limit is None else f" Episodes whose cost exceeds {limit} score 0.")
     contents = (
-        csv_text(found),
+        csv_text(by_task),
         csv_text(totals),
-        pages.json_text(results, found, {"suite": totals}),
+        pages.json_text(results, by_task, {"suite": totals}),
         f"{scores.markdown()}\n\n{details.markdown()}\n",
         pages.page(results, "score", "Scores between doing nothing and the bound", lead, sections),
     )
-    write_together({directory / name: each for name, each in zip(FILES, contents, strict=True)})
+    write_together({directory / name: content for name, content in zip(FILES, contents, strict=True)})
     return directory / FILES[-1], scores.markdown()
 
 
@@ -249,15 +249,15 @@ def command(arguments: argparse.Namespace) -> None:
 
 def _rank(settings: SuiteSettings, arguments: argparse.Namespace) -> None:
     """Play and rank entries."""
-    found = entries.load_entries(arguments.entries, settings, arguments.trust)
-    entered, protocol = entries.entered(settings, found), SuiteSettings.load(arguments.config)
+    loaded = entries.load_entries(arguments.entries, settings, arguments.trust)
+    entered, protocol = entries.entered(settings, loaded), SuiteSettings.load(arguments.config)
     try:
-        with commands.played(lambda: prepare(entered, found), FILES, arguments, arguments.entries) as played:
+        with commands.played(lambda: prepare(entered, loaded), FILES, arguments, arguments.entries) as played:
             results = entries.without_failures(played)
-            text, path = entries.write(found, results, *rows(results), protocol)
+            text, path = entries.write(loaded, results, *rows(results), protocol)
             print(f"{text}\n\ntable: {path}")
     finally:
-        for entry in found.values():
+        for entry in loaded.values():
             if entry.process is not None:
                 entry.process.stop()
 

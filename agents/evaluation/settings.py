@@ -97,19 +97,19 @@ class PolicyEntry(BaseSettings):
 
     @model_validator(mode="before")
     @classmethod
-    def _split(cls, given: Any) -> Any:
-        given = json_values(given)
-        own, content = {}, given
-        if isinstance(given, Mapping):
-            own = {key: value for key, value in given.items() if key in cls.model_fields}
-            content = {key: value for key, value in given.items() if key not in own}
+    def _split(cls, entry: Any) -> Any:
+        entry = json_values(entry)
+        own, content = {}, entry
+        if isinstance(entry, Mapping):
+            own = {key: value for key, value in entry.items() if key in cls.model_fields}
+            content = {key: value for key, value in entry.items() if key not in own}
             if "policy" in content:
                 if not hasattr(content["policy"], "predict") or set(content) - {"policy", "action"}:
                     allowed = "an object with predict() as 'policy', with 'action' and the keys of all policies only"
-                    raise checks.refuse("policy", given, allowed)
+                    raise checks.refuse("policy", entry, allowed)
                 content = content if "action" in content else content["policy"]
-        elif not isinstance(given, str) and not hasattr(given, "predict"):
-            raise checks.refuse("policy", given, "a name, the path of a trained policy, or a mapping with 'kind'")
+        elif not isinstance(entry, str) and not hasattr(entry, "predict"):
+            raise checks.refuse("policy", entry, "a name, the path of a trained policy, or a mapping with 'kind'")
         if isinstance(content, Mapping) and "policy" not in content:
             name = kind = content.get("kind")
         elif isinstance(content, str):
@@ -187,9 +187,9 @@ class StudyPolicy(BaseSettings):
 
     @model_validator(mode="before")
     @classmethod
-    def _named(cls, given: Any) -> Any:
-        given = {"policy": given} if isinstance(given, str) else given
-        return {"name": given.get("policy"), **given} if isinstance(given, Mapping) else given
+    def _named(cls, entry: Any) -> Any:
+        entry = {"policy": entry} if isinstance(entry, str) else entry
+        return {"name": entry.get("policy"), **entry} if isinstance(entry, Mapping) else entry
 
 
 class Study(BaseSettings):
@@ -361,18 +361,19 @@ class RunSettings(FileSettings):
 
     def environments(self) -> dict[str, dict[str, Any]]:
         """Return the arguments of the environments by hardware."""
-        return {name: laid_over(self.environment, each.arguments) for name, each in self.machines().items()}
+        return {name: laid_over(self.environment, machine.arguments) for name, machine in self.machines().items()}
 
     def as_written(self) -> dict[str, Any]:
         """Return all of it as JSON values: policies by name, without absolute paths and studies that are not set."""
         values = self.model_dump(exclude={"policies", "processes", "hardware", "held_out", "environment"})
         values = {name: value for name, value in values.items() if value is not None and value != ()}
         hardware = {
-            name: each.arguments | each.model_dump(include={"tasks", "episodes"}, exclude_none=True)
-            for name, each in self.machines().items()
+            name: machine.arguments | machine.model_dump(include={"tasks", "episodes"}, exclude_none=True)
+            for name, machine in self.machines().items()
         }
         policies = {
-            each.name: {"policy": each.content, **each.own} if each.own else each.content for each in self.policies
+            policy.name: {"policy": policy.content, **policy.own} if policy.own else policy.content
+            for policy in self.policies
         }
         return portable({**values, "environment": self.environment, "hardware": hardware, "policies": policies})
 
@@ -435,8 +436,8 @@ class EvaluationSettings(RunSettings):
     @property
     def studies(self) -> dict[str, Study]:
         """The studies by their place in the settings."""
-        found = {} if self.effects is None else {"effects": self.effects}
-        return found | {f"generalisation.{k}": study for k, study in enumerate(self.generalisation)}
+        effects = {} if self.effects is None else {"effects": self.effects}
+        return effects | {f"generalisation.{k}": study for k, study in enumerate(self.generalisation)}
 
     def label(self, place: str) -> str:
         """Return the label of a study in the table of episodes."""
@@ -444,11 +445,11 @@ class EvaluationSettings(RunSettings):
 
     def check(self) -> None:
         super().check()
-        where, entries, load = self.where, {each.name: each for each in self.policies}, self.under_load
+        where, entries, load = self.where, {policy.name: policy for policy in self.policies}, self.under_load
         for place, study in self.studies.items():
             for index, policy in enumerate(study.policies):
                 checks.choice(f"{where}.{place}.policies.{index}", policy.policy, entries)
-            _all_differ(f"{where}.{place}.policies", [each.name for each in study.policies])
+            _all_differ(f"{where}.{place}.policies", [policy.name for policy in study.policies])
         if self.effects is not None:
             checks.choice(f"{where}.effects.task", self.effects.task, self.tasks)
         if load is not None:
@@ -461,7 +462,7 @@ class EvaluationSettings(RunSettings):
             for name in some_of(f"{field}.policies", ladder.policies, entries):
                 if entries[name].curve is None:
                     raise checks.conflict(f"{field}.policies: {name!r} has no curve")
-        _all_differ(f"{where} (name of a study)", [each.name for each in (*self.generalisation, *self.ladders)])
+        _all_differ(f"{where} (name of a study)", [study.name for study in (*self.generalisation, *self.ladders)])
 
     def ladder_hardware(self, ladder: LadderSettings) -> str:
         """Return the hardware of a ladder, by default the first."""
@@ -537,8 +538,8 @@ def _all_differ(field: str, values: Sequence[Any]) -> None:
 def laid_over(environment: Mapping[str, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of an environment on some hardware: ``randomize`` is merged, all else replaced."""
     result = {**environment, **arguments}
-    both = [each.get("randomize") for each in (environment, arguments)]
-    if all(isinstance(each, Mapping) for each in both):
+    both = [mapping.get("randomize") for mapping in (environment, arguments)]
+    if all(isinstance(ranges, Mapping) for ranges in both):
         result["randomize"] = {**both[0], **both[1]}  # type: ignore[dict-item]
     return result
 

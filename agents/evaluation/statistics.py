@@ -87,7 +87,7 @@ def bootstrap(values: np.ndarray, level: float, resamples: int, statistic: Calla
                 method=method,
                 rng=np.random.default_rng(RNG_SEED),
             )
-        low, high = (float(each) for each in result.confidence_interval)
+        low, high = (float(end) for end in result.confidence_interval)
         if np.isfinite([low, high]).all():
             return Interval(low, high, f"{method} bootstrap")
     raise ArithmeticError(f"the bootstrap of {len(values)} values has no finite interval")
@@ -105,12 +105,12 @@ def pigeonhole(statistic: Callable[..., np.ndarray], tables: Sequence[np.ndarray
     rows = np.random.default_rng([RNG_SEED, 1]).integers(runs, size=(draws, runs))[:, :, None]
     columns = np.random.default_rng([RNG_SEED, 0]).integers(episodes, size=(draws, episodes))[:, None, :]
     batch = max(1, BATCH_CELLS // (runs * episodes))
-    found = []
+    batches = []
     for start in range(0, draws, batch):
         some = slice(start, start + batch)
-        cells = [each[rows[some], columns[some]].reshape(-1, runs * episodes) for each in tables]
-        found.append(statistic(*cells))
-    return np.concatenate(found)
+        cells = [table[rows[some], columns[some]].reshape(-1, runs * episodes) for table in tables]
+        batches.append(statistic(*cells))
+    return np.concatenate(batches)
 
 
 def percentiles(draws: np.ndarray, level: float, runs: int) -> Interval:
@@ -134,8 +134,8 @@ def interval_of(
 
 def exact(successes: int, episodes: int, level: float) -> Interval:
     """Return the Clopper-Pearson interval of a proportion."""
-    found = stats.binomtest(successes, episodes).proportion_ci(level, method="exact")
-    return Interval(float(found.low), float(found.high), "Clopper-Pearson")
+    interval = stats.binomtest(successes, episodes).proportion_ci(level, method="exact")
+    return Interval(float(interval.low), float(interval.high), "Clopper-Pearson")
 
 
 def success_interval(success: np.ndarray, level: float, resamples: int) -> Interval:
@@ -146,9 +146,9 @@ def success_interval(success: np.ndarray, level: float, resamples: int) -> Inter
     table = np.atleast_2d(success)
     if table.all() or not table.any():
         return exact(int(table[0].sum()), table.shape[1], level)
-    found = interval_of(table.astype(np.float64), level, resamples)
-    assert found is not None
-    return found
+    interval = interval_of(table.astype(np.float64), level, resamples)
+    assert interval is not None
+    return interval
 
 
 def median_interval(sample: np.ndarray, level: float) -> Interval:
@@ -166,7 +166,7 @@ def quartiles(values: np.ndarray) -> Quartiles:
     finite = values[np.isfinite(values)]
     if not len(finite):
         return Quartiles(np.nan, np.nan, np.nan)
-    return Quartiles(*(float(each) for each in np.percentile(finite, [25.0, 50.0, 75.0])))
+    return Quartiles(*(float(quartile) for quartile in np.percentile(finite, [25.0, 50.0, 75.0])))
 
 
 def iqm(values: np.ndarray, axis: int = -1) -> np.ndarray:
@@ -222,16 +222,16 @@ def iqm_difference(first: np.ndarray, second: np.ndarray, level: float, resample
     return Estimate(value, None if np.ptp(draws) < 1e-9 else percentiles(draws, level, runs))
 
 
-def episode_scores(found: Measured) -> np.ndarray:
+def episode_scores(measured: Measured) -> np.ndarray:
     """Return scores in [0, 1] (episodes,); nan where no bound is known.
 
     Least possible time over time to goal, 0 without success (success weighted by path length, Anderson et al., "On evaluation
     of embodied navigation agents", 2018, with times for lengths). Where parts come and go: good parts over their bound.
     """
-    if np.isfinite(found.rate_bound).all():
-        return found.rate_over_bound
-    times = np.where(found.success, found.time_to_goal, 1.0)
-    return np.where(found.success, found.bound / times, 0.0 * found.bound)
+    if np.isfinite(measured.rate_bound).all():
+        return measured.rate_over_bound
+    times = np.where(measured.success, measured.time_to_goal, 1.0)
+    return np.where(measured.success, measured.bound / times, 0.0 * measured.bound)
 
 
 def suite_score(tasks: Sequence[np.ndarray]) -> float:
@@ -254,7 +254,7 @@ def suite_interval(tasks: Sequence[np.ndarray], level: float, resamples: int) ->
             means[k] = sample.mean(axis=axis)
         return iqm(np.stack(means), axis=0)
 
-    found = stats.bootstrap(
+    interval = stats.bootstrap(
         [tasks[k] for k in varied],
         score,
         confidence_level=level,
@@ -263,4 +263,4 @@ def suite_interval(tasks: Sequence[np.ndarray], level: float, resamples: int) ->
         method="percentile",
         rng=np.random.default_rng(RNG_SEED),
     ).confidence_interval
-    return Interval(float(found.low), float(found.high), "stratified percentile bootstrap over episodes")
+    return Interval(float(interval.low), float(interval.high), "stratified percentile bootstrap over episodes")

@@ -101,16 +101,16 @@ class Place(NamedTuple):
 PLACE = list(Place._fields)
 
 
-def frame(found: Outcomes) -> pd.DataFrame:
+def frame(outcomes: Outcomes) -> pd.DataFrame:
     """Return the episodes of one policy's rollout: seed, metrics, score and timing."""
-    columns: dict[str, Any] = {"seed": found.seeds}
+    columns: dict[str, Any] = {"seed": outcomes.seeds}
     for name, what in METRICS.items():
-        applies = name in ENDS or isinstance(found, Measured)
-        value = found.fact(what) if name in OWN else getattr(found, what, np.nan)
+        applies = name in ENDS or isinstance(outcomes, Measured)
+        value = outcomes.fact(what) if name in OWN else getattr(outcomes, what, np.nan)
         columns[name] = np.asarray(value if applies else np.nan, dtype=np.float64)[()]
-    columns["score"] = episode_scores(found) if isinstance(found, Measured) else np.nan
-    columns |= {name: float(getattr(found.timing, what)) for name, what in TIMING.items()}
-    return pd.DataFrame(columns, index=pd.RangeIndex(len(found.seeds)))
+    columns["score"] = episode_scores(outcomes) if isinstance(outcomes, Measured) else np.nan
+    columns |= {name: float(getattr(outcomes.timing, what)) for name, what in TIMING.items()}
+    return pd.DataFrame(columns, index=pd.RangeIndex(len(outcomes.seeds)))
 
 
 def places(episodes: pd.DataFrame, study: str | None = None) -> dict[Place, pd.DataFrame]:
@@ -217,13 +217,13 @@ class Quantity:
         """Return its columns of a table of statistics: a mean, or quartiles of the finite values."""
         if not self.median:
             return {self.name: mean(episodes, self.column)}
-        found = quartiles(values(episodes, self.column))
-        return {self.name.replace("median", q): v for q, v in zip(("q25", "median", "q75"), found, strict=True)}
+        result = quartiles(values(episodes, self.column))
+        return {self.name.replace("median", q): v for q, v in zip(("q25", "median", "q75"), result, strict=True)}
 
     def sample(self, episodes: pd.DataFrame) -> np.ndarray:
         """Return the finite values (n,)."""
-        found = values(episodes, self.column)
-        return found[np.isfinite(found)]
+        column = values(episodes, self.column)
+        return column[np.isfinite(column)]
 
     def value(self, sample: np.ndarray) -> float:
         """Return the figure of a sample with at least one value."""
@@ -260,7 +260,7 @@ QUANTITIES = (
 )
 """Published figures, where they apply. Tables of pages have the number of falls instead of their rate."""
 
-BY_NAME = {each.name: each for each in QUANTITIES}
+BY_NAME = {figure.name: figure for figure in QUANTITIES}
 
 
 def summary(episodes: pd.DataFrame, level: float = 0.95, resamples: int = 9999) -> dict[str, Any]:
@@ -323,20 +323,20 @@ def difference(
     Raises:
         ValueError: the policies were not played on the same seeds.
     """
-    seeds = [by_run(each, "seed") for each in (first, second)]
+    seeds = [by_run(episodes, "seed") for episodes in (first, second)]
     if seeds[0].shape[1:] != seeds[1].shape[1:] or len(seeds[1]) != 1 or (seeds[0] != seeds[1]).any():
         raise checks.conflict("a comparison requires the same episodes of both policies")
     times, collisions = (by_run(first, name) - by_run(second, name) for name in ("time_to_goal_s", "collisions"))
-    mine, theirs = (by_run(each, "success") > 0.0 for each in (first, second))
-    found = {
+    mine, theirs = (by_run(episodes, "success") > 0.0 for episodes in (first, second))
+    estimates = {
         "success": success_difference(mine, theirs, level, resamples),
         "both": int(np.isfinite(times).sum()),
         "time": mean_difference(times, level, resamples),
     }
     if middle:
-        found["iqm"] = iqm_difference(limited_times(first), limited_times(second), level, resamples)
-        found["collisions"] = mean_difference(collisions, level, resamples)
-    return found
+        estimates["iqm"] = iqm_difference(limited_times(first), limited_times(second), level, resamples)
+        estimates["collisions"] = mean_difference(collisions, level, resamples)
+    return estimates
 
 
 def ends(name: str, interval: Interval | None, unit: str = "") -> dict[str, float]:
@@ -386,13 +386,13 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Mapping):
-        return {str(key): plain(each) for key, each in value.items()}
+        return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(each) for each in value]
+        return [plain(entry) for entry in value]
     return value if isinstance(value, str | int | float | bool | None) else repr(value)
 
 
 def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     """Return a table in Markdown."""
-    rows = [heads, ["-" * len(each) for each in heads], *lines]
+    rows = [heads, ["-" * len(head) for head in heads], *lines]
     return "\n".join("| " + " | ".join(cells) + " |" for cells in rows)

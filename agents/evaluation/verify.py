@@ -69,13 +69,13 @@ def check(episodes: pd.DataFrame, published: pd.DataFrame) -> pd.DataFrame:
     Returns:
         A row for every figure, see :data:`TESTED`: values, and the chance of such a difference; it agrees if that is likely.
     """
-    known, found = samples(published), []
+    known, rows = samples(published), []
     for (place, figure), now in samples(episodes).items():
         if (before := known.get((place, figure))) is not None:
             chance = chance_of(before, now, figure.rate)
-            found.append([*place, figure.name, len(now), figure.value(before), figure.value(now), chance, True])
-    tested = pd.DataFrame(found, columns=TESTED)
-    return tested.assign(agrees=tested["chance"] > ALPHA / max(len(found), 1))
+            rows.append([*place, figure.name, len(now), figure.value(before), figure.value(now), chance, True])
+    tested = pd.DataFrame(rows, columns=TESTED)
+    return tested.assign(agrees=tested["chance"] > ALPHA / max(len(rows), 1))
 
 
 def chance_of(before: np.ndarray, now: np.ndarray, rate: bool) -> float:
@@ -86,8 +86,8 @@ def chance_of(before: np.ndarray, now: np.ndarray, rate: bool) -> float:
         return float(exact.pvalue)
     if np.ptp(np.concatenate([before, now])) == 0.0:
         return 1.0
-    found: Any = stats.mannwhitneyu(before, now)
-    return float(found.pvalue)
+    test: Any = stats.mannwhitneyu(before, now)
+    return float(test.pvalue)
 
 
 def _new_seeds(published: pd.DataFrame, episodes: int, first_seed: int | None) -> list[int]:
@@ -104,26 +104,26 @@ def _new_seeds(published: pd.DataFrame, episodes: int, first_seed: int | None) -
 
 def _chosen(published: pd.DataFrame, **wanted: Sequence[str] | None) -> pd.DataFrame:
     """Return the published episodes of the places to play; raise ValueError if there are none."""
-    found = published
+    chosen = published
     for label, names in wanted.items():
         known = tuple(published[label].unique())
         for name in names or ():
             checks.choice(f"--{label}", name, known)
-        found = found.loc[np.isin(values(found, label), names or known)]
-    if not len(found):
+        chosen = chosen.loc[np.isin(values(chosen, label), names or known)]
+    if not len(chosen):
         tasks, policies = (wanted[label] or () for label in ("task", "policy"))
         raise checks.conflict(f"--policy: none of {list(policies)} ran on {', '.join(tasks)}")
-    return found
+    return chosen
 
 
 def _cases(published: Published, chosen: pd.DataFrame, seeds: Sequence[int], again: int) -> list[Case]:
     """Return the cases of the first ``again`` published episodes and the new ones in every place."""
-    known, found = {case.place: case for case in cases(published.settings)}, []
+    known, planned = {case.place: case for case in cases(published.settings)}, []
     for place, some in places(chosen).items():
         if place not in known:
             raise checks.unknown(f"place in {published.directory / EPISODE_FILE}", str(place), known)
-        found.append(replace(known[place], seeds=[*some["seed"][:again].tolist(), *seeds], pictures=()))
-    return found
+        planned.append(replace(known[place], seeds=[*some["seed"][:again].tolist(), *seeds], pictures=()))
+    return planned
 
 
 def differences(published: Published) -> list[str]:
@@ -140,14 +140,14 @@ def differences(published: Published) -> list[str]:
         now = _digest(path)
         text = f"{path}: {'missing' if now is None else 'changed'} since results were published"
         digests.append((text, known, now))
-    found = [text for text, known, now in digests if known != now]
+    lines = [text for text, known, now in digests if known != now]
     path = Path(str(record.get("config")))
     try:
-        both = (written_settings(each) for each in (published.settings, EvaluationSettings.load(path)))
-        found += [f"{path}: other {each} than published" for each in changed_settings(*both)]
+        both = (written_settings(settings) for settings in (published.settings, EvaluationSettings.load(path)))
+        lines += [f"{path}: other {name} than published" for name in changed_settings(*both)]
     except ValueError as error:
-        found.append(str(error))
-    return found + _figures(published)
+        lines.append(str(error))
+    return lines + _figures(published)
 
 
 def _digest(path: str | Path) -> str | None:
@@ -164,11 +164,11 @@ def _figures(published: Published) -> list[str]:
     both = published.figures.merge(follow, how="outer", on=[*PLACE, "figure"], suffixes=("_published", ""))
     # The last digit of a sum depends on the order of additions.
     apart = both.loc[~np.isclose(both["value_published"], both["value"], rtol=1e-9, atol=1e-12)]
-    found = []
+    lines = []
     for row in apart.iloc[:MAX_LINES].itertuples(index=False):
         stands, follows = ("nothing" if math.isnan(v) else f"{v:g}" for v in (row.value_published, row.value))
-        found.append(f"{path}: {Place(*row[:4])}: {row.figure} is {stands}; {follows} follows from the episodes")
-    return [*found, f"{path}: {len(apart) - MAX_LINES} more figures"] if len(apart) > MAX_LINES else found
+        lines.append(f"{path}: {Place(*row[:4])}: {row.figure} is {stands}; {follows} follows from the episodes")
+    return [*lines, f"{path}: {len(apart) - MAX_LINES} more figures"] if len(apart) > MAX_LINES else lines
 
 
 def _text(figure: str, value: float) -> str:
@@ -200,10 +200,10 @@ def _lines(record: Mapping[str, Any], tested: pd.DataFrame, again: pd.DataFrame,
         now, before = (_text(row.figure, value) for value in (row.found, row.published))
         text = f"{BY_NAME[row.figure].label} {now} of {row.episodes} episodes, published {before}"
         lines.append(f"apart: {Place(*row[:4])}: {text}, by chance with {row.chance:.1e}")
-    lines += [f"different: {each}" for each in different]
+    lines += [f"different: {line}" for line in different]
     then, now = {**record["versions"], "commit": record.get("commit")}, {**versions(), "commit": commit()}
     lines += [
-        f"version: {each} {then.get(each) or 'none'}, here {now.get(each) or 'none'}" for each in changed(then, now)
+        f"version: {name} {then.get(name) or 'none'}, here {now.get(name) or 'none'}" for name in changed(then, now)
     ]
     if len(again):
         same = f"{again['same'].sum()} of {len(again)}"

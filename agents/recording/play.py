@@ -32,7 +32,7 @@ def play(policy: Any, env: Any, seeds: Sequence[int]) -> Iterator[Episode]:
     """
     before, drawn = None, dict[str, np.ndarray]()
     history: list[tuple[Any, np.ndarray, np.ndarray]] = []  # observation before, action and reward of each step
-    waiting, given = dict[int, Episode](), 0
+    waiting, due = dict[int, Episode](), 0
 
     def began(fresh: np.ndarray, observation: Any, info: dict[str, Any]) -> None:
         nonlocal before
@@ -57,13 +57,13 @@ def play(policy: Any, env: Any, seeds: Sequence[int]) -> Iterator[Episode]:
                 {name: np.copy(value[world]) for name, value in drawn.items()},
             )
         del history[: -step.age[step.playing].max()]  # no episode needs it
-        while given in waiting:
-            yield waiting.pop(given)
-            given += 1
+        while due in waiting:
+            yield waiting.pop(due)
+            due += 1
 
 
 def _of_world(steps: Sequence[Any], world: int) -> Any:
     """Return the values of a world at all steps: an array (steps, ...), or a dictionary of such."""
     if isinstance(steps[0], dict):
-        return {name: np.stack([each[name][world] for each in steps]) for name in steps[0]}
-    return np.stack([each[world] for each in steps])
+        return {name: np.stack([step[name][world] for step in steps]) for name in steps[0]}
+    return np.stack([step[world] for step in steps])

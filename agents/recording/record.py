@@ -132,7 +132,7 @@ class Actor:
             for world in np.flatnonzero(episode_start):  # take the seeds in the order of the worlds
                 self._noise[world] = np.random.default_rng([next(self._seeds), 1])
             action = action + self.settings.noise * np.stack(
-                [each.standard_normal(action.shape[1]) for each in self._noise]
+                [generator.standard_normal(action.shape[1]) for generator in self._noise]
             )
         space = self.env.single_action_space
         return np.clip(action, space.low, space.high).astype(np.float32), state
@@ -184,24 +184,24 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
 
 def _policy(settings: RecordSettings) -> tuple[Policy, dict[str, Any]]:
     """Return the policy and the arguments of its environment."""
-    given = dict(settings.environment)
-    action = given.pop("action", None)
-    with closing(batch_of(settings.task, num_envs=1, **given)) as env:
+    environment = dict(settings.environment)
+    action = environment.pop("action", None)
+    with closing(batch_of(settings.task, num_envs=1, **environment)) as env:
         policy = make_policy(settings.policy, TaskInfo.of(env), settings.first_seed)
     checks.choice("environment.action", action or policy.action, (policy.action,))
-    return policy, {**given, "action": policy.action}
+    return policy, {**environment, "action": policy.action}
 
 
 def _write(settings: RecordSettings, policy: Policy, arguments: dict[str, Any], quiet: bool) -> int:
     """Record episodes in Minari's current directory; return the number of steps."""
-    name, given = environment_id(settings.task), {**arguments, "observation": settings.observation}
+    name, environment = environment_id(settings.task), {**arguments, "observation": settings.observation}
     spec = copy.deepcopy(gym.registry.get(name))
     if spec is not None:  # a task by name has none
-        spec.kwargs.update(given)
+        spec.kwargs.update(environment)
     count = min(settings.worlds, settings.episodes)
     with (
-        closing(worlds_of(settings.task, count, **given)) as env,
-        closing(worlds_of(settings.task, WORLDS, **given)) as other,
+        closing(worlds_of(settings.task, count, **environment)) as env,
+        closing(worlds_of(settings.task, WORLDS, **environment)) as other,
     ):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # about the missing author and permanent link

@@ -53,8 +53,8 @@ def replayed(episodes: Iterable[Episode], env: Any) -> Iterator[Episode]:
     remaining = iter(episodes)
     while group := list(itertools.islice(remaining, WORLDS)):
         worlds = group + [group[-1]] * (WORLDS - len(group))
-        policy = RecordedActions([each.actions for each in worlds])
-        for episode, now in zip(group, play(policy, env, [each.seed for each in worlds]), strict=False):
+        policy = RecordedActions([world.actions for world in worlds])
+        for episode, now in zip(group, play(policy, env, [world.seed for world in worlds]), strict=False):
             _compare(episode, now)
         yield from group
 
@@ -97,10 +97,10 @@ def opened(name: str, directory: Path | None = None) -> Iterator[Recorded]:
     """
     with kept_in(None if directory is None else str(directory)):
         try:
-            found = minari.load_dataset(name)
+            dataset = minari.load_dataset(name)
         except (FileNotFoundError, ValueError) as error:
             raise checks.refuse("dataset", name, f"the name of a local data set ({error})") from None
-        about = found.storage.metadata
+        about = dataset.storage.metadata
         if SCENE not in about or "settings" not in about:
             raise checks.conflict(f"{name} was not recorded by python -m agents record")
         settings, scene = json.loads(about["settings"]), json.loads(about[SCENE])
@@ -108,7 +108,7 @@ def opened(name: str, directory: Path | None = None) -> Iterator[Recorded]:
             raise checks.refuse(f"{name}: version", scene["vibgym"], f"this version of vibgym, {vibgym.__version__}")
         arguments = {**settings["environment"], "action": scene["action"], "observation": scene["observation"]}
         with closing(worlds_of(settings["task"], WORLDS, **arguments)) as env:
-            yield Recorded(found, settings, scene, env)
+            yield Recorded(dataset, settings, scene, env)
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:

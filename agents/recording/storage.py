@@ -31,14 +31,14 @@ def write(dataset: Any, episodes: Iterable[Episode]) -> float:
     returns, metadata = list[float](), list[dict[str, Any]]()
 
     def buffers() -> Iterator[EpisodeBuffer]:
-        for each in episodes:
-            returns.append(float(each.rewards.sum()))
-            drawn = {f"drawn_{name}": value for name, value in each.drawn.items()}
-            metadata.append({"success": each.success, **drawn})
-            ends = np.zeros((2, len(each.rewards)), dtype=bool)
-            ends[:, -1] = each.terminated, each.truncated
-            data: Any = each.observations, each.actions, each.rewards, *ends
-            yield EpisodeBuffer(None, each.seed, None, *data)
+        for episode in episodes:
+            returns.append(float(episode.rewards.sum()))
+            drawn = {f"drawn_{name}": value for name, value in episode.drawn.items()}
+            metadata.append({"success": episode.success, **drawn})
+            ends = np.zeros((2, len(episode.rewards)), dtype=bool)
+            ends[:, -1] = episode.terminated, episode.truncated
+            data: Any = episode.observations, episode.actions, episode.rewards, *ends
+            yield EpisodeBuffer(None, episode.seed, None, *data)
 
     dataset.storage.update_episodes(buffers())
     dataset.storage.update_episode_metadata(metadata)
@@ -47,10 +47,10 @@ def write(dataset: Any, episodes: Iterable[Episode]) -> float:
 
 def read(dataset: Any) -> Iterator[Episode]:
     """Yield the episodes of a data set as they were recorded, without randomized values."""
-    for each in dataset.iterate_episodes():
-        (own,) = dataset.storage.get_episode_metadata([each.id])
-        ends = bool(each.terminations[-1]), bool(each.truncations[-1]), bool(own["success"])
-        yield Episode(int(own["seed"]), each.observations, each.actions, each.rewards, *ends, {})
+    for episode in dataset.iterate_episodes():
+        (own,) = dataset.storage.get_episode_metadata([episode.id])
+        ends = bool(episode.terminations[-1]), bool(episode.truncations[-1]), bool(own["success"])
+        yield Episode(int(own["seed"]), episode.observations, episode.actions, episode.rewards, *ends, {})
 
 
 @contextmanager

@@ -22,10 +22,10 @@ class Commands:
     def __init__(self, template: Drive, worlds: int, room: int) -> None:
         self.worlds, self.room = worlds, room
         self._mode = template.mode
-        given = template._asdict()
+        arrays = template._asdict()
         self._rows = {
             name: np.zeros((room * worlds, *values.shape[1:]), dtype=values.dtype)
-            for name, values in given.items()
+            for name, values in arrays.items()
             if isinstance(values, np.ndarray) and values.size
         }
         self._count = np.zeros(1, dtype=np.int64)  # steps in total

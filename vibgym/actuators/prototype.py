@@ -119,26 +119,26 @@ class PrototypeActuators(ActuatorStage):
     def __init__(self, surface: Surface, worlds: int, periods: int, settings: Settings | None = None) -> None:
         super().__init__(surface, worlds, periods, settings)
         assert surface.max_amplitude is not None
-        given = self.settings
+        own = self.settings
         self.most = most = surface.max_amplitude
-        self.latency = given.latency
-        self._faults = dead, stuck = _places("dead", given.dead, surface), _places("stuck", given.stuck, surface)
+        self.latency = own.latency
+        self._faults = dead, stuck = _places("dead", own.dead, surface), _places("stuck", own.stuck, surface)
         if {*map(tuple, dead[:, :2])} & {*map(tuple, stuck[:, :2])}:
             raise checks.conflict("actuators.stuck and actuators.dead must name different elements")
         self._numbers = {
-            **{name: getattr(given, name) for name in self.VARIED},
-            "limit": most if given.limit is None else given.limit,
-            "latency": float(given.latency),
-            "bandwidth": math.inf if given.bandwidth is None else given.bandwidth,
-            "dead": 0.0 if isinstance(given.dead, tuple) else given.dead,
-            "stuck": 0.0 if isinstance(given.stuck, tuple) else given.stuck,
+            **{name: getattr(own, name) for name in self.VARIED},
+            "limit": most if own.limit is None else own.limit,
+            "latency": float(own.latency),
+            "bandwidth": math.inf if own.bandwidth is None else own.bandwidth,
+            "dead": 0.0 if isinstance(own.dead, tuple) else own.dead,
+            "stuck": 0.0 if isinstance(own.stuck, tuple) else own.stuck,
         }
         for name in ("dead_zone", "limit", "resolution"):
             checks.number(f"actuators.{name}", self._numbers[name], most=most)
         _check_dead_zone("actuators.dead_zone", self._numbers["dead_zone"], self._numbers["limit"])
         _check_shares("actuators.stuck", self._numbers["stuck"], self._numbers["dead"])
         self._response = self._complex_response()
-        compensated = given.compensate and self._response is not None
+        compensated = own.compensate and self._response is not None
         self._inverse = inverse_of(self._response, (surface.rows, surface.columns)) if compensated else None
         self._ranges: dict[str, tuple[float, float]] = {}
         self._own = {name: np.full(worlds, value) for name, value in self._numbers.items()}
@@ -150,8 +150,8 @@ class PrototypeActuators(ActuatorStage):
         if elements is None:
             return None if gain == 1.0 and phase == 0.0 else np.array(gain * np.exp(1j * phase))
         shape = (self.surface.rows, self.surface.columns, 2)
-        each = checks.shaped("actuators.elements", elements, (shape,), "an array", " (rows, columns, gain and phase)")
-        return gain * each[..., 0] * np.exp(1j * (phase + each[..., 1]))
+        own = checks.shaped("actuators.elements", elements, (shape,), "an array", " (rows, columns, gain and phase)")
+        return gain * own[..., 0] * np.exp(1j * (phase + own[..., 1]))
 
     @property
     def _scale(self) -> float:
@@ -183,8 +183,8 @@ class PrototypeActuators(ActuatorStage):
             where = f"randomize[{name!r}]"
             low, high = checks.interval(where, value, *bounds[name])
             if name == "latency":
-                for k, each in enumerate((low, high)):
-                    checks.count(f"{where}[{k}]", int(each) if each == int(each) else each, least=0)
+                for k, end in enumerate((low, high)):
+                    checks.count(f"{where}[{k}]", int(end) if end == int(end) else end, least=0)
             inside[name] = (low, high)
         ends = {name: inside.get(name, (value, value)) for name, value in self._numbers.items()}
         name = "dead_zone" if "dead_zone" in inside else "limit"
@@ -201,7 +201,7 @@ class PrototypeActuators(ActuatorStage):
         self.most_latency, self._room = most, -(-most // self.periods) + 1
         # Instants of a step at which the command of any world may change. The step is split at all of them in all worlds: the
         # rounding of the averaged model depends on the splits, and a world's result must not depend on other worlds.
-        self._edges = sorted({0, self.periods, *(each % self.periods for each in range(least, most + 1))})
+        self._edges = sorted({0, self.periods, *(delay % self.periods for delay in range(least, most + 1))})
         self._lagging = math.isfinite(self._numbers["bandwidth"]) or "bandwidth" in self._ranges
         keyed = self.settings.seed is None
         self.draws = (KEY_DRAWS if keyed else 0) + len(self._ranges)
@@ -232,7 +232,7 @@ class PrototypeActuators(ActuatorStage):
 
     def prepare(self, command: Drive) -> None:
         command = self.compensated(command)
-        step = sum(each.nbytes for each in command if isinstance(each, np.ndarray))
+        step = sum(array.nbytes for array in command if isinstance(array, np.ndarray))
         checks.fitting("actuators.latency", self.most_latency, step / self.periods)
         self._commands = Commands(command, self.worlds, self._room)
 
@@ -241,7 +241,7 @@ class PrototypeActuators(ActuatorStage):
         own, scale = self._own_sheet, self._scale
         if scale == 1.0:
             return own
-        limit, zone, resolution = (scale * each for each in (own.limit, own.dead_zone, own.resolution))
+        limit, zone, resolution = (scale * length for length in (own.limit, own.dead_zone, own.resolution))
         return replace(own, limit=min(limit, self.most), dead_zone=zone, resolution=resolution)
 
     @property

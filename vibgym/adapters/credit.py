@@ -9,8 +9,8 @@ from gymnasium import wrappers
 from gymnasium.vector import VectorActionWrapper, VectorObservationWrapper, VectorWrapper
 
 _KEEP = {
-    each.step
-    for each in (
+    wrapper.step
+    for wrapper in (
         gym.Wrapper, gym.ObservationWrapper, gym.ActionWrapper, wrappers.TimeLimit, wrappers.OrderEnforcing,
         wrappers.PassiveEnvChecker, wrappers.RecordEpisodeStatistics, wrappers.RecordVideo, wrappers.HumanRendering,
         VectorWrapper, VectorObservationWrapper, VectorActionWrapper, wrappers.vector.RecordEpisodeStatistics,

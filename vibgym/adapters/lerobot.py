@@ -53,8 +53,8 @@ def names_of(env: SharedInterface, kind: str) -> dict[str, list[str]]:
 
     slots = env.core.task.slots
     if kind == "state":
-        rows, each = env.observation_layout, env.core.observation.layout.block
-        named = [name for row in rows for name in values(f"part_{row.start // each}", row.name, row.width)]
+        rows, block = env.observation_layout, env.core.observation.layout.block
+        named = [name for row in rows for name in values(f"part_{row.start // block}", row.name, row.width)]
         return {AGENT: named, WORLD: named}
     named = [
         name for p in range(slots) for row in env.parts_layout for name in values(f"part_{p}", row.name, row.width)
@@ -96,9 +96,9 @@ class LeRobotEnv(gym.Wrapper[dict[str, np.ndarray], Any, Any, Any]):
             {key: gym.spaces.Box(-1.0, 1.0, (len(names),), np.float32) for key, names in named.items()}
         )
 
-    def reset(self, **given: Any) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    def reset(self, **arguments: Any) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """See :class:`vibgym.envs.VibgymEnv`."""
-        seen, info = self.env.reset(**given)
+        seen, info = self.env.reset(**arguments)
         return observation_from(self.kind, seen), info
 
     def step(self, action: Any) -> tuple[dict[str, np.ndarray], Any, bool, bool, dict[str, Any]]:

@@ -190,11 +190,11 @@ class PartsParallelEnv(ParallelEnv):
             got = sorted(map(str, actions)) if isinstance(actions, Mapping) else actions
             raise checks.refuse("actions", got, f"a mapping with exactly the keys {', '.join(self.agents)}")
         together = np.zeros((len(self._base.parts), self._share), dtype=np.float32)
-        for agent, given in actions.items():
+        for agent, action in actions.items():
             name, allowed = f"actions[{agent!r}]", f"finite numbers of shape {(self._share,)} or {self._shape}"
-            values = checks.shaped(name, given, ((self._share,), self._shape), "finite numbers")
+            values = checks.shaped(name, action, ((self._share,), self._shape), "finite numbers")
             if not np.isfinite(values).all():
-                raise checks.refuse(name, given, allowed)
+                raise checks.refuse(name, action, allowed)
             together[self._part(agent)] = np.clip(values, -1.0, 1.0).ravel()
         together[~self._playing] = 0.0
         return together.ravel()

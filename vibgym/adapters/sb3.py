@@ -73,7 +73,7 @@ class VecEnv(vec_env.VecEnv):
                 got = f"{env.single_observation_space} and {env.single_action_space}"
                 raise checks.refuse("scenes", got, f"scenes with the same spaces, {space} and {actions}")
         boxes = space.values() if isinstance(space, gym.spaces.Dict) else (space,)
-        if not all(isinstance(each, gym.spaces.Box | gym.spaces.MultiBinary) for each in boxes):
+        if not all(isinstance(box, gym.spaces.Box | gym.spaces.MultiBinary) for box in boxes):
             raise checks.Refused(
                 f"env: observation is {space}; allowed: a box, or a dictionary of boxes and binary arrays"
             )
@@ -88,7 +88,7 @@ class VecEnv(vec_env.VecEnv):
         self.keeps_rewards, self.credits_parts = all(map(keeps_rewards, envs)), all(map(credits_parts, envs))
         self.part_reward = np.zeros((self.num_envs, len(self.env.parts)))
         self.part_cost = np.zeros_like(self.part_reward)
-        self._costs = all(getattr(getattr(each.unwrapped, "core", None), "costs", None) is not None for each in envs)
+        self._costs = all(getattr(getattr(env.unwrapped, "core", None), "costs", None) is not None for env in envs)
         self._cost = np.zeros(self.num_envs)
 
     def reset(self) -> Any:
@@ -116,18 +116,18 @@ class VecEnv(vec_env.VecEnv):
 
     def step_wait(self) -> Any:
         steps = [env.step(self._actions[own]) for env, own in zip(self.envs, self._slices, strict=True)]
-        reward, terminated, truncated = (_joined([each[k] for each in steps]) for k in (1, 2, 3))
+        reward, terminated, truncated = (_joined([step[k] for step in steps]) for k in (1, 2, 3))
         done = terminated | truncated
         self._return += reward
         self._length += 1
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         self.part_reward = np.repeat(reward[:, None], len(self.env.parts), axis=1)
         if self.credits_parts:
-            self.part_reward = _joined([each[4]["parts"]["reward"] for each in steps])
+            self.part_reward = _joined([step[4]["parts"]["reward"] for step in steps])
         if self._costs:
-            self.part_cost = _joined([each[4]["parts"]["cost"] for each in steps])
-            for own, each in zip(self._slices, steps, strict=True):
-                self._cost[own] += np.where(done[own], 0.0, each[4]["cost"])
+            self.part_cost = _joined([step[4]["parts"]["cost"] for step in steps])
+            for own, step in zip(self._slices, steps, strict=True):
+                self._cost[own] += np.where(done[own], 0.0, step[4]["cost"])
         for own, (_, _, _, _, info) in zip(self._slices, steps, strict=True):
             ended = np.flatnonzero(done[own]).tolist()
             if not ended:
@@ -148,7 +148,7 @@ class VecEnv(vec_env.VecEnv):
                     infos[world]["episode"]["c"] = float(self._cost[world] + final["cost"][k])
         for values in (self._return, self._length, self._cost):
             values[done] = 0
-        return _joined([each[0] for each in steps]), reward.astype(np.float32), done, infos
+        return _joined([step[0] for step in steps]), reward.astype(np.float32), done, infos
 
     def get_state(self) -> dict[str, Any]:
         """Return a snapshot that continues bit for bit."""
@@ -248,5 +248,5 @@ def _joined(batches: list[Any]) -> Any:
     if len(batches) == 1:
         return batches[0]
     if isinstance(batches[0], dict):
-        return {name: np.concatenate([each[name] for each in batches]) for name in batches[0]}
+        return {name: np.concatenate([batch[name] for batch in batches]) for name in batches[0]}
     return np.concatenate(batches)

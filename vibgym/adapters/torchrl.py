@@ -124,23 +124,23 @@ class BatchEnv(EnvBase):
         seeds = [seed if begins else None for seed, begins in zip(self._seeds, mask)]
         seen, info = self.env.reset(seed=seeds, options=None if mask.all() else {"reset_mask": mask})
         self._seeds = [None if begins else seed for seed, begins in zip(self._seeds, mask)]
-        found = self._observed(seen, info, np.zeros((self.batch_size[0], self._parts), dtype=np.float32))
+        result = self._observed(seen, info, np.zeros((self.batch_size[0], self._parts), dtype=np.float32))
         worlds = torch.zeros((*self.batch_size, 1), dtype=torch.bool, device=self.device)
-        return found.update({name: worlds.clone() for name in ("done", "terminated", "truncated", "success")})
+        return result.update({name: worlds.clone() for name in ("done", "terminated", "truncated", "success")})
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         chosen: Any = tensordict[GROUP, "action"]
-        given = chosen.detach().cpu().numpy()
-        action = np.zeros((len(given), self._parts, self._numbers), dtype=np.float32)
-        action[:, self._driven] = given
-        seen, reward, terminated, truncated, info = self.env.step(action.reshape(len(given), -1))
+        driven = chosen.detach().cpu().numpy()
+        action = np.zeros((len(driven), self._parts, self._numbers), dtype=np.float32)
+        action[:, self._driven] = driven
+        seen, reward, terminated, truncated, info = self.env.step(action.reshape(len(driven), -1))
         own = info["parts"]["reward"] if self._credits else np.repeat(reward[:, None], self._parts, axis=1)
-        found = self._observed(seen, info, info["parts"]["cost"] if self._costs else None)
-        found[GROUP, "reward"] = self._agents(own)
+        result = self._observed(seen, info, info["parts"]["cost"] if self._costs else None)
+        result[GROUP, "reward"] = self._agents(own)
         flags = {"terminated": terminated, "truncated": truncated, "done": terminated | truncated}
         for name, values in (*flags.items(), ("success", info["is_success"])):
-            found[name] = torch.as_tensor(values, device=self.device)[:, None]
-        return found
+            result[name] = torch.as_tensor(values, device=self.device)[:, None]
+        return result
 
     def _observed(self, seen: dict[str, np.ndarray], info: dict[str, Any], cost: Any) -> TensorDict:
         """Return the keys of the group of an instant."""

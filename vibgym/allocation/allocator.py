@@ -114,8 +114,8 @@ class Allocator:
         """Overwrite ``push`` (worlds, ...) with :meth:`pushes`, or with their phasors."""
         usual = self._usual
         gain, spread = usual[0] if gain is None else gain, usual[1] if spread is None else spread
-        given = (np.ascontiguousarray(each) for each in (pose, present, wanted, gain, spread))
-        problem = Problem(self.outlines, self._limits, *given)
+        arrays = (np.ascontiguousarray(array) for array in (pose, present, wanted, gain, spread))
+        problem = Problem(self.outlines, self._limits, *arrays)
         by_element = push.reshape(len(push), -1, 2)
 
         def work(start: int, stop: int) -> None:
@@ -134,9 +134,9 @@ class Allocator:
         """
         worlds = len(push)
         effect = np.empty((worlds, len(self.parts), 3))
-        given = (np.ascontiguousarray(each) for each in (pose, present, push.reshape(worlds, -1, 2)))
+        arrays = (np.ascontiguousarray(array) for array in (pose, present, push.reshape(worlds, -1, 2)))
         gain = np.ascontiguousarray(self._usual[0] if gain is None else gain)
-        effects(self.outlines, *given, gain, new_pieces(self.surface, self.parts), effect)
+        effects(self.outlines, *arrays, gain, new_pieces(self.surface, self.parts), effect)
         return effect
 
     def reach(self, pose: np.ndarray) -> np.ndarray:

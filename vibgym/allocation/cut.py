@@ -63,7 +63,7 @@ def new_pieces(surface: Surface, parts: Sequence[Part]) -> Pieces:
     """Allocate the pieces of one world."""
     largest = Kinds.of(parts).largest(lambda part: part.radius)
     across = [math.floor(2.0 * part.radius / surface.element_size) + 2 for part in largest]
-    room, corners = sum(each**2 for each in across), max(len(part.outline) for part in Kinds.of(parts).every)
+    room, corners = sum(count**2 for count in across), max(len(part.outline) for part in Kinds.of(parts).every)
     # Rounding may place the outline in one more row and column.
     cells, box = np.zeros(((max(across) + 1) ** 2, MOMENTS)), np.zeros(4, dtype=np.int64)
     (part, element), (x, y) = np.zeros((2, room), dtype=np.int64), np.zeros((2, corners))

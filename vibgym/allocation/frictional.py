@@ -105,7 +105,7 @@ def coefficients() -> np.ndarray:
         c[1, 1, 1] + c[2, 1, 2],
         c[1, 2, 0] + c[2, 2, 2],
     ]
-    table = [d, across, along, *(-each for each in second), inverse_slip, s * inverse_slip - d]
+    table = [d, across, along, *(-coefficient for coefficient in second), inverse_slip, s * inverse_slip - d]
     result = np.ascontiguousarray(np.stack(table, axis=-1))
     # At rest no direction is distinguished, so these vanish except for rounding, which would move elements without a push.
     result[0, 0, [0, 4, 5, 7, 8, 10]] = 0.0
@@ -303,13 +303,13 @@ def forward(numbers, velocity, push, scratch, later, acceleration, holds):
     numbers, scratch = reference(numbers), reference(scratch)
     for i in range(velocity.shape[0]):
         for p in range(velocity.shape[1]):
-            k, at, given = numbers.kind[min(i, numbers.kind.shape[0] - 1), p], velocity[i, p], acceleration[i, p]
+            k, at, change = numbers.kind[min(i, numbers.kind.shape[0] - 1), p], velocity[i, p], acceleration[i, p]
             later[0], later[1], later[2] = at[0], at[1], at[2]
-            holds[i, p] = forward_part(numbers, k, at, push[i, p], scratch, given)
+            holds[i, p] = forward_part(numbers, k, at, push[i, p], scratch, change)
             for _ in range(ROUNDS):
-                if look_ahead(numbers, k, at, given, 0.0, later) < STILL:
+                if look_ahead(numbers, k, at, change, 0.0, later) < STILL:
                     break
-                holds[i, p] = forward_part(numbers, k, later, push[i, p], scratch, given)
+                holds[i, p] = forward_part(numbers, k, later, push[i, p], scratch, change)
 
 
 @jit
@@ -322,13 +322,13 @@ def invert(start, stop, numbers, velocity, wanted, scratch, later, push, acceler
     numbers, scratch = reference(numbers), reference(scratch)
     for i in range(start, stop):
         for p in range(velocity.shape[1]):
-            k, at, given = numbers.kind[min(i, numbers.kind.shape[0] - 1), p], velocity[i, p], acceleration[i, p]
+            k, at, change = numbers.kind[min(i, numbers.kind.shape[0] - 1), p], velocity[i, p], acceleration[i, p]
             share = 0.0
             push[i, p] = 0.0
             guess_ahead(numbers, k, at, wanted[i, p], later)
             for _ in range(ROUNDS):
-                holds[i, p], share = invert_part(numbers, k, later, wanted[i, p], scratch, push[i, p], given, share)
-                if look_ahead(numbers, k, at, given, share, later) < STILL:
+                holds[i, p], share = invert_part(numbers, k, later, wanted[i, p], scratch, push[i, p], change, share)
+                if look_ahead(numbers, k, at, change, share, later) < STILL:
                     break
 
 
@@ -365,10 +365,10 @@ class FrictionalInverse:
         checks.instance("surface", surface, Surface)
         if not isinstance(parts, (Part, list, tuple, Kinds)):
             raise checks.refuse("parts", parts, "a Part, or a list of them")
-        given = (parts,) if isinstance(parts, Part) else parts
-        for part in given:
+        sequence = (parts,) if isinstance(parts, Part) else parts
+        for part in sequence:
             checks.instance("parts", part, Part)
-        self.surface, self.parts = surface, Kinds.of(given)
+        self.surface, self.parts = surface, Kinds.of(sequence)
         largest = surface.max_amplitude
         assert largest is not None
         for part in self.parts.every:

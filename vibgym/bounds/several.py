@@ -31,8 +31,8 @@ class SeveralBound:
     """
 
     def __init__(self, bounds: Sequence[TimeBound]) -> None:
-        self.bounds = tuple(checks.instance(f"bounds[{k}]", each, TimeBound) for k, each in enumerate(bounds))
-        moments = {(each.surface.period, each.stride, each.hold) for each in self.bounds}
+        self.bounds = tuple(checks.instance(f"bounds[{k}]", bound, TimeBound) for k, bound in enumerate(bounds))
+        moments = {(bound.surface.period, bound.stride, bound.hold) for bound in self.bounds}
         if len(moments) != 1:
             raise checks.refuse("bounds", sorted(moments), "one of every part, with the same period, steps and hold")
 
@@ -47,7 +47,7 @@ class SeveralBound:
         """
         start, goal = self._poses("start", start), self._poses("goal", goal)
         goal = checks.array("goal", goal, start.shape)
-        return np.stack([each.steps(start[:, k], goal[:, k]) for k, each in enumerate(self.bounds)], axis=1)
+        return np.stack([bound.steps(start[:, k], goal[:, k]) for k, bound in enumerate(self.bounds)], axis=1)
 
     def steps(self, start: Any, goal: Any, counts: np.ndarray | None = None) -> np.ndarray:
         """Return the fewest steps to success, int64 (n,), including the hold, where every part has its own goal.
@@ -56,8 +56,8 @@ class SeveralBound:
             start, goal: see :meth:`each`.
             counts: (n, parts) bool, present parts with a goal; None: all.
         """
-        found = self.each(start, goal)
-        return np.max(found, axis=1, where=True if counts is None else counts, initial=self.bounds[0].least_steps)
+        steps = self.each(start, goal)
+        return np.max(steps, axis=1, where=True if counts is None else counts, initial=self.bounds[0].least_steps)
 
     def free_steps(self, start: Any, goal: Any, group: Any, counts: np.ndarray | None = None) -> np.ndarray:
         """Return the fewest steps where parts may exchange goals within their group: bottleneck assignment.
@@ -229,18 +229,18 @@ class PushBound(GoalBound):
         surface, part = self.surface, self.part
         if part.friction == 0.0:
             raise checks.refuse("part", "friction 0", "a part with friction")
-        if any(each.friction_law is not None for each in (part, *self.pushers)):
+        if any(pusher.friction_law is not None for pusher in (part, *self.pushers)):
             raise checks.refuse(
                 "part.friction_law", "a law", "None: a constant coefficient of friction, of the pushers too"
             )
         amplitude = surface.full_scale / surface.angular_frequency**2 if self.amplitude is None else self.amplitude
         self.instants = Hold.of(self.hold, self.periods_per_step).instants
-        power = sum(each.mass * most_power(surface, each.friction, amplitude) for each in self.pushers)
+        power = sum(pusher.mass * most_power(surface, pusher.friction, amplitude) for pusher in self.pushers)
         drag = float(drag_of(surface, [part])[0])
         self.top_speed = math.sqrt((1.0 + MARGIN) * power / (drag * part.mass))
         """m/s, largest speed that the pushers can sustain."""
         hold = Hold(1, self.periods_per_step)
-        self._approach = [way_reach(surface, each.friction, amplitude, FREE_END, hold) for each in self.pushers]
+        self._approach = [way_reach(surface, pusher.friction, amplitude, FREE_END, hold) for pusher in self.pushers]
 
     def steps(self, start: Any, goal: Any, gap: Any) -> np.ndarray:
         """Return the fewest steps to success, int64 (n,), including the hold.
@@ -262,7 +262,9 @@ class PushBound(GoalBound):
         turn = np.maximum(turn - self.heading_tolerance, 0.0)
         way = np.maximum(np.hypot(*(goal - start)[:, :2].T) - self.position_tolerance, 0.0)
         far = way**2 + self.part.gyration * turn**2
-        first = np.min([fewest_periods(each, apart) for each, apart in zip(self._approach, gap.T, strict=True)], axis=0)
+        first = np.min(
+            [fewest_periods(reach, apart) for reach, apart in zip(self._approach, gap.T, strict=True)], axis=0
+        )
         # The last period need not be complete.
         touch = period * (np.maximum(first - 1, 0) + self.latency)
         least = 0.5 * (touch + np.sqrt(touch**2 + 4.0 * far / self.top_speed**2))

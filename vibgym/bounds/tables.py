@@ -83,7 +83,7 @@ class Values(NamedTuple):
     def at(self, periods: int, state: np.ndarray) -> np.ndarray:
         """Return the values of states (k, 2) with ``periods`` left."""
         nodes = (np.asarray(state) - self.first) / self.step
-        return np.array([interpolated(self.value[periods], self.cyclic, *each) for each in nodes.tolist()])
+        return np.array([interpolated(self.value[periods], self.cyclic, *node) for node in nodes.tolist()])
 
 
 class Reach(NamedTuple):
@@ -123,9 +123,9 @@ def fewest_periods(reach: Reach, way: np.ndarray) -> np.ndarray:
 def way_reach(surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold) -> Reach:
     """Return the reach of the centre of mass, m, for a largest amplitude and a tolerance of the goal, m."""
     directions = 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)
-    found = [way_values(surface, friction, amplitude, tolerance, hold, each) for each in directions]
+    tables = [way_values(surface, friction, amplitude, tolerance, hold, direction) for direction in directions]
     rest = np.zeros((1, 2))
-    most = np.array([[each.at(periods, rest)[0] for periods in range(PERIODS + 1)] for each in found])
+    most = np.array([[table.at(periods, rest)[0] for periods in range(PERIODS + 1)] for table in tables])
     return _reach(most + _wobble(surface, friction), 2.0 * math.pi)
 
 
@@ -135,8 +135,8 @@ def way_values(
     """Return the values of a direction (rad), by velocity along and across it minus that of a part sliding in place, m/s."""
     _, _, first, step = _way_grid(surface)
     kick = WAY_MARGIN * friction * surface.gravity * surface.period / 2.0
-    found = _way_moves(surface, friction, amplitude, direction)
-    value = _values(found, kick * surface.period, [kick / step[0], 0.0], tolerance, hold)
+    motions = _way_moves(surface, friction, amplitude, direction)
+    value = _values(motions, kick * surface.period, [kick / step[0], 0.0], tolerance, hold)
     return Values(value, first, step, False)
 
 
@@ -175,7 +175,7 @@ def turn_reach(surface: Surface, part: Part, amplitude: float, tolerance: float,
         mirrored = points
     even = part.symmetry > 0 and part.symmetry % 2 == 0
     known = surface, part.friction, part.gyration, even
-    one, other = (_turn_reach(*known, each.tobytes(), amplitude, tolerance, hold) for each in (points, mirrored))
+    one, other = (_turn_reach(*known, outline.tobytes(), amplitude, tolerance, hold) for outline in (points, mirrored))
     return one, other
 
 
@@ -185,9 +185,9 @@ def _turn_reach(
     hold: Hold,
 ) -> Reach:  # fmt: skip
     """Return the reach of turns counter-clockwise."""
-    found = turn_values(surface, friction, gyration, even, points, amplitude, tolerance, hold)
-    rest = np.column_stack([found.step[0] * np.arange(HEADINGS), np.zeros(HEADINGS)])
-    most = np.array([found.at(periods, rest) for periods in range(PERIODS + 1)]).T
+    values = turn_values(surface, friction, gyration, even, points, amplitude, tolerance, hold)
+    rest = np.column_stack([values.step[0] * np.arange(HEADINGS), np.zeros(HEADINGS)])
+    most = np.array([values.at(periods, rest) for periods in range(PERIODS + 1)]).T
     return _reach(most + _wobble(surface, friction) / math.sqrt(gyration), 0.5 * math.pi)
 
 
@@ -237,11 +237,11 @@ def turn_values(
         points: of :func:`sample`, as bytes.
     """
     radius = math.sqrt(gyration)
-    found = _turn_moves(surface, friction, gyration, amplitude, even, points)
+    motions = _turn_moves(surface, friction, gyration, amplitude, even, points)
     spins = np.linspace(*SPINS) * surface.table_speed / radius
     first, step = np.array([0.0, spins[0]]), np.array([0.5 * math.pi / HEADINGS, spins[1] - spins[0]])
     kick = TURN_MARGIN * friction * surface.gravity * surface.period / (2.0 * radius)
-    value = _values(found, kick * surface.period, [0.0, kick / step[1]], tolerance, hold)
+    value = _values(motions, kick * surface.period, [0.0, kick / step[1]], tolerance, hold)
     return Values(value, first, step, True)
 
 
@@ -263,10 +263,10 @@ def _turn_moves(
     return Moves(gain, (np.stack([headings[:, None, None] + gain, after], axis=-1) - first) / step, True)
 
 
-def _values(found: Moves, more: float, faster: list[float], tolerance: float, hold: Hold) -> np.ndarray:
+def _values(motions: Moves, more: float, faster: list[float], tolerance: float, hold: Hold) -> np.ndarray:
     """Return the values with margins in every period: ``more`` gained, and ``faster`` (nodes)."""
-    ahead = found._replace(gain=found.gain + more, reached=found.reached + faster)
-    back = found._replace(gain=found.gain - more, reached=found.reached - faster)
+    ahead = motions._replace(gain=motions.gain + more, reached=motions.reached + faster)
+    back = motions._replace(gain=motions.gain - more, reached=motions.reached - faster)
     return furthest(ahead, overshoots(back, hold.instants, hold.stride), 2.0 * tolerance, PRICE, PERIODS)
 
 

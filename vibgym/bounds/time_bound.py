@@ -147,12 +147,12 @@ class TimeBound(GoalBound):
         if period > 0.0:
             turn = np.mod(turn, period)
             ways_round = (turn, turn - period)
-        found = []
-        for each in ways_round:
-            left = np.abs(each) - self.heading_tolerance
+        periods = []
+        for angle in ways_round:
+            left = np.abs(angle) - self.heading_tolerance
             counter, clockwise = self._turns[0].periods(heading, left), self._turns[1].periods(-heading, left)
-            found.append(np.where(each >= 0.0, counter, clockwise))
-        return np.min(found, axis=0)
+            periods.append(np.where(angle >= 0.0, counter, clockwise))
+        return np.min(periods, axis=0)
 
 
 def check_parts(name: str, parts: Any) -> None:

@@ -102,7 +102,7 @@ class Core:
         disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
         self.disturbances = None if disturbance is None else Disturbances(disturbance, self.simulator, span)
         self.sensing = self._new_sensing()
-        measured = (name for each in self.sensing.tell for name in MEASUREMENT_FEATURES[each])
+        measured = (name for quantity in self.sensing.tell for name in MEASUREMENT_FEATURES[quantity])
         self.task.features = (*self.task.features, *measured)
         self.observation = self._observation("observation", options.observation)
         self._observations = {options.observation: self.observation}
@@ -158,17 +158,17 @@ class Core:
         vars(self).update(state)
         self.pipeline = self.new_pipeline()
 
-    def step(self, action: np.ndarray, given: Any = None) -> None:
+    def step(self, action: np.ndarray, original: Any = None) -> None:
         """Advance every world by one step under an action.
 
         Args:
             action: float32 (worlds, size), see :meth:`vibgym.envs.actions.Action.shaped`.
-            given: the action before conversion, for errors.
+            original: the action before conversion, for errors.
 
         Raises:
             ValueError: a number that is not finite; nothing has changed.
         """
-        self.pipeline.run(action, given)
+        self.pipeline.run(action, original)
 
     def _with_shapes(self, options: Options) -> Options:
         """Return the options with the parts of their shapes, if these are drawn for episodes; sets ``shape_draws``."""
@@ -303,7 +303,7 @@ class Core:
     def _idle_velocity(self, world: int, factors: np.ndarray) -> np.ndarray:
         """Return velocities (parts, 3) of parts that slide in place on elements at rest, with friction factors (parts,)."""
         pairs = zip(factors.tolist(), self.kinds.parts(world), strict=True)
-        return np.array([np.append(self.surface.idle_velocity(each * part.friction), 0.0) for each, part in pairs])
+        return np.array([np.append(self.surface.idle_velocity(factor * part.friction), 0.0) for factor, part in pairs])
 
     def check_start(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride
@@ -352,7 +352,7 @@ class Core:
         name = checks.choice("kind", kind, OBSERVATIONS)
         if name not in self._observations:
             if not OBSERVATIONS[name].beside:
-                have = [each for each in OBSERVATIONS if OBSERVATIONS[each].beside]
+                have = [observation for observation in OBSERVATIONS if OBSERVATIONS[observation].beside]
                 raise checks.refuse("kind", kind, f"{', '.join(have)}, or the kind that the environment was made with")
             self._observations[name] = self._observation("kind", name)
         return self._observations[name].observe(self.sensing.measurement, self.measured, self.episode)
@@ -449,13 +449,13 @@ class Core:
         }
 
 
-def checked_kinds(kinds: Kinds, given: Any) -> np.ndarray:
+def checked_kinds(kinds: Kinds, values: Any) -> np.ndarray:
     """Return the kinds of a snapshot, (worlds, parts) int64.
 
     Raises:
         ValueError: another shape, or a kind that a part cannot have.
     """
-    index = checks.shaped("state['kinds']", given, (kinds.kind.shape,), "whole numbers", kinds="iu")
+    index = checks.shaped("state['kinds']", values, (kinds.kind.shape,), "whole numbers", kinds="iu")
     for part, options in enumerate(kinds.options):
         if not np.isin(index[:, part], options).all():
             raise checks.refuse(

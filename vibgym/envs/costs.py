@@ -130,12 +130,12 @@ def costs_from(value: Any) -> dict[str, Cost]:
     """
     if not isinstance(value, Mapping) or not value:
         raise checks.refuse("costs", value, f"a mapping with names among {', '.join(COSTS)}")
-    found = {}
-    for name, given in value.items():
+    costs = {}
+    for name, entry in value.items():
         cls = COSTS.choose("costs", name)
-        settings = given if isinstance(given, Mapping) else {"weight": given}
-        found[name] = cls(settings=read(cls.Settings, settings, f"costs[{name!r}]"))
-    return found
+        settings = entry if isinstance(entry, Mapping) else {"weight": entry}
+        costs[name] = cls(settings=read(cls.Settings, settings, f"costs[{name!r}]"))
+    return costs
 
 
 class Costs:

@@ -44,14 +44,14 @@ class DrawnPart(PartSettings):
 
     def part(self, drawn: Part) -> Part:
         """Return the part with a drawn shape."""
-        given = {"friction": drawn.friction, "name": drawn.name}
+        properties = {"friction": drawn.friction, "name": drawn.name}
         own = self.model_fields_set & set(PartSettings.model_fields)
-        given |= {name: value for name in own if (value := getattr(self, name)) is not None}
+        properties |= {name: value for name in own if (value := getattr(self, name)) is not None}
         factor = 1.0 if self.size is None else self.size / largest_dimension(drawn.outline)
         if drawn.symmetry == 0:
-            return Part.disc(factor * math.sqrt(drawn.area / math.pi), **given)
+            return Part.disc(factor * math.sqrt(drawn.area / math.pi), **properties)
         outline = drawn.outline if self.size is None else scaled(drawn.outline, self.size)
-        return Part.polygon(outline, **given)
+        return Part.polygon(outline, **properties)
 
 
 class DrawnShapes:
@@ -81,10 +81,10 @@ class DrawnShapes:
         self.draws, most = len(which), len(self.library) - 1
         self.shapes: tuple[int, ...] | None = None
         if options.shapes is not None:
-            given, allowed = options.shapes, f"a list of {self.draws} different whole numbers from 0 to {most}"
-            if not checks.listed(given) or len(given) != self.draws or len(set(given)) != self.draws:
-                raise checks.refuse("shapes", given, allowed)
-            self.shapes = tuple(checks.count(f"shapes[{k}]", n, least=0, most=most) for k, n in enumerate(given))
+            numbers, allowed = options.shapes, f"a list of {self.draws} different whole numbers from 0 to {most}"
+            if not checks.listed(numbers) or len(numbers) != self.draws or len(set(numbers)) != self.draws:
+                raise checks.refuse("shapes", numbers, allowed)
+            self.shapes = tuple(checks.count(f"shapes[{k}]", n, least=0, most=most) for k, n in enumerate(numbers))
 
     def parts(self, chosen: Sequence[int]) -> list[Part]:
         """Return the parts of an episode with these shapes, indices of the library."""
@@ -102,7 +102,7 @@ class DrawnShapes:
             key = repr(part.model_copy(update={"which": 0})) if isinstance(part, DrawnPart) else id(part)
             if key not in blocks:
                 blocks[key] = len(every)
-                every += [part.part(each) for each in self.library] if isinstance(part, DrawnPart) else [part]
+                every += [part.part(shape) for shape in self.library] if isinstance(part, DrawnPart) else [part]
             self._kind[k] = blocks[key] + (np.arange(len(self.library)) if drawn else 0)
         first = np.tile(np.arange(self.draws), (worlds, 1))
         return Kinds(every, self.kind_of(first), [sorted(set(options)) for options in self._kind.tolist()])
@@ -127,7 +127,7 @@ class DrawnShapes:
 
 def _drawn_part(part: Any, where: str) -> DrawnPart | Part:
     if isinstance(part, Mapping) and part.get("shape") == DRAWN:
-        return read(DrawnPart, {name: each for name, each in part.items() if each is not None}, where)
+        return read(DrawnPart, {name: setting for name, setting in part.items() if setting is not None}, where)
     return part_from(part, where)
 
 
@@ -139,10 +139,12 @@ def drawn_shapes(task: str, arguments: Mapping[str, Any]) -> DrawnShapes | None:
         arguments: of the environment, as for ``gym.make``; those that are no options are ignored.
     """
     spec = gym.registry.get(task)
-    given = {"task": task, **({} if spec is None else spec.kwargs), **arguments}
-    if given.get("split") is None or given.get("shapes") is not None:
+    settings = {"task": task, **({} if spec is None else spec.kwargs), **arguments}
+    if settings.get("split") is None or settings.get("shapes") is not None:
         return None
-    return DrawnShapes(Options.of(given["task"], {name: given[name] for name in Options.names() if name in given}))
+    return DrawnShapes(
+        Options.of(settings["task"], {name: settings[name] for name in Options.names() if name in settings})
+    )
 
 
 def fixed_scenes(drawn: DrawnShapes) -> list[dict[str, Any]]:

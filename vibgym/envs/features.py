@@ -137,10 +137,10 @@ TABLE = (
 )  # fmt: skip
 """All features of a single part, in the order of a block or row."""
 
-FEATURES = tuple(each for each in TABLE if "state" in each.forms)
+FEATURES = tuple(feature for feature in TABLE if "state" in feature.forms)
 """Features of a block of the state observation."""
 
-OWN = tuple(each for each in TABLE if "parts" in each.forms)
+OWN = tuple(feature for feature in TABLE if "parts" in feature.forms)
 """Features of a row about the part itself."""
 
 NEIGHBOUR = (
@@ -164,7 +164,7 @@ PUSHED = ("way_far", "turn")
 
 ROW = (
     *OWN,
-    *(each._replace(name=f"neighbour_{k}_{each.name}") for k in range(1, NEIGHBOURS + 1) for each in NEIGHBOUR),
+    *(row._replace(name=f"neighbour_{k}_{row.name}") for k in range(1, NEIGHBOURS + 1) for row in NEIGHBOUR),
 )
 """All features of a row, in order."""
 
@@ -220,32 +220,32 @@ class Layout:
 
     def __init__(self, surface: Surface, parts: Sequence[Part], features: Sequence[str], slots: int) -> None:
         self.surface, self.parts, self.features, self.slots = surface, tuple(parts), tuple(features), slots
-        self.table = tuple(each for each in self.TABLE if each.name in self.features)
-        starts = np.cumsum([0, *(each.width for each in self.table)]).tolist()
+        self.table = tuple(feature for feature in self.TABLE if feature.name in self.features)
+        starts = np.cumsum([0, *(feature.width for feature in self.table)]).tolist()
         self.block = starts[-1]
         self.size = slots * self.block
         self._block = tuple(
             Numbers(
-                name=each.name,
+                name=feature.name,
                 part=None,
                 start=start,
-                width=each.width,
-                unit=each.unit,
-                scale=each.scales(surface),
-                range=(0.0 if each.coding == "flag" else -1.0, 1.0),
-                meaning=each.meaning,
-                coding=each.coding,
+                width=feature.width,
+                unit=feature.unit,
+                scale=feature.scales(surface),
+                range=(0.0 if feature.coding == "flag" else -1.0, 1.0),
+                meaning=feature.meaning,
+                coding=feature.coding,
             )
-            for each, start in zip(self.table, starts, strict=False)
+            for feature, start in zip(self.table, starts, strict=False)
         )
         self.rows = self._rows()
 
     def _rows(self) -> tuple[Numbers, ...]:
         own = (slot if slot < len(self.parts) else None for slot in range(self.slots))
         return tuple(
-            each._replace(part=part, start=slot * self.block + each.start)
+            feature._replace(part=part, start=slot * self.block + feature.start)
             for slot, part in enumerate(own)
-            for each in self._block
+            for feature in self._block
         )
 
     def numbers(self, observation: np.ndarray, name: str) -> np.ndarray:
@@ -254,7 +254,7 @@ class Layout:
         return self._blocks(observation)[..., : len(self.parts), row.start : row.start + row.width]
 
     def _row(self, name: str) -> Numbers:
-        return next(each for each in self._block if each.name == name)
+        return next(feature for feature in self._block if feature.name == name)
 
     def _blocks(self, observation: np.ndarray) -> np.ndarray:
         """Return the blocks of observations, (..., slots, block)."""
@@ -316,5 +316,5 @@ def row_features(task: Task) -> tuple[str, ...]:
     if task.driven.all():
         without.update(f"neighbour_{k}_{name}" for k in range(1, NEIGHBOURS + 1) for name in PUSHED)
     if task.MAX_PARTS == 1:
-        without.update(each.name for each in ROW[-NEIGHBOURS * len(NEIGHBOUR) :])
-    return tuple(each.name for each in ROW if each.name not in without)
+        without.update(feature.name for feature in ROW[-NEIGHBOURS * len(NEIGHBOUR) :])
+    return tuple(feature.name for feature in ROW if feature.name not in without)

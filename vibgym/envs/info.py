@@ -157,7 +157,7 @@ class BatchInfo:
         else:
             masks = iter(np.tile(mask, (self._masks, 1)))
             report = _masked(report, mask)
-        rows = [list(each) for each in report[:3]]
+        rows = [list(array) for array in report[:3]]
         info: dict[str, Any] = {}
         for name in data.fields:
             group, row = ROWS[name]
@@ -178,21 +178,21 @@ class BatchInfo:
 
 def _size(group: Mapping[str, Any]) -> int:
     """Return the number of names in a group, those of nested groups included."""
-    return sum(1 + (_size(each) if isinstance(each, dict) else 0) for each in group.values())
+    return sum(1 + (_size(entry) if isinstance(entry, dict) else 0) for entry in group.values())
 
 
 def _with_masks(names: Sequence[str], values: Sequence[np.ndarray], masks: Iterator[np.ndarray]) -> dict[str, Any]:
     """Return values by name, each with its mask."""
     shown: dict[str, Any] = {}
-    for name, each in zip(names, values, strict=True):
-        shown[name], shown[f"_{name}"] = each, next(masks)
+    for name, value in zip(names, values, strict=True):
+        shown[name], shown[f"_{name}"] = value, next(masks)
     return shown
 
 
 def _masked(report: Report, mask: np.ndarray) -> Report:
     """Return a copy with zeros outside the mask (worlds,)."""
-    of_worlds = [np.where(mask, each, each.dtype.type(0)) for each in report[:3]]
-    of_parts = [np.where(mask[:, None], each, each.dtype.type(0)) for each in report[3:]]
+    of_worlds = [np.where(mask, array, array.dtype.type(0)) for array in report[:3]]
+    of_parts = [np.where(mask[:, None], array, array.dtype.type(0)) for array in report[3:]]
     return Report._make([*of_worlds, *of_parts])
 
 

@@ -98,14 +98,14 @@ class Wrench(Action):
         # A mean velocity is half a period old.
         velocity = measurement.mean_velocity + 0.5 * self.surface.period * self._given
         wanted = self.acceleration(values.reshape(-1, *self.shape), velocity, measurement.pose)
-        push, given, holds = self._process.push(velocity, wanted)
+        push, acceleration, holds = self._process.push(velocity, wanted)
         pose = measurement.pose
         x, y = pose[..., 0], pose[..., 1]
         beside = (x < 0.0) | (y < 0.0) | (x > self.surface.width) | (y > self.surface.depth)
         reasons = [measurement.gone, beside, ~holds, self.left_out(measurement)]
         self._unserved[...] = np.select(reasons, [GONE, BESIDE, STICKS, LEFT_OUT], SERVED)
         served = self._unserved == SERVED
-        self._given[...] = np.where(served[..., None], given, 0.0)
+        self._given[...] = np.where(served[..., None], acceleration, 0.0)
         self.allocator.actions(pose, served, np.where(served[..., None], push, 0.0), out=self._phasors.values)
         return self._phasors
 

@@ -178,7 +178,7 @@ class PartsAndState(RowObservation):
         return [*arrays, *more], {**parts, "state": state}
 
     def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
-        return [each for of in (self._parts, self._state) for each in of.writers(measurement, relations, episode)]
+        return [writer for of in (self._parts, self._state) for writer in of.writers(measurement, relations, episode)]
 
 
 class GoalObservation(StateObservation):
@@ -190,7 +190,7 @@ class GoalObservation(StateObservation):
     def __init__(self, task: Task) -> None:
         super().__init__(task)
         if not isinstance(task, PoseTask):
-            have = ", ".join(repr(name) for name, each in OBSERVATIONS.items() if each.beside and not each.goal_reward)
+            have = ", ".join(repr(name) for name, cls in OBSERVATIONS.items() if cls.beside and not cls.goal_reward)
             raise checks.conflict(
                 f"observation 'goal' requires a task with one part and a fixed goal pose; others: {have}"
             )
@@ -311,8 +311,8 @@ def check_batch(name: str, space: spaces.Space, batch: Any, worlds: int, live: S
         if not isinstance(batch, Mapping) or set(batch) != set(space.spaces):
             got = sorted(map(str, batch)) if isinstance(batch, Mapping) else type(batch).__name__
             raise checks.refuse(name, got, f"a dictionary with the keys of its space: {', '.join(space.spaces)}")
-        for key, each in space.spaces.items():
-            check_batch(f"{name}, {key!r},", each, batch[key], worlds, live)
+        for key, inner in space.spaces.items():
+            check_batch(f"{name}, {key!r},", inner, batch[key], worlds, live)
     elif space.shape is not None:
         shape = (worlds, *space.shape)
         if not isinstance(batch, np.ndarray) or batch.shape != shape or batch.dtype != space.dtype:
@@ -320,7 +320,7 @@ def check_batch(name: str, space: spaces.Space, batch: Any, worlds: int, live: S
             if isinstance(batch, np.ndarray):
                 got = f"an array of shape {batch.shape} and type {batch.dtype}"
             raise checks.refuse(name, got, f"an array of shape {shape} and type {space.dtype}: (worlds, *space.shape)")
-        if any(np.may_share_memory(batch, each) for each in live):
+        if any(np.may_share_memory(batch, array) for array in live):
             raise checks.refuse(
                 name, "a view of an argument, which the next step overwrites", "a new array: return a copy"
             )
@@ -328,7 +328,7 @@ def check_batch(name: str, space: spaces.Space, batch: Any, worlds: int, live: S
 
 def _offsets(features: Sequence[Feature]) -> dict[str, int]:
     """Return the offset of each quantity in the list of all quantities; key ``""``: the length of the list."""
-    widths = {each.quantity: each.width for each in features}
+    widths = {feature.quantity: feature.width for feature in features}
     return dict(zip((*widths, ""), np.cumsum([0, *widths.values()]).tolist(), strict=True))
 
 
@@ -597,8 +597,8 @@ def write_goals(low, high, pose, worlds, goals):
 def row_writer(task: Task, layout: Layout, measurement: Measurement, relations: Relations, episode: Episode) -> Writer:
     """Return a function that writes a layout into (worlds, slots, block) float32; the arrays of the arguments are live."""
     surface, parts, hulls = task.surface, task.parts, hulls_of(task.part_kinds)
-    own = tuple(each for each in layout.table if each in TABLE)
-    others = _program(tuple(each for each in NEIGHBOUR if f"neighbour_1_{each.name}" in layout), OF_NEIGHBOUR, surface)
+    own = tuple(feature for feature in layout.table if feature in TABLE)
+    others = _program(tuple(row for row in NEIGHBOUR if f"neighbour_1_{row.name}" in layout), OF_NEIGHBOUR, surface)
     # The displacement of a neighbour is copied from its row, encoded.
     others.coding[others.source >= THEIR_WAY] = CODINGS.index("flag")
     coarse = next((row.start for row in layout.rows if row.name == "way_coarse"), -1)
@@ -632,9 +632,9 @@ def row_writer(task: Task, layout: Layout, measurement: Measurement, relations: 
 def _program(features: Sequence[Feature], places: dict[str, int], surface: Surface) -> Program:
     """Return the encoding of features from quantities at these offsets."""
     numbers = [
-        (places[each.quantity] + k, CODINGS.index(each.coding), scale)
-        for each in features
-        for k, scale in enumerate(each.scales(surface))
+        (places[feature.quantity] + k, CODINGS.index(feature.coding), scale)
+        for feature in features
+        for k, scale in enumerate(feature.scales(surface))
     ]
     source, coding, scale = zip(*numbers, strict=True) if numbers else ((), (), ())
     return Program(

@@ -118,16 +118,16 @@ class Options(BaseSettings):
         return tuple(cls.model_fields)[1:]
 
     @classmethod
-    def of(cls, task: str, given: Mapping[str, Any], more: tuple[str, ...] = ()) -> Options:
+    def of(cls, task: str, settings: Mapping[str, Any], more: tuple[str, ...] = ()) -> Options:
         """Return the options of an environment; ``more``: further keyword arguments of it, for errors.
 
         Raises:
             ValueError: an unknown name, or a bad number.
         """
-        for name in given:
+        for name in settings:
             if name not in cls.names():
                 raise checks.unknown("keyword argument", name, (*cls.names(), *more))
-        return read(cls, {"task": task, **given}, "")
+        return read(cls, {"task": task, **settings}, "")
 
     def identity(self, surface: Surface, parts: Sequence[Part], walls: Sequence[str], worlds: int) -> str:
         """Return the settings that a snapshot depends on, as JSON: all except the limit of an episode."""
@@ -231,7 +231,7 @@ def task_settings(options: Options, cls: type[Task], randomize: Mapping[str, Any
     known = cls.Settings.model_fields
     for name in named:
         if name not in known:
-            own = ", ".join(each for each in known if each in NAMED)
+            own = ", ".join(setting for setting in known if setting in NAMED)
             raise checks.conflict(f"{name} cannot be set for task {options.task!r} (its settings: {own or 'none'})")
     more = {} if options.task_settings is None else options.task_settings
     if not isinstance(more, Mapping) or any(name in named for name in more):
@@ -302,27 +302,27 @@ def parse_reset_options(
     for name in options:
         if name not in (*RESET_OPTIONS, *more):
             raise checks.unknown("key", name, (*RESET_OPTIONS, *more), of="options")
-    given = {name: value for name, value in options.items() if value is not None and name in RESET_OPTIONS}
-    if not given:
+    requested = {name: value for name, value in options.items() if value is not None and name in RESET_OPTIONS}
+    if not requested:
         return None
     shape = (worlds, len(task.parts), 3)
     pose = goal = present = None
     draw = _start
-    if "pose" in given:
+    if "pose" in requested:
         if task.flows:
             raise checks.conflict(f"options['pose'] cannot be set for {task.name}: its parts arrive at an inlet")
-        pose = _on_surface("options['pose']", given["pose"], shape, task)
-    if "goal" in given:
+        pose = _on_surface("options['pose']", requested["pose"], shape, task)
+    if "goal" in requested:
         if not task.has_goal or task.goal_moves:
             why = "its goals move" if task.goal_moves else "it has no goal poses"
             raise checks.conflict(f"options['goal'] cannot be set for {task.name}: {why}")
-        goal = _goals(given["goal"], shape, task)
-    if "paths" in given:
+        goal = _goals(requested["goal"], shape, task)
+    if "paths" in requested:
         if not isinstance(task, Follow):
             raise checks.conflict(f"options['paths'] cannot be set for {task.name}: its goals do not follow paths")
-        draw = partial(_start_along, given["paths"], longest)
-    if "parts" in given:
-        present = _present(given["parts"], shape[:2])
+        draw = partial(_start_along, requested["paths"], longest)
+    if "parts" in requested:
+        present = _present(requested["parts"], shape[:2])
     return StartOverride(pose, goal, present, draw)
 
 
@@ -357,15 +357,15 @@ def _present(value: Any, shape: tuple[int, ...]) -> np.ndarray:
     name, parts = "options['parts']", shape[1]
     allowed = f"different numbers of parts from 0 to {parts - 1}, at least one, or booleans that broadcast to {shape}"
     try:
-        given = np.asarray(value)
+        array = np.asarray(value)
     except ValueError:
         raise checks.refuse(name, value, allowed) from None
-    if given.dtype == bool:
-        present = np.array(checks.array(name, given, shape, dtype=bool))
+    if array.dtype == bool:
+        present = np.array(checks.array(name, array, shape, dtype=bool))
     else:
-        if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or given.ndim != 1 or not len(given):
+        if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or array.ndim != 1 or not len(array):
             raise checks.refuse(name, value, allowed)
-        numbers = [checks.count(f"{name}[{k}]", each, least=0, most=parts - 1) for k, each in enumerate(given.tolist())]
+        numbers = [checks.count(f"{name}[{k}]", part, least=0, most=parts - 1) for k, part in enumerate(array.tolist())]
         if len(set(numbers)) < len(numbers):
             raise checks.refuse(name, value, allowed)
         present = np.zeros(shape, dtype=bool)

@@ -132,18 +132,18 @@ class Randomization:
 
     def values(self, uniform: np.ndarray) -> dict[str, np.ndarray]:
         """Return values of n worlds, by name, from ``uniform`` (n, draws) in [0, 1)."""
-        found, at, surface = {}, 0, self._surface
+        drawn, at, surface = {}, 0, self._surface
         for name, (low, high) in self.ranges.items():
             own = uniform[:, at : at + self._draws[name]]
             at += self._draws[name]
             if name == "incline":  # by a uniform angle in a uniform direction
                 size, turn = surface.gravity * np.sin(low + (high - low) * own[:, 0]), 2.0 * math.pi * own[:, 1]
-                found[name] = size[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+                drawn[name] = size[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
             else:
-                found[name] = low + (high - low) * own
-        if "patches" in found:
-            found["patches"] = found["patches"].reshape(-1, surface.rows, surface.columns)
-        return found
+                drawn[name] = low + (high - low) * own
+        if "patches" in drawn:
+            drawn["patches"] = drawn["patches"].reshape(-1, surface.rows, surface.columns)
+        return drawn
 
     def extremes(self) -> Conditions:
         """Return the extremes of these ranges, a row per part: this part heaviest, all others lightest."""

@@ -247,7 +247,7 @@ class WorldInfo:
     def __init__(self, data: InfoData) -> None:
         episode, names = data.episode, data.names
         columns = zip((episode.number, episode.count, episode.flag), (NUMBERS, COUNTS, FLAGS))
-        live = {name: array[:, column] for array, each in columns for name, column in each.items()}
+        live = {name: array[:, column] for array, indices in columns for name, column in indices.items()}
         live["diverged"] = data.diverged
         parts = {
             "done": episode.done, "fallen": episode.part_fallen, "present": episode.present,

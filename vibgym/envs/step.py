@@ -111,9 +111,9 @@ class Pipeline:
             ),
         ]
 
-    def run(self, action: np.ndarray, given: Any = None) -> None:
+    def run(self, action: np.ndarray, original: Any = None) -> None:
         """Advance every world by one step under an action, see :meth:`vibgym.envs.core.Core.step`."""
-        batch = Batch(action=action, given=given)
+        batch = Batch(action=action, given=original)
         for stage in self.before:
             stage(batch)
         self.advance(batch)
@@ -249,7 +249,7 @@ class Pipeline:
             nested["costs"] = core.costs.named
         return InfoData(
             core.task.info_fields, info, core.episode, state.diverged, core.term_names, core.terms, core.part_terms,
-            {name: each for name, each in nested.items() if each}, part_extra,
+            {name: group for name, group in nested.items() if group}, part_extra,
         )  # fmt: skip
 
     def _new_block(self, worlds: np.ndarray) -> Block:

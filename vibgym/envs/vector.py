@@ -95,9 +95,9 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         override = self._override(self.core, options, ("reset_mask",))
         mask = self._reset_mask(options)
         fresh = list(self._generators)
-        for world, each in enumerate(seeds_from(seed, self.num_envs)):
-            if mask[world] and (each is not None or fresh[world] is None):
-                fresh[world] = seeding.np_random(each)[0]
+        for world, own_seed in enumerate(seeds_from(seed, self.num_envs)):
+            if mask[world] and (own_seed is not None or fresh[world] is None):
+                fresh[world] = seeding.np_random(own_seed)[0]
         if override is not None:  # an invalid start must not change anything
             worlds = np.flatnonzero(mask)
             self.core.check_start(worlds, [fresh[world] for world in worlds], override)  # type: ignore[misc]
@@ -114,7 +114,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         """Advance all worlds by one step; finished ones are reset according to ``autoreset_mode``."""
         core = self.core
         self._check_open(self.closed)
-        given, actions = actions, core.action.shaped(actions, self.num_envs)
+        original, actions = actions, core.action.shaped(actions, self.num_envs)
         if self._viewer is not None:
             actions = actions.copy()  # images show this step even if the caller changes the array
         waiting = self._finished.copy()
@@ -123,7 +123,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
                 f"worlds {np.flatnonzero(waiting).tolist()} have ended: reset them with options={{'reset_mask': mask}}"
             )
         pipeline = core.pipeline
-        pipeline.run(actions, given)
+        pipeline.run(actions, original)
         self._steps += 1
         if self._viewer is not None:
             for world in range(self.num_envs):
@@ -182,7 +182,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         if callable(self._attribute(name)) or isinstance(getattr(type(self), name, None), property):
             raise checks.refuse("name", name, "an attribute that can be set, not a method or property")
         if isinstance(values, list | tuple):
-            differ = (each is not values[0] and not np.array_equal(each, values[0]) for each in values)
+            differ = (value is not values[0] and not np.array_equal(value, values[0]) for value in values)
             if len(values) != self.num_envs or any(differ):
                 raise checks.refuse("values", values, f"{self.num_envs} equal values: all worlds share one environment")
             values = values[0]
@@ -195,7 +195,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
 
     def get_state(self) -> dict[str, Any]:
         """Return a snapshot that continues bit for bit, generators included; trails of images are not part of it."""
-        own = [None if each is None else generator_state(each) for each in self._generators]
+        own = [None if generator is None else generator_state(generator) for generator in self._generators]
         return {**self.core.get_state(), "generators": own, **copied(self._counters())}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
@@ -207,12 +207,12 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         counters = tuple(self._counters())
         check_keys("state", state, (*self.core.state_keys, "generators", *counters))
         values = restored("state", self._counters(), {name: state[name] for name in counters})
-        given = state["generators"]
-        if not isinstance(given, list | tuple) or len(given) != self.num_envs:
-            raise checks.refuse("state['generators']", given, f"a list of {self.num_envs}")
+        generators = state["generators"]
+        if not isinstance(generators, list | tuple) or len(generators) != self.num_envs:
+            raise checks.refuse("state['generators']", generators, f"a list of {self.num_envs}")
         own = [
-            None if each is None else generator_from(f"state['generators'][{world}]", each)
-            for world, each in enumerate(given)
+            None if saved is None else generator_from(f"state['generators'][{world}]", saved)
+            for world, saved in enumerate(generators)
         ]
         self.core.set_state({name: state[name] for name in self.core.state_keys})
         put_back(self._counters(), values)
@@ -248,13 +248,13 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
     def _reset_mask(self, options: dict[str, Any] | None) -> np.ndarray:
         if not options or "reset_mask" not in options:
             return np.ones(self.num_envs, dtype=bool)
-        given, allowed = options["reset_mask"], f"bool array ({self.num_envs},) with at least one True"
+        value, allowed = options["reset_mask"], f"bool array ({self.num_envs},) with at least one True"
         try:
-            mask = np.asarray(given)
+            mask = np.asarray(value)
         except (TypeError, ValueError, RecursionError):  # rows of different lengths
-            raise checks.refuse("options['reset_mask']", given, allowed) from None
+            raise checks.refuse("options['reset_mask']", value, allowed) from None
         if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
-            raise checks.refuse("options['reset_mask']", given, allowed)
+            raise checks.refuse("options['reset_mask']", value, allowed)
         if not self.core.began and not mask.all():
             raise checks.refuse("options['reset_mask']", mask, "all True at the first reset")
         return mask
@@ -285,7 +285,7 @@ def seeds_from(seed: Any, worlds: int) -> list[int | None]:
         first = checks.count("seed", seed, least=0)
         return [first + k for k in range(worlds)]
     if isinstance(seed, Sequence) and not isinstance(seed, str) and len(seed) == worlds:
-        return [None if each is None else checks.count(f"seed[{k}]", each, least=0) for k, each in enumerate(seed)]
+        return [None if own is None else checks.count(f"seed[{k}]", own, least=0) for k, own in enumerate(seed)]
     raise checks.refuse("seed", seed, f"None, a whole number >= 0, or a sequence of {worlds}")
 
 

@@ -41,9 +41,9 @@ def serve(arguments: argparse.Namespace) -> int:
 def _settings(text: str) -> dict[str, Any]:
     """Return keyword arguments from JSON."""
     try:
-        found = json.loads(text)
+        settings = json.loads(text)
     except ValueError as error:
         raise checks.refuse("--settings", text, f"JSON ({error})") from None
-    if not isinstance(found, dict):
+    if not isinstance(settings, dict):
         raise checks.refuse("--settings", text, "a JSON object")
-    return found
+    return settings

@@ -78,8 +78,8 @@ class Readings:
 
     def begin(self, pose: np.ndarray, gone: np.ndarray, taken: float) -> None:
         """Begin an episode with poses (parts, 3); ``gone``: (parts,) bool."""
-        for each in (self.last, self.unseen):
-            each.pose[0], each.mean_velocity[...], each.gone[0] = pose, 0.0, gone
+        for reading in (self.last, self.unseen):
+            reading.pose[0], reading.mean_velocity[...], reading.gone[0] = pose, 0.0, gone
         self.last.seen[...], self.unseen.seen[...] = True, False
         self._pose[0], self._taken[:] = pose, taken
 
@@ -265,11 +265,11 @@ class HardwarePipeline(Pipeline):
 
     core: HardwareCore
 
-    def run(self, action: np.ndarray, given: Any = None) -> None:
+    def run(self, action: np.ndarray, original: Any = None) -> None:
         episode = self.core.episode
         self.rewards = episode.reward, episode.part_reward, self.core.terms, self.core.part_terms
-        self.missed_rewards = [np.zeros_like(each) for each in self.rewards]
-        super().run(action, given)
+        self.missed_rewards = [np.zeros_like(reward) for reward in self.rewards]
+        super().run(action, original)
         for reward, missed in zip(self.rewards, self.missed_rewards, strict=True):
             reward += missed
 

@@ -60,9 +60,9 @@ class SocketDriver:
         """Return the machine's properties."""
         hello = self._channel.receive(self._timeout)
         try:
-            found = json.loads(hello.payload)
-            counts = {name: int(found[name]) for name in ("rows", "columns", "parts")}
-            return {**counts, "step_time": float(found["step_time"])}
+            greeting = json.loads(hello.payload)
+            counts = {name: int(greeting[name]) for name in ("rows", "columns", "parts")}
+            return {**counts, "step_time": float(greeting["step_time"])}
         except (TypeError, ValueError, KeyError):
             raise MachineError(f"{self._channel.peer} has not sent its rows, columns, parts and step_time") from None
 

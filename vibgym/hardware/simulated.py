@@ -104,8 +104,8 @@ class SimulatedDriver:
 
     def send(self, amplitude: np.ndarray, phase: np.ndarray) -> None:
         action, most = self.env.core.action, float(self.surface.max_amplitude or 0.0)
-        given = checks.array("amplitude", amplitude, action.amplitude.shape[1:], least=0.0, most=most * (1.0 + 1e-12))
-        action.amplitude[0], action.phase[0] = given, checks.array("phase", phase, action.phase.shape[1:])
+        sent = checks.array("amplitude", amplitude, action.amplitude.shape[1:], least=0.0, most=most * (1.0 + 1e-12))
+        action.amplitude[0], action.phase[0] = sent, checks.array("phase", phase, action.phase.shape[1:])
 
     def receive(self) -> Measurement:
         if self._cycle >= 0:

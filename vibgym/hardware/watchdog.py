@@ -57,7 +57,7 @@ class Watchdog:
         """
         sides = {"left": (0, -1.0, 0.0), "right": (0, 1.0, surface.width), "bottom": (1, -1.0, 0.0)}
         sides["top"] = (1, 1.0, surface.depth)
-        self._open = {name: each for name, each in sides.items() if name not in walls}
+        self._open = {name: side for name, side in sides.items() if name not in walls}
         self._speed = surface.horizontal_amplitude * surface.angular_frequency  # of the table; parts are slower
         self._step, self._delay = sensor.step, sensor.delay * surface.period
         self._oldest = self._delay + (sensor.every - 1) * sensor.step  # s, nominal age just before a new measurement

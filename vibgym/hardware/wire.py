@@ -126,7 +126,7 @@ class Channel:
 
 def floats(*arrays: np.ndarray) -> bytes:
     """Return arrays as 64-bit floats."""
-    return b"".join(np.ascontiguousarray(each, dtype="<f8").tobytes() for each in arrays)
+    return b"".join(np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays)
 
 
 def pack_measurement(now: float, measurement: Measurement) -> tuple[Kind, bytes]:

@@ -56,13 +56,13 @@ def identify(arguments: argparse.Namespace) -> int:
 
 def rows(fitted: Fitted) -> list[list[str]]:
     """Return name, value, 95 % interval and unit of all values, as text."""
-    found = []
+    lines = []
     for name, value in fitted.values.items():
         factor, unit = UNITS.get(name, (1.0, ""))
         low, high = fitted.intervals.get(name, (None, None))
         between = "" if low is None or high is None else f"{factor * low:.6g} to {factor * high:.6g}"
-        found.append([name, value if isinstance(value, str) else f"{factor * value:.6g}", between, unit])
-    return found
+        lines.append([name, value if isinstance(value, str) else f"{factor * value:.6g}", between, unit])
+    return lines
 
 
 def settings_text(fitted: Fitted) -> str:
@@ -108,7 +108,7 @@ def page(fitted: Fitted, title: str) -> str:
         "<p>Relative to the common gain, in percent. Grey: not visited long enough.</p>",
         _over_table(fitted, np.where(_known(fitted), 100.0 * fitted.elements[..., 0], np.nan)),
         "<h2>Recording</h2>",
-        "<ul>" + "".join(f"<li>{html.escape(each)}</li>" for each in fitted.notes) + "</ul>",
+        "<ul>" + "".join(f"<li>{html.escape(note)}</li>" for note in fitted.notes) + "</ul>",
     ]
     head = (
         f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{html.escape(title)}</title>'
@@ -124,9 +124,9 @@ def _known(fitted: Fitted) -> np.ndarray:
 
 def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     """Return a table."""
-    head = "".join(f'<th scope="col">{html.escape(each)}</th>' for each in heads)
-    cells = ("".join(f"<td>{html.escape(str(each))}</td>" for each in line) for line in lines)
-    return f'<div class="wide" tabindex="0"><table><tr>{head}</tr>{"".join(f"<tr>{each}</tr>" for each in cells)}</table></div>'
+    head = "".join(f'<th scope="col">{html.escape(title)}</th>' for title in heads)
+    cells = ("".join(f"<td>{html.escape(str(cell))}</td>" for cell in line) for line in lines)
+    return f'<div class="wide" tabindex="0"><table><tr>{head}</tr>{"".join(f"<tr>{row}</tr>" for row in cells)}</table></div>'
 
 
 def _over_time(residuals: np.ndarray) -> str:

@@ -188,20 +188,20 @@ class Fit:
         now = self.improve(now).estimate
         self.report(f"short segments: {self.describe(now)}")
         short = zip(self.solver.plant.segments, now.starts, strict=True)
-        known = {(each.part, each.first): start for each, start in short}
+        known = {(segment.part, segment.first): start for segment, start in short}
         self.use_segments(LONG)
         segments = self.solver.plant.segments
         starts = starts_of(segments, now.parameters, self.surface)
-        for k, each in enumerate(segments):
-            starts[k] = known.get((each.part, each.first), starts[k])
+        for k, segment in enumerate(segments):
+            starts[k] = known.get((segment.part, segment.first), starts[k])
         done = self.with_limit(self.improve(replace(now, starts=starts)))
         self.report(f"long segments: {self.describe(done.estimate)}")
         system = self.solver.linearize(self.everything, done.estimate, True)
         for _ in range(2):  # a form that fits better once the elements' errors are known is tried in a second round
             tried = self.improve(self.with_zone(done.estimate, system))
-            worse = sum(len(each.pose) for each in segments) * (misfit(tried.estimate) - misfit(done.estimate))
+            worse = sum(len(segment.pose) for segment in segments) * (misfit(tried.estimate) - misfit(done.estimate))
             if worse >= 0.0:  # the choice was by linear fits, which mislead far from the solution
-                kept, form = (each.estimate.parameters.dead_zone_form for each in (done, tried))
+                kept, form = (solution.estimate.parameters.dead_zone_form for solution in (done, tried))
                 self.alternatives[f"{form} dead zone"], self.alternatives[f"{kept} dead zone"] = worse, 0.0
                 break
             done, system = tried, self.linearized(tried)
@@ -210,8 +210,8 @@ class Fit:
         done, system = self.with_laws(done, system)
         now = done.estimate
         if done.moved > UNSETTLED:
-            found = self.faults if done.moved > ASTRAY else self.remarks
-            found.append(f"the fit has not converged: its last step was {done.moved:.2g} standard deviations")
+            messages = self.faults if done.moved > ASTRAY else self.remarks
+            messages.append(f"the fit has not converged: its last step was {done.moved:.2g} standard deviations")
         self.report(f"final: {self.describe(now)}")
         now, zone = self.hard_zone(now, system) if self.fixed(now) else (now, None)
         return Outcome(self, now, system, zone).fitted()
@@ -230,23 +230,23 @@ class Fit:
             if self.kinds[kind].friction_law is not None:
                 continue
             now = done.estimate
-            found = law.likeliest(self.solver, now, system, self.fixed(now), kind)
-            self.alternatives[f"constant {name}"] = found.gain
-            if found.gain < law.SIGNIFICANT:
+            rise = law.likeliest(self.solver, now, system, self.fixed(now), kind)
+            self.alternatives[f"constant {name}"] = rise.gain
+            if rise.gain < law.SIGNIFICANT:
                 self.remarks.append(f"{name}: no dependence on the speed of the slip is required")
                 continue
-            old = found
+            old = rise
             for _ in range(LAWS):
-                self.kinds[kind] = self.solver.plant.kinds[kind] = law.applied(self.kinds[kind], found.law)
+                self.kinds[kind] = self.solver.plant.kinds[kind] = law.applied(self.kinds[kind], rise.law)
                 done = self.improve(done.estimate)
                 now, system = done.estimate, self.linearized(done)
-                old, found = found, law.improved(self.solver, now, system, self.fixed(now), kind, found)
-                self.report(f"friction law: {old.law}, chi squared {found.gain:.2f} less by the next step")
-                if found.gain < SETTLED:
+                old, rise = rise, law.improved(self.solver, now, system, self.fixed(now), kind, rise)
+                self.report(f"friction law: {old.law}, chi squared {rise.gain:.2f} less by the next step")
+                if rise.gain < SETTLED:
                     break
             else:
                 self.faults.append(f"{name}: the fit of its rise has not converged, do not use these parameters")
-            self.laws[kind] = found._replace(rise=old.rise, speed=old.speed)
+            self.laws[kind] = rise._replace(rise=old.rise, speed=old.speed)
             self.remarks.append(f"{name}: a dependence on the speed of the slip is required, see its rise")
         return done, system
 
@@ -257,7 +257,7 @@ class Fit:
     def describe(self, now: Estimate) -> str:
         """Return a line with the main values."""
         p = now.parameters
-        friction = ", ".join(f"{each:.4f}" for each in p.friction)
+        friction = ", ".join(f"{coefficient:.4f}" for coefficient in p.friction)
         return (
             f"friction {friction}, a_h {1e3 * p.horizontal_amplitude:.4f} mm, gain {p.gain:.4f}, phase {p.phase:.4f}, "
             f"{p.dead_zone_form} dead zone {1e3 * p.dead_zone:.4f} mm, latency {p.latency}, "
@@ -301,10 +301,10 @@ class Fit:
             now = solver.with_noise(which, now, done.residuals, done.free)
             tried.append((cost, now))
             self.report(f"latency {parameters.latency}: chi squared {cost:.1f} at 1 mm: {self.describe(now)}")
-        best, now = min(tried, key=lambda each: each[0])
+        best, now = min(tried, key=lambda candidate: candidate[0])
         scale = (1e-3 / now.noise[0]) ** 2
-        for cost, each in tried:
-            self.alternatives[f"latency {each.parameters.latency}"] = float((cost - best) * scale)
+        for cost, estimate in tried:
+            self.alternatives[f"latency {estimate.parameters.latency}"] = float((cost - best) * scale)
         return now
 
     def prior(self, parameters: Parameters) -> Prior:
@@ -320,15 +320,15 @@ class Fit:
     def forms(self, now: Estimate, system: System) -> list[tuple[float, str, float]]:
         """Return chi squared, form and width (m) of dead zones, the best first; those excluded before are not tried again."""
         most = min(LARGEST_ZONE, self.sheet.limit)
-        zones, found = np.linspace(0.0, most, ZONES), []
-        for form in [each for each in FORMS if self.alternatives.get(f"{each} dead zone", 0.0) < EXCLUDED]:
+        zones, forms = np.linspace(0.0, most, ZONES), []
+        for form in [known for known in FORMS if self.alternatives.get(f"{known} dead zone", 0.0) < EXCLUDED]:
             costs = self.zone_costs(now, system, form, zones)
-            found.append((float(costs.min()), form, float(zones[costs.argmin()])))
-        found.sort()
-        for cost, form, _ in found:
-            self.alternatives[f"{form} dead zone"] = cost - found[0][0]
-        self.report("dead zones: " + ", ".join(f"{f} {1e3 * z:.3f} mm {c - found[0][0]:+.1f}" for c, f, z in found))
-        return found
+            forms.append((float(costs.min()), form, float(zones[costs.argmin()])))
+        forms.sort()
+        for cost, form, _ in forms:
+            self.alternatives[f"{form} dead zone"] = cost - forms[0][0]
+        self.report("dead zones: " + ", ".join(f"{f} {1e3 * z:.3f} mm {c - forms[0][0]:+.1f}" for c, f, z in forms))
+        return forms
 
     def zone_costs(self, now: Estimate, system: System, form: str, zones: np.ndarray) -> np.ndarray:
         """Return chi squared (zones,) of dead zones (m) of a form, with all other unknowns fitted linearly."""
@@ -353,27 +353,27 @@ class Fit:
         """
         nominal, highest = float(self.nominal.max_amplitude or 0.0), self.limit
         plant = self.solver.plant
-        poses, tried = sum(len(each.pose) for each in plant.segments), {highest: now}
+        poses, tried = sum(len(segment.pose) for segment in plant.segments), {highest: now}
 
         def costs(limits: Sequence[float]) -> dict[float, float]:
             for self.limit in set(limits) - set(tried):
                 plant.top = self.limit
                 tried[self.limit] = self.improve(now.estimate)
                 self.report(f"limit {1e3 * self.limit:.4f} mm: {self.describe(tried[self.limit].estimate)}")
-            misfits = {limit: misfit(each.estimate) for limit, each in tried.items()}
-            return {limit: poses * (each - min(misfits.values())) for limit, each in misfits.items()}
+            misfits = {limit: misfit(solution.estimate) for limit, solution in tried.items()}
+            return {limit: poses * (cost - min(misfits.values())) for limit, cost in misfits.items()}
 
         gains = now.estimate.parameters.gain + now.estimate.parameters.elements[..., 0]
         if highest <= nominal or (gains * self.log.amplitude.max(axis=0)).max() < UNLIMITED * nominal:
             self.limit = plant.top = min(nominal, highest)  # without effect
             return now
-        found = costs(np.linspace(nominal, highest, COARSE).tolist())
-        for _ in range(HALVINGS if min(found[nominal], found[highest]) > REQUIRED else 0):
-            limits = sorted(found)
-            k = limits.index(min(found, key=found.__getitem__))
-            found = costs([0.5 * (a + b) for a, b in itertools.pairwise(limits[max(k - 1, 0) : k + 2])])
-        suffice = [each for each in (nominal, highest) if found[each] < REQUIRED]
-        self.limit = plant.top = [*suffice, min(found, key=found.__getitem__)][0]
+        excess = costs(np.linspace(nominal, highest, COARSE).tolist())
+        for _ in range(HALVINGS if min(excess[nominal], excess[highest]) > REQUIRED else 0):
+            limits = sorted(excess)
+            k = limits.index(min(excess, key=excess.__getitem__))
+            excess = costs([0.5 * (a + b) for a, b in itertools.pairwise(limits[max(k - 1, 0) : k + 2])])
+        suffice = [limit for limit in (nominal, highest) if excess[limit] < REQUIRED]
+        self.limit = plant.top = [*suffice, min(excess, key=excess.__getitem__)][0]
         if self.limit > nominal:
             reached = f"{1e3 * self.limit:.3g} mm, whose error is not in the intervals"
             own = "they reach no limit" if suffice else reached

@@ -58,16 +58,16 @@ def first_estimates(
     Raises:
         ValueError: too few images one period apart, no commands under the parts, or mirrored axes.
     """
-    tried = {axes: _regressions(log, segments, surface, kinds, sheet, np.array(each)) for axes, each in AXES.items()}
-    best, found = min(tried, key=lambda axes: tried[axes][0][0]), tried["no axis"]
-    if tried[best][0][0] < MIRRORED * found[0][0]:
+    tried = {axes: _regressions(log, segments, surface, kinds, sheet, np.array(signs)) for axes, signs in AXES.items()}
+    best, plain = min(tried, key=lambda axes: tried[axes][0][0]), tried["no axis"]
+    if tried[best][0][0] < MIRRORED * plain[0][0]:
         got = f"positions that agree with the commands if {best} is mirrored (or if all phases are negated)"
         allowed = "x to the right and y upwards on the table, as the commands' columns and rows"
         raise checks.refuse("log.pose", got, allowed)
     estimates = []
-    for _, latency, factor in found[:CANDIDATES]:
+    for _, latency, factor in plain[:CANDIDATES]:
         response = factor / (-0.5j * surface.angular_frequency**2)
-        lead = lead_angle(surface, float(np.mean([kinds[each.kind].friction for each in segments])))
+        lead = lead_angle(surface, float(np.mean([kinds[segment.kind].friction for segment in segments])))
         zone = min(sheet.dead_zone, LARGEST_ZONE)
         estimates.append(
             Parameters(
@@ -101,18 +101,18 @@ def _regressions(
     commands = log.amplitude * np.exp(1j * log.phase)
     latencies = latencies_of(sheet)
     rows, accelerations, velocities, patches, frictions = [], [], [], [], []
-    for each in segments:
-        position = np.where(mirrored, [surface.width, surface.depth] - each.pose[:, :2], each.pose[:, :2])
+    for segment in segments:
+        position = np.where(mirrored, [surface.width, surface.depth] - segment.pose[:, :2], segment.pose[:, :2])
         x = position[:, 0] + 1j * position[:, 1]
-        regular = np.abs(np.diff(each.instant) - 1.0) < 0.2
+        regular = np.abs(np.diff(segment.instant) - 1.0) < 0.2
         for k in np.flatnonzero(regular[:-1] & regular[1:]):
-            rows.append(each.first + round(each.instant[k]))
+            rows.append(segment.first + round(segment.instant[k]))
             accelerations.append((x[k + 2] - 2.0 * x[k + 1] + x[k]) / surface.period**2)
             velocities.append((x[k + 2] - x[k]) / (2.0 * surface.period))
             place = position[k + 1] // surface.element_size
             row = int(np.clip(place[1], 0, surface.rows - 1))
             patches.append((row, int(np.clip(place[0], 0, surface.columns - 1))))
-            frictions.append(kinds[each.kind].friction)
+            frictions.append(kinds[segment.kind].friction)
     if len(rows) < 20:
         raise checks.refuse("log", f"{len(rows)} images one period apart", "a recording with one image a period")
     row, patch, mu = np.array(rows), np.array(patches), np.array(frictions)
@@ -129,12 +129,12 @@ def _regressions(
     if not np.abs(near).max() > 0.0:
         allowed = "commands under the parts (too little excitation)"
         raise checks.refuse("log.amplitude", "zeros wherever a part was", allowed)
-    found = []
+    fits = []
     for latency in range(latencies):
         design = np.column_stack([mu * near[latency].conj(), mu * v])
         solution, *_ = np.linalg.lstsq(design, a, rcond=None)
-        found.append((float((np.abs(a - design @ solution) ** 2).sum()), latency, complex(solution[0])))
-    return sorted(found, key=lambda each: each[0])
+        fits.append((float((np.abs(a - design @ solution) ** 2).sum()), latency, complex(solution[0])))
+    return sorted(fits, key=lambda fit: fit[0])
 
 
 def starts_of(segments: Sequence[Segment], parameters: Parameters, surface: Surface) -> np.ndarray:
@@ -146,15 +146,15 @@ def starts_of(segments: Sequence[Segment], parameters: Parameters, surface: Surf
     middle = 0.5 * np.array([surface.width, surface.depth])
     back = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]) / scale
     starts = np.zeros((len(segments), LOCAL))
-    for k, each in enumerate(segments):
+    for k, segment in enumerate(segments):
         some = slice(0, 7)
-        time = each.instant[some] * surface.period
-        pose = each.pose[some].copy()
+        time = segment.instant[some] * surface.period
+        pose = segment.pose[some].copy()
         pose[:, :2] = (pose[:, :2] - middle - [x, y]) @ back.T + middle
         pose[:, 2] -= turn
         fitted = np.polynomial.polynomial.polyfit(time, pose, 2)
         starts[k, :3], starts[k, 3:] = fitted[0], fitted[1]
-        starts[k, 3:5] += surface.idle_velocity(float(parameters.friction[each.kind]))
+        starts[k, 3:5] += surface.idle_velocity(float(parameters.friction[segment.kind]))
     return starts
 
 

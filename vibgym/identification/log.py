@@ -66,24 +66,24 @@ class Log:
             raise checks.refuse("log.time", f"{n} cycles", "at least two cycles")
         elements, parts = (n, surface.rows, surface.columns), len(settings["parts"])
         shapes = {"time": (n,), "amplitude": elements, "phase": elements, "pose": (n, parts, 3), "taken": (n,)}
-        found: dict[str, Any] = {name: _exact(name, getattr(self, name), shape) for name, shape in shapes.items()}
+        arrays: dict[str, Any] = {name: _exact(name, getattr(self, name), shape) for name, shape in shapes.items()}
         for name, least in (("time", -math.inf), ("amplitude", 0.0), ("phase", -math.inf)):
-            checks.array(f"log.{name}", found[name], shapes[name], least=least)
-        pose, taken = found["pose"], found["taken"]
+            checks.array(f"log.{name}", arrays[name], shapes[name], least=least)
+        pose, taken = arrays["pose"], arrays["taken"]
         if np.isinf(pose).any() or (np.isnan(pose).any(axis=2) != np.isnan(pose).all(axis=2)).any():
             got = "infinity, or a pose that is partly NaN"
             raise checks.refuse("log.pose", got, "finite, or NaN for the whole pose")
         seen = ~np.isnan(pose[..., 0]).all(axis=1)
         if not np.isfinite(taken[seen]).all():
             raise checks.refuse("log.taken", "a row with poses but without a time", "finite in rows with poses")
-        clocks = ("time", found["time"], np.arange(n)), ("taken", taken[seen], np.flatnonzero(seen))
+        clocks = ("time", arrays["time"], np.arange(n)), ("taken", taken[seen], np.flatnonzero(seen))
         for name, values, rows in clocks:
             back = np.diff(values) <= 0.0 if name == "time" else np.diff(values) < 0.0
             if back.any():
                 k = int(np.flatnonzero(back)[0])
                 got = f"{values[k + 1]:.6f} s after {values[k]:.6f} s in row {rows[k + 1]}"
                 raise checks.refuse(f"log.{name}", got, "increasing: timestamps of one clock, in the order of cycles")
-        for name, value in {**found, "settings": settings}.items():
+        for name, value in {**arrays, "settings": settings}.items():
             object.__setattr__(self, name, value)  # the class is frozen
 
     def __len__(self) -> int:
@@ -97,7 +97,7 @@ class Log:
     @property
     def parts(self) -> tuple[Part, ...]:
         """The nominal parts of the settings."""
-        return tuple(part_from(each) for each in self.settings["parts"])
+        return tuple(part_from(part) for part in self.settings["parts"])
 
     def save(self, path: str | Path) -> None:
         """Write the recording as one compressed ``.npz`` file, all or nothing.
@@ -122,7 +122,7 @@ class Log:
         path = Path(path)
         try:
             with zipfile.ZipFile(path) as content:
-                size = sum(each.file_size for each in content.infolist())
+                size = sum(member.file_size for member in content.infolist())
             if size > MOST_BYTES:
                 raise checks.refuse(str(path), f"{size} bytes", f"a recording of at most {MOST_BYTES} bytes")
             with np.load(path, allow_pickle=False) as stored:
@@ -164,6 +164,6 @@ def _checked_settings(settings: Any) -> dict[str, Any]:
         raise checks.refuse("log.settings['parts']", parts, "a list of parts")
     with checks.within("log.settings"):
         surface_from(plain["surface"])
-        for k, each in enumerate(parts):
-            part_from(each, f"parts[{k}]")
+        for k, part in enumerate(parts):
+            part_from(part, f"parts[{k}]")
     return plain

@@ -100,9 +100,9 @@ class Outcome:
         self.problem, self.solver, self.now, self.system, self.zone = problem, problem.solver, now, system, zone
         self.fixed = problem.fixed(now)
         _, self.covariance = self.solver.posterior(system, now, self.fixed)
-        for found in problem.laws.values():  # laws of several kinds are independent, but for the other parameters
-            change = self.covariance @ found.products
-            self.covariance = self.covariance + change @ found.covariance @ change.T
+        for law in problem.laws.values():  # laws of several kinds are independent, but for the other parameters
+            change = self.covariance @ law.products
+            self.covariance = self.covariance + change @ law.covariance @ change.T
         self.deviation = np.sqrt(np.diag(self.covariance))
 
     def fitted(self) -> Fitted:
@@ -113,7 +113,7 @@ class Outcome:
         intervals: dict[str, tuple[float, float]] = {}
         for k, name in enumerate(problem.names):
             ends = vector[k] + LEVEL * deviation[k] * np.array([-1.0, 0.0, 1.0])
-            low, value, high = (_physical(name, each) for each in ends)
+            low, value, high = (_physical(name, end) for end in ends)
             values[name], intervals[name] = value, (low, high)
         if self.zone is not None:
             intervals["dead_zone"] = self.zone
@@ -158,40 +158,40 @@ class Outcome:
     def add_laws(self, values: dict[str, Any], intervals: dict[str, Any]) -> None:
         """Add the friction laws, and their parameters where friction depends on speed."""
         for kind, name in enumerate(self.problem.names[: len(self.problem.kinds)]):
-            label, found = name.removeprefix("friction"), self.problem.laws.get(kind)
-            given = self.problem.kinds[kind].friction_law
-            values[f"friction_law{label}"] = "constant" if given is None else str(given["kind"])
-            if found is not None:
-                rise, speed = LEVEL * np.sqrt(np.diag(found.covariance))
-                values[f"rise{label}"], values[f"rise_speed{label}"] = found.rise, found.speed
-                intervals[f"rise{label}"] = found.rise - rise, found.rise + rise
-                intervals[f"rise_speed{label}"] = found.speed * math.exp(-speed), found.speed * math.exp(speed)
+            label, law = name.removeprefix("friction"), self.problem.laws.get(kind)
+            known = self.problem.kinds[kind].friction_law
+            values[f"friction_law{label}"] = "constant" if known is None else str(known["kind"])
+            if law is not None:
+                rise, speed = LEVEL * np.sqrt(np.diag(law.covariance))
+                values[f"rise{label}"], values[f"rise_speed{label}"] = law.rise, law.speed
+                intervals[f"rise{label}"] = law.rise - rise, law.rise + rise
+                intervals[f"rise_speed{label}"] = law.speed * math.exp(-speed), law.speed * math.exp(speed)
 
     def unidentified(
         self, relative: np.ndarray, pairs: dict[tuple[str, str], float], deviations: np.ndarray
     ) -> dict[str, str]:
         """Return parameters, and pairs of them, that the recording does not determine, and which recording would."""
-        problem, now, found = self.problem, self.now, {}
+        problem, now, advice = self.problem, self.now, {}
         for k, name in enumerate(problem.names):
             if relative[k] > UNKNOWN and k not in self.fixed:
-                found[name] = ADVICE[name.partition(".")[0]]
+                advice[name] = ADVICE[name.partition(".")[0]]
         for i, a in enumerate(problem.names):
             for b in problem.names[i + 1 :]:
-                if abs(pairs[a, b]) > COUPLED and a not in found and b not in found:
-                    found[f"{a} and {b}"] = f"only a combination is determined; {ADVICE[a.partition('.')[0]]}"
+                if abs(pairs[a, b]) > COUPLED and a not in advice and b not in advice:
+                    advice[f"{a} and {b}"] = f"only a combination is determined; {ADVICE[a.partition('.')[0]]}"
         missing = int((deviations[..., 0] > 0.8 * now.prior.spread[0]).sum())
         if missing:
-            found[f"{missing} of {deviations[..., 0].size} elements"] = "a recording in which parts visit them longer"
-        found["static friction"] = "none on this table: parts slide at all times" if all(
+            advice[f"{missing} of {deviations[..., 0].size} elements"] = "a recording in which parts visit them longer"
+        advice["static friction"] = "none on this table: parts slide at all times" if all(
             problem.nominal.slides_permanently(kind.static_friction) for kind in problem.kinds
         ) else "a recording at a lower frequency, in which parts stick"  # fmt: skip
-        found["gravity, element size, mass, limit of commands"] = "none: they are taken as given"
+        advice["gravity, element size, mass, limit of commands"] = "none: they are taken as given"
         width = 0.0 if self.zone is None else self.zone[1] - self.zone[0]
         if width > 2.0 * LEVEL * UNKNOWN * 1e-3 * now.prior.deviation[problem.names.index("dead_zone")]:
-            found["dead_zone"] = ADVICE["dead_zone"]
+            advice["dead_zone"] = ADVICE["dead_zone"]
         if sum(problem.alternatives[f"{form} dead zone"] < AMBIGUOUS for form in FORMS) > 1:
-            found["dead_zone_form"] = ADVICE["dead_zone"]
-        return found
+            advice["dead_zone_form"] = ADVICE["dead_zone"]
+        return advice
 
     def actuators(self) -> dict[str, Any]:
         """Return prototype actuators with the fitted values, as a setting of environments."""
@@ -210,16 +210,16 @@ class Outcome:
         problem = self.problem
         pairs = zip(self.now.parameters.friction, problem.kinds, strict=True)
         factors = [float(new) / kind.friction for new, kind in pairs]
-        found = []
+        parts = []
         for part, k in zip(problem.parts, problem.kind_of, strict=True):
             friction, static = factors[k] * part.friction, factors[k] * part.static_friction
             part = replace(part, friction=friction, static_friction=static)
-            found.append(applied(part, problem.laws[k].law) if k in problem.laws else part)
-        return tuple(found)
+            parts.append(applied(part, problem.laws[k].law) if k in problem.laws else part)
+        return tuple(parts)
 
     def notes(self) -> list[str]:
         """Return remarks about the recording."""
-        used = sum(len(each.instant) for each in self.solver.plant.segments)
+        used = sum(len(segment.instant) for segment in self.solver.plant.segments)
         seen = int(np.isfinite(self.problem.log.pose[..., 0]).sum())
         notes = [f"{used} of {seen} poses used, in {len(self.solver.plant.segments)} segments of up to {LONG} periods"]
         notes += [f"gap of {lost} cycles after row {row}" for row, lost in self.problem.timing.gaps.tolist()]
@@ -231,8 +231,10 @@ class Outcome:
         """Return the rows of :attr:`Fitted.residuals`."""
         rows = []
         for k, residual in zip(self.system.which, self.system.residuals, strict=True):
-            each = self.solver.plant.segments[k]
-            head = np.column_stack([each.first + each.instant, np.full(len(residual), each.part), each.pose[:, :2]])
+            segment = self.solver.plant.segments[k]
+            head = np.column_stack(
+                [segment.first + segment.instant, np.full(len(residual), segment.part), segment.pose[:, :2]]
+            )
             rows.append(np.column_stack([head, residual[:, :2]]))
         return np.concatenate(rows)
 

@@ -147,7 +147,7 @@ class Plant:
         self.segments, self.surface, self.kinds, self._length = list(segments), surface, list(kinds), length
         self._drive = polar_drive(log.amplitude, log.phase, surface.angular_frequency)
         self._rows = len(log)
-        self._first = np.array([each.first for each in self.segments])
+        self._first = np.array([segment.first for segment in self.segments])
         self._limit, self._resolution, self.top = limit, resolution, float(surface.max_amplitude or 0.0)
         self._finer = FINE if fine else {}
 
@@ -164,15 +164,15 @@ class Plant:
         """
         tried = np.array([parameters.dead_zone]) if zones is None else zones
         knobs = self._finer if zones is None else {}
-        found: dict[int, np.ndarray] = {}
+        predicted: dict[int, np.ndarray] = {}
         for kind, some in self._groups(which, len(tried)):
             batch = self._batch(np.repeat(some, len(tried)), parameters, starts)
             batch = batch._replace(dead_zone=np.tile(tried, len(some)))
             path = self._simulate(kind, batch, parameters, parameters.horizontal_amplitude, **knobs)
             for k, segment in enumerate(some):
                 seen = self._at(segment, path[:, k * len(tried) : (k + 1) * len(tried)])
-                found[segment] = _camera(parameters).measured(seen, self.surface).swapaxes(0, 1)
-        return [found[segment][0] if zones is None else found[segment] for segment in which]
+                predicted[segment] = _camera(parameters).measured(seen, self.surface).swapaxes(0, 1)
+        return [predicted[segment][0] if zones is None else predicted[segment] for segment in which]
 
     def laws(
         self,
@@ -185,7 +185,7 @@ class Plant:
         """Return changes (1 + laws, n, 3) of predicted measurements by other friction laws of a kind, first by none: zeros."""
         part = self.kinds[kind]
         some = [k for k in which if self.segments[k].kind == kind]
-        found = {k: np.zeros((1 + len(laws), len(self.segments[k].instant), 3)) for k in which}
+        changes = {k: np.zeros((1 + len(laws), len(self.segments[k].instant), 3)) for k in which}
         predicted = []
         try:
             # The first law is constant, summed over points too.
@@ -195,8 +195,8 @@ class Plant:
         finally:
             self.kinds[kind] = part
         for k, *seen in zip(some, *predicted, strict=True):
-            found[k][:] = np.array(seen) - seen[0]
-        return [found[k] for k in which]
+            changes[k][:] = np.array(seen) - seen[0]
+        return [changes[k] for k in which]
 
     def differentiate(
         self,
@@ -211,7 +211,7 @@ class Plant:
             starts: (segments, LOCAL) initial states of all segments.
             elements: compute derivatives by the elements, else return empty ones.
         """
-        found: dict[int, Derivatives] = {}
+        derivatives: dict[int, Derivatives] = {}
         most = max((len(self.segments[k].elements) for k in which), default=1)
         direct = [*(() if elements else ("gain", "phase")), "friction", "dead_zone"]  # see _assemble
         for kind, some in self._groups(which, 1 + LOCAL + 4 + (2 * most if elements else 0)):
@@ -224,7 +224,7 @@ class Plant:
                 if elements:
                     columns += [(segment, "element", k) for k in range(2 * len(self.segments[segment].elements))]
                 edges.append(len(columns))
-            batch = self._batch(np.array([each[0] for each in columns]), parameters, starts)
+            batch = self._batch(np.array([column[0] for column in columns]), parameters, starts)
             unit = _unit(parameters)
             for world, (segment, name, k) in enumerate(columns):
                 self._perturb(batch, unit, parameters.gain, world, segment, name, k)
@@ -234,8 +234,8 @@ class Plant:
             wider = self._simulate(kind, base, parameters, factor * parameters.horizontal_amplitude)
             for k, segment in enumerate(some):
                 own = slice(edges[k], edges[k + 1])
-                found[segment] = self._assemble(segment, columns[own], path[:, own], wider[:, k], parameters)
-        return [found[segment] for segment in which]
+                derivatives[segment] = self._assemble(segment, columns[own], path[:, own], wider[:, k], parameters)
+        return [derivatives[segment] for segment in which]
 
     def _groups(self, which: Sequence[int], worlds: int) -> list[tuple[int, list[int]]]:
         """Return kinds and segments of batches that fit into memory, with this many worlds for a segment."""

@@ -121,7 +121,7 @@ def segments_of(
     _, kinds = kinds_of(parts, Part.same_as)
     near = _too_near(log, parts)
     fresh = np.append(True, np.diff(log.taken) != 0.0)
-    found = []
+    segments = []
     for a, b in timing.pieces:
         for first in range(a + skip, b - LEAST_IMAGES, length):
             last = min(first + length, b)
@@ -134,12 +134,12 @@ def segments_of(
                 pose = log.pose[rows, k].copy()
                 pose[:, 2] = unwrapped(pose[:, 2], part.symmetry)
                 elements = _touched(pose, part, element_size, log.amplitude.shape[1:])
-                found.append(Segment(k, int(kinds[k]), first, timing.cycle[rows] - first, pose, elements))
-    if len(found) < LEAST_SEGMENTS:
-        got = f"{len(found)} stretches of {length} periods with {LEAST_IMAGES} images and without gaps"
+                segments.append(Segment(k, int(kinds[k]), first, timing.cycle[rows] - first, pose, elements))
+    if len(segments) < LEAST_SEGMENTS:
+        got = f"{len(segments)} stretches of {length} periods with {LEAST_IMAGES} images and without gaps"
         allowed = f"a recording with at least {LEAST_SEGMENTS}; record longer, or with fewer gaps"
         raise checks.refuse("log", got, allowed)
-    return found
+    return segments
 
 
 def unwrapped(heading: np.ndarray, symmetry: int) -> np.ndarray:

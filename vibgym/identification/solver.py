@@ -120,25 +120,25 @@ class Solver:
         self, which: Sequence[int], now: Estimate, elements: bool, derivatives: list[Derivatives] | None = None
     ) -> System:
         """Return the linearized problem at an estimate, with given derivatives or new ones."""
-        found = derivatives
-        if found is None:
-            found = self.plant.differentiate(which, now.parameters, now.starts, elements=elements)
+        slopes = derivatives
+        if slopes is None:
+            slopes = self.plant.differentiate(which, now.parameters, now.starts, elements=elements)
         shared = len(now.prior.mean)
         size = shared + self._elements
         matrix, right = np.zeros((size, size)), np.zeros(size)
         blocks, columns, residuals = [], [], self.residuals(which, now)
-        for segment, each, residual in zip(which, found, residuals, strict=True):
+        for segment, slope, residual in zip(which, slopes, residuals, strict=True):
             weights = self.weights(segment, now.noise)
             own = self._columns(segment, shared, elements)
-            block = np.concatenate([each.shared, each.elements.reshape(*residual.shape, -1)], axis=2)
+            block = np.concatenate([slope.shared, slope.elements.reshape(*residual.shape, -1)], axis=2)
             block = (block * weights[:, None]).reshape(residual.size, -1)
-            q, r = _orthogonal(each, weights)
+            q, r = _orthogonal(slope, weights)
             left, rest = (_rest(q, values) for values in (block, (residual * weights).reshape(-1, 1)))
             matrix[np.ix_(own, own)] += left.T @ left
             right[own] += left.T @ rest[:, 0]
             blocks.append((q, r, block))
             columns.append(own)
-        return System(which, matrix, right, blocks, columns, residuals, found)
+        return System(which, matrix, right, blocks, columns, residuals, slopes)
 
     def _columns(self, segment: int, shared: int, elements: bool) -> np.ndarray:
         """Return the indices of a segment's columns in the dense system."""
@@ -180,15 +180,15 @@ class Solver:
 
     def cost(self, residuals: Sequence[np.ndarray], which: Sequence[int], now: Estimate, elements: bool) -> float:
         """Return the sum of weighted squares of residuals and prior."""
-        weighted = (each * self.weights(k, now.noise) for k, each in zip(which, residuals, strict=True))
-        total = sum(float((each**2).sum()) for each in weighted)
+        weighted = (residual * self.weights(k, now.noise) for k, residual in zip(which, residuals, strict=True))
+        total = sum(float((residual**2).sum()) for residual in weighted)
         total += float((((now.parameters.vector() - now.prior.mean) / now.prior.deviation) ** 2).sum())
         return total + (float(((now.parameters.elements / now.prior.spread) ** 2).sum()) if elements else 0.0)
 
     def residuals(self, which: Sequence[int], now: Estimate) -> list[np.ndarray]:
         """Return residuals (n, 3) of segments, measured less predicted."""
         predicted = self.plant.predict(which, now.parameters, now.starts)
-        return [self.plant.segments[k].pose - each for k, each in zip(which, predicted, strict=True)]
+        return [self.plant.segments[k].pose - pose for k, pose in zip(which, predicted, strict=True)]
 
     def step(
         self,
@@ -257,10 +257,10 @@ class Solver:
     ) -> Estimate:
         """Return the estimate with the noise of its residuals, of ``free`` (2,) degrees of freedom; None: their number."""
         square, count = np.zeros(3), np.zeros(3)
-        for segment, each in zip(which, residuals, strict=True):
+        for segment, residual in zip(which, residuals, strict=True):
             seen = np.sign(self.weights(segment, now.noise))
-            square, count = square + seen * (each**2).sum(axis=0), count + seen * len(each)
-        square, count = (np.array([each[0] + each[1], each[2]]) for each in (square, count))
+            square, count = square + seen * (residual**2).sum(axis=0), count + seen * len(residual)
+        square, count = (np.array([sums[0] + sums[1], sums[2]]) for sums in (square, count))
         noise = np.sqrt(square / np.maximum(count if free is None else free, 1.0))
         return replace(now, noise=np.where(noise > 0.0, np.maximum(noise, 1e-9), now.noise))
 
@@ -279,8 +279,8 @@ class Solver:
         count = len(predicted[0])
         rights, squares = np.zeros((len(gradient), count)), np.zeros((count, count))
         parts = zip(system.which, predicted, system.blocks, system.columns, strict=True)
-        for segment, each, (q, _, block), own in parts:
-            residual = (self.plant.segments[segment].pose - each) * self.weights(segment, now.noise)
+        for segment, pose, (q, _, block), own in parts:
+            residual = (self.plant.segments[segment].pose - pose) * self.weights(segment, now.noise)
             left, rest = _rest(q, block), _rest(q, residual.reshape(count, -1).T)
             rights[own] += left.T @ rest
             squares += rest.T @ rest
@@ -289,9 +289,9 @@ class Solver:
         return squares - rights.T @ covariance @ rights, rights
 
 
-def _orthogonal(each: Derivatives, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _orthogonal(derivatives: Derivatives, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return Q and R of the columns of a segment's initial state, with a ridge."""
-    local = (each.local * weights[:, None]).reshape(-1, LOCAL) * STATE_SCALE
+    local = (derivatives.local * weights[:, None]).reshape(-1, LOCAL) * STATE_SCALE
     return np.linalg.qr(np.concatenate([local, RIDGE * np.eye(LOCAL)]))
 
 

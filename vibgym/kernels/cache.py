@@ -57,25 +57,25 @@ def warn_about_damage(folder: str, error: Exception) -> None:
 
 def imported_files(file: str, module: str) -> list[Path]:
     """Return a module's file and all files that it imports, directly or indirectly, sorted."""
-    found, todo = {Path(file)}, [Path(file)]
+    files, todo = {Path(file)}, [Path(file)]
     while todo:
-        new = _imports(todo.pop(), _roots(file, module)) - found
-        found |= new
+        new = _imports(todo.pop(), _roots(file, module)) - files
+        files |= new
         todo += new
-    return sorted(found)
+    return sorted(files)
 
 
 @functools.cache
 def _imports(file: Path, roots: tuple[Path, ...]) -> frozenset[Path]:
     """Return the files of packages, given by their folders, that a file imports directly."""
-    found: set[Path] = set()
+    paths: set[Path] = set()
     folders = {root.name: root.parent for root in roots}
     for imported, names in _IMPORT.findall(_TYPES.sub("", file.read_text(encoding="utf-8"))):
         if folder := folders.get(imported.partition(".")[0]):
-            for each in (imported, *(f"{imported}.{one}" for one in re.findall(r"\w+", names))):
-                path = folder.joinpath(*each.split("."))
-                found |= {path.with_suffix(".py"), path / "__init__.py"}
-    return frozenset(path for path in found if path.is_file())
+            for name in (imported, *(f"{imported}.{one}" for one in re.findall(r"\w+", names))):
+                path = folder.joinpath(*name.split("."))
+                paths |= {path.with_suffix(".py"), path / "__init__.py"}
+    return frozenset(path for path in paths if path.is_file())
 
 
 @functools.cache

@@ -55,10 +55,10 @@ class _LinkedLibrary(codegen.JITCodeLibrary):
         order: dict[Any, None] = {}
 
         def visit(library: Any) -> None:
-            for each in library._linking_libraries:
-                if each not in order:
-                    visit(each)
-                    order[each] = None
+            for linked in library._linking_libraries:
+                if linked not in order:
+                    visit(linked)
+                    order[linked] = None
 
         visit(self)
         self._linking_libraries = list(reversed(order))
@@ -76,7 +76,7 @@ class _Passes(compiler_machinery.PassManager):
 
     def __init__(self, pipeline: Any, allocating: bool) -> None:
         super().__init__(pipeline.pipeline_name)
-        self.passes = [each for each in pipeline.passes if allocating or each[0].__name__ not in self.NEEDLESS]
+        self.passes = [step for step in pipeline.passes if allocating or step[0].__name__ not in self.NEEDLESS]
         self.finalize()
 
     def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:
@@ -104,7 +104,7 @@ class _CalleeCompiler(compiler.Compiler):
         new_library = _LinkedLibrary if self.linked else _UnlinkedLibrary
         state.library = new_library(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
-        return [_Passes(each, allocating=bool(state.flags.nrt)) for each in super().define_pipelines()]
+        return [_Passes(pipeline, allocating=bool(state.flags.nrt)) for pipeline in super().define_pipelines()]
 
 
 class _KernelCompiler(_CalleeCompiler):
@@ -118,7 +118,7 @@ class _Callee(CPUDispatcher):
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         # numba would compile a kernel separately for True and for False, and pass records by value.
-        return super().get_call_template(tuple(argument_type(types.unliteral(each)) for each in args), kws)
+        return super().get_call_template(tuple(argument_type(types.unliteral(argument)) for argument in args), kws)
 
     def add_overload(self, cres: Any) -> None:
         # No machine code whose address could identify this overload exists; any object can.

@@ -74,8 +74,8 @@ def _offset(context: Any, kind: Any, index: int) -> int:
 def argument_type(kind: Any) -> Any:
     """Return the type that a kernel passes to another one: a reference for records that contain arrays or records."""
     large = isinstance(kind, types.BaseNamedTuple) and any(
-        isinstance(each, (types.Array, types.BaseNamedTuple, Reference))
-        for each in tuple(kind)  # type: ignore[arg-type]
+        isinstance(member, (types.Array, types.BaseNamedTuple, Reference))
+        for member in tuple(kind)  # type: ignore[arg-type]
     )
     return Reference(kind) if large else kind
 

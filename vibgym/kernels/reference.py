@@ -92,7 +92,7 @@ class Pinned(Generic[Record]):
         self.layout, self.record = layout, record
         fields = [_packed(layout.record[k], value) for k, value in enumerate(record)]  # type: ignore[arg-type]
         self._words = np.frombuffer(bytearray(b"".join(fields)), dtype=np.int64)
-        self._offsets = np.cumsum([0, *(len(each) // 8 for each in fields)]).tolist()
+        self._offsets = np.cumsum([0, *(len(field) // 8 for field in fields)]).tolist()
         self.address: Any = record if MODE == INTERPRETED else self._words.ctypes.data
 
     def put(self, record: Record) -> None:
@@ -139,7 +139,7 @@ def _packed(kind: Any, value: Any) -> bytes:
 
 def bound(kernel: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
     """Return a kernel with its first arguments, of pinned records their addresses, and keep these alive; not copyable."""
-    call: Any = partial(kernel, *(each.address if isinstance(each, Pinned) else each for each in arguments))
+    call: Any = partial(kernel, *(arg.address if isinstance(arg, Pinned) else arg for arg in arguments))
     call.keeps = arguments
     return call
 

@@ -92,10 +92,10 @@ _ANY_VEC, _ANY_MASK = "Vec", "Mask"
 _BY_LANES = {_ANY_VEC: VEC, _ANY_MASK: MASK}
 
 
-def _fits(given: Any, kind: Any) -> bool:
+def _fits(argument: Any, kind: Any) -> bool:
     if kind == types.Array:
-        return isinstance(given, kind) and given.ndim == 1 and given.layout == "C"
-    return given == kind or (not isinstance(kind, Mask) and isinstance(given, types.Number))
+        return isinstance(argument, kind) and argument.ndim == 1 and argument.layout == "C"
+    return argument == kind or (not isinstance(kind, Mask) and isinstance(argument, types.Number))
 
 
 def _register(function: Any, generate: Callable[..., Any], result: Any, kinds: tuple[Any, ...]) -> None:
@@ -106,7 +106,7 @@ def _register(function: Any, generate: Callable[..., Any], result: Any, kinds: t
         return _BY_LANES[kind][lanes] if kind in _BY_LANES else kind
 
     def typed(*args: Any) -> Any:
-        lanes = next((each.lanes for each in args if isinstance(each, (Vec, Mask))), 0)
+        lanes = next((argument.lanes for argument in args if isinstance(argument, (Vec, Mask))), 0)
         if wide and not lanes:
             return None
         wanted = [of(kind, lanes) for kind in kinds]
@@ -121,23 +121,23 @@ def _register(function: Any, generate: Callable[..., Any], result: Any, kinds: t
     type_callable(function)(lambda context: typing)
 
     def lower(context: Any, builder: Any, made: Any, values: Any) -> Any:
-        lanes = next((each.lanes for each in made.args if isinstance(each, (Vec, Mask))), 0)
+        lanes = next((argument.lanes for argument in made.args if isinstance(argument, (Vec, Mask))), 0)
 
-        def passed(kind: Any, given: Any, value: Any) -> Any:
-            if isinstance(given, types.Array):
-                return context.make_array(given)(context, builder, value).data
-            if kind == _ANY_VEC and isinstance(given, types.Number):
-                return _broadcast(builder, context.cast(builder, value, given, types.float64), lanes)
+        def passed(kind: Any, argument: Any, value: Any) -> Any:
+            if isinstance(argument, types.Array):
+                return context.make_array(argument)(context, builder, value).data
+            if kind == _ANY_VEC and isinstance(argument, types.Number):
+                return _broadcast(builder, context.cast(builder, value, argument, types.float64), lanes)
             return value
 
-        given = map(passed, kinds, made.args, values)
-        found = generate(builder, *given)
-        return context.get_dummy_value() if result == types.none else found
+        operands = map(passed, kinds, made.args, values)
+        value = generate(builder, *operands)
+        return context.get_dummy_value() if result == types.none else value
 
     for lanes in VEC if wide else (LANES,):
         forms = ((of(kind, lanes), types.Number) if kind == _ANY_VEC else (of(kind, lanes),) for kind in kinds)
         for form in product(*forms):
-            if not wide or any(isinstance(each, (Vec, Mask)) for each in form):
+            if not wide or any(isinstance(kind, (Vec, Mask)) for kind in form):
                 lower_builtin(function, *form)(lower)
 
 

@@ -55,8 +55,8 @@ def _made(policy: Any, info: TaskInfo) -> Policy | None:
 
 def usual_parts(id: str) -> list[Any]:
     """Return the parts of a registered environment: names or mappings."""
-    given = gym.spec(id).kwargs
-    return given.get("parts") or list(TASKS[given["task"]].DEFAULT_PARTS)
+    kwargs = gym.spec(id).kwargs
+    return kwargs.get("parts") or list(TASKS[kwargs["task"]].DEFAULT_PARTS)
 
 
 def parts_with(id: str, part: Any) -> list[Any]:
@@ -67,10 +67,10 @@ def parts_with(id: str, part: Any) -> list[Any]:
         part: a mapping, see :func:`vibgym.scene.parts.part_from`; one that is pushed has its ``coupling``.
     """
     usual = usual_parts(id)
-    pushed = [isinstance(each, Mapping) and each.get("coupling") == 0.0 for each in usual]
-    ours = [here if any(pushed) else each == usual[0] for here, each in zip(pushed, usual, strict=True)]
+    pushed = [isinstance(entry, Mapping) and entry.get("coupling") == 0.0 for entry in usual]
+    ours = [here if any(pushed) else entry == usual[0] for here, entry in zip(pushed, usual, strict=True)]
     mine = {**part, "coupling": 0.0} if any(pushed) else part
-    return [mine if here else each for here, each in zip(ours, usual, strict=True)]
+    return [mine if here else entry for here, entry in zip(ours, usual, strict=True)]
 
 
 def tasks_with(part: Any, surface: Any = "prototype", **hardware: Any) -> dict[str, tuple[str, ...] | str]:
@@ -82,7 +82,7 @@ def tasks_with(part: Any, surface: Any = "prototype", **hardware: Any) -> dict[s
 
     Environments whose shapes are drawn are left out.
     """
-    found: dict[str, tuple[str, ...] | str] = {}
+    tasks: dict[str, tuple[str, ...] | str] = {}
     for name, (_, settings) in ENVIRONMENTS.items():
         if "split" in settings:
             continue
@@ -90,8 +90,8 @@ def tasks_with(part: Any, surface: Any = "prototype", **hardware: Any) -> dict[s
         try:
             env = gym.make(id, parts=parts_with(id, part), surface=surface, **hardware)
         except checks.Refused as error:
-            found[name] = str(error)
+            tasks[name] = str(error)
             continue
-        found[name] = policies_of(TaskInfo.of(env))
+        tasks[name] = policies_of(TaskInfo.of(env))
         env.close()
-    return found
+    return tasks

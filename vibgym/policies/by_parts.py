@@ -68,10 +68,10 @@ class ByParts:
             memory, new = _memory_of(before.get(own.tobytes()), worlds, begun[worlds])
             by_name = isinstance(observation, dict)
             seen = {k: values[worlds] for k, values in observation.items()} if by_name else numbers[worlds]
-            found, memory = self._policy(kinds, own).predict(seen, memory, new, deterministic)
+            chosen, memory = self._policy(kinds, own).predict(seen, memory, new, deterministic)
             if not len(action):
-                action = np.empty((len(numbers), *np.shape(found)[1:]), dtype=np.asarray(found).dtype)
-            action[worlds] = found
+                action = np.empty((len(numbers), *np.shape(chosen)[1:]), dtype=np.asarray(chosen).dtype)
+            action[worlds] = chosen
             after[own.tobytes()] = worlds, memory
         return action, after
 

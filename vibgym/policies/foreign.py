@@ -86,7 +86,7 @@ def _action_of(model: Any, info: TaskInfo, action: str | None, usual: str | None
     if shape is None and action is not None:
         return action
     known = {name: make(info.surface, info.parts) for name, make in ACTIONS.items() if action in (None, name)}
-    fitting = [name for name, each in known.items() if shape in ((each.size,), each.shape)]
+    fitting = [name for name, kind in known.items() if shape in ((kind.size,), kind.shape)]
     if usual in fitting:
         return usual
     if len(fitting) == 1:
@@ -94,7 +94,7 @@ def _action_of(model: Any, info: TaskInfo, action: str | None, usual: str | None
     allowed = " or ".join(f"'action': {name!r}" for name in fitting)
     allowed = f"{{'policy': model, {allowed}}}, or have an attribute 'action': both would fit"
     if not fitting:
-        shapes = {name: (each.size,) for name, each in known.items()}
+        shapes = {name: (kind.size,) for name, kind in known.items()}
         allowed = f"a model with an attribute 'action', or an action_space of {shapes}"
     raise checks.refuse("policy", f"{type(model).__name__} with actions of shape {shape}", allowed)
 
@@ -110,11 +110,11 @@ def _observation_of(model: Any, info: TaskInfo, observation: str | None) -> str:
     if observation in (None, info.observation) and _fits(space, info.observation_space):
         return info.observation
     if isinstance(space, spaces.Dict):
-        found = DICTIONARIES.get(frozenset(space.spaces))
+        fitting = DICTIONARIES.get(frozenset(space.spaces))
     else:
-        found = "state" if getattr(space, "shape", None) == (info.layout.size,) else None
-    if observation in (None, found) and found is not None:
-        return found
+        fitting = "state" if getattr(space, "shape", None) == (info.layout.size,) else None
+    if observation in (None, fitting) and fitting is not None:
+        return fitting
     if observation in (None, "state"):
         raise _misfit(model, f"shape {(info.layout.size,)}, the state observation of {info.name}")
     return observation  # images and custom observations: checked against the environment's
@@ -130,7 +130,7 @@ def _misfit(model: Any, allowed: str) -> checks.Refused:
 def _shapes(space: Any) -> str:
     """Return the shapes of a space, or of the entries of a dictionary, as text."""
     if isinstance(space, spaces.Dict):
-        return str({name: each.shape for name, each in space.items()})
+        return str({name: inner.shape for name, inner in space.items()})
     return f"shape {getattr(space, 'shape', None)}"
 
 

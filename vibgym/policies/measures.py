@@ -110,9 +110,9 @@ class Measures(Ends):
             gaps = gaps_between(self.env.core.kinds.some(worlds), truth.pose[worlds])
             there = truth.present[worlds] & ~truth.fallen[worlds]
             touching[worlds] = (gaps[:, one, other] < TOUCHING) & there[:, one] & there[:, other]
-        found = (touching & ~self._touching).sum(axis=1)
+        begun = (touching & ~self._touching).sum(axis=1)
         self._touching = touching
-        return found
+        return begun
 
     def _correct(self, which: np.ndarray, playing: np.ndarray) -> None:
         """Count the corrective movements of a step."""
@@ -123,8 +123,8 @@ class Measures(Ends):
         corrected = self._grew & nearer
         self._grew = (self._grew & ~nearer) | (away > before + STILL)
         self._away, self._inside = away, inside
-        for name, found in (("overshoots", left), ("corrections", corrected)):
-            self.fields[name][which] += found.sum(axis=1)[playing]
+        for name, events in (("overshoots", left), ("corrections", corrected)):
+            self.fields[name][which] += events.sum(axis=1)[playing]
 
     def _distance(self) -> np.ndarray:
         """Return the distances (worlds, parts) of parts to their goals, m; 0 without."""
@@ -151,8 +151,8 @@ def least_times(env: SharedInterface) -> np.ndarray:
         of_world = kinds.kind if kinds.vary else np.zeros((len(truth.pose), 1), dtype=np.int64)
         for _, worlds in groups_of(of_world):
             parts, own = kinds.parts(int(worlds[0])), Truth(*(values[worlds] for values in truth))
-            found = _steps_pushed(env, parts, own, pushed) if pushed.any() else _steps_driven(env, parts, own)
-            steps[worlds] = np.nan if found is None else found
+            least = _steps_pushed(env, parts, own, pushed) if pushed.any() else _steps_driven(env, parts, own)
+            steps[worlds] = np.nan if least is None else least
     return np.where(_usual(env, truth.present), env.step_time * steps, np.nan)
 
 
@@ -233,7 +233,7 @@ def _steps_pushed(env: SharedInterface, parts: Sequence[Part], truth: Truth, pus
     driven, (part, *others) = np.flatnonzero(env.task.driven).tolist(), np.flatnonzero(pushed).tolist()
     if others or not truth.present.all():
         return None
-    bound = PushBound(env.surface, parts[part], [parts[each] for each in driven], **_asks(env, parts, part))
+    bound = PushBound(env.surface, parts[part], [parts[pusher] for pusher in driven], **_asks(env, parts, part))
     gap = gaps_between(parts, truth.pose)[:, part, driven]
     return bound.steps(truth.pose[:, part], truth.goal[:, part], np.maximum(gap, 0.0))
 

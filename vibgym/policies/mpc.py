@@ -145,7 +145,7 @@ class MPCPolicy:
             tried = np.clip(usual[:, None] + tried, -1.0, 1.0) - usual[:, None]
             actions = (usual[:, None] + tried).reshape(-1, self.horizon, self.size)
             earned, then = (
-                each.reshape(worlds, self.samples, *each.shape[1:]) for each in self._tried(seen, begun, actions)
+                result.reshape(worlds, self.samples, *result.shape[1:]) for result in self._tried(seen, begun, actions)
             )
             whole = earned.sum(axis=2)
             first = whole.argmax(axis=1)
@@ -154,8 +154,8 @@ class MPCPolicy:
             best = np.where(better[:, None, None], tried[everyone, first], best)
             drift = np.where(better[:, None, None, None], then[everyone, first], drift)
             weight = _weights(earned)
-            each = tried.reshape(*tried.shape[:3], self.parts, -1)
-            change = np.einsum("wsp,wstpn->wtpn", weight, each).reshape(change.shape)
+            changes = tried.reshape(*tried.shape[:3], self.parts, -1)
+            change = np.einsum("wsp,wstpn->wtpn", weight, changes).reshape(change.shape)
         return best, drift
 
     def _tried(self, seen: Measured, drift: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

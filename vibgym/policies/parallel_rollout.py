@@ -92,7 +92,7 @@ class ParallelRolloutPolicy:
         """Return actions; the state is a :class:`Memory` and the memories of all policies."""
         entries = observation if isinstance(observation, Mapping) else {"state": observation}
         measured = Measured.of(entries["state"], self.info)
-        seen = {name: np.asarray(each)[None] if measured.single else np.asarray(each) for name, each in entries.items()}
+        seen = {name: np.asarray(rows)[None] if measured.single else np.asarray(rows) for name, rows in entries.items()}
         batch, (own, memories) = len(measured.centre), (None, (None,) * len(self.policies)) if state is None else state
         zeros = np.zeros(1, dtype=np.int64)
         own, begun = recall(own, episode_start, Memory(zeros, zeros, self._rest[None]), batch)
@@ -131,8 +131,8 @@ class ParallelRolloutPolicy:
         rows, acting = np.tile(worlds, count), own.acting[worlds] == np.arange(count)[:, None]
         model = self._models[len(rows)]
         model.begin(measured_rows(measured, rows), own.drift[rows])
-        shares = [{name: each[worlds] for name, each in seen.items()}] * count
-        states, fresh = [rows_of(each, worlds) for each in memories], begun[worlds] | ~acting
+        shares = [{name: entry[worlds] for name, entry in seen.items()}] * count
+        states, fresh = [rows_of(memory, worlds) for memory in memories], begun[worlds] | ~acting
         earned, end = np.zeros(len(rows)), np.full(len(rows), np.inf)
         for step in range(self.settings.horizon):
             asked = [self._ask(k, shares[k], states[k], fresh[k], True) for k in range(count)]
@@ -151,7 +151,7 @@ class ParallelRolloutPolicy:
         """Return the observations of each policy's worlds."""
         entries = observations if isinstance(observations, Mapping) else {"state": observations}
         starts = range(0, worlds * len(self.policies), worlds)
-        return [{name: each[start : start + worlds] for name, each in entries.items()} for start in starts]
+        return [{name: entry[start : start + worlds] for name, entry in entries.items()} for start in starts]
 
     def _ask(
         self, index: int, seen: Seen, memory: Any, begun: np.ndarray, deterministic: bool

@@ -229,8 +229,8 @@ def rollout(
     name, numbers = environment_id(task), list(seeds)
     if not numbers:
         raise checks.refuse("seeds", numbers, "one seed at least")
-    for each in numbers:
-        checks.count("seeds", each, least=0, most=2**63 - 1)
+    for seed in numbers:
+        checks.count("seeds", seed, least=0, most=2**63 - 1)
     for key in ("num_envs", "autoreset_mode"):
         if key in environment:
             raise checks.conflict(f"{key} cannot be set: rollout runs one world per seed")
@@ -276,7 +276,7 @@ def run(
 def _acting(policy: Any, name: str, environment: dict[str, Any], seed: int) -> tuple[Policy, dict[str, str]]:
     """Return the policy, and the action and observation of its environment."""
     wanted = {key: environment[key] for key in ("action", "observation") if key in environment}
-    if not all(hasattr(policy, each) for each in ("predict", "action", "observation")):
+    if not all(hasattr(policy, attribute) for attribute in ("predict", "action", "observation")):
         if hasattr(policy, "predict") and not hasattr(policy, "action") and "action" in wanted:
             policy = {"policy": policy, "action": wanted["action"]}
         env = batch_of(name, num_envs=1, **environment)

@@ -72,9 +72,9 @@ class Model:
         It is the velocity minus its mean over the last period (m/s, rad/s), and the acceleration that an action assumes to have
         given the parts (m/s^2, rad/s^2).
         """
-        state, given = self.core.simulator.state, self.core.action.live().get("given")
+        state, assumed = self.core.simulator.state, self.core.action.live().get("given")
         faster = state.velocity - state.mean_velocity
-        return np.stack([faster, np.zeros_like(faster) if given is None else given], axis=1)
+        return np.stack([faster, np.zeros_like(faster) if assumed is None else assumed], axis=1)
 
     def step(self, action: np.ndarray) -> np.ndarray:
         """Return the rewards (worlds, parts) of a step with actions (worlds, size); 0 after an episode's end."""
@@ -116,5 +116,5 @@ def rows_of(memory: Any, chosen: np.ndarray) -> Any:
 
 def measured_rows(seen: Measured, chosen: np.ndarray) -> Measured:
     """Return the rows of some worlds (index array) of measurements; fields that broadcast are unchanged."""
-    given = {name: value for name, value in vars(seen).items() if isinstance(value, np.ndarray)}
-    return replace(seen, **{name: each[chosen] for name, each in given.items() if len(each) == len(seen.centre)})
+    arrays = {name: value for name, value in vars(seen).items() if isinstance(value, np.ndarray)}
+    return replace(seen, **{name: array[chosen] for name, array in arrays.items() if len(array) == len(seen.centre)})

@@ -67,7 +67,7 @@ def strip(
         if np.isfinite(bottom).all():
             points = [placed(x, z) for x, _, z in bottom.tolist()]
             pygame.draw.polygon(fine, tint, points)  # the projection of a flat convex bottom is convex
-            pygame.draw.polygon(fine, [round(0.45 * each) for each in tint], points, THICK * FINE)
+            pygame.draw.polygon(fine, [round(0.45 * channel) for channel in tint], points, THICK * FINE)
     small = pygame.transform.smoothscale(fine, (width, HEIGHT))
     small.blit(legend.render_text(f"From the side, heights {MAGNIFIED:g} times as large", 15, colours.INK), (left, 4))
     return np.frombuffer(bytearray(pygame.image.tobytes(small, "RGB")), dtype=np.uint8).reshape(HEIGHT, width, 3)

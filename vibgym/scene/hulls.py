@@ -45,8 +45,8 @@ def convex_decomposition(outline: np.ndarray) -> list[np.ndarray]:
             pieces[one] = merged
             del pieces[other]
             owner.update(dict.fromkeys(zip(merged, merged[1:] + merged[:1], strict=True), one))
-    found = [outline[piece] for piece in pieces.values()]
-    return [piece for piece in found if signed_area(piece) > STRAIGHT * size**2]
+    convex = [outline[piece] for piece in pieces.values()]
+    return [piece for piece in convex if signed_area(piece) > STRAIGHT * size**2]
 
 
 def _counter_clockwise(outline: np.ndarray, corners: list[int]) -> list[int]:
@@ -131,7 +131,7 @@ def _table(parts: tuple[Part, ...]) -> HullTable:
         corners.append(np.column_stack([piece, normals]))
     return HullTable(
         corner=np.concatenate(corners),
-        first=np.cumsum([0, *(len(each) for each in corners)]),
+        first=np.cumsum([0, *(len(rows) for rows in corners)]),
         rounding=np.array([rounding(part) for part, _ in pieces]),
         owner=np.cumsum([0, *(len(convex_pieces(part)) for part in parts)]),
         radius=np.array([rounding(part) or part.radius for part in parts]),

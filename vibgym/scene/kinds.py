@@ -27,7 +27,7 @@ class Kinds(Sequence[Part]):
     def __init__(self, every: Sequence[Part], kind: np.ndarray, options: Sequence[Sequence[int]] | None = None) -> None:
         self.every: tuple[Part, ...] = tuple(every)
         self.kind = np.ascontiguousarray(kind, dtype=np.int64)
-        self.options = [[each] for each in self.kind[0].tolist()] if options is None else options
+        self.options = [[number] for number in self.kind[0].tolist()] if options is None else options
         self._fixed: list[Part] | None = None
         self._live = LiveArrays()
 

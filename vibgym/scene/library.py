@@ -165,8 +165,8 @@ def shapes(split: str) -> tuple[Part, ...]:
     count = SPLITS[checks.choice("split", split, tuple(SPLITS))]
     begin = 0 if split == "held_out" else sum(list(SPLITS.values())[: list(SPLITS).index(split)])
     families = [family for family in FAMILIES if (family in HELD_OUT) == (split == "held_out")]
-    found = {family: _parts(family, begin, count) for family in families}
-    return tuple(found[family][k] for k in range(count) for family in families)
+    parts = {family: _parts(family, begin, count) for family in families}
+    return tuple(parts[family][k] for k in range(count) for family in families)
 
 
 def _parts(family: str, begin: int, count: int) -> list[Part]:
@@ -174,8 +174,8 @@ def _parts(family: str, begin: int, count: int) -> list[Part]:
     draw = np.random.default_rng([list(FAMILIES).index(family), begin])
     strata = np.arange(count) + draw.random((2, count))
     sizes, frictions = (
-        (low + (high - low) * draw.permutation(each) / count).tolist()
-        for (low, high), each in zip((SIZE, FRICTION), strata, strict=True)
+        (low + (high - low) * draw.permutation(stratum) / count).tolist()
+        for (low, high), stratum in zip((SIZE, FRICTION), strata, strict=True)
     )
     return [
         _part(family, begin + k, draw, size, round(friction, 4))

@@ -65,7 +65,7 @@ def inertia(outline: np.ndarray) -> np.ndarray:
     (x, y), (u, v) = outline.T, there.T
     cross = x * v - u * y
     moments = [(y * y + y * v + v * v), (x * x + x * u + u * u), -(x * v + 2.0 * x * y + 2.0 * u * v + u * y) / 2.0]
-    return np.array([float((cross * each).sum()) for each in moments]) / (6.0 * float(cross.sum()))
+    return np.array([float((cross * moment).sum()) for moment in moments]) / (6.0 * float(cross.sum()))
 
 
 def inner_distance(outline: np.ndarray) -> float:
@@ -226,7 +226,7 @@ def bridged(rim: np.ndarray, holes: Sequence[np.ndarray]) -> np.ndarray:
     clipping", 2002).
     """
     outline = rim
-    for hole in sorted(holes, key=lambda each: -float(each[:, 0].max())):
+    for hole in sorted(holes, key=lambda corners: -float(corners[:, 0].max())):
         ring = hole if signed_area(hole) < 0.0 else hole[::-1]
         ring = np.roll(ring, -int(ring[:, 0].argmax()), axis=0)
         x, y = ring[0]
@@ -237,15 +237,15 @@ def bridged(rim: np.ndarray, holes: Sequence[np.ndarray]) -> np.ndarray:
         edge = int(np.where(rises & (at > x), at, np.inf).argmin())
         foot = np.array([at[edge], y])
         parts = [outline[: edge + 1], [foot], ring, ring[:1], [foot], outline[edge + 1 :]]
-        joined = np.concatenate([np.asarray(each).reshape(-1, 2) for each in parts])
+        joined = np.concatenate([np.asarray(section).reshape(-1, 2) for section in parts])
         outline = joined[np.any(joined != np.roll(joined, 1, axis=0), axis=1)]  # a foot may be a corner
     return outline
 
 
 def area_and_centre(rings: Sequence[np.ndarray]) -> tuple[float, np.ndarray]:
     """Return area and centroid (2,) of an outline, counter-clockwise, with holes, clockwise."""
-    areas = np.array([signed_area(each) for each in rings])
-    return float(areas.sum()), (areas[:, None] * [centroid(each) for each in rings]).sum(axis=0) / areas.sum()
+    areas = np.array([signed_area(ring) for ring in rings])
+    return float(areas.sum()), (areas[:, None] * [centroid(ring) for ring in rings]).sum(axis=0) / areas.sum()
 
 
 def outline_with_holes(vertices: object, holes: Sequence[object]) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -259,8 +259,8 @@ def outline_with_holes(vertices: object, holes: Sequence[object]) -> tuple[np.nd
     """
     rings = [simple_outline(vertices), *(simple_outline(hole) for hole in holes)]
     # simple_outline centres each ring.
-    given = [np.array(each, dtype=np.float64) for each in (vertices, *holes)]
-    placed = [ring + (each.mean(axis=0) - ring.mean(axis=0)) for ring, each in zip(rings, given, strict=True)]
+    corners = [np.array(ring, dtype=np.float64) for ring in (vertices, *holes)]
+    placed = [ring + (own.mean(axis=0) - ring.mean(axis=0)) for ring, own in zip(rings, corners, strict=True)]
     if any(not contains(placed[0], hole).all() for hole in placed[1:]) or faulty_edges(placed) is not None:
         raise checks.refuse(
             "holes", "a hole that crosses another outline or is outside", "inside the outline, apart from each other"
@@ -271,11 +271,11 @@ def outline_with_holes(vertices: object, holes: Sequence[object]) -> tuple[np.nd
         raise checks.refuse(
             "holes", f"{sum(map(len, placed))} corners", f"at most {MOST_CORNERS} with the outline's: simplify"
         )
-    given = [each[::-1] if (signed_area(each) < 0.0) == (k == 0) else each for k, each in enumerate(given)]
-    centre = area_and_centre(given)[1]
-    if np.abs(centre).max() > 1e-14 * float(np.abs(given[0]).max()):  # a stored outline is restored exactly
-        given = [each - centre for each in given]
-    return given[0], given[1:]
+    corners = [ring[::-1] if (signed_area(ring) < 0.0) == (k == 0) else ring for k, ring in enumerate(corners)]
+    centre = area_and_centre(corners)[1]
+    if np.abs(centre).max() > 1e-14 * float(np.abs(corners[0]).max()):  # a stored outline is restored exactly
+        corners = [ring - centre for ring in corners]
+    return corners[0], corners[1:]
 
 
 def simple_outline(vertices: object) -> np.ndarray:
@@ -312,12 +312,12 @@ def simple_outline(vertices: object) -> np.ndarray:
     area = signed_area(outline)
     if abs(area) <= 1e-9 * size**2:
         raise checks.refuse("vertices", f"an area of {abs(area):g} m^2", "a polygon that encloses an area")
-    given = np.array(vertices, dtype=np.float64)
+    corners = np.array(vertices, dtype=np.float64)
     if area < 0.0:
-        outline, given = outline[::-1], given[::-1]
+        outline, corners = outline[::-1], corners[::-1]
     # Corners about the centroid keep every bit: a stored outline is restored exactly.
-    centred = np.abs(centroid(given)).max() <= 1e-14 * size
-    return np.ascontiguousarray(given if centred else outline - centroid(outline))
+    centred = np.abs(centroid(corners)).max() <= 1e-14 * size
+    return np.ascontiguousarray(corners if centred else outline - centroid(outline))
 
 
 def sliding_corners(radius: float, element_size: float) -> int:

@@ -153,8 +153,8 @@ class Part:
         """
         if not isinstance(path, str | Path):
             raise checks.refuse("file", path, "a path")
-        given = {"file": str(path), "friction": friction, **settings}
-        return drawn_part(read(DrawingSettings, given, ""), surface)[0]
+        arguments = {"file": str(path), "friction": friction, **settings}
+        return drawn_part(read(DrawingSettings, arguments, ""), surface)[0]
 
     @classmethod
     def _polygon(cls, vertices: Any, holes: Sequence[Any], settings: PartSettings, name: str) -> Part:
@@ -162,8 +162,8 @@ class Part:
             outlines.outline_with_holes(vertices, holes) if len(holes) else (outlines.simple_outline(vertices), [])
         )
         of = outlines.bridged(rim, inner)
-        for each in (rim, *inner):
-            each.setflags(write=False)
+        for ring in (rim, *inner):
+            ring.setflags(write=False)
         order = outlines.symmetry_order(rim, inner)
         shape = _Shape(of, rim, outlines.signed_area(of), outlines.gyration(of), order, tuple(inner))
         return cls._build(shape, settings, name)
@@ -302,16 +302,16 @@ def part_from(value: Any, where: str = "parts", surface: Surface | None = None) 
     if "shape" not in value:
         raise checks.missing(f"{where}.shape", f"one of {', '.join(SHAPES)}")
     shape = checks.choice(f"{where}.shape", value["shape"], SHAPES)
-    given = {name: each for name, each in value.items() if each is not None}
-    settings = vars(read(SHAPES[shape], given, where))
-    return getattr(Part, shape)(**{name: each for name, each in settings.items() if name != "shape"})
+    properties = {name: property_ for name, property_ in value.items() if property_ is not None}
+    settings = vars(read(SHAPES[shape], properties, where))
+    return getattr(Part, shape)(**{name: setting for name, setting in settings.items() if name != "shape"})
 
 
 def part_and_poses(
     value: Mapping[str, Any], where: str = "parts", surface: Surface | None = None
 ) -> tuple[Part, tuple[StablePose, ...]]:
     """Return the part of a mapping of drawing settings as :func:`part_from`, and the stable poses of a mesh."""
-    settings = read(DrawingSettings, {name: each for name, each in value.items() if each is not None}, where)
+    settings = read(DrawingSettings, {name: setting for name, setting in value.items() if setting is not None}, where)
     with checks.within(where):
         return drawn_part(settings, surface)
 
@@ -344,7 +344,7 @@ def drawn_part(settings: DrawingSettings, surface: Surface | None = None) -> tup
     """
     kind = Path(settings.file).suffix.lower().removeprefix(".")
     if kind not in DRAWINGS:
-        raise checks.refuse("file", settings.file, "a drawing: " + ", ".join(f".{each}" for each in DRAWINGS))
+        raise checks.refuse("file", settings.file, "a drawing: " + ", ".join(f".{suffix}" for suffix in DRAWINGS))
     return DRAWINGS[kind](settings, surface)
 
 

@@ -45,13 +45,13 @@ def sensing_from(
     Raises:
         ValueError: an unknown kind or setting, or a bad value.
     """
-    kind, given = SENSORS.split("sensor", value)
-    own = {name: given.pop(name) for name in Sensing.Settings.model_fields if name in given}
+    kind, options = SENSORS.split("sensor", value)
+    own = {name: options.pop(name) for name in Sensing.Settings.model_fields if name in options}
     settings = read(Sensing.Settings, own, "sensor")
     reported = tuple(name for name in MEASUREMENT_FEATURES if name in settings.tell)
     if len(reported) < len(settings.tell):
         raise checks.refuse("sensor.tell", settings.tell, "a list of different names")
-    sensor = SENSORS.make("sensor", {"kind": kind, **given}, surface, parts, worlds, periods)
+    sensor = SENSORS.make("sensor", {"kind": kind, **options}, surface, parts, worlds, periods)
     if sensor.exact and settings.estimator == "none":
         return ExactSensing(sensor, reported)
     if "contacts" in reported:

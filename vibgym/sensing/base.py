@@ -60,19 +60,19 @@ class Sensor(Sampling, ABC):
 
         @model_validator(mode="before")
         @classmethod
-        def _gather_effects(cls, given: Any) -> Any:
+        def _gather_effects(cls, values: Any) -> Any:
             """Move effects that are given beside the settings to ``effects``, and add the default ones."""
-            if not isinstance(given, Mapping) or not isinstance(given.get("effects", {}), Mapping):
-                return given
+            if not isinstance(values, Mapping) or not isinstance(values.get("effects", {}), Mapping):
+                return values
             own = {*cls.model_fields, *with_unit(cls)}
-            beside = {name: value for name, value in given.items() if name not in own}
+            beside = {name: value for name, value in values.items() if name not in own}
             for name in beside:
                 if name not in EFFECTS:
                     raise checks.unknown("setting", name, (*cls.model_fields, *EFFECTS))
-                if name in given.get("effects", {}):
+                if name in values.get("effects", {}):
                     raise checks.conflict(f"effects.{name} excludes {name}: set one of them")
-            effects = {**cls.model_fields["effects"].default, **given.get("effects", {}), **beside}
-            return {**{name: value for name, value in given.items() if name in own}, "effects": effects}
+            effects = {**cls.model_fields["effects"].default, **values.get("effects", {}), **beside}
+            return {**{name: value for name, value in values.items() if name in own}, "effects": effects}
 
     settings: Settings
 
@@ -156,11 +156,11 @@ class Sensor(Sampling, ABC):
 
     def _repeat(self, where: np.ndarray) -> None:
         """Make the new reading the current one, in worlds or of parts, until the first sample of a step is due."""
-        for each in self._readings:
-            for kept, read in zip(each, self._fresh, strict=True):
+        for reading in self._readings:
+            for kept, read in zip(reading, self._fresh, strict=True):
                 kept[where] = read[where]
-        for each in self._readings[1:]:
-            each.seen[where] = False
+        for reading in self._readings[1:]:
+            reading.seen[where] = False
 
     def sample(self, state: State) -> None:
         """Sample the true state; called once a step, at :attr:`instant`."""
@@ -195,8 +195,8 @@ class Sensor(Sampling, ABC):
     def live(self) -> dict[str, np.ndarray]:
         """Return all live arrays of a snapshot."""
         kept: dict[str, Any] = {"looks": self.looks}
-        for k, each in enumerate(self._readings):
-            kept |= {f"{name}{k}": values for name, values in each._asdict().items()}
+        for k, reading in enumerate(self._readings):
+            kept |= {f"{name}{k}": values for name, values in reading._asdict().items()}
         return {**kept, **self.own_state(), **(self._effects.live() if self._effects else {})}
 
 

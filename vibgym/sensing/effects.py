@@ -175,24 +175,24 @@ class Effects:
 
     Args:
         sensor: whose readings they change.
-        given: effects by name, see :func:`settings_of`.
+        chosen: effects by name, see :func:`settings_of`.
         reserved: names of the sensor's settings; effects of such names are given under ``effects``, for errors.
 
     Raises:
         ValueError: an unknown effect, or a bad value.
     """
 
-    def __init__(self, sensor: Sampling, given: Mapping[str, Any], reserved: Container[str]) -> None:
+    def __init__(self, sensor: Sampling, chosen: Mapping[str, Any], reserved: Container[str]) -> None:
         self._stages: dict[str, Effect] = {}
-        for name in given:
+        for name in chosen:
             checks.choice("sensor.effects", name, EFFECTS)
-        for name in (each for each in EFFECTS if each in given):
+        for name in (known for known in EFFECTS if known in chosen):
             where = f"sensor.effects.{name}" if name in reserved else f"sensor.{name}"
-            settings = settings_of(EFFECTS[name], given[name], where)
+            settings = settings_of(EFFECTS[name], chosen[name], where)
             with checks.within(where):
                 self._stages[name] = EFFECTS[name](sensor, settings=settings)
         self._sensor = sensor
-        self._splits = np.cumsum([KEY_DRAWS, *(each.draws for each in self._stages.values())]).tolist()
+        self._splits = np.cumsum([KEY_DRAWS, *(stage.draws for stage in self._stages.values())]).tolist()
         self.draws = self._splits[-1] if self._stages else 0
         shape = (sensor.worlds, len(sensor.parts))
         self._last, self._elapsed = np.zeros((*shape, 3)), np.zeros(shape, dtype=np.int64)
@@ -208,18 +208,18 @@ class Effects:
     @property
     def variance(self) -> np.ndarray:
         """(parts, 3) variance that the effects add to a measured pose."""
-        return sum((each.sigma**2 for each in self._stages.values()), np.zeros((len(self._sensor.parts), 3)))
+        return sum((stage.sigma**2 for stage in self._stages.values()), np.zeros((len(self._sensor.parts), 3)))
 
     def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
         """Draw what is constant during the episodes of ``worlds``."""
         self._sensor.key[worlds] = keys_from(uniform[:, :KEY_DRAWS])
-        for each, start in zip(self._stages.values(), self._splits):
-            each.begin(worlds, uniform[:, start : start + each.draws])
+        for stage, start in zip(self._stages.values(), self._splits):
+            stage.begin(worlds, uniform[:, start : start + stage.draws])
 
     def apply(self, reading: Reading) -> None:
         """Apply all effects to a reading, in place."""
-        for each in self._stages.values():
-            each.apply(reading)
+        for stage in self._stages.values():
+            stage.apply(reading)
         sensor = self._sensor
         read_poses(
             sensor.looking, sensor.key, sensor.looks, self._new, self._noise, self._offset, self._dropout, sensor.step,
@@ -238,7 +238,9 @@ class Effects:
     def live(self) -> dict[str, np.ndarray]:
         """Return all live arrays of a snapshot."""
         own = {
-            f"{name}_{what}": values for name, each in self._stages.items() for what, values in each.own_state().items()
+            f"{name}_{what}": values
+            for name, stage in self._stages.items()
+            for what, values in stage.own_state().items()
         }
         return {"effects_key": self._sensor.key, "last": self._last, "elapsed": self._elapsed, **own}
 

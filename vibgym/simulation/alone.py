@@ -25,7 +25,9 @@ class Alone:
     def __init__(self, table: Table, bodies: Bodies, schemes: Sequence[Scheme]) -> None:
         most = max(schemes, key=lambda scheme: scheme.substeps)  # for the size of the working arrays
         workspace, different = new_workspace(table, bodies, most, LANES), {scheme[:3]: scheme for scheme in schemes}
-        self.scenes = [Pinned(FIXED_SCENE, FixedScene(table, bodies, each, workspace)) for each in different.values()]
+        self.scenes = [
+            Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, workspace)) for scheme in different.values()
+        ]
         self._kinds = [[k for k, scheme in enumerate(schemes) if scheme[:3] == steps] for steps in different]
         self._of_kind = np.array([list(different).index(scheme[:3]) for scheme in schemes])
         # Parts in a group have the same elements more often if they are alike, and take as long as that with the most corners.
@@ -42,9 +44,9 @@ class Alone:
         """
         numbers = count.tolist()
         for scene, kinds in zip(self.scenes, self._kinds):
-            found = [rows[kind, : numbers[kind]] for kind in kinds if numbers[kind]]
-            if found:
-                yield scene, found[0] if len(found) == 1 else np.concatenate(found)
+            worlds = [rows[kind, : numbers[kind]] for kind in kinds if numbers[kind]]
+            if worlds:
+                yield scene, worlds[0] if len(worlds) == 1 else np.concatenate(worlds)
 
     def sort(self, rows: np.ndarray) -> Sequence[tuple[Pinned[FixedScene], np.ndarray]]:
         """Return constants, and the rows of parts that they are for; ``rows``: (n,) of worlds with one part each."""

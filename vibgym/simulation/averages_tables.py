@@ -163,7 +163,7 @@ def wobble_values(s: float, theta: np.ndarray) -> np.ndarray:
     fast -= waves.average(fast)[:, None]
     values = np.concatenate([waves.velocity, waves.position])
     slopes = np.concatenate([fast, waves.velocity])
-    values, slopes = (np.concatenate([each, each[:, :1]], axis=1) for each in (values, slopes))
+    values, slopes = (np.concatenate([table, table[:, :1]], axis=1) for table in (values, slopes))
     k = np.clip(np.searchsorted(grid, theta, side="right") - 1, 0, len(grid) - 2)
     h = grid[k + 1] - grid[k]
     u = (theta - grid[k]) / h

@@ -94,13 +94,13 @@ def traits(surface: Surface, part: Part) -> Traits:
 def class_of(scene: Traits) -> Any:
     """Return the evidence class of a scene, or None if no class is at least as hard."""
     fitting = [
-        each
-        for each in evidence()["classes"]
-        if each["kind"] == scene.kind
-        and scene.eps <= each["eps"] * (1 + 1e-9)
-        and scene.scale >= each["scale"] * (1 - 1e-9)
+        evidence_class
+        for evidence_class in evidence()["classes"]
+        if evidence_class["kind"] == scene.kind
+        and scene.eps <= evidence_class["eps"] * (1 + 1e-9)
+        and scene.scale >= evidence_class["scale"] * (1 - 1e-9)
     ]
-    return min(fitting, key=lambda each: (each["eps"], -each["scale"]), default=None)
+    return min(fitting, key=lambda evidence_class: (evidence_class["eps"], -evidence_class["scale"]), default=None)
 
 
 def cost_of(row: Mapping[str, Any], periods_per_call: int) -> float:
@@ -111,7 +111,7 @@ def cost_of(row: Mapping[str, Any], periods_per_call: int) -> float:
 def choose_for(surface: Surface, kinds: Sequence[Part], models: Sequence[str], **knobs: Any) -> Choice:
     """Return the choice for the kind of part that needs the finest steps, among ``models``."""
     choices = [choose(surface, part, models=models, **knobs) for part in kinds]
-    return max(choices, key=lambda each: (each.knobs.get("steps", 0), each.knobs.get("substeps", 0)))
+    return max(choices, key=lambda choice: (choice.knobs.get("steps", 0), choice.knobs.get("substeps", 0)))
 
 
 def choose(
@@ -133,15 +133,15 @@ def choose(
     """
     scene = traits(surface, part)
     unit = surface.horizontal_amplitude
-    found = class_of(scene)
-    if found is None:
-        kinds = [each for each in evidence()["classes"] if each["kind"] == scene.kind]
+    evidence_class = class_of(scene)
+    if evidence_class is None:
+        kinds = [known for known in evidence()["classes"] if known["kind"] == scene.kind]
         raise checks.conflict(
-            f"model='auto' requires a scene ({scene.kind}) with mu g / (a_h w^2) <= {max(each['eps'] for each in kinds):g} "
-            f"and a size of part and element >= {min(each['scale'] for each in kinds):g} of the "
+            f"model='auto' requires a scene ({scene.kind}) with mu g / (a_h w^2) <= {max(known['eps'] for known in kinds):g} "
+            f"and a size of part and element >= {min(known['scale'] for known in kinds):g} of the "
             f"table's displacement per period; here {scene.eps:.3g} and {scene.scale:.3g}: use model='planar' and set its steps"
         )
-    rows = sorted(found["rows"], key=lambda row: cost_of(row, periods_per_call))
+    rows = sorted(evidence_class["rows"], key=lambda row: cost_of(row, periods_per_call))
     able = [
         row
         for row in rows

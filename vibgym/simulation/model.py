@@ -223,7 +223,7 @@ def check_tipping(parts: Sequence[Part], factors: np.ndarray, where: str, model:
 
 
 def conditions_of(
-    now: Conditions, given: Mapping[str, Any], elements: tuple[int, int], gravity: float, where: str
+    now: Conditions, wanted: Mapping[str, Any], elements: tuple[int, int], gravity: float, where: str
 ) -> Conditions:
     """Return checked conditions; those that are None keep their values in ``now``.
 
@@ -237,22 +237,22 @@ def conditions_of(
     """
 
     def factor(name: str, shape: tuple[int, ...]) -> np.ndarray:
-        if given[name] is None:
+        if wanted[name] is None:
             return getattr(now, name)
-        return checks.array(where.format(name), given[name], shape, least=LEAST_FACTOR, most=MOST_FACTOR)
+        return checks.array(where.format(name), wanted[name], shape, least=LEAST_FACTOR, most=MOST_FACTOR)
 
     incline = (
         now.incline
-        if given["incline"] is None
-        else checks.array(where.format("incline"), given["incline"], now.incline.shape)
+        if wanted["incline"] is None
+        else checks.array(where.format("incline"), wanted["incline"], now.incline.shape)
     )
     patches = factor("patches", (len(now.friction), *elements))
-    found = Conditions(factor("friction", now.friction.shape), factor("mass", now.mass.shape), incline, patches)
-    steep = ~(found.slope <= gravity * (1.0 + 1e-12))
+    conditions = Conditions(factor("friction", now.friction.shape), factor("mass", now.mass.shape), incline, patches)
+    steep = ~(conditions.slope <= gravity * (1.0 + 1e-12))
     if steep.any():
         allowed = f"an acceleration (x, y) of at most {gravity:g} m/s^2, the table's gravity"
-        raise checks.refuse(where.format("incline"), found.incline[steep][0].tolist(), allowed)
-    return found
+        raise checks.refuse(where.format("incline"), conditions.incline[steep][0].tolist(), allowed)
+    return conditions
 
 
 def worlds_from(worlds: Any, count: int) -> np.ndarray:
@@ -265,13 +265,13 @@ def worlds_from(worlds: Any, count: int) -> np.ndarray:
         return np.arange(count)[worlds]
     allowed = f"a mask of shape ({count},), or indices from 0 to {count - 1}"
     try:
-        given = np.asarray(worlds)
+        indices = np.asarray(worlds)
     except (TypeError, ValueError, RecursionError):  # rows of different lengths
         raise checks.refuse("worlds", worlds, allowed) from None
-    if given.dtype == bool and given.shape == (count,):
-        return np.flatnonzero(given)
-    if given.size == 0 and given.ndim == 1:
+    if indices.dtype == bool and indices.shape == (count,):
+        return np.flatnonzero(indices)
+    if indices.size == 0 and indices.ndim == 1:
         return np.zeros(0, dtype=np.int64)
-    if given.dtype.kind not in "iu" or given.ndim > 1 or given.min() < 0 or given.max() >= count:
+    if indices.dtype.kind not in "iu" or indices.ndim > 1 or indices.min() < 0 or indices.max() >= count:
         raise checks.refuse("worlds", worlds, allowed)
-    return np.atleast_1d(given)
+    return np.atleast_1d(indices)

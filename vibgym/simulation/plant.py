@@ -77,10 +77,10 @@ def top_slip(strength: float) -> float:
     """Return the steady speed of a part over the table's on elements at a share ``strength`` of full amplitude."""
     if strength == 1.0:
         return TOP_SLIP
-    given = strength * TOP_SLIP * (1.0 + DRAG_GROWTH * TOP_SLIP**2)
-    slip = given
+    linear = strength * TOP_SLIP * (1.0 + DRAG_GROWTH * TOP_SLIP**2)
+    slip = linear
     for _ in range(20):  # Newton's method; the left side is convex, so it converges from above
-        slip -= (slip * (1.0 + DRAG_GROWTH * slip**2) - given) / (1.0 + 3.0 * DRAG_GROWTH * slip**2)
+        slip -= (slip * (1.0 + DRAG_GROWTH * slip**2) - linear) / (1.0 + 3.0 * DRAG_GROWTH * slip**2)
     return slip
 
 

@@ -101,8 +101,8 @@ class Simulator:
         self._model.check_parts()
         threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         # Where parts differ, large blocks have more parts of a kind, which friction moves together.
-        each = 1 if self.kinds.vary else workers.BLOCKS_PER_THREAD
-        self.blocks = workers.Blocks(self.worlds, threads, self._model.cost, each)
+        blocks = 1 if self.kinds.vary else workers.BLOCKS_PER_THREAD
+        self.blocks = workers.Blocks(self.worlds, threads, self._model.cost, blocks)
         self._tipping: TippingMargin | None = None  # built on first use
         self._state = new_state(self.worlds, len(self.parts))
         self._state.pose[...] = overlaps.apart(surface, len(self.kinds))
@@ -204,11 +204,11 @@ class Simulator:
         """
         rows = worlds_from(worlds, self.worlds)
         now = Conditions(*(getattr(self._state, name)[rows] for name in Conditions._fields))
-        given = {"friction": friction, "mass": mass, "incline": incline, "patches": patches}
-        found = self.check_conditions(now, given, "{}")
+        wanted = {"friction": friction, "mass": mass, "incline": incline, "patches": patches}
+        conditions = self.check_conditions(now, wanted, "{}")
         if patches is not None:
             self.allocate_patches()
-        self.condition(rows, found._asdict())
+        self.condition(rows, conditions._asdict())
 
     def allocate_patches(self) -> None:
         """Allocate a friction factor per element in :attr:`state`; before, all elements of a world share one."""
@@ -218,25 +218,25 @@ class Simulator:
             self._state = self._state._replace(patches=patches)
             self._pinned = Pinned(STATE, self._state)
 
-    def _patches_as(self, given: Any) -> np.ndarray:
+    def _patches_as(self, patches: Any) -> np.ndarray:
         """Return an array of the shape of a snapshot's patches, per world or per element; else the live array."""
         shapes = (self.worlds, 1, 1), (self.worlds, self.surface.rows, self.surface.columns)
-        return np.empty(given.shape) if getattr(given, "shape", None) in shapes else self._state.patches
+        return np.empty(patches.shape) if getattr(patches, "shape", None) in shapes else self._state.patches
 
     def condition(self, worlds: Any, conditions: Mapping[str, np.ndarray]) -> None:
         """Set some conditions of worlds (index or mask), by name, to checked values."""
         for name, values in conditions.items():
             getattr(self._state, name)[worlds] = values
 
-    def check_conditions(self, now: Conditions, given: Mapping[str, Any], where: str) -> Conditions:
+    def check_conditions(self, now: Conditions, wanted: Mapping[str, Any], where: str) -> Conditions:
         """Return checked conditions, see :func:`vibgym.simulation.model.conditions_of`.
 
         Raises:
             ValueError: as there.
         """
-        found = conditions_of(now, given, (self.surface.rows, self.surface.columns), self.surface.gravity, where)
-        self._model.check_conditions(found, where)
-        return found
+        conditions = conditions_of(now, wanted, (self.surface.rows, self.surface.columns), self.surface.gravity, where)
+        self._model.check_conditions(conditions, where)
+        return conditions
 
     def advance(self, amplitude: Any, phase: Any, periods: int = 1) -> None:
         """Advance by whole periods with the elements' motion held.

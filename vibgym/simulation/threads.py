@@ -68,13 +68,13 @@ class Pool(Generic[Tool]):
 
 def available_threads() -> int:
     """Return the processors available to this process, at most ``VIBGYM_THREADS``."""
-    given = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     most = os.environ.get(MOST, "")
     if not most:
-        return given
+        return available
     if not most.isdecimal() or int(most) < 1:
         raise checks.refuse(MOST, most, "a whole number >= 1")
-    return min(given, int(most))
+    return min(available, int(most))
 
 
 class _Crew:
@@ -157,9 +157,9 @@ class Blocks:
             run()  # this thread works too
         finally:  # wait for all threads
             failures = [done.get() for _ in range(self._threads - 1)]
-        for each in failures:
-            if each is not None:
-                raise each
+        for failure in failures:
+            if failure is not None:
+                raise failure
 
 
 def share(work: Callable[[int, int], None], worlds: int, threads: int) -> None:

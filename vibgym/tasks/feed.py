@@ -264,26 +264,26 @@ def in_stable_poses(
     """
 
     def lying(pose: int, name: str | None) -> tuple[Part, tuple[StablePose, ...]]:
-        given = {"file": str(path), **properties, "stable_pose": pose, "name": name}
-        return drawn_part(read(DrawingSettings, given, ""), surface)
+        settings = {"file": str(path), **properties, "stable_pose": pose, "name": name}
+        return drawn_part(read(DrawingSettings, settings, ""), surface)
 
     poses = lying(0, None)[1]
     most, heap = checks.count("most", most, most=1000), checks.count("heap", heap)
-    given = {} if names is None else dict(names)
-    for argument, numbers in {"names": given, "without": without}.items():
+    chosen = {} if names is None else dict(names)
+    for argument, numbers in {"names": chosen, "without": without}.items():
         for k in numbers:
             checks.count(f"{argument}: number of a stable pose", k, least=0, most=len(poses) - 1)
     different: list[Part] = []
     probability: list[float] = []
     left_out = set()
     for k, pose in enumerate(poses):
-        name = f"{Path(path).stem}-{k}" if names is None else given.get(k, OTHER)
+        name = f"{Path(path).stem}-{k}" if names is None else chosen.get(k, OTHER)
         part = lying(k, name)[0]
         at = next((j for j, other in enumerate(different) if _alike(part, other)), len(different))
         if at == len(different):
             different.append(part)
             probability.append(0.0)
-        elif given.get(k, different[at].name) != different[at].name:
+        elif chosen.get(k, different[at].name) != different[at].name:
             raise checks.conflict(
                 f"names: stable pose {k} is, after a turn on the table, that of {different[at].name!r}"
             )
@@ -295,14 +295,14 @@ def in_stable_poses(
         raise checks.conflict("without: no stable pose is left")
     total = sum(probability[k] for k in kept)
     shares = [probability[k] / total for k in kept]
-    parts = [different[k] for k, each in zip(kept, shares, strict=True) for _ in range(max(heap, enough(most, each)))]
+    parts = [different[k] for k, share in zip(kept, shares, strict=True) for _ in range(max(heap, enough(most, share)))]
     return {"parts": parts, "task_settings": {"probabilities": shares, "most": most, "heap": heap}}
 
 
 def enough(draws: int, probability: float) -> int:
     """Return the number that a binomial variable of so many draws does not exceed with a probability of :data:`ENOUGH`."""
-    each = (math.comb(draws, k) * probability**k * (1.0 - probability) ** (draws - k) for k in range(draws))
-    return next((k for k, total in enumerate(accumulate(each)) if total >= ENOUGH), draws)
+    terms = (math.comb(draws, k) * probability**k * (1.0 - probability) ** (draws - k) for k in range(draws))
+    return next((k for k, total in enumerate(accumulate(terms)) if total >= ENOUGH), draws)
 
 
 def _alike(one: Part, other: Part) -> bool:

@@ -73,13 +73,13 @@ class DrawnPaths:
         self.draws = NUMBERS * len(self.parts)
         self.shape = (len(self.parts), PIECES + 2, 6)
         rate = float(self._header[paths.ACCELERATION])
-        most = paths.bisected(0.0, rate, lambda each: self._effort(reach, each) <= paths.EFFORT)
+        most = paths.bisected(0.0, rate, lambda value: self._effort(reach, value) <= paths.EFFORT)
         if known.acceleration is not None and most < rate * (1.0 - 1e-6):
             allowed = f"a number > 0 and <= {most:.4g} m/s^2 for these parts and bends"
             raise checks.refuse("paths.acceleration", rate, allowed)
         self._header[paths.ACCELERATION] = most
         longest = max(
-            AROUND[name] * each.max() for name, each in zip(self._shapes, self._radii(self._cells)[1], strict=True)
+            AROUND[name] * radii.max() for name, radii in zip(self._shapes, self._radii(self._cells)[1], strict=True)
         )
         self.lasts = float(paths.duration(np.array([longest, *self._header[1:]])))
 
@@ -98,14 +98,14 @@ class DrawnPaths:
         """Return smallest and largest radius (or half a side) of each shape in each cell, (shapes, n) from cells (n, 4)."""
         size = cells[:, 2:] - cells[:, :2]
         short, long = 0.5 * size.min(axis=1), 0.5 * size.max(axis=1)
-        each = [np.minimum(short, 0.5 * long) if name == "figure_eight" else short for name in self._shapes]
-        most = np.minimum(each, max(LARGEST_RADIUS, ROOM * self._corner))
+        radii = [np.minimum(short, 0.5 * long) if name == "figure_eight" else short for name in self._shapes]
+        most = np.minimum(radii, max(LARGEST_RADIUS, ROOM * self._corner))
         return np.maximum(SMALLEST_SHARE * most, np.minimum(most, ROOM * self._corner)), most
 
     def _cells_of(self, surface: Surface, apart: float, least: float) -> np.ndarray:
         """Return the largest cells (parts, 4) of the parts' centres: x_low, y_low, x_high, y_high."""
         radius = max(part.radius for part in self.parts)
-        size, best, found = np.array([surface.width, surface.depth]), -math.inf, np.zeros((0, 4))
+        size, best, largest = np.array([surface.width, surface.depth]), -math.inf, np.zeros((0, 4))
         for columns in range(1, len(self.parts) + 1):
             count = np.array([columns, math.ceil(len(self.parts) / columns)])
             step = (size + apart) / count  # from cell to cell
@@ -117,7 +117,7 @@ class DrawnPaths:
             cells = np.concatenate([low, low + cell], axis=1)
             most = self._radii(cells)[1].min()
             if most > best:
-                best, found = most, cells
+                best, largest = most, cells
         if best < least:
             got = f"{len(self.parts)} parts of radius up to {radius:.4g} m"
             allowed = (
@@ -125,14 +125,14 @@ class DrawnPaths:
                 f"{surface.width:g} x {surface.depth:g} m; slower paths need less"
             )
             raise checks.refuse("parts", got, allowed)
-        return found
+        return largest
 
     def draw(self, uniform: np.ndarray) -> np.ndarray:
         """Return routes (n, parts, rows, 6) from ``uniform`` (n, draws)."""
         n, parts = len(uniform), len(self.parts)
         number = uniform.reshape(n, parts, NUMBERS)
         choice = np.minimum((len(self._shapes) * number[..., 0]).astype(int), len(self._shapes) - 1)
-        low, high = (each[choice, np.arange(parts)] for each in self._radii(self._cells))
+        low, high = (radii[choice, np.arange(parts)] for radii in self._radii(self._cells))
         radius = low + (high - low) * number[..., 1]
         names = np.array(self._shapes)[choice]
         circle, square, eight = (names == name for name in ("circle", "square", "figure_eight"))
@@ -209,10 +209,10 @@ class GivenPaths:
             raise checks.refuse(argument, f"{len(settings)} paths", f"one for each of {len(parts)} parts")
         self.surface, self.parts, self._argument = surface, tuple(parts), argument
         made = [self._route(f"{argument}[{k}]", value, part) for k, (value, part) in enumerate(zip(settings, parts))]
-        rows = max(rows, *(len(each) for each in made))
-        self.routes = np.stack([paths.padded(each, rows) for each in made])
+        rows = max(rows, *(len(route) for route in made))
+        self.routes = np.stack([paths.padded(route, rows) for route in made])
         self.shape = (len(parts), rows, 6)
-        self.lasts = max(float(paths.duration(each[0])) for each in made)
+        self.lasts = max(float(paths.duration(route[0])) for route in made)
         self.draws = len(parts)
         self._check_apart(apart)
 
@@ -225,9 +225,9 @@ class GivenPaths:
         header, corner = paths.profile(name, shape, [reach])
         with checks.within(name, "."):
             course = shape.course(getattr(shape, "corner", None) or corner)
-        found = paths.routes(*(np.array([values], dtype=np.float64) for values in (*course, header)))[0]
-        self._check_place(name, shape, found, part)
-        speed, at_speed = float(header[paths.SPEED]), found.copy()
+        route = paths.routes(*(np.array([values], dtype=np.float64) for values in (*course, header)))[0]
+        self._check_place(name, shape, route, part)
+        speed, at_speed = float(header[paths.SPEED]), route.copy()
 
         def fits(speed: float) -> bool:
             at_speed[0, paths.SPEED] = speed
@@ -238,7 +238,7 @@ class GivenPaths:
             why = "its bends and ramps need more acceleration than there is"
             allowed = f"at most {fastest:.4g} m/s for {part.name!r} on this surface: {why}"
             raise checks.refuse(f"{name}.speed", f"{speed:.4g} m/s", allowed)
-        return found
+        return route
 
     def _check_place(self, name: str, shape: paths.Shape, path: np.ndarray, part: Part) -> None:
         """Check that the part stays on the surface; errors name the size, or the place if the path would fit elsewhere."""
@@ -334,11 +334,11 @@ class Follow(Task):
 
     def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
         super().__init__(surface, parts, settings)
-        given, apart = self.settings.paths, math.sqrt(2.0) * surface.element_size
-        if isinstance(given, tuple):
-            self.paths: DrawnPaths | GivenPaths = GivenPaths(surface, parts, given, apart)
+        chosen, apart = self.settings.paths, math.sqrt(2.0) * surface.element_size
+        if isinstance(chosen, tuple):
+            self.paths: DrawnPaths | GivenPaths = GivenPaths(surface, parts, chosen, apart)
         else:
-            self.paths = DrawnPaths(surface, parts, given, apart + 2.0 * self.position_tolerance)
+            self.paths = DrawnPaths(surface, parts, chosen, apart + 2.0 * self.position_tolerance)
         self._apart = apart
         self.draws, self.lasts = self.paths.draws, self.paths.lasts
 
@@ -361,17 +361,17 @@ class Follow(Task):
         if not checks.listed(settings):
             raise checks.refuse(name, settings, "a list with a mapping for each part")
         rows = self.paths.shape[1]
-        given = GivenPaths(self.surface, self.parts, settings, self._apart, name, rows)
-        if given.lasts > longest:
-            raise checks.refuse(name, f"{given.lasts:.4g} s", f"at most {longest:.4g} s: an episode without the hold")
-        if given.shape[1] > rows:
+        fixed = GivenPaths(self.surface, self.parts, settings, self._apart, name, rows)
+        if fixed.lasts > longest:
+            raise checks.refuse(name, f"{fixed.lasts:.4g} s", f"at most {longest:.4g} s: an episode without the hold")
+        if fixed.shape[1] > rows:
             allowed = f"at most {rows - 2} lines and arcs each, as many as the environment's own paths have room for"
-            raise checks.refuse(name, f"paths of up to {given.shape[1] - 2} lines and arcs", allowed)
+            raise checks.refuse(name, f"paths of up to {fixed.shape[1] - 2} lines and arcs", allowed)
 
         def start(uniform: np.ndarray, present: np.ndarray | None) -> Start:
             # Kept headings are drawn by the same number as without this option: the last one of a part.
             last = uniform.reshape(len(uniform), len(self.parts), -1)[..., -1]
-            return self._start(given.draw(last), present)
+            return self._start(fixed.draw(last), present)
 
         return start
 

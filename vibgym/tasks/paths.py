@@ -93,7 +93,7 @@ class Reach:
             turning, spin: rad/s^2, rad/s; their share is added, which is an upper bound.
         """
         s = np.asarray(speed) / self.surface.table_speed
-        drag, side, ahead = (np.interp(s, self._node, each) for each in (self._drag, self._across, self._along))
+        drag, side, ahead = (np.interp(s, self._node, values) for values in (self._drag, self._across, self._along))
         push = np.hypot((along + self._brake * drag) / ahead, across / side) / self._push
         return push + (np.abs(turning) + self._spin_drag * np.abs(spin)) / self._twist
 
@@ -410,16 +410,16 @@ def profile(name: str, settings: PathSettings, reach: Sequence[Reach]) -> tuple[
     Raises:
         ValueError: a speed or an acceleration that a part cannot reach.
     """
-    fastest, hardest = (min(getattr(each, limit) for each in reach) for limit in ("fastest", "acceleration"))
+    fastest, hardest = (min(getattr(own, limit) for own in reach) for limit in ("fastest", "acceleration"))
     speed, rate = settings.speed, settings.acceleration
-    speed = SHARE[settings.heading] * min(each.top_speed for each in reach) if speed is None else speed
+    speed = SHARE[settings.heading] * min(own.top_speed for own in reach) if speed is None else speed
     rate = RAMP * hardest if rate is None else rate
-    whose = "for " + ", ".join(dict.fromkeys(repr(each.part.name) for each in reach)) + " on this surface"
+    whose = "for " + ", ".join(dict.fromkeys(repr(own.part.name) for own in reach)) + " on this surface"
     for key, value, most, unit in (("speed", speed, fastest, "m/s"), ("acceleration", rate, hardest, "m/s^2")):
         if value > most:
             raise checks.refuse(f"{name}.{key}", value, f"a number > 0 and <= {most:.4g} {unit} {whose}")
-    along, window = settings.heading == "along", 2.0 * max(each.part.radius for each in reach)
-    corner = max(each.corner(speed, window if along else math.inf) for each in reach)
+    along, window = settings.heading == "along", 2.0 * max(own.part.radius for own in reach)
+    corner = max(own.corner(speed, window if along else math.inf) for own in reach)
     return np.array([0.0, speed, rate, window, 0.0, float(along)]), corner
 
 

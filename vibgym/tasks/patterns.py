@@ -170,7 +170,7 @@ class Pattern:
                 raise checks.refuse(where, f"{len(goals)} goals", allowed)
         poses = [np.array(goals, dtype=np.float64) for _, goals in lists]
         if isinstance(pattern, Mapping):
-            return np.concatenate(poses), np.repeat(np.arange(len(poses)), [len(each) for each in poses])
+            return np.concatenate(poses), np.repeat(np.arange(len(poses)), [len(pose) for pose in poses])
         return poses[0][: len(self._parts)], self._kind.copy()
 
     def _places(self, place: tuple[float, float] | None) -> tuple[np.ndarray, np.ndarray]:

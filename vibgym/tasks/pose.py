@@ -133,7 +133,7 @@ def _fallen(info: Any) -> np.ndarray:
         return np.asarray(info.get("fallen", False), dtype=bool)
     if info is None or len(info) == 0:
         return np.asarray(False)
-    return np.array([bool(each.get("fallen", False)) for each in info])
+    return np.array([bool(entry.get("fallen", False)) for entry in info])
 
 
 class Transport(PoseTask):

@@ -124,7 +124,7 @@ class Push(Task):
         radius, size = self.parts[part].radius, np.array([self.surface.width, self.surface.depth])
         corner, *corners = (np.where([k & 1, k >> 1], size - radius, radius) for k in range(number, len(self.pushers)))
         place = np.tile(corner, (len(pose), 1))
-        found = np.zeros(len(pose), dtype=bool)
+        placed = np.zeros(len(pose), dtype=bool)
         before = [self.pushed, *self.pushers[:number].tolist()]
         reach = np.array([self.parts[k].radius for k in before]) + radius + CLEAR
         for t in range(TRIES):
@@ -132,8 +132,8 @@ class Push(Task):
             clear = (np.hypot(*np.moveaxis(at[:, None] - pose[:, before, :2], -1, 0)) > reach).all(axis=1)
             for other in corners:  # which later pushers may need
                 clear &= np.hypot(*(at - other).T) > 2.0 * radius + CLEAR
-            place = np.where((clear & ~found)[:, None], at, place)
-            found |= clear
+            place = np.where((clear & ~placed)[:, None], at, place)
+            placed |= clear
         pose[:, part, :2], pose[:, part, 2] = place, math.pi * (2.0 * tries[:, 0, 2] - 1.0)
 
     def scoring(self, state: State, periods: int) -> CoverageScoring:

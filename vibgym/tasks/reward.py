@@ -87,11 +87,11 @@ class CustomReward(Reward):
                 that are not finite.
         """
         rewarded = self.scoring.rewarded
-        found = self._terms(rewarded)
-        if set(found) != set(self.names):
-            raise checks.refuse(self._name, list(found), f"the terms of its first step: {', '.join(self.names)}")
+        terms = self._terms(rewarded)
+        if set(terms) != set(self.names):
+            raise checks.refuse(self._name, list(terms), f"the terms of its first step: {', '.join(self.names)}")
         for k, term in enumerate(self.names):
-            values, part_terms = self._checked(term, found[term]), self.part_terms[..., k]
+            values, part_terms = self._checked(term, terms[term]), self.part_terms[..., k]
             part_terms[:] = self._task.weights[term] * np.where(rewarded, values, 0.0)
             if not np.isfinite(part_terms).all():
                 world, part = np.argwhere(~np.isfinite(part_terms))[0].tolist()
@@ -106,10 +106,10 @@ class CustomReward(Reward):
         episode, periods = self.scoring.episode, self.scoring.rules.periods
         quantities = {name: read_only(episode.part_terms[..., k]) for k, name in enumerate(QUANTITIES)}
         here, success = read_only(present), read_only(episode.success)
-        found = self._task.reward(Step(self._before, self._now(), quantities, here, success, periods, self._elements))
-        if not isinstance(found, Mapping):
-            raise checks.refuse(self._name, found, "a mapping from terms to (worlds, parts) arrays")
-        return found
+        terms = self._task.reward(Step(self._before, self._now(), quantities, here, success, periods, self._elements))
+        if not isinstance(terms, Mapping):
+            raise checks.refuse(self._name, terms, "a mapping from terms to (worlds, parts) arrays")
+        return terms
 
     def _checked(self, term: str, values: Any) -> np.ndarray:
         """Return a term as an array of numbers."""

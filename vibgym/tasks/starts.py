@@ -92,7 +92,7 @@ def scatter(hulls, room, order, count, numbers, placed, cells, pose):
         pose: (parts, 3), overwritten for these parts.
     """
     for k in range(count):
-        part, found = order[k], False
+        part, fits = order[k], False
         radius = hulls.radius[part]
         for t in range(numbers.shape[1]):
             pose[part, 0] = radius + (room.width - 2.0 * radius) * numbers[part, t, 0]
@@ -100,9 +100,9 @@ def scatter(hulls, room, order, count, numbers, placed, cells, pose):
             pose[part, 2] = math.pi * (2.0 * numbers[part, t, 2] - 1.0)
             place_hulls(hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], placed)
             if is_clear(hulls, placed, pose, order, k, room.clear):
-                found = True
+                fits = True
                 break
-        if not found:
+        if not fits:
             spread(room, order, count, numbers, cells, pose)
             return
 
@@ -181,16 +181,16 @@ def heap(hulls, room, order, count, numbers, placed, pose):
     place_hulls(hulls, first, pose[first, 0], pose[first, 1], pose[first, 2], placed)
     far = room.width + room.depth + 4.0 * largest
     for k in range(1, count):
-        part, found = order[k], False
+        part, fits = order[k], False
         for t in range(numbers.shape[1]):
             ux, uy = math.cos(2.0 * math.pi * numbers[part, t, 0]), math.sin(2.0 * math.pi * numbers[part, t, 0])
             pose[part, 0], pose[part, 1] = pose[first, 0] - far * ux, pose[first, 1] - far * uy
             pose[part, 2] = math.pi * (2.0 * numbers[part, t, 1] - 1.0)
             touches = slide(hulls, placed, pose, order, k, ux, uy, far)
             if touches and is_on_surface(hulls, placed, part, room):
-                found = True
+                fits = True
                 break
-        if not found:
+        if not fits:
             push_together(hulls, room, order, count, numbers, placed, pose)
             return
 

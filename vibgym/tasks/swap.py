@@ -76,9 +76,9 @@ class Swap(Task):
         end = replace(surface, columns=own.columns)
         self._own = [self.kind == k for k in range(2)]
         kinds = ([part for part, its in zip(self.parts, mine, strict=True) if its] for mine in self._own)
-        self._ends = [Scattered(end, each, apart=own.apart, clear=own.apart) for each in kinds]
+        self._ends = [Scattered(end, group, apart=own.apart, clear=own.apart) for group in kinds]
         self._far = surface.width - end.width
-        self.draws = 1 + len(self.parts) + 2 * sum(each.draws for each in self._ends)
+        self.draws = 1 + len(self.parts) + 2 * sum(end.draws for end in self._ends)
 
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
         parts = len(self.parts)

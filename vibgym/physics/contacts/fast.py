@@ -116,16 +116,16 @@ def find_rows(start, stop, fixed, state, rows, whole):
         Whether any parts are near one another.
     """
     fixed, state, rows = fast_scene_at(fixed), state_at(state), rows_at(rows)
-    found, any_near = fixed.contacts.found, False
+    near, any_near = fixed.contacts.found, False
     for kind in range(rows.count.shape[0]):
         rows.count[kind] = 0
     for world in range(start, stop):
         driven = rows.driven[world - start]
-        n = begin_world(fixed, state, world, driven, found)
+        n = begin_world(fixed, state, world, driven, near)
         for k in range(n):
-            driven[found[k, 0]] = any_near = True
-            if found[k, 1] >= 0:
-                driven[found[k, 1]] = True
+            driven[near[k, 0]] = any_near = True
+            if near[k, 1] >= 0:
+                driven[near[k, 1]] = True
         for part in range(driven.shape[0] if whole and n > 0 else 0):
             driven[part] = not state.fallen[world, part]
         list_others(fixed.friction.bodies, rows, world, world - start)
@@ -209,9 +209,9 @@ def find_points(scene, fixed, first, parts, count, h):
         first, parts: slots.  count: number of circles.
     """
     hulls, properties, contacts = fixed.hulls, fixed.properties, fixed.contacts
-    found, circles, points, placed, n = contacts.found, contacts.circles, contacts.points, contacts.placed, 0
-    for pair in range(near_pairs(scene.table, fixed.walls, circles, count, found)):
-        i, j = found[pair, 0], found[pair, 1]
+    near, circles, points, placed, n = contacts.found, contacts.circles, contacts.points, contacts.placed, 0
+    for pair in range(near_pairs(scene.table, fixed.walls, circles, count, near)):
+        i, j = near[pair, 0], near[pair, 1]
         x, y, one = place_body(scene, fixed, first, i)
         restitution, friction = properties.restitution[one], properties.friction[one]
         if j < 0:

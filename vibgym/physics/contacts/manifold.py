@@ -122,8 +122,8 @@ def hull_points(hulls, placed, a, b, gap, nx, ny, owner, margin):
         along, end = nx * ay - ny * ax, nx * by - ny * bx
         return clipped(nx, ny, nx * ax + ny * ay, min(along, end), max(along, end), cx, cy, ex, ey, margin)
     along, end = ny * cx - nx * cy, ny * ex - nx * ey
-    found = clipped(-nx, -ny, -nx * cx - ny * cy, min(along, end), max(along, end), ax, ay, bx, by, margin)
-    return Manifold(found.count, nx, ny, found.x, found.y, found.gap, found.other_x, found.other_y, found.other_gap)
+    clip = clipped(-nx, -ny, -nx * cx - ny * cy, min(along, end), max(along, end), ax, ay, bx, by, margin)
+    return Manifold(clip.count, nx, ny, clip.x, clip.y, clip.gap, clip.other_x, clip.other_y, clip.other_gap)
 
 
 @jit
@@ -132,5 +132,5 @@ def wall_manifold(table, hulls, placed, a, wall, margin):
     nx, ny, border = wall_direction(table, wall)
     ax, ay, bx, by = edge_ends(hulls, placed, a, nx, ny)
     # Seen from the wall; its normal points to the part.
-    found = clipped(-nx, -ny, -border, -math.inf, math.inf, ax, ay, bx, by, margin)
-    return Manifold(found.count, nx, ny, found.x, found.y, found.gap, found.other_x, found.other_y, found.other_gap)
+    clip = clipped(-nx, -ny, -border, -math.inf, math.inf, ax, ay, bx, by, margin)
+    return Manifold(clip.count, nx, ny, clip.x, clip.y, clip.gap, clip.other_x, clip.other_y, clip.other_gap)

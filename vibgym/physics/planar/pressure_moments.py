@@ -133,10 +133,10 @@ def collect_pieces(scene, g, first, x, y, smallest, box):
             area = load_register(cells, at) + height
             place = base_x + float(column)
             held = on_row & (place >= 0.0) & (place < float(table.columns)) & (area > smallest)
-            found = bits(held)
-            if found != 0:
+            lanes = bits(held)
+            if lanes != 0:
                 cell = row * across + column
-                missing = found & ~(workspace.known[g, cell] >> first)
+                missing = lanes & ~(workspace.known[g, cell] >> first)
                 if missing != 0:
                     read_missing(scene, g, first, row, column, missing)
                 weight, inverse = select(held, area, 0.0), 1.0 / select(held, area, 1.0)

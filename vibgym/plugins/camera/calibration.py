@@ -46,22 +46,22 @@ class Template(NamedTuple):
 
 
 @jit(allocates=True)
-def _centroids(grey: np.ndarray, interest: Interest, meaning: Grey, found: Found, places: np.ndarray) -> None:
-    find(grey, interest, found)
+def _centroids(grey: np.ndarray, interest: Interest, meaning: Grey, blobs: Found, places: np.ndarray) -> None:
+    find(grey, interest, blobs)
     moment = np.empty(6)
-    for k in range(found.count[0]):
-        share, top, left = shares(grey, meaning, found, k)
+    for k in range(blobs.count[0]):
+        share, top, left = shares(grey, meaning, blobs, k)
         share_moments(share, top, left, moment)
         places[k, 0], places[k, 1] = moment[1] / moment[0], moment[2] / moment[0]
 
 
 def find_marks(grey: np.ndarray, interest: Interest, meaning: Grey, most: int) -> np.ndarray:
     """Return centroids (n, 2), column and line, of all dark objects wholly inside the area of interest."""
-    found = new_found((grey.shape[0], grey.shape[1]), most)
+    blobs = new_found((grey.shape[0], grey.shape[1]), most)
     places = np.empty((most, 2))
-    _centroids(grey, interest, meaning, found, places)
-    count = int(found.count[0])
-    return places[:count][~found.clipped[:count]]
+    _centroids(grey, interest, meaning, blobs, places)
+    count = int(blobs.count[0])
+    return places[:count][~blobs.clipped[:count]]
 
 
 def assign_marks(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:

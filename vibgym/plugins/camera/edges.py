@@ -25,14 +25,14 @@ class Grey(NamedTuple):
 
 
 @jit
-def _is_nearest(found, number, line, column, reach_l, reach_c):
+def _is_nearest(blobs, number, line, column, reach_l, reach_c):
     """Return whether the nearest labelled pixel around a pixel belongs to this object."""
     mine, other = 1 << 30, 1 << 30
-    for l in range(max(line - reach_l, 0), min(line + reach_l + 1, found.label.shape[0])):  # noqa: E741
-        for c in range(max(column - reach_c, 0), min(column + reach_c + 1, found.label.shape[1])):
-            if found.label[l, c] != 0:
+    for l in range(max(line - reach_l, 0), min(line + reach_l + 1, blobs.label.shape[0])):  # noqa: E741
+        for c in range(max(column - reach_c, 0), min(column + reach_c + 1, blobs.label.shape[1])):
+            if blobs.label[l, c] != 0:
                 away = (l - line) ** 2 + (c - column) ** 2
-                if found.label[l, c] == number + 1:
+                if blobs.label[l, c] == number + 1:
                     mine = min(mine, away)
                 else:
                     other = min(other, away)
@@ -40,19 +40,19 @@ def _is_nearest(found, number, line, column, reach_l, reach_c):
 
 
 @jit(allocates=True)
-def shares(grey: np.ndarray, meaning: Grey, found: Found, number: int):
+def shares(grey: np.ndarray, meaning: Grey, blobs: Found, number: int):
     """Return the covered share of every pixel around an object.
 
     Returns:
         (lines, columns) float64, and the line and column of its first pixel.
     """
-    box, reach_l, reach_c = found.box[number], meaning.lines, meaning.columns
+    box, reach_l, reach_c = blobs.box[number], meaning.lines, meaning.columns
     if not meaning.fine:
         reach_l, reach_c = 0, 0
     top, bottom = max(box[0] - reach_l, 0), min(box[1] + reach_l, grey.shape[0])
     left, right = max(box[2] - reach_c, 0), min(box[3] + reach_c, grey.shape[1])
     share = np.zeros((bottom - top, right - left))
-    runs = found.run[found.first[number] : found.first[number + 1]]
+    runs = blobs.run[blobs.first[number] : blobs.first[number + 1]]
     if not meaning.fine:
         for k in range(runs.shape[0]):
             for column in range(runs[k, 1], runs[k, 2]):
@@ -70,7 +70,7 @@ def shares(grey: np.ndarray, meaning: Grey, found: Found, number: int):
     crowded = False
     for line in range(max(top - reach_l, 0), min(bottom + reach_l, grey.shape[0])):  # within reach of the band
         for column in range(max(left - reach_c, 0), min(right + reach_c, grey.shape[1])):
-            label = found.label[line, column]
+            label = blobs.label[line, column]
             crowded = crowded or (label != 0 and label != number + 1)
     band, core = np.empty(share.shape[1], dtype=np.uint8), np.empty(share.shape[1], dtype=np.uint8)
     for line in range(share.shape[0]):
@@ -89,8 +89,8 @@ def shares(grey: np.ndarray, meaning: Grey, found: Found, number: int):
     if crowded:
         for line in range(share.shape[0]):
             for column in range(share.shape[1]):
-                if share[line, column] != 0.0 and found.label[line + top, column + left] != number + 1:
-                    if not _is_nearest(found, number, line + top, column + left, reach_l, reach_c):
+                if share[line, column] != 0.0 and blobs.label[line + top, column + left] != number + 1:
+                    if not _is_nearest(blobs, number, line + top, column + left, reach_l, reach_c):
                         share[line, column] = 0.0
     return share, top, left
 

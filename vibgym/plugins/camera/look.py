@@ -104,11 +104,11 @@ def new_track(worlds: int, parts: int) -> Track:
 
 
 @jit(allocates=True)
-def measure_object(grey: np.ndarray, known: Knowledge, found: Found, number: int, measure: np.ndarray) -> None:
+def measure_object(grey: np.ndarray, known: Knowledge, blobs: Found, number: int, measure: np.ndarray) -> None:
     """Write the measurements of an object, see :class:`Seen`; moments are transformed by the Jacobian at the centroid."""
-    moment = found.moment[number]
+    moment = blobs.moment[number]
     if known.meaning.fine:
-        share, top, left = shares(grey, known.meaning, found, number)
+        share, top, left = shares(grey, known.meaning, blobs, number)
         share_moments(share, top, left, moment)
     u, v = moment[1] / moment[0], moment[2] / moment[0]
     measure[X], measure[Y] = locate(known.grid, u, v, measure[JACOBIAN:])
@@ -131,14 +131,14 @@ def on_surface(measure, nearer):
 
 
 @jit(allocates=True)
-def heading_of(grey: np.ndarray, known: Knowledge, found: Found, number: int, measure: np.ndarray, kind: int) -> float:
+def heading_of(grey: np.ndarray, known: Knowledge, blobs: Found, number: int, measure: np.ndarray, kind: int) -> float:
     """Return the heading of an object that is a part of this kind, modulo the symmetry."""
     order = known.traits.order[kind]
     if order == 2:
         _, xx, xy, yy = on_surface(measure, 1.0)
         return 0.5 * (math.atan2(2.0 * xy, xx - yy) - known.traits.phase[kind])
-    share, top, left = shares(grey, known.meaning, found, number)
-    m = found.moment[number]
+    share, top, left = shares(grey, known.meaning, blobs, number)
+    m = blobs.moment[number]
     re, im = complex_moment(share, top, left, m[1] / m[0], m[2] / m[0], measure[JACOBIAN:], order)
     return (math.atan2(im, re) - known.traits.phase[kind]) / order
 

@@ -52,34 +52,34 @@ def new_found(shape: tuple[int, int], objects: int) -> Found:
 
 
 @jit
-def _add_run(grey, interest, line, column, number, count, found):
+def _add_run(grey, interest, line, column, number, count, blobs):
     """Store the run of dark pixels through a dark one; returns the new number of runs."""
     start, end = column, column + 1
     while start > interest.first[line] and grey[line, start - 1] < interest.threshold:
         start -= 1
     while end <= interest.last[line] and grey[line, end] < interest.threshold:
         end += 1
-    for each in range(start, end):
-        found.label[line, each] = number + 1
-    run = found.run[count]
+    for at in range(start, end):
+        blobs.label[line, at] = number + 1
+    run = blobs.run[count]
     run[0], run[1], run[2], run[3] = line, start, end, number
     return count + 1
 
 
 @jit
-def _follow(grey, interest, number, first, found):
+def _follow(grey, interest, number, first, blobs):
     """Store all runs of an object whose first run is known; returns the total number of runs, or -1 without room."""
     at, count = first, first + 1
     while at < count:
-        line, start, end = found.run[at, 0], found.run[at, 1], found.run[at, 2]
+        line, start, end = blobs.run[at, 0], blobs.run[at, 1], blobs.run[at, 2]
         for step in range(-1, 2, 2):
             near = line + step
             if 0 <= near < grey.shape[0]:
                 for column in range(max(start, interest.first[near]), min(end, interest.last[near] + 1)):
-                    if found.label[near, column] == 0 and grey[near, column] < interest.threshold:
-                        if count == found.run.shape[0]:
+                    if blobs.label[near, column] == 0 and grey[near, column] < interest.threshold:
+                        if count == blobs.run.shape[0]:
                             return -1
-                        count = _add_run(grey, interest, near, column, number, count, found)
+                        count = _add_run(grey, interest, near, column, number, count, blobs)
         at += 1
     return count
 
@@ -103,15 +103,15 @@ def run_moments(line, start, length, moment):
 
 
 @jit
-def _describe(interest, number, first, last, found):
+def _describe(interest, number, first, last, blobs):
     """Return moments, box and clipping of an object from its runs; moments are about the first pixel of its first run."""
-    moment, box = found.moment[number], found.box[number]
+    moment, box = blobs.moment[number], blobs.box[number]
     moment[:] = 0.0
-    line0, column0 = found.run[first, 0], found.run[first, 1]
+    line0, column0 = blobs.run[first, 0], blobs.run[first, 1]
     box[0], box[1], box[2], box[3] = line0, line0 + 1, column0, column0 + 1
     clipped = False
     for k in range(first, last):
-        line, start, end = found.run[k, 0], found.run[k, 1], found.run[k, 2]
+        line, start, end = blobs.run[k, 0], blobs.run[k, 1], blobs.run[k, 2]
         run_moments(line - line0, start - column0, end - start, moment)
         box[0], box[1] = min(box[0], line), max(box[1], line + 1)
         box[2], box[3] = min(box[2], start), max(box[3], end)
@@ -121,7 +121,7 @@ def _describe(interest, number, first, last, found):
                 clipped = True
             elif start < interest.first[near] or end > interest.last[near] + 1:
                 clipped = True
-    found.clipped[number] = clipped
+    blobs.clipped[number] = clipped
     shift_moments(moment, column0, line0)
 
 
@@ -137,39 +137,39 @@ def shift_moments(moment, column, line):
 
 
 @jit
-def find(grey: np.ndarray, interest: Interest, found: Found) -> None:
+def find(grey: np.ndarray, interest: Interest, blobs: Found) -> None:
     """Find all objects in the area of interest, after those of the previous image are cleared.
 
     Args:
         grey: (lines, columns) uint8.
     """
-    for k in range(found.count[1]):
-        for column in range(found.run[k, 1], found.run[k, 2]):
-            found.label[found.run[k, 0], column] = 0
+    for k in range(blobs.count[1]):
+        for column in range(blobs.run[k, 1], blobs.run[k, 2]):
+            blobs.label[blobs.run[k, 0], column] = 0
     objects, runs = 0, 0
     for line in range(interest.lines // 2, grey.shape[0], interest.lines):
         for column in range(interest.first[line], interest.last[line] + 1, interest.columns):
-            if grey[line, column] >= interest.threshold or found.label[line, column] != 0:
+            if grey[line, column] >= interest.threshold or blobs.label[line, column] != 0:
                 continue
-            if objects == found.moment.shape[0] or runs == found.run.shape[0]:
-                found.count[0], found.count[1] = objects, runs
+            if objects == blobs.moment.shape[0] or runs == blobs.run.shape[0]:
+                blobs.count[0], blobs.count[1] = objects, runs
                 return
             first = runs
-            _add_run(grey, interest, line, column, objects, runs, found)
-            runs = _follow(grey, interest, objects, first, found)
+            _add_run(grey, interest, line, column, objects, runs, blobs)
+            runs = _follow(grey, interest, objects, first, blobs)
             if runs < 0:  # no room: the remaining objects are not parts
-                found.count[0], found.count[1] = objects, found.run.shape[0]
+                blobs.count[0], blobs.count[1] = objects, blobs.run.shape[0]
                 return
-            _describe(interest, objects, first, runs, found)
-            if found.moment[objects, 0] >= interest.least:
-                found.first[objects], found.first[objects + 1] = first, runs
+            _describe(interest, objects, first, runs, blobs)
+            if blobs.moment[objects, 0] >= interest.least:
+                blobs.first[objects], blobs.first[objects + 1] = first, runs
                 objects += 1
             else:
                 for k in range(first, runs):
-                    for each in range(found.run[k, 1], found.run[k, 2]):
-                        found.label[found.run[k, 0], each] = 0
+                    for at in range(blobs.run[k, 1], blobs.run[k, 2]):
+                        blobs.label[blobs.run[k, 0], at] = 0
                 runs = first
-    found.count[0], found.count[1] = objects, runs
+    blobs.count[0], blobs.count[1] = objects, runs
 
 
 def area_of_interest(places: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

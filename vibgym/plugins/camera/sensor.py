@@ -158,7 +158,7 @@ class CameraSensor(Sensor):
             for k, picture in enumerate(self._pictures)
             for name, values in picture._asdict().items()
         }
-        return {"key": self._key, **{f"track_{name}": each for name, each in self.track._asdict().items()}, **pictures}
+        return {"key": self._key, **{f"track_{name}": data for name, data in self.track._asdict().items()}, **pictures}
 
     def _take(self, picture: Picture, worlds: np.ndarray, state: State) -> None:
         """Store the content of an image of this instant."""

@@ -192,9 +192,9 @@ class Setup:
         surface, settings = self.surface, self.settings
         middle = (0.5 * surface.width, 0.5 * surface.depth)
         place, height = middle if settings.position is None else settings.position, settings.height
-        given = {**settings.model_dump(include={"tilt", "lens", "chip", "pixels"}), "pitch": self.pitch}
+        common = {**settings.model_dump(include={"tilt", "lens", "chip", "pixels"}), "pitch": self.pitch}
         self.shape = (settings.pixels[1] // self.pitch, settings.pixels[0])
-        return optics_of(place, height, distortion=settings.distortion, **given), optics_of(place, height, **given)
+        return optics_of(place, height, distortion=settings.distortion, **common), optics_of(place, height, **common)
 
     def _corners(self, border: float) -> np.ndarray:
         """Return (4, 2) m, of the surface with a border around it."""

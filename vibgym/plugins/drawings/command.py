@@ -62,14 +62,14 @@ def part(parser: argparse.ArgumentParser) -> Callable[[argparse.Namespace], int]
     return run
 
 
-def run(given: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Print the description; returns the exit code."""
-    if given.picture is not None and given.picture.suffix.lower() != ".png":
-        raise checks.refuse("--picture", str(given.picture), "a .png file")
-    surface = from_text("--surface", given.surface)
+    if arguments.picture is not None and arguments.picture.suffix.lower() != ".png":
+        raise checks.refuse("--picture", str(arguments.picture), "a .png file")
+    surface = from_text("--surface", arguments.surface)
     surface = surface_from(surface.get("surface", surface) if isinstance(surface, Mapping) else surface)
     keys = {*DrawingSettings.model_fields, *with_unit(DrawingSettings)}
-    values = {name: value for name, value in vars(given).items() if name in keys and value is not None}
+    values = {name: value for name, value in vars(arguments).items() if name in keys and value is not None}
     settings = read(DrawingSettings, values, "")
     with warnings.catch_warnings(record=True) as notes:
         warnings.simplefilter("always")
@@ -78,27 +78,27 @@ def run(given: argparse.Namespace) -> int:
         except checks.Refused as error:
             for k, fault in enumerate(error.faults):
                 print(f"fault {k}: {fault.text}")
-            if error.lines and given.picture is not None:
-                picture_of_faults(error, given.picture)
-                print(f"picture: {given.picture}")
+            if error.lines and arguments.picture is not None:
+                picture_of_faults(error, arguments.picture)
+                print(f"picture: {arguments.picture}")
             raise
     for note in notes:
         print(f"warning: {note.message}")
     pose = centred(surface)
     for line in description(made, surface, pose):
         print(line)
-    for k, each in enumerate(poses):
-        print(f"stable pose {k}: {100 * each.probability:.1f} %, {each.height:.4g} mm high, on {each.area:.4g} mm^2")
-    if given.picture is not None:
-        picture(made, surface, pose, given.picture)
-        print(f"picture: {given.picture}")
-    if not given.no_tasks:
+    for k, rest in enumerate(poses):
+        print(f"stable pose {k}: {100 * rest.probability:.1f} %, {rest.height:.4g} mm high, on {rest.area:.4g} mm^2")
+    if arguments.picture is not None:
+        picture(made, surface, pose, arguments.picture)
+        print(f"picture: {arguments.picture}")
+    if not arguments.no_tasks:
         from vibgym.policies.applicable import tasks_with, usual_parts
 
         larger = []
         for name, policies in tasks_with(made.to_dict(), asdict(surface)).items():
             print(f"{name}: {policies if isinstance(policies, str) else ', '.join(policies)}")
-            trained_on = min((part_from(each).radius for each in usual_parts(f"vibgym/{name}-v0")), default=0.0)
+            trained_on = min((part_from(mapping).radius for mapping in usual_parts(f"vibgym/{name}-v0")), default=0.0)
             if "learned" in policies and made.radius < trained_on:
                 larger.append(f"{name} ({1e3 * trained_on:.3g} mm)")
         if larger:
@@ -176,16 +176,16 @@ def picture(part: Part, surface: Surface, pose: np.ndarray, path: Path) -> None:
     canvas = Canvas(int(count[1]), int(count[0]), size, PIXELS)
     canvas.begin(np.zeros((count[1], count[0], 2)))
     low = size * (np.column_stack([columns, rows]) - first)
-    for each in low:
-        canvas.zone(each, each + size, colours.PARTS[1], "")
+    for corner in low:
+        canvas.zone(corner, corner + size, colours.PARTS[1], "")
     here = pose - [*(size * first), 0.0]
     canvas.part(here, part.outline, colours.PARTS[0], ahead=False)
     for piece in convex_pieces(part):
         if outlines.signed_area(piece) >= MIN_PIECE * part.area:  # a rounded inner corner consists of slivers
             canvas.path(here[:2] + piece[[*range(len(piece)), 0]], colours.PAPER)
     canvas.goal(here[:2], part.outline, None)
-    for each, loaded in zip(low, share, strict=True):
-        canvas.tag(each, each + size, colours.PARTS[1], f"{100 * loaded:.0f} %")
+    for corner, loaded in zip(low, share, strict=True):
+        canvas.tag(corner, corner + size, colours.PARTS[1], f"{100 * loaded:.0f} %")
     pixels = canvas.finish(f"{part.name}: {1e6 * part.area:.4g} mm², {1e3 * part.mass:.3g} g")
     _write(pixels, path)
 
@@ -201,9 +201,9 @@ def picture_of_faults(error: checks.Refused, path: Path) -> None:
     from vibgym.rendering import colours
     from vibgym.rendering.canvas import Canvas
 
-    places = {k: 1e-3 * each.place for k, each in enumerate(error.faults) if each.place is not None}
-    lines = [1e-3 * each for each in error.lines]
-    points = np.concatenate([*lines, *(each[None] for each in places.values())])
+    places = {k: 1e-3 * fault.place for k, fault in enumerate(error.faults) if fault.place is not None}
+    lines = [1e-3 * line for line in error.lines]
+    points = np.concatenate([*lines, *(place[None] for place in places.values())])
     size = 1.1 * float(np.ptp(points, axis=0).max())
     low = points.min(axis=0) - 0.05 * size
     canvas = Canvas(1, 1, size, FAULTS / size)

@@ -72,22 +72,22 @@ def outline_of(
         ValueError: faults, all of them, or several parts of which none is selected.
     """
     strokes, notes = _without_duplicates(strokes, gap)
-    pairs, found, gaps = _joints(strokes, gap, bridge)
+    pairs, open_ends, gaps = _joints(strokes, gap, bridge)
     alone = {a // 2 for a, b in pairs if b == a ^ 1}
-    lines = [flattened(each.points, tolerance, k in alone) for k, each in enumerate(strokes)]
+    lines = [flattened(stroke.points, tolerance, k in alone) for k, stroke in enumerate(strokes)]
     lines = _joined(lines, pairs, gap, bridge)
     merged = shapely.get_parts(shapely.line_merge(shapely.MultiLineString(lines)))
     rings = shapely.remove_repeated_points(merged, gap)
-    tree = shapely.STRtree([shapely.LineString(each.points) for each in strokes])
+    tree = shapely.STRtree([shapely.LineString(stroke.points) for stroke in strokes])
     labels = np.array([strokes[k].label for k in tree.nearest(shapely.get_point(rings, 0))])
     closed, whole = shapely.is_closed(rings), shapely.get_num_coordinates(rings) > 3
-    for k in np.flatnonzero(closed & ~whole if found else ~(closed & whole)):
+    for k in np.flatnonzero(closed & ~whole if open_ends else ~(closed & whole)):
         text = f"{labels[k]} encloses no area within the tolerance"
-        found.append(Fault(text, np.array(rings[k].coords[0])))
-    polygons: Any = np.array([shapely.Polygon(each) for each in rings[closed & whole]], dtype=object)
-    faults = [*faults, *found, *_crossings(polygons, [each.label for each in strokes], tree, tolerance)]
+        open_ends.append(Fault(text, np.array(rings[k].coords[0])))
+    polygons: Any = np.array([shapely.Polygon(ring) for ring in rings[closed & whole]], dtype=object)
+    faults = [*faults, *open_ends, *_crossings(polygons, [stroke.label for stroke in strokes], tree, tolerance)]
     if faults:
-        raise refusal(faults, [each.points for each in strokes])
+        raise refusal(faults, [stroke.points for stroke in strokes])
     rings, others = _chosen(polygons, labels[closed & whole], part)
     return rings, notes + gaps + Counter({"parts that are not selected": others})
 
@@ -102,8 +102,8 @@ def _joints(
     strokes without length.
     """
     faults, notes, joints = list[Fault](), Counter[str](), list[tuple[int, int]]()
-    ends = np.array([each.points[[0, -1]] for each in strokes]).reshape(-1, 2)
-    length = [float(np.hypot(*np.diff(each.points, axis=0).T).sum()) for each in strokes]
+    ends = np.array([stroke.points[[0, -1]] for stroke in strokes]).reshape(-1, 2)
+    length = [float(np.hypot(*np.diff(stroke.points, axis=0).T).sum()) for stroke in strokes]
     free, left_out = set(range(len(ends))), set[int]()
     for reach in (COINCIDENT * gap, gap, bridge):
         at = np.array(sorted(free), dtype=int)
@@ -197,7 +197,7 @@ def flattened(points: np.ndarray, tolerance: float, closed: bool) -> np.ndarray:
 
 def _chords(points: np.ndarray, sagitta: float) -> list[int]:
     """Return the indices of the corners of chords within the sagitta, at least two chords; by halving."""
-    found, pending = [0], [(0, len(points) - 1)]
+    corners, pending = [0], [(0, len(points) - 1)]
     while pending:
         a, b = pending.pop()
         whole = b - a == len(points) - 1
@@ -205,8 +205,8 @@ def _chords(points: np.ndarray, sagitta: float) -> list[int]:
             middle = (a + b) // 2
             pending += [(middle, b), (a, middle)]
         else:
-            found.append(b)
-    return found
+            corners.append(b)
+    return corners
 
 
 def _bulge(points: np.ndarray) -> float:
@@ -220,7 +220,7 @@ def _crossings(polygons: Any, labels: list[str], tree: Any, tolerance: float) ->
     Args:
         labels, tree: of the strokes.
     """
-    reasons = [each.partition("[") for each in shapely.is_valid_reason(polygons)]
+    reasons = [reason.partition("[") for reason in shapely.is_valid_reason(polygons)]
     places = [np.array(place[:-1].split(), float) for what, _, place in reasons if place]
     borders = shapely.get_exterior_ring(polygons[shapely.is_valid(polygons)])
     pairs = shapely.STRtree(borders).query(borders, "intersects").T
@@ -243,7 +243,7 @@ def _chosen(polygons: Any, labels: np.ndarray, part: int | None) -> tuple[list[n
     """
     inner, outer = shapely.STRtree(polygons).query(polygons, "within")
     inside = [set(outer[(inner == k) & (outer != k)].tolist()) for k in range(len(polygons))]
-    rims = [k for k, each in enumerate(inside) if len(each) % 2 == 0]
+    rims = [k for k, around in enumerate(inside) if len(around) % 2 == 0]
     rims.sort(key=lambda k: -polygons[k].area)
     if part is None and len(rims) > 1:
         listed = []
@@ -253,9 +253,9 @@ def _chosen(polygons: Any, labels: np.ndarray, part: int | None) -> tuple[list[n
             listed.append(f"{number}: {right - x:.4g} x {top - y:.4g} mm, {polygons[k].area:.4g} mm^2, {where}")
         raise checks.conflict(f"{len(rims)} parts in one file, select one by part=: {'; '.join(listed)}")
     rim = rims[checks.count("part", 0 if part is None else part, least=0, most=len(rims) - 1)]
-    holes = [shapely.get_exterior_ring(polygons[k]) for k, each in enumerate(inside) if each == inside[rim] | {rim}]
+    holes = [shapely.get_exterior_ring(polygons[k]) for k, around in enumerate(inside) if around == inside[rim] | {rim}]
     whole = orient(shapely.Polygon(polygons[rim].exterior, holes))
-    return [np.array(each.coords)[:-1] for each in (whole.exterior, *whole.interiors)], len(rims) - 1
+    return [np.array(interior.coords)[:-1] for interior in (whole.exterior, *whole.interiors)], len(rims) - 1
 
 
 def _place(point: Sequence[float] | np.ndarray) -> str:

@@ -70,8 +70,8 @@ def read(
     if code and code not in CODES and units is None:
         raise checks.refuse("$INSUNITS", code, f"one of {', '.join(f'{k} ({name})' for k, name in CODES.items())}")
     factor = factor_of(CODES.get(code), units, "$INSUNITS is 0 or missing")
-    used = {each.dxf.layer for each in document.entitydb.values() if each.dxf.hasattr("layer")}
-    known = {name.lower(): name for name in (*used, *(each.dxf.name for each in document.layers))}
+    used = {entity.dxf.layer for entity in document.entitydb.values() if entity.dxf.hasattr("layer")}
+    known = {name.lower(): name for name in (*used, *(layer.dxf.name for layer in document.layers))}
     for name in (*(layers or ()), *without):
         if name.lower() not in known:
             raise checks.unknown("layer", name, sorted(known.values()))
@@ -96,16 +96,16 @@ def _document(content: bytes) -> Document:
     except (DXFError, OSError, ValueError, TypeError, IndexError, KeyError, AttributeError) as error:
         raise checks.refuse("file", str(error) or type(error).__name__, "a DXF file") from None
     faults = [
-        Fault(("" if each.entity is None else f"{_label(each.entity)}: ") + each.message)
-        for each in audit.errors
-        if each.code != AuditError.INVALID_LAYER_NAME
+        Fault(("" if error.entity is None else f"{_label(error.entity)}: ") + error.message)
+        for error in audit.errors
+        if error.code != AuditError.INVALID_LAYER_NAME
     ]
-    faults += [Fault(f"the file is damaged: {lost}") for each in audit.fixes if (lost := _lost(each))]
+    faults += [Fault(f"the file is damaged: {lost}") for fix in audit.fixes if (lost := _lost(fix))]
     if faults:
         raise refusal(faults)
-    for each in audit.fixes:
-        if each.code == AuditError.UNDEFINED_LINETYPE and each.entity is not None and each.data:
-            each.entity.dxf.linetype = str(each.data)
+    for fix in audit.fixes:
+        if fix.code == AuditError.UNDEFINED_LINETYPE and fix.entity is not None and fix.data:
+            fix.entity.dxf.linetype = str(fix.data)
     return document
 
 
@@ -113,7 +113,7 @@ def _lost(fix: Any) -> str | None:
     """Return what a repair by ezdxf says if it may have changed an outline; else None."""
     text = re.sub(r"\b([A-Z0-9_]+)\(#([0-9A-Fa-f]+)\)", r"\1 \2", fix.message)
     words = set(re.findall(r"\b[A-Z][A-Z0-9_]+\b", text))
-    shapes = {each for each in words if issubclass(factory.ENTITY_CLASSES.get(each, object), DXFGraphic)} - NOTES
+    shapes = {word for word in words if issubclass(factory.ENTITY_CLASSES.get(word, object), DXFGraphic)} - NOTES
     name = AuditError(fix.code).name
     return text if name in STRUCTURE or (shapes and name not in HARMLESS) else None
 
@@ -160,11 +160,11 @@ class _Reader:
         self.factor, self.flat = factor, flat
         self.layers = None if layers is None else {name.lower() for name in layers}
         self.without = {name.lower() for name in without}
-        table = {each.dxf.name.lower(): each for each in document.layers}
-        self.frozen = {name for name, each in table.items() if each.is_frozen()}
-        self.off = {name for name, each in table.items() if each.is_off()} | {"defpoints"}
-        self.linetype = {name: each.dxf.linetype.lower() for name, each in table.items()}
-        self.broken = {each.dxf.name.lower(): bool(each.simplified_line_pattern()) for each in document.linetypes}
+        table = {layer.dxf.name.lower(): layer for layer in document.layers}
+        self.frozen = {name for name, layer in table.items() if layer.is_frozen()}
+        self.off = {name for name, layer in table.items() if layer.is_off()} | {"defpoints"}
+        self.linetype = {name: layer.dxf.linetype.lower() for name, layer in table.items()}
+        self.broken = {kind.dxf.name.lower(): bool(kind.simplified_line_pattern()) for kind in document.linetypes}
         self.skipped, self.faults = Counter[str](), list[Fault]()
         self.level: float | None = None
 
@@ -222,7 +222,7 @@ class _Reader:
     def _properties(self, entity: Any) -> tuple[str, str, bool]:
         """Return layer, linetype, and whether an entity is invisible."""
         if isinstance(entity, DXFTagStorage):  # of a type that ezdxf does not know
-            tags = (tag for each in entity.xtags.subclasses for tag in each)
+            tags = (tag for subclass in entity.xtags.subclasses for tag in subclass)
             return next((tag.value for tag in tags if tag.code == 8), "0"), "", False
         return entity.dxf.layer, entity.dxf.linetype.lower(), bool(entity.dxf.get("invisible", 0))
 

@@ -44,23 +44,23 @@ def read_part(settings: DrawingSettings, surface: Surface | None) -> tuple[Part,
     """Return the part in a file and the stable poses of a mesh, see :func:`vibgym.scene.parts.drawn_part`."""
     drawing = read(settings, surface)
     path, solid = Path(settings.file), drawing.solid
-    given = {name: getattr(settings, name) for name in PartSettings.model_fields}
-    if given["name"] is None:
-        given["name"] = path.stem
+    properties = {name: getattr(settings, name) for name in PartSettings.model_fields}
+    if properties["name"] is None:
+        properties["name"] = path.stem
     if solid is None:
         if settings.thickness is not None:
-            given["height"] = settings.thickness
+            properties["height"] = settings.thickness
     else:
         for name in ("thickness", "height", "centre_height"):
             if name in settings.model_fields_set and getattr(settings, name) is not None:
                 raise checks.conflict(f"{name} is that of the mesh, in {path.name}")
-        given |= {"height": 1e-3 * solid.height, "centre_height": 1e-3 * solid.centre_height}
+        properties |= {"height": 1e-3 * solid.height, "centre_height": 1e-3 * solid.centre_height}
         if settings.mass is None:
-            given["mass"] = (settings.density or STEEL_DENSITY) * 1e-9 * solid.volume
+            properties["mass"] = (settings.density or STEEL_DENSITY) * 1e-9 * solid.volume
     if drawing.radius is not None:
-        part = Part.disc(1e-3 * drawing.radius, **given)
+        part = Part.disc(1e-3 * drawing.radius, **properties)
     else:
-        part = Part.polygon(1e-3 * drawing.rim, holes=[1e-3 * hole for hole in drawing.holes], **given)
+        part = Part.polygon(1e-3 * drawing.rim, holes=[1e-3 * hole for hole in drawing.holes], **properties)
     if solid is not None:
         _warn_of_shape(part, solid)
     elif settings.density is not None:
@@ -141,14 +141,14 @@ def _flat(
     )
     gap = GAP * tolerance
     strokes, skipped, faults = reader.read(content, gap / factor, settings.units, layers, without)
-    strokes = [each._replace(points=factor * each.points) for each in strokes]
+    strokes = [stroke._replace(points=factor * stroke.points) for stroke in strokes]
     if not strokes:
         left = f" (skipped: {skipped_text(skipped)})" if skipped else ""
         raise refusal(faults or [Fault(f"the drawing has no outline: no lines or curves{left}")])
     # Before anything else is wrong: the largest line alone, since a file may have several parts.
-    whole = np.concatenate([each.points for each in strokes])
+    whole = np.concatenate([stroke.points for stroke in strokes])
     _check_size(whole, tolerance)
-    largest = max((each.points for each in strokes), key=lambda each: np.ptp(each, axis=0).max())
+    largest = max((stroke.points for stroke in strokes), key=lambda points: np.ptp(points, axis=0).max())
     _check_fit(largest, surface, whole)
     bridge = 0.0 if settings.gap is None else _in_mm(settings.gap)
     rings, notes = contours.outline_of(strokes, tolerance, gap, bridge, settings.part, faults)

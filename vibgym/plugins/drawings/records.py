@@ -87,12 +87,12 @@ class Drawing:
     solid: Solid | None = None
 
 
-def factor_of(named: str | None, given: str | None, missing: str) -> float:
+def factor_of(named: str | None, units: str | None, missing: str) -> float:
     """Return mm per unit of a drawing.
 
     Args:
         named: unit in the file, a key of :data:`UNITS`, or None.
-        given: the argument ``units``, which replaces it.
+        units: the argument ``units``, which replaces it.
         missing: why the file does not name its unit, for the error.
 
     Raises:
@@ -101,9 +101,9 @@ def factor_of(named: str | None, given: str | None, missing: str) -> float:
     Warns:
         UserWarning: both and different.
     """
-    unit = named if given is None else given
+    unit = named if units is None else units
     if unit is None:
         raise checks.conflict(f"unknown units: {missing}; give units=, one of {', '.join(UNITS)}")
     if named is not None and named != unit:
-        warnings.warn(f"units={given!r} replaces {named!r}, the unit of the file", stacklevel=8)
+        warnings.warn(f"units={units!r} replaces {named!r}, the unit of the file", stacklevel=8)
     return UNITS[unit]

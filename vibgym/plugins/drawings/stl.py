@@ -122,14 +122,14 @@ def _mesh_and_poses(content: bytes, factor: float, flat: float) -> tuple[Any, li
     """
     mesh = _mesh(content, factor)
     transforms, shares = _stable(mesh)
-    found = []
+    poses = []
     for turn, share in zip(transforms, shares, strict=True):
         up = turn[2, :3]
         level = mesh.vertices @ up
         low = float(level.min())
         area = _resting_area(mesh, up, low + flat)
-        found.append(StablePose(float(share), float(level.max()) - low, float(mesh.center_mass @ up) - low, area))
-    return mesh, found, transforms
+        poses.append(StablePose(float(share), float(level.max()) - low, float(mesh.center_mass @ up) - low, area))
+    return mesh, poses, transforms
 
 
 def _shares(triangles: np.ndarray) -> np.ndarray:
@@ -174,8 +174,8 @@ def _projection(mesh: Any, tolerance: float) -> list[np.ndarray]:
         shapely.union_all(shapely.polygons(triangles)).buffer(gap, join_style="mitre").buffer(-gap, join_style="mitre")
     )
     area = area.simplify(SIMPLIFIED * tolerance)
-    pieces = sorted(getattr(area, "geoms", [area]), key=lambda each: -each.area)
-    if sum(each.area for each in pieces[1:]) > tolerance**2:  # rounding may cut off specks
+    pieces = sorted(getattr(area, "geoms", [area]), key=lambda piece: -piece.area)
+    if sum(piece.area for piece in pieces[1:]) > tolerance**2:  # rounding may cut off specks
         raise checks.conflict("the part touches itself at a corner or edge only, seen from above")
     area = shapely.geometry.polygon.orient(pieces[0])
     rings = [np.array(ring.coords)[:-1] for ring in (area.exterior, *area.interiors)]

@@ -130,9 +130,9 @@ def _tree(content: bytes) -> ET.Element:
         raise checks.refuse("file", str(error), "well-formed XML") from None
     root = builder.close()
     space = root.tag.rpartition("}")[0]
-    for each in root.iter():
-        other, _, kind = each.tag.rpartition("}")
-        each.tag = kind if other == space else f"{{{other}}}{kind}"
+    for node in root.iter():
+        other, _, kind = node.tag.rpartition("}")
+        node.tag = kind if other == space else f"{{{other}}}{kind}"
     if root.tag != "svg" or space not in ("", "http://www.w3.org/2000/svg"):
         raise checks.refuse("file", f"element {root.tag!r}", "an SVG document")
     return root
@@ -156,11 +156,11 @@ class _Reader:
         self.skipped: Counter[str] = Counter()
         self.styles, self.drawn = Styles(root), 0
         self.targets: dict[str, list[ET.Element]] = {}
-        for each in root.iter():
-            self.targets.setdefault(each.get("id", ""), []).append(each)
-            if each.tag in ("animate", "animateMotion", "animateTransform", "discard", "set"):
-                raise checks.conflict(f"{label_of(each)}: animations are not supported")
-        self.names = dict.fromkeys(each.get(name, "") for name in (LABEL, "id") for each in root.iter())
+        for node in root.iter():
+            self.targets.setdefault(node.get("id", ""), []).append(node)
+            if node.tag in ("animate", "animateMotion", "animateTransform", "discard", "set"):
+                raise checks.conflict(f"{label_of(node)}: animations are not supported")
+        self.names = dict.fromkeys(node.get(name, "") for name in (LABEL, "id") for node in root.iter())
         self.names.pop("", None)
 
     def page(self, root: ET.Element, units: str | None) -> Iterator[Stroke]:
@@ -177,7 +177,7 @@ class _Reader:
             sizes = [extent * scale if math.isnan(size) else size for size, extent in zip(sizes, box[2:], strict=True)]
         width, height = (math.inf if math.isnan(size) else size for size in sizes)
         inside, size = viewport(root, width, height)
-        unit = next((each for each in named if each != "px" or units == "px"), None)
+        unit = next((name for name in named if name != "px" or units == "px"), None)
         if unit is None:
             missing = "the width and height of the svg element have no physical unit"
             scale = factor_of(None, units, missing) / inside[0, 0]
@@ -239,12 +239,12 @@ class _Reader:
             children = self.targets.get(href[1:], []) if href.startswith("#") else []
             if len(children) != 1:
                 raise checks.conflict(f"{label}: {len(children) or 'unknown'} elements {href!r}")
-            x, y = (length(element, *each)[0] for each in zip("xy", state.size, strict=True))
+            x, y = (length(element, *pair)[0] for pair in zip("xy", state.size, strict=True))
             sizes = {name: value for name, value in element.attrib.items() if name in ("width", "height")}
             matrix, within = state.matrix @ shift(x, y), f" of {label_of(element)}"
             state = state._replace(matrix=matrix, within=within, used=sizes, top=children[0])
         elif kind == "switch":
-            children = [each for each in children if "}" not in each.tag and "requiredExtensions" not in each.keys()]
+            children = [node for node in children if "}" not in node.tag and "requiredExtensions" not in node.keys()]
             plain = CONTAINERS | SHAPES | {"image", "text"}
             if children and (children[0].tag not in plain or not TESTS.isdisjoint(children[0].keys())):
                 state = state._replace(undecided=state.undecided or f"the choice of {label}")
@@ -261,8 +261,8 @@ class _Reader:
         if changed := changes.intersection(element.keys()):
             state = state._replace(undecided=state.undecided or f"{min(changed)} of {label}")
         sized = ET.Element(element.tag, {**element.attrib, **(state.used or {})})
-        x, y = (length(sized, *each)[0] for each in zip("xy", state.size, strict=True))
-        width, height = (length(sized, *each, "100%")[0] for each in zip(("width", "height"), state.size, strict=True))
+        x, y = (length(sized, *pair)[0] for pair in zip("xy", state.size, strict=True))
+        width, height = (length(sized, *pair, "100%")[0] for pair in zip(("width", "height"), state.size, strict=True))
         if min(width, height) < 0.0:
             raise checks.refuse(f"{label}: size", f"{width:g} x {height:g}", ">= 0")
         if min(width, height) == 0.0:
@@ -306,12 +306,12 @@ class _Reader:
         if why:
             raise checks.conflict(f"{label}: {why} is not supported: remove it, or draw it plainly")
         paths = [
-            each for each in curves(element, state.size, state.matrix, label) if stroke or _width(each) > self.flat
+            path for path in curves(element, state.size, state.matrix, label) if stroke or _width(path) > self.flat
         ]
         if not paths:
             self.skipped[f"{kind} not drawn"] += 1
             return
-        points = [np.concatenate([each.points for each in path]) for path in paths]
+        points = [np.concatenate([piece.points for piece in path]) for path in paths]
         for clip in state.clips:
             at = np.concatenate(points) @ clip.inverse[:2, :2].T + clip.inverse[:2, 2]
             margin = self.flat / GAP * math.sqrt(abs(np.linalg.det(clip.inverse)))
@@ -323,21 +323,21 @@ class _Reader:
                 raise checks.conflict(f"{label} is clipped by {clip.label}: enlarge that, or make its overflow visible")
         if not stroke:
             self._check_filled(points, style.get("fill-rule", "nonzero"), label)
-        yield from (each for path in paths for each in path)
+        yield from (piece for path in paths for piece in path)
 
     def _check_filled(self, rings: list[np.ndarray], rule: str, label: str) -> None:
         """Refuse what a fill without stroke draws otherwise than its contours: open ones, and those inside the filled area."""
         for ring in rings:
             if np.hypot(*(ring[-1] - ring[0])) > self.flat:
                 raise checks.conflict(f"{label} is open, and filled without a stroke: close it")
-        signs = [np.sign(outlines.signed_area(each)) for each in rings]
+        signs = [np.sign(outlines.signed_area(ring)) for ring in rings]
         for k, ring in enumerate(rings) if rule != "evenodd" else ():
-            around = sum(signs[j] for j, each in enumerate(rings) if j != k and outlines.contains(each, ring[:1])[0])
+            around = sum(signs[j] for j, other in enumerate(rings) if j != k and outlines.contains(other, ring[:1])[0])
             if around and around + signs[k]:
                 raise checks.conflict(f"{label} fills a contour inside another (fill-rule nonzero): a hole, or none?")
 
 
 def _width(strokes: list[Stroke]) -> float:
     """Return a measure of the width of strokes, 0 if they are on a line."""
-    points = np.concatenate([each.points for each in strokes])
+    points = np.concatenate([stroke.points for stroke in strokes])
     return float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1])

@@ -53,18 +53,18 @@ def length(element: ET.Element, name: str, extent: float = math.nan, default: st
         default: without the attribute, or where it is ``auto``.
     """
     text = element.get(name, "auto").strip()
-    found = re.fullmatch(rf"({NUMBER})\s*(%|[a-zA-Z]*)", default if text == "auto" else text)
-    unit = found[2].lower() if found else "?"
+    match = re.fullmatch(rf"({NUMBER})\s*(%|[a-zA-Z]*)", default if text == "auto" else text)
+    unit = match[2].lower() if match else "?"
     scale = 0.01 * extent if unit == "%" else USER.get(unit, math.nan)
-    if found is None or not math.isfinite(float(found[1]) * scale):
+    if match is None or not math.isfinite(float(match[1]) * scale):
         raise checks.refuse(f"{label_of(element)}: {name}", text, "a length" + " of known size" * (unit == "%"))
-    return float(found[1]) * scale, unit
+    return float(match[1]) * scale, unit
 
 
 def view_box(element: ET.Element) -> list[float]:
     """Return x, y, width and height of the coordinates inside a viewport; empty if they are not given."""
     text, name = element.get("viewBox", ""), f"{label_of(element)}: viewBox"
-    box = [float(each) for each in _numbers(text, name)]
+    box = [float(number) for number in _numbers(text, name)]
     if box and (len(box) != 4 or min(box[2:]) <= 0.0):
         raise checks.refuse(name, text, "x, y, width > 0, height > 0")
     return box
@@ -76,13 +76,13 @@ def viewport(element: ET.Element, width: float, height: float) -> tuple[np.ndarr
     if not box:
         return np.eye(3), (width, height)
     aspect = element.get("preserveAspectRatio", "xMidYMid").strip()
-    found = re.fullmatch(r"(?:none|x(Min|Mid|Max)Y(Min|Mid|Max))(?:\s+(meet|slice))?", aspect)
-    if found is None:
+    match = re.fullmatch(r"(?:none|x(Min|Mid|Max)Y(Min|Mid|Max))(?:\s+(meet|slice))?", aspect)
+    if match is None:
         raise checks.refuse(f"{label_of(element)}: preserveAspectRatio", aspect, "none or xMidYMid, ... meet or slice")
     scale = np.array([width, height]) / box[2:]
-    if found[1]:
-        scale[:] = scale.max() if found[3] == "slice" else scale.min()
-    share = np.array([{"Min": 0.0, "Mid": 0.5, "Max": 1.0}[each or "Min"] for each in found.groups()[:2]])
+    if match[1]:
+        scale[:] = scale.max() if match[3] == "slice" else scale.min()
+    share = np.array([{"Min": 0.0, "Mid": 0.5, "Max": 1.0}[alignment or "Min"] for alignment in match.groups()[:2]])
     move = share * ([width, height] - scale * box[2:]) - scale * box[:2]
     return np.array([[scale[0], 0.0, move[0]], [0.0, scale[1], move[1]], [0.0, 0.0, 1.0]]), (box[2], box[3])
 
@@ -95,7 +95,7 @@ def shift(x: float, y: float) -> np.ndarray:
 def transform(element: ET.Element, label: str) -> np.ndarray:
     """Return the (3, 3) matrix of the transform of an element."""
     text, name = element.get("transform", ""), f"{label}: transform"
-    spaced = re.sub(r"\(([^()]*)\)", lambda each: f"({' '.join(_numbers(each[1], name))})", text)
+    spaced = re.sub(r"\(([^()]*)\)", lambda match: f"({' '.join(_numbers(match[1], name))})", text)
     try:
         matrix = np.asarray(parse_transform(spaced, strict=True), dtype=float)
     except (ValueError, IndexError, TypeError, AssertionError):
@@ -157,18 +157,18 @@ def _path(element: ET.Element, size: tuple[float, float], label: str) -> str:
     width, height = size
     extents = {"width": width, "height": height, "r": math.hypot(width, height) / math.sqrt(2.0)}
     extents |= {name: width if "x" in name else height for name in LENGTHS[kind] if name not in extents}
-    given = {name: length(element, name, extents[name])[0] for name in LENGTHS[kind]}
+    lengths = {name: length(element, name, extents[name])[0] for name in LENGTHS[kind]}
     if kind == "line":
-        return "M {x1} {y1} L {x2} {y2}".format(**given)
-    single = [name for name in ("rx", "ry") if name in given and element.get(name, "auto").strip() != "auto"]
+        return "M {x1} {y1} L {x2} {y2}".format(**lengths)
+    single = [name for name in ("rx", "ry") if name in lengths and element.get(name, "auto").strip() != "auto"]
     if kind == "ellipse" and len(single) == 1:
         raise checks.conflict(f"{label}: only one of rx and ry")
-    sizes = {name: given[name] for name in ("width", "height", "r", "rx", "ry") if name in given}
+    sizes = {name: lengths[name] for name in ("width", "height", "r", "rx", "ry") if name in lengths}
     if min(sizes.values()) < 0.0:
         raise checks.refuse(f"{label}: {', '.join(sizes)}", [*sizes.values()], ">= 0")
     if kind != "rect":
-        return ellipse2pathd(given) if min(sizes.values()) > 0.0 else ""
-    x, y = (given[name] for name in (single * 2)[:2] or ("rx", "ry"))
-    sharp = {name: given[name] for name in ("x", "y", "width", "height")}
-    rounded = {"rx": min(x, 0.5 * given["width"]), "ry": min(y, 0.5 * given["height"])} if min(x, y) > 0.0 else {}
-    return rect2pathd(sharp | rounded) if min(given["width"], given["height"]) > 0.0 else ""
+        return ellipse2pathd(lengths) if min(sizes.values()) > 0.0 else ""
+    x, y = (lengths[name] for name in (single * 2)[:2] or ("rx", "ry"))
+    sharp = {name: lengths[name] for name in ("x", "y", "width", "height")}
+    rounded = {"rx": min(x, 0.5 * lengths["width"]), "ry": min(y, 0.5 * lengths["height"])} if min(x, y) > 0.0 else {}
+    return rect2pathd(sharp | rounded) if min(lengths["width"], lengths["height"]) > 0.0 else ""

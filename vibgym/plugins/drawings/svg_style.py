@@ -64,8 +64,8 @@ class Styles:
         """Return the declarations of style sheets for an element, as if ``top`` were the root."""
         if top not in self._matches:
             self._matches[top] = {
-                each.etree_element: [declaration for *_, block in self._matcher.match(each) for declaration in block]
-                for each in ElementWrapper.from_xml_root(top).iter_subtree()
+                node.etree_element: [declaration for *_, block in self._matcher.match(node) for declaration in block]
+                for node in ElementWrapper.from_xml_root(top).iter_subtree()
             }
         return self._matches[top][element]
 
@@ -78,9 +78,9 @@ class Styles:
         matched = self._matched(element, self._root)
         if matched != self._matched(element, top):
             raise checks.conflict(f"{label}: viewers differ in selectors that depend on what is around the element")
-        found = [(False, name, element.get(name, "").strip()) for name in INHERITED | OWN if element.get(name)]
-        found += matched + _declarations(element.get("style", ""), label)
-        own = {name: value for _, name, value in sorted(found, key=lambda each: each[0])}
+        declarations = [(False, name, element.get(name, "").strip()) for name in INHERITED | OWN if element.get(name)]
+        declarations += matched + _declarations(element.get("style", ""), label)
+        own = {name: value for _, name, value in sorted(declarations, key=lambda declaration: declaration[0])}
         tests = TESTS.intersection(element.keys())
         style, undecided = dict(inherited), f"{min(tests)} of {label}" if tests else ""
         for name, value in own.items():
@@ -123,31 +123,31 @@ def _rules(sheet: ET.Element) -> Iterator[tuple[Any, list[Declaration]]]:
             selectors = []
         if not selectors or UNDECIDED.search(text):
             raise checks.conflict(f"{label}: selector {text!r} is invalid, or depends on the viewer")
-        yield from ((each, declarations) for each in selectors if each.pseudo_element is None)
+        yield from ((selector, declarations) for selector in selectors if selector.pseudo_element is None)
 
 
 def _declarations(block: Any, label: str) -> list[Declaration]:
     """Return the declarations of properties that matter; invalid ones do not count."""
     nodes: Any = tinycss2.parse_blocks_contents(block, skip_comments=True, skip_whitespace=True)
-    found = []
+    declarations = []
     for node in nodes:
         if node.type in ("at-rule", "qualified-rule"):
             raise checks.conflict(f"{label}: rules inside of others are not supported")
         if node.type == "declaration" and (node.lower_name in INHERITED | OWN or CHANGES.fullmatch(node.lower_name)):
-            found.append((node.important, node.lower_name, tinycss2.serialize(node.value).strip()))
-    return [each for each in found if each[2]]
+            declarations.append((node.important, node.lower_name, tinycss2.serialize(node.value).strip()))
+    return [declaration for declaration in declarations if declaration[2]]
 
 
 def colour_of(value: str) -> str:
     """Return a colour without spaces, in lower case and with six digits."""
     value = "".join(value.lower().split())
-    return "#" + "".join(2 * each for each in value[1:]) if re.fullmatch("#[0-9a-f]{3}", value) else value
+    return "#" + "".join(2 * digit for digit in value[1:]) if re.fullmatch("#[0-9a-f]{3}", value) else value
 
 
 def zero(value: str) -> bool:
     """Return whether a value begins with a number of at most 0."""
-    found = re.match(NUMBER, value)
-    return found is not None and float(found[0]) <= 0.0
+    match = re.match(NUMBER, value)
+    return match is not None and float(match[0]) <= 0.0
 
 
 def painted(style: Style, name: str, default: str) -> bool | None:

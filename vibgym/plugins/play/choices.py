@@ -66,15 +66,15 @@ class Settings(BaseSettings):
 
     def arguments(self) -> dict[str, Any]:
         """Return the keyword arguments of the environment, whose actions are the phasors of all elements."""
-        found: dict[str, Any] = {"action": "phasor", "observation": "state", **HARDWARE[self.hardware]}
+        arguments: dict[str, Any] = {"action": "phasor", "observation": "state", **HARDWARE[self.hardware]}
         if self.part is not None:
-            found["parts"] = parts_with(self.id, self.part)
+            arguments["parts"] = parts_with(self.id, self.part)
         if self.model is not None:
-            found["model"] = self.model
+            arguments["model"] = self.model
         if self.rate > 0.0:
             drawn = gym.spec(self.id).kwargs.get("randomize") or {}
-            found["randomize"] = {**drawn, "disturbance": {"rate": self.rate, "tilt": self.tilt}}
-        return found
+            arguments["randomize"] = {**drawn, "disturbance": {"rate": self.rate, "tilt": self.tilt}}
+        return arguments
 
     def environment(self) -> Any:
         """Return the environment, without a time limit; where shapes are drawn, with the first ones of the split.

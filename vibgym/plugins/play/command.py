@@ -36,30 +36,30 @@ def play(parser: argparse.ArgumentParser) -> Callable[[argparse.Namespace], int]
     return run
 
 
-def run(given: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Serve until Ctrl-C; returns the exit code.
 
     Raises:
         ValueError: an unknown id, an invalid or used port, an address of another host, or an output that is not a directory.
         ModuleNotFoundError: the extra is not installed.
     """
-    imports.take_part(given.imports)
+    imports.take_part(arguments.imports)
     _check_extra()
     from vibgym.plugins.play.choices import settings_of
 
-    first = settings_of(given.id)
-    if given.output.exists() and not given.output.is_dir():
-        raise checks.refuse("--output", str(given.output), "a directory")
-    heard = _listening(given.host, checks.count("--port", given.port, least=0, most=65535))
+    first = settings_of(arguments.id)
+    if arguments.output.exists() and not arguments.output.is_dir():
+        raise checks.refuse("--output", str(arguments.output), "a directory")
+    heard = _listening(arguments.host, checks.count("--port", arguments.port, least=0, most=65535))
     host, port = heard.getsockname()[:2]
     from vibgym.plugins.play.server import Server
 
     wide = ipaddress.ip_address(host).is_unspecified
-    names = ("*",) if wide else (*LOOPBACK, given.host, host, f"[{host}]")
-    app = Server(first, given.output.absolute()).app(names)
+    names = ("*",) if wide else (*LOOPBACK, arguments.host, host, f"[{host}]")
+    app = Server(first, arguments.output.absolute()).app(names)
     shown = "127.0.0.1" if wide else f"[{host}]" if ":" in host else host
     address = f"http://{shown}:{port}/"
-    opened = not given.no_browser and webbrowser.open(address)
+    opened = not arguments.no_browser and webbrowser.open(address)
     todo = "it opens in your browser" if opened else "open it in a browser"
     _serve(app, heard, f"{first.id} is at {address} ({todo}; Ctrl-C ends)")
     return 0

@@ -60,11 +60,11 @@ def frame_of(world: World) -> dict[str, Any]:
     core, info = world.core, world.info
     episode, state = core.episode, core.simulator.state
     held = {str(part): world.room(part) for part in world.held}
-    found: dict[str, Any] = {
+    frame: dict[str, Any] = {
         "pose": _poses(state.pose[0]),
-        "there": [bool(each) for each in episode.present[0]],
+        "there": [bool(flag) for flag in episode.present[0]],
         "fallen": [bool(fallen) and part not in world.held for part, fallen in enumerate(state.fallen[0].tolist())],
-        "done": [bool(each) for each in episode.done[0]],
+        "done": [bool(flag) for flag in episode.done[0]],
         "field": base64.b64encode(np.rint(127.0 * world.wanted.clip(-1.0, 1.0)).astype(np.int8).tobytes()).decode(),
         "held": held,
         "painted": bool(np.isfinite(world.paint).any()),
@@ -73,21 +73,21 @@ def frame_of(world: World) -> dict[str, Any]:
         "caption": world.env.caption(),
     }
     if core.task.has_goal:
-        found["goal"] = _poses(episode.goal[0])
+        frame["goal"] = _poses(episode.goal[0])
     side = side_of(world.env, 0)
     if side is not None:
-        found["bottoms"] = [
+        frame["bottoms"] = [
             None if not np.isfinite(bottom).all() else np.round(bottom[:, ::2], 5).tolist() for bottom in side.bottoms
         ]
-        found["plates"] = np.round(side.plates, 5).tolist()
-    return found
+        frame["plates"] = np.round(side.plates, 5).tolist()
+    return frame
 
 
 def _tint(kind: int) -> list[str]:
     """Return the colour of a kind, and that of text on it."""
     colour = colours.PARTS[kind % len(colours.PARTS)]
     on_it = colours.INK if colours.is_light(colour) else colours.PAPER
-    return ["#{:02x}{:02x}{:02x}".format(*each) for each in (colour, on_it)]
+    return ["#{:02x}{:02x}{:02x}".format(*rgb) for rgb in (colour, on_it)]
 
 
 def _poses(pose: np.ndarray) -> list[list[int]]:

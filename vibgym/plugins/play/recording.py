@@ -105,7 +105,7 @@ class Recorder:
             from minari.data_collector import EpisodeBuffer
         except ModuleNotFoundError as error:
             raise extras.missing("an episode", error, "data") from None
-        made = [each for each in self.segments if each.actions]
+        made = [segment for segment in self.segments if segment.actions]
         if not made:
             raise checks.conflict("record: the recording has no step")
         buffers = [
@@ -113,14 +113,14 @@ class Recorder:
                 id=k,
                 seed=None,
                 options=None,
-                observations=list(each.observations),
-                actions=list(each.actions),
-                rewards=list(each.rewards),
-                terminations=list(each.ends),
-                truncations=[False] * (len(each.ends) - 1) + [not each.ends[-1]],
+                observations=list(segment.observations),
+                actions=list(segment.actions),
+                rewards=list(segment.rewards),
+                terminations=list(segment.ends),
+                truncations=[False] * (len(segment.ends) - 1) + [not segment.ends[-1]],
                 infos=None,
             )
-            for k, each in enumerate(made)
+            for k, segment in enumerate(made)
         ]
         spec = copy.deepcopy(gym.spec(self.settings.id))
         spec.kwargs.update(self.settings.arguments())

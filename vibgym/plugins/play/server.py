@@ -110,7 +110,9 @@ class Server:
 
     async def _kept(self, request: Request) -> Response:
         name = request.path_params["name"]
-        path = next((each.session.kept[name] for each in self.visitors.values() if name in each.session.kept), None)
+        path = next(
+            (visitor.session.kept[name] for visitor in self.visitors.values() if name in visitor.session.kept), None
+        )
         if path is None or not path.is_file():
             return PlainTextResponse("not found\n", 404)
         return FileResponse(path, media_type="image/gif", filename=name)

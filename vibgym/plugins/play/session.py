@@ -303,8 +303,8 @@ class Session:
         tilt: Finite | None = None,
     ) -> None:
         """Change policy, hardware, model or disturbance (1/s, rad)."""
-        given = {"policy": policy, "hardware": hardware, "model": model, "rate": rate, "tilt": tilt}
-        chosen = {name: value for name, value in given.items() if value is not None}
+        settable = {"policy": policy, "hardware": hardware, "model": model, "rate": rate, "tilt": tilt}
+        chosen = {name: value for name, value in settable.items() if value is not None}
         settings = settings_of(**{**vars(self.world.settings), **chosen})
         self._tried(lambda: self.world.switch(settings))
         self._scene_due = True
@@ -349,13 +349,13 @@ def parsed(text: str | bytes) -> tuple[int, str, dict[str, Any]]:
         ValueError: no JSON object, a bad number or an unknown name.
     """
     try:
-        found = json.loads(text)
+        arguments = json.loads(text)
     except (ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
+        arguments = None
+    if not isinstance(arguments, dict):
         raise checks.refuse("message", text[:60], "a JSON object")
-    name = checks.choice("do", found.pop("do", None), MESSAGES)
-    return checks.count("n", found.pop("n", None), most=2**53), name, found
+    name = checks.choice("do", arguments.pop("do", None), MESSAGES)
+    return checks.count("n", arguments.pop("n", None), most=2**53), name, arguments
 
 
 def _complaint(error: ValidationError) -> str:

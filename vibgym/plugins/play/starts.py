@@ -61,8 +61,8 @@ def world_from(code: str) -> World:
         where = paint[:, :2].astype(int)
         if not (np.isfinite(paint).all() and (where >= 0).all() and (where < [rows, columns]).all()):
             raise checks.refuse("paint", "others", f"elements of the table, {rows} x {columns}")
-        for each, phasor in zip(where, checks.array("paint", paint[:, 2:], paint[:, 2:].shape), strict=True):
-            world.draw(each[None], np.clip(phasor, -1.0, 1.0))
+        for place, phasor in zip(where, checks.array("paint", paint[:, 2:], paint[:, 2:].shape), strict=True):
+            world.draw(place[None], np.clip(phasor, -1.0, 1.0))
     except (KeyError, TypeError, OverflowError) as error:
         raise checks.refuse("start", code[:24], f"the code of a start ({type(error).__name__}: {error})") from None
     return world

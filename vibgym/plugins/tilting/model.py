@@ -173,14 +173,14 @@ class AbovePlane(Model):
         return self.tilt > 0.0
 
     def bottoms(self, pose: np.ndarray, world: int) -> list[np.ndarray]:
-        found, lean = [], self.attitudes.lean[world]
+        bottoms, lean = [], self.attitudes.lean[world]
         rise = np.where(self.attitudes.mode != FLAT, self.attitudes.height - self._centres, 0.0)[world]
         for k, part in enumerate(self.setup.parts.parts(world)):
             x, y, heading = pose[k]
             corners = np.column_stack([part.outline, np.full(len(part.outline), -part.centre_height)])
             turned = corners @ (rotation(lean[k, 0], lean[k, 1], 0.0) @ rotation(0.0, 0.0, heading)).T
-            found.append(turned + [x, y, rise[k] + part.centre_height])
-        return found
+            bottoms.append(turned + [x, y, rise[k] + part.centre_height])
+        return bottoms
 
     @property
     def lean(self) -> np.ndarray:

@@ -254,14 +254,14 @@ def put_known(gains, gain, phase, spread):
 
 
 @jit
-def predict(numbers, gains, push, given):
+def predict(numbers, gains, push, effect):
     """Store the shifts by the commanded pushes (batch, elements, 2), and the predicted places of rest of the parts.
 
-    Rows of ``given`` (batch, parts, 3) of slow parts are overwritten with the pushes that nominal elements give them.
+    Rows of ``effect`` (batch, parts, 3) of slow parts are overwritten with the pushes that nominal elements give them.
     """
     room = gains.element.shape[2]
-    for w in range(given.shape[0]):
-        for p in range(given.shape[1]):
+    for w in range(effect.shape[0]):
+        for p in range(effect.shape[1]):
             gains.waiting[w, p, 0] = 0.0
             total, across, turned, b = 0.0, 0.0, 0.0, numbers.shift[p]
             for k in range(room):
@@ -278,7 +278,7 @@ def predict(numbers, gains, push, given):
             gains.rest[w, p, 1] += across
             gains.rest[w, p, 2] += turned / numbers.gyration[p]
             if gains.steps[w, p] >= 0.0:
-                given[w, p, 0], given[w, p, 1], given[w, p, 2] = total / b, across / b, turned / b
+                effect[w, p, 0], effect[w, p, 1], effect[w, p, 2] = total / b, across / b, turned / b
 
 
 class GainLearner:
@@ -339,16 +339,16 @@ class GainLearner:
         put_known(gains, gain, phase, spread)
         return gain, phase, spread
 
-    def predict(self, push: np.ndarray, gains: Gains, given: np.ndarray) -> np.ndarray:
+    def predict(self, push: np.ndarray, gains: Gains, effect: np.ndarray) -> np.ndarray:
         """Store the pushes (batch, rows, columns, 2) of elements; return the pushes that nominal ones give to the parts.
 
         Args:
-            given: (batch, parts, 3) pushes that the parts were meant to get, returned for fast parts.
+            effect: (batch, parts, 3) pushes that the parts were meant to get, returned for fast parts.
         """
         gains.waiting[:, :, 1:] = gains.waiting[:, :, :-1].copy()
-        given = given.copy()
-        predict(self.numbers, gains, push.reshape(len(push), -1, 2), given)
-        return given
+        effect = effect.copy()
+        predict(self.numbers, gains, push.reshape(len(push), -1, 2), effect)
+        return effect
 
 
 @jit

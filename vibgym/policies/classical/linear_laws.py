@@ -69,10 +69,10 @@ def polynomial(name: str, poles: Any, count: int) -> np.ndarray:
     """
     allowed = f"{count} poles with negative real parts, complex ones in conjugate pairs"
     try:
-        given = [complex(*each) if checks.listed(each) else complex(each) for each in poles]
+        values = [complex(*pole) if checks.listed(pole) else complex(pole) for pole in poles]
     except (TypeError, ValueError, OverflowError):
         raise checks.refuse(name, poles, allowed) from None
-    roots = np.array(given, dtype=np.complex128)
+    roots = np.array(values, dtype=np.complex128)
     if len(roots) != count or not np.isfinite(roots).all() or not (roots.real < 0.0).all():
         raise checks.refuse(name, poles, allowed)
     coefficients = np.atleast_1d(np.poly(roots))
@@ -125,8 +125,8 @@ class Pid:
         total = memory.total + period * error
         change = error - memory.error if change is None else change
         now = gains.proportional * error + gains.integral * total + gains.derivative / period * change
-        given = memory.late if self.late else now
-        return given, PidMemory(total, error, now, given)
+        output = memory.late if self.late else now
+        return output, PidMemory(total, error, now, output)
 
     def applied(self, acceleration: np.ndarray, memory: PidMemory) -> PidMemory:
         """Return the memory, given the accelerations that the elements can give.

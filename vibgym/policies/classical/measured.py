@@ -192,7 +192,7 @@ class Preview:
     def __init__(self, info: TaskInfo) -> None:
         self.period, self.lead, self.periods = info.surface.period, info.lead, info.periods_per_step
         turns = [info.has_heading and part.symmetry > 0 for part in info.parts]
-        self._counts = np.array([[1.0, 1.0, float(each)] for each in turns])
+        self._counts = np.array([[1.0, 1.0, float(turn)] for turn in turns])
 
     def __call__(self, measured: Measured) -> Measured:
         """Return displacements to these goals, their velocity, and their mean acceleration over the step."""

@@ -71,13 +71,13 @@ class PhasorOutput:
         if self.learner is None:
             pushes = self.allocator.pushes(pose, present, push)
             # The elements under a part together can give less than each part's limit.
-            given = self.allocator.effect(pose, present, pushes)
+            effect = self.allocator.effect(pose, present, pushes)
         else:
             gain, phase, spread = self.learner.known(memory)
             pushes = self.allocator.pushes(pose, present, push, gain, spread)
             turn_pushes(-phase, pushes.reshape(*phase.shape, 2))
-            given = self.learner.predict(pushes, memory, push)
-        return self.allocator.commands(pushes), given, memory
+            effect = self.learner.predict(pushes, memory, push)
+        return self.allocator.commands(pushes), effect, memory
 
 
 class Accelerations(NamedTuple):
@@ -127,12 +127,12 @@ class MotionOutput:
         action = np.clip(self.mapping.values(wanted, velocity), -1.0, 1.0)
         action = np.where(present[..., None], action, 0.0).astype(np.float32)
         pose = measured.pose - self.ahead * measured.rate  # measured by the environment, which allocates there
-        found, counted, holds = self.process.push(velocity, self.mapping.acceleration(action, velocity, pose))
+        possible, counted, holds = self.process.push(velocity, self.mapping.acceleration(action, velocity, pose))
         served = present & holds
-        found = np.where(served[..., None] & push.any(axis=-1, keepdims=True), found, 0.0)
-        given = self.allocator.effect(pose, served, self.allocator.pushes(pose, served, found))
+        possible = np.where(served[..., None] & push.any(axis=-1, keepdims=True), possible, 0.0)
+        effect = self.allocator.effect(pose, served, self.allocator.pushes(pose, served, possible))
         memory = Accelerations(np.where(served[..., None], counted, 0.0), velocity, pose)
-        return action.reshape(len(present), -1), given, memory
+        return action.reshape(len(present), -1), effect, memory
 
     def counted(self, action: np.ndarray, memory: Accelerations) -> np.ndarray:
         """Return the accelerations (batch, parts, 3) that the environment assumes if the last step's action was another one."""

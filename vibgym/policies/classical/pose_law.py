@@ -240,7 +240,7 @@ def turning_push(info: TaskInfo) -> np.ndarray:
     """
     surface, parts = info.surface, len(info.parts)
     side, heading = np.arange(PLACES) / PLACES, 2.0 * math.pi / HEADINGS * np.arange(HEADINGS)
-    column, row, angle = (each.ravel() for each in np.meshgrid(side, side, heading))
+    column, row, angle = (grid.ravel() for grid in np.meshgrid(side, side, heading))
     middle = surface.columns // 2, surface.rows // 2
     place = surface.element_size * np.column_stack([middle[0] + column, middle[1] + row])
     pose = np.repeat(np.column_stack([place, angle])[:, None], parts, axis=1)

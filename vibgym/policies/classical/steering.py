@@ -84,14 +84,14 @@ class Steering:
 
         @model_validator(mode="before")
         @classmethod
-        def _with_law(cls, given: Any) -> Any:
+        def _with_law(cls, values: Any) -> Any:
             """Move the settings that are not the policy's to the law's."""
-            if not isinstance(given, Mapping):
-                return given
-            own = {name: value for name, value in given.items() if name in cls.model_fields or name in with_unit(cls)}
-            rest = {name: value for name, value in given.items() if name not in own}
+            if not isinstance(values, Mapping):
+                return values
+            own = {name: value for name, value in values.items() if name in cls.model_fields or name in with_unit(cls)}
+            rest = {name: value for name, value in values.items() if name not in own}
             if not rest:
-                return given
+                return values
             known = laws()
             kind, settings = known.split("law", own.get("law", cls.model_fields["law"].default))
             law = known[kind].Settings
@@ -218,8 +218,8 @@ class Steering:
         moves &= holds[..., None]  # where averages do not hold, the effect of a push is unknown
         push = np.where(moves, push, 0.0)
         seen_then = velocity - self.gaining[:, None] * (memory.acceleration + unknown)
-        action, given, output = self.output.give(measured, seen_then, push, memory.output)
-        acceleration, _ = self.process.acceleration(velocity, given)
+        action, effect, output = self.output.give(measured, seen_then, push, memory.output)
+        acceleration, _ = self.process.acceleration(velocity, effect)
         spin = measured.spin + self.gained * (acceleration + unknown)[..., 2]
         # Pass the acceleration within limits, without the allocation's residual, which laws would take for saturation.
         limited = np.where(moves, allowed, acceleration) + unknown - measured.goal_acceleration
@@ -245,10 +245,10 @@ class Steering:
         changed = (proposed.reshape(shape) != done.reshape(shape)).any(axis=-1, keepdims=True)
         if not changed.any():
             return memory
-        given = np.where(changed, self.output.counted(done, memory.output), memory.output.given)
-        acceleration = np.where(changed, given, memory.acceleration)
+        effect = np.where(changed, self.output.counted(done, memory.output), memory.output.given)
+        acceleration = np.where(changed, effect, memory.acceleration)
         spin = memory.spin + self.gained * (acceleration - memory.acceleration)[..., 2]
-        return memory._replace(acceleration=acceleration, spin=spin, output=memory.output._replace(given=given))
+        return memory._replace(acceleration=acceleration, spin=spin, output=memory.output._replace(given=effect))
 
     def _turn(self, measured: Measured) -> np.ndarray:
         """Return heading errors (batch, parts) rad.

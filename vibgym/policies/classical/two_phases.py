@@ -61,7 +61,7 @@ def drawn_apart(
     between, both = offset[one] - offset[other], half[one] + half[other]
     enough = [_enough(between[:, axis], both[:, axis].max() + apart) for axis in range(2)]
     most = np.maximum(np.minimum(room / np.maximum(span, 1e-9), enough), 1.0)
-    stretch = np.array(np.meshgrid(*(np.linspace(1.0, each, SCALES) for each in most), [0.0], indexing="ij"))
+    stretch = np.array(np.meshgrid(*(np.linspace(1.0, largest, SCALES) for largest in most), [0.0], indexing="ij"))
     best, distance = _best(stretch.reshape(3, -1), between, both, span, room, apart)
     if distance < min(apart, NARROW):
         steepest = (both[:, 0].max() + apart) / max(

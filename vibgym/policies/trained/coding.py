@@ -40,7 +40,7 @@ class Inputs(NamedTuple):
     def of(self, worlds: Any) -> Inputs:
         """Return the inputs of some worlds, or of one as a batch of one."""
         chosen = np.atleast_1d(worlds)
-        return Inputs(*(each[chosen] if len(each) else each for each in self))
+        return Inputs(*(array[chosen] if len(array) else array for array in self))
 
 
 class Coding:
@@ -108,7 +108,7 @@ class Coding:
         starts = {row.name: row.start for row in layout}
         nearest = [starts[name] for name in ("neighbour_1_there", "neighbour_1_gap") if name in starts]
         if len(nearest) == 2:  # counted from the end, since rows that remember have more columns before
-            self._nearest = [each - self.shape.columns for each in nearest]
+            self._nearest = [start - self.shape.columns for start in nearest]
         self._own = self.shape.own
         self.remembers = steps_of(remembers)
         recalled = recalled_of(recalls, [row for row in layout if row.start < self._own], self.remembers)
@@ -279,8 +279,8 @@ class ImageCoding(Coding):
             raise checks.conflict(f"network 'pixels' requires one part, got {len(parts)}")
         checks.choice("action", action, actions_by_part())
         size: int = ACTIONS[action](surface, self.parts).size
-        self.columns = [["part", FRAMES], ["goal", 1]] if columns is None else [list(each) for each in columns]
-        if [each[0] for each in self.columns] != ["part", "goal"] or self.columns[1][1] != 1:
+        self.columns = [["part", FRAMES], ["goal", 1]] if columns is None else [list(column) for column in columns]
+        if [column[0] for column in self.columns] != ["part", "goal"] or self.columns[1][1] != 1:
             raise checks.refuse("columns", columns, "[['part', frames], ['goal', 1]]")
         frames = checks.count("columns: frames", self.columns[0][1], most=16)
         height, width = surface.rows * PIXELS, surface.columns * PIXELS
@@ -363,10 +363,10 @@ def picked(layout: Sequence[Any], columns: Sequence[Sequence[Any]] | None) -> tu
         return None, list(layout)
     if not len(columns):
         raise checks.refuse("columns", [], f"at least one of {[(row.name, row.width) for row in layout]}")
-    wanted = [tuple(each) for each in columns]
+    wanted = [tuple(column) for column in columns]
     kept = [row for row in layout if (row.name, row.width) in wanted]
     if [(row.name, row.width) for row in kept] != wanted:
-        missing = [each for each in wanted if each not in [(row.name, row.width) for row in kept]]
+        missing = [column for column in wanted if column not in [(row.name, row.width) for row in kept]]
         raise checks.refuse("columns", missing or wanted, f"{[(row.name, row.width) for row in layout]}, in this order")
     starts = np.cumsum([0, *(row.width for row in kept)])
     numbers = np.concatenate([np.arange(row.start, row.start + row.width) for row in kept])

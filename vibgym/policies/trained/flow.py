@@ -43,8 +43,8 @@ def times(t: np.ndarray) -> np.ndarray:
 
 def rate(tensors: Tensors, code: np.ndarray, sample: np.ndarray, t: float) -> np.ndarray:
     """Apply :class:`agents.flow.FlowActor` after its encoder: the rate of change of a sample (..., horizon * values)."""
-    given = np.full((*code.shape[:-1], 1), t, dtype=np.float32)
-    x = linear(tensors, "first", np.concatenate([code, sample, times(given)], axis=-1))
+    instant = np.full((*code.shape[:-1], 1), t, dtype=np.float32)
+    x = linear(tensors, "first", np.concatenate([code, sample, times(instant)], axis=-1))
     block = 0
     while f"blocks.{block}.0.weight" in tensors:
         mean = x.mean(axis=-1, keepdims=True)
@@ -133,4 +133,4 @@ class FlowPolicy:
         while len(self._noises) <= count.max():
             stream = np.random.default_rng([self._seed, len(self._noises)])
             self._noises.append(stream.standard_normal(shape, dtype=np.float32))
-        return np.stack([self._noises[each] for each in count])
+        return np.stack([self._noises[number] for number in count])

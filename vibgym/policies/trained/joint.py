@@ -88,12 +88,12 @@ class JointCoding(Coding):
                 raise checks.refuse("columns", names, f"the column {name!r} among them")
         self._position, self._heading = (int(starts[names.index(name)]) for name in ("position", "heading"))
         own = [(name, width, int(start)) for (name, width), start in zip(self.columns, starts, strict=False)]
-        own = [each for each in own if not each[0].startswith("neighbour_")]
+        own = [column for column in own if not column[0].startswith("neighbour_")]
         self._own_columns = sum(width for _, width, _ in own)
         vectors = [
             range(start, start + width, 2) for name, width, start in own if name in VECTORS and name != "position"
         ]
-        self._vectors = np.array([start for each in vectors for start in each], dtype=np.int64)
+        self._vectors = np.array([start for vector in vectors for start in vector], dtype=np.int64)
         anchor = next((k for k, part in enumerate(self.parts) if part.coupling == 0.0), 0)
         self._others = [k for k in range(len(self.parts)) if k != anchor]
         self._driven = [k for k, part in enumerate(self.parts) if part.coupling > 0.0]
@@ -111,11 +111,11 @@ class JointCoding(Coding):
         exchanged, mirrored = self._exchanges(block, values), self._mirrored(own, values)
         self.equivalents = exchanged
         if mirrored is not None:
-            self.equivalents = exchanged + [mirrored.after(each) for each in exchanged]
+            self.equivalents = exchanged + [mirrored.after(exchange) for exchange in exchanged]
 
     def _exchanges(self, block: int, values: int) -> list[Equivalent]:
         """Return the exchanges of equal parts other than the anchor, first that which changes nothing."""
-        numbers, found = range(len(self.parts)), list[Equivalent]()
+        numbers, exchanges = range(len(self.parts)), list[Equivalent]()
         for order in itertools.permutations(numbers) if len(numbers) <= MOST_EXCHANGED else [tuple(numbers)]:
             same = all(self.parts[k].same_as(self.parts[other]) for k, other in enumerate(order))
             if same and order[self.anchor] == self.anchor:
@@ -124,9 +124,9 @@ class JointCoding(Coding):
                     self._own_columns + block * self._others.index(order[k]) + np.arange(block) for k in self._others
                 ]
                 acts = [values * self._driven.index(order[k]) + np.arange(values) for k in self._driven]
-                signs = (np.ones(sum(map(len, each)), dtype=np.float32) for each in (rows, acts))
-                found.append(Equivalent(np.concatenate(rows), next(signs), np.concatenate(acts), next(signs)))
-        return found
+                signs = (np.ones(sum(map(len, indices)), dtype=np.float32) for indices in (rows, acts))
+                exchanges.append(Equivalent(np.concatenate(rows), next(signs), np.concatenate(acts), next(signs)))
+        return exchanges
 
     def _mirrored(self, own: Sequence[tuple[str, int, int]], values: int) -> Equivalent | None:
         """Return the reflection of the scene in the plane of symmetry of its anchor; None: it has none along its axes.
@@ -197,12 +197,12 @@ class JointCoding(Coding):
 
     def decode(self, inputs: Inputs, of_parts: np.ndarray) -> np.ndarray:
         """Return the environment's actions (worlds, n) float32 for network outputs (worlds, 1, values)."""
-        given = of_parts.reshape(len(of_parts), len(self._driven), 3)
-        size = np.hypot(given[..., 0], given[..., 1])
-        x, y = rotated(given[..., 0] * size, given[..., 1] * size, inputs.frame[:, :1], inputs.frame[:, 1:])
-        actions = np.zeros((len(given), len(self.parts), 3), dtype=np.float32)
-        actions[:, self._driven] = np.stack([_root(x), _root(y), given[..., 2]], axis=-1)
-        return np.clip(actions, -1.0, 1.0).reshape(len(given), -1)
+        polar = of_parts.reshape(len(of_parts), len(self._driven), 3)
+        size = np.hypot(polar[..., 0], polar[..., 1])
+        x, y = rotated(polar[..., 0] * size, polar[..., 1] * size, inputs.frame[:, :1], inputs.frame[:, 1:])
+        actions = np.zeros((len(polar), len(self.parts), 3), dtype=np.float32)
+        actions[:, self._driven] = np.stack([_root(x), _root(y), polar[..., 2]], axis=-1)
+        return np.clip(actions, -1.0, 1.0).reshape(len(polar), -1)
 
 
 def rotated(x: np.ndarray, y: np.ndarray, cos: np.ndarray, sin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -117,7 +117,7 @@ class ResidualPolicy:
     ) -> tuple[np.ndarray, Any]:
         """Return actions; the state is a :class:`Memory`."""
         single = np.ndim(observation["mask"]) == 1
-        seen = {name: np.asarray(each)[None] for name, each in observation.items()} if single else observation
+        seen = {name: np.asarray(entry)[None] for name, entry in observation.items()} if single else observation
         if state is not None and not isinstance(state, Memory):
             raise checks.refuse("state", type(state).__name__, "None, or what predict() returned: Memory")
         memory = Memory(None, None) if state is None else state
@@ -142,8 +142,8 @@ class Residual:
 
     def __new__(cls, info: TaskInfo, settings: Settings) -> Any:
         """Load the correction and make its base."""
-        found = load_correction(file_of(settings.path, info), info, settings.base, settings.scale)
-        return ResidualPolicy(info, make_policy(found.base, info), found.learned, scale=found.scale)
+        correction = load_correction(file_of(settings.path, info), info, settings.base, settings.scale)
+        return ResidualPolicy(info, make_policy(correction.base, info), correction.learned, scale=correction.scale)
 
 
 def base_named(base: Any) -> dict[str, Any]:

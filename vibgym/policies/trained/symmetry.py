@@ -113,8 +113,8 @@ class Turns:
         once, acts, seen = turned_rows(columns, parts), turned_actions(action, shape), turned_rows(recalled, parts)
         apart = np.zeros((len(acts), len(seen)), dtype=np.float32)
         self.rows, self.actions, self.steps = (
-            [np.ascontiguousarray(np.linalg.matrix_power(each, k).T) for k in range(4)]
-            for each in (once, acts, np.block([[acts, apart], [apart.T, seen]]))
+            [np.ascontiguousarray(np.linalg.matrix_power(turn, k).T) for k in range(4)]
+            for turn in (once, acts, np.block([[acts, apart], [apart.T, seen]]))
         )
         starts = np.cumsum([0, *(width for _, width in columns)])
         names = [name for name, _ in columns]

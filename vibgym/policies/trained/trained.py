@@ -98,8 +98,8 @@ def serves_surface(record: Any, surface: Surface) -> bool:
     if isinstance(stated, int | float) and abs(surface.frequency - stated) <= FREQUENCY * stated:
         mine["frequency"] = stated
     return all(
-        each[0] <= mine[name] <= each[1] if isinstance(each, list) and len(each) == 2 else each in (ANY, mine[name])
-        for name, each in record.items()
+        spec[0] <= mine[name] <= spec[1] if isinstance(spec, list) and len(spec) == 2 else spec in (ANY, mine[name])
+        for name, spec in record.items()
     )
 
 
@@ -168,7 +168,7 @@ def network_of(
     columns = record.get("columns")
     tensors = as_float32(name, tensors)
     activation = checks.choice(f"{name}: activation", record.get("activation"), tuple(ACTIVATIONS))
-    if not isinstance(columns, list) or not all(isinstance(each, list) and len(each) == 2 for each in columns):
+    if not isinstance(columns, list) or not all(isinstance(column, list) and len(column) == 2 for column in columns):
         raise checks.refuse(f"{name}: columns", columns, "a list of names and widths")
     with checks.within(name):
         flags: Any = checks.flag("turned", record.get("turned")), record.get("remembers"), record.get("recalls", ())
@@ -195,9 +195,9 @@ def _try(name: str, policy: TrainedPolicy | FlowPolicy) -> None:
     rows = np.zeros((1, parts, shape.columns), dtype=policy.coding.dtype)
     try:
         with np.errstate(all="ignore"):
-            found = policy.outputs(rows)
-        if any(each.shape != (1, parts, shape.action) for each in found):
-            raise ValueError(f"actions of shape {found[0].shape[2:]}")
+            outputs = policy.outputs(rows)
+        if any(output.shape != (1, parts, shape.action) for output in outputs):
+            raise ValueError(f"actions of shape {outputs[0].shape[2:]}")
     except (KeyError, ValueError, IndexError, TypeError) as error:
         allowed = f"those of a network for rows of {shape.columns} numbers and actions of {shape.action} ({error})"
         raise checks.refuse(f"{name}: tensors", sorted(policy.tensors), allowed) from None

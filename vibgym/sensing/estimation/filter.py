@@ -252,8 +252,8 @@ def correct_all(reading, delay, periods, address):
                     all_of.velocity[w, p, k] += on_left * dv + on_way * dd
                     all_of.mean_velocity[w, p, k] += on_left * dv + on_way * dd
                     all_of.before[w, p, k] += on_left * dv + on_way * dd
-                for each in range(6):
-                    scratch[each] = covariance[each]
+                for row in range(6):
+                    scratch[row] = covariance[row]
                 for later in range(1, steps):
                     noise = noise_of(all_of, later, w, p) / (scale * scale)
                     spread(scratch, way, fall, left, noise, 0.0, scratch)

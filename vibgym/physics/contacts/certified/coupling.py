@@ -135,16 +135,16 @@ class Island(NamedTuple):
 @jit
 def order_pairs(contacts, parts, n):
     """Sort the ``n`` pairs of ``contacts.found`` by slots, walls last, into ``contacts.pairs``."""
-    found, pairs, row = contacts.found, contacts.pairs, contacts.row
+    near, pairs, row = contacts.found, contacts.pairs, contacts.row
     for slot in range(parts + 1):
         row[slot] = 0
     for k in range(n):
-        i, j = found[k, 0], found[k, 1]
+        i, j = near[k, 0], near[k, 1]
         row[(j if 0 <= j < i else i) + 1] += 1
     for slot in range(parts):
         row[slot + 1] += row[slot]
     for k in range(n):
-        i, j = found[k, 0], found[k, 1]
+        i, j = near[k, 0], near[k, 1]
         if 0 <= j < i:
             i, j = j, i
         row[i] += 1
@@ -274,7 +274,7 @@ def coupling_step(island, n, h, phase, first):
     called, stale = False, False
     if h.touching:
         pairs = contacts.pairs
-        found, gap = find_contacts(island, pairs, n, h.h)
+        count, gap = find_contacts(island, pairs, n, h.h)
         contacts.deepest[0] = min(contacts.deepest[0], gap)
         if gap < -CONTACT_FROM:
             undo = gap < -island.slop
@@ -283,7 +283,7 @@ def coupling_step(island, n, h, phase, first):
                 hit, stale = resolve_impacts(island, pairs, n, HIT_SPEED)
                 if hit:
                     clear_impulses(island, contacts.hit)
-            stale = solve(island, found, h.h, undo) or stale
+            stale = solve(island, count, h.h, undo) or stale
             called = True
             add_contact_velocity(island, 1.0)
             if undo:

@@ -232,11 +232,11 @@ def may_cross(islands, fixed, state, world, paths, i, j):
 
 
 @jit
-def join_crossing_islands(islands, fixed, state, world, pairs, found, paths, away):
+def join_crossing_islands(islands, fixed, state, world, pairs, count, paths, away):
     """Merge the islands that were run in this round with parts whose paths may cross theirs.
 
     Args:
-        pairs, found: near pairs of the world, and their number.
+        pairs, count: near pairs of the world, and their number.
         away: (parts,) bool, parts that had fallen before the period.
     """
     parts, any_exceeding = islands.parent.shape[0], False
@@ -244,7 +244,7 @@ def join_crossing_islands(islands, fixed, state, world, pairs, found, paths, awa
         if islands.ran[part] and islands.travelled[part] > islands.expected_travel[part]:
             islands.exceeding[part] = True
         any_exceeding = any_exceeding or islands.exceeding[part]
-    for k in range(found):
+    for k in range(count):
         i, j = pairs[k, 0], pairs[k, 1]
         if j < 0 or not (islands.ran[i] or islands.ran[j]) or root_of(islands, i) == root_of(islands, j):
             continue

@@ -140,11 +140,11 @@ def broad_phase(start, stop, fixed, state, broad):
         broad.count[kind] = 0
     for world in range(start, stop):
         w = world - start
-        found = begin_world(fixed, state, world, broad.driven[w], broad.pairs[w])
-        broad.found[w] = found
-        if found > 0:
+        count = begin_world(fixed, state, world, broad.driven[w], broad.pairs[w])
+        broad.found[w] = count
+        if count > 0:
             any_near = True
-            find_touching(fixed, state.pose[world], broad.pairs[w], found, broad.gap[w], broad.driven[w])
+            find_touching(fixed, state.pose[world], broad.pairs[w], count, broad.gap[w], broad.driven[w])
             for part in range(parts):
                 copy_part(state, world, broad.kept, w, part)
         list_others(fixed.friction.bodies, broad, world, w)
@@ -160,9 +160,9 @@ def begin_islands_of_world(world, w, fixed, state, broad, paths):
         mu, velocity = friction_in(bodies, state, world, part), kept.velocity[w, part]
         islands.expected_travel[part] = travel_bound(table, mu, incline, velocity[0], velocity[1])
         paths.steps[part] = broad.steps[kind_in(bodies, world, part)]
-    pairs, found = broad.pairs[w], broad.found[w]
-    link_pairs(islands, pairs, found)
-    begin_islands(islands, fixed, state, world, pairs, found, broad.gap[w], paths, kept.fallen[w])
+    pairs, count = broad.pairs[w], broad.found[w]
+    link_pairs(islands, pairs, count)
+    begin_islands(islands, fixed, state, world, pairs, count, broad.gap[w], paths, kept.fallen[w])
 
 
 @jit

@@ -145,9 +145,9 @@ def find_contacts(island, pairs, n, h):
         one = workspace.part[i]
         if j < 0:
             for a in range(hulls.owner[one], hulls.owner[one + 1]):
-                found = wall_manifold(scene.table, hulls, placed, a, -1 - j, NEARBY)
-                smallest = min(smallest, found.gap)
-                count = add_points(island, count, i, j, a, j, found, properties.friction[one], h)
+                manifold = wall_manifold(scene.table, hulls, placed, a, -1 - j, NEARBY)
+                smallest = min(smallest, manifold.gap)
+                count = add_points(island, count, i, j, a, j, manifold, properties.friction[one], h)
             continue
         place_slot(island, j)
         other = workspace.part[j]
@@ -157,8 +157,8 @@ def find_contacts(island, pairs, n, h):
                 gap, nx, ny, owner = hull_contact(hulls, placed, a, b)
                 smallest = min(smallest, gap)
                 if gap < NEARBY:
-                    found = hull_points(hulls, placed, a, b, gap, nx, ny, owner, NEARBY)
-                    count = add_points(island, count, i, j, a, b, found, friction, h)
+                    manifold = hull_points(hulls, placed, a, b, gap, nx, ny, owner, NEARBY)
+                    count = add_points(island, count, i, j, a, b, manifold, friction, h)
     return count, smallest
 
 
@@ -171,7 +171,7 @@ def start_from_last(solver, n, h):
     """
     points, last, share = solver.points, solver.last_count[0], min(h / solver.last_span[0], 1.0)
     for k in range(n if last > 0 else 0):
-        i, j, nearest, found = points.body[k, 0], points.body[k, 1], math.inf, -1
+        i, j, nearest, match = points.body[k, 0], points.body[k, 1], math.inf, -1
         for old in range(last if points.value[k, ALLOWED] == 0.0 else 0):
             if (
                 solver.last_hull[old, 0] == solver.hull[k, 0] and solver.last_hull[old, 1] == solver.hull[k, 1]
@@ -180,11 +180,11 @@ def start_from_last(solver, n, h):
                 dx = solver.last_place[old, 0] - solver.place[k, 0]
                 dy = solver.last_place[old, 1] - solver.place[k, 1]
                 if dx * dx + dy * dy < nearest:
-                    nearest, found = dx * dx + dy * dy, old
-        if found >= 0:
+                    nearest, match = dx * dx + dy * dy, old
+        if match >= 0:
             value = points.value[k]
-            value[NORMAL] = share * solver.last_impulse[found, 0]
-            value[TANGENTIAL] = share * solver.last_impulse[found, 1]
+            value[NORMAL] = share * solver.last_impulse[match, 0]
+            value[TANGENTIAL] = share * solver.last_impulse[match, 1]
             apply(value, points.inverse, points.velocity, i, j, value[NORMAL], value[TANGENTIAL])
 
 
