@@ -89,7 +89,7 @@ def _run(command: Command, program: str, description: str, argv: Sequence[str] |
     )  # fmt: skip
     parser.add_argument("--quiet", action="store_true", help="no progress")
     arguments = parser.parse_args(argv)
-    imports.take_part(arguments.imports)
+    imports.import_user_modules(arguments.imports)
     return command.run(arguments) or 0
 
 

@@ -21,7 +21,7 @@ from agents.offline import DataLearner
 from agents.training_settings import Widths
 from vibgym import checks
 from vibgym.policies.trained.coding import Coding
-from vibgym.policies.trained.flow import MOST_HORIZON, TIMES, FlowPolicy
+from vibgym.policies.trained.flow import MAX_HORIZON, TIMES, FlowPolicy
 from vibgym.policies.trained.trained import FLOW
 
 WARM, DECAY = 10.0, 0.999
@@ -77,10 +77,10 @@ class Flow(DataLearner):
         batch_size: int = Field(default=256, ge=2, le=10_000_000)
         """Parts."""
 
-        horizon: int = Field(default=8, ge=1, le=MOST_HORIZON)
+        horizon: int = Field(default=8, ge=1, le=MAX_HORIZON)
         """Actions of a plan."""
 
-        executed: int = Field(default=2, ge=1, le=MOST_HORIZON)
+        executed: int = Field(default=2, ge=1, le=MAX_HORIZON)
         """Of these, before the next plan."""
 
         euler_steps: int = Field(default=5, ge=1, le=1000)
@@ -139,8 +139,8 @@ class Flow(DataLearner):
         own = self.own
         return {"horizon": own.horizon, "executed": own.executed, "steps": own.euler_steps, "scale": self._scale}
 
-    def own_entries(self) -> dict[str, Any]:
-        """See :meth:`agents.learner.PartsLearner.own_entries`."""
+    def custom_entries(self) -> dict[str, Any]:
+        """See :meth:`agents.learner.PartsLearner.custom_entries`."""
         return {FLOW: self._form()}
 
     def learned(self) -> dict[str, Any]:

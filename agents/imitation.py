@@ -66,7 +66,7 @@ class Demonstrator:
         self.expert, self.env, self.coding, self.generator = expert, env, coding, generator
         self._driven = np.array(TaskInfo.of(env).driven)
         self._memory: Any = None
-        self._acted = getattr(expert, "acted", None) if coding.remembers and expert.action in CORRECTED else None
+        self._acted = getattr(expert, "acted", None) if coding.history and expert.action in CORRECTED else None
         self._new = np.ones(env.num_envs, dtype=bool)
         self._observation: Any = None
         self._inputs: Inputs | None = None
@@ -102,7 +102,7 @@ class Demonstrator:
 
 
 def check_memory(settings: ImitationSettings, coding: Coding, worlds: int) -> None:
-    """Raise if the demonstrations of all worlds have more than :data:`agents.training_settings.MOST_BYTES`."""
+    """Raise if the demonstrations of all worlds have more than :data:`agents.training_settings.MAX_BYTES`."""
     sample = np.dtype(coding.dtype).itemsize * coding.shape.columns + 4 * (1 + coding.shape.action)
     check_bytes("imitation.steps", settings.steps, settings.rounds * worlds * len(coding.parts) * sample)
 

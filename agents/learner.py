@@ -65,14 +65,18 @@ class PartsLearner:
         """Return the conversion of observations and actions for the network.
 
         Raises:
-            ValueError: ``blind`` names an unknown column, or the network does not support the action.
+            ValueError: ``dropped_columns`` names an unknown column, or the network does not support the action.
         """
         network, where, env = self.network, self.settings.algorithm, self.env.env
         layout = env.parts_layout
-        for name in network.blind:
+        for name in network.dropped_columns:
             checks.choice(f"{where}.blind", name, tuple(row.name for row in layout))
-        columns = [[row.name, row.width] for row in layout if row.name not in network.blind] if network.blind else None
-        flags = network.turned, network.remembers, network.recalls
+        columns = (
+            [[row.name, row.width] for row in layout if row.name not in network.dropped_columns]
+            if network.dropped_columns
+            else None
+        )
+        flags = network.turned, network.history, network.history_columns
         coding = CODINGS[network.network](env.surface, env.parts, layout, self.action, columns, *flags)
         if network.network == "elements" and not coding.shape.has_elements:
             reason = "column 'element' is in 'blind'" if coding.shape.side else f"not {self.action!r}"
@@ -136,8 +140,8 @@ class PartsLearner:
             "parts": ANY if serves.parts == ANY else len(info.parts),
             "columns": coding.columns,
             "turned": coding.turned,
-            "remembers": coding.remembers,
-            "recalls": coding.recalls,
+            "history": coding.history,
+            "history_columns": coding.history_columns,
             "action": coding.action,
             "network": self.network.network,
             "activation": self.network.activation,
@@ -145,9 +149,9 @@ class PartsLearner:
         }
         if settings.residual is not None:
             record[RESIDUAL] = settings.residual.model_dump(mode="json")
-        save_set(path, KIND, tensors, record | self.own_entries(), VERSION)
+        save_set(path, KIND, tensors, record | self.custom_entries(), VERSION)
 
-    def own_entries(self) -> dict[str, Any]:
+    def custom_entries(self) -> dict[str, Any]:
         """Return the algorithm's own entries of policy files."""
         return {}
 
@@ -217,8 +221,8 @@ def _form(policy: TrainedPolicy) -> dict[str, Any]:
         "action": policy.action,
         "columns": coding.columns,
         "ppo.turned": coding.turned,
-        "ppo.remembers": coding.remembers,
-        "ppo.recalls": coding.recalls,
+        "ppo.history": coding.history,
+        "ppo.history_columns": coding.history_columns,
         "ppo.network": policy.network,
         "ppo.activation": policy.activation,
         "layers": {name: tensor.shape for name, tensor in policy.tensors.items() if name != FLOOR},

@@ -111,7 +111,7 @@ class LearningCurve:
     training are fast.
 
     Args:
-        settings: of the run; its ``judging`` has the number of episodes and the interval.
+        settings: of the run; its ``selection`` has the number of episodes and the interval.
         directory: of the run.
 
     Attributes:
@@ -122,19 +122,19 @@ class LearningCurve:
     """
 
     def __init__(self, settings: TrainSettings, directory: Path) -> None:
-        assert settings.judging is not None
-        self.judging, self.path, self._last = settings.judging, directory / FILE, 0
+        assert settings.selection is not None
+        self.selection, self.path, self._last = settings.selection, directory / FILE, 0
         self.residual = settings.residual
         self._envs: list[tuple[Any, int]] = []  # and the seed of their first world
         self.rows: list[dict[Any, Any]] = []
         self.task = settings.task
         spec = gym.registry.get(environment_id(self.task))
         if spec is None or (spec.max_episode_steps is None and spec.kwargs.get("max_episode_periods") is None):
-            raise checks.conflict(f"judging requires a task with a step limit, got {settings.task!r}")
-        if self.judging.cost_limit is not None and {**spec.kwargs, **settings.environment}.get("costs") is None:
-            raise checks.conflict("judging.cost_limit requires environment.costs")
+            raise checks.conflict(f"selection requires a task with a step limit, got {settings.task!r}")
+        if self.selection.cost_limit is not None and {**spec.kwargs, **settings.environment}.get("costs") is None:
+            raise checks.conflict("selection.cost_limit requires environment.costs")
         scenes = evaluation_environments(settings)
-        shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
+        shares = np.array_split(np.arange(self.selection.episodes), len(scenes))
         self._scenes = [
             ({**scene, "num_envs": len(share), "autoreset_mode": "Disabled"}, int(share[0]))
             for scene, share in zip(scenes, shares, strict=True)
@@ -151,7 +151,7 @@ class LearningCurve:
 
     def due(self, steps: int) -> bool:
         """Return whether the next evaluation is due."""
-        return steps - self._last >= self.judging.every
+        return steps - self._last >= self.selection.every
 
     def measure(self, policy: Policy, steps: int, seconds: float, phase: str) -> dict[str, Any]:
         """Evaluate a policy, write a row, and return it.
@@ -166,7 +166,7 @@ class LearningCurve:
             for arguments, first in self._scenes:
                 observation = policy.observation if self.residual is None else ResidualPolicy.observation
                 env = batch_of(self.task, **{**arguments, "observation": observation})
-                self._envs.append((env, self.judging.first_seed + first))
+                self._envs.append((env, self.selection.first_seed + first))
         episodes = pd.concat([self._episodes(policy, env, first) for env, first in self._envs])
         columns = ("success", "steps", "limit", "return_", "rate", "cost")
         success, taken, limit, returns, rate, cost = (episodes[name].to_numpy() for name in columns)
@@ -190,8 +190,8 @@ class LearningCurve:
 
     def is_best(self, row: dict[str, Any]) -> bool:
         """Return whether no row of the curve so far is better, see :func:`rank`."""
-        asked = self.judging.best, self.judging.cost_limit
-        return all(rank(other, *asked) >= rank(row, *asked) for other in self.rows)
+        criterion = self.selection.best, self.selection.cost_limit
+        return all(rank(other, *criterion) >= rank(row, *criterion) for other in self.rows)
 
     def _episodes(self, policy: Policy, env: Any, first: int) -> pd.DataFrame:
         """Run an episode in every world; world k starts with seed ``first + k``. Return a row for each."""
@@ -200,7 +200,7 @@ class LearningCurve:
             policy = ResidualPolicy(info, make_policy(self.residual.base, info), policy, scale=self.residual.scale)
         result = run(policy, env, range(first, first + env.num_envs), env.spec.name)
         measured = {"success": result.success, "steps": result.steps, "return_": result.returns, "cost": result.cost}
-        return pd.DataFrame({**measured, "rate": result.fact(RATE), "limit": env.unwrapped.max_episode_steps})
+        return pd.DataFrame({**measured, "rate": result.reported(RATE), "limit": env.unwrapped.max_episode_steps})
 
     def _write(self) -> None:
         text = pd.DataFrame(self.rows, columns=list(COLUMNS)).to_csv(index=False, lineterminator="\n")

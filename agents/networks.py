@@ -28,8 +28,8 @@ from vibgym.policies.trained.networks import (
     ACTING,
     CELL,
     FLOOR,
-    LEAST_MASS,
     LOG_STD_RANGE,
+    MIN_MASS,
     SCALES,
     ImageShape,
     Shape,
@@ -283,7 +283,7 @@ class PixelEncoder(nn.Module):
         mass = torch.relu(self.conv(pixels)).unsqueeze(-1)  # (squares, maps, 1)
         moments = mass * torch.stack([torch.ones_like(x), x, y], dim=-1).unsqueeze(-2)
         sums = torch.zeros(rows[..., 0].numel() * planes, MAPS, 3).index_add(0, plane, moments)
-        place = (sums[..., 1:] / (sums[..., :1] + LEAST_MASS)).reshape(*rows.shape[:-1], planes * MAPS, 2)
+        place = (sums[..., 1:] / (sums[..., :1] + MIN_MASS)).reshape(*rows.shape[:-1], planes * MAPS, 2)
         displacement = (self.mix - self.mix.mean(dim=1, keepdim=True)) @ place
         return torch.cat([torch.tanh(displacement * (1.0 / scale)) for scale in SCALES], dim=-1).flatten(-2)
 

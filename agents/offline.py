@@ -28,7 +28,7 @@ from vibgym.policies.trained.coding import Coding
 BLOCK = 100
 """Updates between two calls of ``report``."""
 
-MOST_WEIGHT = 20.0
+MAX_WEIGHT = 20.0
 """Largest weight of a sample, as a multiple of the usual one."""
 
 
@@ -153,17 +153,17 @@ class DataLearner(PartsLearner):
 
     def get_state(self) -> dict[str, Any]:
         """Return everything that the rest of the run depends on."""
-        return {**super().get_state(), "data": self.data.facts["sha256"]}
+        return {**super().get_state(), "data": self.data.info["sha256"]}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Continue from what :meth:`get_state` returned."""
-        if state["data"] != self.data.facts["sha256"]:
-            raise ValueError(f"{self.data.facts['dataset']} has changed")
+        if state["data"] != self.data.info["sha256"]:
+            raise ValueError(f"{self.data.info['dataset']} has changed")
         super().set_state(state)
 
     def save_policy(self, path: Path, training: dict[str, Any]) -> None:
         """Write the policy with a description of the data set."""
-        super().save_policy(path, {**training, "data": self.data.facts})
+        super().save_policy(path, {**training, "data": self.data.info})
 
 
 class Offline(DataLearner):
@@ -222,7 +222,7 @@ class Offline(DataLearner):
             advantage, loss, metrics = self._values(rows, mask, action, chosen)
             here = mask > 0.5
             scale = advantage[here].std().clamp(min=1e-6) * settings.temperature
-            weight = mask * (advantage / scale).exp().clamp(max=MOST_WEIGHT)
+            weight = mask * (advantage / scale).exp().clamp(max=MAX_WEIGHT)
         error = relative_error(self.policy.actor(rows)[0], action, weight, settings.floor)
         return error + loss, {"error": float(error.detach()), **metrics}
 

@@ -25,9 +25,9 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 import vibgym
 from vibgym import checks
 from vibgym.files import reason, write_atomically
-from vibgym.imports import take_part, taking_part
+from vibgym.imports import import_user_modules, user_modules
 from vibgym.kernels.jit import cache_folder
-from vibgym.simulation.threads import MOST, available_threads
+from vibgym.simulation.threads import VARIABLE, available_threads
 from vibgym.warm import warm
 
 Result = TypeVar("Result")
@@ -75,7 +75,7 @@ def run(
         ModuleNotFoundError: Ray is not installed.
     """
     workers = usable(workers)
-    call = functools.partial(_call, os.getcwd(), taking_part(), ray is not None, function)
+    call = functools.partial(_call, os.getcwd(), user_modules(), ray is not None, function)
     calls = [joblib.delayed(call)(*item) for item in items]
     if ray is not None:
         with _cluster(ray, workers):
@@ -98,7 +98,7 @@ def run(
 
 def _start_worker(threads: int) -> None:
     """Limit the threads of a worker process, exit quietly on Ctrl-C, and exit when its parent has been killed."""
-    os.environ[MOST] = str(threads)
+    os.environ[VARIABLE] = str(threads)
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     parent = os.getppid()
 
@@ -113,7 +113,7 @@ def _start_worker(threads: int) -> None:
 def _call(directory: str, modules: tuple[str, ...], compile_first: bool, function: Any, *arguments: Any) -> Any:
     """Call a function in the directory of the command, with the modules of its ``--import``."""
     os.chdir(directory)
-    take_part(modules)
+    import_user_modules(modules)
     if compile_first:
         compile_once()
     return function(*arguments)
@@ -139,7 +139,7 @@ def _cluster(address: str, workers: int) -> Iterator[None]:
     from ray.util.joblib import register_ray
 
     path = os.pathsep.join([os.getcwd(), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
-    variables = {"PYTHONPATH": path, MOST: "1"}
+    variables = {"PYTHONPATH": path, VARIABLE: "1"}
     variables |= dict.fromkeys(joblib.parallel.ParallelBackendBase.MAX_NUM_THREADS_VARS, "1")
     variables |= {name: os.environ[name] for name in ("NUMBA_CACHE_DIR",) if name in os.environ}
     own = {"num_cpus": workers, "include_dashboard": False} if address == "local" else {}

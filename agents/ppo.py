@@ -24,7 +24,7 @@ from agents.networks import ActorCritic, log_probability
 from agents.rollout import Rollout
 from agents.training_envs import Worlds
 from agents.training_settings import (
-    MOST_STEPS,
+    MAX_STEPS,
     ImitationSettings,
     NetworkSettings,
     RateSettings,
@@ -42,7 +42,7 @@ from vibgym.seeds import training_seed
 VALUE_WEIGHT, MAX_GRADIENT = 0.5, 0.5
 """Weight of the value loss, and norm to which gradients are clipped."""
 
-PACE, LEAST_PACE, STOP_KL = 1.5, 0.01, 4.0
+PACE, MIN_PACE, STOP_KL = 1.5, 0.01, 4.0
 """Factor by which ``target_kl`` changes the learning rate, its smallest share, and multiple at which an update ends."""
 
 FIRST_PACE = 0.03
@@ -105,7 +105,7 @@ class PPO(PartsLearner):
         multiplier_rate: float = Field(default=0.05, gt=0, le=100)
         """Change of the multiplier in an update, times the excess."""
 
-        critic_steps: int = Field(default=0, ge=0, le=MOST_STEPS)
+        critic_steps: int = Field(default=0, ge=0, le=MAX_STEPS)
         """First steps, in which the critic alone learns."""
 
         @model_validator(mode="after")
@@ -253,7 +253,7 @@ class PPO(PartsLearner):
     def _adapt_pace(self, kl: float, target: float) -> None:
         """Lower the learning rate after a large divergence, raise it after a small one."""
         if kl > 2.0 * target:
-            self.pace = max(self.pace / PACE, LEAST_PACE)
+            self.pace = max(self.pace / PACE, MIN_PACE)
         elif kl < 0.5 * target:
             self.pace = min(self.pace * PACE, 1.0)
 

@@ -77,7 +77,7 @@ def provenance() -> dict[str, object]:
     return {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "commit": commit(),
-        "machine": {"system": platform.platform(), "processor": processor(), "cores": available_threads()},
+        "host": {"system": platform.platform(), "processor": processor(), "cores": available_threads()},
         "versions": versions(),
     }
 

@@ -38,7 +38,7 @@ class Rollout:
 
     def __init__(self, settings: PPO.Settings, worlds: int, coding: Coding, info: TaskInfo) -> None:
         self.gamma, self.gae_lambda, steps = settings.gamma, settings.gae_lambda, settings.n_steps
-        self.shared, self.flows, driven = settings.shared, info.flows, np.array(info.driven)
+        self.shared, self.continuous_feed, driven = settings.shared, info.continuous_feed, np.array(info.driven)
         parts, shape = len(coding.parts), coding.shape
         lead = (steps, worlds, parts)
         row = np.dtype(coding.dtype).itemsize * shape.columns
@@ -102,7 +102,7 @@ class Rollout:
         """Add the rewards of the other parts to those of each part."""
         mask = self.mask[:-1]
         others = self.shared * ((self.reward * mask).sum(axis=-1, keepdims=True) - self.reward)
-        if self.shared and self.flows:
+        if self.shared and self.continuous_feed:
             others -= (others * mask).sum() / max(mask.sum(), 1.0)
         self.reward += others + self.reward[..., ~self.driven].sum(axis=-1, keepdims=True)
 

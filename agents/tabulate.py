@@ -40,7 +40,7 @@ LEVEL, RESAMPLES = 0.95, 2000
 
 TABLE = "agents.csv"
 
-NOT_JUDGED = {"success": 0.0, "speed": 0.0, "time_to_goal": "", "cost": "inf"}
+NOT_EVALUATED = {"success": 0.0, "speed": 0.0, "time_to_goal": "", "cost": "inf"}
 """Row of a run without a learning curve."""
 
 
@@ -72,7 +72,7 @@ def tabulate(
     """
     checks.count("--episodes", episodes, most=RANGES["evaluation"].stop - FIRST_SEED)
     new = pd.DataFrame([_row(name, load_settings(config, name, seed), episodes) for name in names for seed in seeds])
-    best = new.sort_values(["judged", "seed"]).groupby("agent", sort=False).head(1).index
+    best = new.sort_values(["selection", "seed"]).groupby("agent", sort=False).head(1).index
     new["shipped"] = new.index.isin(best) & (ship is not None)
     files: dict[Path, str | bytes] = {}
     for row in new.to_dict("records"):
@@ -80,7 +80,7 @@ def tabulate(
         if (path.parent / CURVE).exists():
             files[output / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
         _copy(path, output / "policies" / f"{run}.json")
-    rows = new.drop(columns=["judged", "path"]).astype(object)
+    rows = new.drop(columns=["selection", "path"]).astype(object)
     table = rows
     if (output / TABLE).exists():  # rows of older tables lack the last columns
         former = read_texts(output / TABLE)
@@ -168,7 +168,7 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     record = load_set(path, KIND, VERSION)[1]
     training, kind = record["training"], RESIDUAL if RESIDUAL in record else "trained"
     policy = {"kind": kind, "path": str(path)}
-    trained_in, judging = without_hold(settings), settings.judging
+    trained_in, selection = without_hold(settings), settings.selection
     played = _played(policy, settings.task, evaluation_environments(settings), episodes)
     # Agents trained with fast contacts: the difference that these make.
     fast: dict[str, Any] = {"success_fast_contacts": None, "good_per_minute_fast_contacts": None}
@@ -182,9 +182,11 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     )
     seconds = played["time_to_goal_s"].dropna().to_numpy()
     middle = bootstrap(seconds, LEVEL, RESAMPLES) if len(np.unique(seconds)) > 1 else None
-    criterion: dict[str, Any] = {} if judging is None else {"best": judging.best, "cost_limit": judging.cost_limit}
+    criterion: dict[str, Any] = (
+        {} if selection is None else {"best": selection.best, "cost_limit": selection.cost_limit}
+    )
     curve = read_texts(directory / CURVE).to_dict("records") if (directory / CURVE).exists() else []
-    judged = min(curve, key=lambda row: rank(row, **criterion), default=NOT_JUDGED)
+    best_row = min(curve, key=lambda row: rank(row, **criterion), default=NOT_EVALUATED)
     return {
         "agent": name,
         "seed": settings.seed,
@@ -196,9 +198,9 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "threads": training["threads"],
         "processor": training["processor"],
         "versions": " ".join(f"{key} {value}" for key, value in sorted(training["versions"].items()) if value),
-        "judged": rank(judged, **criterion),
-        "judged_success": float(judged["success"]),
-        "judged_time_s": float(judged["time_to_goal"] or "inf"),
+        "selection": rank(best_row, **criterion),
+        "selection_success": float(best_row["success"]),
+        "selection_time_s": float(best_row["time_to_goal"] or "inf"),
         "episodes": episodes,
         "first_seed": FIRST_SEED,
         "success": totals["success_rate"],
@@ -206,7 +208,7 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "time_to_goal_mean_s": float(np.mean(seconds)) if len(seconds) else math.nan,
         **ends("time_to_goal_mean", middle, "_s"),
         **{name: totals[name] for name in ("time_over_bound_median", "collisions_mean", "fallen")},
-        "judged_rate": float(judged.get("rate") or 0.0),
+        "selection_rate": float(best_row.get("rate") or 0.0),
         "good_per_minute_mean": mean(played, RATE),
         "faulty_share": faulty.sum() / (good + faulty).sum(),
         **fast,

@@ -29,7 +29,7 @@ from vibgym.policies.trained.storage import load_set, save_set
 POLICY, BEST, RUN = "policy.json", "best.json", "run.json"
 BEST_KIND = "vibgym-actor"
 
-FREE = {"steps", "checkpoint_steps", "output", "judging", "serves"}
+FREE = {"steps", "checkpoint_steps", "output", "selection", "serves"}
 """Settings that may change when a run continues."""
 
 
@@ -116,7 +116,7 @@ class Training(AbstractContextManager["Training"]):
 
     Args:
         settings: of the run.
-        directory: output: ``run.json``, the checkpoint, ``curve.csv`` (learning curve, with ``judging``), at the end the
+        directory: output: ``run.json``, the checkpoint, ``curve.csv`` (learning curve, with ``selection``), at the end the
             policy, and for each session ``log-from-STEPS`` with ``progress.csv`` and the events of both for TensorBoard.
         quiet: no progress bar.
         line: of the progress bar.
@@ -128,7 +128,7 @@ class Training(AbstractContextManager["Training"]):
         if line:  # it leaves when the run ends
             self._bar_options |= {"desc": f"seed {settings.seed}", "position": line, "leave": False}
         self.seconds, self.saved_at = 0.0, 0
-        self.curve = None if settings.judging is None else LearningCurve(settings, directory)
+        self.curve = None if settings.selection is None else LearningCurve(settings, directory)
         self.learner: Any = ALGORITHMS[settings.algorithm.partition(".")[0]](settings)
         self.phase = getattr(self.learner, "phase", settings.algorithm)
 

@@ -18,7 +18,7 @@ from vibgym.envs.vector import environment_id
 from vibgym.seeds import check_seeds
 from vibgym.settings import read
 
-SECTIONS = ("imitation", "residual", "judging", "serves")
+SECTIONS = ("imitation", "residual", "selection", "serves")
 """Sections of a file besides those of the algorithms; ``defaults`` may contain a part of a section."""
 
 TUNING = "tuning"
@@ -75,8 +75,8 @@ def settings_from(data: Mapping[str, Any], where: str = "training") -> TrainSett
     }
     settings = read(TrainSettings, {**data, "own": own[name]}, where)
     environment_id(settings.task, f"{where}.task")
-    if (judging := settings.judging) is not None:
-        check_seeds(f"{where}: judging.first_seed", judging.first_seed, judging.episodes, "selection")
+    if (selection := settings.selection) is not None:
+        check_seeds(f"{where}: selection.first_seed", selection.first_seed, selection.episodes, "selection")
     return settings
 
 

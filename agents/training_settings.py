@@ -19,12 +19,12 @@ from vibgym import checks
 from vibgym.config import json_values
 from vibgym.envs.drawn import drawn_shapes, fixed_scenes
 from vibgym.envs.vector import environment_id
-from vibgym.policies.trained.coding import MOST_REMEMBERED
+from vibgym.policies.trained.coding import MAX_REMEMBERED
 from vibgym.policies.trained.residual import CORRECTED, base_named
 from vibgym.settings import BaseSettings, Unit
 
-MOST_STEPS = 10**12
-MOST_BYTES = 4e9
+MAX_STEPS = 10**12
+MAX_BYTES = 4e9
 """Of a rollout, and of the demonstrations of imitation."""
 
 Plain = Annotated[Any, BeforeValidator(json_values)]
@@ -59,15 +59,15 @@ Width = Annotated[int, Field(ge=1, le=4096)]
 Steps = Annotated[
     int,
     BeforeValidator(lambda value: int(value) if isinstance(value, bool) else value),
-    Field(ge=0, le=MOST_REMEMBERED),
+    Field(ge=0, le=MAX_REMEMBERED),
 ]
 Widths = Annotated[tuple[Width, ...], Field(min_length=1, max_length=8)]
 
 
 def check_bytes(name: str, value: int, bytes_each: float) -> None:
-    """Raise if ``value`` items of ``bytes_each`` bytes have more than :data:`MOST_BYTES`; ``name`` is that of the setting."""
-    if value * bytes_each > MOST_BYTES:
-        raise checks.refuse(name, value, f"at most {MOST_BYTES:.1e} bytes in all; each has {bytes_each:.1e}")
+    """Raise if ``value`` items of ``bytes_each`` bytes have more than :data:`MAX_BYTES`; ``name`` is that of the setting."""
+    if value * bytes_each > MAX_BYTES:
+        raise checks.refuse(name, value, f"at most {MAX_BYTES:.1e} bytes in all; each has {bytes_each:.1e}")
 
 
 def for_seed(value: Any, seed: int) -> Any:
@@ -119,13 +119,13 @@ class NetworkSettings(BaseSettings):
     turned: bool = False
     """Rotate rows by quarter turns so that the goal lies to the right and up."""
 
-    remembers: Steps = 0
+    history: Steps = 0
     """Previous steps of which rows contain the action; true: 1."""
 
-    recalls: tuple[str, ...] = Field(default=(), max_length=100)
+    history_columns: tuple[str, ...] = Field(default=(), max_length=100)
     """Columns of these steps' observations that rows contain."""
 
-    blind: tuple[str, ...] = Field(default=(), max_length=100)
+    dropped_columns: tuple[str, ...] = Field(default=(), max_length=100)
     """Columns that the network does not read."""
 
 
@@ -172,7 +172,7 @@ class ResidualSettings(BaseSettings):
         return base_named(base)
 
 
-class JudgingSettings(BaseSettings):
+class SelectionSettings(BaseSettings):
     """Evaluation during training: deterministic episodes on the same seeds every time."""
 
     episodes: int = Field(default=100, ge=1, le=1_000_000)
@@ -181,7 +181,7 @@ class JudgingSettings(BaseSettings):
     first_seed: int = 500_000
     """In the range "selection" of vibgym.seeds."""
 
-    every: int = Field(default=1_000_000, ge=1, le=MOST_STEPS)
+    every: int = Field(default=1_000_000, ge=1, le=MAX_STEPS)
     """Steps between evaluations."""
 
     best: Literal["success", "speed"] = "success"
@@ -216,7 +216,7 @@ class UntilSettings(BaseSettings):
     success: Rate | None = None
     """Of the last 100 training episodes, with exploration."""
 
-    steps: int | None = Field(default=None, ge=1, le=MOST_STEPS)
+    steps: int | None = Field(default=None, ge=1, le=MAX_STEPS)
     """Of the stage."""
 
     @model_validator(mode="after")
@@ -248,13 +248,13 @@ class TrainSettings(BaseSettings):
     worlds: int = Field(default=512, ge=1, le=100_000)
     """Simulated together."""
 
-    steps: int = Field(ge=1, le=MOST_STEPS)
+    steps: int = Field(ge=1, le=MAX_STEPS)
     """Environment steps, of all worlds together."""
 
     seed: int = Field(default=0, ge=0, lt=2**32)  # Stable-Baselines3 accepts no more
     """Of the run."""
 
-    checkpoint_steps: int = Field(default=500_000, ge=1, le=MOST_STEPS)
+    checkpoint_steps: int = Field(default=500_000, ge=1, le=MAX_STEPS)
     """Steps between checkpoints."""
 
     output: str | None = None
@@ -275,7 +275,7 @@ class TrainSettings(BaseSettings):
     curriculum: tuple[StageSettings, ...] = Field(default=(), max_length=100)
     """Easier environments before the run's own."""
 
-    judging: JudgingSettings | None = None
+    selection: SelectionSettings | None = None
     """Evaluation during training."""
 
     serves: ServesSettings = ServesSettings()
@@ -298,7 +298,7 @@ class TrainSettings(BaseSettings):
             base, own = checks.choice("residual.base.action", self.residual.base["action"], CORRECTED), self.own
             for name, got, allowed in (
                 ("imitation", self.imitation, None),
-                (f"{self.algorithm}.remembers", own.remembers, 0),
+                (f"{self.algorithm}.history", own.history, 0),
                 (f"{self.algorithm}.turned", own.turned, False),
                 (f"{self.algorithm}.network", own.network, "parts"),
                 ("environment.action", self.action, base),

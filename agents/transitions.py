@@ -35,7 +35,7 @@ class Transitions(NamedTuple):
     action: torch.Tensor  # (steps, parts, values) float32, as network outputs
     reward: torch.Tensor  # (steps,) float32, sum of all parts
     ended: torch.Tensor  # (steps,) float32, 1 where the episode was terminated, not truncated
-    facts: dict[str, Any]  # name, episodes, steps and digest of the data set
+    info: dict[str, Any]  # name, episodes, steps and digest of the data set
 
 
 def read(settings: DataLearner.Settings, env: Any, action: str, coding: Coding, where: str) -> Transitions:
@@ -75,8 +75,8 @@ def read(settings: DataLearner.Settings, env: Any, action: str, coding: Coding, 
     for group, first in zip(loaded, observations[:-1], strict=True):
         group["at"] += first
     whole = {name: torch.from_numpy(np.concatenate([group[name] for group in loaded])) for name in loaded[0]}
-    facts = {"dataset": settings.dataset, "episodes": count, "steps": len(whole["reward"]), "sha256": digest}
-    return Transitions(**whole, facts=facts)
+    info = {"dataset": settings.dataset, "episodes": count, "steps": len(whole["reward"]), "sha256": digest}
+    return Transitions(**whole, info=info)
 
 
 def check(name: str, data: Any, env: Any, action: str, observation: str, where: str) -> None:
@@ -116,7 +116,7 @@ def _group(data: Any, numbers: range, coding: Coding) -> dict[str, np.ndarray]:
         rows.append(inputs.rows)
         mask.append(inputs.mask)
         actions.append(coding.to_rows(inputs, executed[step]))
-        if coding.remembers:
+        if coding.history:
             inputs.command[..., : coding.shape.action] = executed[step]
     there = np.arange(steps + 1) <= lengths[:, None]  # (episodes, observations)
     acted = np.arange(steps + 1) < lengths[:, None]

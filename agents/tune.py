@@ -148,8 +148,8 @@ def tune(
     """
     data, where = load_tuning(config, agent)
     tuning, base = read(TuningSettings, data, where), load_settings(config, agent)
-    judging = {} if base.judging is None else base.judging.model_dump()
-    common: dict[str, Any] = {"judging": {**judging, "first_seed": FIRST_SEED}}
+    selection = {} if base.selection is None else base.selection.model_dump()
+    common: dict[str, Any] = {"selection": {**selection, "first_seed": FIRST_SEED}}
     if tuning.steps is not None:
         common["steps"] = tuning.steps
     space: dict[str, Any] = {

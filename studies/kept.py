@@ -69,7 +69,7 @@ def show(
     print(markdown(heads, lines), end="\n\n", flush=True)
     if keep:
         about = {"command": _command(), **provenance()} if about is None else about
-        processor = f"{about['machine']['processor']}, {about['machine']['cores']} cores"
+        processor = f"{about['host']['processor']}, {about['host']['cores']} cores"
         table = StoredTable(list(heads), lines, about["command"], about["time"], about["commit"], processor)
         output_directory(DIRECTORY, OPTION)
         write_atomically(DIRECTORY / f"{name}.json", json.dumps(table._asdict(), indent=1, ensure_ascii=False) + "\n")

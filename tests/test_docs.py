@@ -21,7 +21,7 @@ PAGES = {
     for path in [ROOT / "README.md", *DOCS.rglob("*.md")]
     if path.parent not in (LEARNERS, *GENERATED) and "```python" in path.read_text(encoding="utf-8")
 }
-REGISTER = {"docs/control.md", "docs/extending.md", "docs/tutorials/own-sensor-effect.md"}
+REGISTER = {"docs/control.md", "docs/extending.md", "docs/tutorials/custom-sensor-effect.md"}
 """Pages that register names run in separate processes; the others share one."""
 
 RUN = """

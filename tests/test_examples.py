@@ -14,17 +14,17 @@ ROOT = Path(__file__).parent.parent
 EXAMPLES = {
     "demo": ("2", "Sort    learned        100.0 %"),
     "first_steps": ("picture.png", "learned      100 %"),
-    "own_algorithm": ("8000", "trained"),
-    "own_law": ("4", "{'kind': 'pose'}                     in the plane                       100.0 %"),
-    "own_reward_sac": ("320", "trained"),
-    "own_sensor": ("10", "off by up to 0.0 mm: success 100 %, ends 0.00 mm"),
-    "own_task": ("10", "pose         100.0 %"),
+    "custom_algorithm": ("8000", "trained"),
+    "custom_law": ("4", "{'kind': 'pose'}                     in the plane                       100.0 %"),
+    "custom_reward_sac": ("320", "trained"),
+    "custom_sensor": ("10", "off by up to 0.0 mm: success 100 %, ends 0.00 mm"),
+    "custom_task": ("10", "pose         100.0 %"),
     "speed_against_error": ("16", "averaged  {'order': 2}"),
     "train_ppo": ("100000", "trained"),
 }
 """Examples by name: argument, and part of the output."""
 
-LEARN = ("own_algorithm", "own_reward_sac", "train_ppo")
+LEARN = ("custom_algorithm", "custom_reward_sac", "train_ppo")
 """Examples that require the extra ``learn``."""
 
 PICTURES = {"demo": ["runs/demo/demo.png"], "first_steps": ["picture.png"]}

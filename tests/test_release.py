@@ -58,7 +58,7 @@ def test_every_example_is_run_or_requires_another_extra():
         path.stem for path in (ROOT / "examples").glob("*.py")
     } == installation.EXAMPLES.keys() | installation.FROM_CHECKOUT
     able, others = installation.examples_of("play")
-    assert others == ["own_reward_sac", "train_ppo"] and installation.examples_of("play,learn") == (
+    assert others == ["custom_reward_sac", "train_ppo"] and installation.examples_of("play,learn") == (
         [*able, *others],
         [],
     )

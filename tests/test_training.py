@@ -15,7 +15,7 @@ pytest.importorskip("torch")
 def test_ppo_trains_and_its_policy_acts(tmp_path, capsys):
     settings = {
         "task": "Align", "environment": {"action": "wrench"}, "worlds": 4, "steps": 320,
-        "judging": {"episodes": 3, "every": 320}, "ppo": {"n_steps": 16, "batch_size": 64, "n_epochs": 2, "net": [8]},
+        "selection": {"episodes": 3, "every": 320}, "ppo": {"n_steps": 16, "batch_size": 64, "n_epochs": 2, "net": [8]},
     }  # fmt: skip
     config, run = tmp_path / "ppo.yaml", tmp_path / "run"
     config.write_text(yaml.safe_dump(settings))

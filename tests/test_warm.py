@@ -17,7 +17,7 @@ many.step(many.action_space.sample())
 for name in ("Align", "Sort"):
     for sensor in ({"kind": "pose"}, {"kind": "camera", "lines": "interlaced"}, {"kind": "camera", "statistical": True}):
         for estimator in ("none", "kalman", "model"):
-            told = {**sensor, "estimator": estimator, "tell": ["age"]}
+            told = {**sensor, "estimator": estimator, "report": ["age"]}
             env = gymnasium.make(f"vibgym/{name}-v0", action="field", actuators="prototype", sensor=told)
             env.reset(seed=0)
             env.step(env.action_space.sample())
@@ -35,11 +35,12 @@ pair = vibgym.Simulator(vibgym.Surface(), [part, part], walls=["top"], worlds=3)
 pair.reset([[0.10, 0.1, 0.0], [0.15, 0.1, 0.0]])
 pair.advance(1e-4, 0.0, periods=2)
 assert pair.statistics["contact"] > 0
-struck = gymnasium.make("vibgym/Sort-v0", action="field", model="tilting", randomize={"disturbance": {"rate": 9, "tilt": 0.02}})
-struck.reset(seed=0)
+disturbed = gymnasium.make("vibgym/Sort-v0", action="field", model="tilting",
+    randomize={"disturbance": {"rate": 9, "tilt": 0.02}})
+disturbed.reset(seed=0)
 for _ in range(5):
-    struck.step(struck.action_space.sample())
-assert struck.unwrapped.core.simulator.tipping_margin.shape == (1, 6)
+    disturbed.step(disturbed.action_space.sample())
+assert disturbed.unwrapped.core.simulator.tipping_margin.shape == (1, 6)
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.bounds import TimeBound
 friction = FrictionalInverse(vibgym.Surface(), [part, part], ahead=0.02)

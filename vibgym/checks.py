@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-MOST_PERIODS = 1_000_000_000
+MAX_PERIODS = 1_000_000_000
 """Most periods of one call: hours of computing, within the integers of compiled code."""
 
-MOST_LABEL = 80
+MAX_LABEL = 80
 """Most characters of a name shown in reports and images."""
 
 
@@ -184,7 +184,7 @@ def memory() -> int:
     return 2**34
 
 
-def label(name: str, value: Any, most: int = MOST_LABEL) -> str:
+def label(name: str, value: Any, most: int = MAX_LABEL) -> str:
     """Return a non-empty printable string of one line."""
     if not isinstance(value, str) or not value.strip() or not value.isprintable() or len(value) > most:
         raise refuse(name, value, f"a non-empty string of at most {most} printable characters")

@@ -16,10 +16,10 @@ from vibgym.files import reason
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
-MOST_BYTES = 1_000_000
+MAX_BYTES = 1_000_000
 """Largest settings file."""
 
-MOST_VALUES = 110_000
+MAX_VALUES = 110_000
 """Most values of a settings file, keys included: all seeds of the longest evaluation fit."""
 
 
@@ -50,7 +50,7 @@ def load_yaml(path: str | Path) -> dict[str, Any]:
 
     Raises:
         ValueError: the file cannot be read, is larger than 1 MB, is not valid YAML (names file and line), is not a mapping, or
-            holds more than :data:`MOST_VALUES` values once every alias is expanded.
+            holds more than :data:`MAX_VALUES` values once every alias is expanded.
     """
     from ruamel.yaml import YAML  # importing it takes as long as the rest of this module
     from ruamel.yaml.error import MarkedYAMLError
@@ -58,11 +58,11 @@ def load_yaml(path: str | Path) -> dict[str, Any]:
     path = Path(path)
     try:
         with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)  # the file may be a device without an end
+            content = file.read(MAX_BYTES + 1)  # the file may be a device without an end
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         raise checks.refuse("config", str(path), f"a readable file ({reason(error)})") from None
-    if len(content) > MOST_BYTES:
-        raise checks.refuse(str(path), f"more than {MOST_BYTES} bytes", f"a file of at most {MOST_BYTES} bytes")
+    if len(content) > MAX_BYTES:
+        raise checks.refuse(str(path), f"more than {MAX_BYTES} bytes", f"a file of at most {MAX_BYTES} bytes")
     try:
         data = YAML(typ="safe", pure=True).load(content.decode("utf-8"))
     except MarkedYAMLError as error:
@@ -84,8 +84,8 @@ def _check_size(path: Path, data: dict[str, Any]) -> None:
         value: Any = pending.pop()
         inner = [*value, *value.values()] if isinstance(value, dict) else value if isinstance(value, list) else []
         count += len(inner)
-        if count > MOST_VALUES:
-            raise checks.refuse(str(path), f"more than {MOST_VALUES} values", f"a file of at most {MOST_VALUES} values")
+        if count > MAX_VALUES:
+            raise checks.refuse(str(path), f"more than {MAX_VALUES} values", f"a file of at most {MAX_VALUES} values")
         pending.extend(inner)
 
 

@@ -12,7 +12,7 @@ from vibgym import checks
 _imported: list[str] = []
 
 
-def take_part(modules: Sequence[str], argument: str = "--import") -> None:
+def import_user_modules(modules: Sequence[str], argument: str = "--import") -> None:
     """Import modules or packages, also from the current directory.
 
     Raises:
@@ -31,6 +31,6 @@ def take_part(modules: Sequence[str], argument: str = "--import") -> None:
             _imported.append(name)
 
 
-def taking_part() -> tuple[str, ...]:
-    """Return the modules imported by :func:`take_part`, for worker processes."""
+def user_modules() -> tuple[str, ...]:
+    """Return the modules imported by :func:`import_user_modules`, for worker processes."""
     return tuple(_imported)

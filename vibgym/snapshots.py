@@ -43,7 +43,7 @@ def restored(argument: str, live: Mapping[str, np.ndarray], state: Any) -> dict[
     return result
 
 
-def put_back(live: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]) -> None:
+def restore(live: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]) -> None:
     """Overwrite live arrays with those of :func:`restored`."""
     for name, mine in live.items():
         mine[...] = values[name]
@@ -88,4 +88,4 @@ class Live:
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Restore a validated state."""
-        put_back(self.live(), state)
+        restore(self.live(), state)

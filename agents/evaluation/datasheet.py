@@ -142,8 +142,8 @@ class Sheet:
     def speed(self) -> np.ndarray:
         """Distance over time from rest to rest, m/s, (episodes,); nan without success."""
         moved = self.played["Transport"]
-        way = np.hypot(*np.moveaxis(moved.goals[:, 0, :2] - moved.poses[:, 0, 0, :2], -1, 0))
-        return way / moved.time_to_goal
+        displacement = np.hypot(*np.moveaxis(moved.goals[:, 0, :2] - moved.poses[:, 0, 0, :2], -1, 0))
+        return displacement / moved.time_to_goal
 
     @property
     def turn_speed(self) -> np.ndarray | None:

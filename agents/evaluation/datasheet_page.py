@@ -28,7 +28,7 @@ from vibgym.tasks.base import HOLD_PERIODS
 
 PAGE = "datasheet.html"
 
-MOST_POSES = 4
+MAX_POSES = 4
 """Most stable poses on a sheet."""
 
 DISTANCE = 0.1
@@ -65,9 +65,9 @@ def groups(sheet: Sheet) -> dict[str, list[Line]]:
             (f"Least time for {math.degrees(turn):g}°", quantity(least[1], 1.0, 2, "s"), "no policy is faster"),
         ]
         accuracy.append(("Heading at rest", _most(np.degrees(sheet.at_rest("heading_error")), "°"), "likewise"))
-    for task, asked in sheet.infos.items():
-        heading = f", {math.degrees(asked.heading_tolerance):g}°" if asked.has_heading else ""
-        label = f"{task} within {1e3 * asked.position_tolerance:g} mm{heading}"
+    for task, task_info in sheet.infos.items():
+        heading = f", {math.degrees(task_info.heading_tolerance):g}°" if task_info.has_heading else ""
+        label = f"{task} within {1e3 * task_info.position_tolerance:g} mm{heading}"
         accuracy.append((label, reached[task], f"episodes, held for {HOLD_PERIODS} periods"))
     for name, (_, note) in VARIANTS.items():
         label = f"Align, {name.lower()}"
@@ -113,7 +113,7 @@ def groups(sheet: Sheet) -> dict[str, list[Line]]:
     if sheet.poses:
         sections["Stable poses"] = [
             (f"Pose {k}", f"{100 * pose.probability:.1f} %", f"{pose.height:.3g} mm high, on {pose.area:.3g} mm²")
-            for k, pose in enumerate(sheet.poses[:MOST_POSES])
+            for k, pose in enumerate(sheet.poses[:MAX_POSES])
         ]
     return sections
 

@@ -41,7 +41,7 @@ HERE = "{entry}"
 SET_ELSEWHERE = ("name", "episodes", "training_steps", "group", "training_seeds", "curve")
 """Keys of a policy in a suite that an entry's policy cannot have."""
 
-LEAST_EPISODES = 5
+MIN_EPISODES = 5
 """Fewest episodes of a task with which a score has an interval. The bootstrap underestimates the variance by a factor of
 (n - 1) / n, so that with five the interval is 11 % too narrow, with two 29 %, and with one there is none."""
 
@@ -205,7 +205,7 @@ def write(
     for total in totals:
         entry = entries[total["policy"]]
         mine = [row for row in rows if all(row[name] == total[name] for name in ("hardware", "policy"))]
-        enough = all(row["episodes"] >= LEAST_EPISODES for row in mine if row["served"])
+        enough = all(row["episodes"] >= MIN_EPISODES for row in mine if row["served"])
         ranked.append({
             "hardware": total["hardware"],
             "entry": entry.name,

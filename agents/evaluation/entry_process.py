@@ -1,4 +1,4 @@
-"""Processes of entries with code: the judge steps the environment, and the process of an entry returns actions.
+"""Processes of entries with code: the evaluator steps the environment, and the process of an entry returns actions.
 
 Messages to the process are pickled. Its answers are not: they are texts in JSON and plain float64 values of a known number.
 The process is separate, but no sandbox: it runs with the rights of the user.
@@ -24,14 +24,14 @@ import numpy as np
 from vibgym import checks
 from vibgym.envs.actions import ACTIONS
 from vibgym.envs.observations import OBSERVATIONS
-from vibgym.imports import take_part, taking_part
+from vibgym.imports import import_user_modules, user_modules
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 
 ANSWER_SECONDS = 300.0
 """s that an answer may take: the actions of all worlds for one step, or the start of a policy."""
 
-MOST_TEXT = 4096
+MAX_TEXT = 4096
 """Most bytes of an answer in JSON."""
 
 
@@ -50,7 +50,7 @@ class EntryProcess:
         self._process: Any = None
         self._connection: Any = None
 
-    def ask(self, question: tuple[Any, ...], longest: int = MOST_TEXT) -> bytes:
+    def ask(self, question: tuple[Any, ...], longest: int = MAX_TEXT) -> bytes:
         """Return the answer to a question, of at most ``longest`` bytes.
 
         Raises:
@@ -79,7 +79,7 @@ class EntryProcess:
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self._connection, other = context.Pipe()
-        arguments = (other, str(self._module), self._content, taking_part())
+        arguments = (other, str(self._module), self._content, user_modules())
         self._process = context.Process(target=serve, args=arguments, daemon=True)
         self._process.start()
         self.started += 1
@@ -145,7 +145,7 @@ class EntryPolicy:
         if self._started != self._process.started:
             self._make()
         expected = 8 * worlds * self._size
-        answer = self._process.ask(("act", self._number, *question), max(expected, MOST_TEXT))
+        answer = self._process.ask(("act", self._number, *question), max(expected, MAX_TEXT))
         if answer[:1] == b"{" and len(answer) != expected:
             self._read(answer)
         actions = np.frombuffer(answer[: len(answer) // 8 * 8], dtype=np.float64)
@@ -170,7 +170,7 @@ def serve(connection: Connection, module: str, content: Any, imports: tuple[str,
             return
         try:
             if not loaded:
-                take_part(imports)
+                import_user_modules(imports)
                 spec = importlib.util.spec_from_file_location("entry", module)
                 assert spec is not None and spec.loader is not None
                 sys.modules["entry"] = code = importlib.util.module_from_spec(spec)
@@ -189,4 +189,4 @@ def serve(connection: Connection, module: str, content: Any, imports: tuple[str,
                 connection.send_bytes(np.ascontiguousarray(action, dtype=np.float64).tobytes())
         except Exception as error:
             text = str(error) if isinstance(error, checks.Refused) else f"{type(error).__name__}: {error}"
-            connection.send_bytes(json.dumps({"error": text[: MOST_TEXT // 8]}).encode())
+            connection.send_bytes(json.dumps({"error": text[: MAX_TEXT // 8]}).encode())

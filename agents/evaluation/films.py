@@ -12,15 +12,15 @@ import numpy as np
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.shared import SharedInterface
 from vibgym.envs.viewer import side_of
-from vibgym.policies.measures import Measured, Measures
-from vibgym.policies.rollout import Step, Timing
+from vibgym.policies.measures import MeasuredOutcomes, Measures
+from vibgym.policies.rollout import RolloutStep, Timing
 from vibgym.rendering import Scenery, Side, SurfacePainter
 from vibgym.rendering.files import gif
 
 WATCHED_AMONG = 30
 """The filmed world is one of the first so many, which are also those of the trajectory plot."""
 
-LEAST_WAY = 0.010
+MIN_WAY = 0.010
 """m: shortest displacement for which a path efficiency is computed."""
 
 TURN_WEIGHT = 0.1
@@ -45,7 +45,7 @@ class Film:
 
 
 @dataclass(frozen=True)
-class Rollout(Measured):
+class Rollout(MeasuredOutcomes):
     """Records of one policy on one task. Arrays are (episodes,) unless noted otherwise, in the order of the seeds."""
 
     path_lengths: np.ndarray  # (episodes, parts) m, of the centres, sampled once a step; 0 of absent parts
@@ -67,13 +67,13 @@ class Rollout(Measured):
 
     @property
     def path_efficiency(self) -> np.ndarray:
-        """Shortest way over path travelled, of successes; nan where the shortest way is below :data:`LEAST_WAY`.
+        """Shortest way over path travelled, of successes; nan where the shortest way is below :data:`MIN_WAY`.
 
         The shortest way is the straight line from the start to the goal, in Sort to the nearest point of the part's zone. In
         Singulate, where parts have no goals of their own, it is the one from the start to where the part ended.
         """
         path = self.path_length
-        sensible = self.success & (self.straight > LEAST_WAY) & (path > 0.0)
+        sensible = self.success & (self.straight > MIN_WAY) & (path > 0.0)
         return np.where(sensible, self.straight / np.maximum(path, 1e-12), np.nan)
 
     def over_time(self, name: str) -> np.ndarray | None:
@@ -136,11 +136,11 @@ class Log(Measures):
         worlds, parts = truth.present.shape
         limit = env.max_episode_steps
         assert limit is not None  # rollouts need episodes of finite length
-        self.several = (truth.present.sum(axis=1) > 1) | (env.task.flows and parts > 1)
-        way = np.where(truth.present[..., None], truth.error, 0.0)
+        self.several = (truth.present.sum(axis=1) > 1) | (env.task.continuous_feed and parts > 1)
+        displacement = np.where(truth.present[..., None], truth.error, 0.0)
         self.fields |= {
             "path_lengths": np.zeros((worlds, parts)),
-            "straight": np.hypot(way[..., 0], way[..., 1]).sum(axis=1),
+            "straight": np.hypot(displacement[..., 0], displacement[..., 1]).sum(axis=1),
             "poses": np.full((worlds, limit + 1, parts, 3), np.nan, dtype=np.float32),
             "goals": truth.goal,
             "series": np.full((len(SERIES), worlds, limit + 1), np.nan, dtype=np.float32),
@@ -151,15 +151,15 @@ class Log(Measures):
         self.frames: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, str, Side | None]] = []
         self._keep(0, np.ones(worlds, dtype=bool), info)
 
-    def add(self, step: Step) -> None:
+    def add(self, step: RolloutStep) -> None:
         """Record a step."""
         super().add(step)
         now = int(step.age[step.playing][0])  # all episodes have begun together
         self._keep(now, step.playing, step.info)
         if step.ended.any() and not _has_ends(self.env):
             poses, present = self.fields["poses"][step.ended], self.start.present[step.ended]
-            way = np.where(present[..., None], poses[:, now] - poses[:, 0], 0.0)
-            self.fields["straight"][step.ended] = np.hypot(way[..., 0], way[..., 1]).sum(axis=1)
+            displacement = np.where(present[..., None], poses[:, now] - poses[:, 0], 0.0)
+            self.fields["straight"][step.ended] = np.hypot(displacement[..., 0], displacement[..., 1]).sum(axis=1)
 
     def _keep(self, step: int, playing: np.ndarray, info: dict[str, Any]) -> None:
         fields, truth = self.fields, self.env.truth

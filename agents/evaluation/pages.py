@@ -167,12 +167,12 @@ def page(results: Any, command: str, title: str, lead: str, sections: Sequence[S
     )
     if any(machines.values()):
         sections = [*sections, Section("hardware", "Hardware", [about, Cards(cards)])]
-    facts = {
+    info = {
         "Date": origin["time"],
         "Commit": origin["commit"] or "not known",
         "Seeds": seeds_text(settings.seed_list()),
-        "Processor": f"{origin['machine']['processor']}, {origin['machine']['cores']} cores",
-        "System": origin["machine"]["system"],
+        "Processor": f"{origin['host']['processor']}, {origin['host']['cores']} cores",
+        "System": origin["host"]["system"],
         **{name: version or "not installed" for name, version in origin["versions"].items()},
     }
     return render(
@@ -182,7 +182,7 @@ def page(results: Any, command: str, title: str, lead: str, sections: Sequence[S
         lead=lead,
         sections=sections,
         footer=(),
-        facts=facts,
+        info=info,
         settings_text=as_yaml(settings.as_written()),
     )
 
@@ -254,7 +254,7 @@ def inventory(parts: Sequence[Part]) -> str:
 
 def success_criterion(task: TaskInfo) -> str:
     """Return what counts as success."""
-    if task.flows:
+    if task.continuous_feed:
         return "parts that leave through the gate of their kind, straight and apart"
     criteria = []
     if task.has_goal:
@@ -279,7 +279,7 @@ def task_cards(results: Any) -> Cards:
     return Cards(cards)
 
 
-def task_facts(task: TaskInfo, episodes: int) -> dict[str, Any]:
+def task_info(task: TaskInfo, episodes: int) -> dict[str, Any]:
     """Return a task for results.json; None where something does not apply."""
     zones = {} if task.zones is None else dict(zip(task.kinds, task.zones.tolist(), strict=True))
     return {
@@ -306,7 +306,7 @@ def json_text(results: Any, rows: Sequence[Mapping[str, Any]], more: Mapping[str
         **results.provenance,
         "settings": settings.as_written(),
         "seeds": settings.seed_list(),
-        "tasks": {name: task_facts(info, len(settings.seed_list(name))) for name, info in results.tasks.items()},
+        "tasks": {name: task_info(info, len(settings.seed_list(name))) for name, info in results.tasks.items()},
         "hardware": settings.environments(),
         "results": rows,
         **more,

@@ -62,7 +62,7 @@ def prepare(settings: RunSettings, entries: Mapping[str, Entry] | None = None) -
         ValueError: a bad environment setting, an unknown or unfitting policy, a task, hardware or policy without a case, a bad
             learning curve; of a suite, a task without a bound.
     """
-    plan = _Plan(settings, entries or {})
+    plan = _Cases(settings, entries or {})
     plan.add_main()
     curves: dict[tuple[str, str], dict[int | None, Curve]] = {}
     if isinstance(settings, EvaluationSettings):
@@ -92,7 +92,7 @@ class Infos:
         return pair
 
 
-class _Plan:
+class _Cases:
     """Cases of settings, as they are added."""
 
     def __init__(self, settings: Any, entries: Mapping[str, Entry]) -> None:
@@ -223,7 +223,7 @@ class _Plan:
         if load is None:
             return
         info, _ = self.infos.of(load.task, settings.environment, where)
-        if not info.flows:
+        if not info.continuous_feed:
             raise checks.refuse(f"{where}.task", load.task, "a task in which parts come and go")
         kinds = [info.parts[info.kind.index(kind)].to_dict() for kind in range(len(info.kinds))]
         contents = {policy.name: policy.content for policy in settings.policies}

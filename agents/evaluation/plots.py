@@ -115,7 +115,7 @@ def _map(axes: Axes, rollout: Rollout, task: TaskInfo, scenery: Scenery) -> None
         dashed: dict[str, Any] = {"fill": False, "edgecolor": tint, "linewidth": 0.9, "linestyle": (0, (4, 2))}
         axes.add_patch(Rectangle(tuple(low), *size, **dashed, zorder=2))
     outcomes = outcome_colours(rollout)
-    most = 1 if task.flows else MAPPED if several else SHOWN
+    most = 1 if task.continuous_feed else MAPPED if several else SHOWN
     for episode in range(min(most, len(rollout.seeds))):
         for part, kind in enumerate(task.kind):
             points = 1e3 * rollout.poses[episode, :, part, :2]
@@ -144,16 +144,16 @@ def name_lines(figure: Figure, lines: Sequence[Line2D]) -> None:
         text.set(text=label, parse_math=False)
 
 
-def arrivals(episodes: pd.DataFrame, names: Sequence[str], flows: bool) -> bytes:
+def arrivals(episodes: pd.DataFrame, names: Sequence[str], continuous_feed: bool) -> bytes:
     """Draw the share of episodes at the goal over time for every policy; where parts come and go, parts a minute.
 
     Args:
         episodes: of all policies on one task and hardware.
         names: of all policies of the page, which have the same colours everywhere.
-        flows: whether parts come and go.
+        continuous_feed: whether parts come and go.
     """
     some = {name: where(episodes, policy=name) for name in dict.fromkeys(episodes["policy"])}
-    if flows:
+    if continuous_feed:
         return _rates(some)
     figure = new_figure(8.6, 2.8)
     axes, end = figure.subplots(), float(values(episodes, "limit_s").max())

@@ -26,7 +26,7 @@ from vibgym.files import csv_text, output_directory, output_files, reason, write
 PUBLISHED = Path("results/report")
 FORMAT, VERSION = "vibgym-published", 1
 RECORD, FIGURE_FILE, EPISODE_FILE = "report.json", "figures.csv", "episodes.csv"
-KEPT = ("time", "commit", "machine", "versions")
+KEPT = ("time", "commit", "host", "versions")
 """Provenance in results.json that is published."""
 
 LEFT_OUT = ("output", "animations", "confidence", "resamples")

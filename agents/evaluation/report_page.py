@@ -118,7 +118,7 @@ def tables(results: Results, all_rows: Sequence[Row]) -> list[Grid]:
             "hardware": lambda row: row["hardware"],
             "policy": policy,
         }
-        if not results.tasks[some[0]["task"]].flows:
+        if not results.tasks[some[0]["task"]].continuous_feed:
             columns["success"] = pages.success_cell
         names = ", ".join(dict.fromkeys(row["task"] for row in some))
         grids.append(grid(f"Results: {names}", some, columns | FIGURES[results.settings.where]))
@@ -158,7 +158,7 @@ def page(
     settings, best = results.settings, best_rows(results, all_rows)
     compares, names = settings.where == "comparison", ", ".join(results.tasks)
     sections = [
-        Section("asked", "Tasks", [pages.task_cards(results)]),
+        Section("tasks", "Tasks", [pages.task_cards(results)]),
         Section("results", "Results", [TERMS[settings.where], *tables(results, all_rows)]),
     ]
     if not compares:
@@ -215,7 +215,7 @@ def _answers(results: Results, all_rows: Sequence[Row], best: Mapping[tuple[str,
     some = tuple(
         f"{task}, {machine} hardware: {row['policy']} with {percent(row)} % ({percent_between(row)} %)"
         for (task, machine), row in best.items()
-        if not results.tasks[task].flows and row["success_rate"] < OPEN_BELOW
+        if not results.tasks[task].continuous_feed and row["success_rate"] < OPEN_BELOW
     )
     about = f"Open: tasks whose best policy succeeds in fewer than {100 * OPEN_BELOW:g} % of the episodes."
     lines = grid("Success of every policy on every task", list(best), columns, "matrix")
@@ -226,7 +226,7 @@ def _answer(results: Results, row: Row | None, best: Row) -> Cell:
     if row is None:
         return Cell("–", sort="")
     more = {"link": anchor(row), "kind": "best" if row is best else ""}
-    if results.tasks[row["task"]].flows:
+    if results.tasks[row["task"]].continuous_feed:
         share, good = row["rate_over_bound_mean"], row["good_per_minute_mean"]
         known = math.isfinite(share)
         small = f"{100 * share:.0f} % of bound" if known else ""
@@ -344,12 +344,16 @@ def _tasks(results: Results, all_rows: Sequence[Row]) -> list[Section]:
             if len(machines) > 1:
                 blocks.append(Heading(f"On {machine} hardware"))
             some = where(results.main, task=task, hardware=machine)
-            alt = "Parts a minute" if info.flows else "Share of episodes at the goal over time"
-            blocks.append(Picture(data_address(plots.arrivals(some, names, info.flows)), f"{alt}, for each policy"))
+            alt = "Parts a minute" if info.continuous_feed else "Share of episodes at the goal over time"
+            blocks.append(
+                Picture(data_address(plots.arrivals(some, names, info.continuous_feed)), f"{alt}, for each policy")
+            )
             cards = []
             for row in all_rows:
                 if (row["task"], row["hardware"], row["training_seed"]) == (task, machine, None):
-                    rate = f"{row['good_per_minute_mean']:.1f} a minute" if info.flows else f"{percent(row)} %"
+                    rate = (
+                        f"{row['good_per_minute_mean']:.1f} a minute" if info.continuous_feed else f"{percent(row)} %"
+                    )
                     cards.append(
                         Card(
                             row["policy"], about[row["policy"]], aside=rate, dot=_dot(results, row["policy"]),
@@ -368,7 +372,7 @@ def _pictures(results: Results, row: Row) -> list[Picture]:
     drawn, shown = results.pictures[place], []
     if FILM in drawn:
         (film,) = where(results.main, task=task, hardware=row["hardware"], policy=name, filmed=1.0).to_dict("records")
-        done = "" if results.tasks[task].flows else ": success" if film["success"] else ": no success"
+        done = "" if results.tasks[task].continuous_feed else ": success" if film["success"] else ": no success"
         source, text = data_address(drawn[FILM], "gif"), f"Film of seed {film['seed']}{done}"
         shown.append(Picture(source, f"Film of {name} on {task}, seed {film['seed']}", summary=text))
     diverged = f" {row['diverged']} episodes diverged." if row["diverged"] else ""

@@ -58,7 +58,7 @@ def best_rows(results: Results, all_rows: Sequence[Row]) -> dict[tuple[str, str]
     where parts come and go, the most good parts a minute."""
 
     def rank(row: Row) -> tuple[float, ...]:
-        if results.tasks[row["task"]].flows:
+        if results.tasks[row["task"]].continuous_feed:
             return (-row["good_per_minute_mean"],)
         times = (row[name] for name in ("time_over_bound_median", "time_to_goal_median_s"))
         return -row["successes"], *(time if math.isfinite(time) else math.inf for time in times)
@@ -112,7 +112,7 @@ def against_best(results: Results, gaps: Sequence[Row], best: Mapping[tuple[str,
     chosen: list[Row] = []
     for gap in gaps:
         name = best[gap["task"], gap["hardware"]]["policy"]
-        if results.tasks[gap["task"]].flows or name not in (gap["first"], gap["second"]):
+        if results.tasks[gap["task"]].continuous_feed or name not in (gap["first"], gap["second"]):
             continue  # success does not apply, or two others
         if name == gap["second"]:
             flipped = {key: value.negative() for key, value in gap.items() if isinstance(value, Estimate)}

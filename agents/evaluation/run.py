@@ -23,7 +23,7 @@ from agents.provenance import digest, policy_files, policy_sources, provenance
 from vibgym import checks
 from vibgym.envs.vector import environment_id
 from vibgym.files import write_together
-from vibgym.imports import taking_part
+from vibgym.imports import user_modules
 from vibgym.policies.measures import Measures
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Ends, rollout
@@ -121,7 +121,7 @@ class Case:
         spec = gym.registry.get(environment_id(self.task))
         custom = spec is None or spec.namespace != "vibgym"
         plain = isinstance(self.content, str) or (isinstance(self.content, Mapping) and "policy" not in self.content)
-        return plain and (not custom or bool(taking_part()))
+        return plain and (not custom or bool(user_modules()))
 
     @property
     def order(self) -> tuple[bool, int]:

@@ -187,7 +187,7 @@ def write(results: Results) -> tuple[Path, str]:
     sections = [
         Section("scores", "Scores", [scores]),
         Section("details", "What they are made of", [details, about]),
-        Section("asked", "Tasks", [pages.task_cards(results)]),
+        Section("tasks", "Tasks", [pages.task_cards(results)]),
     ]
     lead = TERMS + ("" if limit is None else f" Episodes whose cost exceeds {limit} score 0.")
     contents = (

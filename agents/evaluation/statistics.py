@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from vibgym.policies.measures import Measured
+from vibgym.policies.measures import MeasuredOutcomes
 
 RNG_SEED = 20021
 """Seed of all resampling, so that results are reproducible."""
@@ -222,7 +222,7 @@ def iqm_difference(first: np.ndarray, second: np.ndarray, level: float, resample
     return Estimate(value, None if np.ptp(draws) < 1e-9 else percentiles(draws, level, runs))
 
 
-def episode_scores(measured: Measured) -> np.ndarray:
+def episode_scores(measured: MeasuredOutcomes) -> np.ndarray:
     """Return scores in [0, 1] (episodes,); nan where no bound is known.
 
     Least possible time over time to goal, 0 without success (success weighted by path length, Anderson et al., "On evaluation

@@ -30,8 +30,8 @@ from agents.evaluation.statistics import (
     success_interval,
 )
 from vibgym import checks
-from vibgym.policies.measures import Measured
-from vibgym.policies.rollout import OWN_FACTS, Outcomes
+from vibgym.policies.measures import MeasuredOutcomes
+from vibgym.policies.rollout import CUSTOM_INFO, Outcomes
 from vibgym.tasks.episode import EVENTS
 
 REPORT, EFFECTS, LOAD = "report", "effects", "load"
@@ -40,9 +40,9 @@ REPORT, EFFECTS, LOAD = "report", "effects", "load"
 OWN = {
     "transit_s": "transit",
     "pattern_error_m": "pattern_error",
-    **{name: name for name in OWN_FACTS if name not in ("transit", "pattern_error")},
+    **{name: name for name in CUSTOM_INFO if name not in ("transit", "pattern_error")},
 }
-"""Column -> name in :data:`vibgym.policies.rollout.OWN_FACTS`: metrics of some tasks only."""
+"""Column -> name in :data:`vibgym.policies.rollout.CUSTOM_INFO`: metrics of some tasks only."""
 
 METRICS = {
     "success": "success",
@@ -105,10 +105,10 @@ def frame(outcomes: Outcomes) -> pd.DataFrame:
     """Return the episodes of one policy's rollout: seed, metrics, score and timing."""
     columns: dict[str, Any] = {"seed": outcomes.seeds}
     for name, what in METRICS.items():
-        applies = name in ENDS or isinstance(outcomes, Measured)
-        value = outcomes.fact(what) if name in OWN else getattr(outcomes, what, np.nan)
+        applies = name in ENDS or isinstance(outcomes, MeasuredOutcomes)
+        value = outcomes.reported(what) if name in OWN else getattr(outcomes, what, np.nan)
         columns[name] = np.asarray(value if applies else np.nan, dtype=np.float64)[()]
-    columns["score"] = episode_scores(outcomes) if isinstance(outcomes, Measured) else np.nan
+    columns["score"] = episode_scores(outcomes) if isinstance(outcomes, MeasuredOutcomes) else np.nan
     columns |= {name: float(getattr(outcomes.timing, what)) for name, what in TIMING.items()}
     return pd.DataFrame(columns, index=pd.RangeIndex(len(outcomes.seeds)))
 

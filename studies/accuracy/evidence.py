@@ -171,7 +171,7 @@ def main() -> None:
         classes.append(measure(kind, eps, scale))
         print(f"{kind}, eps {eps}, scale {scale}: {time.perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
     written = {
-        "machine": platform.processor() or platform.machine(),
+        "host": platform.processor() or platform.machine(),
         "periods": PERIODS,
         "classes": classes,
     }

@@ -23,7 +23,7 @@ STYLES = {
     "SciPy DOP853": ("#c2478a", "P"),
     "MuJoCo": ("#6c7380", "X"),
 }
-LEAST_STRONG, LEAST_WEAK = 1e-9, 1e-7  # m and relative: lower limits of the axes
+MIN_STRONG, MIN_WEAK = 1e-9, 1e-7  # m and relative: lower limits of the axes
 
 
 def style_of(method: str) -> tuple[str, str]:
@@ -49,7 +49,7 @@ def error_against_cost(result: SceneResult) -> bytes:
 
 
 def _panel(axes: Axes, result: SceneResult, weak: bool) -> None:
-    floor = LEAST_WEAK if weak else LEAST_STRONG
+    floor = MIN_WEAK if weak else MIN_STRONG
     scale = 100.0 if weak else 1e3
 
     def shown(error: float | None) -> float:

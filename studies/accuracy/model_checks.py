@@ -195,9 +195,9 @@ def auto_rows(scene: Scene, tolerances: Sequence[float], settings: TruthSettings
         choice = simulator.choice
         runner = prepare_simulator(short, simulator)
         outcome = runner()
-        strayed = errors.strong_errors(outcome.pose, truth.pose, scene.part.radius)
-        strayed[outcome.fallen != truth.fallen] = np.inf
-        measured, measured_95, _ = errors.spread(strayed)
+        deviation = errors.strong_errors(outcome.pose, truth.pose, scene.part.radius)
+        deviation[outcome.fallen != truth.fallen] = np.inf
+        measured, measured_95, _ = errors.spread(deviation)
         times = [(timed(runner), timed(planar)) for _ in range(AUTO_ROUNDS)]
         costs = [1e6 * statistics.median(each) / (scene.worlds * short.periods) for each in zip(*times, strict=True)]
         setting = ", ".join(f"{name}={value}" for name, value in choice.knobs.items())

@@ -35,7 +35,7 @@ SAMPLES = 96
 ROUNDING = 1e-11
 """Tolerance of the load, so that a wrench exactly on the limit surface is held."""
 
-_LEAST_STEPS, _COARSE_STEPS = 20, 12  # in a period, so that no step misses a short contact
+_MIN_STEPS, _COARSE_STEPS = 20, 12  # in a period, so that no step misses a short contact
 _RESTARTS = 1000  # changes between sticking and sliding in one period before the run gives up
 _CAUTION = 3.0  # for the difference of two runs: at element edges the error is not proportional to the tolerance
 _STIFF_UNTIL = 1e-3  # slip over the scale of velocity: below, direction settles fast and an implicit method is used
@@ -105,7 +105,7 @@ def integrate(
     patches = checks.array("patches", patches, shape, least=0.0)
     tolerance = checks.number("tolerance", tolerance, least=1e-12, most=1e-4)
     scene = surface, part, amplitude, phase, incline, patches
-    run = _Run(scene, tolerance, FINE, _LEAST_STEPS).go(pose, velocity, periods)
+    run = _Run(scene, tolerance, FINE, _MIN_STEPS).go(pose, velocity, periods)
     if not estimate:
         return run
     rough = 100.0 * tolerance

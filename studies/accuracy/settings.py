@@ -18,7 +18,7 @@ from vibgym.settings import BaseSettings, Length, read
 from vibgym.simulation.simulator import Simulator
 
 MODELS = ("planar", "averaged")
-MOST_COMBINATIONS = 1000
+MAX_COMBINATIONS = 1000
 """Most combinations of knobs in one entry; each is a simulator and a line of the report."""
 
 PEERS: dict[str, dict[str, Any]] = {
@@ -127,8 +127,8 @@ def _named(given: Any, where: str, key: str, allowed: tuple[str, ...]) -> tuple[
 def _combinations(choices: Mapping[str, Any], where: str) -> list[dict[str, Any]]:
     lists = [value if checks.listed(value) else [value] for value in choices.values()]
     number = math.prod(map(len, lists))
-    if number > MOST_COMBINATIONS:
-        raise checks.refuse(where, f"lists of {number} combinations", f"at most {MOST_COMBINATIONS}")
+    if number > MAX_COMBINATIONS:
+        raise checks.refuse(where, f"lists of {number} combinations", f"at most {MAX_COMBINATIONS}")
     return [dict(zip(choices, values, strict=True)) for values in itertools.product(*lists)]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from studies.benchmarks import common
 from vibgym import checks
-from vibgym.policies.measures import Measured, Measures
+from vibgym.policies.measures import MeasuredOutcomes, Measures
 from vibgym.policies.rollout import rollout
 
 FIRST, BATCH = 8_000_000, 500
@@ -29,7 +29,7 @@ TASKS = ("Transport", "Align", "Rotate", *MULTIPART)
 
 def measure(task: str, hardware: str, policy: str, episodes: int) -> int:
     """Print a line; return the number of episodes that beat the bound."""
-    found: list[Measured] = []
+    found: list[MeasuredOutcomes] = []
     for first in range(0, episodes, BATCH):
         seeds = range(FIRST + first, FIRST + min(first + BATCH, episodes))
         path = policy.replace("{task}", task.lower())

@@ -16,7 +16,7 @@ from agents.evaluation.table import quantity
 from studies.benchmarks import common
 from studies.kept import show
 from vibgym.policies import rollout
-from vibgym.policies.measures import Measured, Measures
+from vibgym.policies.measures import MeasuredOutcomes, Measures
 from vibgym.seeds import RANGES
 
 TASK, LIMIT = "Swap", 0.2  # N s
@@ -34,7 +34,7 @@ POLICIES: dict[str, Any] = {
 def row(name: str, episodes: int) -> list[str]:
     """Run a policy and format its row."""
     seeds = RANGES["held_out"][:episodes]
-    found: Measured = rollout(POLICIES[name], TASK, seeds=seeds, keep=Measures, **ENVIRONMENT)
+    found: MeasuredOutcomes = rollout(POLICIES[name], TASK, seeds=seeds, keep=Measures, **ENVIRONMENT)
     within = found.cost <= LIMIT
     share = exact(int(within.sum()), episodes, 0.95)
     return [

@@ -21,7 +21,7 @@ from vibgym.policies.classical.law import laws
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 
-WORLDS, MOST_RATIO, MOST_ALONE = 256, 4.0, 1e-3
+WORLDS, MAX_RATIO, MAX_ALONE = 256, 4.0, 1e-3
 
 
 class Times(NamedTuple):
@@ -93,7 +93,7 @@ def main() -> None:
                 ratio = many.predict.sum() / many.simulate.sum()
                 middle = np.median(many.predict / many.simulate)
                 alone, late = np.quantile(one.predict, [0.5, 0.95])
-                missed = " <-- above target" if ratio > MOST_RATIO or alone > MOST_ALONE else ""
+                missed = " <-- above target" if ratio > MAX_RATIO or alone > MAX_ALONE else ""
                 print(
                     f"{title} {ratio:20.2f} ({middle:.2f}) {1e6 * many.predict.mean() / WORLDS:16.1f} "
                     f"{1e3 * alone:16.2f} ({1e3 * late:.2f}){missed}",

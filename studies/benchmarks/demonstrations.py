@@ -63,7 +63,7 @@ def learn(task: str, method: str, count: int, seed: int, steps: int | None, epis
     settings = load_settings(CONFIG, f"{task}/{method}", seed)
     assert isinstance(settings.own, DataLearner.Settings)
     own = settings.own.model_copy(update={"episodes": count, "directory": str(output / "data")})
-    settings = settings.model_copy(update={"own": own, "steps": steps or settings.steps, "judging": None})
+    settings = settings.model_copy(update={"own": own, "steps": steps or settings.steps, "selection": None})
     with Training(settings, output / f"{task}-{method}-{count}" / f"seed-{seed}", quiet=True) as training:
         path = training.run()
     found = rollout({"kind": "trained", "path": str(path)}, task, seeds=RANGES["held_out"][:episodes])

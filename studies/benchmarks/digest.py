@@ -236,7 +236,7 @@ def measure(chosen: str = "") -> dict[str, dict]:
     return {name: run() for name, run in SCENES.items() if chosen in name}
 
 
-def machine() -> dict[str, str]:
+def host() -> dict[str, str]:
     """Return processor and versions, on which the digests depend."""
     lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     model = next((line for line in lines if line.startswith("model name")), "").partition(":")[2].strip()
@@ -246,8 +246,8 @@ def machine() -> dict[str, str]:
 def check(chosen: str, path: Path) -> int:
     """Compare with the file; return the number of scenes that differ."""
     stored = json.loads(path.read_text(encoding="utf-8"))
-    if stored["machine"] != machine():
-        print(f"written on another host: {stored['machine']}, here {machine()}", file=sys.stderr)
+    if stored["host"] != host():
+        print(f"written on another host: {stored['host']}, here {host()}", file=sys.stderr)
     differing = 0
     found = measure(chosen)
     for name, row in found.items():
@@ -275,7 +275,7 @@ def main() -> int:
             return subprocess.run(command, env={**os.environ, "NUMBA_CACHE_DIR": cache}).returncode
     if arguments.command == "check":
         return 1 if check(arguments.only, arguments.file) else 0
-    content = {"vibgym": vibgym.__version__, "machine": machine(), "scenes": measure(arguments.only)}
+    content = {"vibgym": vibgym.__version__, "host": host(), "scenes": measure(arguments.only)}
     arguments.file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     print(f"{arguments.file}: {len(content['scenes'])} scenes")
     return 0

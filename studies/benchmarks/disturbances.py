@@ -1,7 +1,7 @@
 """Controllers with and without disturbance observer: ``python -m studies.benchmarks.disturbances [--episodes 200] [--keep]``.
 
 Cases: rigid parts in the tilting model, on elements whose friction is 0.75 to 1.25 of its nominal value, with a tilt of 3 deg
-every four seconds (``struck``); and flat parts on a table inclined by 20 mrad. Output: success, and the mean time to success.
+every four seconds (``disturbed``); and flat parts on a table inclined by 20 mrad. Output: success, and mean time to success.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vibgym.seeds import RANGES
 OBSERVERS = ("none", "disturbance")
 
 CASES: dict[str, dict[str, Any]] = {
-    "struck, patches": {
+    "disturbed, patches": {
         "model": "tilting",
         "randomize": {"patches": [0.75, 1.25], "disturbance": {"rate": 0.25, "tilt_deg": 3.0}},
     },

@@ -26,7 +26,7 @@ from studies.benchmarks.identification import NOMINAL, PARTS, Machine, drawn, re
 from studies.kept import show
 from vibgym.files import output_directory, write_atomically
 from vibgym.hardware import ControlLoop, MachineError, SimulatedDriver
-from vibgym.hardware.driver import Measurement
+from vibgym.hardware.driver import PoseMeasurement
 from vibgym.identification import Camera, Fitted, fit
 from vibgym.scene.parts import shipped_part
 from vibgym.seeds import RANGES
@@ -94,7 +94,7 @@ class HiddenMachine(SimulatedDriver):
             task, surface=machine.surface, parts=machine.parts, actuators=machine.actuators, sensor=sensor, seed=0
         )
 
-    def receive(self) -> Measurement:
+    def receive(self) -> PoseMeasurement:
         measured = super().receive()
         assert measured.pose is not None
         seen = self.camera.measured(measured.pose, self.surface)

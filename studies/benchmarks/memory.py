@@ -35,7 +35,7 @@ MISSED, LEVEL, RESAMPLES = 0.01, 0.95, 9999
 ACTION = {"action": "field"}
 LEARNING = {
     "n_steps": 32, "batch_size": 1024, "n_epochs": 4, "learning_rate": 5e-4, "final_learning_rate": 1e-4, "gamma": 0.99,
-    "target_kl": 0.02, "log_std_init": -1.0, "activation": "relu", "turned": True, "blind": ["position"],
+    "target_kl": 0.02, "log_std_init": -1.0, "activation": "relu", "turned": True, "dropped_columns": ["position"],
 }  # fmt: skip
 RECALLED = ["way_fine", "turn_fine", "velocity", "spin"]
 
@@ -60,8 +60,8 @@ class Condition(NamedTuple):
 
     def sensor(self, estimator: str = "none") -> dict[str, Any]:
         """Return the environment's ``sensor``; without an estimator, agents get the age of readings that may be missing."""
-        tell = ["age"] if self.dropout and estimator == "none" else []
-        return {"kind": "ideal", "delay": self.delay, "dropout": self.dropout, "tell": tell, "estimator": estimator}
+        report = ["age"] if self.dropout and estimator == "none" else []
+        return {"kind": "ideal", "delay": self.delay, "dropout": self.dropout, "report": report, "estimator": estimator}
 
 
 IDEAL = Condition()
@@ -88,7 +88,7 @@ def memory(name: str, condition: Condition) -> dict[str, Any]:
     """Return the settings of a network's rows."""
     steps = {"no memory": 0, "last action": 1}.get(name, condition.steps)
     age = ["age"] if condition.dropout else []
-    return {"remembers": steps, "recalls": [*RECALLED, *age] if name.endswith("measurements") else []}
+    return {"history": steps, "history_columns": [*RECALLED, *age] if name.endswith("measurements") else []}
 
 
 def play(policy: Any, condition: Condition, estimator: str, episodes: int) -> Outcomes:

@@ -253,9 +253,9 @@ def train(task: str, central: bool, steps: int, worlds: int, seed: int, blame: f
 def show(name: str, task: str, policy: Any, seeds: range, **more: Any) -> None:
     """Play episodes and print success, makespan and sum of costs, or where parts come and leave good parts a minute."""
     found, arrived = rollout(policy, task, seeds=seeds, keep=Arrivals, **CASES[task].scene, **more)
-    good = found.fact("good_per_minute")
+    good = found.reported("good_per_minute")
     if np.isfinite(good).all():
-        lost = found.fact("lost_per_minute").mean()
+        lost = found.reported("lost_per_minute").mean()
         print(
             f"{name:20s} good parts a minute {good.mean():.1f} ({good.min():.1f} to {good.max():.1f}), lost {lost:.2f}",
             flush=True,

@@ -20,7 +20,7 @@ from studies.benchmarks import common
 from studies.kept import show
 from vibgym.envs.drawn import drawn_shapes
 from vibgym.policies import rollout
-from vibgym.policies.measures import Measured, Measures
+from vibgym.policies.measures import MeasuredOutcomes, Measures
 from vibgym.scene.library import FAMILIES, shapes
 from vibgym.scene.library import SPLITS as LIBRARY
 from vibgym.seeds import RANGES
@@ -61,7 +61,7 @@ def row(task: str, name: str, episodes: int) -> list[str]:
     """Run a policy on all splits and format its row."""
     seeds, cells, rates = RANGES["held_out"][:episodes], [], {}
     for split in SPLITS:
-        found: Measured = rollout(POLICIES[task][name], task, seeds=seeds, keep=Measures, split=split)
+        found: MeasuredOutcomes = rollout(POLICIES[task][name], task, seeds=seeds, keep=Measures, split=split)
         shape = first_shapes(task, split, seeds)
         spread, rates[split] = interval(found.success, shape), 100.0 * found.success.mean()
         time = quantity(quartiles(found.time_to_goal).median, 1.0, 2, "s")

@@ -22,9 +22,9 @@ from vibgym.policies.rollout import rollout
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "none": {},
-    "whole elements": {"blind": ["position"]},
+    "whole elements": {"dropped_columns": ["position"]},
     "quarter turns": {"turned": True},
-    "both": {"blind": ["position"], "turned": True},
+    "both": {"dropped_columns": ["position"], "turned": True},
 }
 EXPERT = {"kind": "pose", "action": "wrench"}
 
@@ -38,7 +38,7 @@ def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[
         steps=1,
         seed=seed,
         imitation=ImitationSettings(expert=EXPERT, rounds=1, steps=steps, epochs=100, noise=0.1, batch_size=512),
-        own=PPO.Settings(activation="relu", remembers=True, **variant),
+        own=PPO.Settings(activation="relu", history=True, **variant),
     )
     assert settings.imitation is not None
     learner = PPO(settings)

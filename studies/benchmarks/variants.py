@@ -17,7 +17,7 @@ from studies.benchmarks import common
 from studies.benchmarks.common import HARDWARE
 from studies.kept import show
 from vibgym.policies import rollout
-from vibgym.policies.measures import Measured, Measures
+from vibgym.policies.measures import MeasuredOutcomes, Measures
 from vibgym.seeds import RANGES
 
 GAPS_MM = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 37.0)
@@ -74,13 +74,13 @@ PLANS = (
 )
 
 
-def played(case: Case, episodes: int) -> Measured:
+def played(case: Case, episodes: int) -> MeasuredOutcomes:
     """Run the episodes of a case."""
     seeds = RANGES["held_out"][: max(1, round(case.share * episodes))]
     return rollout(case.policy, f"vibgym/{case.task}-v0", seeds=seeds, keep=Measures, **case.environment)
 
 
-def ends(found: Measured) -> list[str]:
+def ends(found: MeasuredOutcomes) -> list[str]:
     """Format success, time, time over bound, collisions and episodes."""
     return [
         quantity(found.success.mean(), 100.0, 1, "%"),
@@ -119,14 +119,14 @@ def feed(episodes: int, keep: bool) -> None:
     lines = []
     for case in FEEDS:
         found = played(case._replace(share=0.5), episodes)
-        good = found.fact("good_per_minute")
-        faulty = sum(found.fact(f"{kind}_per_minute") for kind in ("tilted", "close", "wrong", "lost"))
+        good = found.reported("good_per_minute")
+        faulty = sum(found.reported(f"{kind}_per_minute") for kind in ("tilted", "close", "wrong", "lost"))
         lines.append([
             case.name,
             f"{good.mean():.1f} ({good.min():.1f} to {good.max():.1f})",
             f"{np.mean(faulty):.1f}",
-            f"{found.fact('transit').mean():.2f} s",
-            f"{found.fact('on_table').mean():.1f}",
+            f"{found.reported('transit').mean():.2f} s",
+            f"{found.reported('on_table').mean():.1f}",
             quantity(quartiles(found.rate_over_bound).median, 100.0, 0, "%"),
             str(len(good)),
         ])  # fmt: skip

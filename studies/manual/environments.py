@@ -177,7 +177,7 @@ def _scene(name: str, env: VibgymEnv) -> str:
     drawn = [name for name in dict.fromkeys(names) if name in library]
     kinds = [f"of drawn shape {drawn.index(name) + 1}" if name in drawn else name for name in names]
     success = f"all parts done for {task.hold} consecutive periods"
-    if task.flows:
+    if task.continuous_feed:
         success = "none: parts arrive and leave continuously"
     lines = [
         ["parts", ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))],
@@ -186,7 +186,7 @@ def _scene(name: str, env: VibgymEnv) -> str:
         ["time limit", f"{limit} periods ({limit * env.surface.period:g} s)"],
         ["success", success],
     ]
-    tolerance = task.tolerances()[task.asked]
+    tolerance = task.tolerances()[task.scored]
     if task.has_goal and len(tolerance):
         heading = np.degrees(tolerance[0, 1])
         within = f"{1e3 * tolerance[0, 0]:g} mm" + (f" and {heading:g} deg" if np.isfinite(heading) else "")

@@ -28,7 +28,7 @@ FEW, MANY = Take(480, 7.0, 2), Take(360, 4.0, 4)
 CROWD = 12
 """Number of parts from which the settings MANY apply, which limit the size of the file."""
 
-MOST = 90_000  # bytes of a file
+MAX = 90_000  # bytes of a file
 QUALITIES = (72, 50, 30, 15)  # WebP qualities, best first
 REST = 1500  # ms for which the last frame is shown
 FEWEST = 10  # frames of a film
@@ -58,11 +58,11 @@ def write(directory: Path, names: Sequence[str] | None = None) -> Iterator[Path]
 
 
 def short(pictures: list[np.ndarray], interval: float) -> bytes:
-    """Encode a film in the best quality with at most :data:`MOST` bytes; shorten it if the lowest quality is too large."""
+    """Encode a film in the best quality with at most :data:`MAX` bytes; shorten it if the lowest quality is too large."""
     while True:
         for quality in QUALITIES:
             data = webp(pictures, interval, quality)
-            if len(data) <= MOST:
+            if len(data) <= MAX:
                 return data
         if len(pictures) < FEWEST:
             return data

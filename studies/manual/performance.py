@@ -35,7 +35,7 @@ def generated() -> dict[str, str]:
 
 def _provenance(about: Mapping[str, Any]) -> str:
     at = "" if about["commit"] is None else f" at commit {about['commit'][:7]}"
-    machine = f"{about['machine']['processor']}, {about['machine']['cores']} cores"
+    machine = f"{about['host']['processor']}, {about['host']['cores']} cores"
     versions = ", ".join(f"{name} {about['versions'][name]}" for name in ("numba", "gymnasium"))
     return (
         f"`{about['command']}`, {about['time'][:10]}{at}, {machine}, Python {about['versions']['python']}, {versions}. "

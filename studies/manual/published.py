@@ -16,7 +16,7 @@ ERRORS = ("position_error_median_m", "heading_error_median_rad")
 PATH_ERRORS = ("path_error_median_m", "heading_error_median_rad")
 SEVERAL_PARTS = (TIME, "throughput_median_parts_per_s", "collisions_mean", "path_efficiency_median")
 ONE, SEVERAL = ("Transport", "Align", "Rotate"), ("Sort", "Singulate")
-PROTOTYPE, RIGID = "prototype", "rigid, struck"
+PROTOTYPE, RIGID = "prototype", "rigid, disturbed"
 
 
 # Results of make report.
@@ -31,7 +31,7 @@ def report() -> Published:
 def provenance() -> str:
     """Return a sentence with the date, commit, processor and versions of ``make report``."""
     about = report().about
-    machine, versions = about["machine"], about["versions"]
+    machine, versions = about["host"], about["versions"]
     return (
         f"Evaluated on {report().day} at commit {about['commit'][:7]}, {machine['cores']} cores ({machine['processor']}), "
         f"Python {versions['python']}, numba {versions['numba']}."
@@ -112,9 +112,9 @@ def overview() -> str:
 DISTURBED = {
     "planar": "planar",
     "tilting": "tilting",
-    "planar, kicked": "kicked",
-    "tilting, struck": "struck",
-    "tilting, struck, patches": "struck, patches",
+    "planar, impulses": "impulses",
+    "tilting, disturbed": "disturbed",
+    "tilting, disturbed, patches": "disturbed, patches",
 }
 FOILS = {
     "ramps of 3 mm, restitution 0.2": "tilting",
@@ -244,8 +244,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "follow": follow,
     "effects": effects,
     "trained": trained,
-    "struck-align": lambda: compared("Align", DISTURBED),
-    "struck-sort": lambda: compared("Sort", DISTURBED),
+    "disturbed-align": lambda: compared("Align", DISTURBED),
+    "disturbed-sort": lambda: compared("Sort", DISTURBED),
     "foils": lambda: compared("Align", FOILS),
     "tilting-prototype-align": lambda: compared("Align", TILTING_PROTOTYPE),
     "tilting-prototype-sort": lambda: compared("Sort", TILTING_PROTOTYPE),

@@ -93,7 +93,7 @@ def start_of(seed: int) -> tuple[np.ndarray, np.ndarray]:
     return np.array(drawn[:2], dtype=np.float64), pose
 
 
-class Step(NamedTuple):
+class PushStep(NamedTuple):
     """Result of a control period of all worlds."""
 
     observation: np.ndarray  # (worlds, 5) x, y of the pusher; x, y of the T's origin, px; its angle in [0, 2 pi)
@@ -172,7 +172,7 @@ class PushT:
         all_gaps(self.hulls, pose, found)
         return found[:, T, PUSHER]
 
-    def step(self, action: Any) -> Step:
+    def step(self, action: Any) -> PushStep:
         """Advance all worlds by a control period (0.1 s).
 
         Args:
@@ -180,7 +180,7 @@ class PushT:
         """
         self.rollout(checks.array("action", action, (self.worlds, 2), least=0.0, most=SIZE)[:, None])
         coverage = self.coverage()
-        return Step(self.observation(), np.minimum(coverage / SUCCESS, 1.0), coverage > SUCCESS, coverage)
+        return PushStep(self.observation(), np.minimum(coverage / SUCCESS, 1.0), coverage > SUCCESS, coverage)
 
     def rollout(self, actions: Any) -> np.ndarray:
         """Advance all worlds by several periods; return pushers' positions and T's poses after each, (worlds, periods, 5).

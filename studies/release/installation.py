@@ -16,16 +16,16 @@ MINORS = ("3.11", "3.12", "3.13", "3.14")
 EXAMPLES = {
     "demo": ("2", "play"),
     "first_steps": ("picture.png", "play"),
-    "own_law": ("4", "play"),
-    "own_sensor": ("10", "play"),
-    "own_task": ("10", "play"),
+    "custom_law": ("4", "play"),
+    "custom_sensor": ("10", "play"),
+    "custom_task": ("10", "play"),
     "speed_against_error": ("16", "play"),
-    "own_reward_sac": ("320", "learn"),
+    "custom_reward_sac": ("320", "learn"),
     "train_ppo": ("4096", "learn"),
 }
 """Example -> argument for a small run, and required extra."""
 
-FROM_CHECKOUT = {"own_algorithm"}
+FROM_CHECKOUT = {"custom_algorithm"}
 """Examples that require ``agents``, which distributions do not contain; ``make test`` runs them."""
 
 PRINT_VERSION = "import sys, vibgym; print(vibgym.__version__, vibgym.__file__.startswith(sys.prefix))"

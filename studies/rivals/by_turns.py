@@ -27,7 +27,7 @@ from vibgym.allocation.cut import cut_parts, new_pieces
 from vibgym.kernels.jit import jit
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.planner import PlannerPolicy
-from vibgym.policies.classical.steering import Memory
+from vibgym.policies.classical.steering import SteeringMemory
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
@@ -261,7 +261,7 @@ class ByTurnsPolicy(PlannerPolicy):
         push = plate.pushes(self.stroke).reshape(len(self.stroke), -1, 2)
         self.push, self.strength = np.ascontiguousarray(push), self.allocator.most * STRENGTHS
 
-    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+    def act(self, measured: Measured, memory: SteeringMemory, new: np.ndarray) -> tuple[np.ndarray, SteeringMemory]:
         """Return strokes; see :meth:`vibgym.policies.classical.steering.Steering.act`."""
         info, plan = self.info, self.aim(measured, memory.own, new)
         present, target = (np.ascontiguousarray(each) for each in (measured.present, plan.target))

@@ -17,7 +17,7 @@ from studies.rivals.policies import rival_policy
 from vibgym import Surface
 from vibgym.envs.vector import batch_of, environment_id
 from vibgym.files import csv_text, output_directory, write_atomically
-from vibgym.policies.measures import Measured, Measures
+from vibgym.policies.measures import MeasuredOutcomes, Measures
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import Policy, TaskInfo
@@ -87,12 +87,12 @@ def policy_of(name: str, task: str) -> Policy:
     return make(info, action)
 
 
-def played(name: str, task: str, episodes: int) -> Measured:
+def played(name: str, task: str, episodes: int) -> MeasuredOutcomes:
     """Return the results of the episodes of a contender."""
     return rollout(policy_of(name, task), task, seeds=range(episodes), keep=Measures, **scene_of(name))
 
 
-def row_of(name: str, task: str, results: Measured, first: Measured) -> dict[str, Any]:
+def row_of(name: str, task: str, results: MeasuredOutcomes, first: MeasuredOutcomes) -> dict[str, Any]:
     """Return a row of the table: success rate, and times relative to the segmented surface on the same seeds.
 
     Args:

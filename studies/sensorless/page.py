@@ -71,7 +71,7 @@ last field acts until the end. *As drawn*: lines through the goal along its head
 ramps, three strengths of the weaker squeeze and four centres. Tuning compensates the effect of friction on the direction of
 pushes, which turns parts away from the line.
 
-All results are of {judged} new starts on the planar model, {after:g} s after the start. *Nominal*: share of parts
+All results are of {evaluated} new starts on the planar model, {after:g} s after the start. *Nominal*: share of parts
 within these tolerances with the part's friction. *Varied*: the same with friction {friction}. Distance,
 heading error and episodes of Align have varied friction. The episodes have the starts of the environment.
 Command: `python -m studies.sensorless {config}`
@@ -85,7 +85,7 @@ def text(cases: Sequence[Case], settings: SensorlessSettings, surface: Surface, 
         INTRODUCTION.format(
             goal=f"x = {1e3 * x:g} mm, y = {1e3 * y:g} mm, heading {math.degrees(heading):g} deg",
             segments=settings.segments, starts=settings.starts, model=settings.model, seconds=settings.seconds,
-            friction=f"multiplied by {settings.friction[0]:g} to {settings.friction[1]:g}", judged=settings.judged,
+            friction=f"multiplied by {settings.friction[0]:g} to {settings.friction[1]:g}", evaluated=settings.evaluated,
             config=config, after=AFTER * settings.seconds,
         ),
         host + "\n",

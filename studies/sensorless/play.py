@@ -13,7 +13,7 @@ from vibgym import Part, Simulator, Surface
 from vibgym.actuators import ACTUATORS
 from vibgym.physics.core.drive import phasor_drive
 
-MOST_WORLDS = 4096
+MAX_WORLDS = 4096
 """Largest batch: the commands of a world take 2 kB."""
 
 
@@ -66,7 +66,7 @@ def play(
         periods: oscillation periods per step, during which commands are constant.
         threads: of the simulator.
     """
-    most = max(MOST_WORLDS // len(trials.pose), 1)
+    most = max(MAX_WORLDS // len(trials.pose), 1)
     if len(schedules) > most:
         chunks = [schedules[k : k + most] for k in range(0, len(schedules), most)]
         return np.concatenate(

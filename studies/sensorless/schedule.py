@@ -32,9 +32,9 @@ COLUMNS = ("x", "y", "angle", "towards", "along", "swirl", "reach")
 along it towards the centre; strength of the swirl about the centre, counter-clockwise (1: full amplitude); distance at
 which all three are at full strength (m)."""
 
-MOST_SEGMENTS = 1000
-LEAST_REACH, MOST_REACH = 1e-4, 1e3
-MOST_STRENGTH, MOST_PLACE, MOST_SECONDS = 1e3, 1e3, 1e6
+MAX_SEGMENTS = 1000
+MIN_REACH, MAX_REACH = 1e-4, 1e3
+MAX_STRENGTH, MAX_PLACE, MAX_SECONDS = 1e3, 1e3, 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,17 +57,17 @@ class Schedule:
     friction: float
 
     def __post_init__(self) -> None:
-        if np.ndim(self.seconds) != 1 or not 1 <= len(self.seconds) <= MOST_SEGMENTS:
-            raise checks.refuse("seconds", self.seconds, f"one number for each of 1 to {MOST_SEGMENTS} segments")
+        if np.ndim(self.seconds) != 1 or not 1 <= len(self.seconds) <= MAX_SEGMENTS:
+            raise checks.refuse("seconds", self.seconds, f"one number for each of 1 to {MAX_SEGMENTS} segments")
         segments = len(self.seconds)
         if np.shape(self.fields) != (segments, len(COLUMNS)):
             raise checks.refuse("fields", f"shape {np.shape(self.fields)}", f"shape {(segments, len(COLUMNS))}")
         fields = np.array(checks.array("fields", self.fields, (segments, len(COLUMNS))))
-        checks.array("fields: places, angles", fields[:, :3], (segments, 3), least=-MOST_PLACE, most=MOST_PLACE)
-        checks.array("fields: strengths", fields[:, 3:6], (segments, 3), least=-MOST_STRENGTH, most=MOST_STRENGTH)
-        checks.array("fields: reach", fields[:, 6], (segments,), least=LEAST_REACH, most=MOST_REACH)
-        seconds = np.array(checks.array("seconds", self.seconds, (segments,), least=0.0, most=MOST_SECONDS))
-        goal = np.array(checks.array("goal", self.goal, (3,), least=-MOST_PLACE, most=MOST_PLACE))
+        checks.array("fields: places, angles", fields[:, :3], (segments, 3), least=-MAX_PLACE, most=MAX_PLACE)
+        checks.array("fields: strengths", fields[:, 3:6], (segments, 3), least=-MAX_STRENGTH, most=MAX_STRENGTH)
+        checks.array("fields: reach", fields[:, 6], (segments,), least=MIN_REACH, most=MAX_REACH)
+        seconds = np.array(checks.array("seconds", self.seconds, (segments,), least=0.0, most=MAX_SECONDS))
+        goal = np.array(checks.array("goal", self.goal, (3,), least=-MAX_PLACE, most=MAX_PLACE))
         for name, value in (("fields", fields), ("seconds", seconds), ("goal", goal)):
             value.setflags(write=False)
             object.__setattr__(self, name, value)  # the class is frozen

@@ -11,14 +11,14 @@ import numpy as np
 from tqdm import tqdm
 
 from studies.sensorless.play import Trials, cost, draw_trials, errors_of, play
-from studies.sensorless.schedule import LEAST_REACH, MOST_REACH, Schedule
+from studies.sensorless.schedule import MAX_REACH, MIN_REACH, Schedule
 from studies.sensorless.settings import SensorlessSettings
 from vibgym import Part, Surface
 from vibgym.fields import DEFAULT_REACH
 
 CENTRE_UNITS = (0.05, 0.025)  # m along x and y per unit of the search
 ANGLE_UNIT = 0.5  # rad
-MOST_LOG = 5.0  # largest change of the logarithms of reach and duration
+MAX_LOG = 5.0  # largest change of the logarithms of reach and duration
 VALIDATION = 8  # starts of the validation over those of a schedule in the search
 NUMBERS = 8  # parameters of a segment: those of its field, and its duration
 
@@ -48,7 +48,7 @@ def decoded(numbers: np.ndarray, goal: np.ndarray, seconds: float, friction: flo
     fields[:, :2] = np.clip(goal[:2] + rows[:, :2] * CENTRE_UNITS, -100.0, 100.0)
     fields[:, 2] = np.clip(goal[2] + ANGLE_UNIT * rows[:, 2], -100.0, 100.0)
     fields[:, 3:6] = np.clip(rows[:, 3:6], -100.0, 100.0)
-    fields[:, 6] = np.clip(DEFAULT_REACH * _factor(rows[:, 6]), LEAST_REACH, MOST_REACH)
+    fields[:, 6] = np.clip(DEFAULT_REACH * _factor(rows[:, 6]), MIN_REACH, MAX_REACH)
     lasts = seconds / len(rows) * _factor(rows[:, 7])
     ends = np.round(np.cumsum(lasts) * min(seconds / lasts.sum(), 1.0) / step)
     return Schedule(fields, step * np.diff(ends, prepend=0.0), goal, friction)
@@ -73,7 +73,7 @@ def encoded(schedule: Schedule, segments: int, seconds: float) -> np.ndarray:
 
 
 def _factor(numbers: np.ndarray) -> np.ndarray:
-    return np.exp(np.clip(0.5 * numbers, -MOST_LOG, MOST_LOG))
+    return np.exp(np.clip(0.5 * numbers, -MAX_LOG, MAX_LOG))
 
 
 def costs(

@@ -58,7 +58,7 @@ class SensorlessSettings(BaseSettings):
     seeds: tuple[Seed, ...] = Field(default=(1, 2, 3), min_length=1)
     """One search each."""
 
-    judged: int = Field(default=1000, ge=1, le=1_000_000)
+    evaluated: int = Field(default=1000, ge=1, le=1_000_000)
     """Starts of the evaluation."""
 
     threads: int = Field(default=1, ge=1, le=4096)

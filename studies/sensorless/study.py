@@ -88,7 +88,7 @@ def _case(name: str, hardware: str, surface: Surface, settings: SensorlessSettin
     for key, evaluation in zip(schedules, varied, strict=True):
         success, median = None, float("nan")
         if key in chosen:
-            ends, median = episodes(extended[key], name, hardware, settings.friction, settings.judged)
+            ends, median = episodes(extended[key], name, hardware, settings.friction, settings.evaluated)
             success = float(ends.mean())
         entries.append(Entry(key, schedules[key], nominal.get(key), evaluation, success, median))
     case = Case(name, hardware, entries, stored, _searches(found, best, float(values.min())))
@@ -130,7 +130,7 @@ def evaluate(
     seconds: float,
 ) -> list[Evaluation]:
     """Evaluate schedules on the same new starts with the planar model, every period for ``seconds``."""
-    trials = draw_trials(part, surface, hardware, friction, settings.judged, (1, 0))
+    trials = draw_trials(part, surface, hardware, friction, settings.evaluated, (1, 0))
     found = []
     for schedule in schedules:
         poses = play([schedule], trials, part, surface, hardware, seconds, threads=settings.threads)[:, 0]

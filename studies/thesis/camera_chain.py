@@ -14,9 +14,9 @@ from agents.evaluation.figures import FAILURE, MUTED, SUCCESS, new_figure, png
 from studies.thesis.figure import Comparison, Figure, Picture
 from vibgym import Part, Surface
 from vibgym.physics.core.records import new_state
-from vibgym.plugins.camera.look import M00, XX, XY, YY, X, measure_object
 from vibgym.plugins.camera.objects import find, new_found
 from vibgym.plugins.camera.optics import projected
+from vibgym.plugins.camera.sampling import M00, XX, XY, YY, X, measure_object
 from vibgym.scene.parts import shipped_part
 from vibgym.sensing import SENSORS
 

@@ -17,8 +17,8 @@ from vibgym.actuators import DataSheet
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.physics.core.records import new_state
-from vibgym.plugins.camera.look import measure_object
 from vibgym.plugins.camera.objects import find, new_found
+from vibgym.plugins.camera.sampling import measure_object
 from vibgym.scene.parts import shipped_part
 from vibgym.sensing import SENSORS
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 PRINTED, STATED, AXIS = "printed", "statement", "axis"
 
 
-class Measurement(NamedTuple):
+class ThesisMeasurement(NamedTuple):
     """Measured value, range or bound.
 
     Attributes:
@@ -58,14 +58,14 @@ AMPLITUDES = (0.12, 0.15, 0.20, 0.25, 0.30, 0.35, 0.39)
 VISIBLE = 10.0
 """mm/s, a tenth of the distance between two ticks in fig. 7.3: a larger difference of two curves is visible."""
 
-MEASUREMENTS: dict[str, Measurement] = {
-    "coefficient": Measurement(
+MEASUREMENTS: dict[str, ThesisMeasurement] = {
+    "coefficient": ThesisMeasurement(
         "friction", "coefficient fitted to the radius, 2 to 10 Hz", 0.58, 0.58, 0.005, "", "7.1", PRINTED
     ),
-    "window": Measurement(
+    "window": ThesisMeasurement(
         "friction", "sweep up against sweep down", -math.inf, 0.0, 0.2, "Hz", "7.1, fig. 7.2", STATED
     ),
-    "departure": Measurement(
+    "departure": ThesisMeasurement(
         "friction",
         "radius against that of the fit, rms of sliding parts",
         -math.inf,
@@ -76,38 +76,40 @@ MEASUREMENTS: dict[str, Measurement] = {
         STATED,
     ),
     **{
-        f"steady {each:.2f}": Measurement(
+        f"steady {each:.2f}": ThesisMeasurement(
             "steady", f"speed at {each:.2f} mm minus simulated", 0.0, 0.0, VISIBLE, "mm/s", "fig. 7.3", STATED
         )
         for each in AMPLITUDES
     },
-    "steady 0.08": Measurement(
+    "steady 0.08": ThesisMeasurement(
         "steady", "speed at 0.08 mm minus simulated", -math.inf, 0.0, VISIBLE, "mm/s", "fig. 7.3", STATED
     ),
-    "top": Measurement(
+    "top": ThesisMeasurement(
         "top speed", "largest speed of parts", 350.0, 350.0, 5.0, "mm/s", "abstract, table 1.1", PRINTED
     ),
-    "overshoot": Measurement("steps", "PID: overshoot", 50.0, 50.0, 5.0, "%", "7.3.2", PRINTED),
-    "excess": Measurement(
+    "overshoot": ThesisMeasurement("steps", "PID: overshoot", 50.0, 50.0, 5.0, "%", "7.3.2", PRINTED),
+    "excess": ThesisMeasurement(
         "steps", "PID: overshoot minus simulated, 'a little larger'", 0.0, 10.0, 2.0, "%", "7.3.2", STATED
     ),
-    "early": Measurement(
+    "early": ThesisMeasurement(
         "steps", "PID: position at 1 s minus simulated, 'slightly slower'", -30.0, 0.0, 15.0, "mm", "fig. 7.8", STATED
     ),
-    "peak": Measurement("steps", "PID: largest position", 400.0, 500.0, 10.0, "mm", "fig. 7.8", AXIS),
-    "fastest": Measurement("steps", "PID: largest velocity", 200.0, 300.0, 10.0, "mm/s", "fig. 7.8", AXIS),
-    "residual": Measurement("steps", "PID: rms position error, last 10 s", 6.2, 6.2, 2.0, "mm", "7.3.2", PRINTED),
-    "state early": Measurement(
+    "peak": ThesisMeasurement("steps", "PID: largest position", 400.0, 500.0, 10.0, "mm", "fig. 7.8", AXIS),
+    "fastest": ThesisMeasurement("steps", "PID: largest velocity", 200.0, 300.0, 10.0, "mm/s", "fig. 7.8", AXIS),
+    "residual": ThesisMeasurement("steps", "PID: rms position error, last 10 s", 6.2, 6.2, 2.0, "mm", "7.3.2", PRINTED),
+    "state early": ThesisMeasurement(
         "steps", "state space: position at 1 s minus simulated", 0.0, 0.0, 15.0, "mm", "fig. 7.9", STATED
     ),
-    "separated": Measurement("steps", "state space: amplitude below 0.1 mm", 1.2, 1.2, 0.1, "s", "7.3.2", PRINTED),
-    "state residual": Measurement(
+    "separated": ThesisMeasurement(
+        "steps", "state space: amplitude below 0.1 mm", 1.2, 1.2, 0.1, "s", "7.3.2", PRINTED
+    ),
+    "state residual": ThesisMeasurement(
         "steps", "state space: rms position error, last 10 s", 5.9, 26.8, 1.0, "mm", "7.3.2, two runs", PRINTED
     ),
-    "squeeze y": Measurement(
+    "squeeze y": ThesisMeasurement(
         "squeeze", "standard deviation of y after 2 s", -math.inf, 5.0, 0.5, "mm", "7.2.2", STATED
     ),
-    "squeeze heading": Measurement(
+    "squeeze heading": ThesisMeasurement(
         "squeeze", "standard deviation of the heading, median after 2 s", -math.inf, 22.5, 2.0, "deg", "7.2.2", STATED
     ),
 }

@@ -15,10 +15,10 @@ from vibgym import Surface
 
 GRAVITY = 9.81
 FRICTION = 0.6  # the thesis's design value
-LEAST_SPEED = 0.1  # m/s
-MOST_ACCELERATION = 100.0 * GRAVITY
-MOST_RADIUS = 5e-3  # m
-LEAST_AMPLITUDE = 1e-4  # m, that the prototype's elements realise
+MIN_SPEED = 0.1  # m/s
+MAX_ACCELERATION = 100.0 * GRAVITY
+MAX_RADIUS = 5e-3  # m
+MIN_AMPLITUDE = 1e-4  # m, that the prototype's elements realise
 
 
 def slides(radius: Any, rate: Any) -> Any:
@@ -28,22 +28,22 @@ def slides(radius: Any, rate: Any) -> Any:
 
 def fast_enough(radius: Any, rate: Any) -> Any:
     """Return whether the largest mean speed, 0.7 a_h w (eq. 3.41), reaches 0.1 m/s."""
-    return 0.7 * radius * rate >= LEAST_SPEED
+    return 0.7 * radius * rate >= MIN_SPEED
 
 
 def light_enough(radius: Any, rate: Any) -> Any:
     """Return whether the centripetal acceleration ``a_h w^2`` is below 100 g."""
-    return radius * rate**2 < MOST_ACCELERATION
+    return radius * rate**2 < MAX_ACCELERATION
 
 
 def narrow_enough(radius: Any, rate: Any) -> Any:
     """Return whether the table moves by at most 5 mm, for the transfer of parts to adjacent machines."""
-    return (radius <= MOST_RADIUS) & (rate > 0.0)
+    return (radius <= MAX_RADIUS) & (rate > 0.0)
 
 
 def realisable(radius: Any, rate: Any) -> Any:
     """Return whether the lift-off amplitude ``g / w^2`` is at least 0.1 mm, the smallest that actuators realise."""
-    return (GRAVITY / rate**2 >= LEAST_AMPLITUDE) & (radius > 0.0)
+    return (GRAVITY / rate**2 >= MIN_AMPLITUDE) & (radius > 0.0)
 
 
 class Condition(NamedTuple):
@@ -82,7 +82,7 @@ def draw() -> Figure:
     slide = own[0] * own[1] ** 2 / (2.0 * FRICTION * GRAVITY)
     low, high = frequencies(own[0])
     speed = float(ratio_map(np.array([own[0]]), np.array([surface.frequency]), FRICTION)[0, 0]) * surface.table_speed
-    heaviest = math.sqrt(MOST_ACCELERATION / own[0]) / (2.0 * math.pi)
+    heaviest = math.sqrt(MAX_ACCELERATION / own[0]) / (2.0 * math.pi)
     return Figure(
         title="Fig. 6.1: admissible amplitudes and frequencies of a machine",
         shows="The thesis shades, over horizontal amplitude (1 um to 1 m) and rate (10 to 10 000 rad/s), where each "

@@ -17,7 +17,7 @@ from vibgym import Part, Simulator, Surface, checks
 STEPS = 240
 """Runge-Kutta steps per period; the error of the steady velocity is below 1e-6 for ratios up to 0.4 (see the test)."""
 
-MOST_NEWTON = 40
+MAX_NEWTON = 40
 TOLERANCE = 1e-9  # relative to the change by friction in a period
 
 
@@ -60,7 +60,7 @@ def steady(ratio: Any, share: Any, phase: Any, steps: int = STEPS) -> np.ndarray
     start = 0.7 * share[:, None] * np.column_stack([-np.sin(phase), -np.cos(phase)])
     nearby = np.array([[0.0, 0.0], [1e-6, 0.0], [0.0, 1e-6]])[:, None]
     ratios, shares, phases = (np.tile(each, 3) for each in (ratio, share, phase))
-    for _ in range(MOST_NEWTON):
+    for _ in range(MAX_NEWTON):
         ends, means = _period((start + nearby).reshape(-1, 2), ratios, shares, phases, steps)
         images = ends.reshape(3, -1, 2)
         change = images[0] - start

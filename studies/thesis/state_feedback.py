@@ -94,7 +94,7 @@ class StateSpaceLaw(Law):
         return StateSpaceMemory(Estimate(*np.zeros((2, *shape, 3))), np.zeros(shape, dtype=bool))
 
     def wanted(
-        self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: StateSpaceMemory
+        self, measured: Measured, displacement: np.ndarray, heading_error: np.ndarray, memory: StateSpaceMemory
     ) -> tuple[np.ndarray, StateSpaceMemory]:
         """See :meth:`vibgym.policies.classical.law.Law.wanted`."""
         position = self._position(measured, memory)
@@ -102,7 +102,7 @@ class StateSpaceLaw(Law):
         estimate = Estimate(
             np.where(known, memory.estimate.position, position), np.where(known, memory.estimate.velocity, 0.0)
         )
-        target = position + np.concatenate([way, turn[..., None]], axis=-1)
+        target = position + np.concatenate([displacement, heading_error[..., None]], axis=-1)
         return feedback(target, estimate), StateSpaceMemory(estimate, np.ones_like(memory.known))
 
     def applied(self, measured: Measured, acceleration: np.ndarray, memory: StateSpaceMemory) -> StateSpaceMemory:

@@ -10,7 +10,7 @@ from studies.tilting import against_planar, closed_forms, energy, releases
 from vibgym import checks
 
 STUDIES = {
-    "kick": releases.kick,
+    "impulse": releases.impulse,
     "landing": releases.landing,
     "fields": against_planar.fields,
     "means": against_planar.means,

@@ -1,9 +1,9 @@
-"""Parts released with a tilt on level ground: the equivalent kick of planar models, and landing times.
+"""Parts released with a tilt on level ground: the equivalent impulse of planar models, and landing times.
 
-``python -m studies.tilting kick``: fit a kick of spin and velocity that gives a planar part the same deviations of heading and
-position after a second, and at most the spin after two periods, when all parts have landed. The planar model gives the effect
-of unit kicks; the rest of the heading's deviation is an instantaneous rotation. Deviations are printed per root of a degree, as
-in :mod:`vibgym.physics.planar.kick`.
+``python -m studies.tilting impulse``: fit an impulse of spin and velocity that gives a planar part the same deviations of
+heading and position after a second, and at most the spin after two periods, when all parts have landed. The planar model
+gives the effect of unit impulses; the rest of the heading's deviation is an instantaneous rotation. Deviations are printed
+per root of a degree, as in :mod:`vibgym.physics.planar.impulse`.
 
 ``python -m studies.tilting landing``: landing times and spreads of heading against the stored figures of the compliant
 reference (:mod:`studies.accuracy.rigid`), whose spreads are accurate to a tenth (48 starts per case). The reference has 113
@@ -69,13 +69,13 @@ def release(part: Part, tilt: float, share: float, worlds: int, periods: int, se
     return follow(tipped, calm, share, rng.uniform(-math.pi, math.pi), periods)
 
 
-def kicked(part: Part, kick: np.ndarray, share: float) -> Track:
-    """Return the effect of a kick (velocity x and y, spin) on a part of the planar model."""
+def after_impulse(part: Part, impulse: np.ndarray, share: float) -> Track:
+    """Return the effect of an impulse (velocity x and y, spin) on a part of the planar model."""
     pose, velocity = starts(part, 1, np.random.default_rng(0))
-    struck, calm = (Simulator(SURFACE, part) for _ in range(2))
+    disturbed, calm = (Simulator(SURFACE, part) for _ in range(2))
     calm.reset(pose, velocity)
-    struck.reset(pose, velocity + kick)
-    return follow(struck, calm, share, 1.0, LATER)
+    disturbed.reset(pose, velocity + impulse)
+    return follow(disturbed, calm, share, 1.0, LATER)
 
 
 def follow(disturbed: Simulator, calm: Simulator, share: float, phase: float, periods: int) -> Track:
@@ -90,7 +90,7 @@ def follow(disturbed: Simulator, calm: Simulator, share: float, phase: float, pe
     return Track(*(np.array(each) for each in zip(*found, strict=True)))
 
 
-# -- kick --------------------------------------------------------------------------------------------------------------
+# -- impulse --------------------------------------------------------------------------------------------------------------
 
 
 def deviations(part: Part, tilt: float, share: float, worlds: int) -> tuple[float, float, float, float]:
@@ -101,18 +101,18 @@ def deviations(part: Part, tilt: float, share: float, worlds: int) -> tuple[floa
 
 
 def transfer(part: Part, share: float) -> tuple[float, float, float]:
-    """Return the effect of unit kicks, measured with small ones: share of the spin after landing, heading after a second, and
-    displacement (m) after a second by a kick of 1 m/s."""
-    spin = kicked(part, np.array([0.0, 0.0, 0.1]), share)
-    push = kicked(part, np.array([0.01, 0.0, 0.0]), share)
+    """Return the effect of unit impulses, from small ones: share of the spin after landing, heading after a second, and
+    displacement (m) after a second by an impulse of 1 m/s."""
+    spin = after_impulse(part, np.array([0.0, 0.0, 0.1]), share)
+    push = after_impulse(part, np.array([0.01, 0.0, 0.0]), share)
     kept, turned = float(spin.spin[LANDED - 1, 0]) / 0.1, float(spin.heading[-1, 0]) / 0.1
     return kept, turned, float(np.hypot(*push.way[-1, 0])) / 0.01
 
 
-def kick(worlds: int = 400) -> None:
-    """Print the table and the deviations of the kick per root of a degree."""
+def impulse(worlds: int = 400) -> None:
+    """Print the table and the deviations of the impulse per root of a degree."""
     print(
-        "part, amplitude, tilt | spin at 80 ms, heading then, heading at 1 s, place at 1 s | kick: spin, velocity, heading"
+        "part, amplitude, tilt | spin at 80 ms, heading then, heading at 1 s, place at 1 s | impulse: spin, velocity, heading"
     )
     rows = []
     for name in reversed(BLOCKS):

@@ -25,7 +25,7 @@ class Weak(Actuators):
     def realise(self, phasors):
         phasors *= self.share[:, :, None, None]
 
-    def own_state(self):
+    def custom_state(self):
         return {"share": self.share}
 
 

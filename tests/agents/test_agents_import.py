@@ -43,7 +43,7 @@ mine/{name}-v0:
     worlds: 4
     steps: 64
     ppo: {{n_steps: 8, batch_size: 16, n_epochs: 1, net: [8], critic_net: [8]}}
-    judging: {{episodes: 3, every: 32}}
+    selection: {{episodes: 3, every: 32}}
 """
 
 
@@ -65,7 +65,7 @@ def test_a_package_of_one_s_own_is_trained_on_and_judged(brought, tmp_path):
     arguments = ["train", "mine.yaml", "--agent", f"{name}/plain", "--output", "run", "--quiet", "--import", package]
     assert command.main(arguments) == 0
     record = json.loads((tmp_path / "run" / "policy.json").read_text())
-    assert record["training"]["settings"]["task"] == f"mine/{name}-v0" and imports.taking_part() == (package,)
+    assert record["training"]["settings"]["task"] == f"mine/{name}-v0" and imports.user_modules() == (package,)
     assert (tmp_path / "run" / "curve.csv").read_text().count("\n") == 3
 
 
@@ -77,7 +77,7 @@ def knows(name):
 
 def test_workers_and_evaluations_take_it_over(brought, monkeypatch):
     name, package = brought
-    imports.take_part([package])
+    imports.import_user_modules([package])
     monkeypatch.setattr(parallel, "available_threads", lambda: 2)
     assert parallel.run(knows, [(name,)] * 2, workers=2) == [True, True]
     info: Any = None  # is not asked for

@@ -77,8 +77,8 @@ def test_trainings_share_no_start(kind, settings, count, tmp_path, resets):
 
 @pytest.mark.parametrize("agent", ["Align/ideal", "Sort/ideal"])
 def test_reports_by_default_have_no_episode_that_selected_a_checkpoint(agent):
-    judging = load_settings(ROOT / "configs/agents/ppo.yaml", agent, 0).judging
-    selected = range(judging.first_seed, judging.first_seed + judging.episodes)
+    selection = load_settings(ROOT / "configs/agents/ppo.yaml", agent, 0).selection
+    selected = range(selection.first_seed, selection.first_seed + selection.episodes)
     reported = EvaluationSettings.load(ROOT / "configs/evaluations/report.yaml").seed_list(agent.partition("/")[0])
     assert len(reported) >= 100 and not set(selected) & set(reported)
     assert not set(selected) & set(EvaluationSettings.checked({"tasks": ["Align"], "policies": ["zero"]}).seed_list())
@@ -88,8 +88,8 @@ PLAYED = {"tasks": ["Align"], "policies": ["zero"], "episodes": 10}
 RECORDED = {"dataset": "vibgym/align/pose-v0", "task": "Align", "policy": "pose", "episodes": 10}
 TUNED = {**STAGED, "tuning": {"space": {"ppo.n_epochs": [1, 2]}}}
 OUTSIDE = {
-    "train": (STAGED, {"judging": {"first_seed": 100_000}}, "judging.first_seed", "selection", "100000 (evaluation)"),
-    "tune": (TUNED, {"judging": {"first_seed": 300_000}}, "judging.first_seed", "selection", "300000 (held_out)"),
+    "train": (STAGED, {"selection": {"first_seed": 100_000}}, "selection.first_seed", "selection", "100000 (evaluation)"),
+    "tune": (TUNED, {"selection": {"first_seed": 300_000}}, "selection.first_seed", "selection", "300000 (held_out)"),
     "evaluate": (PLAYED, {"first_seed": 300_000}, "evaluation.first_seed", "evaluation", "300000 (held_out)"),
     "compare": (PLAYED, {"first_seed": 299_995}, "comparison.first_seed", "evaluation", "to 300004 (held_out)"),
     "score": (PLAYED | {"training_steps": 1}, {"first_seed": 100_000}, "suite.first_seed", "held_out", "(evaluation)"),
@@ -145,7 +145,7 @@ def test_results_of_any_seeds_are_read():
         assert EvaluationSettings.stored({**record["settings"], "first_seed": first}).seed_list()[0] == first
 
 
-@pytest.mark.parametrize("name, steps, worlds", [("train_ppo", 4096, 128), ("own_reward_sac", 320, 32)])
+@pytest.mark.parametrize("name, steps, worlds", [("train_ppo", 4096, 128), ("custom_reward_sac", 320, 32)])
 def test_examples_evaluate_on_episodes_that_they_have_not_trained_on(name, steps, worlds, monkeypatch, resets):
     monkeypatch.setattr(sys, "argv", [name, str(steps)])
     runpy.run_path(str(ROOT / f"examples/{name}.py"))

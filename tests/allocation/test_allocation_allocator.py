@@ -18,18 +18,18 @@ from vibgym.allocation.allocator import INVERSES, MARGIN, Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.allocation.projections import DAMPING, SPREAD
 
-LEAST = 0.25
+MIN = 0.25
 THERE = np.ones((1, 1), dtype=bool)
 
 
-def sheet(least=LEAST, most=1.0, form="hard"):
+def sheet(least=MIN, most=1.0, form="hard"):
     """Return an allocator for elements with these smallest and largest amplitudes, over the surface's largest."""
     largest = SURFACE.max_amplitude
     width = least / (1.0 + MARGIN) if form == "hard" else least
     return DataSheet(most * largest, dead_zone=width * largest, dead_zone_form=form)
 
 
-def allocator(*parts, least=LEAST, most=1.0):
+def allocator(*parts, least=MIN, most=1.0):
     return Allocator(SURFACE, parts, sheet(least, most))
 
 
@@ -102,7 +102,7 @@ def test_near_optimal_on_few_elements(size):
         push = allocator(part).pushes(pose[None], THERE, wanted[None, None])[0]
         assert len(cut((part,), pose)[1]) == 2
         found.append(error((part,), pose, push, wanted[None])[1])
-        best.append(brute_force((part,), pose, wanted, np.linspace(LEAST, 1.0, 7)))
+        best.append(brute_force((part,), pose, wanted, np.linspace(MIN, 1.0, 7)))
     found, best = np.sqrt(found), np.sqrt(best)
     assert np.median(found / best) < 1.05 and (found < best + 0.02).all()
 
@@ -116,7 +116,7 @@ def test_small_pushes_pass_the_dead_zone():
     wanted = np.array([target(0.1, *each) for each in generator.uniform([-1, 0], [1, 6], (60, 2))])
     for maker, errors in ((allocator(ALUMINIUM), aware), (allocator(ALUMINIUM, least=0.0), plain)):
         push = maker.pushes(pose[:, None], there, wanted[:, None])
-        push[np.hypot(push[..., 0], push[..., 1]) < LEAST * (1.0 - 1e-9)] = 0.0  # loss in the dead zone
+        push[np.hypot(push[..., 0], push[..., 1]) < MIN * (1.0 - 1e-9)] = 0.0  # loss in the dead zone
         errors += [
             np.linalg.norm(error((ALUMINIUM,), p[None], u, w)[0]) for p, u, w in zip(pose, push, wanted, strict=True)
         ]
@@ -221,8 +221,8 @@ def test_soft_dead_zones_are_compensated(form):
     requested = allocator(STEEL, least=0.0).actions(pose, THERE, wanted).reshape(shape)
     length = np.hypot(commanded[..., 0], commanded[..., 1])[..., None]
     power = {"soft": 1, "cubic": 2}[form]
-    assert length[length > 0.0].min() < LEAST < length.max()
-    realised = np.where(length < LEAST, (length / LEAST) ** power, 1.0) * commanded
+    assert length[length > 0.0].min() < MIN < length.max()
+    realised = np.where(length < MIN, (length / MIN) ** power, 1.0) * commanded
     assert realised == pytest.approx(requested, abs=1e-6)
 
 
@@ -327,7 +327,7 @@ def test_actions_overwrite_the_memory_given():
     generator = np.random.default_rng(4)
     pose = np.stack([generator.uniform([0.1, 0.05, -3.0], [0.7, 0.15, 3.0]) for _ in range(9)])[:, None]
     wanted, there = generator.uniform(-1.0, 1.0, (9, 1, 3)), np.ones((9, 1), dtype=bool)
-    for least in (0.0, LEAST):
+    for least in (0.0, MIN):
         one = allocator(ALUMINIUM, least=least)
         memory = np.full((9, 2 * SURFACE.rows * SURFACE.columns), np.nan, dtype=np.float32)
         assert one.actions(pose, there, wanted, out=memory) is memory

@@ -11,11 +11,11 @@ from vibgym import Part
 from vibgym.bounds import FlowBound, PushBound, SeveralBound, TimeBound
 from vibgym.bounds.programme import moves
 from vibgym.bounds.several import MARGIN, _fitting, bottleneck, most_power
-from vibgym.bounds.tables import FREE_END, Hold, fewest_periods, way_reach
+from vibgym.bounds.tables import FREE_END, Hold, displacement_reach, fewest_periods
 from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import rollout
 
-MOST = SURFACE.full_scale / SURFACE.angular_frequency**2
+MAX = SURFACE.full_scale / SURFACE.angular_frequency**2
 ASKED = {"position_tolerance": 0.002, "heading_tolerance": math.radians(3.0), "heading_period": math.pi}
 DISC = Part.disc(0.015, friction=0.58)
 
@@ -69,7 +69,7 @@ def test_power_is_what_a_part_gains_in_a_period():
         moves(*drive, np.cos(at), np.sin(at), velocity + idle, phasor, way, after)
         gained = ((after - idle) ** 2).sum(axis=-1) - (velocity**2).sum(axis=-1)[:, None]
         gains.append(gained.max() / (2.0 * SURFACE.period))
-    power = most_power(SURFACE, 0.58, MOST)
+    power = most_power(SURFACE, 0.58, MAX)
     assert steps == 24 and np.mean(gains) == pytest.approx(power, rel=0.02)
     assert max(gains) <= (1.0 + MARGIN) * power
 
@@ -78,7 +78,7 @@ def test_pushing_is_bounded_by_energy():
     bound = PushBound(SURFACE, ALUMINIUM, [DISC, DISC], **ASKED)
     speed = bound.top_speed
     drag = ALUMINIUM.friction * SURFACE.gravity / (2.0 * SURFACE.table_speed)
-    power = 2.0 * DISC.mass * (1.0 + MARGIN) * most_power(SURFACE, DISC.friction, MOST)
+    power = 2.0 * DISC.mass * (1.0 + MARGIN) * most_power(SURFACE, DISC.friction, MAX)
     assert drag * ALUMINIUM.mass * speed**2 == pytest.approx(power)  # dissipation at this speed
     start, touching = np.zeros((1, 3)), np.zeros((1, 2))
     far = start + [[0.002 + 1.0, 0.0, 0.0]]
@@ -90,14 +90,14 @@ def test_pushing_is_bounded_by_energy():
 
 
 def flow(parts=4, **settings):
-    given = {"kind": [0, 1] * (parts // 2), "way": [0.7] * parts, "headway": 7, "periods": 1200, **settings}
+    given = {"kind": [0, 1] * (parts // 2), "displacement": [0.7] * parts, "headway": 7, "periods": 1200, **settings}
     return FlowBound(SURFACE, [STEEL, ALUMINIUM] * (parts // 2), **given)
 
 
 def test_flow_is_limited_by_slots_and_gates():
     assert [_fitting(n, 7) for n in (0, 1, 7, 8, 14, 15)] == [0, 1, 1, 2, 2, 3]
     transits = [
-        int(fewest_periods(way_reach(SURFACE, part.friction, MOST, FREE_END, Hold(1, 1)), np.array([0.7]))[0])
+        int(fewest_periods(displacement_reach(SURFACE, part.friction, MAX, FREE_END, Hold(1, 1)), np.array([0.7]))[0])
         for part in (STEEL, ALUMINIUM)
     ]
     assert 0.7 / 0.31 < 0.04 * min(transits) < 0.7 / 0.29
@@ -106,7 +106,7 @@ def test_flow_is_limited_by_slots_and_gates():
     assert flow().most == 2 * sum(passes) and flow(8).most == 4 * sum(passes)
     assert flow().per_minute == pytest.approx(60.0 * flow().most / 48.0)
     assert flow(100).most == 2 * (1 + 1199 // 7)  # the gates'
-    assert flow(amplitude=0.5 * MOST).most < flow().most and math.isnan(flow(periods=0).per_minute)
+    assert flow(amplitude=0.5 * MAX).most < flow().most and math.isnan(flow(periods=0).per_minute)
 
 
 @pytest.mark.parametrize(("task", "policy"), [("Feed", "lanes"), ("Feed", "random"), ("FeedHeaps", "lanes")])
@@ -140,7 +140,7 @@ def test_no_policy_is_faster(task, policy):
     (lambda: PushBound(SURFACE, Part.disc(0.02, friction=0.0), [DISC], **ASKED), "part"),
     *((lambda each=each: PushBound(SURFACE, ALUMINIUM, [DISC], **{**ASKED, **each}), next(iter(each))) for each in (
         {"periods_per_step": 0}, {"latency": -1}, {"hold": 0}, {"heading_tolerance": -1.0}, {"heading_period": math.nan},
-        {"amplitude": 2.0 * MOST}, {"position_tolerance": 0.0},
+        {"amplitude": 2.0 * MAX}, {"position_tolerance": 0.0},
     )),
     (lambda: PushBound(None, ALUMINIUM, [DISC], **ASKED), "surface"),
     (lambda: PushBound(SURFACE, ALUMINIUM, [DISC, "disc"], **ASKED), "pushers\\[1\\]"),
@@ -149,7 +149,7 @@ def test_no_policy_is_faster(task, policy):
     (lambda: FlowBound(SURFACE, [3], [0], [0.1], 7, 100), "parts\\[0\\]"),
     (lambda: flow(periods_per_step=0), "periods_per_step"),
     (lambda: flow(headway=-1), "headway"),
-    (lambda: flow(way=[0.1]), None),
+    (lambda: flow(displacement=[0.1]), None),
     (lambda: flow(kind=[0, 1]), "kind"),
 ])  # fmt: skip
 def test_bad_arguments(make, named):

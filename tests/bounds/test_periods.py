@@ -11,7 +11,7 @@ from vibgym.bounds.programme import moves, turns
 from vibgym.bounds.tables import sample, scratch_for, turner_for
 from vibgym.physics.core.drive import cartesian_drive
 
-MOST = SURFACE.max_amplitude
+MAX = SURFACE.max_amplitude
 
 
 def advanced(part, pose, velocity, c, s):
@@ -45,7 +45,7 @@ def test_displacements_agree_with_the_simulator():
 @pytest.mark.parametrize("part", [ALUMINIUM, STEEL])
 def test_rotations_agree_with_the_simulator_and_are_hard_to_beat(part):
     random = np.random.default_rng(6)
-    turner = turner_for(SURFACE, part.friction, part.gyration, MOST, sample(part, SURFACE.element_size))
+    turner = turner_for(SURFACE, part.friction, part.gyration, MAX, sample(part, SURFACE.element_size))
     scratch, side = scratch_for(turner), 2 * turner.reach + 1
     n, tries = 12, 40
     pose = np.column_stack([np.tile([0.416, 0.104], (n, 1)), random.uniform(0.0, math.pi / 2, n)])

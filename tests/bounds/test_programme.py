@@ -6,16 +6,16 @@ import pytest
 from vibgym.bounds.programme import Moves, best, furthest, interpolated, overshoots
 
 PERIOD, STRONGEST = 0.04, 2.5  # s, m/s^2
-KICK = STRONGEST * PERIOD  # m/s
+IMPULSE = STRONGEST * PERIOD  # m/s
 
 
 @pytest.fixture(scope="module")
 def integrator():
-    """A double integrator: speeds in steps of a quarter kick along the second axis, the same along the first one."""
-    speed = np.arange(-8, 41) * KICK / 4.0
+    """A double integrator: speeds in steps of a quarter impulse along the second axis, the same along the first one."""
+    speed = np.arange(-8, 41) * IMPULSE / 4.0
     push = np.linspace(-1.0, 1.0, 9) * STRONGEST
     gain = PERIOD * speed[:, None] + 0.5 * PERIOD**2 * push
-    after = (speed[:, None] + PERIOD * push - speed[0]) / (KICK / 4.0)
+    after = (speed[:, None] + PERIOD * push - speed[0]) / (IMPULSE / 4.0)
     gain = np.broadcast_to(gain, (5, *gain.shape)).copy()
     reached = np.stack(
         [np.broadcast_to(np.arange(5.0)[:, None, None], gain.shape), np.broadcast_to(after, gain.shape)], -1
@@ -23,17 +23,17 @@ def integrator():
     return Moves(gain, np.ascontiguousarray(reached), False)
 
 
-@pytest.mark.parametrize("kicks", [0, 1, 3, 6])
-def test_braking_distance_is_the_known_one(integrator, kicks):
+@pytest.mark.parametrize("impulses", [0, 1, 3, 6])
+def test_braking_distance_is_the_known_one(integrator, impulses):
     found = overshoots(integrator, 10, 1)
-    np.testing.assert_allclose(found[:, 8 + 4 * kicks], (kicks * KICK) ** 2 / (2.0 * STRONGEST), atol=1e-12)
+    np.testing.assert_allclose(found[:, 8 + 4 * impulses], (impulses * IMPULSE) ** 2 / (2.0 * STRONGEST), atol=1e-12)
 
 
 def test_only_instants_count(integrator):
     # One sample needs no braking; the second of two, three periods apart, follows three periods of braking.
     fast = 8 + 4 * 8
     assert not overshoots(integrator, 1, 5).any()
-    passed = 8 * KICK * 3 * PERIOD - 0.5 * STRONGEST * (3 * PERIOD) ** 2
+    passed = 8 * IMPULSE * 3 * PERIOD - 0.5 * STRONGEST * (3 * PERIOD) ** 2
     np.testing.assert_allclose(overshoots(integrator, 2, 3)[2, fast], passed, atol=1e-12)
 
 
@@ -42,7 +42,7 @@ def test_half_the_time_is_braking(integrator, half):
     # At the end the part may have half a velocity step left: it reverses within a period, between the samples.
     # So of 2 n pushes, n are full ones ahead, one is half a push back and n - 1 are full ones back.
     value = furthest(integrator, overshoots(integrator, 12, 1), 0.0, 100.0, 2 * half)
-    np.testing.assert_allclose(value[2 * half][:, 8], KICK * PERIOD * (half**2 + half / 2 - 0.25), rtol=1e-9)
+    np.testing.assert_allclose(value[2 * half][:, 8], IMPULSE * PERIOD * (half**2 + half / 2 - 0.25), rtol=1e-9)
 
 
 def test_overshoot_increases_the_reach_and_prices_relax_the_bound(integrator):

@@ -14,16 +14,16 @@ from vibgym.bounds.tables import (
     SHARES,
     WEIGHTS,
     Hold,
+    displacement_reach,
+    displacement_values,
     sample,
     scratch_for,
     turn_values,
     turner_for,
-    way_reach,
-    way_values,
 )
 from vibgym.physics.core.drive import cartesian_drive, polar_drive
 
-MOST = SURFACE.max_amplitude
+MAX = SURFACE.max_amplitude
 HOLD = Hold(10, 1)
 ALIGN = {
     "position_tolerance": 0.002, "heading_tolerance": math.radians(3.0), "heading_period": math.pi
@@ -37,7 +37,7 @@ def bound(**settings):
 
 def test_every_period_of_a_long_way_adds_the_top_speed():
     # 0.30438 m/s: the steady velocity at full amplitude, known from an independent integration (docs/accuracy.md).
-    pace = way_reach(SURFACE, 0.6, MOST, 0.005, HOLD).pace / SURFACE.period
+    pace = displacement_reach(SURFACE, 0.6, MAX, 0.005, HOLD).pace / SURFACE.period
     assert 0.30438 * 0.9995 <= pace <= 0.30438 * 1.002
 
 
@@ -66,7 +66,7 @@ def test_bound_is_monotone_in_distance_and_amplitude():
     both = bound().steps(START, START + np.column_stack([way, 0.0 * way, turn]))
     assert (np.diff(by_way) >= 0).all() and (np.diff(by_turn) >= 0).all()
     np.testing.assert_array_equal(both, np.maximum(by_way, by_turn))
-    weak = bound(amplitude=0.5 * MOST).steps(START, START + np.column_stack([way, 0.0 * way, 0.0 * way]))
+    weak = bound(amplitude=0.5 * MAX).steps(START, START + np.column_stack([way, 0.0 * way, 0.0 * way]))
     assert (weak >= by_way).all() and (weak > by_way).mean() > 0.9
 
 
@@ -97,7 +97,7 @@ def test_random_search_does_not_exceed_the_bound(direction):
     # Equal elements under one part: random changes of six periods' phases are kept where they help.
     random, worlds, periods, tolerance = np.random.default_rng(1), 160, 6, 0.005
     axes = np.array([[math.cos(direction), math.sin(direction)], [-math.sin(direction), math.cos(direction)]])
-    values = way_values(SURFACE, ALUMINIUM.friction, MOST, tolerance, HOLD, direction)
+    values = displacement_values(SURFACE, ALUMINIUM.friction, MAX, tolerance, HOLD, direction)
     idle = SURFACE.idle_velocity(ALUMINIUM.friction)
     simulator = Simulator(SURFACE, ALUMINIUM, worlds=worlds)
 
@@ -105,7 +105,7 @@ def test_random_search_does_not_exceed_the_bound(direction):
         """Return the displacement at the start of the hold, minus the price of excess speed."""
         simulator.reset([0.416, 0.104, 0.0], [*idle, 0.0])
         for phase in phases:
-            simulator.run(polar_drive(np.full((worlds, 8, 32), MOST), phase, SURFACE.angular_frequency), 1)
+            simulator.run(polar_drive(np.full((worlds, 8, 32), MAX), phase, SURFACE.angular_frequency), 1)
         speed = (simulator.velocity[:, 0, :2] - idle) @ axes.T
         return (simulator.pose[:, 0, :2] - [0.416, 0.104]) @ axes[0] + values.at(0, speed)
 
@@ -117,7 +117,7 @@ def test_random_search_does_not_exceed_the_bound(direction):
         now = way(other)
         better = now > got
         got[better], phases[:, better] = now[better], other[:, better]
-    table = way_reach(SURFACE, ALUMINIUM.friction, MOST, tolerance, HOLD)
+    table = displacement_reach(SURFACE, ALUMINIUM.friction, MAX, tolerance, HOLD)
     assert table.periods(np.array([direction]), got.max(keepdims=True))[0] == periods
     assert table.periods(np.array([direction]), 1.03 * got.max(keepdims=True))[0] == periods + 1
 
@@ -127,8 +127,8 @@ def test_the_programme_s_own_policy_turns_nearly_as_far_in_the_simulator():
     random, worlds, periods = np.random.default_rng(3), 10, 6
     points = sample(ALUMINIUM, SURFACE.element_size)
     known = SURFACE, ALUMINIUM.friction, ALUMINIUM.gyration, True, points.tobytes()
-    values = turn_values(*known, MOST, math.radians(2.0), HOLD)
-    turner = turner_for(SURFACE, ALUMINIUM.friction, ALUMINIUM.gyration, MOST, points)
+    values = turn_values(*known, MAX, math.radians(2.0), HOLD)
+    turner = turner_for(SURFACE, ALUMINIUM.friction, ALUMINIUM.gyration, MAX, points)
     scratch, side = scratch_for(turner), 2 * turner.reach + 1
     pose = np.column_stack([random.uniform(0.40, 0.426, worlds), random.uniform(0.09, 0.116, worlds)])
     pose = np.column_stack([pose, random.uniform(0.0, math.pi / 2, worlds)])

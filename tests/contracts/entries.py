@@ -86,7 +86,7 @@ OTHERS: dict[str, tuple[str, dict[str, Any]]] = {
         "vibgym/SortCrowded-v0",
         {"model": {"kind": "planar", "contacts": "pymunk"}, "randomize": {"mass": [0.5, 2]}, "walls": ["top"]},
     ),
-    "contacts reported": ("vibgym/PushAny-v0", {"sensor": {"kind": "ideal", "tell": ["contacts"]}, "observation": "parts"}),
+    "contacts reported": ("vibgym/PushAny-v0", {"sensor": {"kind": "ideal", "report": ["contacts"]}, "observation": "parts"}),
     "slots": (SEVERAL, {"slots": 7, "observation": "parts", "randomize": {"parts": [2, 6]}, "sensor": "pose"}),
     "a crowd in an image": ("vibgym/SortCrowded-v0", {"action": "patch", "observation": "image", "walls": ["top"]}),
     "off a small table": ("vibgym/Transport-v0", {"surface": {"rows": 3, "columns": 4}, "observation": "image"}),
@@ -106,7 +106,7 @@ OTHERS: dict[str, tuple[str, dict[str, Any]]] = {
     "a statistical camera": (ONE, {"sensor": {"kind": "camera", "statistical": True, "delay": 1}, "observation": "camera"}),
     "every effect": (
         ONE, {"sensor": {"kind": "shifted", "bias": 1e-4, "dropout": 0.2, "noise": 1e-4, "drift": 0.01, "jitter": 1e-4,
-                         "delay": 2, "estimator": "kalman", "tell": ["age", "sigma"]}},
+                         "delay": 2, "estimator": "kalman", "report": ["age", "sigma"]}},
     ),
     "three paths": (MOVING, {"action": "patch", "parts": ["steel_block", "aluminium_block", "steel_block"]}),
     "a path along": (MOVING, {"paths": {"heading": "along"}, "sensor": MODELLED, "actuators": "prototype"}),
@@ -137,7 +137,7 @@ PLACES = {
         (SEVERAL, {"sensor": {"kind": name, "delay": 3}, "periods_per_step": 2, "walls": ["left"]}),
     ],
     "estimator": lambda name: [
-        (ONE, {"sensor": {**SENSOR, "estimator": name, "tell": ["age", "sigma"]}, "actuators": MACHINE}),
+        (ONE, {"sensor": {**SENSOR, "estimator": name, "report": ["age", "sigma"]}, "actuators": MACHINE}),
         (SEVERAL, {"sensor": {**SENSOR, "estimator": name}, "actuators": MACHINE, "periods_per_step": 3}),
     ],
 }

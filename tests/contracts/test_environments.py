@@ -201,8 +201,13 @@ def test_actions_are_accepted_flat_or_shaped_and_clipped(entry):
         env = scene.single()
         shape = env.unwrapped.action_shape
         assert env.action_space == gym.spaces.Box(-1.0, 1.0, (math.prod(shape),), np.float32)
-        wild = actions_for(env, 1, most=3.0)[0].reshape(shape)
-        forms = [np.clip(wild, -1, 1).ravel(), np.clip(wild, -1, 1), wild.tolist(), 1e3 * wild.astype(float) / 1e3]
+        unclipped = actions_for(env, 1, most=3.0)[0].reshape(shape)
+        forms = [
+            np.clip(unclipped, -1, 1).ravel(),
+            np.clip(unclipped, -1, 1),
+            unclipped.tolist(),
+            1e3 * unclipped.astype(float) / 1e3,
+        ]
         results = []
         for form in forms:
             env.reset(seed=3)
@@ -210,14 +215,14 @@ def test_actions_are_accepted_flat_or_shaped_and_clipped(entry):
         for result in results[1:]:
             assert_same(result, results[0])
         env.reset(seed=3)
-        ends = env.step(np.sign(wild))
+        ends = env.step(np.sign(unclipped))
         env.reset(seed=3)
-        assert_same(env.step(wild.astype(np.float64) * 1e300), ends)
+        assert_same(env.step(unclipped.astype(np.float64) * 1e300), ends)
         many = scene.batch(2)
         many.reset(seed=3)
-        given = np.stack([wild, wild])
+        given = np.stack([unclipped, unclipped])
         together = many.step(given)
-        assert (given == wild).all()  # the caller's array is left alone
+        assert (given == unclipped).all()  # the caller's array is left alone
         many.reset(seed=3)
         assert_same(many.step(given.reshape(2, -1)), together)
 

@@ -138,7 +138,7 @@ def test_laws_compute_batches_row_by_row(name, scene):
         wants = []
         for k, chosen in enumerate(worlds):
             measured = Measured.of(seen[chosen], info)
-            want, memory = law.wanted(measured, measured.way, measured.turn, memories[k])
+            want, memory = law.wanted(measured, measured.displacement, measured.heading_error, memories[k])
             assert want.shape == (*measured.present.shape, 3)
             memories[k] = law.applied(measured, 0.5 * np.nan_to_num(want), memory)
             wants.append(want)

@@ -46,7 +46,7 @@ CASES = [
 @pytest.mark.parametrize("name, source", CASES)
 def test_a_reward_is_the_mean_over_parts(monkeypatch, name, source):
     settings = ENVIRONMENTS[name][1]
-    cls, flows = TASKS[settings["task"]], settings["task"] == "Feed"
+    cls, continuous_feed = TASKS[settings["task"]], settings["task"] == "Feed"
     monkeypatch.setattr(TASKS, "_items", {**TASKS._items, "Custom": custom(cls)})
     env = gym.make_vec(f"vibgym/{name}-v0", num_envs=WORLDS, action="phasor", **GIVEN[source]).unwrapped
     parts = len(settings.get("parts") or cls.DEFAULT_PARTS)
@@ -65,10 +65,10 @@ def test_a_reward_is_the_mean_over_parts(monkeypatch, name, source):
         if k == FALL and core is not None:
             core.simulator.state.pose[0, np.flatnonzero(core.episode.present[0])[0], :2] = 0.4, -0.01
         _, reward, *_, info = env.step(action)
-        terms = check(reward, info, present.sum(axis=1), () if flows else ("fallen",))
-        if k > FALL and core is not None and not flows:
+        terms = check(reward, info, present.sum(axis=1), () if continuous_feed else ("fallen",))
+        if k > FALL and core is not None and not continuous_feed:
             present[0] = True  # a new episode
-        assert not any(values[~info["parts"]["present"]].any() for values in terms.values()) or flows
+        assert not any(values[~info["parts"]["present"]].any() for values in terms.values()) or continuous_feed
         seen.append(reward)
         falls.append(terms.get("fallen", terms.get("goal")).min() <= -5.0)
     assert np.any(seen) and (core is None or falls[FALL])

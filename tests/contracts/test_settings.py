@@ -79,7 +79,7 @@ def test_every_setting_refuses_what_it_is_not(name):
         if field.annotation is Any:
             assert (name, setting) in POLICIES
             continue
-        others = () if setting == "remembers" else alike(field)  # true: 1
+        others = () if setting == "history" else alike(field)  # true: 1
         for value in (object(), math.nan, math.inf, -math.inf, *beyond(field), *others):
             refused(model, {**needed, setting: value}, f"it.{setting}")
     for setting in needed:

@@ -9,7 +9,7 @@ import vibgym
 from tests.envs.helpers import single
 
 PACKAGE = str(Path(vibgym.__file__).parent)
-MOST_CALLS, MOST_FILES = 20, 10
+MAX_CALLS, MAX_FILES = 20, 10
 
 
 def test_a_step_enters_few_functions():
@@ -29,5 +29,5 @@ def test_a_step_enters_few_functions():
         env.step(action)
     finally:
         sys.setprofile(before)
-    assert len(calls) <= MOST_CALLS, calls
-    assert len({each.partition(":")[0] for each in calls}) <= MOST_FILES, calls
+    assert len(calls) <= MAX_CALLS, calls
+    assert len({each.partition(":")[0] for each in calls}) <= MAX_FILES, calls

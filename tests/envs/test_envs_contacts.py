@@ -11,7 +11,7 @@ from tests.envs.helpers import batch
 from vibgym import Part, Simulator, Surface
 from vibgym.envs.features import RowLayout
 
-FELT = {"sensor": {"kind": "ideal", "tell": ["contacts"]}}
+FELT = {"sensor": {"kind": "ideal", "report": ["contacts"]}}
 
 
 def test_contact_impulses_of_a_collision_in_closed_form():
@@ -63,5 +63,5 @@ def test_observations_contain_contacts():
 
 @pytest.mark.parametrize("sensor", [{"kind": "pose"}, {"kind": "ideal", "estimator": "kalman"}])
 def test_contacts_require_an_ideal_sensor(sensor):
-    with pytest.raises(ValueError, match=r"sensor\.tell"):
-        gym.make("vibgym/Push-v0", sensor=sensor | {"tell": ["contacts"]})
+    with pytest.raises(ValueError, match=r"sensor\.report"):
+        gym.make("vibgym/Push-v0", sensor=sensor | {"report": ["contacts"]})

@@ -1,4 +1,4 @@
-"""``randomize={"disturbance": ...}`` in every environment, with tilts and with kicks."""
+"""``randomize={"disturbance": ...}`` in every environment, with tilts and with impulses."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ def batch(model: str = "planar", worlds: int = 16, task: str = "Align", **settin
 
 
 def play(env: VibgymVectorEnv, steps: int) -> list[np.ndarray]:
-    """Return ``struck`` of every step under zero actions."""
+    """Return ``disturbed`` of every step under zero actions."""
     action = np.zeros((env.num_envs, *env.single_action_space.shape), np.float32)
-    return [env.step(action)[4]["parts"]["struck"].copy() for _ in range(steps)]
+    return [env.step(action)[4]["parts"]["disturbed"].copy() for _ in range(steps)]
 
 
 @pytest.mark.parametrize("model", ["planar", "tilting"])
 def test_info_reports_disturbances(model):
     env = batch(model, worlds=64, action="wrench")
-    struck = np.array(play(env, 50))
-    assert ((struck == 0.0) | ((struck >= math.radians(1)) & (struck <= math.radians(3)))).all()
+    disturbed = np.array(play(env, 50))
+    assert ((disturbed == 0.0) | ((disturbed >= math.radians(1)) & (disturbed <= math.radians(3)))).all()
     seconds = 50 * 0.04 * 64
-    assert (struck > 0.0).sum() == pytest.approx(5.0 * seconds, rel=0.15)  # some twice in a step, or after their end
+    assert (disturbed > 0.0).sum() == pytest.approx(5.0 * seconds, rel=0.15)  # some twice in a step, or after their end
 
 
 def test_disturbed_parts_tilt_and_land_in_the_tilting_model():
     env = batch("tilting", action="wrench", randomize={"disturbance": {"rate": 1.0, "tilt_deg": 5}})
     simulator = env.core.simulator
-    for struck in play(env, 25):
-        if struck.any():
-            assert simulator.time_tilted[struck > 0.0].min() > 0.0
+    for disturbed in play(env, 25):
+        if disturbed.any():
+            assert simulator.time_tilted[disturbed > 0.0].min() > 0.0
     assert "toppled" in env.step(np.zeros((16, 3), np.float32))[4]["parts"]
 
 
 def test_disturbed_parts_get_a_kick_in_planar_models():
     """Kicks are normal with the fitted deviations per root of a degree; other parts do not move."""
-    from vibgym.physics.planar.kick import SPEED, SPIN
+    from vibgym.physics.planar.impulse import SPEED, SPIN
 
     env = VibgymVectorEnv(
         "Align", num_envs=4000, action="wrench", randomize={"disturbance": {"rate": 50.0, "tilt_deg": 2}}
@@ -54,10 +54,10 @@ def test_disturbed_parts_get_a_kick_in_planar_models():
     env.reset(seed=0)
     core = env.core
     before = core.simulator.velocity
-    core.disturbances.strike(core.episode.present)
-    kick, struck = core.simulator.velocity - before, core.disturbances.struck > 0.0
-    assert 0.8 < struck.mean() < 0.92 and not kick[~struck].any()  # 1 - exp(-2)
-    deviation = kick[struck].std(axis=0) / math.sqrt(2.0)
+    core.disturbances.disturb(core.episode.present)
+    impulse, disturbed = core.simulator.velocity - before, core.disturbances.disturbed > 0.0
+    assert 0.8 < disturbed.mean() < 0.92 and not impulse[~disturbed].any()  # 1 - exp(-2)
+    deviation = impulse[disturbed].std(axis=0) / math.sqrt(2.0)
     assert deviation == pytest.approx([SPEED, SPEED, SPIN], rel=0.06)
 
 
@@ -66,7 +66,7 @@ def test_without_it_nothing_is_drawn():
     plain = VibgymVectorEnv("Align", num_envs=2)
     seen, info = plain.reset(seed=3)
     other, _ = VibgymVectorEnv("Align", num_envs=2, model="tilting").reset(seed=3)
-    assert np.array_equal(seen, other) and "struck" not in info["parts"]
+    assert np.array_equal(seen, other) and "disturbed" not in info["parts"]
 
 
 def test_a_toppled_part_ends_the_episode_as_a_fallen_one():

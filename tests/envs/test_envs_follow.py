@@ -21,19 +21,19 @@ def test_observations_contain_present_and_future_goals(settings):
     for clock in range(1, 12):
         seen = env.step(np.zeros(env.action_space.shape, dtype=np.float32))[0]
         measured, truth = Measured.of(seen, info), env.truth
-        paths = env.core.scoring.own_state()["paths"]
+        paths = env.core.scoring.custom_state()["paths"]
         for w, k in np.ndindex(truth.goal.shape[:2]):
             motion = route.sample(paths[w, k], period * (clock + np.arange(5)))
             assert measured.goal_velocity[w, k] == pytest.approx(motion[0, 3:6], abs=1e-5)
             assert measured.goal_ahead[w, k] == pytest.approx(motion[1:, :3] - motion[0, :3], abs=1e-5)
-            assert measured.way[w, k] == pytest.approx(motion[0, :2] - truth.pose[w, k, :2], abs=1e-6)
+            assert measured.displacement[w, k] == pytest.approx(motion[0, :2] - truth.pose[w, k, :2], abs=1e-6)
     assert info.goal_moves and info.has_goal and not TaskInfo.of(single("Align")).goal_moves
 
 
 def test_unused_features_are_zero():
     measured = Measured.of(*[(single("Align").reset(seed=0)[0]), TaskInfo.of(single("Align"))])
     assert (measured.goal_velocity == 0).all() and (measured.goal_ahead == 0).all()
-    assert (measured.way[..., None, :] + measured.goal_ahead[..., :2]).shape == (1, 1, 4, 2)
+    assert (measured.displacement[..., None, :] + measured.goal_ahead[..., :2]).shape == (1, 1, 4, 2)
 
 
 def followed(worlds, seed=0, **settings):
@@ -47,7 +47,11 @@ def followed(worlds, seed=0, **settings):
     for _ in range(400):
         m = Measured.of(seen, info)
         now = np.concatenate([m.velocity, m.spin[..., None]], axis=-1) + 0.5 * period * last
-        left = np.concatenate([m.way, m.turn[..., None]], axis=-1) + m.goal_ahead[..., 0, :] - period * now
+        left = (
+            np.concatenate([m.displacement, m.heading_error[..., None]], axis=-1)
+            + m.goal_ahead[..., 0, :]
+            - period * now
+        )
         wanted = 0.5 * left / period**2 + 0.6 * (m.goal_ahead[..., 1, :] / (2 * period) - now) / period
         action = np.clip(wanted / scale, -1.0, 1.0)
         last = scale * action

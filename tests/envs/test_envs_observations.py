@@ -29,11 +29,11 @@ def table(task, symmetry, pose, mean_velocity, aim):
     size, width, height, speed = 0.026, 0.832, 0.208, 2.7e-3 * 2 * math.pi * 25.0
     clip = lambda value: min(max(value, -1.0), 1.0)  # noqa: E731
     ex, ey = aim[0] - x, aim[1] - y
-    turn = aim[2] - heading
+    heading_error = aim[2] - heading
     if task == "Transport" or (task == "Align" and symmetry == 0):
-        turn = 0.0
+        heading_error = 0.0
     elif task == "Align":
-        turn = wrapped(turn, 2 * math.pi / symmetry)
+        heading_error = wrapped(heading_error, 2 * math.pi / symmetry)
     return [
         2 * ((x / size) % 1.0) - 1,
         2 * ((y / size) % 1.0) - 1,
@@ -47,9 +47,9 @@ def table(task, symmetry, pose, mean_velocity, aim):
         math.tanh(ey / 0.050),
         math.tanh(ex / 0.005),
         math.tanh(ey / 0.005),
-        clip(turn / (2 * math.pi)),
-        math.tanh(turn / 0.5),
-        math.tanh(turn / 0.05),
+        clip(heading_error / (2 * math.pi)),
+        math.tanh(heading_error / 0.5),
+        math.tanh(heading_error / 0.05),
         clip(mean_velocity[0] / speed),
         clip(mean_velocity[1] / speed),
         clip(mean_velocity[2] / 10.0),
@@ -83,10 +83,10 @@ def test_state_table(task, part, symmetry):
             if task == "Transport":
                 assert "heading_error" not in info
                 continue
-            turn = core.episode.goal[world, 0, 2] - here[world, 2]
+            heading_error = core.episode.goal[world, 0, 2] - here[world, 2]
             if task == "Align":
-                turn = wrapped(turn, 2 * math.pi / symmetry) if symmetry else 0.0
-            assert info["heading_error"][world] == pytest.approx(abs(turn), abs=1e-8)
+                heading_error = wrapped(heading_error, 2 * math.pi / symmetry) if symmetry else 0.0
+            assert info["heading_error"][world] == pytest.approx(abs(heading_error), abs=1e-8)
     assert np.abs(feature(env, seen, "velocity")).max() > 0.2  # they did move
 
 
@@ -247,12 +247,12 @@ def test_image_follows_part_heading_and_goal():
 def test_image_shows_the_remaining_turn():
     """A goal a full turn away has the outline of the present pose, but another brightness."""
     env = single("Rotate", action="phasor", observation="image")
-    for seed, turn in enumerate([-2 * math.pi, -math.pi, 0.0, math.pi, 2 * math.pi]):
+    for seed, heading_error in enumerate([-2 * math.pi, -math.pi, 0.0, math.pi, 2 * math.pi]):
         env.reset(seed=seed)
-        put(env, goal(env) - [0, 0, turn])
+        put(env, goal(env) - [0, 0, heading_error])
         image, *_ = env.step(still(env))
         level = image[..., 1].max()
-        assert level == pytest.approx(128 + turn / (4 * math.pi) * 127, abs=1.0)
+        assert level == pytest.approx(128 + heading_error / (4 * math.pi) * 127, abs=1.0)
     for task in ("Transport", "Align"):
         image, _ = single(task, observation="image").reset(seed=0)
         assert image[..., 1].max() == 255

@@ -15,7 +15,7 @@ L_SHAPE = {
     "name": "angle",
 }  # fmt: skip
 MIXED = ["steel_block", DISC, L_SHAPE, "steel_block", DISC, L_SHAPE, "steel_block"]
-NOISY = {"kind": "pose", "tell": ["age", "sigma"]}
+NOISY = {"kind": "pose", "report": ["age", "sigma"]}
 CASES = [
     ("Transport", {}), ("Rotate", {"sensor": NOISY}), ("Sort", {"parts": MIXED, "slots": 9, "randomize": {"parts": [1, 7]}}),
     ("Singulate", {"sensor": NOISY, "walls": ["left"]}), ("Follow", {"parts": [DISC, "steel_block"]}),
@@ -30,7 +30,7 @@ def own_quantities(core, measured, relations, world, part):
     """Return the documented features of a part's row, from the measurement."""
     surface, one, task, episode = core.surface, core.parts[part], core.task, core.episode
     (x, y, heading), moved = measured.pose[world, part], measured.mean_velocity[world, part]
-    way, turn = relations.error[world, part, :2], relations.error[world, part, 2]
+    displacement, heading_error = relations.error[world, part, :2], relations.error[world, part, 2]
     size, low, speed = np.array([surface.width, surface.depth]), 0.0, surface.table_speed
     edges = np.array([x - low, size[0] - x, y - low, size[1] - y])
     zone = np.zeros(4) if task.zones is None else task.zones[task.kind[part]][[0, 2, 1, 3]]
@@ -44,14 +44,14 @@ def own_quantities(core, measured, relations, world, part):
         "position": clip(2.0 * np.array([x, y]) / size - 1.0),
         "element": 2.0 * (np.array([x, y]) / surface.element_size % 1.0) - 1.0,
         "heading": [math.cos(one.symmetry * heading), math.sin(one.symmetry * heading)],
-        "way_far": np.tanh(way / 0.25),
-        "way_coarse": np.tanh(way / 0.05),
-        "way_fine": np.tanh(way / 0.005),
-        "way_finest": np.tanh(way / 0.0005),
-        "turn": clip(turn / (2 * math.pi)),
-        "turn_coarse": math.tanh(turn / 0.5),
-        "turn_fine": math.tanh(turn / 0.05),
-        "turn_finest": math.tanh(turn / 0.005),
+        "way_far": np.tanh(displacement / 0.25),
+        "way_coarse": np.tanh(displacement / 0.05),
+        "way_fine": np.tanh(displacement / 0.005),
+        "way_finest": np.tanh(displacement / 0.0005),
+        "turn": clip(heading_error / (2 * math.pi)),
+        "turn_coarse": math.tanh(heading_error / 0.5),
+        "turn_fine": math.tanh(heading_error / 0.05),
+        "turn_finest": math.tanh(heading_error / 0.005),
         "velocity": clip(moved[:2] / speed),
         "spin": clip(moved[2] / 25.0),
         "borders": np.tanh(edges / 0.05),
@@ -63,8 +63,8 @@ def own_quantities(core, measured, relations, world, part):
     }
     if len(motion):
         expected["goal_velocity"], expected["goal_spin"] = clip(motion[0, :2] / speed), clip(motion[0, 2] / 25.0)
-        expected["way_ahead"] = clip((way + motion[1:, :2]) / 0.25).ravel()
-        expected["turn_ahead"] = clip((turn + motion[1:, 2]) / (2 * math.pi))
+        expected["way_ahead"] = clip((displacement + motion[1:, :2]) / 0.25).ravel()
+        expected["turn_ahead"] = clip((heading_error + motion[1:, 2]) / (2 * math.pi))
     return expected
 
 

@@ -12,7 +12,7 @@ ALONG = {**LINE, "heading": "along"}
 
 
 def paths_of(env, world=0):
-    return env.unwrapped.core.scoring.own_state()["paths"][world]
+    return env.unwrapped.core.scoring.custom_state()["paths"][world]
 
 
 @pytest.mark.parametrize("paths", [[LINE], [OTHER], [ALONG]], ids=["line", "circle", "along"])

@@ -37,7 +37,7 @@ FACTOR = int(os.environ.get("VIBGYM_FUZZ_FACTOR") or 1)
 ROUND = 10
 """Examples of a round, in multiples of a test's: enough to get past the simplest examples."""
 
-MOST_FAILURES = 10
+MAX_FAILURES = 10
 """Different failures after which a fuzzer stops."""
 
 shares = 0.0
@@ -134,7 +134,7 @@ def count_examples(test: Any) -> None:
 def _campaign(test: Any, seconds: float, arguments: Any, fixtures: Any) -> None:
     test.ends = time.monotonic() + seconds
     found: dict[str, BaseException] = {}
-    while time.monotonic() < test.ends and len(found) < MOST_FAILURES:
+    while time.monotonic() < test.ends and len(found) < MAX_FAILURES:
         start = random.SystemRandom().getrandbits(64)
         test.failed = False
         count("rounds")

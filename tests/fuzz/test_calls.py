@@ -159,13 +159,13 @@ CALLS = {
     ),
     "pose sensor": (
         functools.partial(sensed, "pose"),
-        dict(noise=[1e-4, 1e-3], bias=1e-4, dropout=0.1, delay=2, rate=12.5, estimator="model", tell=["age"]),
+        dict(noise=[1e-4, 1e-3], bias=1e-4, dropout=0.1, delay=2, rate=12.5, estimator="model", report=["age"]),
     ),
     "camera": (
         functools.partial(sensed, "camera"),
         dict(statistical=False, height=0.8, position=[0.4, 0.1], tilt=[0.01, 0.0], lens=6e-3, chip=7e-3, pixels=[752, 570],
              distortion=0.01, lines="half", edge="grey", blur=0.5, noise=1.0, light=0.1, threshold=110.0, border=0.015,
-             tetragons=[16, 4], mark=0.01, delay=2, rate=12.5, estimator="kalman", tell=["sigma"]),
+             tetragons=[16, 4], mark=0.01, delay=2, rate=12.5, estimator="kalman", report=["sigma"]),
     ),
     "model estimator": (
         functools.partial(estimated, "model"),

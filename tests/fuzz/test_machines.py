@@ -65,7 +65,7 @@ def machines(draw):
         sensor["delay"], sensor["rate"] = draw(st.sampled_from([0, 1, 2, 5])), 25.0 / periods / draw(st.integers(1, 3))
         sensor["dropout"], sensor["bias"] = draw(st.sampled_from([0.0, 0.3])), draw(st.sampled_from([0.0, 1e-3]))
     sensor["estimator"] = draw(st.sampled_from(ESTIMATORS))
-    sensor["tell"] = draw(st.sampled_from([[], ["age", "sigma"]]))
+    sensor["report"] = draw(st.sampled_from([[], ["age", "sigma"]]))
     settings["sensor"] = sensor
     return task, settings
 

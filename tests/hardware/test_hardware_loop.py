@@ -103,7 +103,7 @@ def test_amplitude_and_phase_differ_by_rounding_from_the_commands_of_the_environ
 
 
 def test_observations_and_info_are_those_of_the_environment():
-    settings = {"action": "field", "actuators": PROTOTYPE, "sensor": {**SENSOR, "tell": ["age", "sigma"]}}
+    settings = {"action": "field", "actuators": PROTOTYPE, "sensor": {**SENSOR, "report": ["age", "sigma"]}}
     env = gym.make("vibgym/Align-v0", **{**settings, "actuators": {**PROTOTYPE, "kind": "polar"}})
     machine = HardwareEnv(SimulatedDriver("Align", seed=3, **settings), "Align", **settings)
     (seen, _), (measured, _) = env.reset(seed=3), machine.reset(seed=3)
@@ -143,7 +143,7 @@ def test_goals_can_be_set_and_start_poses_cannot():
         ("Feed", {}, "arrive and leave"),
         ("Align", {"randomize": {"disturbance": {"rate": 1.0, "tilt_deg": 2.0}}}, "disturbance"),
         ("Align", {"costs": {"effort": 1.0}}, "costs"),
-        ("Align", {"sensor": {"kind": "ideal", "tell": ["contacts"]}}, "contacts"),
+        ("Align", {"sensor": {"kind": "ideal", "report": ["contacts"]}}, "contacts"),
         ("AlignShapes", {}, "shapes"),
         ("Alien", {}, "Alien"),
     ],

@@ -15,7 +15,7 @@ import pytest
 from tests.commands import said_in_one_line
 from tests.hardware.helpers import PROTOTYPE, SENSOR, Faulty
 from vibgym.__main__ import main
-from vibgym.hardware import ControlLoop, MachineError, Measurement, Session, SimulatedDriver, SocketDriver
+from vibgym.hardware import ControlLoop, MachineError, PoseMeasurement, Session, SimulatedDriver, SocketDriver
 from vibgym.hardware.wire import (
     HEADER,
     MAGIC,
@@ -156,7 +156,7 @@ def test_of_several_measurements_the_last_one_counts():
     def serve(connection):
         greet(connection)
         for k in range(5):
-            kind, payload = pack_measurement(0.04 * k, Measurement(np.full((1, 3), float(k)), 0.04 * k))
+            kind, payload = pack_measurement(0.04 * k, PoseMeasurement(np.full((1, 3), float(k)), 0.04 * k))
             connection.sendall(message(kind, payload))
         ready.set()
         drained(connection)
@@ -192,7 +192,7 @@ def test_a_machine_that_differs_from_the_environment_is_refused(changes, reason)
 
 
 def test_a_machine_that_sends_faster_than_can_be_read_stops_the_control_loop():
-    block = 500 * message(*pack_measurement(0.04, Measurement(np.zeros((1, 3)), 0.04)))
+    block = 500 * message(*pack_measurement(0.04, PoseMeasurement(np.zeros((1, 3)), 0.04)))
 
     def serve(connection):
         greet(connection)
@@ -213,7 +213,7 @@ def test_measurements_pass_unchanged():
     rng = np.random.default_rng(0)
     pose, image = rng.normal(size=(3, 3)), rng.integers(0, 255, (5, 7), np.uint8)
     pose[1] = np.nan
-    for given in (Measurement(pose, 1.0 / 3.0), Measurement(None, 0.1, image)):
+    for given in (PoseMeasurement(pose, 1.0 / 3.0), PoseMeasurement(None, 0.1, image)):
         now, found = unpack_measurement(Message(*pack_measurement(2.0 / 3.0, given)), 3)
         assert (now, found.taken) == (2.0 / 3.0, given.taken)
         np.testing.assert_array_equal(

@@ -132,13 +132,13 @@ def test_other_environments_are_refused(env):
         make_policy("zero", env)
 
 
-@pytest.mark.parametrize("action, spoken", [("phasor", "phasor"), ("wrench", "wrench"), ("element", "element")])
+@pytest.mark.parametrize("action, action_name", [("phasor", "phasor"), ("wrench", "wrench"), ("element", "element")])
 @pytest.mark.parametrize("policy", ["pose", {"kind": "local_field", "law": "lqr"}])
-def test_controllers_use_the_action_of_the_environment(policy, action, spoken):
+def test_controllers_use_the_action_of_the_environment(policy, action, action_name):
     env = gym.make("vibgym/Align-v0", action=action)
     made = make_policy(policy, env)
     action, _ = made.predict(env.reset(seed=0)[0])
-    assert made.action == spoken and action.shape == env.action_space.shape
+    assert made.action == action_name and action.shape == env.action_space.shape
 
 
 def test_phasors_are_converted_to_element_actions():
@@ -166,20 +166,20 @@ class Proportional(Law):
         stiffness: float = 60.0
         damping: float = 12.0
 
-    def wanted(self, measured, way, turn, memory):
+    def wanted(self, measured, displacement, heading_error, memory):
         own = self.settings
-        push = own.stiffness * way - own.damping * measured.velocity
-        torque = own.stiffness * turn - own.damping * measured.spin
+        push = own.stiffness * displacement - own.damping * measured.velocity
+        torque = own.stiffness * heading_error - own.damping * measured.spin
         return np.concatenate([push, torque[..., None]], axis=-1), memory
 
 
 @pytest.fixture
-def own_law(monkeypatch):
+def custom_law(monkeypatch):
     monkeypatch.setattr(POLICIES, "_items", dict(POLICIES))
     POLICIES.register("mine", Proportional)
 
 
-def test_a_registered_law_is_a_controller(own_law):
+def test_a_registered_law_is_a_controller(custom_law):
     alone, several = make_policy("mine", info_of("Align")), make_policy("mine", info_of("Sort"))
     assert (type(alone), type(several)) == (LocalFieldPolicy, PlannerPolicy) and "mine" in POLICIES
     assert make_policy({"kind": "mine", "damping": 20.0}, info_of("Align")).law.settings.damping == 20.0
@@ -204,7 +204,7 @@ def test_missing_leads_are_measured(name):
     assert lead_of(law, info, 0.1) == pytest.approx(given, rel=1e-6)
 
 
-def test_a_law_without_braking_requires_a_lead(own_law):
+def test_a_law_without_braking_requires_a_lead(custom_law):
     with pytest.raises(ValueError, match=r"Proportional\.lead"):
         make_policy({"kind": "mine", "damping": 0.0}, info_of("Sort"))
 

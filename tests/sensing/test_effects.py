@@ -43,9 +43,9 @@ class Drift(Effect):
         self.velocity[worlds] = self.settings.speed * uniform
 
     def apply(self, reading):
-        reading.pose[..., 0] += self.velocity * self.sensor.looks[:, None] * self.sensor.step
+        reading.pose[..., 0] += self.velocity * self.sensor.samples[:, None] * self.sensor.step
 
-    def own_state(self):
+    def custom_state(self):
         return {"velocity": self.velocity}
 
 
@@ -80,7 +80,7 @@ MANY = [kind for kind in KINDS if kind != "camera"]
 """Sensors without images, fast enough for statistics of many samples."""
 
 
-def read(kind, effects, worlds=200, looks=40, **timing):
+def read(kind, effects, worlds=200, samples=40, **timing):
     """Return readings of parts at rest: poses and ``seen`` of every sample, and those without effects."""
     shown = []
     for more in (effects, {}):
@@ -93,7 +93,7 @@ def read(kind, effects, worlds=200, looks=40, **timing):
             uniform[:, :2] = np.random.default_rng(2).random((worlds, 2))
         sensor.reset(np.arange(worlds), state, uniform)
         found = [(sensor.due.pose.copy(), sensor.due.seen.copy(), sensor.due.mean_velocity.copy())]
-        for _ in range(looks):
+        for _ in range(samples):
             sensor.sample(state)
             found.append((sensor.due.pose.copy(), sensor.due.seen.copy(), sensor.due.mean_velocity.copy()))
         shown.append([np.array(each) for each in zip(*found, strict=True)])
@@ -118,7 +118,7 @@ def test_noise_is_normal_on_every_sensor(kind):
 @pytest.mark.parametrize("kind", MANY)
 def test_bias_stays_on_every_sensor(kind):
     bias = {"position_mm": 1.0, "heading_deg": math.degrees(0.02)}
-    (pose, _, _), (plain, _, _) = read(kind, {"bias": bias}, worlds=400, looks=3)
+    (pose, _, _), (plain, _, _) = read(kind, {"bias": bias}, worlds=400, samples=3)
     error = pose - plain
     assert error[1:] == pytest.approx(np.broadcast_to(error[:1], error[1:].shape), abs=1e-12)
     assert error[0, :, 0, :2] == pytest.approx(error[0, :, 1, :2], abs=1e-12)  # one shift of all parts
@@ -138,7 +138,7 @@ def test_dropout_misses_a_share_on_every_sensor(kind):
 
 @pytest.mark.parametrize("kind", MANY)
 def test_delay_and_rate_on_every_sensor(kind):
-    (_, seen, _), _ = read(kind, {}, worlds=3, looks=6, delay=2, rate=12.5)
+    (_, seen, _), _ = read(kind, {}, worlds=3, samples=6, delay=2, rate=12.5)
     # Samples 0, 2, 4 are due two steps later; before, the reading of the start is repeated.
     assert seen[:, 0, 0].tolist() == [True, False, False, False, True, False, True]
 
@@ -146,7 +146,7 @@ def test_delay_and_rate_on_every_sensor(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_user_defined_effects_on_every_sensor(kind):
     worlds = 2 if kind == "camera" else 50
-    (pose, _, _), (plain, _, _) = read(kind, {"drift": 0.01}, worlds=worlds, looks=5)
+    (pose, _, _), (plain, _, _) = read(kind, {"drift": 0.01}, worlds=worlds, samples=5)
     way = (pose - plain)[..., 0]
     speed = way[-1, :, 0] / (5 * SURFACE.period)
     assert (speed >= 0.0).all() and speed.max() <= 0.01 and (speed > 0.0).all()

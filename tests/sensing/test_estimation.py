@@ -185,7 +185,7 @@ def test_a_part_that_falls_in_the_model_only_is_placed_at_its_reading():
 
 
 def test_without_readings_the_prediction_continues_with_larger_sigma():
-    env = batch(4, {"kind": "pose", "dropout": 1.0, "estimator": "model", "tell": ["age", "sigma"]}, actuators=EXACT)
+    env = batch(4, {"kind": "pose", "dropout": 1.0, "estimator": "model", "report": ["age", "sigma"]}, actuators=EXACT)
     env.reset(seed=0)
     random = np.random.default_rng(0)
     ages, sigmas = [], []

@@ -90,7 +90,7 @@ def test_age_counts_from_the_start_until_the_first_sample_is_due(periods, delay,
 @pytest.mark.parametrize("settings, message", [
     ({"sensor": {"kind": "pose", "rate": 20.0}}, r"sensor\.rate"),
     ({"sensor": {"kind": "pose", "delay": 250}}, r"sensor\.delay"),
-    ({"sensor": {"kind": "pose", "tell": ["age", "age"]}}, r"sensor\.tell"),
+    ({"sensor": {"kind": "pose", "report": ["age", "age"]}}, r"sensor\.report"),
     ({"actuators": "prototype", "randomize": {"latency": [0, 400]}}, r"randomize\['latency'\]"),
     ({"actuators": {"kind": "prototype", "latency": 300}}, r"actuators\.latency"),
 ])  # fmt: skip

@@ -31,7 +31,7 @@ class Shifted(Sensor):
         measurement.mean_velocity[...] = state.mean_velocity
         measurement.gone[...] = state.fallen
 
-    def own_state(self):
+    def custom_state(self):
         return {"shift": self.shift}
 
 

@@ -130,5 +130,5 @@ def test_promised_errors_hold_on_other_scenes(name, tolerance):
 
     sim, truth = run(model="auto", tolerance=tolerance, periods_per_call=periods), run(steps=96, substeps=2, pieces=4)
     difference = np.abs(sim.pose - truth.pose)[:, 0]
-    strayed = np.hypot(difference[:, 0], difference[:, 1]) + part.radius * difference[:, 2]
-    assert np.median(strayed) <= sim.choice.error <= tolerance
+    deviation = np.hypot(difference[:, 0], difference[:, 1]) + part.radius * difference[:, 2]
+    assert np.median(deviation) <= sim.choice.error <= tolerance

@@ -198,9 +198,9 @@ def test_an_incline_carries_parts_into_a_wall():
     simulator.reset([start, 0.1, 0.0])
     simulator.set_conditions(0, incline=[-slope, 0.0])
     simulator.advance(0.0, 0.0, 1)
-    meet = math.sqrt(2.0 * gap / slope)
-    left = PERIOD - meet
-    speed = 0.5 * slope * meet
+    impact_time = math.sqrt(2.0 * gap / slope)
+    left = PERIOD - impact_time
+    speed = 0.5 * slope * impact_time
     assert 0.0 < left < 2.0 * speed / slope  # moving back, or down again, at the end
     assert simulator.pose[0, 0, 0] == pytest.approx(0.02 + speed * left - 0.5 * slope * left**2, abs=3e-5)
     assert simulator.velocity[0, 0, 0] == pytest.approx(speed - slope * left, abs=3e-3)

@@ -57,9 +57,9 @@ def blow(parts, pose, velocity, time, late=0.0, short=0.0):
     friction = math.sqrt(parts[0].contact_friction * parts[1].contact_friction)
     apart, relative = pose[1, :2] - pose[0, :2], velocity[1, :2] - velocity[0, :2]
     a, b, c = relative @ relative, apart @ relative, apart @ apart - radii.sum() ** 2
-    meet = (-b - math.sqrt(b * b - a * c)) / a
-    assert 0.0 < meet < time
-    pose += meet * velocity
+    impact_time = (-b - math.sqrt(b * b - a * c)) / a
+    assert 0.0 < impact_time < time
+    pose += impact_time * velocity
     normal = (pose[1, :2] - pose[0, :2]) / radii.sum()
     tangent = np.array([-normal[1], normal[0]])
     impulse = (1.0 + restitution) * -(relative @ normal) / (1.0 / mass).sum()
@@ -71,7 +71,7 @@ def blow(parts, pose, velocity, time, late=0.0, short=0.0):
     for k, sign in ((0, -1.0), (1, 1.0)):
         velocity[k, :2] += sign * (impulse * normal + rub * tangent) / mass[k]
         velocity[k, 2] -= arms[k] * rub / inertia[k]
-    return pose + (time - meet) * velocity, velocity
+    return pose + (time - impact_time) * velocity, velocity
 
 
 def check_blow(parts, pose, velocity, periods=10):
@@ -135,14 +135,14 @@ def rebound(part, friction, spin, place, towards, late=0.0, short=0.0):
     """Return pose and velocity (3,) of a 20 mm disc at 0.5 m/s towards a wall 50 mm away, 0.1 m/s along it, 5 periods later."""
     along = np.array([-towards[1], towards[0]])
     begun = 0.5 * towards + 0.1 * along
-    meet, radius, time = (0.05 - 0.02 + late) / 0.5, 0.02 - short, 5 * PERIOD
+    impact_time, radius, time = (0.05 - 0.02 + late) / 0.5, 0.02 - short, 5 * PERIOD
     impulse = (1.0 + part.restitution) * 0.5  # over mass, as below
     slip = 0.1 + spin * radius  # of the disc's surface along the wall
     stick = -slip / (1.0 + radius**2 / part.gyration)
     rub = np.clip(stick, -friction * impulse, friction * impulse)
     speed, turn = begun - impulse * towards + rub * along, spin + radius * rub / part.gyration
-    there = place + meet * begun + (time - meet) * speed
-    return np.array([*there, meet * spin + (time - meet) * turn]), np.array([*speed, turn])
+    there = place + impact_time * begun + (time - impact_time) * speed
+    return np.array([*there, impact_time * spin + (time - impact_time) * turn]), np.array([*speed, turn])
 
 
 @pytest.mark.parametrize("wall", BY_WALL)

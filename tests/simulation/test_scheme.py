@@ -47,16 +47,16 @@ def test_too_few_substeps_are_refused():
 
 
 def test_threads_are_limited_by_the_environment_variable(monkeypatch):
-    monkeypatch.delenv(threads.MOST, raising=False)
+    monkeypatch.delenv(threads.VARIABLE, raising=False)
     available = threads.available_threads()
     assert available >= 1
     for given_value, expected in (("1", 1), ("2", min(available, 2)), ("100000", available), ("", available)):
-        monkeypatch.setenv(threads.MOST, given_value)
+        monkeypatch.setenv(threads.VARIABLE, given_value)
         assert threads.available_threads() == expected
 
 
 @pytest.mark.parametrize("given_value", ["0", "two", "1.5"])
 def test_bad_numbers_of_threads_are_refused(monkeypatch, given_value):
-    monkeypatch.setenv(threads.MOST, given_value)
+    monkeypatch.setenv(threads.VARIABLE, given_value)
     with pytest.raises(ValueError, match="VIBGYM_THREADS"):
         threads.available_threads()

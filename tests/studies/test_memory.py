@@ -29,10 +29,11 @@ def test_the_number_of_steps_covers_the_age_of_readings(condition):
 def test_rows_differ_in_memory_alone():
     condition = Condition(2, 0.3)
     settings = {name: memory.memory(name, condition) for name in MEMORIES}
-    assert [each["remembers"] for each in settings.values()] == [0, 1, condition.steps, condition.steps] == [0, 1, 7, 7]
-    assert [bool(each["recalls"]) for each in settings.values()] == [False, False, False, True]
+    assert [each["history"] for each in settings.values()] == [0, 1, condition.steps, condition.steps] == [0, 1, 7, 7]
+    assert [bool(each["history_columns"]) for each in settings.values()] == [False, False, False, True]
     assert (
-        "age" in settings[MEMORIES[-1]]["recalls"] and "age" not in memory.memory(MEMORIES[-1], Condition(4))["recalls"]
+        "age" in settings[MEMORIES[-1]]["history_columns"]
+        and "age" not in memory.memory(MEMORIES[-1], Condition(4))["history_columns"]
     )
     assert set(HARDEST) < set(CONDITIONS) and not memory.trained(MEMORIES[1], IDEAL)
 

@@ -48,7 +48,7 @@ def test_parts_arrive_in_the_drawn_sequence(slots, heap):
     edges = np.searchsorted(np.repeat(np.arange(3), slots), np.arange(3))
     for arrived in arrivals(env, 250, seed=5):
         came += np.add.reduceat(arrived.astype(int), edges, axis=1)
-        for key, counts in zip(env.unwrapped.core.scoring.own_state()["flow_key"], came, strict=True):
+        for key, counts in zip(env.unwrapped.core.scoring.custom_state()["flow_key"], came, strict=True):
             drawn = np.searchsorted(
                 np.cumsum(PROBABILITIES), [uniforms(key, k, 0, DRAWN, 0)[0] for k in range(counts.sum())]
             )

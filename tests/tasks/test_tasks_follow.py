@@ -40,7 +40,7 @@ class Reference:
             0.0,
             0,
         )
-        self.distance, self.turn = self.errors(pose)
+        self.distance, self.heading_error = self.errors(pose)
 
     def goals(self, ahead=0):
         time = (self.clock + ahead) * SURFACE.period
@@ -57,10 +57,10 @@ class Reference:
     def step(self, pose, fallen, diverged):
         self.clock += self.periods
         self.looks += 1
-        before, turned = self.distance, self.turn
-        away, turn = self.errors(pose)
-        self.distance, self.turn = away, turn
-        within = (away <= NEAR) & (turn <= TURNED)
+        before, turned = self.distance, self.heading_error
+        away, heading_error = self.errors(pose)
+        self.distance, self.heading_error = away, heading_error
+        within = (away <= NEAR) & (heading_error <= TURNED)
         inside = bool(within.all())
         ended = all(
             self.clock * SURFACE.period >= route.duration(path[0]) - 1e-12
@@ -79,8 +79,8 @@ class Reference:
         terms = {
             "distance": np.clip((before - away) / 0.1, -1.0, 1.0).mean(),
             "approach": (np.tanh(before / 0.01) - np.tanh(away / 0.01)).mean(),
-            "turn": np.clip(turned - turn, -1.0, 1.0).mean(),
-            "alignment": (np.tanh(turned / 0.15) - np.tanh(turn / 0.15)).mean(),
+            "turn": np.clip(turned - heading_error, -1.0, 1.0).mean(),
+            "alignment": (np.tanh(turned / 0.15) - np.tanh(heading_error / 0.15)).mean(),
             "inside": 0.1 * self.periods * within.mean(),
             "time": -0.005 * self.periods,
             "success": 5.0 if success else 0.0,

@@ -27,7 +27,7 @@ def scattered(generator, parts, spread=1.0):
 def numbers(task, pose, goal, gaps, present):
     """Return distance, turn, inside and share of the clearance of every part, as documented."""
     parts = pose.shape[1]
-    away, turn, inside, clear = (np.zeros(pose.shape[:2]) for _ in range(4))
+    away, heading_error, inside, clear = (np.zeros(pose.shape[:2]) for _ in range(4))
     for w, p in np.argwhere(present):
         x, y, heading = pose[w, p]
         gx, gy = goal[w, p, :2]
@@ -40,11 +40,11 @@ def numbers(task, pose, goal, gaps, present):
         inside[w, p] = away[w, p] == 0.0
         if task.has_heading and task.parts[p].symmetry:
             period = 2 * math.pi / task.parts[p].symmetry
-            turn[w, p] = abs((goal[w, p, 2] - heading + period / 2) % period - period / 2)
+            heading_error[w, p] = abs((goal[w, p, 2] - heading + period / 2) % period - period / 2)
         others = [gaps[w, p, k] for k in range(parts) if k != p and present[w, k]]
         if math.isfinite(task.apart):
             clear[w, p] = min(max(min(others, default=1.0), 0.0), task.apart) / task.apart
-    return away, turn, inside, clear
+    return away, heading_error, inside, clear
 
 
 CASES = {
@@ -84,18 +84,18 @@ def test_terms_of_single_parts(name, spread):
         scorer.score(pose, speed, fallen)
         counted = np.where((present & ~fallen)[..., None], pose, [10.0, 10.0, 0.0])
         all_gaps(hulls_of(task.parts), counted, gaps)
-        away, turn, inside, _ = now = numbers(task, pose, goal, gaps, present)
+        away, heading_error, inside, _ = now = numbers(task, pose, goal, gaps, present)
         # Fallen parts are far from the others.
         seen = present & ~fallen
         now = (*now[:3], np.where(seen, numbers(task, pose, goal, gaps, seen)[3], float(math.isfinite(task.apart))))
         slow = np.hypot(*np.moveaxis(speed, -1, 0)[:2]) < task.speed_limit
-        fits = (away <= task.position_tolerance) & (turn <= task.heading_tolerance) & slow
+        fits = (away <= task.position_tolerance) & (heading_error <= task.heading_tolerance) & slow
         was_away, was_turned, was_inside, was_clear = before
         quantity = {
             "distance": np.clip((was_away - away) / 0.1, -1, 1),
             "approach": np.tanh(was_away / 0.01) - np.tanh(away / 0.01),
-            "turn": np.clip(was_turned - turn, -1, 1),
-            "alignment": np.tanh(was_turned / 0.15) - np.tanh(turn / 0.15),
+            "turn": np.clip(was_turned - heading_error, -1, 1),
+            "alignment": np.tanh(was_turned / 0.15) - np.tanh(heading_error / 0.15),
             "inside": inside - was_inside,
             "within": fits.astype(float),
             "clearance": now[3] - was_clear,

@@ -20,7 +20,7 @@ def test_goals_are_near_or_anywhere_and_parts_start_apart(name, near, turn):
     env = batch(name, 400)
     env.reset(seed=0)
     truth, task = env.unwrapped.truth, env.unwrapped.task
-    assert task.driven.tolist() == [True, True, False] and task.asked.tolist() == [False, False, True]
+    assert task.driven.tolist() == [True, True, False] and task.scored.tolist() == [False, False, True]
     away = np.hypot(*(truth.goal - truth.pose)[:, 2, :2].T)
     turned = np.abs(truth.goal - truth.pose)[:, 2, 2]
     assert away.max() <= near + 1e-12 and turned.max() <= turn + 1e-12

@@ -25,22 +25,22 @@ class Reference:
 
     def __init__(self, task, period, pose, goal):
         self.task, self.period, self.goal, self.held = task, period, goal, 0
-        self.distance, self.turn = self.errors(pose)
+        self.distance, self.heading_error = self.errors(pose)
 
     def errors(self, pose):
         distance = math.hypot(self.goal[0] - pose[0], self.goal[1] - pose[1])
-        turn = self.goal[2] - pose[2]
+        heading_error = self.goal[2] - pose[2]
         if self.task == "Transport" or self.period == 0:
-            turn = 0.0
+            heading_error = 0.0
         elif self.task == "Align":
-            turn = min(abs(turn + k * self.period) for k in range(-40, 41))
-        return distance, abs(turn)
+            heading_error = min(abs(heading_error + k * self.period) for k in range(-40, 41))
+        return distance, abs(heading_error)
 
     def step(self, pose, fallen, diverged):
-        before, turned = self.distance, self.turn
-        self.distance, self.turn = self.errors(pose)
+        before, turned = self.distance, self.heading_error
+        self.distance, self.heading_error = self.errors(pose)
         inside = self.distance <= POSITION[self.task] and (
-            HEADING[self.task] is None or self.turn <= HEADING[self.task]
+            HEADING[self.task] is None or self.heading_error <= HEADING[self.task]
         )
         self.held = self.held + 1 if inside and not fallen and not diverged else 0
         success = self.held >= 10
@@ -48,8 +48,8 @@ class Reference:
         terms = {
             "distance": min(max((before - self.distance) / 0.1, -1), 1),
             "approach": near(before, 0.01) - near(self.distance, 0.01),
-            "turn": min(max(turned - self.turn, -1), 1),
-            "alignment": near(turned, 0.15) - near(self.turn, 0.15),
+            "turn": min(max(turned - self.heading_error, -1), 1),
+            "alignment": near(turned, 0.15) - near(self.heading_error, 0.15),
             "inside": 0.1 if inside else 0.0,
             "time": -0.02,
             "success": 5.0 if success else 0.0,
@@ -90,7 +90,7 @@ def test_score_kernel(task, part, period):
             assert (result.success[k], result.ended[k]) == (success, ended), (step, k)
             assert result.position_error[k] == pytest.approx(reference[k].distance, abs=1e-15)
             assert result.heading_error[k] == abs(scorer.relations.error[k, 0, 2])
-            assert result.heading_error[k] == pytest.approx(reference[k].turn, abs=1e-8)
+            assert result.heading_error[k] == pytest.approx(reference[k].heading_error, abs=1e-8)
         seen["success"] += result.success.sum()
         seen["fallen"] += fallen.sum()
         seen["diverged"] += diverged.sum()

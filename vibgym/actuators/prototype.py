@@ -37,12 +37,12 @@ from vibgym.physics.core.noise import KEY_DRAWS, keys_from
 from vibgym.scene.surface import Surface
 from vibgym.settings import Angle, Length
 
-MOST_LATENCY = 1000
+MAX_LATENCY = 1000
 """Periods: 40 s, longer than any episode."""
 
-MOST_SPREAD = 0.5
+MAX_SPREAD = 0.5
 
-MOST_GAIN = 10.0
+MAX_GAIN = 10.0
 
 
 FIXED = ("dead_zone_form", "seed", "gain", "phase", "elements", "compensate")
@@ -73,11 +73,11 @@ class PrototypeActuators(ActuatorStage):
         limit: Length | None = Field(default=None, gt=0.0)
         """Largest amplitude; None: that of the surface."""
 
-        latency: int = Field(default=1, ge=0, le=MOST_LATENCY)
+        latency: int = Field(default=1, ge=0, le=MAX_LATENCY)
         """Periods between a command and its effect; elements rest until the first one takes effect. Data sheet and estimators
         use this value, also where ``randomize`` draws others."""
 
-        gain_spread: float = Field(default=0.05, ge=0.0, le=MOST_SPREAD)
+        gain_spread: float = Field(default=0.05, ge=0.0, le=MAX_SPREAD)
         """Standard deviation of the elements' gains, normal."""
 
         phase_spread: Angle = Field(default=math.radians(5.0), ge=0.0, le=math.pi)
@@ -98,13 +98,13 @@ class PrototypeActuators(ActuatorStage):
         seed: int | None = Field(default=None, ge=0, le=2**63 - 1)
         """Of one hardware instance, the same in all worlds and episodes; None: drawn for every episode."""
 
-        gain: float = Field(default=1.0, ge=0.0, le=MOST_GAIN)
+        gain: float = Field(default=1.0, ge=0.0, le=MAX_GAIN)
         """Factor that all elements have in common, as identified on a machine."""
 
         phase: Angle = Field(default=0.0, ge=-2.0 * math.pi, le=2.0 * math.pi)
         """Phase error that all elements have in common, as identified on a machine."""
 
-        elements: tuple[tuple[tuple[Annotated[float, Ge(0.0), Le(MOST_GAIN)], float], ...], ...] | None = None
+        elements: tuple[tuple[tuple[Annotated[float, Ge(0.0), Le(MAX_GAIN)], float], ...], ...] | None = None
         """(rows, columns, 2) further factor and phase (rad) of each element of one machine, in addition to what the spreads
         draw (usually 0 then); None: 1 and 0."""
 
@@ -166,8 +166,8 @@ class PrototypeActuators(ActuatorStage):
         sent = (phasors[..., 0] + 1j * phasors[..., 1]) * self._inverse
         if self.settings.dead_zone_form == FORMS[HARD] and zone > 0.0:
             # A strong element must not fall into its dead zone where the one of the data sheet moves.
-            size, asked = np.abs(sent), np.hypot(phasors[..., 0], phasors[..., 1])
-            short = (asked >= (1.0 - ROUNDING) * zone * self._scale) & (size > 0.0) & (size < moving)
+            size, requested = np.abs(sent), np.hypot(phasors[..., 0], phasors[..., 1])
+            short = (requested >= (1.0 - ROUNDING) * zone * self._scale) & (size > 0.0) & (size < moving)
             sent[short] *= moving / size[short]
         self._sent[0], self._sent[1] = sent.real, sent.imag
         return cartesian_drive(*self._sent)
@@ -175,7 +175,7 @@ class PrototypeActuators(ActuatorStage):
     def vary(self, ranges: Mapping[str, Any]) -> None:
         most, inside = self.most, {}
         bounds: dict[str, tuple[float, float]] = {
-            "dead_zone": (0.0, most), "limit": (1e-9, most), "latency": (0, MOST_LATENCY), "gain_spread": (0.0, MOST_SPREAD),
+            "dead_zone": (0.0, most), "limit": (1e-9, most), "latency": (0, MAX_LATENCY), "gain_spread": (0.0, MAX_SPREAD),
             "phase_spread": (0.0, math.pi), "bandwidth": (1e-6, 1e6), "resolution": (0.0, most), "dead": (0.0, 1.0),
             "stuck": (0.0, 1.0),
         }  # fmt: skip

@@ -177,12 +177,12 @@ class Actuators(ActuatorStage):
     def realise(self, phasors: np.ndarray) -> None:
         """Transform commanded phasors (worlds, rows, columns, 2), C and S in m/s^2, into executed ones, in place."""
 
-    def own_state(self) -> dict[str, np.ndarray]:
+    def custom_state(self) -> dict[str, np.ndarray]:
         """Return further live arrays of a snapshot, by name."""
         return {}
 
     def live(self) -> dict[str, np.ndarray]:
-        return {"realised": self._realised, **self.own_state()}
+        return {"realised": self._realised, **self.custom_state()}
 
     def _drive(self, phasors: np.ndarray) -> Drive:
         c, s = np.empty(phasors.shape[:3]), np.empty(phasors.shape[:3])

@@ -69,7 +69,7 @@ class Pushes(NamedTuple):
     holds: np.ndarray  # (batch, parts) bool: slip stays clear of zero, so the averaged model may be relied on
 
 
-class Numbers(NamedTuple):
+class InverseParameters(NamedTuple):
     """Parameters of surface and kinds of parts for the kernels."""
 
     table: np.ndarray  # flat (2, nodes, COLUMNS), see coefficients()
@@ -121,11 +121,11 @@ def force(c, gravity, second, p, q):
 
 
 @exact
-def look_up(numbers, speed, columns, scratch):
+def look_up(parameters, speed, columns, scratch):
     """Interpolate the first columns of the table at a speed (m/s) into ``scratch.values``."""
-    side, at = place(speed / numbers.speed)
-    table, weights = numbers.table, scratch.weights[0]
-    row = (side * numbers.nodes + cubic_weights(at * (1.0 / COUPLING_STEP), numbers.nodes, weights)) * COLUMNS
+    side, at = place(speed / parameters.speed)
+    table, weights = parameters.table, scratch.weights[0]
+    row = (side * parameters.nodes + cubic_weights(at * (1.0 / COUPLING_STEP), parameters.nodes, weights)) * COLUMNS
     w0, w1, w2, w3 = weights[0], weights[1], weights[2], weights[3]
     for k in range(0, columns, LANES):
         one, two = w0 * load(table, row + k), w1 * load(table, row + COLUMNS + k)
@@ -180,54 +180,54 @@ def rim_of(part: Part) -> float:
 
 
 @jit
-def spun(numbers, k, spin, scratch):
+def spun(parameters, k, spin, scratch):
     """Return the factors by which spin changes friction and turning pushes of a part of kind ``k``: 1 and 1 near rest."""
-    rim = abs(spin) * numbers.rim[k]
-    look_up(numbers, rim, SPIN_COLUMNS, scratch)
-    slip = rim / numbers.speed
+    rim = abs(spin) * parameters.rim[k]
+    look_up(parameters, rim, SPIN_COLUMNS, scratch)
+    slip = rim / parameters.speed
     return 2.0 * scratch.values[0] / slip if slip > 1e-6 else 1.0, 2.0 * scratch.values[2]
 
 
 @jit
-def respond(numbers, k, c, spin, friction, p, q):
+def respond(parameters, k, c, spin, friction, p, q):
     """Return the mean acceleration along, across (m/s^2) and angular (rad/s^2) of a part of kind ``k`` under a push (p, q).
 
     ``friction`` is the factor of :func:`spun`.
     """
-    mu = numbers.friction[k]
-    along, across = force(c, numbers.gravity, numbers.second[k], p, q)
-    drag = 0.5 * mu / numbers.speed * (numbers.gravity * c[9] + c[10] * p)
+    mu = parameters.friction[k]
+    along, across = force(c, parameters.gravity, parameters.second[k], p, q)
+    drag = 0.5 * mu / parameters.speed * (parameters.gravity * c[9] + c[10] * p)
     return mu * along, mu * across, -friction * drag * spin
 
 
 @jit
-def clear_of_sticking(numbers, k, length, p, q):
+def clear_of_sticking(parameters, k, length, p, q):
     """Return whether slip stays clear of zero, see :func:`vibgym.physics.averaged.averages.slip_margin`."""
-    return abs(length / numbers.speed - 1.0) > numbers.second[k] * (numbers.gravity + math.sqrt(p * p + q * q))
+    return abs(length / parameters.speed - 1.0) > parameters.second[k] * (parameters.gravity + math.sqrt(p * p + q * q))
 
 
 @jit
-def forward_part(numbers, k, velocity, push, scratch, acceleration):
+def forward_part(parameters, k, velocity, push, scratch, acceleration):
     """Compute ``acceleration`` (3,) of a part of kind ``k`` under a push (3,) over full amplitude.
 
     Returns:
         Whether the model holds.
     """
-    c, full = scratch.values, numbers.full[k]
-    friction, turning = spun(numbers, k, velocity[2], scratch)
+    c, full = scratch.values, parameters.full[k]
+    friction, turning = spun(parameters, k, velocity[2], scratch)
     length, cosine, sine = direction(velocity[0], velocity[1])
-    look_up(numbers, length, COLUMNS, scratch)
+    look_up(parameters, length, COLUMNS, scratch)
     x, y, turn = full * push[0], full * push[1], full * push[2]
     p, q = cosine * x + sine * y, cosine * y - sine * x
-    along, across, angular = respond(numbers, k, c, velocity[2], friction, p, q)
-    angular += 0.5 * turning * numbers.friction[k] * (c[1] + c[2]) * turn / numbers.gyration[k]
+    along, across, angular = respond(parameters, k, c, velocity[2], friction, p, q)
+    angular += 0.5 * turning * parameters.friction[k] * (c[1] + c[2]) * turn / parameters.gyration[k]
     acceleration[0], acceleration[1] = cosine * along - sine * across, sine * along + cosine * across
     acceleration[2] = angular
-    return clear_of_sticking(numbers, k, length, p, q)
+    return clear_of_sticking(parameters, k, length, p, q)
 
 
 @jit
-def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration, share):
+def invert_part(parameters, k, velocity, wanted, scratch, push, acceleration, share):
     """Compute ``push`` (3,) over full amplitude of a part of kind ``k`` for a wanted mean acceleration, and its acceleration.
 
     Args:
@@ -236,11 +236,11 @@ def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration, share
     Returns:
         Whether the model holds, and the share of the wanted change of acceleration that is within the limit.
     """
-    c, limit, gravity, full = scratch.values, numbers.limit[k], numbers.gravity, numbers.full[k]
-    mu, second = numbers.friction[k], numbers.second[k]
-    friction, turning = spun(numbers, k, velocity[2], scratch)
+    c, limit, gravity, full = scratch.values, parameters.limit[k], parameters.gravity, parameters.full[k]
+    mu, second = parameters.friction[k], parameters.second[k]
+    friction, turning = spun(parameters, k, velocity[2], scratch)
     length, cosine, sine = direction(velocity[0], velocity[1])
-    look_up(numbers, length, COLUMNS, scratch)
+    look_up(parameters, length, COLUMNS, scratch)
     x, y = wanted[0] / mu, wanted[1] / mu
     along, across = cosine * x + sine * y, cosine * y - sine * x
     idle, idle_across = force(c, gravity, second, 0.0, 0.0)
@@ -261,74 +261,74 @@ def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration, share
     if p * p + q * q > limit * limit:  # Newton's method may end above the limit
         shorter = limit / math.sqrt(p * p + q * q)
         p, q = p * shorter, q * shorter
-    turning *= 0.5 * mu * (c[1] + c[2]) / numbers.gyration[k]
-    along, across, angular = respond(numbers, k, c, velocity[2], friction, p, q)
+    turning *= 0.5 * mu * (c[1] + c[2]) / parameters.gyration[k]
+    along, across, angular = respond(parameters, k, c, velocity[2], friction, p, q)
     turn = min(max((wanted[2] - angular) / turning, -limit), limit)
     push[0], push[1], push[2] = (cosine * p - sine * q) / full, (sine * p + cosine * q) / full, turn / full
     acceleration[0], acceleration[1] = cosine * along - sine * across, sine * along + cosine * across
     acceleration[2] = angular + turning * turn
-    return clear_of_sticking(numbers, k, length, p, q), share
+    return clear_of_sticking(parameters, k, length, p, q), share
 
 
 @jit
-def look_ahead(numbers, k, velocity, acceleration, share, later):
+def look_ahead(parameters, k, velocity, acceleration, share, later):
     """Correct the velocity (3,) at which friction acts, ``later``; returns its error over the table's speed.
 
     Args:
         share: see :func:`invert_part`. Beyond the limit acceleration decreases with ``later``, roughly by the drag near rest.
     """
     moved = 0.0
-    drag = 0.5 * numbers.friction[k] * numbers.gravity / numbers.speed if share < 1.0 else 0.0
-    factor = 1.0 / (1.0 + numbers.ahead * drag)
+    drag = 0.5 * parameters.friction[k] * parameters.gravity / parameters.speed if share < 1.0 else 0.0
+    factor = 1.0 / (1.0 + parameters.ahead * drag)
     for j in range(3):
-        now = velocity[j] + numbers.ahead * acceleration[j]
+        now = velocity[j] + parameters.ahead * acceleration[j]
         moved += abs(now - later[j]) if j < 2 else 0.1 * abs(now - later[j])  # spin: of a lever of a decimetre
         later[j] += factor * (now - later[j])
-    return moved / numbers.speed
+    return moved / parameters.speed
 
 
 @jit
-def guess_ahead(numbers, k, velocity, wanted, later):
+def guess_ahead(parameters, k, velocity, wanted, later):
     """Write a first guess of ``later`` (3,): under the wanted acceleration, or that of the limit at rest if it is less."""
-    most = 0.5 * numbers.friction[k] * numbers.limit[k]
-    push = numbers.ahead * most / max(math.sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]), most)
-    turn = numbers.ahead * most / max(abs(wanted[2]) * numbers.gyration[k], most)
+    most = 0.5 * parameters.friction[k] * parameters.limit[k]
+    push = parameters.ahead * most / max(math.sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1]), most)
+    turn = parameters.ahead * most / max(abs(wanted[2]) * parameters.gyration[k], most)
     later[0], later[1] = velocity[0] + push * wanted[0], velocity[1] + push * wanted[1]
     later[2] = velocity[2] + turn * wanted[2]
 
 
 @jit
-def forward(numbers, velocity, push, scratch, later, acceleration, holds):
+def forward(parameters, velocity, push, scratch, later, acceleration, holds):
     """Compute ``acceleration`` (batch, parts, 3) under pushes (batch, parts, 3) over full amplitude."""
-    numbers, scratch = reference(numbers), reference(scratch)
+    parameters, scratch = reference(parameters), reference(scratch)
     for i in range(velocity.shape[0]):
         for p in range(velocity.shape[1]):
-            k, at, change = numbers.kind[min(i, numbers.kind.shape[0] - 1), p], velocity[i, p], acceleration[i, p]
+            k, at, change = parameters.kind[min(i, parameters.kind.shape[0] - 1), p], velocity[i, p], acceleration[i, p]
             later[0], later[1], later[2] = at[0], at[1], at[2]
-            holds[i, p] = forward_part(numbers, k, at, push[i, p], scratch, change)
+            holds[i, p] = forward_part(parameters, k, at, push[i, p], scratch, change)
             for _ in range(ROUNDS):
-                if look_ahead(numbers, k, at, change, 0.0, later) < STILL:
+                if look_ahead(parameters, k, at, change, 0.0, later) < STILL:
                     break
-                holds[i, p] = forward_part(numbers, k, later, push[i, p], scratch, change)
+                holds[i, p] = forward_part(parameters, k, later, push[i, p], scratch, change)
 
 
 @jit
-def invert(start, stop, numbers, velocity, wanted, scratch, later, push, acceleration, holds):
+def invert(start, stop, parameters, velocity, wanted, scratch, later, push, acceleration, holds):
     """Compute ``push`` (batch, parts, 3) over full amplitude for wanted mean accelerations, and their accelerations.
 
     Args:
         start, stop: first row of the batch, and the one after the last.
     """
-    numbers, scratch = reference(numbers), reference(scratch)
+    parameters, scratch = reference(parameters), reference(scratch)
     for i in range(start, stop):
         for p in range(velocity.shape[1]):
-            k, at, change = numbers.kind[min(i, numbers.kind.shape[0] - 1), p], velocity[i, p], acceleration[i, p]
+            k, at, change = parameters.kind[min(i, parameters.kind.shape[0] - 1), p], velocity[i, p], acceleration[i, p]
             share = 0.0
             push[i, p] = 0.0
-            guess_ahead(numbers, k, at, wanted[i, p], later)
+            guess_ahead(parameters, k, at, wanted[i, p], later)
             for _ in range(ROUNDS):
-                holds[i, p], share = invert_part(numbers, k, later, wanted[i, p], scratch, push[i, p], change, share)
-                if look_ahead(numbers, k, at, change, share, later) < STILL:
+                holds[i, p], share = invert_part(parameters, k, later, wanted[i, p], scratch, push[i, p], change, share)
+                if look_ahead(parameters, k, at, change, share, later) < STILL:
                     break
 
 
@@ -384,7 +384,7 @@ class FrictionalInverse:
         friction = np.array([part.friction for part in every])
         share = reached(every)
         table = coefficients()
-        self._numbers = Numbers(
+        self._parameters = InverseParameters(
             np.pad(table, ((0, 0), (0, 0), (0, COLUMNS - table.shape[2]))).ravel(),
             table.shape[1],
             self.parts.kind,
@@ -410,7 +410,7 @@ class FrictionalInverse:
         result = Pushes(np.empty_like(wanted), np.empty_like(wanted), np.empty(wanted.shape[:2], dtype=bool))
 
         def work(start: int, stop: int) -> None:
-            invert(start, stop, self._numbers, velocity, wanted, new_scratch(), np.empty(3), *result)
+            invert(start, stop, self._parameters, velocity, wanted, new_scratch(), np.empty(3), *result)
 
         workers.share(work, len(wanted), self._threads)
         return result
@@ -419,7 +419,7 @@ class FrictionalInverse:
         """Return the mean accelerations (batch, parts, 3) under pushes, and where the averaged model holds."""
         velocity, push = _rows(velocity), _rows(push)
         acceleration, holds = np.empty_like(velocity), np.empty(velocity.shape[:2], dtype=bool)
-        forward(self._numbers, velocity, push, new_scratch(), np.empty(3), acceleration, holds)
+        forward(self._parameters, velocity, push, new_scratch(), np.empty(3), acceleration, holds)
         return acceleration, holds
 
 

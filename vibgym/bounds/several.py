@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.bounds.tables import FREE_END, Hold, fewest_periods, way_reach
+from vibgym.bounds.tables import FREE_END, Hold, displacement_reach, fewest_periods
 from vibgym.bounds.time_bound import LARGEST, GoalBound, TimeBound, check_parts
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -128,7 +128,7 @@ class FlowBound:
         surface: the table.
         parts: one per slot.
         kind: (parts,) whole numbers, gate of each part.
-        way: (parts,) m, least distance from the inlet to the gate.
+        displacement: (parts,) m, least distance from the inlet to the gate.
         headway: periods between good parts through the same gate.
         periods: number of counted periods.
         periods_per_step: oscillation periods of a step; parts arrive and leave at its end.
@@ -141,7 +141,7 @@ class FlowBound:
     surface: Surface
     parts: Sequence[Part]
     kind: Any
-    way: Any
+    displacement: Any
     headway: int
     periods: int
     periods_per_step: int = 1
@@ -152,18 +152,18 @@ class FlowBound:
         check_parts("parts", self.parts)
         number, stride = (
             len(self.parts),
-            checks.count("periods_per_step", self.periods_per_step, most=checks.MOST_PERIODS),
+            checks.count("periods_per_step", self.periods_per_step, most=checks.MAX_PERIODS),
         )
         kind = checks.array("kind", self.kind, (number,), dtype=np.int64)
-        way = checks.array("way", self.way, (number,), least=0.0)
+        displacement = checks.array("displacement", self.displacement, (number,), least=0.0)
         gate = _steps(checks.count("headway", self.headway, least=0), stride)
         moments = checks.count("periods", self.periods, least=0) // stride
         full = self.surface.full_scale / self.surface.angular_frequency**2
         amplitude = full if self.amplitude is None else checks.number("amplitude", self.amplitude, least=0.0, most=full)
         transit = np.zeros(number, dtype=np.int64)
         for k, part in enumerate(self.parts):
-            reach = way_reach(self.surface, part.friction, amplitude, FREE_END, Hold(1, 1))
-            transit[k] = _steps(int(fewest_periods(reach, way[k : k + 1])[0]), stride)
+            reach = displacement_reach(self.surface, part.friction, amplitude, FREE_END, Hold(1, 1))
+            transit[k] = _steps(int(fewest_periods(reach, displacement[k : k + 1])[0]), stride)
         passes = np.array([_fitting(moments, steps + 1) for steps in transit.tolist()])
         self.transit = self.surface.period * stride * transit
         """(parts,) s, least time from arrival to leaving."""
@@ -209,8 +209,8 @@ class PushBound(GoalBound):
     """Fewest steps, and least time, in which pushers can move an undriven part to a pose.
 
     Friction dissipates at least ``c m (v^2 + k^2 w^2)``, with ``c = mu g / (2 a_h w)``. Only the pushers transfer energy to
-    the part, and the elements transfer at most :func:`most_power` to the pushers. With ``D^2 = way^2 + k^2 turn^2`` and a first
-    touch after a time ``t``, the Cauchy-Schwarz inequality gives
+    the part, and the elements transfer at most :func:`most_power` to the pushers. With ``D^2 = x^2 + k^2 a^2`` of displacement
+    and turn, and a first touch after a time ``t``, the Cauchy-Schwarz inequality gives
 
         D^2 <= (T - t) T sum(m_pusher P_pusher) / (c m)
 
@@ -240,7 +240,9 @@ class PushBound(GoalBound):
         self.top_speed = math.sqrt((1.0 + MARGIN) * power / (drag * part.mass))
         """m/s, largest speed that the pushers can sustain."""
         hold = Hold(1, self.periods_per_step)
-        self._approach = [way_reach(surface, pusher.friction, amplitude, FREE_END, hold) for pusher in self.pushers]
+        self._approach = [
+            displacement_reach(surface, pusher.friction, amplitude, FREE_END, hold) for pusher in self.pushers
+        ]
 
     def steps(self, start: Any, goal: Any, gap: Any) -> np.ndarray:
         """Return the fewest steps to success, int64 (n,), including the hold.
@@ -255,13 +257,13 @@ class PushBound(GoalBound):
         start = checks.array("start", start, (len(start), 3))
         goal = checks.array("goal", goal, start.shape)
         gap = checks.array("gap", gap, (len(start), len(self.pushers)))
-        period, turn = self.surface.period, np.abs((goal - start)[:, 2])
+        period, heading_error = self.surface.period, np.abs((goal - start)[:, 2])
         if self.heading_period > 0.0:
-            turn = np.mod(turn, self.heading_period)
-            turn = np.minimum(turn, self.heading_period - turn)
-        turn = np.maximum(turn - self.heading_tolerance, 0.0)
-        way = np.maximum(np.hypot(*(goal - start)[:, :2].T) - self.position_tolerance, 0.0)
-        far = way**2 + self.part.gyration * turn**2
+            heading_error = np.mod(heading_error, self.heading_period)
+            heading_error = np.minimum(heading_error, self.heading_period - heading_error)
+        heading_error = np.maximum(heading_error - self.heading_tolerance, 0.0)
+        displacement = np.maximum(np.hypot(*(goal - start)[:, :2].T) - self.position_tolerance, 0.0)
+        far = displacement**2 + self.part.gyration * heading_error**2
         first = np.min(
             [fewest_periods(reach, apart) for reach, apart in zip(self._approach, gap.T, strict=True)], axis=0
         )

@@ -16,7 +16,7 @@ from vibgym.scene.surface import Surface
 PERIODS = 24
 """Periods of the tables; each later period adds the same increment."""
 
-WAY_MARGIN = 0.001
+DISPLACEMENT_MARGIN = 0.001
 """Added to the change of velocity in a period, over ``mu g T / 2``; see docs/bound.md."""
 
 WOBBLE = 1.0
@@ -99,8 +99,8 @@ class Reach(NamedTuple):
     circle: float
     pace: float
 
-    def periods(self, angle: np.ndarray, way: np.ndarray) -> np.ndarray:
-        """Return the fewest periods, int64 of the shape of ``way``, for displacements or turns at an angle (rad).
+    def periods(self, angle: np.ndarray, displacement: np.ndarray) -> np.ndarray:
+        """Return the fewest periods, int64 of the shape of ``displacement``, for displacements or turns at an angle (rad).
 
         Of the two neighbouring angles of the table, the one with the larger reach counts.
         """
@@ -108,50 +108,50 @@ class Reach(NamedTuple):
         at = np.asarray(angle) / self.circle * len(most)
         low = np.floor(at).astype(np.int64)
         table = np.maximum(most[low % len(most)], most[(low + 1) % len(most)])
-        inside = (table < way[..., None]).sum(axis=-1)
-        beyond = np.ceil(np.maximum(way - table[..., -1], 0.0) / self.pace).astype(np.int64)
+        inside = (table < displacement[..., None]).sum(axis=-1)
+        beyond = np.ceil(np.maximum(displacement - table[..., -1], 0.0) / self.pace).astype(np.int64)
         return np.where(inside > PERIODS, PERIODS + beyond, inside)
 
 
-def fewest_periods(reach: Reach, way: np.ndarray) -> np.ndarray:
-    """Return the fewest periods, int64 (n,), for ``way`` (n,) in the best direction or from the best heading."""
+def fewest_periods(reach: Reach, displacement: np.ndarray) -> np.ndarray:
+    """Return the fewest periods, int64 (n,), for ``displacement`` (n,) in the best direction or from the best heading."""
     angles = reach.circle / len(reach.most) * np.arange(len(reach.most))
-    return np.min([reach.periods(np.full(len(way), angle), way) for angle in angles], axis=0)
+    return np.min([reach.periods(np.full(len(displacement), angle), displacement) for angle in angles], axis=0)
 
 
 @functools.lru_cache(maxsize=64)
-def way_reach(surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold) -> Reach:
+def displacement_reach(surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold) -> Reach:
     """Return the reach of the centre of mass, m, for a largest amplitude and a tolerance of the goal, m."""
     directions = 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)
-    tables = [way_values(surface, friction, amplitude, tolerance, hold, direction) for direction in directions]
+    tables = [displacement_values(surface, friction, amplitude, tolerance, hold, direction) for direction in directions]
     rest = np.zeros((1, 2))
     most = np.array([[table.at(periods, rest)[0] for periods in range(PERIODS + 1)] for table in tables])
     return _reach(most + _wobble(surface, friction), 2.0 * math.pi)
 
 
-def way_values(
+def displacement_values(
     surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold, direction: float
 ) -> Values:
     """Return the values of a direction (rad), by velocity along and across it minus that of a part sliding in place, m/s."""
-    _, _, first, step = _way_grid(surface)
-    kick = WAY_MARGIN * friction * surface.gravity * surface.period / 2.0
-    motions = _way_moves(surface, friction, amplitude, direction)
-    value = _values(motions, kick * surface.period, [kick / step[0], 0.0], tolerance, hold)
+    _, _, first, step = _displacement_grid(surface)
+    impulse = DISPLACEMENT_MARGIN * friction * surface.gravity * surface.period / 2.0
+    motions = _displacement_moves(surface, friction, amplitude, direction)
+    value = _values(motions, impulse * surface.period, [impulse / step[0], 0.0], tolerance, hold)
     return Values(value, first, step, False)
 
 
-def _way_grid(surface: Surface) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _displacement_grid(surface: Surface) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return velocities along and across, m/s, and first node and step of their grid."""
     along, across = np.linspace(*SPEEDS) * surface.table_speed, np.linspace(*SLIPS) * surface.table_speed
     return along, across, np.array([along[0], across[0]]), np.array([along[1] - along[0], across[1] - across[0]])
 
 
 @functools.lru_cache(maxsize=64)
-def _way_moves(surface: Surface, friction: float, amplitude: float, direction: float) -> Moves:
-    """Return the moves of a period on the grid of :func:`way_values`."""
+def _displacement_moves(surface: Surface, friction: float, amplitude: float, direction: float) -> Moves:
+    """Return the moves of a period on the grid of :func:`displacement_values`."""
     table, period = surface.table_speed, surface.period
     full = amplitude * surface.angular_frequency**2
-    along, across, first, step = _way_grid(surface)
+    along, across, first, step = _displacement_grid(surface)
     phases = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)
     phasors = full * np.concatenate([phases, *(share * phases[::4] for share in (0.75, 0.5, 0.25)), [0.0]])
     phasor = np.column_stack([phasors.real, phasors.imag])
@@ -168,7 +168,7 @@ def _way_moves(surface: Surface, friction: float, amplitude: float, direction: f
 
 
 def turn_reach(surface: Surface, part: Part, amplitude: float, tolerance: float, hold: Hold) -> tuple[Reach, Reach]:
-    """Return the reach of the heading, rad, counter-clockwise and clockwise; see :func:`way_reach`."""
+    """Return the reach of the heading, rad, counter-clockwise and clockwise; see :func:`displacement_reach`."""
     points = sample(part, surface.element_size)
     mirrored = points * [1.0, -1.0]
     if np.allclose(_sorted(points), _sorted(mirrored)):
@@ -240,8 +240,8 @@ def turn_values(
     motions = _turn_moves(surface, friction, gyration, amplitude, even, points)
     spins = np.linspace(*SPINS) * surface.table_speed / radius
     first, step = np.array([0.0, spins[0]]), np.array([0.5 * math.pi / HEADINGS, spins[1] - spins[0]])
-    kick = TURN_MARGIN * friction * surface.gravity * surface.period / (2.0 * radius)
-    value = _values(motions, kick * surface.period, [0.0, kick / step[1]], tolerance, hold)
+    impulse = TURN_MARGIN * friction * surface.gravity * surface.period / (2.0 * radius)
+    value = _values(motions, impulse * surface.period, [0.0, impulse / step[1]], tolerance, hold)
     return Values(value, first, step, True)
 
 

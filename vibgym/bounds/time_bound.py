@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.bounds.tables import FREE_END, Hold, Reach, turn_reach, way_reach
+from vibgym.bounds.tables import FREE_END, Hold, Reach, displacement_reach, turn_reach
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
-MOST_HOLD = MOST_LATENCY = 10_000
+MAX_HOLD = MAX_LATENCY = 10_000
 
 LARGEST = 1e9
 """Largest coordinates of poses, m and rad."""
@@ -55,11 +55,11 @@ class GoalBound:
         if not isinstance(self.heading_tolerance, float) or self.heading_tolerance != math.inf:
             self.heading_tolerance = checks.number("heading_tolerance", self.heading_tolerance, above=0.0)
         self.heading_period = checks.number("heading_period", self.heading_period, least=0.0)
-        self.hold = checks.count("hold", self.hold, most=MOST_HOLD)
-        self.periods_per_step = checks.count("periods_per_step", self.periods_per_step, most=checks.MOST_PERIODS)
+        self.hold = checks.count("hold", self.hold, most=MAX_HOLD)
+        self.periods_per_step = checks.count("periods_per_step", self.periods_per_step, most=checks.MAX_PERIODS)
         if self.amplitude is not None:
             self.amplitude = checks.number("amplitude", self.amplitude, least=0.0, most=surface.max_amplitude)
-        self.latency = checks.count("latency", self.latency, least=0, most=MOST_LATENCY)
+        self.latency = checks.count("latency", self.latency, least=0, most=MAX_LATENCY)
 
 
 @dataclass(eq=False)
@@ -98,13 +98,13 @@ class TimeBound(GoalBound):
             raise checks.refuse("part", f"friction {part.friction:g} (static: {part.static_friction:g})", allowed)
         self._hold = Hold.of(self.hold, self.stride)
         end = FREE_END if checks.flag("stopped", self.stopped) else self.position_tolerance
-        self._ways = way_reach(surface, part.friction, amplitude, end, self._hold)
-        self._turns: tuple[Reach, Reach] | None = None
+        self._displacements = displacement_reach(surface, part.friction, amplitude, end, self._hold)
+        self._rotations: tuple[Reach, Reach] | None = None
         if 0.0 < self.heading_period <= 2.0 * heading_tolerance:
             heading_tolerance = math.inf  # no heading is ever off
         if heading_tolerance < math.inf:
             end = FREE_END if self.stopped else heading_tolerance
-            self._turns = turn_reach(surface, part, amplitude, end, self._hold)
+            self._rotations = turn_reach(surface, part, amplitude, end, self._hold)
 
     @property
     def step_time(self) -> float:
@@ -129,8 +129,8 @@ class TimeBound(GoalBound):
         shape = (max(len(start), len(goal)), 3)
         start, goal = checks.array("start", start, shape), checks.array("goal", goal, shape)
         x, y = (goal - start)[:, :2].T
-        periods = self._ways.periods(np.arctan2(y, x), np.hypot(x, y) - self.position_tolerance)
-        if self._turns is not None:
+        periods = self._displacements.periods(np.arctan2(y, x), np.hypot(x, y) - self.position_tolerance)
+        if self._rotations is not None:
             periods = np.maximum(periods, self._turning(start[:, 2], goal[:, 2] - start[:, 2]))
         arrival = np.maximum(-(-(periods + np.where(periods > 0, self.latency, 0)) // self.stride), 1)
         return arrival + self._hold.instants - 1
@@ -139,18 +139,18 @@ class TimeBound(GoalBound):
         """Return the least time to success, s (n,); see :meth:`steps`."""
         return self.step_time * self.steps(start, goal)
 
-    def _turning(self, heading: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    def _turning(self, heading: np.ndarray, heading_error: np.ndarray) -> np.ndarray:
         """Return the fewest periods to within the heading's tolerance, in the faster direction."""
-        assert self._turns is not None
+        assert self._rotations is not None
         period = self.heading_period
-        ways_round = (turn,)
+        errors = (heading_error,)
         if period > 0.0:
-            turn = np.mod(turn, period)
-            ways_round = (turn, turn - period)
+            heading_error = np.mod(heading_error, period)
+            errors = (heading_error, heading_error - period)
         periods = []
-        for angle in ways_round:
+        for angle in errors:
             left = np.abs(angle) - self.heading_tolerance
-            counter, clockwise = self._turns[0].periods(heading, left), self._turns[1].periods(-heading, left)
+            counter, clockwise = self._rotations[0].periods(heading, left), self._rotations[1].periods(-heading, left)
             periods.append(np.where(angle >= 0.0, counter, clockwise))
         return np.min(periods, axis=0)
 

@@ -34,7 +34,7 @@ from vibgym.scene.surface import surface_from
 from vibgym.sensing import MEASUREMENT_FEATURES, Sensing, sensing_from
 from vibgym.sensing.measurement import new_measurement
 from vibgym.simulation import MODELS, Simulator
-from vibgym.snapshots import check_keys, copied, put_back, restored
+from vibgym.snapshots import check_keys, copied, restore, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import Relations
 from vibgym.tasks.reward import CustomReward, Reward
@@ -102,7 +102,7 @@ class Core:
         disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
         self.disturbances = None if disturbance is None else Disturbances(disturbance, self.simulator, span)
         self.sensing = self._new_sensing()
-        measured = (name for quantity in self.sensing.tell for name in MEASUREMENT_FEATURES[quantity])
+        measured = (name for quantity in self.sensing.report for name in MEASUREMENT_FEATURES[quantity])
         self.task.features = (*self.task.features, *measured)
         self.observation = self._observation("observation", options.observation)
         self._observations = {options.observation: self.observation}
@@ -193,7 +193,7 @@ class Core:
         if self.shapes is None:
             return Kinds.of(parts_from(self.options.parts, task, self.surface))
         parts_from(self.shapes.parts(range(self.shape_draws)), task, self.surface)
-        if task.flows:
+        if task.continuous_feed:
             raise checks.conflict(f"split cannot be set for task {self.options.task!r}, whose parts arrive and leave")
         return self.shapes.kinds(worlds)
 
@@ -230,7 +230,7 @@ class Core:
             options.sensor, self.surface, self.kinds, self.worlds, self.periods,
             plant=nominal(actuators), latency=actuators.latency, walls=self.simulator.walls,
         )  # fmt: skip
-        if task.flows and not sensing.sensor.renews:
+        if task.continuous_feed and not sensing.sensor.resets_parts:
             raise checks.conflict(
                 f"sensor {options.sensor!r} does not support parts that arrive and leave (task {task.name!r})"
             )
@@ -351,8 +351,8 @@ class Core:
         """
         name = checks.choice("kind", kind, OBSERVATIONS)
         if name not in self._observations:
-            if not OBSERVATIONS[name].beside:
-                have = [observation for observation in OBSERVATIONS if OBSERVATIONS[observation].beside]
+            if not OBSERVATIONS[name].extra:
+                have = [observation for observation in OBSERVATIONS if OBSERVATIONS[observation].extra]
                 raise checks.refuse("kind", kind, f"{', '.join(have)}, or the kind that the environment was made with")
             self._observations[name] = self._observation("kind", name)
         return self._observations[name].observe(self.sensing.measurement, self.measured, self.episode)
@@ -426,7 +426,7 @@ class Core:
             if self.kinds.vary:
                 self.kinds.choose(slice(None), before)
             raise
-        put_back(self._progress(), episode)
+        restore(self._progress(), episode)
         self.action.set_state(action)
         self.actuators.set_state(actuators)
         self.sensing.set_state(sensor)
@@ -441,7 +441,7 @@ class Core:
         return {
             **self.episode._asdict(),
             **self.relations._asdict(),
-            **self.scoring.own_state(),
+            **self.scoring.custom_state(),
             **({} if self.disturbances is None else self.disturbances.live()),
             **({} if self.costs is None else self.costs.live()),
             "shown_terms": self.terms,

@@ -187,10 +187,10 @@ class Costs:
             values[worlds] = 0.0
 
     def advance(self, drive: Drive, periods: int, after: Any = ()) -> None:
-        """Advance the simulator as its ``go_on`` does, and add up the impulses of the periods."""
+        """Advance the simulator as its ``advance_drive`` does, and add up the impulses of the periods."""
         state = self._simulator.state
         for left in range(periods - 1, -1, -1):
-            self._simulator.go_on(drive, 1, after if left == 0 else ())
+            self._simulator.advance_drive(drive, 1, after if left == 0 else ())
             self._step.impulse[...] += state.mass * self._mass * np.hypot(state.pushed[..., 0], state.pushed[..., 1])
 
     def score(self) -> None:

@@ -23,7 +23,7 @@ from vibgym.settings import Length, read
 
 DRAWN = "drawn"
 
-MOST_DRAWN = 8
+MAX_DRAWN = 8
 """Most different shapes of an episode."""
 
 
@@ -33,7 +33,7 @@ class DrawnPart(PartSettings):
     shape: Literal["drawn"]
     """Name of the shape."""
 
-    which: int = Field(default=0, ge=0, lt=MOST_DRAWN)
+    which: int = Field(default=0, ge=0, lt=MAX_DRAWN)
     """Number of the shape: parts with equal numbers have the same shape, others different ones."""
 
     size: Length | None = Field(default=None, gt=0.0)

@@ -15,7 +15,7 @@ import numpy as np
 
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.simulation.plant import LEAST_SPEED
+from vibgym.simulation.plant import MIN_SPEED
 from vibgym.tasks import Task
 from vibgym.tasks.base import MAX_KINDS
 from vibgym.tasks.episode import PREVIEW
@@ -34,7 +34,7 @@ CODINGS = ("linear", "tanh", "place", "cell", "direction", "flag")
 
 def scales_of(surface: Surface) -> dict[str, float | tuple[float, ...]]:
     """Return named scales that depend on the surface, m and m/s."""
-    speed = max(surface.table_speed, LEAST_SPEED)
+    speed = max(surface.table_speed, MIN_SPEED)
     return {
         "table speed": speed,
         "twice the table speed": 2.0 * speed,
@@ -176,7 +176,7 @@ MOTIONS = ("goal_velocity", "goal_spin", "way_ahead", "turn_ahead")
 TURNING = ("goal_spin", "turn_ahead")
 
 
-class Numbers(NamedTuple):
+class LayoutEntry(NamedTuple):
     """A feature in an observation: an entry of ``env.unwrapped.observation_layout``, or of ``parts_layout``.
 
     Attributes:
@@ -225,7 +225,7 @@ class Layout:
         self.block = starts[-1]
         self.size = slots * self.block
         self._block = tuple(
-            Numbers(
+            LayoutEntry(
                 name=feature.name,
                 part=None,
                 start=start,
@@ -240,7 +240,7 @@ class Layout:
         )
         self.rows = self._rows()
 
-    def _rows(self) -> tuple[Numbers, ...]:
+    def _rows(self) -> tuple[LayoutEntry, ...]:
         own = (slot if slot < len(self.parts) else None for slot in range(self.slots))
         return tuple(
             feature._replace(part=part, start=slot * self.block + feature.start)
@@ -253,7 +253,7 @@ class Layout:
         row = self._row(name)
         return self._blocks(observation)[..., : len(self.parts), row.start : row.start + row.width]
 
-    def _row(self, name: str) -> Numbers:
+    def _row(self, name: str) -> LayoutEntry:
         return next(feature for feature in self._block if feature.name == name)
 
     def _blocks(self, observation: np.ndarray) -> np.ndarray:
@@ -295,7 +295,7 @@ class RowLayout(Layout):
         """Return the layout of a task's parts."""
         return cls(task.surface, task.parts, row_features(task), task.slots)
 
-    def _rows(self) -> tuple[Numbers, ...]:
+    def _rows(self) -> tuple[LayoutEntry, ...]:
         return self._block
 
     def _blocks(self, observation: np.ndarray) -> np.ndarray:

@@ -101,8 +101,8 @@ class Wrench(Action):
         push, acceleration, holds = self._process.push(velocity, wanted)
         pose = measurement.pose
         x, y = pose[..., 0], pose[..., 1]
-        beside = (x < 0.0) | (y < 0.0) | (x > self.surface.width) | (y > self.surface.depth)
-        reasons = [measurement.gone, beside, ~holds, self.left_out(measurement)]
+        outside = (x < 0.0) | (y < 0.0) | (x > self.surface.width) | (y > self.surface.depth)
+        reasons = [measurement.gone, outside, ~holds, self.left_out(measurement)]
         self._unserved[...] = np.select(reasons, [GONE, BESIDE, STICKS, LEFT_OUT], SERVED)
         served = self._unserved == SERVED
         self._given[...] = np.where(served[..., None], acceleration, 0.0)
@@ -195,16 +195,16 @@ class Target(Velocity):
     def acceleration(self, values: np.ndarray, velocity: np.ndarray, pose: np.ndarray) -> np.ndarray:
         """See :meth:`Wrench.acceleration`."""
         offset, _ = self._inside(values, pose)
-        way, direction = _polar(offset)
-        return (self._speed(way, _towards(velocity, direction)) * direction - velocity) / self.step_time
+        displacement, direction = _polar(offset)
+        return (self._speed(displacement, _towards(velocity, direction)) * direction - velocity) / self.step_time
 
     def values(self, acceleration: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """See :meth:`Wrench.values`."""
         speed, direction = _polar(velocity + self.step_time * acceleration)
         now = _towards(velocity, direction)
         left = np.maximum(speed**2 / (2.0 * self._braking), speed * self.step_time / APPROACH)
-        way = np.maximum(left + 0.5 * self.step_time * (now + speed), 0.0)
-        offset = way * direction / self.reach
+        displacement = np.maximum(left + 0.5 * self.step_time * (now + speed), 0.0)
+        offset = displacement * direction / self.reach
         return np.sign(offset) * np.sqrt(np.abs(offset))
 
     def _inside(self, values: np.ndarray, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -215,23 +215,23 @@ class Target(Velocity):
         offset[..., :2] = inside - pose[..., :2]
         return offset, inside - wanted
 
-    def _speed(self, way: np.ndarray, now: np.ndarray) -> np.ndarray:
-        """Return speeds (worlds, parts, 3) towards the targets at the end of the step: ``v = curve(way - T (now + v) / 2)``."""
-        speed = np.empty_like(way)
-        brake(way, now, self._braking, self.top, self.step_time, speed)
+    def _speed(self, displacement: np.ndarray, now: np.ndarray) -> np.ndarray:
+        """Return speeds (worlds, parts, 3) towards the targets at the end of the step: ``v = curve(x - T (now + v) / 2)``."""
+        speed = np.empty_like(displacement)
+        brake(displacement, now, self._braking, self.top, self.step_time, speed)
         return speed
 
 
 @jit
-def brake(way, now, braking, top, step, speed):
+def brake(displacement, now, braking, top, step, speed):
     """Compute ``speed``, see :meth:`Target._speed`."""
-    for w in range(way.shape[0]):
+    for w in range(displacement.shape[0]):
         row = min(w, top.shape[0] - 1)
-        for p in range(way.shape[1]):
+        for p in range(displacement.shape[1]):
             for k in range(3):
                 v = now[w, p, k]
                 for iteration in range(ITERATIONS):
-                    left = max(way[w, p, k] - 0.5 * step * (now[w, p, k] + v), 0.0)
+                    left = max(displacement[w, p, k] - 0.5 * step * (now[w, p, k] + v), 0.0)
                     allowed = min(math.sqrt(2.0 * braking[row, p, k] * left), APPROACH / step * left)
                     v = allowed if iteration == 0 else 0.5 * (v + allowed)
                 speed[w, p, k] = min(v, top[row, p, k])

@@ -18,7 +18,7 @@ from gymnasium import spaces
 from vibgym import checks
 from vibgym.envs.features import CODINGS, NEIGHBOUR, NEIGHBOURS, TABLE, Feature, Layout, RowLayout
 from vibgym.kernels.jit import jit
-from vibgym.kernels.reference import Layout as Memory
+from vibgym.kernels.reference import Layout as MemoryLayout
 from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.contacts.hulls import Hulls, load_hulls, part_contact, part_gap, place_hulls
 from vibgym.registry import Registry
@@ -58,7 +58,7 @@ class Observation(ABC):
     goal_reward: bool = False
     """Whether the reward is that of a goal observation (GoalEnv)."""
 
-    beside: bool = True
+    extra: bool = True
     """Whether it can be computed in addition to another observation; not if the sensor must record data for it."""
 
     class Settings(BaseSettings):
@@ -190,7 +190,7 @@ class GoalObservation(StateObservation):
     def __init__(self, task: Task) -> None:
         super().__init__(task)
         if not isinstance(task, PoseTask):
-            have = ", ".join(repr(name) for name, cls in OBSERVATIONS.items() if cls.beside and not cls.goal_reward)
+            have = ", ".join(repr(name) for name, cls in OBSERVATIONS.items() if cls.extra and not cls.goal_reward)
             raise checks.conflict(
                 f"observation 'goal' requires a task with one part and a fixed goal pose; others: {have}"
             )
@@ -272,7 +272,7 @@ class ImageObservation(Observation):
             if self._unwrapped:
                 level = np.rint(128.0 + relations.error[..., 2] * (127.0 / (4.0 * math.pi)))
                 shown[:] = np.clip(level, 1.0, 255.0)
-            shown[:, ~self.task.asked] = 0
+            shown[:, ~self.task.scored] = 0
         rasterise(
             pose, episode.present, episode.goal, shown, self.marks,
             surface.rows, surface.columns, surface.element_size, PIXELS, image,
@@ -384,7 +384,7 @@ class Scene(NamedTuple):
     gap: np.ndarray  # scratch: (parts, NEIGHBOURS) m, to these
 
 
-SCENE: Memory[Scene] = Memory("SCENE", __name__)
+SCENE: MemoryLayout[Scene] = MemoryLayout("SCENE", __name__)
 """Data of :func:`write_rows`."""
 
 scene_at = SCENE.at

@@ -30,10 +30,10 @@ NAMED = ("start", "zones", "slots", "paths", "randomize")
 RESET_OPTIONS = ("pose", "goal", "paths", "parts")
 """Keys of ``reset(options=...)``."""
 
-MOST_EPISODE = 10**12
+MAX_EPISODE = 10**12
 """Most steps or periods of an episode."""
 
-MOST_PERIODS = 1_000_000
+MAX_PERIODS = 1_000_000
 """Most periods of a step: eleven hours of simulated time."""
 
 
@@ -67,7 +67,7 @@ class Options(BaseSettings):
 
     sensor: Given[str | Mapping[str, Any]] = "ideal"
     """``"ideal"``, ``"pose"`` (noise), ``"camera"``, a registered name, or a mapping with ``kind``, settings, ``estimator``
-    (``"none"``, ``"kalman"``, ``"model"``) and ``tell``, features to add to observations (``"age"``, ``"sigma"``,
+    (``"none"``, ``"kalman"``, ``"model"``) and ``report``, features to add to observations (``"age"``, ``"sigma"``,
     ``"contacts"``); see docs/hardware.md."""
 
     randomize: Given[Mapping[str, Any] | None] = None
@@ -106,10 +106,10 @@ class Options(BaseSettings):
     task_settings: Given[Mapping[str, Any] | None] = None
     """Further settings of the task, such as ``hold`` (periods) and ``weights``."""
 
-    periods_per_step: int = Field(default=1, ge=1, le=MOST_PERIODS)
+    periods_per_step: int = Field(default=1, ge=1, le=MAX_PERIODS)
     """Oscillation periods per step. Hold, time cost and limit count periods."""
 
-    max_episode_periods: int | None = Field(default=None, ge=1, le=MOST_EPISODE)
+    max_episode_periods: int | None = Field(default=None, ge=1, le=MAX_EPISODE)
     """Periods after which an episode is truncated, unless ``gym.make`` gets ``max_episode_steps`` (steps; -1: no limit)."""
 
     @classmethod
@@ -181,7 +181,7 @@ def step_limit(max_episode_steps: Any, periods_per_step: int, max_episode_period
         return None if periods is None else math.ceil(periods / periods_per_step)
     if isinstance(max_episode_steps, int) and max_episode_steps == -1:
         return None
-    return checks.count("max_episode_steps", max_episode_steps, most=MOST_EPISODE)
+    return checks.count("max_episode_steps", max_episode_steps, most=MAX_EPISODE)
 
 
 def longest_paths(task: Task, actuators: ActuatorStage, sensor: Sensor, max_episode_periods: int | None) -> float:
@@ -309,7 +309,7 @@ def parse_reset_options(
     pose = goal = present = None
     draw = _start
     if "pose" in requested:
-        if task.flows:
+        if task.continuous_feed:
             raise checks.conflict(f"options['pose'] cannot be set for {task.name}: its parts arrive at an inlet")
         pose = _on_surface("options['pose']", requested["pose"], shape, task)
     if "goal" in requested:

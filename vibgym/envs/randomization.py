@@ -1,6 +1,6 @@
 """``randomize=``: conditions drawn for every episode from the world's generator, and impulse disturbances during an episode.
 
-``info["drawn"]`` reports the conditions, ``info["parts"]["struck"]`` the disturbances.
+``info["drawn"]`` reports the conditions, ``info["parts"]["disturbed"]`` the disturbances.
 """
 
 from __future__ import annotations
@@ -15,27 +15,27 @@ from pydantic import Field, model_validator
 from vibgym import checks
 from vibgym.actuators.stage import ActuatorStage
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from
-from vibgym.physics.planar.kick import begin_waiting, disturb_parts
+from vibgym.physics.planar.impulse import begin_waiting, disturb_parts
 from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.settings import Angle, BaseSettings, in_si, read, with_unit
 from vibgym.simulation import Conditions, Simulator
-from vibgym.simulation.model import LEAST_FACTOR, MOST_FACTOR
+from vibgym.simulation.model import MAX_FACTOR, MIN_FACTOR
 
 STEEPEST = 0.2
 """rad, largest incline; the normal load, which is not changed, would be 2 % smaller."""
 
-MOST_RATE, MOST_TILT = 100.0, math.radians(45.0)
+MAX_RATE, MAX_TILT = 100.0, math.radians(45.0)
 """Largest rate (1/s) and tilt (rad) of disturbances."""
 
 EFFECTS = ("friction", "mass", "incline", "patches")
 """Conditions by their name in ``randomize=`` and in :meth:`vibgym.Simulator.set_conditions`, in the order of drawing."""
 
 
-Factor = Annotated[float, Field(ge=LEAST_FACTOR, le=MOST_FACTOR)]
+Factor = Annotated[float, Field(ge=MIN_FACTOR, le=MAX_FACTOR)]
 Incline = Annotated[Angle, Field(ge=0.0, le=STEEPEST)]
-Tilt = Annotated[Angle, Field(ge=0.0, le=MOST_TILT)]
+Tilt = Annotated[Angle, Field(ge=0.0, le=MAX_TILT)]
 
 
 class Ranges(BaseSettings):
@@ -52,7 +52,7 @@ class Ranges(BaseSettings):
 class Disturbance(Ranges):
     """Settings of impulse disturbances."""
 
-    rate: float = Field(ge=0.0, le=MOST_RATE)
+    rate: float = Field(ge=0.0, le=MAX_RATE)
     """Mean number of disturbances of each part, 1/s."""
 
     tilt: Tilt | tuple[Tilt, Tilt]
@@ -171,7 +171,7 @@ class Disturbances:
     """Impulse disturbances of parts at random times.
 
     Models with tilt release a disturbed part from a tilt. Others apply an impulse with the statistics of the tilt's effect
-    (:mod:`vibgym.physics.planar.kick`).
+    (:mod:`vibgym.physics.planar.impulse`).
 
     Args:
         settings: rate and tilt.
@@ -179,7 +179,7 @@ class Disturbances:
         span: s, of a step.
 
     Attributes:
-        struck: (worlds, parts) rad, tilt of a part that was disturbed in the last step, else 0; live.
+        disturbed: (worlds, parts) rad, tilt of a part that was disturbed in the last step, else 0; live.
     """
 
     draws = KEY_DRAWS
@@ -190,26 +190,26 @@ class Disturbances:
         self._key = np.zeros((shape[0], KEY_DRAWS), dtype=np.int64)
         self._count = np.zeros(shape, dtype=np.int64)
         self._wait = np.zeros(shape)
-        self.struck = np.zeros(shape)
-        self._lean, self._kick = np.zeros((*shape, 2)), np.zeros((*shape, 3))
+        self.disturbed = np.zeros(shape)
+        self._lean, self._impulse = np.zeros((*shape, 2)), np.zeros((*shape, 3))
 
     def live(self) -> dict[str, np.ndarray]:
         """Return live arrays for snapshots."""
-        live = {"key": self._key, "count": self._count, "wait": self._wait, "struck": self.struck}
+        live = {"key": self._key, "count": self._count, "wait": self._wait, "disturbed": self.disturbed}
         return {f"disturbance_{name}": values for name, values in live.items()}
 
     def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
         """Begin episodes in ``worlds`` (index array), with uniform numbers (n, draws) in [0, 1)."""
-        self._key[worlds], self.struck[worlds] = keys_from(uniform), 0.0
+        self._key[worlds], self.disturbed[worlds] = keys_from(uniform), 0.0
         begin_waiting(worlds, self._key, self._settings.rate, self._wait, self._count)
 
-    def strike(self, present: np.ndarray) -> None:
+    def disturb(self, present: np.ndarray) -> None:
         """Disturb the parts whose waiting time ends in this step; ``present``: (worlds, parts) bool."""
         state, settings = self._simulator.state, self._settings
         away = state.fallen | state.diverged[:, None] | ~present
         if disturb_parts(
             self._key, settings.rate, *settings.range, self._span, away, self._wait, self._count, self._lean,
-            self._kick,
+            self._impulse,
         ):  # fmt: skip
-            self._simulator.disturb(self._lean, self._kick)
-        np.hypot(self._lean[..., 0], self._lean[..., 1], out=self.struck)
+            self._simulator.disturb(self._lean, self._impulse)
+        np.hypot(self._lean[..., 0], self._lean[..., 1], out=self.disturbed)

@@ -13,7 +13,7 @@ from vibgym import checks
 from vibgym.actuators import DataSheet
 from vibgym.config import json_values
 from vibgym.envs.core import Core
-from vibgym.envs.features import Numbers, RowLayout
+from vibgym.envs.features import LayoutEntry, RowLayout
 from vibgym.envs.options import StartOverride, parse_reset_options
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -121,12 +121,12 @@ class SharedInterface(Described):
         return self.core.surface.period * self.core.periods
 
     @property
-    def observation_layout(self) -> tuple[Numbers, ...]:
+    def observation_layout(self) -> tuple[LayoutEntry, ...]:
         """Features of the state observation in order: name, part, start, width, unit, scale, range."""
         return self.core.observation.layout.rows
 
     @property
-    def parts_layout(self) -> tuple[Numbers, ...]:
+    def parts_layout(self) -> tuple[LayoutEntry, ...]:
         """Features of a row of the observation by parts in order, the same for every part.
 
         :class:`vibgym.envs.features.RowLayout` decodes them to quantities.

@@ -78,7 +78,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     apply), ``reward_terms``, and:
 
     - ``parts``: arrays (parts,): ``done``, ``fallen``, ``present``, ``reward``, ``reward_terms``; with disturbances
-      ``struck`` (rad), with ``model="tilting"`` ``toppled``.
+      ``disturbed`` (rad), with ``model="tilting"`` ``toppled``.
     - ``drawn``: values drawn by ``randomize``.
     - ``measured``: ``age`` (periods) and ``sigma`` (m, m, rad) of the measurement, unless the sensor is ideal.
     - ``commanded``: with actions that command motions, ``unserved`` (parts,), an index of

@@ -12,7 +12,7 @@ from vibgym.envs.options import StartOverride
 from vibgym.scene.kinds import Kinds, groups_of
 from vibgym.tasks import Start, Task
 
-MOST_TASKS = 256
+MAX_TASKS = 256
 """Tasks that are kept for worlds with drawn shapes; one takes 0.1 to some ms to make."""
 
 
@@ -57,7 +57,7 @@ class Starts:
         """Return the task of worlds with parts of these kinds (parts,)."""
         key = kinds.tobytes()
         if key not in self._tasks:
-            if len(self._tasks) == MOST_TASKS:
+            if len(self._tasks) == MAX_TASKS:
                 self._tasks.clear()
             parts = [self._kinds.every[kind] for kind in kinds.tolist()]
             self._tasks[key] = type(self._task)(self._task.surface, parts, settings=self._task.settings)
@@ -72,7 +72,8 @@ class Starts:
         task, surface = self._task, self._task.surface
         shape, present = (worlds, len(self._kinds)), start.present
         checks.shaped(f"{task.name}: present", present, (shape,), "booleans", kinds="b")
-        placed, aimed = present & (not task.flows), present & task.asked & task.has_goal  # parts of a flow arrive later
+        placed = present & (not task.continuous_feed)  # parts of a flow arrive later
+        aimed = present & task.scored & task.has_goal
         least, most = (0.0, 0.0, -1e9), (surface.width, surface.depth, 1e9)
         for name, poses, counted in (("pose", start.pose, placed), ("goal", start.goal, aimed)):
             poses = checks.shaped(f"{task.name}: {name}", poses, ((*shape, 3),), "an array")

@@ -72,7 +72,7 @@ class Pipeline:
         by_rows = isinstance(observation, RowObservation) and type(observation).observe is RowObservation.observe
         self._rows: RowObservation | None = observation if by_rows else None  # type: ignore[assignment]
         self._arrays: list[np.ndarray] = []
-        self._advance = core.simulator.go_on
+        self._advance = core.simulator.advance_drive
         if core.costs is not None and core.costs.needs_impulse:
             self._advance = core.costs.advance
         self.info = core.make_info(self._info_data())
@@ -107,7 +107,7 @@ class Pipeline:
             *_needed(
                 (of_all and shown[0], self.show),
                 (self._rows is None, self.observe),
-                (core.task.flows, self.renew_parts),
+                (core.task.continuous_feed, self.reset_parts),
             ),
         ]
 
@@ -147,7 +147,7 @@ class Pipeline:
 
     def disturb(self, batch: Batch) -> None:
         """Apply impulse disturbances at random times."""
-        self.core.disturbances.strike(self.core.episode.present)  # type: ignore[union-attr]
+        self.core.disturbances.disturb(self.core.episode.present)  # type: ignore[union-attr]
 
     def advance(self, batch: Batch) -> None:
         """Advance all worlds under the drives that the actuators execute; the sensor samples the state at its instant."""
@@ -179,8 +179,8 @@ class Pipeline:
         core = self.core
         core.sensing.predict(batch.command)
         core.sensing.correct()
-        if core.task.flows and core.scoring.changed.any():  # parts that have arrived or left
-            core.sensing.renew(core.scoring.changed, core.simulator.state)
+        if core.task.continuous_feed and core.scoring.changed.any():  # parts that have arrived or left
+            core.sensing.reset_parts(core.scoring.changed, core.simulator.state)
 
     def _shown_stages(self, block: Block) -> list[Callable[[], None]]:
         """Return the stages that write what a block's observations and ``info`` show."""
@@ -216,7 +216,7 @@ class Pipeline:
         """Compute observations that are implemented in Python; last, so that blocks need one pass only."""
         self.observations = self.core.observe()
 
-    def renew_parts(self, batch: Batch) -> None:
+    def reset_parts(self, batch: Batch) -> None:
         """Reset the memory of the action and the model for parts that have arrived or left."""
         core = self.core
         changed = core.scoring.changed
@@ -224,7 +224,7 @@ class Pipeline:
             for memory in core.action.live().values():
                 if memory.shape[:2] == changed.shape:
                     memory[changed] = 0
-            core.simulator.renew(changed)
+            core.simulator.reset_parts(changed)
 
     def refresh(self, worlds: np.ndarray) -> None:
         """Update observations and reports of ``worlds`` (index array), whose episodes have just begun, in the present batch."""
@@ -243,7 +243,7 @@ class Pipeline:
         nested = {"drawn": drawn, "measured": core.sensing.info(), "commanded": core.commanded}
         info, part_extra = scoring.info(), {**scoring.part_info(), **core.simulator.part_info()}
         if core.disturbances is not None:
-            part_extra["struck"] = core.disturbances.struck
+            part_extra["disturbed"] = core.disturbances.disturbed
         if core.costs is not None:
             info, part_extra["cost"] = {**info, "cost": core.costs.total}, core.costs.part
             nested["costs"] = core.costs.named

@@ -16,7 +16,7 @@ from vibgym import checks
 from vibgym.envs.core import Core
 from vibgym.envs.options import Options, StartOverride, step_limit, with_options
 from vibgym.envs.shared import SharedInterface, frames_per_second
-from vibgym.snapshots import check_keys, copied, generator_from, generator_state, put_back, restored
+from vibgym.snapshots import check_keys, copied, generator_from, generator_state, restore, restored
 from vibgym.tasks import TASKS
 
 
@@ -215,7 +215,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             for world, saved in enumerate(generators)
         ]
         self.core.set_state({name: state[name] for name in self.core.state_keys})
-        put_back(self._counters(), values)
+        restore(self._counters(), values)
         self._generators, self.closed = own, False
         if self._viewer is not None:
             for world in range(self.num_envs):

@@ -27,7 +27,7 @@ def scenery_of(env: SharedInterface, world: int = 0) -> Scenery:
             Zone((zone[0], zone[1]), (zone[2], zone[3]), kind, name.replace("_", " "))
             for kind, (name, zone) in enumerate(zones)
         ),
-        asked=tuple(task.asked.tolist()),
+        scored=tuple(task.scored.tolist()),
         goal_size=(3 if task.has_heading else 2) if task.has_goal else 0,
         tolerance=task.position_tolerance if task.has_goal else None,
     )

@@ -1,6 +1,6 @@
 """Machines: drivers, the control loop, watchdog, records of runs; see docs/machine.md."""
 
-from vibgym.hardware.driver import Driver, MachineError, Measurement
+from vibgym.hardware.driver import Driver, MachineError, PoseMeasurement
 from vibgym.hardware.env import HardwareEnv
 from vibgym.hardware.loop import ControlLoop, Outcome
 from vibgym.hardware.record import Recorder, ReplayDriver
@@ -9,7 +9,7 @@ from vibgym.hardware.simulated import SimulatedDriver
 from vibgym.hardware.watchdog import Stopped, Watchdog
 
 __all__ = [
-    "ControlLoop", "Driver", "HardwareEnv", "MachineError", "Measurement", "Outcome", "Recorder", "ReplayDriver",
+    "ControlLoop", "Driver", "HardwareEnv", "MachineError", "PoseMeasurement", "Outcome", "Recorder", "ReplayDriver",
     "Session",
     "SimulatedDriver",
     "SocketDriver", "Stopped", "Watchdog",

@@ -9,7 +9,7 @@ import numpy as np
 from vibgym import checks
 
 
-class Measurement(NamedTuple):
+class PoseMeasurement(NamedTuple):
     """The latest measurement of a machine: poses or an image.
 
     Attributes:
@@ -46,7 +46,7 @@ class Driver(Protocol):
             phase: (rows, columns) rad, relative to the table's horizontal motion, see docs/physics.md.
         """
 
-    def receive(self) -> Measurement:
+    def receive(self) -> PoseMeasurement:
         """Wait for the next cycle and return its measurement: the latest one, or the last one again if none is new.
 
         The first call after a start returns the measurement of the present cycle. If cycles have passed since the last call,

@@ -25,7 +25,7 @@ from vibgym.envs.options import StartOverride
 from vibgym.envs.single import VibgymEnv
 from vibgym.envs.step import Batch, Pipeline
 from vibgym.envs.vector import environment_id
-from vibgym.hardware.driver import Driver, MachineError, Measurement
+from vibgym.hardware.driver import Driver, MachineError, PoseMeasurement
 from vibgym.hardware.watchdog import Stopped, Watchdog
 from vibgym.physics.core.drive import Drive, all_phasors
 from vibgym.scene.surface import Surface
@@ -122,14 +122,16 @@ class HardwareCore(Core):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         task, surface = self.task, self.surface
-        if task.flows:
+        if task.continuous_feed:
             raise checks.conflict(f"task {task.name!r} is not supported on hardware: its parts arrive and leave")
         if self.disturbances is not None:
             raise checks.conflict("randomize['disturbance'] is not supported on hardware")
         if self.costs is not None:
             raise checks.conflict("costs are not supported on hardware")
-        if not self.observation.beside or "contacts" in self.sensing.tell:
-            raise checks.conflict("observation='camera' and sensor.tell with 'contacts' are not supported on hardware")
+        if not self.observation.extra or "contacts" in self.sensing.report:
+            raise checks.conflict(
+                "observation='camera' and sensor.report with 'contacts' are not supported on hardware"
+            )
         self._amplitude, self._phase = np.zeros((2, surface.rows, surface.columns))
         self.readings = Readings(len(self.parts), self.sensing.sensor.step)
         self._image: np.ndarray | None = None
@@ -224,7 +226,7 @@ class HardwareCore(Core):
         self.sent = self.clock()
         self._record(self._amplitude, self._phase)
 
-    def add(self, measurement: Measurement) -> None:
+    def add(self, measurement: PoseMeasurement) -> None:
         """Add a measurement to the readings."""
         pose = self._poses(measurement)
         new = self.watchdog.is_new(measurement.taken, self._is_repeated(measurement.image))
@@ -243,7 +245,7 @@ class HardwareCore(Core):
         last, self._image = self._image, image
         return image is not None and last is not None and np.array_equal(image, last)
 
-    def _poses(self, measurement: Measurement) -> np.ndarray:
+    def _poses(self, measurement: PoseMeasurement) -> np.ndarray:
         """Return the poses (parts, 3) of a measurement, nan where a part was not measured.
 
         Raises:

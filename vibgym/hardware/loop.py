@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium.utils import seeding
 
 from vibgym import checks
-from vibgym.hardware.driver import Driver, MachineError, Measurement
+from vibgym.hardware.driver import Driver, MachineError, PoseMeasurement
 from vibgym.hardware.env import HardwareEnv
 from vibgym.hardware.record import Recorder
 from vibgym.policies.registry import make_policy
@@ -63,9 +63,9 @@ class Still:
     def send(self, amplitude: np.ndarray, phase: np.ndarray) -> None:
         pass
 
-    def receive(self) -> Measurement:
+    def receive(self) -> PoseMeasurement:
         self._now += self._step
-        return Measurement(self._pose, self._now - self._delay)
+        return PoseMeasurement(self._pose, self._now - self._delay)
 
     def now(self) -> float:
         return self._now

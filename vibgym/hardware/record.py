@@ -10,10 +10,10 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.files import output_files
-from vibgym.hardware.driver import MachineError, Measurement
+from vibgym.hardware.driver import MachineError, PoseMeasurement
 from vibgym.identification import Log
 
-LEAST_ROWS = 2
+MIN_ROWS = 2
 """Fewest cycles of a log."""
 
 
@@ -50,7 +50,7 @@ class Recorder:
 
     def save(self) -> Path | None:
         """Write the log and return its path; None if there are less than two cycles."""
-        if len(self._rows) < LEAST_ROWS:
+        if len(self._rows) < MIN_ROWS:
             return None
         rows = np.stack(self._rows)
         Log(**{name: rows[name] for name in rows.dtype.names or ()}, settings=self._settings).save(self.path)
@@ -79,11 +79,11 @@ class ReplayDriver:
     def send(self, amplitude: np.ndarray, phase: np.ndarray) -> None:
         self.sent[self._cycle] = amplitude, phase
 
-    def receive(self) -> Measurement:
+    def receive(self) -> PoseMeasurement:
         if self._cycle + 1 == len(self.log):
             raise MachineError("end of the recording")
         self._cycle += 1
-        return Measurement(self.log.pose[self._cycle], float(self._taken[self._cycle]))
+        return PoseMeasurement(self.log.pose[self._cycle], float(self._taken[self._cycle]))
 
     def now(self) -> float:
         return float(self.log.time[max(self._cycle, 0)])

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.hardware.driver import MachineError, Measurement
+from vibgym.hardware.driver import MachineError, PoseMeasurement
 from vibgym.hardware.simulated import SimulatedDriver
 from vibgym.hardware.wire import Channel, Kind, floats, pack_measurement, unpack_command, unpack_measurement
 
@@ -72,7 +72,7 @@ class SocketDriver:
             raise MachineError(f"the machine has {shape[0]} x {shape[1]} elements, the command {amplitude.shape}")
         self._channel.send(Kind.COMMAND, floats(amplitude, phase))
 
-    def receive(self) -> Measurement:
+    def receive(self) -> PoseMeasurement:
         """Wait for the next measurement; of several that have arrived, return the last one."""
         number, first = 0, None
         while True:

@@ -13,7 +13,7 @@ from vibgym.envs.actions import Action
 from vibgym.envs.core import Core
 from vibgym.envs.single import VibgymEnv
 from vibgym.envs.vector import environment_id
-from vibgym.hardware.driver import Measurement
+from vibgym.hardware.driver import PoseMeasurement
 from vibgym.physics.core.drive import Drive, polar_drive
 
 
@@ -82,7 +82,7 @@ class SimulatedDriver:
         kwargs = {**gym.spec(environment_id(task)).kwargs, **environment, "action": "element", "observation": "state"}
         sensor = kwargs.get("sensor")
         if isinstance(sensor, Mapping):
-            kwargs["sensor"] = {name: value for name, value in sensor.items() if name not in ("estimator", "tell")}
+            kwargs["sensor"] = {name: value for name, value in sensor.items() if name not in ("estimator", "report")}
         actuators = kwargs.get("actuators")
         if isinstance(actuators, Mapping):  # the control loop compensates
             kwargs["actuators"] = {name: value for name, value in actuators.items() if name != "compensate"}
@@ -107,7 +107,7 @@ class SimulatedDriver:
         sent = checks.array("amplitude", amplitude, action.amplitude.shape[1:], least=0.0, most=most * (1.0 + 1e-12))
         action.amplitude[0], action.phase[0] = sent, checks.array("phase", phase, action.phase.shape[1:])
 
-    def receive(self) -> Measurement:
+    def receive(self) -> PoseMeasurement:
         if self._cycle >= 0:
             self.info = self.env.step(np.zeros(1, dtype=np.float32))[-1]
         self._cycle += 1
@@ -122,17 +122,17 @@ class SimulatedDriver:
     def close(self) -> None:
         self.env.close()
 
-    def _measured(self) -> Measurement:
+    def _measured(self) -> PoseMeasurement:
         """Return what the sensor measures now."""
         core = self.env.core
         sensor, state = core.sensing.sensor, core.simulator.state
         if core.sensing.exact:
-            return Measurement(np.where(state.fallen[0, :, None], np.nan, state.pose[0]), self.now())
+            return PoseMeasurement(np.where(state.fallen[0, :, None], np.nan, state.pose[0]), self.now())
         reading = sensor.due
         lost = reading.gone[0] | ~reading.seen[0]
-        sample = int(sensor.looks[0]) - sensor.delay // sensor.periods
+        sample = int(sensor.samples[0]) - sensor.delay // sensor.periods
         sample = max(sample - sample % sensor.every, 0)  # the last one with an image
         taken = max(sample * sensor.step - (sensor.periods - sensor.instant) * core.surface.period, 0.0)
         if self._camera is not None:
-            return Measurement(None, taken, self._camera.image()[0])
-        return Measurement(np.where(lost[:, None], np.nan, reading.pose[0]), taken)
+            return PoseMeasurement(None, taken, self._camera.image()[0])
+        return PoseMeasurement(np.where(lost[:, None], np.nan, reading.pose[0]), taken)

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.hardware.driver import MachineError, Measurement
+from vibgym.hardware.driver import MachineError, PoseMeasurement
 
 VERSION = 1
 
@@ -27,7 +27,7 @@ HEADER = struct.Struct("<4sHHI")
 TIMES = struct.Struct("<dd")
 SIZE = struct.Struct("<II")
 
-MOST_BYTES = 1 << 26
+MAX_BYTES = 1 << 26
 """Longest payload: an image of 64 million pixels."""
 
 
@@ -89,7 +89,7 @@ class Channel:
             raise MachineError(f"{self.peer} does not speak this protocol: {wrong}")
         if version != VERSION:
             raise MachineError(f"{self.peer} has version {version} of the protocol, this side has version {VERSION}")
-        if kind not in set(Kind) or length > MOST_BYTES:
+        if kind not in set(Kind) or length > MAX_BYTES:
             undefined = f"a message of kind {kind} with {length} bytes, which is not defined"
             raise MachineError(f"{self.peer} has sent {undefined}")
         return Message(Kind(kind), self._read(length, timeout))
@@ -129,7 +129,7 @@ def floats(*arrays: np.ndarray) -> bytes:
     return b"".join(np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays)
 
 
-def pack_measurement(now: float, measurement: Measurement) -> tuple[Kind, bytes]:
+def pack_measurement(now: float, measurement: PoseMeasurement) -> tuple[Kind, bytes]:
     """Return kind and payload of a measurement."""
     times = TIMES.pack(now, measurement.taken)
     if measurement.pose is not None:
@@ -138,7 +138,7 @@ def pack_measurement(now: float, measurement: Measurement) -> tuple[Kind, bytes]
     return Kind.IMAGE, times + SIZE.pack(*image.shape) + image.tobytes()
 
 
-def unpack_measurement(message: Message, parts: int) -> tuple[float, Measurement]:
+def unpack_measurement(message: Message, parts: int) -> tuple[float, PoseMeasurement]:
     """Return the machine's time (s) and the measurement of a message.
 
     Raises:
@@ -149,10 +149,10 @@ def unpack_measurement(message: Message, parts: int) -> tuple[float, Measurement
         now, taken = TIMES.unpack_from(payload)
         if message.kind is Kind.POSES:
             pose = np.frombuffer(payload, "<f8", offset=TIMES.size).reshape(parts, 3)
-            return now, Measurement(pose.astype(np.float64), taken)
+            return now, PoseMeasurement(pose.astype(np.float64), taken)
         shape = SIZE.unpack_from(payload, TIMES.size)
         image = np.frombuffer(payload, np.uint8, offset=TIMES.size + SIZE.size).reshape(shape)
-        return now, Measurement(None, taken, image)
+        return now, PoseMeasurement(None, taken, image)
     except (struct.error, ValueError):
         size = f"a payload of {len(payload)} bytes, which does not fit"
         raise MachineError(f"a message {message.kind.name} has {size}") from None

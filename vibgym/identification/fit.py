@@ -64,7 +64,7 @@ NEAR = 0.5
 SETTLED, ENOUGH = 0.02, 1.0
 """Step over standard deviation, of all shared parameters, and decrease of chi squared, below which the fit has converged."""
 
-MOST_NOISE = ("noise_position", 3e-3, "m"), ("noise_heading", 0.1, "rad")
+MAX_NOISE = ("noise_position", 3e-3, "m"), ("noise_heading", 0.1, "rad")
 """Largest plausible standard deviations of measured positions and headings."""
 
 UNSETTLED, ASTRAY = 0.2, 1.0
@@ -109,7 +109,7 @@ def fit(
     parts = log.parts if parts is None else (parts,) if isinstance(parts, Part) else tuple(parts)
     job = Fit(log, nominal, parts, report or (lambda line: None))
     fitted = job.run()
-    for k, (name, most, unit) in enumerate(MOST_NOISE):
+    for k, (name, most, unit) in enumerate(MAX_NOISE):
         if fitted.values[name] > most:
             job.faults.insert(k, f"{name} is {fitted.values[name]:.3g} {unit}, at most {most:g} {unit} are plausible")
     if job.faults and not force:

@@ -26,7 +26,7 @@ ARRAYS = ("time", "amplitude", "phase", "pose", "taken")
 REQUIRED = ("surface", "actuators", "parts")
 """Keys that settings must have."""
 
-MOST_BYTES = 4_000_000_000
+MAX_BYTES = 4_000_000_000
 """Largest content of a file, uncompressed: more than an hour with 256 elements."""
 
 
@@ -123,8 +123,8 @@ class Log:
         try:
             with zipfile.ZipFile(path) as content:
                 size = sum(member.file_size for member in content.infolist())
-            if size > MOST_BYTES:
-                raise checks.refuse(str(path), f"{size} bytes", f"a recording of at most {MOST_BYTES} bytes")
+            if size > MAX_BYTES:
+                raise checks.refuse(str(path), f"{size} bytes", f"a recording of at most {MAX_BYTES} bytes")
             with np.load(path, allow_pickle=False) as stored:
                 for name in (*ARRAYS, "settings"):
                     if name not in stored:

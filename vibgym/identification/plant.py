@@ -31,7 +31,7 @@ count as information."""
 FINE = {"steps": 10, "substeps": 4}
 """Time steps of predictions in a period, twice those of derivatives, whose errors only slow the convergence down."""
 
-MOST_ELEMENTS = 3_000_000
+MAX_ELEMENTS = 3_000_000
 """Elements of all worlds in a batch: limits memory to about 100 MB."""
 
 
@@ -239,7 +239,7 @@ class Plant:
 
     def _groups(self, which: Sequence[int], worlds: int) -> list[tuple[int, list[int]]]:
         """Return kinds and segments of batches that fit into memory, with this many worlds for a segment."""
-        size = max(MOST_ELEMENTS // (worlds * self.surface.rows * self.surface.columns), 1)
+        size = max(MAX_ELEMENTS // (worlds * self.surface.rows * self.surface.columns), 1)
         groups = []
         for kind in range(len(self.kinds)):
             some = [k for k in which if self.segments[k].kind == kind]
@@ -304,7 +304,7 @@ class Plant:
         for k in range(self._length):
             hardware.record.source[...] = np.minimum(rows + k, self._rows - 1)  # before the first row: at rest
             np.maximum(hardware.record.source, -1, out=hardware.record.source)
-            simulator.go_on(drive, 1)
+            simulator.advance_drive(drive, 1)
             path[k + 1] = simulator.state.pose[:, 0]
         return path
 

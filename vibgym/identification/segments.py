@@ -14,10 +14,10 @@ SHORT, LONG = 10, 40
 """Periods of a segment: few where parameters are far off, since errors grow along a path; more are more exact. Long ones begin
 where short ones do."""
 
-LEAST_IMAGES = 8
+MIN_IMAGES = 8
 """Images of a part in a segment; its initial state takes two."""
 
-LEAST_SEGMENTS = 10
+MIN_SEGMENTS = 10
 """Segments of a recording."""
 
 GAP = 1.5
@@ -123,21 +123,21 @@ def segments_of(
     fresh = np.append(True, np.diff(log.taken) != 0.0)
     segments = []
     for a, b in timing.pieces:
-        for first in range(a + skip, b - LEAST_IMAGES, length):
+        for first in range(a + skip, b - MIN_IMAGES, length):
             last = min(first + length, b)
             inside = (timing.cycle >= first - EARLY) & (timing.cycle < last - EARLY) & fresh
             inside[:a] = inside[b:] = False
             for k, part in enumerate(parts):
                 rows = np.flatnonzero(inside & np.isfinite(log.pose[:, k, 0]))
-                if len(rows) < LEAST_IMAGES or near[rows, k].any():
+                if len(rows) < MIN_IMAGES or near[rows, k].any():
                     continue
                 pose = log.pose[rows, k].copy()
                 pose[:, 2] = unwrapped(pose[:, 2], part.symmetry)
                 elements = _touched(pose, part, element_size, log.amplitude.shape[1:])
                 segments.append(Segment(k, int(kinds[k]), first, timing.cycle[rows] - first, pose, elements))
-    if len(segments) < LEAST_SEGMENTS:
-        got = f"{len(segments)} stretches of {length} periods with {LEAST_IMAGES} images and without gaps"
-        allowed = f"a recording with at least {LEAST_SEGMENTS}; record longer, or with fewer gaps"
+    if len(segments) < MIN_SEGMENTS:
+        got = f"{len(segments)} stretches of {length} periods with {MIN_IMAGES} images and without gaps"
+        allowed = f"a recording with at least {MIN_SEGMENTS}; record longer, or with fewer gaps"
         raise checks.refuse("log", got, allowed)
     return segments
 

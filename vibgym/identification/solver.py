@@ -25,7 +25,7 @@ HALVINGS = 5
 MAXIMIZATIONS = 5
 """Steps of expectation maximization for each linearization."""
 
-LEAST_SPREAD = 1e-3
+MIN_SPREAD = 1e-3
 """Smallest standard deviation of the elements' errors."""
 
 STATE_SCALE = np.array([1e-3, 1e-3, 1e-2, 0.1, 0.1, 1.0])
@@ -249,7 +249,7 @@ class Solver:
             errors = now.parameters.elements.ravel() + step[shared:]
             square = errors**2 + np.diag(covariance)[shared:]
             spread = [np.sqrt(square[k::2][visited[k::2]].mean()) for k in range(2)]
-            now = replace(now, prior=replace(now.prior, spread=np.maximum(spread, LEAST_SPREAD)))
+            now = replace(now, prior=replace(now.prior, spread=np.maximum(spread, MIN_SPREAD)))
         return now
 
     def with_noise(

@@ -52,12 +52,12 @@ config: Any = numba.config  # type: ignore[attr-defined]
 
 def decide() -> tuple[str, str]:
     """Return how kernels are compiled, and why not by the private interfaces."""
-    asked, version = os.environ.get(SWITCH, ""), numba.version_info.short  # type: ignore[attr-defined]
+    requested, version = os.environ.get(SWITCH, ""), numba.version_info.short  # type: ignore[attr-defined]
     if config.DISABLE_JIT:
         return INTERPRETED, "NUMBA_DISABLE_JIT is set"
-    if asked not in ("", "0"):
+    if requested not in ("", "0"):
         return PLAIN, f"{SWITCH} is set"
-    if not asked and not TESTED[0] <= version <= TESTED[1]:
+    if not requested and not TESTED[0] <= version <= TESTED[1]:
         return PLAIN, f"numba {numba.__version__} is untested; {SWITCH}=0 tries its private interfaces"
     try:
         importlib.import_module("vibgym.kernels.linking")

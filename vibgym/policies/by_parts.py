@@ -12,7 +12,7 @@ from vibgym.policies.simulated import rows_of
 from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.scene.kinds import Kinds, groups_of
 
-MOST_POLICIES = 256
+MAX_POLICIES = 256
 """Policies that are kept."""
 
 
@@ -41,7 +41,7 @@ class ByParts:
         """Return the policy for parts of these kinds (parts,)."""
         key = own.tobytes()
         if key not in self._made:
-            if len(self._made) == MOST_POLICIES:
+            if len(self._made) == MAX_POLICIES:
                 self._made.clear()
             self._made[key] = self._make(self._info.with_parts([kinds.every[kind] for kind in own.tolist()]))
         return self._made[key]

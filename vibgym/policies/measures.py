@@ -12,7 +12,7 @@ from vibgym import checks
 from vibgym.bounds import FlowBound, PushBound, SeveralBound, TimeBound
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.shared import SharedInterface, Truth
-from vibgym.policies.rollout import Ends, Outcomes, Step, Timing, rollout
+from vibgym.policies.rollout import Ends, Outcomes, RolloutStep, Timing, rollout
 from vibgym.scene import Part
 from vibgym.scene.hulls import gaps_between
 from vibgym.scene.kinds import groups_of
@@ -21,7 +21,7 @@ from vibgym.tasks.episode import TOUCHING
 
 
 @dataclass(frozen=True)
-class Measured(Outcomes):
+class MeasuredOutcomes(Outcomes):
     """Outcomes of episodes, with bounds, collisions, and measures of how smoothly and directly parts were moved.
 
     Corrective movements are those of MagBotSim (Bergmann et al. 2025): *overshoots* and *distance corrections*. Changes of the
@@ -43,7 +43,7 @@ class Measured(Outcomes):
     @property
     def rate_over_bound(self) -> np.ndarray:
         """Good parts a minute over their upper bound."""
-        return self.fact("good_per_minute") / self.rate_bound
+        return self.reported("good_per_minute") / self.rate_bound
 
 
 STILL = 2e-5
@@ -60,12 +60,12 @@ class Measures(Ends):
         env, info, seeds: as of :class:`vibgym.policies.rollout.Ends`.
 
     Attributes:
-        fields: arrays (episodes, ...), named as in :class:`Measured`.
+        fields: arrays (episodes, ...), named as in :class:`MeasuredOutcomes`.
     """
 
     def __init__(self, env: VibgymVectorEnv, info: dict[str, Any], seeds: Sequence[int]) -> None:
         super().__init__(env, info, seeds)
-        count, self._goals = len(seeds), env.task.has_goal and not env.task.flows
+        count, self._goals = len(seeds), env.task.has_goal and not env.task.continuous_feed
         self._pairs = np.triu_indices(len(env.core.kinds), 1)
         self._touching = np.zeros((count, len(self._pairs[0])), dtype=bool)
         self.fields |= {
@@ -82,7 +82,7 @@ class Measures(Ends):
             self._reached, self._away = env.task.tolerances()[:, 0], self._distance()
             self._inside, self._grew = self._away < self._reached, np.zeros(self._away.shape, dtype=bool)
 
-    def add(self, step: Step) -> None:
+    def add(self, step: RolloutStep) -> None:
         """Add a step."""
         super().add(step)
         which, ended = step.episode[step.playing], step.episode[step.ended]
@@ -97,9 +97,9 @@ class Measures(Ends):
         if self._goals:
             self._correct(which, step.playing)
 
-    def result(self, task: str, timing: Timing) -> Measured:
+    def result(self, task: str, timing: Timing) -> MeasuredOutcomes:
         """Return the result, when all episodes have ended."""
-        return Measured(task, self.seeds, self.env.step_time, timing, **self.fields)
+        return MeasuredOutcomes(task, self.seeds, self.env.step_time, timing, **self.fields)
 
     def _new_contacts(self, some: np.ndarray) -> np.ndarray:
         """Return the number (worlds,) of pairs in contact that were not at the last call; (worlds,) bool: where any are."""
@@ -129,7 +129,7 @@ class Measures(Ends):
     def _distance(self) -> np.ndarray:
         """Return the distances (worlds, parts) of parts to their goals, m; 0 without."""
         truth = self.env.truth
-        return np.where(truth.present & self.env.task.asked, np.hypot(truth.error[..., 0], truth.error[..., 1]), 0.0)
+        return np.where(truth.present & self.env.task.scored, np.hypot(truth.error[..., 0], truth.error[..., 1]), 0.0)
 
 
 def least_times(env: SharedInterface) -> np.ndarray:
@@ -146,8 +146,8 @@ def least_times(env: SharedInterface) -> np.ndarray:
     """
     task, truth = env.task, env.truth
     steps = np.full(len(truth.pose), np.nan)
-    if task.has_goal and not task.goal_moves and not task.flows and _slides_undisturbed(env):
-        pushed, kinds = task.asked & ~task.driven, env.core.kinds
+    if task.has_goal and not task.goal_moves and not task.continuous_feed and _slides_undisturbed(env):
+        pushed, kinds = task.scored & ~task.driven, env.core.kinds
         of_world = kinds.kind if kinds.vary else np.zeros((len(truth.pose), 1), dtype=np.int64)
         for _, worlds in groups_of(of_world):
             parts, own = kinds.parts(int(worlds[0])), Truth(*(values[worlds] for values in truth))
@@ -213,12 +213,12 @@ def _asks(env: SharedInterface, parts: Sequence[Part], part: Any) -> dict[str, A
 
 def _steps_driven(env: SharedInterface, parts: Sequence[Part], truth: Truth) -> np.ndarray:
     """Return the least number of steps (worlds,) where the elements drive all parts with goals."""
-    asked, own = np.flatnonzero(env.task.asked), _pushed_together(parts)
+    scored, own = np.flatnonzero(env.task.scored), _pushed_together(parts)
     stopped = len(own) > 1 or bool(env.walls)
-    bound = SeveralBound([TimeBound(env.surface, own[k], stopped=stopped, **_asks(env, parts, k)) for k in asked])
-    start, goal, there = truth.pose[:, asked], truth.goal[:, asked], truth.present[:, asked]
+    bound = SeveralBound([TimeBound(env.surface, own[k], stopped=stopped, **_asks(env, parts, k)) for k in scored])
+    start, goal, there = truth.pose[:, scored], truth.goal[:, scored], truth.present[:, scored]
     if env.task.exchanges:
-        return bound.free_steps(start, goal, np.asarray(env.task.kind)[asked], there)
+        return bound.free_steps(start, goal, np.asarray(env.task.kind)[scored], there)
     return bound.steps(start, goal, there)
 
 

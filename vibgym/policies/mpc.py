@@ -26,7 +26,7 @@ KNOTS = 12  # steps between the random values of a plan, which is interpolated l
 COLDNESS = 10.0  # exponent of the weights from the mean to the best sample
 
 
-class Plan(NamedTuple):
+class MpcPlan(NamedTuple):
     """Memory of :class:`MPCPolicy`."""
 
     change: np.ndarray  # (batch, horizon, size) of the base's actions, or of zeros
@@ -97,10 +97,10 @@ class MPCPolicy:
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Return actions from measured poses and mean velocities; the state is a :class:`Plan` and the base's memory."""
+        """Return actions from measured poses and mean velocities; the state is a :class:`MpcPlan` and the base's memory."""
         measured = Measured.of(observation, self.info)
         batch = len(measured.centre)
-        first = Plan(np.zeros((1, self.horizon, self.size)), self.rest[None], np.zeros(1, dtype=np.int64))
+        first = MpcPlan(np.zeros((1, self.horizon, self.size)), self.rest[None], np.zeros(1, dtype=np.int64))
         own, based = (None, None) if state is None else state
         plan, _ = recall(own, episode_start, first, batch)
         reference = np.zeros((batch, self.size)), None

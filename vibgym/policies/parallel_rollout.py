@@ -29,7 +29,7 @@ Seen = Mapping[str, np.ndarray]
 """Entries of :data:`READ`, each (worlds, ...)."""
 
 
-class Memory(NamedTuple):
+class RolloutMemory(NamedTuple):
     """Memory of :class:`ParallelRolloutPolicy`, besides those of its policies."""
 
     acting: np.ndarray  # (batch,) int64, index of the policy that acts
@@ -89,13 +89,13 @@ class ParallelRolloutPolicy:
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Return actions; the state is a :class:`Memory` and the memories of all policies."""
+        """Return actions; the state is a :class:`RolloutMemory` and the memories of all policies."""
         entries = observation if isinstance(observation, Mapping) else {"state": observation}
         measured = Measured.of(entries["state"], self.info)
         seen = {name: np.asarray(rows)[None] if measured.single else np.asarray(rows) for name, rows in entries.items()}
         batch, (own, memories) = len(measured.centre), (None, (None,) * len(self.policies)) if state is None else state
         zeros = np.zeros(1, dtype=np.int64)
-        own, begun = recall(own, episode_start, Memory(zeros, zeros, self._rest[None]), batch)
+        own, begun = recall(own, episode_start, RolloutMemory(zeros, zeros, self._rest[None]), batch)
         begun = begun.copy()  # also of a policy that takes over
         together, due = max(1, MODEL_WORLDS // len(self.policies)), np.flatnonzero(own.age % self.settings.every == 0)
         for some in np.split(due, range(together, len(due), together)):
@@ -105,12 +105,12 @@ class ParallelRolloutPolicy:
         model, after = self._models[batch], list(memories)
         action = np.empty((batch, model.core.action.size), dtype=np.float32)
         for index in np.unique(own.acting).tolist():
-            asked, after[index] = self._ask(index, seen, memories[index], begun, deterministic)
-            action[own.acting == index] = asked[own.acting == index]
+            answers, after[index] = self._ask(index, seen, memories[index], begun, deterministic)
+            action[own.acting == index] = answers[own.acting == index]
         model.begin(measured, own.drift)
         model.step(action)
         return (action[0] if measured.single else action), (
-            Memory(own.acting, own.age + 1, model.drift()),
+            RolloutMemory(own.acting, own.age + 1, model.drift()),
             tuple(after),
         )
 
@@ -118,7 +118,7 @@ class ParallelRolloutPolicy:
         self,
         seen: Seen,
         measured: Measured,
-        own: Memory,
+        own: RolloutMemory,
         memories: tuple[Any, ...],
         begun: np.ndarray,
         some: np.ndarray,
@@ -135,9 +135,9 @@ class ParallelRolloutPolicy:
         states, fresh = [rows_of(memory, worlds) for memory in memories], begun[worlds] | ~acting
         earned, end = np.zeros(len(rows)), np.full(len(rows), np.inf)
         for step in range(self.settings.horizon):
-            asked = [self._ask(k, shares[k], states[k], fresh[k], True) for k in range(count)]
-            states, running = [state for _, state in asked], ~model.over
-            earned += model.step(np.concatenate([action for action, _ in asked])).sum(axis=1)
+            answers = [self._ask(k, shares[k], states[k], fresh[k], True) for k in range(count)]
+            states, running = [state for _, state in answers], ~model.over
+            earned += model.step(np.concatenate([action for action, _ in answers])).sum(axis=1)
             end[running & model.core.episode.success] = step
             won, over = np.isfinite(end).reshape(count, -1), model.over.reshape(count, -1)
             if (won.any(axis=0) | over.all(axis=0)).all():  # any other success would be later

@@ -19,7 +19,7 @@ from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import Policy, TaskInfo
 from vibgym.tasks.episode import EVENTS
 
-OWN_FACTS = (
+CUSTOM_INFO = (
     *(f"{event}_per_minute" for event in EVENTS[1:]), "transit", "on_table", "pattern_error", "coverage"
 )  # fmt: skip
 """Entries of ``info`` at the end of episodes of some tasks only: parts a minute by event, s from arrival to leaving, parts on
@@ -36,7 +36,7 @@ class Timing:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class RolloutStep:
     """Result of one step of all worlds. Arrays are (worlds, ...)."""
 
     episode: np.ndarray  # int64, index of the episode's seed
@@ -52,7 +52,7 @@ class Step:
 
 
 class Episodes:
-    """Iterator over the steps (:class:`Step`) of an episode for every seed, until all have ended.
+    """Iterator over the steps (:class:`RolloutStep`) of an episode for every seed, until all have ended.
 
     A world whose episode has ended takes the next seed. Where none is left it begins another episode with its first part alone,
     which costs little. Actions are deterministic.
@@ -84,7 +84,7 @@ class Episodes:
         self._taken, self._idle = 0, {"parts": [0]} if len(env.unwrapped.parts) > 1 else {}
         self._renew(np.ones(env.num_envs, dtype=bool))
 
-    def __iter__(self) -> Iterator[Step]:
+    def __iter__(self) -> Iterator[RolloutStep]:
         env, state, start = self.env, None, np.ones(self.env.num_envs, dtype=bool)
         playing, first = self._episode < len(self.seeds), True
         while playing.any():
@@ -99,7 +99,7 @@ class Episodes:
             first, start = False, terminated | truncated
             self._observation = observation
             self._age += 1
-            yield Step(
+            yield RolloutStep(
                 self._episode.copy(), self._age.copy(), playing, playing & start, action, observation, reward,
                 terminated, truncated, info,
             )  # fmt: skip
@@ -141,16 +141,16 @@ class Outcomes:
     heading_error: np.ndarray  # rad, at the end, magnitude; nan where the heading does not count
     cost: np.ndarray  # sum of info["cost"]; nan without ``costs``
     path_error: np.ndarray  # m, rms distance of the worst part from a goal that moves; nan where goals stay
-    facts: np.ndarray  # (episodes, OWN_FACTS) values of ``info`` at the end; nan where a task does not report them
+    info: np.ndarray  # (episodes, CUSTOM_INFO) values of ``info`` at the end; nan where a task does not report them
 
     @property
     def time_to_goal(self) -> np.ndarray:
         """Simulated time until success was established, its hold included, s; nan without success."""
         return np.where(self.success, self.steps * self.step_time, np.nan)
 
-    def fact(self, name: str) -> np.ndarray:
-        """Return one of :data:`OWN_FACTS`, (episodes,)."""
-        return self.facts[..., OWN_FACTS.index(name)]
+    def reported(self, name: str) -> np.ndarray:
+        """Return one of :data:`CUSTOM_INFO`, (episodes,)."""
+        return self.info[..., CUSTOM_INFO.index(name)]
 
 
 class Ends:
@@ -173,10 +173,10 @@ class Ends:
             "returns": np.zeros(count),
             "cost": np.full(count, 0.0 if "cost" in info else np.nan),
             **{key: np.full(count, np.nan) for key in ("position_error", "heading_error", "path_error")},
-            "facts": np.full((count, len(OWN_FACTS)), np.nan),
+            "info": np.full((count, len(CUSTOM_INFO)), np.nan),
         }
 
-    def add(self, step: Step) -> None:
+    def add(self, step: RolloutStep) -> None:
         """Add a step."""
         fields, info = self.fields, step.info
         fields["returns"][step.episode[step.playing]] += step.reward[step.playing]
@@ -189,9 +189,9 @@ class Ends:
             for key in ("fallen", "diverged", "position_error", "heading_error", "path_error"):
                 if key in info:
                     fields[key][which] = info[key][step.ended]
-            for column, key in enumerate(OWN_FACTS):
+            for column, key in enumerate(CUSTOM_INFO):
                 if key in info:
-                    fields["facts"][which, column] = info[key][step.ended]
+                    fields["info"][which, column] = info[key][step.ended]
 
     def result(self, task: str, timing: Timing) -> Outcomes:
         """Return the result, when all episodes have ended."""
@@ -214,7 +214,7 @@ def rollout(
         policy: anything that :func:`vibgym.policies.make_policy` takes.
         task: id of a registered environment, such as ``"vibgym/Sort-v0"``, or short ``"Sort"``.
         seeds: of the episodes' resets, integers.
-        keep: collector class: ``keep(env, info, seeds)`` receives every :class:`Step` and returns the result, as :class:`Ends`;
+        keep: collector: ``keep(env, info, seeds)`` receives every :class:`RolloutStep` and returns a result, as :class:`Ends`;
             :class:`vibgym.policies.measures.Measures` also has time bounds and collisions.
         progress: called with the number of episodes that have ended since the last call.
         **environment: keyword arguments of the environment, as for ``gym.make``.
@@ -234,8 +234,8 @@ def rollout(
     for key in ("num_envs", "autoreset_mode"):
         if key in environment:
             raise checks.conflict(f"{key} cannot be set: rollout runs one world per seed")
-    acting, spoken = _acting(policy, name, environment, numbers[0])
-    env = worlds_of(name, len(numbers), **{**environment, **spoken})
+    acting, interface = _acting(policy, name, environment, numbers[0])
+    env = worlds_of(name, len(numbers), **{**environment, **interface})
     try:
         if isinstance(acting, ByParts):
             acting.kinds = env.unwrapped.core.kinds  # type: ignore[attr-defined]
@@ -282,10 +282,10 @@ def _acting(policy: Any, name: str, environment: dict[str, Any], seed: int) -> t
         env = batch_of(name, num_envs=1, **environment)
         policy = make_policy(policy, TaskInfo.of(env), seed)
         env.close()
-    spoken = {"action": policy.action, "observation": policy.observation}
+    interface = {"action": policy.action, "observation": policy.observation}
     for key, value in wanted.items():
-        checks.choice(key, value, (spoken[key],))
-    return policy, spoken
+        checks.choice(key, value, (interface[key],))
+    return policy, interface
 
 
 def worlds_of(task: str, count: int, **arguments: Any) -> VectorEnv:

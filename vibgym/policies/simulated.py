@@ -39,9 +39,9 @@ class Model:
         """(2, parts, 3) :meth:`drift` of parts at rest."""
         self._info, self._all = info, np.arange(worlds)
         self._key = np.zeros((worlds, 2), dtype=np.int64)  # of arrivals: the same for all plans
-        asked, driven = np.array(info.asked, dtype=bool), np.array(info.driven, dtype=bool)
+        scored, driven = np.array(info.scored, dtype=bool), np.array(info.driven, dtype=bool)
         # A driven part gets its own reward; those of the other parts go to all driven parts.
-        self._credit = np.where(driven[:, None], np.diag(driven | ~asked), 0.0) + np.outer(driven, asked & ~driven)
+        self._credit = np.where(driven[:, None], np.diag(driven | ~scored), 0.0) + np.outer(driven, scored & ~driven)
 
     def begin(self, seen: Measured, drift: np.ndarray) -> None:
         """Start from a measured state per world.
@@ -53,14 +53,14 @@ class Model:
         present = seen.present
         goal = np.zeros_like(seen.pose)
         if self._info.has_goal:
-            goal = seen.pose + np.concatenate([seen.way, seen.turn[..., None]], axis=-1)
+            goal = seen.pose + np.concatenate([seen.displacement, seen.heading_error[..., None]], axis=-1)
         pose = np.where(present[..., None], seen.pose, -1.0)  # off the surface
-        coming = present | self._info.flows  # absent parts may arrive
+        coming = present | self._info.continuous_feed  # absent parts may arrive
         start = Start(pose, coming, np.where(present[..., None], goal, 0.0), key=self._key)
         velocity = np.where(present[..., None], seen.rate + drift[:, 0], 0.0)
         self.core.put(self._all, start, velocity, np.where(present[..., None], seen.rate, 0.0))
-        if self._info.flows:
-            self.core.scoring.own_state()["flow_idle"][...] = self.rest[0]
+        if self._info.continuous_feed:
+            self.core.scoring.custom_state()["flow_idle"][...] = self.rest[0]
         remembered = self.core.action.live()
         if "given" in remembered:
             remembered["given"][...] = drift[:, 1]

@@ -82,8 +82,8 @@ class TaskInfo:
     hardware: DataSheet  # of the actuators
     step_limit: int | None  # steps
     driven: tuple[bool, ...] = ()  # of each part: whether actions drive it
-    asked: tuple[bool, ...] = ()  # of each part: whether success depends on it
-    flows: bool = False  # parts arrive and leave during an episode
+    scored: tuple[bool, ...] = ()  # of each part: whether success depends on it
+    continuous_feed: bool = False  # parts arrive and leave during an episode
     goal_moves: bool = False  # during an episode, see vibgym.policies.classical.measured
     flat: bool = True  # parts stay flat on the surface, as in all models but "tilting"
     lead: int = 0  # periods by which measurements are ahead of the present: the estimator's prediction
@@ -136,8 +136,8 @@ class TaskInfo:
             hardware=base.data_sheet,
             step_limit=limit,
             driven=tuple(task.driven.tolist()),
-            asked=tuple(task.asked.tolist()),
-            flows=task.flows,
+            scored=tuple(task.scored.tolist()),
+            continuous_feed=task.continuous_feed,
             goal_moves=task.goal_moves,
             flat=base.core.simulator.flat,
             lead=base.measurement_lead,

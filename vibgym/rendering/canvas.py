@@ -228,8 +228,8 @@ class Canvas:
         """Draw a line through ``points`` (k, 2), m, oldest first, fading with age; light colours get a dark edge."""
         points = self._to_pixels(points[-TRAIL_POINTS:])
         # Points far off the picture need no layer, and overflow pygame's integers.
-        beside = np.flatnonzero(~((points >= 0.0) & (points <= self._fine.get_size())).all(axis=1))
-        points = points[beside[-1] + 1 if len(beside) else 0 :]
+        outside = np.flatnonzero(~((points >= 0.0) & (points <= self._fine.get_size())).all(axis=1))
+        points = points[outside[-1] + 1 if len(outside) else 0 :]
         if len(points) < 2:
             return
         alpha = np.linspace(30.0, 240.0, len(points))[1:]

@@ -226,7 +226,7 @@ class Scenery:
         goal_size: 3 for goal poses, 2 for goal positions, 0 without goals.
         tolerance: m, from goals; None without goals.
         trail: number of past centres of each part that are shown.
-        asked: whether each part has a goal; empty: all have one.
+        scored: whether each part has a goal; empty: all have one.
         side: whether pictures include a view from the side.
     """
 
@@ -240,7 +240,7 @@ class Scenery:
     goal_size: int = 0
     tolerance: float | None = None
     trail: int = TRAIL_STEPS
-    asked: tuple[bool, ...] = ()
+    scored: tuple[bool, ...] = ()
     side: bool = False
 
     def painter(self, pixels_per_metre: float | None = None) -> SurfacePainter:
@@ -251,8 +251,8 @@ class Scenery:
     def _since_it_came(self, trail: np.ndarray) -> np.ndarray:
         """Return trails (k, parts, 2) since the last arrival of each part in its slot; nan before."""
         middle = 0.5 * self.element_size * np.array([self.columns, self.rows])
-        beside = np.asarray((np.abs(trail - middle) > 2.0 * middle).any(axis=-1))
-        before = np.asarray(np.maximum.accumulate(beside[::-1], axis=0))[::-1]
+        outside = np.asarray((np.abs(trail - middle) > 2.0 * middle).any(axis=-1))
+        before = np.asarray(np.maximum.accumulate(outside[::-1], axis=0))[::-1]
         return np.where(before[..., None], np.nan, trail)
 
     def view(
@@ -275,11 +275,11 @@ class Scenery:
             phasors, caption, paths, side: see :class:`View`.
         """
         there = np.asarray(present, dtype=bool)[:, None]
-        asked = there & np.array(self.asked)[:, None] if self.asked else there
+        scored = there & np.array(self.scored)[:, None] if self.scored else there
         return View(
             pose=np.where(there, pose, np.nan),
             phasors=phasors,
-            goals=np.where(asked, goal[:, : self.goal_size], np.nan) if self.goal_size else None,
+            goals=np.where(scored, goal[:, : self.goal_size], np.nan) if self.goal_size else None,
             tolerance=self.tolerance,
             trails=list(np.moveaxis(np.where(there, self._since_it_came(trail[-self.trail :]), np.nan), 1, 0)),
             zones=self.zones,

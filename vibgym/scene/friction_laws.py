@@ -21,7 +21,7 @@ from vibgym.settings import BaseSettings, Speed
 ENTRIES = 1024
 """Of the table of a law, which ends at 2.05 m/s; the factor is constant beyond."""
 
-LEAST, MOST = 0.01, 100.0
+MIN, MAX = 0.01, 100.0
 """Range of factors."""
 
 NARROWEST = 0.01
@@ -78,8 +78,8 @@ def law_table(law: Mapping[str, Any] | None) -> np.ndarray:
         raise checks.refuse("friction_law", law, "a mapping with kind and settings")
     made = FRICTION_LAWS.make("friction_law", law)
     factors = np.asarray(made(LAW_SPEED * np.arange(ENTRIES)), dtype=np.float64)
-    if factors.shape != (ENTRIES,) or not (factors >= LEAST).all() or not (factors <= MOST).all():
+    if factors.shape != (ENTRIES,) or not (factors >= MIN).all() or not (factors <= MAX).all():
         raise checks.refuse(
-            "friction_law", factors, f"a law that gives one factor of {LEAST:g} to {MOST:g} for each speed"
+            "friction_law", factors, f"a law that gives one factor of {MIN:g} to {MAX:g} for each speed"
         )
     return factors

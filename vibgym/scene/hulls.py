@@ -20,7 +20,7 @@ from vibgym.scene.parts import Part
 STRAIGHT = 1e-12
 """Turn to the right, over the size squared, that counts as straight."""
 
-LEAST_TURN = 1e-10
+MIN_TURN = 1e-10
 """Turn to the left, over the size squared, below which a corner is left out of a hull: contact points need whole edges."""
 
 
@@ -82,7 +82,7 @@ def convex_pieces(part: Part) -> list[np.ndarray]:
 
 def _without_straight_corners(piece: np.ndarray) -> np.ndarray:
     """Return a convex polygon (n, 2) without corners at which it does not turn."""
-    least, kept = LEAST_TURN * float(np.abs(piece).max()) ** 2, list(range(len(piece)))
+    least, kept = MIN_TURN * float(np.abs(piece).max()) ** 2, list(range(len(piece)))
     at = 0
     while at < len(kept) and len(kept) > 3:
         if _turns_left(piece, kept, at, -least):

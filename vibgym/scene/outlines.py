@@ -20,10 +20,10 @@ quarter of the planar model's error (discs of 10 to 160 mm on random fields, one
 FEWEST_CORNERS = 16
 """Fewest corners of a disc."""
 
-LEAST_SIZE, MOST_PLACE = 1e-5, 1e3
+MIN_SIZE, MAX_PLACE = 1e-5, 1e3
 """m: least size of an outline, and largest coordinate of a corner."""
 
-MOST_CORNERS = 1000
+MAX_CORNERS = 1000
 """Most corners of an outline; the cost of checks is quadratic."""
 
 
@@ -267,9 +267,9 @@ def outline_with_holes(vertices: object, holes: Sequence[object]) -> tuple[np.nd
         )
     if any(contains(one, other[:1])[0] for one in placed[1:] for other in placed[1:] if one is not other):
         raise checks.refuse("holes", "a hole inside another one", "inside the outline, apart from each other")
-    if sum(map(len, placed)) > MOST_CORNERS:
+    if sum(map(len, placed)) > MAX_CORNERS:
         raise checks.refuse(
-            "holes", f"{sum(map(len, placed))} corners", f"at most {MOST_CORNERS} with the outline's: simplify"
+            "holes", f"{sum(map(len, placed))} corners", f"at most {MAX_CORNERS} with the outline's: simplify"
         )
     corners = [ring[::-1] if (signed_area(ring) < 0.0) == (k == 0) else ring for k, ring in enumerate(corners)]
     centre = area_and_centre(corners)[1]
@@ -293,18 +293,18 @@ def simple_outline(vertices: object) -> np.ndarray:
         raise checks.refuse("vertices", vertices, allowed) from None
     if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3:
         raise checks.refuse("vertices", f"array of shape {outline.shape}", allowed)
-    if len(outline) > MOST_CORNERS:
-        raise checks.refuse("vertices", f"{len(outline)} corners", f"at most {MOST_CORNERS}: simplify the outline")
+    if len(outline) > MAX_CORNERS:
+        raise checks.refuse("vertices", f"{len(outline)} corners", f"at most {MAX_CORNERS}: simplify the outline")
     if not np.isfinite(outline).all():
         bad = outline[~np.isfinite(outline).all(axis=1)][0]
         raise checks.refuse("vertices", bad.tolist(), "finite numbers")
-    if np.abs(outline).max() > MOST_PLACE:
-        raise checks.refuse("vertices", vertices, f"numbers in [-{MOST_PLACE:g}, {MOST_PLACE:g}], m")
+    if np.abs(outline).max() > MAX_PLACE:
+        raise checks.refuse("vertices", vertices, f"numbers in [-{MAX_PLACE:g}, {MAX_PLACE:g}], m")
     outline = outline - outline.mean(axis=0)
     size = float(np.abs(outline).max())
     edges = np.roll(outline, -1, axis=0) - outline
-    if 2.0 * size < LEAST_SIZE or np.hypot(*edges.T).min() <= 1e-9 * size:
-        allowed = f"corners that differ from their neighbours, a size of at least {LEAST_SIZE:g} m"
+    if 2.0 * size < MIN_SIZE or np.hypot(*edges.T).min() <= 1e-9 * size:
+        allowed = f"corners that differ from their neighbours, a size of at least {MIN_SIZE:g} m"
         raise checks.refuse("vertices", vertices, allowed)
     fault = faulty_edges([outline])
     if fault:

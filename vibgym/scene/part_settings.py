@@ -9,19 +9,19 @@ from annotated_types import Ge, Le
 from pydantic import Field, model_validator
 
 from vibgym import checks
-from vibgym.scene.outlines import LEAST_SIZE, MOST_PLACE
+from vibgym.scene.outlines import MAX_PLACE, MIN_SIZE
 from vibgym.settings import BaseSettings, Length, Mass
 
-LEAST_MASS, MOST_MASS = 1e-9, 1e9
+MIN_MASS, MAX_MASS = 1e-9, 1e9
 """kg."""
 
-LEAST_DENSITY, MOST_DENSITY = 5.0, 50e3
+MIN_DENSITY, MAX_DENSITY = 5.0, 50e3
 """kg/m^3, range of plausible densities, from foam to twice osmium; others give a warning."""
 
 HEIGHT = 0.010
 """m, of parts that are given without a height."""
 
-Size = Annotated[Length, Ge(LEAST_SIZE), Le(MOST_PLACE)]
+Size = Annotated[Length, Ge(MIN_SIZE), Le(MAX_PLACE)]
 
 Corners = tuple[tuple[Length, Length], ...]
 
@@ -38,13 +38,13 @@ class PartSettings(BaseSettings):
     friction_law: Mapping[str, Any] | None = None
     """``kind`` and settings of a law (:mod:`vibgym.scene.friction_laws`), which varies friction with slip speed."""
 
-    height: Length = Field(default=HEIGHT, gt=0.0, le=MOST_PLACE)
+    height: Length = Field(default=HEIGHT, gt=0.0, le=MAX_PLACE)
     """Height."""
 
     centre_height: Length | None = Field(default=None, ge=0.0)
     """Height of the centre of mass, at most the part's height; by default half of it."""
 
-    mass: Mass | None = Field(default=None, ge=LEAST_MASS, le=MOST_MASS)
+    mass: Mass | None = Field(default=None, ge=MIN_MASS, le=MAX_MASS)
     """Mass; by default of steel."""
 
     name: str | None = None
@@ -114,7 +114,7 @@ class DrawingSettings(PartSettings):
     thickness: Length | None = Field(default=None, gt=0.0)
     """Height of the part in a drawing, another name for ``height``."""
 
-    density: float | None = Field(default=None, ge=LEAST_DENSITY, le=MOST_DENSITY)
+    density: float | None = Field(default=None, ge=MIN_DENSITY, le=MAX_DENSITY)
     """Density, kg/m^3, instead of the mass; by default that of steel."""
 
     tolerance: Length = Field(default=5e-5, ge=1e-7)

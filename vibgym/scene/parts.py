@@ -17,10 +17,10 @@ from vibgym.scene import outlines
 from vibgym.scene.friction_laws import law_table
 from vibgym.scene.part_settings import (
     HEIGHT,
-    LEAST_DENSITY,
-    LEAST_MASS,
-    MOST_DENSITY,
-    MOST_MASS,
+    MAX_DENSITY,
+    MAX_MASS,
+    MIN_DENSITY,
+    MIN_MASS,
     SHAPES,
     DiscSettings,
     DrawingSettings,
@@ -179,7 +179,7 @@ class Part:
         if mass is None:
             mass = STEEL_DENSITY * shape.area * height
         density = mass / (shape.area * height)
-        if settings.mass is not None and not LEAST_DENSITY <= density <= MOST_DENSITY:
+        if settings.mass is not None and not MIN_DENSITY <= density <= MAX_DENSITY:
             warnings.warn(
                 f"part {name!r}: mass {mass:g} kg implies a density of {density:.3g} kg/m^3; "
                 "masses are in kg, lengths in m",
@@ -192,7 +192,7 @@ class Part:
             static_friction=checks.number("static_friction", static, least=at_rest),
             radius=float(np.hypot(*shape.outline.T).max()),
             height=height,
-            mass=checks.number("mass", mass, least=LEAST_MASS, most=MOST_MASS),
+            mass=checks.number("mass", mass, least=MIN_MASS, most=MAX_MASS),
             name=name,
             restitution=settings.restitution,
             contact_friction=settings.contact_friction,

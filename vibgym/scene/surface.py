@@ -17,7 +17,7 @@ from vibgym.settings import Acceleration, BaseSettings, Length, read
 LEDGE = 1e-3
 """m, distance of a centre of mass beyond a border with a wall at which a part falls; overlaps with walls are smaller."""
 
-MOST_ELEMENTS = 1_000_000
+MAX_ELEMENTS = 1_000_000
 """Most elements of a surface."""
 
 
@@ -45,9 +45,9 @@ class Surface:
 
     def __post_init__(self) -> None:
         vars(self).update(vars(read(SurfaceSettings, vars(self), "")))
-        if self.rows * self.columns > MOST_ELEMENTS:
+        if self.rows * self.columns > MAX_ELEMENTS:
             got = f"{self.columns} in {self.rows} rows"
-            raise checks.refuse("columns", got, f"at most {MOST_ELEMENTS} elements in total")
+            raise checks.refuse("columns", got, f"at most {MAX_ELEMENTS} elements in total")
         limit = self.lift_off_amplitude
         if self.max_amplitude is None:
             vars(self)["max_amplitude"] = limit
@@ -130,10 +130,10 @@ class Surface:
 class SurfaceSettings(BaseSettings):
     """Settings of a surface."""
 
-    rows: int = Field(default=Surface.rows, ge=1, le=MOST_ELEMENTS)
+    rows: int = Field(default=Surface.rows, ge=1, le=MAX_ELEMENTS)
     """Number of elements along y."""
 
-    columns: int = Field(default=Surface.columns, ge=1, le=MOST_ELEMENTS)
+    columns: int = Field(default=Surface.columns, ge=1, le=MAX_ELEMENTS)
     """Number of elements along x."""
 
     element_size: Length = Field(default=Surface.element_size, ge=1e-9, le=1e9)

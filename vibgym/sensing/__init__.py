@@ -21,7 +21,7 @@ SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor, "pos
 point in group ``vibgym.sensors`` adds one."""
 
 MEASUREMENT_FEATURES = {"age": ("age",), "sigma": ("sigma",), "contacts": ("contact_normal", "contact_impulse")}
-"""Features of the measurement that the setting ``tell`` adds to observations, by name."""
+"""Features of the measurement that the setting ``report`` adds to observations, by name."""
 
 
 def sensing_from(
@@ -35,7 +35,7 @@ def sensing_from(
     latency: int,
     walls: Sequence[str],
 ) -> Sensing:
-    """Return a sensing stage from a sensor's name, or a mapping: ``kind``, settings, effects, ``estimator``, ``tell``.
+    """Return a sensing stage from a sensor's name, or a mapping: ``kind``, settings, effects, ``estimator``, ``report``.
 
     Args:
         plant: nominal actuators without latency, for estimators with a model.
@@ -48,14 +48,14 @@ def sensing_from(
     kind, options = SENSORS.split("sensor", value)
     own = {name: options.pop(name) for name in Sensing.Settings.model_fields if name in options}
     settings = read(Sensing.Settings, own, "sensor")
-    reported = tuple(name for name in MEASUREMENT_FEATURES if name in settings.tell)
-    if len(reported) < len(settings.tell):
-        raise checks.refuse("sensor.tell", settings.tell, "a list of different names")
+    reported = tuple(name for name in MEASUREMENT_FEATURES if name in settings.report)
+    if len(reported) < len(settings.report):
+        raise checks.refuse("sensor.report", settings.report, "a list of different names")
     sensor = SENSORS.make("sensor", {"kind": kind, **options}, surface, parts, worlds, periods)
     if sensor.exact and settings.estimator == "none":
         return ExactSensing(sensor, reported)
     if "contacts" in reported:
-        raise checks.conflict("sensor.tell with 'contacts' requires an ideal sensor without estimator")
+        raise checks.conflict("sensor.report with 'contacts' requires an ideal sensor without estimator")
     estimator = ESTIMATORS.make("sensor.estimator", settings.estimator, sensor, plant, latency, walls)
     return Sensing(sensor, estimator, reported)
 

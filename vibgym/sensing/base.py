@@ -65,13 +65,13 @@ class Sensor(Sampling, ABC):
             if not isinstance(values, Mapping) or not isinstance(values.get("effects", {}), Mapping):
                 return values
             own = {*cls.model_fields, *with_unit(cls)}
-            beside = {name: value for name, value in values.items() if name not in own}
-            for name in beside:
+            extra = {name: value for name, value in values.items() if name not in own}
+            for name in extra:
                 if name not in EFFECTS:
                     raise checks.unknown("setting", name, (*cls.model_fields, *EFFECTS))
                 if name in values.get("effects", {}):
                     raise checks.conflict(f"effects.{name} excludes {name}: set one of them")
-            effects = {**cls.model_fields["effects"].default, **values.get("effects", {}), **beside}
+            effects = {**cls.model_fields["effects"].default, **values.get("effects", {}), **extra}
             return {**{name: value for name, value in values.items() if name in own}, "effects": effects}
 
     settings: Settings
@@ -79,7 +79,7 @@ class Sensor(Sampling, ABC):
     draws: int = 0
     """Number of uniform random numbers for :meth:`begin` at the start of each episode."""
 
-    renews: ClassVar[bool] = True
+    resets_parts: ClassVar[bool] = True
     """Whether parts may be replaced during an episode: readings do not depend on earlier samples."""
 
     def __init__(
@@ -133,25 +133,25 @@ class Sensor(Sampling, ABC):
         self.begin(worlds, uniform[:, : self.draws])
         if self._effects:
             self._effects.begin(worlds, uniform[:, self.draws :])
-        self.looks[worlds] = 0
+        self.samples[worlds] = 0
         fresh = self._fresh
-        self.looking = worlds
+        self.sampled = worlds
         self._read(state, fresh)
-        self.looking = self._everyone
+        self.sampled = self._everyone
         self._repeat(worlds)
 
-    def renew(self, which: np.ndarray, state: State) -> None:
+    def reset_parts(self, which: np.ndarray, state: State) -> None:
         """Restart single parts during an episode: ``which`` (worlds, parts) have been added or removed.
 
         The present reading is repeated until a later one is due.
         """
         fresh = self._fresh
-        self.looking = np.flatnonzero(which.any(axis=1))
+        self.sampled = np.flatnonzero(which.any(axis=1))
         fresh.seen[...] = True
         self.measure(state, fresh)
         if self._effects:
-            self._effects.renew(which, fresh)
-        self.looking = self._everyone
+            self._effects.reset_parts(which, fresh)
+        self.sampled = self._everyone
         self._repeat(which)
 
     def _repeat(self, where: np.ndarray) -> None:
@@ -164,7 +164,7 @@ class Sensor(Sampling, ABC):
 
     def sample(self, state: State) -> None:
         """Sample the true state; called once a step, at :attr:`instant`."""
-        self.looks += 1
+        self.samples += 1
         oldest = self._readings.pop(0)
         self._read(state, oldest)
         self._readings.append(oldest)
@@ -174,7 +174,7 @@ class Sensor(Sampling, ABC):
         reading.seen[...] = True
         self.measure(state, reading)
         if self.every > 1:
-            reading.seen[self.looks % self.every != 0] = False
+            reading.seen[self.samples % self.every != 0] = False
         if self._effects:
             self._effects.apply(reading)
 
@@ -188,16 +188,16 @@ class Sensor(Sampling, ABC):
         ``reading.seen`` is True on entry: set it False for parts that are not measured.
         """
 
-    def own_state(self) -> dict[str, np.ndarray]:
+    def custom_state(self) -> dict[str, np.ndarray]:
         """Return further live arrays of a snapshot, by name."""
         return {}
 
     def live(self) -> dict[str, np.ndarray]:
         """Return all live arrays of a snapshot."""
-        kept: dict[str, Any] = {"looks": self.looks}
+        kept: dict[str, Any] = {"samples": self.samples}
         for k, reading in enumerate(self._readings):
             kept |= {f"{name}{k}": values for name, values in reading._asdict().items()}
-        return {**kept, **self.own_state(), **(self._effects.live() if self._effects else {})}
+        return {**kept, **self.custom_state(), **(self._effects.live() if self._effects else {})}
 
 
 def _steps_between(rate: float, steps_per_second: float) -> int:

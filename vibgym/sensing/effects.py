@@ -66,7 +66,7 @@ class Effect:
     def apply(self, reading: Reading) -> None:
         """Change a reading in place: poses, ``gone``, and ``seen`` (False for missed parts).
 
-        Stored state may change only in the worlds ``sensor.looking``.
+        Stored state may change only in the worlds ``sensor.sampled``.
         """
 
     def normals(self) -> np.ndarray:
@@ -76,10 +76,10 @@ class Effect:
         """
         sensor = self.sensor
         drawn = np.zeros((sensor.worlds, len(sensor.parts), 3))
-        draw_normals(sensor.looking, sensor.key, sensor.looks, zlib.crc32(type(self).__name__.encode()), drawn)
+        draw_normals(sensor.sampled, sensor.key, sensor.samples, zlib.crc32(type(self).__name__.encode()), drawn)
         return drawn
 
-    def own_state(self) -> dict[str, np.ndarray]:
+    def custom_state(self) -> dict[str, np.ndarray]:
         """Return live arrays of a snapshot, by name."""
         return {}
 
@@ -136,7 +136,7 @@ class Bias(PoseError):
     def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
         draw_offsets(worlds, self.sensor.key, self.deviation, self.offset)
 
-    def own_state(self) -> dict[str, np.ndarray]:
+    def custom_state(self) -> dict[str, np.ndarray]:
         return {"offset": self.offset}
 
 
@@ -222,11 +222,11 @@ class Effects:
             stage.apply(reading)
         sensor = self._sensor
         read_poses(
-            sensor.looking, sensor.key, sensor.looks, self._new, self._noise, self._offset, self._dropout, sensor.step,
+            sensor.sampled, sensor.key, sensor.samples, self._new, self._noise, self._offset, self._dropout, sensor.step,
             self._last, self._elapsed, reading,
         )  # fmt: skip
 
-    def renew(self, which: np.ndarray, reading: Reading) -> None:
+    def reset_parts(self, which: np.ndarray, reading: Reading) -> None:
         """Apply all effects except dropout to the reading of parts that have just arrived, ``which`` (worlds, parts)."""
         others = ~which
         last, elapsed = self._last[others], self._elapsed[others]
@@ -240,7 +240,7 @@ class Effects:
         own = {
             f"{name}_{what}": values
             for name, stage in self._stages.items()
-            for what, values in stage.own_state().items()
+            for what, values in stage.custom_state().items()
         }
         return {"effects_key": self._sensor.key, "last": self._last, "elapsed": self._elapsed, **own}
 
@@ -255,11 +255,11 @@ class Stream(IntEnum):
 
 
 @jit
-def draw_normals(worlds, key, looks, stream, drawn):
+def draw_normals(worlds, key, samples, stream, drawn):
     """Fill ``drawn`` (worlds, parts, 3) with standard normal numbers."""
     for w in worlds:
         for p in range(drawn.shape[1]):
-            drawn[w, p, 0], drawn[w, p, 1], drawn[w, p, 2], _ = normals(key[w], looks[w], p, stream, 0)
+            drawn[w, p, 0], drawn[w, p, 1], drawn[w, p, 2], _ = normals(key[w], samples[w], p, stream, 0)
 
 
 @jit
@@ -273,12 +273,12 @@ def draw_offsets(worlds, key, bias, offset):
 
 
 @jit
-def read_poses(worlds, key, looks, new, noise, offset, dropout, step, last, elapsed, reading):
+def read_poses(worlds, key, samples, new, noise, offset, dropout, step, last, elapsed, reading):
     """Add noise and bias to the poses of a reading, drop parts, and compute mean velocities from pose differences.
 
     Args:
         worlds: (n,) indices of the sampled worlds.
-        key: (worlds, 2).  looks: (worlds,) number of this sample.
+        key: (worlds, 2).  samples: (worlds,) number of this sample.
         new: (worlds, parts) bool, parts that have arrived since the last sample; at the first sample of an episode, all.
         noise: (2,) standard deviations of position (m) and heading (rad).
         offset: (worlds, parts, 3) constant error of the episode.
@@ -290,18 +290,18 @@ def read_poses(worlds, key, looks, new, noise, offset, dropout, step, last, elap
     """
     for w in worlds:
         for p in range(last.shape[1]):
-            first = looks[w] == 0 or new[w, p]
+            first = samples[w] == 0 or new[w, p]
             elapsed[w, p] += 1
             lost = not reading.seen[w, p]
             if dropout > 0.0 and not first:
-                chance, _, _, _ = uniforms(key[w], looks[w], p, Stream.DROPOUT, 0)
+                chance, _, _, _ = uniforms(key[w], samples[w], p, Stream.DROPOUT, 0)
                 lost = lost or chance < dropout
             if lost:
                 reading.seen[w, p] = False
                 for k in range(3):
                     reading.pose[w, p, k], reading.mean_velocity[w, p, k] = last[w, p, k], 0.0
                 continue
-            ex, ey, et, _ = normals(key[w], looks[w], p, Stream.NOISE, 0)
+            ex, ey, et, _ = normals(key[w], samples[w], p, Stream.NOISE, 0)
             error = noise[0] * ex, noise[0] * ey, noise[1] * et
             for k in range(3):
                 pose = reading.pose[w, p, k] + (offset[w, p, k] + error[k])

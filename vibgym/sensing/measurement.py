@@ -24,8 +24,8 @@ class Sampling:
     Attributes:
         kinds: of the parts.  parts: of the first world.
         step: s of a step.
-        looking: (n,) indices of the sampled worlds: all, or at a reset the restarted ones. Readings of others are not used.
-        looks: (worlds,) int64, samples since the episode's start; the one before its first step is 0.
+        sampled: (n,) indices of the sampled worlds: all, or at a reset the restarted ones. Readings of others are not used.
+        samples: (worlds,) int64, samples since the episode's start; the one before its first step is 0.
         key: (worlds, 2) int64, key of the effects' random numbers in this episode.
     """
 
@@ -33,8 +33,8 @@ class Sampling:
         self.surface, self.parts, self.worlds = surface, tuple(parts), worlds
         self.kinds = Kinds.of(parts)
         self.periods, self.step = periods, periods * surface.period
-        self.looking = self._everyone = np.arange(worlds)
-        self.looks = np.zeros(worlds, dtype=np.int64)
+        self.sampled = self._everyone = np.arange(worlds)
+        self.samples = np.zeros(worlds, dtype=np.int64)
         self.key = np.zeros((worlds, 2), dtype=np.int64)
 
 

@@ -28,7 +28,7 @@ class Estimator(Protocol):
     def reset(self, worlds: np.ndarray, reading: Reading) -> None:
         """Restart in ``worlds`` (index array) from the first reading of an episode."""
 
-    def renew(self, which: np.ndarray, reading: Reading) -> None:
+    def reset_parts(self, which: np.ndarray, reading: Reading) -> None:
         """Restart for parts that have arrived or left, ``which`` (worlds, parts); called by tasks with such parts."""
 
     def predict(self, command: Drive) -> None:
@@ -61,9 +61,9 @@ class Hold:
         pass
 
     def reset(self, worlds: np.ndarray, reading: Reading) -> None:
-        self.renew(worlds, reading)
+        self.reset_parts(worlds, reading)
 
-    def renew(self, which: np.ndarray, reading: Reading) -> None:
+    def reset_parts(self, which: np.ndarray, reading: Reading) -> None:
         for kept, read in zip(self.measurement[:3], reading[:3]):
             kept[which] = read[which]
         self.measurement.age[which] = 0
@@ -97,7 +97,7 @@ class Sensing(Live):
         instant: periods after a step's start at which :meth:`sample` is due.
         lead: periods after the present for which the measurement is predicted.
         draws: uniform random numbers for the start of an episode.
-        tell: features of the measurement added to observations, see :data:`vibgym.sensing.MEASUREMENT_FEATURES`.
+        report: features of the measurement added to observations, see :data:`vibgym.sensing.MEASUREMENT_FEATURES`.
     """
 
     SNAPSHOT, exact = "sensor", False
@@ -108,11 +108,11 @@ class Sensing(Live):
         estimator: str | Mapping[str, Any] = "none"
         """Among :data:`vibgym.sensing.ESTIMATORS`: its name, or a mapping with ``kind`` and its settings."""
 
-        tell: tuple[Literal["age", "sigma", "contacts"], ...] = ()
+        report: tuple[Literal["age", "sigma", "contacts"], ...] = ()
         """Features of the measurement that are added to observations, see :data:`vibgym.sensing.MEASUREMENT_FEATURES`."""
 
-    def __init__(self, sensor: Sensor, estimator: Estimator, tell: tuple[str, ...] = ()) -> None:
-        self.sensor, self.estimator, self.tell = sensor, estimator, tell
+    def __init__(self, sensor: Sensor, estimator: Estimator, report: tuple[str, ...] = ()) -> None:
+        self.sensor, self.estimator, self.report = sensor, estimator, report
         self.instant, self.draws = sensor.instant, sensor.all_draws
         self.lead = getattr(estimator, "lead", 0)
 
@@ -135,10 +135,10 @@ class Sensing(Live):
         self.sensor.reset(worlds, state, uniform)
         self.estimator.reset(worlds, self.sensor.due)
 
-    def renew(self, which: np.ndarray, state: State) -> None:
-        """Restart for single parts, see :meth:`Sensor.renew`."""
-        self.sensor.renew(which, state)
-        self.estimator.renew(which, self.sensor.due)
+    def reset_parts(self, which: np.ndarray, state: State) -> None:
+        """Restart for single parts, see :meth:`Sensor.reset_parts`."""
+        self.sensor.reset_parts(which, state)
+        self.estimator.reset_parts(which, self.sensor.due)
 
     def predict(self, command: Drive) -> None:
         """Predict the state after a step under its command, before the step."""
@@ -162,8 +162,8 @@ class ExactSensing(Sensing):
 
     exact = True
 
-    def __init__(self, sensor: Sensor, tell: tuple[str, ...] = ()) -> None:
-        self.sensor, self.tell = sensor, tell
+    def __init__(self, sensor: Sensor, report: tuple[str, ...] = ()) -> None:
+        self.sensor, self.report = sensor, report
         self.instant, self.draws, self.lead = sensor.instant, 0, 0
         shape = (sensor.worlds, len(sensor.parts))
         self._none = np.zeros(shape, dtype=np.int64), np.zeros((*shape, 3))
@@ -184,7 +184,7 @@ class ExactSensing(Sensing):
     def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
         self._truth = Measurement(state.pose, state.mean_velocity, state.fallen, *self._none, state.pushed)
 
-    def renew(self, which: np.ndarray, state: State) -> None:
+    def reset_parts(self, which: np.ndarray, state: State) -> None:
         pass
 
     def live(self) -> dict[str, np.ndarray]:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 NO_PATHS = np.empty((0, 0, 3))
 """Passed to kernels that record paths only on request."""
 
-LEAST_FACTOR, MOST_FACTOR = 0.01, 100.0
+MIN_FACTOR, MAX_FACTOR = 0.01, 100.0
 """Range of the factors on friction and on mass."""
 
 SLENDER_DISC, SLENDER = 0.4, 1.0
@@ -187,9 +187,9 @@ class Model(ABC):
         )
         return [np.column_stack([corners, np.zeros(len(corners))]) for corners in flat]
 
-    def disturb(self, state: State, lean: np.ndarray, kick: np.ndarray) -> None:
-        """Apply impulse disturbances, see :meth:`vibgym.Simulator.disturb`; the default adds ``kick`` to the velocity."""
-        state.velocity[...] += kick
+    def disturb(self, state: State, lean: np.ndarray, impulse: np.ndarray) -> None:
+        """Apply impulse disturbances, see :meth:`vibgym.Simulator.disturb`; the default adds ``impulse`` to the velocity."""
+        state.velocity[...] += impulse
 
 
 def warn_of_slender(kinds: Sequence[Part], model: str) -> None:
@@ -239,7 +239,7 @@ def conditions_of(
     def factor(name: str, shape: tuple[int, ...]) -> np.ndarray:
         if wanted[name] is None:
             return getattr(now, name)
-        return checks.array(where.format(name), wanted[name], shape, least=LEAST_FACTOR, most=MOST_FACTOR)
+        return checks.array(where.format(name), wanted[name], shape, least=MIN_FACTOR, most=MAX_FACTOR)
 
     incline = (
         now.incline

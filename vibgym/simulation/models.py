@@ -130,7 +130,7 @@ class AutoSettings(BaseSettings):
     tolerance: Length = Field(default=DEFAULT_TOLERANCE, gt=0.0)
     """Deviation of a part's outline from the converged model's in 25 periods, in the median over worlds with random fields."""
 
-    periods_per_call: int = Field(default=1, ge=1, le=checks.MOST_PERIODS)
+    periods_per_call: int = Field(default=1, ge=1, le=checks.MAX_PERIODS)
     """Periods of a typical call of :meth:`vibgym.Simulator.advance`."""
 
 

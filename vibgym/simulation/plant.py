@@ -24,7 +24,7 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation.averages_tables import first_order
 
-LEAST_SPEED = 1e-3
+MIN_SPEED = 1e-3
 """m/s, lower bound of the table's speed in the model."""
 
 TOP_SLIP = 0.71
@@ -69,7 +69,7 @@ def drag_of(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
     """Return (parts,) 1/s, the rates ``c`` at which friction brakes parts near rest."""
     friction = np.array([part.friction for part in parts])
     return getattr(friction_rate, "py_func", friction_rate)(
-        friction, surface.gravity, max(surface.table_speed, LEAST_SPEED)
+        friction, surface.gravity, max(surface.table_speed, MIN_SPEED)
     )
 
 

@@ -24,7 +24,7 @@ RUNGE_KUTTA_STEPS = 18
 FEWEST_STEPS = 4
 """Fewest cuts of the contact area in a period; with fewer, errors reach millimetres in a second."""
 
-MOST_STEPS, MOST_SUBSTEPS = 10_000, 4096
+MAX_STEPS, MAX_SUBSTEPS = 10_000, 4096
 """Most cuts in a period and substeps in a step; more do not improve accuracy."""
 
 CONTACT_STEPS = 10
@@ -36,11 +36,11 @@ Auto = Literal["auto"]
 class PlanarSettings(BaseSettings):
     """Settings of the planar model: flat contact with static and sliding friction, resolved in time."""
 
-    steps: Auto | Annotated[int, Ge(1), Le(MOST_STEPS)] = "auto"
+    steps: Auto | Annotated[int, Ge(1), Le(MAX_STEPS)] = "auto"
     """Times per period that the contact area is cut by the element grid; second order. ``"auto"``: 5, or 9 for parts whose
     radius of gyration is below ``2 pi a_h``, the displacement of the table in a period."""
 
-    substeps: Auto | Annotated[int, Ge(1), Le(MOST_SUBSTEPS)] = "auto"
+    substeps: Auto | Annotated[int, Ge(1), Le(MAX_SUBSTEPS)] = "auto"
     """Runge-Kutta steps of the friction dynamics in each step; fourth order. ``"auto"``: at least 18 in a period, which
     resolve the table's motion to 0.1 % at full speed."""
 
@@ -53,7 +53,7 @@ class PlanarSettings(BaseSettings):
     pymunk's solver, an independent check; parts may overlap by the closing speed times a step. ``"fast"``, for training: a few
     steps per period, impacts at the same time; parts may overlap by more within a step (:mod:`vibgym.simulation.contacts`)."""
 
-    contact_steps: Auto | Annotated[int, Ge(1), Le(MOST_STEPS)] = "auto"
+    contact_steps: Auto | Annotated[int, Ge(1), Le(MAX_STEPS)] = "auto"
     """With several parts or walls, fewest alternating steps of friction and contacts in a period; ``"auto"``: 10, or as many
     as keep what friction adds to an overlap small (long periods, narrow parts). Steps are shorter where parts come together
     or spin fast. With other contacts all steps are equal, and ``"auto"`` is 10 (pymunk) or 5 (fast), or as many as friction
@@ -71,10 +71,10 @@ class AveragedSettings(BaseSettings):
     order: int = Field(default=2, ge=1, le=2)
     """Order in ``mu g / (a_h w^2)``."""
 
-    stride: int = Field(default=1, ge=1, le=checks.MOST_PERIODS)
+    stride: int = Field(default=1, ge=1, le=checks.MAX_PERIODS)
     """Periods that one span of steps covers; the last span of a call may be shorter."""
 
-    steps: Auto | Annotated[int, Ge(1), Le(MOST_STEPS)] = "auto"
+    steps: Auto | Annotated[int, Ge(1), Le(MAX_STEPS)] = "auto"
     """Steps in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1."""
 
 

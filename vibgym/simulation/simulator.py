@@ -22,12 +22,12 @@ from vibgym.simulation import threads as workers
 from vibgym.simulation.choice import Choice
 from vibgym.simulation.model import Conditions, Model, Setup, conditions_of, worlds_from
 from vibgym.simulation.models import MODELS, TippingMargin
-from vibgym.snapshots import check_keys, copied, put_back, restored
+from vibgym.snapshots import check_keys, copied, restore, restored
 
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 80, 112, 32
 """Memory of a world's state and drive, including the copies of a caller's amplitudes and phases."""
 
-MOST_TIME = 10**15
+MAX_TIME = 10**15
 """Most periods since a reset in a snapshot."""
 
 
@@ -179,7 +179,7 @@ class Simulator:
         """Return live arrays (worlds, parts) of the model that environments report in ``info["parts"]``, by name."""
         return self._model.part_info()
 
-    def renew(self, changed: np.ndarray) -> None:
+    def reset_parts(self, changed: np.ndarray) -> None:
         """Reset the model's live arrays of some parts, (worlds, parts) bool, which have been replaced."""
         self._model.begin(changed)
 
@@ -258,9 +258,9 @@ class Simulator:
 
     def run(self, drive: Drive, periods: int = 1) -> None:
         """Advance under a drive of :mod:`vibgym.physics.core.drive` whose values have been checked."""
-        self.go_on(drive, checks.count("periods", periods, most=checks.MOST_PERIODS))
+        self.advance_drive(drive, checks.count("periods", periods, most=checks.MAX_PERIODS))
 
-    def go_on(self, drive: Drive, periods: int, stages: Sequence[Sequence[Callable[[], None]]] = ()) -> None:
+    def advance_drive(self, drive: Drive, periods: int, stages: Sequence[Sequence[Callable[[], None]]] = ()) -> None:
         """Advance like :meth:`run`, without checks; run stages for each of :attr:`blocks` after its worlds have been advanced.
 
         Args:
@@ -334,14 +334,14 @@ class Simulator:
         """Return the corners of the bottom of each part of a world, (n, 3) m; z = 0 is the middle of the plates' stroke."""
         return self._model.bottoms(self._state.pose[world], world)
 
-    def disturb(self, lean: np.ndarray, kick: np.ndarray) -> None:
+    def disturb(self, lean: np.ndarray, impulse: np.ndarray) -> None:
         """Apply an impulse disturbance to parts: the impulse in models that keep parts flat, the tilt in others.
 
         Args:
             lean: (worlds, parts, 2) rad, rotation vector about the world's x and y, zeros for undisturbed parts.
-            kick: (worlds, parts, 3) m/s, m/s, rad/s, impulse over mass with the statistics of the tilt's effect.
+            impulse: (worlds, parts, 3) m/s, m/s, rad/s, impulse over mass with the statistics of the tilt's effect.
         """
-        self._model.disturb(self._state, lean, kick)
+        self._model.disturb(self._state, lean, impulse)
 
     @property
     def tipping_margin(self) -> np.ndarray:
@@ -404,7 +404,7 @@ class Simulator:
         live["patches"] = self._patches_as(state["patches"])
         values = restored("state", live, {name: state[name] for name in live})
         more = restored("state", own, {name: state[name] for name in own})
-        periods = checks.count("state['periods']", state["periods"], least=0, most=MOST_TIME)
+        periods = checks.count("state['periods']", state["periods"], least=0, most=MAX_TIME)
         if self._model.most_overlap < math.inf:
             away = values["fallen"] | values["diverged"][:, None]
             self.check_overlaps("state['pose']", values["pose"], away, self._model.most_overlap)
@@ -413,8 +413,8 @@ class Simulator:
         self._model.check_live(more)
         if values["patches"].shape[1:] != (1, 1):
             self.allocate_patches()
-        put_back(self._state._asdict(), values)
-        put_back(own, more)
+        restore(self._state._asdict(), values)
+        restore(own, more)
         self._periods = periods
 
 

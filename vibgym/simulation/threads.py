@@ -26,7 +26,7 @@ USUAL_COST = 12.5
 BLOCKS_PER_THREAD = 4
 """More blocks than threads, to balance the load when a thread is delayed."""
 
-MOST = "VIBGYM_THREADS"
+VARIABLE = "VIBGYM_THREADS"
 """Environment variable with the number of threads, for schedulers that do not set the CPU affinity, such as Ray."""
 
 Tool = TypeVar("Tool")
@@ -69,11 +69,11 @@ class Pool(Generic[Tool]):
 def available_threads() -> int:
     """Return the processors available to this process, at most ``VIBGYM_THREADS``."""
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    most = os.environ.get(MOST, "")
+    most = os.environ.get(VARIABLE, "")
     if not most:
         return available
     if not most.isdecimal() or int(most) < 1:
-        raise checks.refuse(MOST, most, "a whole number >= 1")
+        raise checks.refuse(VARIABLE, most, "a whole number >= 1")
     return min(available, int(most))
 
 

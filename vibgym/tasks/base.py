@@ -49,7 +49,7 @@ class Task(ABC):
     Attributes:
         kinds: names of the parts' kinds.  kind: (parts,) index of each part's.
         driven: (parts,) bool, parts that actions control; no element is allocated to the others.
-        asked: (parts,) bool, parts with a goal; others have no errors and are done unless they have fallen.
+        scored: (parts,) bool, parts with a goal; others have no errors and are done unless they have fallen.
         features: features of a part in the state observation: :attr:`FEATURES`, and those of the sensor.
         made_of: quantity of each reward term that has one.  weights: of all terms.
         worst: terms of which a world counts its worst part: falls, where they end the episode.
@@ -94,7 +94,7 @@ class Task(ABC):
     goal_moves: ClassVar[bool] = False
     """Whether goals move during an episode."""
 
-    flows: ClassVar[bool] = False
+    continuous_feed: ClassVar[bool] = False
     """Whether parts arrive and leave during an episode."""
 
     exchanges: bool = False
@@ -134,11 +134,11 @@ class Task(ABC):
         if self.slots < len(parts):
             raise checks.refuse("slots", self.slots, f"a whole number >= {len(parts)}, the number of parts")
         self.driven = np.array([part.coupling > 0.0 for part in self.parts])
-        self.asked = np.ones(len(self.parts), dtype=bool)
+        self.scored = np.ones(len(self.parts), dtype=bool)
         self.made_of, weights = terms_of(self.name, self.TERMS, self.has_custom_reward)
         self.weights = weights | self.settings.weights
         falls = [term for term in self.weights if self.made_of.get(term, term) == "fallen"]
-        self.worst = () if self.flows else tuple(falls)
+        self.worst = () if self.continuous_feed else tuple(falls)
 
     @property
     def name(self) -> str:
@@ -154,9 +154,10 @@ class Task(ABC):
     def info_fields(self) -> tuple[str, ...]:
         """Fields of ``info``, among the names in :data:`vibgym.envs.info.ROWS`."""
         counted = {
-            "is_success": True, "position_error": not self.flows, "heading_error": self.has_heading and not self.flows,
+            "is_success": True, "position_error": not self.continuous_feed,
+            "heading_error": self.has_heading and not self.continuous_feed,
             "clearance": self.MAX_PARTS != 1, "touching": self.MAX_PARTS != 1, "parts_done": self.MAX_PARTS != 1,
-            "fallen": not self.flows, "diverged": True,
+            "fallen": not self.continuous_feed, "diverged": True,
         }  # fmt: skip
         return tuple(name for name, counts in counted.items() if counts)
 
@@ -205,9 +206,9 @@ class Task(ABC):
         if self.has_custom_reward:  # takes all quantities without weights
             counted = [(of, of, 1.0) for of in QUANTITIES]
         return Rules(
-            zone=np.where(self.asked[:, None], zone, ANYWHERE),
-            tolerance=np.ascontiguousarray(np.where(self.asked[:, None], self.tolerances(), math.inf)),
-            has_goal=self.asked,
+            zone=np.where(self.scored[:, None], zone, ANYWHERE),
+            tolerance=np.ascontiguousarray(np.where(self.scored[:, None], self.tolerances(), math.inf)),
+            has_goal=self.scored,
             heading_period=self.part_kinds.values(self.heading_period),
             slow=float(self.speed_limit),
             apart=float(self.apart),
@@ -235,10 +236,10 @@ class Task(ABC):
 
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
         """Return one line of text for a picture of a world: the errors of the only part with a goal, or the progress of all."""
-        away, asked = f"{1e3 * episode.position_error[world]:.1f} mm", np.flatnonzero(self.asked & self.has_goal)
-        if len(asked) == 1:
-            turn = rounded(float(np.degrees(relations.error[world, asked[0], 2])))
-            heading = f"   heading {turn:+.1f} deg to go" if self.has_heading else ""
+        away, scored = f"{1e3 * episode.position_error[world]:.1f} mm", np.flatnonzero(self.scored & self.has_goal)
+        if len(scored) == 1:
+            heading_error = rounded(float(np.degrees(relations.error[world, scored[0], 2])))
+            heading = f"   heading {heading_error:+.1f} deg to go" if self.has_heading else ""
             return f"{self.name}   distance {away}{heading}"
         done, present = episode.parts_done[world], episode.present[world].sum()
         clearance = rounded(1e3 * float(episode.clearance[world]))

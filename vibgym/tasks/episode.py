@@ -273,14 +273,14 @@ def relate_to_goals(context, pose, world):
     rules, goal, present, error = context.rules, context.episode.goal, context.episode.present, context.relations.error
     heading_period = rules.heading_period[min(world, rules.heading_period.shape[0] - 1)]
     for i in range(pose.shape[1]):
-        ex, ey, turn = 0.0, 0.0, 0.0
+        ex, ey, heading_error = 0.0, 0.0, 0.0
         if present[world, i]:
             x, y, gx, gy = pose[world, i, 0], pose[world, i, 1], goal[world, i, 0], goal[world, i, 1]
             ex = min(max(x, gx + rules.zone[i, 0]), gx + rules.zone[i, 2]) - x
             ey = min(max(y, gy + rules.zone[i, 1]), gy + rules.zone[i, 3]) - y
             if rules.tolerance[i, TURNED] < math.inf:
-                turn = wrapped(goal[world, i, 2] - pose[world, i, 2], heading_period[i])
-        error[world, i, 0], error[world, i, 1], error[world, i, 2] = ex, ey, turn
+                heading_error = wrapped(goal[world, i, 2] - pose[world, i, 2], heading_period[i])
+        error[world, i, 0], error[world, i, 1], error[world, i, 2] = ex, ey, heading_error
         if not rules.has_goal[i]:
             context.relations.reach[world, i] = reach_of(context, pose, world, i)
 
@@ -306,7 +306,7 @@ def evaluate_world(context, mean_velocity, fallen, world):
     relations, episode, rules = context.relations, context.episode, context.rules
     number, apart = episode.number[world], rules.apart
     clearance = smallest_gap(relations, world)
-    error, down, count, asked, done, most_turned = max(apart - clearance, 0.0), False, 0, 0, 0, 0.0
+    error, down, count, with_goal, done, most_turned = max(apart - clearance, 0.0), False, 0, 0, 0, 0.0
     for i in range(mean_velocity.shape[1]):
         episode.done[world, i] = False
         if not episode.present[world, i]:
@@ -315,7 +315,7 @@ def evaluate_world(context, mean_velocity, fallen, world):
         away, turned, gap = math.sqrt(ex * ex + ey * ey), abs(relations.error[world, i, 2]), relations.gap[world, i]
         vx, vy = mean_velocity[world, i, 0], mean_velocity[world, i, 1]
         error, most_turned = max(error, away), max(most_turned, turned)
-        count, asked = count + 1, asked + rules.has_goal[i]
+        count, with_goal = count + 1, with_goal + rules.has_goal[i]
         slow = vx * vx + vy * vy < rules.slow * rules.slow
         fitting = away <= rules.tolerance[i, AWAY] and turned <= rules.tolerance[i, TURNED] and slow and gap > apart
         context.fits[i] = fitting or not rules.has_goal[i]
@@ -324,7 +324,7 @@ def evaluate_world(context, mean_velocity, fallen, world):
         elif context.fits[i]:
             episode.done[world, i] = True
             done += 1
-    context.share[0], context.share[1] = count / max(asked, 1), count / max(count - asked, 1)
+    context.share[0], context.share[1] = count / max(with_goal, 1), count / max(count - with_goal, 1)
     number[POSITION_ERROR], number[HEADING_ERROR], number[SMALLEST_GAP] = error, most_turned, clearance
     episode.count[world, PARTS_DONE] = done
     episode.flag[world, DOWN] = down

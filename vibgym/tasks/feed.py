@@ -20,7 +20,7 @@ from vibgym.scene.part_settings import DrawingSettings
 from vibgym.scene.parts import PROTOTYPE, Part, StablePose, drawn_part
 from vibgym.scene.surface import Surface
 from vibgym.settings import read
-from vibgym.simulation.plant import LEAST_SPEED, plant_of
+from vibgym.simulation.plant import MIN_SPEED, plant_of
 from vibgym.tasks.base import HOLD_PERIODS, Task
 from vibgym.tasks.episode import EVENTS, STAYS, Episode, Relations, Start
 from vibgym.tasks.flow import (
@@ -116,7 +116,7 @@ class Feed(Task):
         "present", "kind", "element", "heading", "position", "way", "way_coarse", "turn", "turn_coarse", "turn_fine",
         "velocity", "spin", "gap", "neighbour", "arrived",
     )  # fmt: skip
-    flows = True
+    continuous_feed = True
     heading_tolerance = math.radians(5.0)
     modulo_symmetry = True
     draws = KEY_DRAWS
@@ -130,7 +130,7 @@ class Feed(Task):
         self.warm_up = round(own.warm_up / surface.period)
         self.spacing = math.sqrt(2.0) * surface.element_size
         shortest = min(float(np.ptp(part.outline[:, 0])) for part in self.parts)
-        top = max(plant_of(surface, self.parts).top_speed, LEAST_SPEED)
+        top = max(plant_of(surface, self.parts).top_speed, MIN_SPEED)
         self.headway = math.floor((shortest + self.spacing) / (top * surface.period))
 
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
@@ -199,7 +199,7 @@ class FlowScoring(Scoring):
     def shares(self) -> np.ndarray:
         return np.minimum(self.players.sum(axis=1), self._flow.inlet.most)
 
-    def own_state(self) -> dict[str, np.ndarray]:
+    def custom_state(self) -> dict[str, np.ndarray]:
         return {f"flow_{name}": values for name, values in self._flow._asdict().items() if name in CHANGING}
 
     def info(self) -> dict[str, np.ndarray]:
@@ -213,7 +213,7 @@ class FlowScoring(Scoring):
 
     def begin(self, worlds: np.ndarray, start: Start) -> None:
         flow = self._flow
-        for values in (*self.own_state().values(), *self.episode):
+        for values in (*self.custom_state().values(), *self.episode):
             values[worlds] = 0
         flow.key[worlds], flow.pool[worlds], flow.last[worlds] = start.key, start.present, -flow.headway
         flow.idle[worlds] = self.state.velocity[worlds]  # of parts that slide in place

@@ -511,7 +511,7 @@ class PursuitScoring(Scoring):
         )
         self._pursuit = Pinned(PURSUIT, pursuit)
 
-    def own_state(self) -> dict[str, np.ndarray]:
+    def custom_state(self) -> dict[str, np.ndarray]:
         record = self._pursuit.record
         return {
             "paths": record.path, "clock": record.clock, "looks": record.looks, "squares": record.squares,

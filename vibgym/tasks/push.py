@@ -72,14 +72,14 @@ class Push(Task):
 
     def __init__(self, surface: Surface, parts: Sequence[Part], settings: Settings | None = None) -> None:
         super().__init__(surface, parts, settings)
-        self.asked = ~self.driven
-        if self.asked.sum() != 1 or not self.driven.any():
-            got = f"{int(self.asked.sum())} parts with coupling 0, and {int(self.driven.sum())} others"
+        self.scored = ~self.driven
+        if self.scored.sum() != 1 or not self.driven.any():
+            got = f"{int(self.scored.sum())} parts with coupling 0, and {int(self.driven.sum())} others"
             raise checks.refuse("parts", got, "one part with coupling 0, which is pushed, and at least one that pushes")
         near, turn = self.settings.near, self.settings.near_deg
         self.near = math.hypot(surface.width, surface.depth) if near is None else near
         self.turn = math.radians(180.0 if turn is None else turn)
-        self.pushed, self.pushers = int(np.flatnonzero(self.asked)[0]), np.flatnonzero(self.driven)
+        self.pushed, self.pushers = int(np.flatnonzero(self.scored)[0]), np.flatnonzero(self.driven)
         size, radius = np.array([surface.width, surface.depth]), self.parts[self.pushed].radius
         if 2.0 * radius > size.min():
             got = f"a pushed part of radius {radius:.4g} m"
@@ -110,10 +110,11 @@ class Push(Task):
     def _goals(self, pose: np.ndarray, uniform: np.ndarray) -> np.ndarray:
         """Return goals (n, 3) of the pushed part at ``pose`` (n, 3), uniform over the allowed ones, from ``uniform`` (n, 3)."""
         low, high = np.maximum(self.low, pose[:, :2] - self.near), np.minimum(self.high, pose[:, :2] + self.near)
-        way = low + (high - low) * uniform[:, :2] - pose[:, :2]
-        length = np.hypot(way[:, 0], way[:, 1])[:, None]
-        way = way * np.minimum(1.0, self.near / np.maximum(length, 1e-12))  # corners of the square go onto the circle
-        return np.column_stack([pose[:, :2] + way, pose[:, 2] + self.turn * (2.0 * uniform[:, 2] - 1.0)])
+        displacement = low + (high - low) * uniform[:, :2] - pose[:, :2]
+        length = np.hypot(displacement[:, 0], displacement[:, 1])[:, None]
+        # corners of the square go onto the circle
+        displacement = displacement * np.minimum(1.0, self.near / np.maximum(length, 1e-12))
+        return np.column_stack([pose[:, :2] + displacement, pose[:, 2] + self.turn * (2.0 * uniform[:, 2] - 1.0)])
 
     def _put_pusher(self, number: int, part: int, tries: np.ndarray, pose: np.ndarray) -> None:
         """Place a pusher at random clear of the others, else in the corner of its number; in place.

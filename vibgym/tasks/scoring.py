@@ -35,7 +35,7 @@ Stage = Callable[[np.ndarray], None]
 class Scoring:
     """Starts and scores the episodes of all worlds.
 
-    A subclass adds what a task measures beyond :class:`vibgym.tasks.episode.Episode`: arrays in :meth:`own_state` and
+    A subclass adds what a task measures beyond :class:`vibgym.tasks.episode.Episode`: arrays in :meth:`custom_state` and
     :meth:`info`, and kernels in :meth:`stages`. One value per world needs :attr:`MEASURED` and :meth:`measure` only.
 
     Args:
@@ -100,7 +100,7 @@ class Scoring:
             part_reward += part_terms[..., k]
         average_worlds(part_terms, self.rewarded, self.shares(), worst, terms, self.episode.reward)
 
-    def own_state(self) -> dict[str, np.ndarray]:
+    def custom_state(self) -> dict[str, np.ndarray]:
         """Return live arrays (worlds, ...) that a snapshot contains in addition to episodes and relations."""
         return dict(self.measured)
 

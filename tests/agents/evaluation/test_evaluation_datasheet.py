@@ -121,7 +121,7 @@ def test_stable_poses_of_a_mesh_are_on_the_sheet(sheet, tmp_path):
     assert part.height == pytest.approx(0.010)
     assert len(poses) == 6 and sum(each.probability for each in poses) == pytest.approx(1.0)
     lines = datasheet_page.groups(dataclasses.replace(sheet, poses=poses))["Stable poses"]
-    assert [label for label, _, _ in lines] == [f"Pose {k}" for k in range(datasheet_page.MOST_POSES)]
+    assert [label for label, _, _ in lines] == [f"Pose {k}" for k in range(datasheet_page.MAX_POSES)]
     assert lines[0][1] == f"{100 * poses[0].probability:.1f} %" and "10 mm high" in lines[0][2]
     assert "Stable poses" not in datasheet_page.groups(sheet)
     assert datasheet.part_of(DatasheetSettings.checked({"part": "steel_block"}))[1] == ()

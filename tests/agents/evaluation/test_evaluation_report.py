@@ -108,7 +108,7 @@ def test_json_holds_everything(written, written_several):
     content = json.loads((written / "results.json").read_text(encoding="utf-8"), parse_constant=refuse)
     assert content["seeds"] == list(range(300, 308))
     assert content["versions"]["numpy"] == np.__version__ and content["versions"]["vibgym"]
-    assert content["machine"]["cores"] >= 1 and "commit" in content
+    assert content["host"]["cores"] >= 1 and "commit" in content
     assert content["settings"]["tasks"] == ["Transport", "Align"]
     assert len(content["results"]) == 6 and len(content["comparisons"]) == 6 and len(content["episodes"]) == 48
     assert content["results"][0]["time_to_goal_median_s"] is None

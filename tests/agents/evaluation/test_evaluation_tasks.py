@@ -34,13 +34,13 @@ def test_rates_replace_successes_where_parts_come_and_go(feeding):
     found, directory, _ = feeding
     run, episodes = rollouts(found)["Feed", "ideal", "lanes"], where(found.main, policy="lanes")
     row = next(row for row in rows(found) if row["policy"] == "lanes")
-    assert row["successes"] == 0 and row["good_per_minute_mean"] == run.fact("good_per_minute").mean() > 200.0
-    assert row["rate_over_bound_mean"] == pytest.approx(np.mean(run.fact("good_per_minute") / 300.0))
+    assert row["successes"] == 0 and row["good_per_minute_mean"] == run.reported("good_per_minute").mean() > 200.0
+    assert row["rate_over_bound_mean"] == pytest.approx(np.mean(run.reported("good_per_minute") / 300.0))
     assert episodes["score"].tolist() == episodes["rate_over_bound"].tolist()
-    assert np.isnan(run.bound).all() and np.isnan(run.fact("coverage")).all()
+    assert np.isnan(run.bound).all() and np.isnan(run.reported("coverage")).all()
     written = [row for row in rows_of(directory / "episodes.csv") if row["policy"] == "lanes"]
     for name in RATES:
-        assert [float(each[name]) for each in written] == run.fact(name).tolist()
+        assert [float(each[name]) for each in written] == run.reported(name).tolist()
     assert all(each["coverage"] == each["position_error_m"] == each["heading_error_rad"] == "" for each in written)
     # A part that comes anew begins a path of its own: none is carried back from the gate to the inlet.
     steps = np.hypot(*np.moveaxis(np.diff(run.poses[..., :2], axis=1), -1, 0))

@@ -26,7 +26,7 @@ from vibgym.policies.trained.trained import CODINGS, KIND, VERSION
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
-CLONE = {"batch_size": 256, "turned": True, "remembers": True, "blind": ["position"], "activation": "relu"}
+CLONE = {"batch_size": 256, "turned": True, "history": True, "dropped_columns": ["position"], "activation": "relu"}
 FLOW = {"network": "parts", "net": [32, 32], "batch_size": 256, "horizon": 3, "executed": 2, "learning_rate": 5e-3}
 WRENCH = {"action": "wrench"}
 
@@ -39,7 +39,7 @@ def given(directory, algorithm="offline", steps=200, **own):
 
 def test_cloning_succeeds_on_unseen_episodes(recorded, tmp_path):
     settings = given(recorded, steps=900, batch_size=512, learning_rate=2e-3)
-    path = trained(tmp_path, **settings, judging={"episodes": 50, "every": 10_000})
+    path = trained(tmp_path, **settings, selection={"episodes": 50, "every": 10_000})
     assert float(rows_of(path.parent / "curve.csv")[-1]["success"]) > 0.7
     data = load_set(path, KIND, VERSION)[1]["training"]["data"]
     assert data["dataset"] == DATA and len(data["sha256"]) == 64
@@ -51,7 +51,7 @@ def two_actions(learner, samples, spacing):
     action = torch.where(good[:, None, None], 0.5, -0.5) * torch.ones(1, 1, 3)
     rows, mask = data.rows[:1].expand(spacing * samples + 1, -1, -1), data.mask[:1].expand(spacing * samples + 1, -1)
     at = spacing * torch.arange(samples)
-    learner.data = Transitions(rows, mask, at, action, good.float(), torch.ones(samples), data.facts)
+    learner.data = Transitions(rows, mask, at, action, good.float(), torch.ones(samples), data.info)
     learner.make_networks(learner.policy.coding)
     torch.manual_seed(0)
     for step in range(learner.settings.steps):
@@ -180,7 +180,7 @@ def transitions(settings):
     return learner.data, learner.policy.coding
 
 
-@pytest.mark.parametrize("memory", [{}, {"remembers": 3, "recalls": ["velocity", "heading"]}])
+@pytest.mark.parametrize("memory", [{}, {"history": 3, "history_columns": ["velocity", "heading"]}])
 def test_transitions_are_those_of_an_acting_network(recorded, memory):
     """Step by step in a single environment, turned and with memory; every step leads to the next observation."""
     data, coding = transitions(given(recorded, **memory))
@@ -202,11 +202,11 @@ def test_transitions_are_those_of_an_acting_network(recorded, memory):
 
 def test_transitions_do_not_depend_on_the_group_size(recorded, monkeypatch):
     whole, _ = transitions(given(recorded))
-    assert whole.facts["episodes"] == 200 and len(whole.at) == whole.facts["steps"] == len(whole.reward)
+    assert whole.info["episodes"] == 200 and len(whole.at) == whole.info["steps"] == len(whole.reward)
     assert len(whole.rows) == len(whole.at) + 200 and whole.ended.sum() == 200
     monkeypatch.setattr("agents.transitions.AT_ONCE", 30)
     some, _ = transitions(given(recorded))
-    for name in set(Transitions._fields) - {"facts"}:
+    for name in set(Transitions._fields) - {"info"}:
         assert torch.equal(getattr(whole, name), getattr(some, name)), name
 
 
@@ -216,7 +216,7 @@ def test_images_are_learned_from(tmp_path):
             "first_seed": 1_000_300, "policy": {"kind": "pose", "action": "velocity"}, "directory": str(tmp_path)}  # fmt: skip
     record(RecordSettings.model_validate(made), quiet=True)
     env = gym.make("vibgym/Transport-v0", action="velocity", observation="image")
-    for algorithm, own in (("offline", {"turned": False, "remembers": False, "blind": []}), ("flow", {})):
+    for algorithm, own in (("offline", {"turned": False, "history": False, "dropped_columns": []}), ("flow", {})):
         more = {"dataset": made["dataset"], "network": "pixels", "batch_size": 64, **own}
         settings = given(tmp_path, algorithm, 40, **more) | {"task": "Transport", "environment": {"action": "velocity"}}
         with Training(settings_from(settings), tmp_path / algorithm, quiet=True) as training:

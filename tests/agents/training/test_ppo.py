@@ -26,7 +26,10 @@ def first_column(rows, mask):
 
 def filled(reward, done, truncated=(), driven=(True, True), **settings):
     info = info_of("Sort", parts=TWO)
-    coding, info = coding_for(info), replace(info, driven=driven, flows=settings.pop("flows", False))
+    coding, info = (
+        coding_for(info),
+        replace(info, driven=driven, continuous_feed=settings.pop("continuous_feed", False)),
+    )
     generator = np.random.default_rng(0)
     own = PPO.Settings(n_steps=STEPS, gamma=GAMMA, gae_lambda=LAMBDA, **settings)
     rollout, finals = Rollout(own, WORLDS, coding, info), {}
@@ -105,12 +108,12 @@ def test_driven_parts_receive_the_rewards_of_others():
     assert (shared.advantage[..., 0] == found.advantage[..., 0]).all()
 
 
-@pytest.mark.parametrize("flows", [False, True])
-def test_parts_share_the_rewards_of_others(flows):
+@pytest.mark.parametrize("continuous_feed", [False, True])
+def test_parts_share_the_rewards_of_others(continuous_feed):
     reward, done = case()
-    found, _ = filled(reward, done, shared=0.3, flows=flows)
+    found, _ = filled(reward, done, shared=0.3, continuous_feed=continuous_feed)
     others = reward[..., ::-1]
-    expected, _ = filled(reward + 0.3 * (others - (others.mean() if flows else 0.0)), done)
+    expected, _ = filled(reward + 0.3 * (others - (others.mean() if continuous_feed else 0.0)), done)
     assert found.advantage == pytest.approx(expected.advantage, abs=1e-5)
 
 

@@ -28,15 +28,22 @@ from vibgym.settings import BaseSettings
 OWN = {**PPO, "n_epochs": 2, "target_kl": 0.02}
 IMITATION = {"expert": POSE, "rounds": 2, "steps": 20, "epochs": 2}
 WRENCH = {"action": "wrench"}
-LEARNED = {"dataset": DATA, "batch_size": 32, "net": [8], "turned": True, "remembers": True, "blind": ["position"]}
-DELAYED = {"action": "field", "sensor": {"delay": 2, "dropout": 0.3, "kind": "ideal", "tell": ["age"]}}
+LEARNED = {
+    "dataset": DATA,
+    "batch_size": 32,
+    "net": [8],
+    "turned": True,
+    "history": True,
+    "dropped_columns": ["position"],
+}
+DELAYED = {"action": "field", "sensor": {"delay": 2, "dropout": 0.3, "kind": "ideal", "report": ["age"]}}
 RUNS = {
     "field": {},
     "imitation": {
-        "environment": WRENCH, "imitation": IMITATION, "ppo": {**OWN, "remembers": True, "turned": True},
+        "environment": WRENCH, "imitation": IMITATION, "ppo": {**OWN, "history": True, "turned": True},
     },
     "memory": {
-        "environment": DELAYED, "ppo": {**OWN, "turned": True, "remembers": 3, "recalls": ["velocity", "age"]},
+        "environment": DELAYED, "ppo": {**OWN, "turned": True, "history": 3, "history_columns": ["velocity", "age"]},
     },
     "noise": {"ppo": {**OWN, "noise_correlation": 0.9}},
     "curriculum": {"curriculum": [{"environment": {"max_episode_steps": 20}, "until": {"steps": 384}}]},
@@ -55,7 +62,7 @@ def test_interrupted_runs_end_with_the_same_weights(tmp_path, monkeypatch, reque
         "ppo": OWN,
         "steps": 768,
         "checkpoint_steps": 256,
-        "judging": {"episodes": 3, "every": 200},
+        "selection": {"episodes": 3, "every": 200},
         **RUNS[name],
     }
     for algorithm in {"offline", "flow"} & settings.keys():
@@ -110,8 +117,8 @@ def kill_at_random(process, run):
 @pytest.mark.skipif(os.name != "posix", reason="SIGKILL")
 def test_a_killed_run_ends_with_the_same_weights(tmp_path):
     """By SIGKILL at random instants, five times."""
-    own, judging = {**OWN, "remembers": True}, {"episodes": 3, "every": 2000}
-    config = written(tmp_path, environment=WRENCH, steps=16_384, checkpoint_steps=256, judging=judging, ppo=own)
+    own, selection = {**OWN, "history": True}, {"episodes": 3, "every": 2000}
+    config = written(tmp_path, environment=WRENCH, steps=16_384, checkpoint_steps=256, selection=selection, ppo=own)
     assert started(config, tmp_path / "whole").wait() == 0
     for _ in range(5):
         kill_at_random(started(config, tmp_path / "killed"), tmp_path / "killed")
@@ -159,7 +166,7 @@ def test_the_policy_is_the_best_actor_of_the_learning_curve(tmp_path, monkeypatc
         return row
 
     monkeypatch.setattr(LearningCurve, "measure", measured)
-    path = trained(tmp_path, judging={"episodes": 3, "every": 128})
+    path = trained(tmp_path, selection={"episodes": 3, "every": 128})
     policy, record = load_set(path, KIND, VERSION)
     best, _ = load_set(path.parent / BEST, BEST_KIND)
     assert not successes and record["training"]["kept_from_step"] == 128 < record["training"]["steps"]
@@ -225,7 +232,7 @@ class RandomSearch:
 
 def test_a_user_registered_algorithm_is_trained_and_continues(tmp_path, monkeypatch):
     monkeypatch.setitem(ALGORITHMS._items, "mine", RandomSearch)
-    settings = {"algorithm": "mine", "mine": {"scale": 2.0}, "judging": {"episodes": 3, "every": 32}}
+    settings = {"algorithm": "mine", "mine": {"scale": 2.0}, "selection": {"episodes": 3, "every": 32}}
     for steps in (64, 128):
         trained(tmp_path, **settings, steps=steps)
     assert (tmp_path / "run" / "mine.txt").read_text() == "128"

@@ -18,7 +18,7 @@ SETTINGS = {
     "task": "Transport",
     "environment": {"action": "field", "max_episode_steps": 20},
     "steps": 100,
-    "judging": {"episodes": 5, "first_seed": 400_070, "every": 10},
+    "selection": {"episodes": 5, "first_seed": 400_070, "every": 10},
 }
 FAST = {"kind": "planar", "contacts": "fast"}
 
@@ -62,7 +62,7 @@ def test_rows_describe_episodes_on_the_same_seeds(tmp_path):
     assert (second["steps"], second["seconds"], second["phase"]) == ("20", "4.6", "ppo")
     env = batch("Transport", 5, action="field", max_episode_steps=20, observation="parts", autoreset_mode="Disabled")
     found = run(Still(), env, range(400_070, 400_075), "Transport")
-    assert np.isnan(found.fact(RATE)).all() and first["rate"] == ""
+    assert np.isnan(found.reported(RATE)).all() and first["rate"] == ""
     assert not found.success.any() and (found.steps == 20).all() and len(set(found.returns.round(9))) > 1
     for each in (first, second):
         assert (each["success"], each["time_to_goal"]) == ("0.0", "")
@@ -94,7 +94,7 @@ def test_own_tasks_are_evaluated_where_episodes_end(tmp_path, monkeypatch):
     entry = {"entry_point": "vibgym.envs:VibgymEnv", "vector_entry_point": "vibgym.envs:VibgymVectorEnv"}
     spec = gym.envs.registration.EnvSpec("mine/Align-v0", kwargs={"task": "Align"}, **entry)
     monkeypatch.setitem(gym.registry, "mine/Align-v0", spec)
-    with pytest.raises(ValueError, match="judging"):
+    with pytest.raises(ValueError, match="selection"):
         curve_in(tmp_path, task="mine/Align-v0")
     assert not list(tmp_path.iterdir())
     spec.max_episode_steps = 30
@@ -105,7 +105,7 @@ def test_own_tasks_are_evaluated_where_episodes_end(tmp_path, monkeypatch):
 def test_where_parts_come_and_go_the_rate_ranks(tmp_path):
     disc = [{"name": "puck", "shape": "disc", "radius": 0.02, "friction": 0.6}]
     scene = {"action": "wrench", "parts": disc, "max_episode_steps": 150, "task_settings": {"warm_up": 0.0}}
-    curve = curve_in(tmp_path, task="Feed", environment=scene, judging={"episodes": 2, "every": 10})
+    curve = curve_in(tmp_path, task="Feed", environment=scene, selection={"episodes": 2, "every": 10})
     row = curve.measure(Straight(), 10, 1.0, "ppo")
     assert row["rate"] > 0.0 and row["success"] == 0.0 and row["time_to_goal"] == ""
     worse = {**row, "rate": row["rate"] - 1.0}
@@ -147,7 +147,7 @@ vibgym/SortCrowded-v0:
     worlds: 8
     steps: 256
     output: {tmp_path / "run"}
-    judging: {{episodes: 4, every: 128}}
+    selection: {{episodes: 4, every: 128}}
     ppo: {{n_steps: 16, batch_size: 64, n_epochs: 1, net: [8], critic_net: [8]}}
 """)
     policy = train(path, quiet=True, agent="SortCrowded/fast")

@@ -198,7 +198,7 @@ def test_a_run_starts_with_the_weights_of_a_policy(agent, tmp_path):
 
 def test_columns_that_a_policy_does_not_have_are_skipped(agent):
     columns = load_set(agent / "policy.json", KIND, VERSION)[1]["columns"]
-    info = info_of("Align", sensor={"kind": "ideal", "tell": ["age"]})
+    info = info_of("Align", sensor={"kind": "ideal", "report": ["age"]})
     assert load_trained(agent / "policy.json", info).coding.columns == columns
     assert len(info.parts_layout) > len(columns)
 

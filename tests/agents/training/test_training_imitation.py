@@ -49,11 +49,11 @@ class Answering(TowardsTheGoal):
         return memory + 0.5
 
 
-def imitation_of(seed=5, turned=False, remembers=False, made=TowardsTheGoal, **settings):
+def imitation_of(seed=5, turned=False, history=False, made=TowardsTheGoal, **settings):
     env = batch(
         "Transport", WORLDS, action=made.action, observation="parts", autoreset_mode="SameStep", max_episode_steps=30
     )
-    coding = coding_for(TaskInfo.of(env), made.action, turned=turned, remembers=remembers)
+    coding = coding_for(TaskInfo.of(env), made.action, turned=turned, history=history)
     torch.manual_seed(seed)
     policy = ActorCritic(coding, NetworkSettings(net=[32], critic_net=[8], attention=4), log_std=-0.5)
     expert = made(TaskInfo.of(env))
@@ -114,7 +114,7 @@ def test_only_the_actors_mean_learns():
 
 def test_experts_receive_applied_actions_if_the_network_remembers():
     """Their own in the first round; in the second one the network acts in most worlds."""
-    imitation, expert, coding = imitation_of(remembers=True, made=Answering, epochs=1, rounds=2, noise=0.0)
+    imitation, expert, coding = imitation_of(history=True, made=Answering, epochs=1, rounds=2, noise=0.0)
     list(imitation.rounds())
     assert len(expert.applied) == len(expert.asked) == 80
     assert [state for _, state, _ in expert.asked[1:]] == [k + 0.5 for k in range(1, 80)]
@@ -129,7 +129,7 @@ def test_experts_receive_applied_actions_if_the_network_remembers():
 
 
 def test_experts_receive_no_applied_actions_without_remembers():
-    imitation, expert, coding = imitation_of(remembers=False, made=Answering, epochs=1, rounds=1)
+    imitation, expert, coding = imitation_of(history=False, made=Answering, epochs=1, rounds=1)
     list(imitation.rounds())
     assert expert.applied == [] and [state for _, state, _ in expert.asked] == [None, *range(1, 40)]
-    assert not coding.remembers
+    assert not coding.history

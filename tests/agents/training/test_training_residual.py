@@ -30,7 +30,7 @@ def written(folder, **changes):
     """Write a file of one agent."""
     own = {
         "environment": {"action": "wrench"}, "residual": {"base": {"kind": "pose"}, "scale": 0.3}, "worlds": 8,
-        "steps": 256, "output": str(folder / "run"), "judging": {"episodes": 4, "every": 128},
+        "steps": 256, "output": str(folder / "run"), "selection": {"episodes": 4, "every": 128},
         "ppo": {**helpers.PPO, "log_std_init": -3.0},
     }  # fmt: skip
     path = folder / "many.yaml"

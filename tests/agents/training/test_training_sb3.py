@@ -53,7 +53,7 @@ class Halved(StateObservation):
 def test_a_user_registered_observation_is_trained_and_evaluated(tmp_path, monkeypatch, settings):
     monkeypatch.setitem(OBSERVATIONS._items, "halved", Halved)
     environment = {"action": "field", "observation": "halved"}
-    path = trained(tmp_path, **settings, environment=environment, judging={"episodes": 3, "every": 128})
+    path = trained(tmp_path, **settings, environment=environment, selection={"episodes": 3, "every": 128})
     assert path == tmp_path / "run" / "policy.zip" and not path.with_suffix(".json").exists()
     assert rows_of(tmp_path / "run" / "curve.csv")[-1]["steps"] == "256"
     model = getattr(stable_baselines3, settings["algorithm"][4:]).load(path, device="cpu")

@@ -7,7 +7,7 @@ from agents import tune
 
 SETTINGS = {
     "task": "Transport", "environment": {"action": "wrench"}, "worlds": 8, "steps": 256, "checkpoint_steps": 128,
-    "judging": {"episodes": 4, "every": 128},
+    "selection": {"episodes": 4, "every": 128},
     "ppo": {"n_steps": 8, "batch_size": 64, "n_epochs": 1, "net": [8], "critic_net": [8]},
     "tuning": {"trials": 3, "startup": 1, "space": {"ppo.learning_rate": {"low": 1.0e-4, "high": 1.0e-2, "log": True}}},
 }  # fmt: skip

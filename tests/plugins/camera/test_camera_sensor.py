@@ -11,7 +11,7 @@ from tests.plugins.camera.helpers import SURFACE, camera, setup, state_of
 from vibgym import Part
 from vibgym.kernels.jit import jit
 from vibgym.plugins.camera import CameraSensor
-from vibgym.plugins.camera.fitting import fit_errors, look_alone, random_poses
+from vibgym.plugins.camera.fitting import fit_errors, random_poses, sample_alone
 from vibgym.plugins.camera.statistical import normal_levels, smooth_noise
 from vibgym.scene.parts import shipped_part
 
@@ -27,7 +27,7 @@ TRIANGLE = Part.polygon([[0.03, 0.0], [-0.015, 0.026], [-0.015, -0.026]], fricti
 def test_accuracy_for_the_aluminium_block(lines, edge, position, heading):
     """Check the error at default noise, blur, light and distortion, at its height, anywhere on the surface."""
     known = setup([BLOCK], lines=lines, edge=edge)
-    error, seen = look_alone(known, 0, random_poses(known, 0, 300, seed=9), key=77)
+    error, seen = sample_alone(known, 0, random_poses(known, 0, 300, seed=9), key=77)
     assert seen.all()
     assert error[:, :2].std() < position and math.degrees(error[:, 2].std()) < heading
     assert np.abs(error[:, :2].mean(axis=0)).max() < 3e-5
@@ -161,7 +161,7 @@ def test_effect_of_motion_on_interlaced_lines(part):
     for statistical in (False, True):
         sensor = camera([part], pose, statistical=statistical, lines="interlaced")
         sensor.track.velocity[:] = velocity  # as after some tracked samples
-        sensor.looks[:] = 1
+        sensor.samples[:] = 1
         sensor.track.pose[:] = pose - 0.04 * velocity
         sensor.sample(state_of(pose, velocity))
         assert sensor.due.seen.all()

@@ -89,9 +89,9 @@ class Campaign:
             holder.add_lwpolyline(
                 [(*(centre - [radius, 0]), 1), (*(centre + [radius, 0]), 1)], format="xyb", close=True, dxfattribs=given
             )
-        self.judge(chain, given, math.pi * radius**2 * abs(np.linalg.det(matrix)))
+        self.evaluate(chain, given, math.pi * radius**2 * abs(np.linalg.det(matrix)))
 
-    def judge(self, chain, entity, area):
+    def evaluate(self, chain, entity, area):
         states = {name.lower(): state for name, state in LAYERS.items()} | {"0": "on"}
         layer, linetype, off = "0", "continuous", False
         for given in (*chain, entity):

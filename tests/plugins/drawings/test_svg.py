@@ -269,7 +269,7 @@ def test_elements_without_namespace_are_not_drawn(tmp_path):
 
 
 def test_exponential_references_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(svg, "MOST", 2000)
+    monkeypatch.setattr(svg, "MAX", 2000)
     inner = '<g id="n0"><rect width="3" height="3"/></g>'
     for k in range(20):
         inner += f'<g id="n{k + 1}"><use href="#n{k}"/><use href="#n{k}"/></g>'

@@ -11,7 +11,7 @@ from tests.browser import chromium
 from vibgym.plugins.play.choices import settings_of
 from vibgym.plugins.play.command import LOOPBACK, _listening
 from vibgym.plugins.play.server import Server
-from vibgym.plugins.play.session import MOST_BYTES
+from vibgym.plugins.play.session import MAX_BYTES
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def served(tmp_path_factory) -> Iterator[tuple[str, Server]]:
     heard = _listening("127.0.0.1", 0)
     server = Server(settings_of("Align"), tmp_path_factory.mktemp("played"))
     config = uvicorn.Config(
-        server.app(LOOPBACK), log_level="critical", ws_max_size=MOST_BYTES, ws_per_message_deflate=False,
+        server.app(LOOPBACK), log_level="critical", ws_max_size=MAX_BYTES, ws_per_message_deflate=False,
         timeout_graceful_shutdown=1, lifespan="off", ws="websockets-sansio",
     )  # fmt: skip
     running = uvicorn.Server(config)

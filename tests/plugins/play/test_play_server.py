@@ -9,7 +9,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from vibgym.plugins.play import server as module
-from vibgym.plugins.play.session import MOST_BYTES
+from vibgym.plugins.play.session import MAX_BYTES
 
 
 class Page:
@@ -93,7 +93,7 @@ def test_bad_messages_do_not_end_a_world(served):
     assert one.next("frame") and two.next("frame")
     # Only the header of a masked text message (RFC 6455, section 5.2), and what answers "too big" has read all there is:
     # the rest would meet a closed socket, whose reset may overtake the answer.
-    one.socket.socket.sendall(b"\x81\xff" + (MOST_BYTES + 1).to_bytes(8, "big") + b"\0\0\0\0")
+    one.socket.socket.sendall(b"\x81\xff" + (MAX_BYTES + 1).to_bytes(8, "big") + b"\0\0\0\0")
     with pytest.raises(ConnectionClosed) as caught:
         while True:
             one.next()
@@ -147,7 +147,7 @@ def test_bad_urls_are_one_clear_line(served, query, named):
 
 def test_the_number_of_worlds_is_limited(served, monkeypatch):
     address, server = served
-    monkeypatch.setattr(module, "MOST_WORLDS", len(server.visitors))
+    monkeypatch.setattr(module, "MAX_WORLDS", len(server.visitors))
     assert "no room" in Page(address).first["text"]
     monkeypatch.setattr(module, "WAIT", -1.0)  # disconnected visitors are removed
     page = Page(address)

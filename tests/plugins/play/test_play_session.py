@@ -101,7 +101,7 @@ def test_undo_takes_back_step_by_step(align):
     second = align.pose
     align("lift", part=0)
     align("carry", part=0, pose=[0.5, 0.1, 0.2])
-    align("put_down", part=0)
+    align("place", part=0)
     align("aim", part=0, pose=[0.3, 0.1, 0.0])
     align("paint", elements=[[0, 0]], phasor=[1, 0])
     align("switch", hardware="prototype")

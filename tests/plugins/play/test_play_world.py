@@ -86,7 +86,7 @@ def test_a_lifted_part_is_moved_and_brought_back_by_the_controller():
         world.step()
     assert poses(world)[0].tolist() == [0.7, 0.15, 1.0]
     assert world.room(0) == ""
-    world.put_down(0)
+    world.place(0)
     assert not world.core.simulator.fallen.any()
     for _ in range(200):
         world.step()
@@ -99,7 +99,7 @@ def test_there_is_no_room_on_another_part():
     world.carry(0, poses(world)[1] + [0.005, 0.0, 0.0])
     assert world.room(0)
     with pytest.raises(ValueError, match="pose"):
-        world.put_down(0)
+        world.place(0)
     assert list(world.held) == [0], "it stays in the hand"
     world.carry(0, np.array([2.0, 0.1, 0.0]))
     assert world.room(0)

@@ -107,9 +107,9 @@ def test_wrenches_give_the_pushes_of_phasors(hardware):
     phasor, wrench = (
         played(make_policy({**kind, "action": action}, info), 8, **hardware) for action in ("phasor", "wrench")
     )
-    way = np.linalg.norm(phasor[-1, :, 0, :2] - phasor[0, :, 0, :2], axis=-1)
+    displacement = np.linalg.norm(phasor[-1, :, 0, :2] - phasor[0, :, 0, :2], axis=-1)
     off = np.linalg.norm(wrench[-1, :, 0, :2] - phasor[-1, :, 0, :2], axis=-1)
-    assert np.median(way) > 0.03 and np.median(off) < 0.04 * np.median(way)
+    assert np.median(displacement) > 0.03 and np.median(off) < 0.04 * np.median(displacement)
 
 
 def test_elements_rest_under_parts_that_coast_to_their_goals():

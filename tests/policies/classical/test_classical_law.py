@@ -26,7 +26,7 @@ def still(policy, worlds=1):
     none = np.zeros((*shape, 2))
     return dataclasses.replace(
         Measured.of(rows, policy.info),
-        present=np.ones(shape, dtype=bool), heading=np.zeros(shape), way=none, gap=np.full(shape, 0.1),
+        present=np.ones(shape, dtype=bool), heading=np.zeros(shape), displacement=none, gap=np.full(shape, 0.1),
     )  # fmt: skip
 
 
@@ -39,10 +39,10 @@ def test_parts_can_stop_from_the_set_speed():
     assert near == pytest.approx(0.002)
 
 
-def wanted(policy, measured, way):
+def wanted(policy, measured, displacement):
     """Return the controller's accelerations for displacements (parts, 2) to the goal, in one world."""
-    turn = policy._turn(measured)
-    return policy.law.wanted(measured, np.tile(way, (1, len(policy.info.parts), 1)), turn, ())[0]
+    heading_error = policy._heading_error(measured)
+    return policy.law.wanted(measured, np.tile(displacement, (1, len(policy.info.parts), 1)), heading_error, ())[0]
 
 
 def test_set_velocities_are_within_the_top_speed():
@@ -58,7 +58,7 @@ def test_headings_are_controlled_and_several_parts_are_aligned(task, turned):
     rest = still(policy)
     skew = dataclasses.replace(rest, heading=rest.heading + 0.3)
     if task == "Align":
-        skew = dataclasses.replace(skew, turn=np.full_like(rest.heading, -0.3))
+        skew = dataclasses.replace(skew, heading_error=np.full_like(rest.heading, -0.3))
     torque = wanted(policy, skew, np.zeros(2))[..., 2]
     assert (torque < 0.0).all() if turned else (torque == 0.0).all()
 
@@ -93,10 +93,10 @@ def test_one_period_a_step_leaves_the_measurement_as_it_is():
     measured = Measured.of(seen, TaskInfo.of(env))
     one, four = steering("Align"), steering("Align", 4)
     same, ahead = one.expected(measured, one.initial(4)), four.expected(measured, four.initial(4))
-    assert (same.centre == measured.centre).all() and (same.turn == measured.turn).all()
+    assert (same.centre == measured.centre).all() and (same.heading_error == measured.heading_error).all()
     assert ahead.centre == pytest.approx(measured.centre + 0.06 * measured.velocity)
-    assert ahead.centre + ahead.way == pytest.approx(measured.centre + measured.way)
-    assert ahead.heading + ahead.turn == pytest.approx(measured.heading + measured.turn)
+    assert ahead.centre + ahead.displacement == pytest.approx(measured.centre + measured.displacement)
+    assert ahead.heading + ahead.heading_error == pytest.approx(measured.heading + measured.heading_error)
 
 
 # -- targets -----------------------------------------------------------------------------------------------------------

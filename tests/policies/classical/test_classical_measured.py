@@ -38,14 +38,14 @@ def test_decoded_observations_are_the_true_state(task, settings):
         there, pose = truth.present, truth.pose
         assert (measured.present == there).all() and there.all() == (len(info.parts) == 1)
         assert measured.centre[there] == pytest.approx(pose[there][:, :2], abs=1e-6)
-        assert measured.way[there] == pytest.approx(truth.error[there][:, :2], abs=1e-6)
+        assert measured.displacement[there] == pytest.approx(truth.error[there][:, :2], abs=1e-6)
         assert measured.velocity[there] == pytest.approx(truth.mean_velocity[there][:, :2], abs=1e-6)
         assert measured.spin[there] == pytest.approx(np.clip(truth.mean_velocity[there][:, 2], -10, 10), abs=1e-5)
         turned = wrap(measured.heading - pose[..., 2], symmetry)
         assert turned[there & (symmetry > 0)] == pytest.approx(0.0, abs=1e-6)
         assert (measured.heading[:, symmetry == 0] == 0.0).all()
-        turn = np.clip(truth.error[..., 2], -2 * math.pi, 2 * math.pi)
-        assert measured.turn[there] == pytest.approx(turn[there], abs=1e-5)
+        heading_error = np.clip(truth.error[..., 2], -2 * math.pi, 2 * math.pi)
+        assert measured.heading_error[there] == pytest.approx(heading_error[there], abs=1e-5)
         near = there & (truth.gap < 0.1)
         if len(info.parts) > 1:
             assert measured.gap[near] == pytest.approx(truth.gap[near], abs=1e-4)
@@ -155,13 +155,13 @@ def motion(start, rate, time):
     return time * start + 0.5 * time**2 * rate, start + time * rate
 
 
-def seen(info, start, rate, way=0.0):
+def seen(info, start, rate, displacement=0.0):
     """Return the measurement of two parts whose goals have these velocities and accelerations."""
     rest = Measured.of(np.zeros((1, info.layout.size)), info)
     ahead = np.stack([motion(start, rate, T * k)[0] for k in range(1, PREVIEW + 1)], axis=-2)
     shape = (1, len(start), 2)
     return dataclasses.replace(
-        rest, present=np.ones(shape[:2], dtype=bool), way=np.full(shape, way), goal_velocity=start[None],
+        rest, present=np.ones(shape[:2], dtype=bool), displacement=np.full(shape, displacement), goal_velocity=start[None],
         goal_ahead=ahead[None],
     )  # fmt: skip
 
@@ -176,10 +176,10 @@ def test_constant_acceleration_is_extrapolated_from_any_instant(lead, periods):
     """Also beyond the preview, and for steps of several periods."""
     info = two(lead, periods)
     start, rate = STEADY
-    then = Preview(info)(seen(info, start, rate, way=0.01))
+    then = Preview(info)(seen(info, start, rate, displacement=0.01))
     place, speed = motion(start, rate, T * lead)
-    assert then.way[0] == pytest.approx(0.01 + place[:, :2], abs=1e-12)
-    assert then.turn[0] == pytest.approx(place[:, 2], abs=1e-12)
+    assert then.displacement[0] == pytest.approx(0.01 + place[:, :2], abs=1e-12)
+    assert then.heading_error[0] == pytest.approx(place[:, 2], abs=1e-12)
     assert then.goal_velocity[0] == pytest.approx(speed, abs=1e-12)
     assert then.goal_acceleration[0] == pytest.approx(rate, abs=1e-9)
 
@@ -193,7 +193,7 @@ def test_a_part_with_its_goals_motion_on_a_circle_stays_with_it(lead):
     start = np.array([[0.0, speed, 0.0]] * 2)
     measured = dataclasses.replace(seen(info, start, 0.0 * start), goal_ahead=np.tile(place[1:-1], (1, 2, 1, 1)))
     then = Preview(info)(measured)
-    reached = then.way[0, 0] + T * then.goal_velocity[0, 0, :2] + 0.5 * T**2 * then.goal_acceleration[0, 0, :2]
+    reached = then.displacement[0, 0] + T * then.goal_velocity[0, 0, :2] + 0.5 * T**2 * then.goal_acceleration[0, 0, :2]
     assert reached == pytest.approx(place[lead + 1, :2], abs=1e-12)
     assert np.hypot(*then.goal_velocity[0, 0, :2]) == pytest.approx(speed, rel=2e-3)
 
@@ -201,7 +201,7 @@ def test_a_part_with_its_goals_motion_on_a_circle_stays_with_it(lead):
 def test_the_heading_of_a_disc_is_not_turned():
     info = two(1, parts=(DISC, "steel_block"))
     then = Preview(info)(seen(info, *STEADY))
-    assert then.goal_velocity[0, 0, 2] == then.goal_acceleration[0, 0, 2] == then.turn[0, 0] == 0.0
+    assert then.goal_velocity[0, 0, 2] == then.goal_acceleration[0, 0, 2] == then.heading_error[0, 0] == 0.0
     assert then.goal_acceleration[0, 1, 2] == pytest.approx(2.0)
 
 
@@ -209,7 +209,7 @@ def test_a_part_that_moves_with_its_goal_has_zero_relative_velocity():
     info = two()
     start, rate = STEADY
     measured = dataclasses.replace(
-        seen(info, start, rate), way=np.full((1, 2, 2), 0.002), turn=np.full((1, 2), 0.1),
+        seen(info, start, rate), displacement=np.full((1, 2, 2), 0.002), heading_error=np.full((1, 2), 0.1),
         velocity=start[None, :, :2], spin=start[None, :, 2],
     )  # fmt: skip
     rest = from_goals(measured)
@@ -220,11 +220,11 @@ def test_a_part_that_moves_with_its_goal_has_zero_relative_velocity():
 def test_predictions_for_the_middle_of_a_long_step():
     info = two(0, periods=4)
     policy = Steering(info)
-    measured = dataclasses.replace(seen(info, *STEADY, way=0.01), velocity=np.full((1, 2, 2), 0.02))
+    measured = dataclasses.replace(seen(info, *STEADY, displacement=0.01), velocity=np.full((1, 2, 2), 0.02))
     then = policy.expected(measured, policy.initial(1))
     assert then.centre == pytest.approx(measured.centre + 0.06 * 0.02)
-    assert then.way[0] == pytest.approx(0.01 + 0.06 * (STEADY[0][:, :2] - 0.02))
-    assert then.turn[0] == pytest.approx(0.06 * STEADY[0][:, 2])
+    assert then.displacement[0] == pytest.approx(0.01 + 0.06 * (STEADY[0][:, :2] - 0.02))
+    assert then.heading_error[0] == pytest.approx(0.06 * STEADY[0][:, 2])
 
 
 def test_parts_do_not_rest_if_their_goals_move():

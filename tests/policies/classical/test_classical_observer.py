@@ -7,7 +7,7 @@ import pytest
 
 from tests.envs.helpers import batch
 from tests.policies.helpers import FRESH, HARDWARE, episodes, info_of
-from vibgym.policies.classical.outputs import GAIN, MOST, OUTPUTS
+from vibgym.policies.classical.outputs import GAIN, MAX, OUTPUTS
 from vibgym.policies.classical.steering import Steering
 from vibgym.policies.registry import make_policy
 
@@ -97,7 +97,7 @@ def test_estimates_are_limited_and_wait_for_parts_that_are_measured():
         observer.update(Seen, yes, np.zeros((*shape, 3)), memory)
         estimate = memory.acceleration
     assert (estimate[:, 0] == 0.0).all()
-    assert estimate[0, 1:, 0] == pytest.approx(MOST * policy.info.plant.push[1:])
+    assert estimate[0, 1:, 0] == pytest.approx(MAX * policy.info.plant.push[1:])
     before = estimate.copy()
     observer.update(Seen, ~yes, np.zeros((*shape, 3)), memory)
     assert (memory.acceleration == before).all()

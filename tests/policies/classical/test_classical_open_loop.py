@@ -30,11 +30,11 @@ def test_it_observes_once_per_episode(task):
     assert (restarted[1] == fresh[1]).all() and (restarted[1] != going_on[1]).any()
 
 
-def strengths(turn, periods, steps):
+def strengths(heading_error, periods, steps):
     """Return the largest amplitude in each step of a turn (rad) in place at 10 rad/s."""
     policy = make_policy({"kind": "open_loop", "turn_rate": 10.0}, info_of("Rotate", periods_per_step=periods))
     env = single("Rotate", action="phasor", periods_per_step=periods)
-    seen, _ = env.reset(seed=0, options={"pose": [0.416, 0.104, 0.0], "goal": [0.416, 0.104, turn]})
+    seen, _ = env.reset(seed=0, options={"pose": [0.416, 0.104, 0.0], "goal": [0.416, 0.104, heading_error]})
     state, amplitude = None, []
     for _ in range(steps):
         action, state = policy.predict(seen, state)
@@ -42,11 +42,11 @@ def strengths(turn, periods, steps):
     return np.array(amplitude)
 
 
-@pytest.mark.parametrize("turn, periods", [(1.0, 1), (2.0, 4), (-1.9, 3), (0.3, 4)])
-def test_durations_of_fields_do_not_depend_on_the_step(turn, periods):
+@pytest.mark.parametrize("heading_error, periods", [(1.0, 1), (2.0, 4), (-1.9, 3), (0.3, 4)])
+def test_durations_of_fields_do_not_depend_on_the_step(heading_error, periods):
     """The last step is scaled: strengths times step time add up to the turn over its rate."""
-    acting = strengths(turn, periods, 12)
-    assert acting.sum() * 0.04 * periods == pytest.approx(abs(turn) / 10.0, rel=1e-4)
+    acting = strengths(heading_error, periods, 12)
+    assert acting.sum() * 0.04 * periods == pytest.approx(abs(heading_error) / 10.0, rel=1e-4)
 
 
 def observations(task, worlds=6, steps=8, seed=0):

@@ -219,7 +219,7 @@ def simulate(policy, blocks, seconds, targets=None):
     target = place
     requested = []
     # Record the set velocities instead of computing actions.
-    policy.steer = lambda seen, way, memory: (requested.append(way[0] / policy.law.lead), memory)
+    policy.steer = lambda seen, displacement, memory: (requested.append(displacement[0] / policy.law.lead), memory)
     parts = policy.info.parts
     for _ in range(round(seconds / 0.04)):
         seen = np.zeros((6, 20))
@@ -283,9 +283,9 @@ def test_leaving_parts_have_separate_targets():
     ].all()
     assert (target[..., 1] > zone[:, 1]).all() and (target[..., 1] < zone[:, 3]).all()
     policy = PlannerPolicy(known)
-    way = np.array([[0.1, 0.3, 0.2]])
-    assert np.argsort(policy.right_of_way(way))[0].tolist() == [0, 2, 1]  # nearest to its gate first
-    assert np.argsort(planner().right_of_way(way))[0].tolist() == [1, 2, 0]
+    displacement = np.array([[0.1, 0.3, 0.2]])
+    assert np.argsort(policy.right_of_way(displacement))[0].tolist() == [0, 2, 1]  # nearest to its gate first
+    assert np.argsort(planner().right_of_way(displacement))[0].tolist() == [1, 2, 0]
 
 
 def test_goals_too_close_together_are_logged(caplog):

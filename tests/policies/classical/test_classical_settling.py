@@ -19,22 +19,24 @@ def steering(name="Align", periods=1, **arguments):
     return Steering(info_of(name, actuators="prototype", periods_per_step=periods), Steering.Settings(**arguments))
 
 
-def seen(policy, way, turn=0.0, velocity=(0.0, 0.0), spin=0.0):
+def seen(policy, displacement, heading_error=0.0, velocity=(0.0, 0.0), spin=0.0):
     """Return the measurement of one part at a displacement and velocity, at the start of a step."""
     rows = np.zeros((1, policy.info.layout.size))
     measured = dataclasses.replace(
         Measured.of(rows, policy.info),
         present=np.ones((1, 1), dtype=bool), gap=np.full((1, 1), math.inf),
-        way=np.reshape(way, (1, 1, 2)).astype(float), turn=np.full((1, 1), turn),
+        displacement=np.reshape(displacement, (1, 1, 2)).astype(float), heading_error=np.full((1, 1), heading_error),
         velocity=np.reshape(velocity, (1, 1, 2)).astype(float), spin=np.full((1, 1), spin),
     )  # fmt: skip
     moved, turned = policy.ahead * measured.velocity, policy.ahead * measured.spin
-    return dataclasses.replace(measured, way=measured.way - moved, turn=measured.turn - turned)
+    return dataclasses.replace(
+        measured, displacement=measured.displacement - moved, heading_error=measured.heading_error - turned
+    )
 
 
 def wanted(policy, measured):
     """Return the wanted acceleration (3,), NaN for resting elements."""
-    return policy.law.wanted(measured, measured.way, measured.turn, ())[0][0, 0]
+    return policy.law.wanted(measured, measured.displacement, measured.heading_error, ())[0][0, 0]
 
 
 def rests(policy, measured):
@@ -47,11 +49,11 @@ def test_a_pulse_brings_a_part_to_rest_at_its_goal(periods, velocity, spin):
     """By the solution of v' = a - c v the part coasts to the goal after the pulse, for any step length."""
     policy = steering(periods=periods)
     drag, length = policy.law.plant.drag[0], 0.04 * periods
-    way, turn = np.array([0.0012, -0.0008]), 0.03
-    pulse = wanted(policy, seen(policy, way, turn, velocity, spin))
+    displacement, heading_error = np.array([0.0012, -0.0008]), 0.03
+    pulse = wanted(policy, seen(policy, displacement, heading_error, velocity, spin))
     assert not np.isnan(pulse).any()
     pulse = pulse + drag * (np.array([*velocity, spin]) + 0.5 * 0.04 * pulse)  # elements also compensate mean friction
-    for start, rate, goal in ((np.array(velocity), pulse[:2], way), (spin, pulse[2], turn)):
+    for start, rate, goal in ((np.array(velocity), pulse[:2], displacement), (spin, pulse[2], heading_error)):
         fade = math.exp(-drag * length)
         after = start * fade + rate / drag * (1.0 - fade)
         moved = start / drag * (1.0 - fade) + rate / drag * (length - (1.0 - fade) / drag)
@@ -61,9 +63,9 @@ def test_a_pulse_brings_a_part_to_rest_at_its_goal(periods, velocity, spin):
 def test_parts_that_coast_close_enough_get_no_pulse():
     policy, band = steering(), BAND * 0.002
     assert rests(policy, seen(policy, [0.9 * band, 0.0])) and not rests(policy, seen(policy, [1.1 * band, 0.0]))
-    turn = BAND * math.radians(3.0)
-    assert rests(policy, seen(policy, [0.0, 0.0], -0.9 * turn))
-    assert wanted(policy, seen(policy, [0.0, 0.0], -1.1 * turn))[2] < 0.0
+    heading_error = BAND * math.radians(3.0)
+    assert rests(policy, seen(policy, [0.0, 0.0], -0.9 * heading_error))
+    assert wanted(policy, seen(policy, [0.0, 0.0], -1.1 * heading_error))[2] < 0.0
     # At the speed that friction dissipates on the way; not decelerated otherwise.
     assert rests(policy, seen(policy, [0.010, 0.0], 0.0, [0.010 * policy.law.plant.drag[0], 0.0]))
     assert wanted(policy, seen(policy, [-0.001, 0.0], 0.0, [0.02, 0.0]))[0] < 0.0  # it would overshoot
@@ -71,12 +73,12 @@ def test_parts_that_coast_close_enough_get_no_pulse():
 
 def test_no_effect_far_from_the_goal():
     aware, plain = steering(), Steering(info_of("Align"))
-    for way, turn, velocity in (
+    for displacement, heading_error, velocity in (
         ([0.2, 0.05], 1.0, [0.0, 0.0]),
         ([0.02, 0.0], 0.0, [0.3, 0.1]),
         ([0.0, 0.0], 0.5, [0.0, 0.0]),
     ):
-        measured = seen(aware, way, turn, velocity)
+        measured = seen(aware, displacement, heading_error, velocity)
         assert (wanted(aware, measured) == wanted(plain, measured)).all()
     assert (wanted(aware, seen(aware, [0.9 * NEAR, 0.0])) != wanted(plain, seen(aware, [0.9 * NEAR, 0.0]))).any()
 
@@ -100,9 +102,9 @@ def test_spins_beyond_the_range_of_observations_are_estimated():
 def test_fast_spinning_parts_get_no_pulses():
     """Even if they would coast to their goals: acceleration and deceleration are faster."""
     policy = steering(law="pose")
-    turn = 1.0
-    coasting = turn * policy.info.plant.drag[0]
-    assert not rests(policy, seen(policy, [0.0, 0.0], turn, (0.0, 0.0), coasting))
+    heading_error = 1.0
+    coasting = heading_error * policy.info.plant.drag[0]
+    assert not rests(policy, seen(policy, [0.0, 0.0], heading_error, (0.0, 0.0), coasting))
     slow = 0.5 * REACH_TURN
     assert rests(policy, seen(policy, [0.0, 0.0], slow, (0.0, 0.0), slow * policy.info.plant.drag[0]))
 

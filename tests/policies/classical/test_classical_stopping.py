@@ -37,7 +37,7 @@ def even_curve(braking, top=14.0):
     """Return the curve of a part with constant deceleration."""
     curve = object.__new__(StoppingCurve)
     curve.speed = np.linspace(0.0, top, 4001)[:, None]
-    curve.way = curve.speed**2 / (2.0 * braking)
+    curve.displacement = curve.speed**2 / (2.0 * braking)
     return curve
 
 
@@ -50,23 +50,27 @@ def test_deceleration_is_constant_near_rest(part):
     push, radius = 0.8, math.sqrt(part.gyration)
     rate = push * 0.5 * part.friction * SURFACE.full_scale
     slow, slow_turn = curve_for(part, push, 0.02, False), curve_for(part, push, 0.5, True)
-    assert slow.way[-1, 0] == pytest.approx(
+    assert slow.displacement[-1, 0] == pytest.approx(
         0.02**2 / (2.0 * rate), rel=0.06
     )  # friction helps: 0.07 m/s^2 at half of that
-    assert slow_turn.way[-1, 0] == pytest.approx(0.5**2 / (2.0 * rate / radius), rel=0.06)
-    assert slow.way[-1, 0] < 0.02**2 / (2.0 * rate) and slow_turn.way[-1, 0] < 0.5**2 / (2.0 * rate / radius)
+    assert slow_turn.displacement[-1, 0] == pytest.approx(0.5**2 / (2.0 * rate / radius), rel=0.06)
+    assert slow.displacement[-1, 0] < 0.02**2 / (2.0 * rate) and slow_turn.displacement[-1, 0] < 0.5**2 / (
+        2.0 * rate / radius
+    )
 
 
 @pytest.mark.parametrize("turning, top", [(False, 0.3), (True, 14.0)])
 def test_speeds_grow_with_distance_and_push(turning, top):
     weak, strong = (curve_for(ALUMINIUM, push, top, turning) for push in (0.6, 0.8))
 
-    def speeds(curve, way):
-        return np.array([speed_at(curve.way, curve.speed, 0, 1e9, each) for each in np.atleast_1d(way)])
+    def speeds(curve, displacement):
+        return np.array(
+            [speed_at(curve.displacement, curve.speed, 0, 1e9, each) for each in np.atleast_1d(displacement)]
+        )
 
-    end = weak.way[-1, 0]
-    way = np.linspace(0.0, 1.5 * end, 300)
-    slow, fast = speeds(weak, way), speeds(strong, way)
+    end = weak.displacement[-1, 0]
+    displacement = np.linspace(0.0, 1.5 * end, 300)
+    slow, fast = speeds(weak, displacement), speeds(strong, displacement)
     assert (np.diff(slow) >= 0.0).all() and slow[0] == 0.0 and slow[-1] == top
     assert (fast[1:-150] > slow[1:-150]).all()
     # Friction grows with speed, so speeds grow faster than the root of the distance.
@@ -79,7 +83,7 @@ def test_every_part_has_its_own_curve():
     n = len(info.parts)
     both = StoppingCurve(process, np.full(n, 0.7), np.full(n, 10.0), True)
     for k, part in enumerate(info.parts):
-        np.testing.assert_array_equal(both.way[:, k], curve_for(part, 0.7, 10.0, True).way[:, 0])
+        np.testing.assert_array_equal(both.displacement[:, k], curve_for(part, 0.7, 10.0, True).displacement[:, 0])
 
 
 # -- landings ----------------------------------------------------------------------------------------------------------
@@ -142,11 +146,15 @@ def test_bodies_that_would_leave_the_tolerance_are_reversed():
 
 def test_time_left_of_a_body_that_speeds_up_cruises_and_brakes():
     curve = even_curve(4.0, 0.3)
-    gain, way = np.array([2.0]), np.array([[0.0], [0.01], [0.5]])
+    gain, displacement = np.array([2.0]), np.array([[0.0], [0.01], [0.5]])
     least = np.sqrt(2.0 * 0.01 * (1.0 / 2.0 + 1.0 / 4.0))
     cruise = 0.3 / 2.0 + 0.3 / 4.0 + (0.5 - 0.3**2 / 4.0 - 0.3**2 / 8.0) / 0.3
-    np.testing.assert_allclose(time_left(way, 0.0 * way, gain, curve)[:, 0], [0.0, least, cruise], rtol=1e-12)
-    assert time_left(way[2:], 0.3 + 0.0 * way[2:], gain, curve) == pytest.approx(0.3 / 4.0 + (0.5 - 0.3**2 / 8.0) / 0.3)
+    np.testing.assert_allclose(
+        time_left(displacement, 0.0 * displacement, gain, curve)[:, 0], [0.0, least, cruise], rtol=1e-12
+    )
+    assert time_left(displacement[2:], 0.3 + 0.0 * displacement[2:], gain, curve) == pytest.approx(
+        0.3 / 4.0 + (0.5 - 0.3**2 / 8.0) / 0.3
+    )
 
 
 # -- rotation ----------------------------------------------------------------------------------------------------------
@@ -204,9 +212,9 @@ def test_a_spinning_part_stops_within_the_predicted_angle(part):
         furthest = np.maximum(furthest, simulator.pose[:, 0, 2])
         if (simulator.velocity[:, 0, 2] < 0.0).all():
             break
-    way = np.array([np.interp(each, curve.speed[:, 0], curve.way[:, 0]) for each in spin])
+    displacement = np.array([np.interp(each, curve.speed[:, 0], curve.displacement[:, 0]) for each in spin])
     turned = furthest - pose[:, 2]
-    assert (turned <= 1.15 * way).all() and turned.sum() == pytest.approx(way.sum(), rel=0.08)
+    assert (turned <= 1.15 * displacement).all() and turned.sum() == pytest.approx(displacement.sum(), rel=0.08)
 
 
 @pytest.mark.parametrize("part", [ALUMINIUM, DISC, LONG], ids=["aluminium", "disc", "long"])
@@ -237,5 +245,5 @@ def test_rotation_times_are_near_the_bound():
 def test_the_controller_decelerates_rotations_within_the_limits():
     law, info = PoseLaw(info_of("Rotate")), info_of("Rotate")
     strongest = info.plant.turn_push[0]
-    braking = law.turn_curve.speed[1, 0] ** 2 / (2.0 * law.turn_curve.way[1, 0])
+    braking = law.turn_curve.speed[1, 0] ** 2 / (2.0 * law.turn_curve.displacement[1, 0])
     assert 0.7 * strongest < braking < 0.85 * strongest

@@ -27,8 +27,10 @@ def test_patterns_are_expanded_on_the_table(parts, settings):
             place < [SURFACE.width, SURFACE.depth] - np.array(0.0175)
         ).all()
         least = gaps_between(of, goal[None])[0].min()
-        way = np.linspace(0.0, 1.0, 40)[:, None, None]
-        poses = np.concatenate([goal[:, :2] + way * (place - goal[:, :2]), np.tile(goal[:, 2:], (40, 1, 1))], axis=-1)
+        displacement = np.linspace(0.0, 1.0, 40)[:, None, None]
+        poses = np.concatenate(
+            [goal[:, :2] + displacement * (place - goal[:, :2]), np.tile(goal[:, 2:], (40, 1, 1))], axis=-1
+        )
         assert gaps_between(of, poses).min() > least - 1e-9
 
 

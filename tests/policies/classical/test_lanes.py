@@ -25,7 +25,8 @@ def seen(centre, present=None, velocity=0.0):
     moving = np.zeros_like(centre)
     moving[..., 0] = velocity
     return Measured(
-        present=there, centre=centre, heading=alone, way=0.0 * centre, turn=alone, velocity=moving, spin=alone,
+        present=there, centre=centre, heading=alone, displacement=0.0 * centre, heading_error=alone,
+        velocity=moving, spin=alone,
         gap=alone + 1.0, single=False,
     )  # fmt: skip
 

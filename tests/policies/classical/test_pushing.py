@@ -148,16 +148,20 @@ def test_one_disc_pushes_before_the_other_is_there_if_that_helps():
     same = (again == chosen).all(axis=1) & (push[:, 0] > 0.0)
     assert same.sum() > 50
 
-    centre, way, turn = np.tile(middle, (worlds, 3, 1)), np.zeros((worlds, 3, 2)), np.zeros((worlds, 3))
+    centre, displacement, heading_error = (
+        np.tile(middle, (worlds, 3, 1)),
+        np.zeros((worlds, 3, 2)),
+        np.zeros((worlds, 3)),
+    )
     centre[:, policy.pushers] += at
-    way[:, policy.pushed], turn[:, policy.pushed] = motion[:, :2], motion[:, 2]
+    displacement[:, policy.pushed], heading_error[:, policy.pushed] = motion[:, :2], motion[:, 2]
     still = np.zeros((worlds, 3))
     measured = Measured(
         np.ones((worlds, 3), dtype=bool),
         centre,
         still,
-        way,
-        turn,
+        displacement,
+        heading_error,
         np.zeros((worlds, 3, 2)),
         still,
         still + 1.0,

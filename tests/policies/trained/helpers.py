@@ -50,7 +50,7 @@ def policy_file(
         "parts": len(info.parts),
         "columns": coding.columns,
         "turned": False,
-        "remembers": False,
+        "history": False,
         "action": "field",
         "network": "parts",
         "activation": "tanh",

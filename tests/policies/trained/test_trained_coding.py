@@ -114,16 +114,16 @@ def test_actions_without_parts_and_elements_are_refused(monkeypatch):
         Coding(info.surface, info.parts, info.parts_layout, "swing")
 
 
-def remembering(task="Align", action="wrench", remembers: int = True, **settings):
+def remembering(task="Align", action="wrench", history: int = True, **settings):
     info = info_of(task, **settings)
-    return coding_for(info, action, remembers=remembers), coding_for(info, action)
+    return coding_for(info, action, history=history), coding_for(info, action)
 
 
 @pytest.mark.parametrize("turned, action", [(False, "wrench"), (True, "wrench"), (True, "velocity"), (True, "target")])
 def test_rows_contain_the_previous_action(turned, action):
     """Between the part's own columns and its neighbours', turned like the present row."""
     info = info_of("Sort", parts=["steel_block", "aluminium_block"])
-    coding, plain = (coding_for(info, action, turned=turned, remembers=each) for each in (True, False))
+    coding, plain = (coding_for(info, action, turned=turned, history=each) for each in (True, False))
     own, size = plain.shape.own, coding.shape.action
     assert (coding.shape.columns, coding.shape.own) == (plain.shape.columns + size, own + size) and size == 3
     assert coding.columns == plain.columns  # the previous action is no column of the scene
@@ -144,17 +144,17 @@ def test_rows_contain_the_previous_action(turned, action):
 
 
 @pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("recalls", [[], ["heading", "velocity"]])
-def test_rows_contain_the_last_steps(turned, recalls):
+@pytest.mark.parametrize("history_columns", [[], ["heading", "velocity"]])
+def test_rows_contain_the_last_steps(turned, history_columns):
     """Action, then the columns before it, the last step first, all turned like the present row; zeros before the start."""
     info = info_of("Sort", parts=["steel_block", "aluminium_block"])
-    coding = coding_for(info, "velocity", turned=turned, remembers=3, recalls=recalls)
+    coding = coding_for(info, "velocity", turned=turned, history=3, history_columns=history_columns)
     plain, turns = coding_for(info, "velocity"), coding_for(info, "velocity", turned=True)._turns
     assert turns is not None
     at = {row.name: range(row.start, row.start + row.width) for row in info.parts_layout}
-    chosen = [k for name in recalls for k in at[name]]
+    chosen = [k for name in history_columns for k in at[name]]
     own, width = plain.shape.own, 3 + len(chosen)
-    assert coding.shape.columns == plain.shape.columns + 3 * width and coding.recalls == recalls
+    assert coding.shape.columns == plain.shape.columns + 3 * width and coding.history_columns == history_columns
     env = batch("Sort", WORLDS, action="velocity", observation="parts", parts=["steel_block", "aluminium_block"])
     random, before, observation, past = np.random.default_rng(0), None, env.reset(seed=4)[0], []
     for step in range(6):
@@ -177,7 +177,7 @@ def test_rows_contain_the_last_steps(turned, recalls):
 
 def test_one_remembered_step_is_true():
     info = info_of("Align")
-    codings = [coding_for(info, "wrench", turned=True, remembers=each) for each in (True, 1)]
+    codings = [coding_for(info, "wrench", turned=True, history=each) for each in (True, 1)]
     random = np.random.default_rng(0)
     memory: list[Any] = [None, None]
     for _ in range(3):
@@ -188,12 +188,12 @@ def test_one_remembered_step_is_true():
         actions = [coding.decode(each, act) for coding, each in zip(codings, memory, strict=True)]
         assert_same(actions[1], actions[0])
         assert_same(list(memory[1]), list(memory[0]))
-    assert memory[0].command.shape == (WORLDS, 1, 3) and [each.remembers for each in codings] == [1, 1]
+    assert memory[0].command.shape == (WORLDS, 1, 3) and [each.history for each in codings] == [1, 1]
 
 
 def test_several_steps_are_the_same_alone_and_in_a_batch():
     info = info_of("Align")
-    coding = coding_for(info, "wrench", turned=True, remembers=3, recalls=["velocity"])
+    coding = coding_for(info, "wrench", turned=True, history=3, history_columns=["velocity"])
     random, memory = np.random.default_rng(0), None
     alone: list[Any] = [None] * WORLDS
     for step in range(5):
@@ -209,11 +209,13 @@ def test_several_steps_are_the_same_alone_and_in_a_batch():
 
 
 @pytest.mark.parametrize("settings, message", [
-    ({"remembers": -1}, "remembers"), ({"remembers": 101}, "remembers"), ({"remembers": 1.5}, "remembers"),
-    ({"remembers": "2"}, "remembers"), ({"recalls": ["velocity"]}, "recalls requires remembers"),
-    ({"remembers": 2, "recalls": "velocity"}, "recalls"), ({"remembers": 2, "recalls": ["smell"]}, "recalls.*smell"),
-    ({"remembers": 2, "recalls": ["neighbour_1_gap"]}, "recalls"),
-    ({"remembers": 2, "recalls": ["position"], "columns": [["element", 2], ["velocity", 2]]}, "recalls.*position"),
+    ({"history": -1}, "history"), ({"history": 101}, "history"), ({"history": 1.5}, "history"),
+    ({"history": "2"}, "history"), ({"history_columns": ["velocity"]}, "history_columns requires history"),
+    ({"history": 2, "history_columns": "velocity"}, "history_columns"),
+    ({"history": 2, "history_columns": ["smell"]}, "history_columns.*smell"),
+    ({"history": 2, "history_columns": ["neighbour_1_gap"]}, "history_columns"),
+    ({"history": 2, "history_columns": ["position"], "columns": [["element", 2], ["velocity", 2]]},
+     "history_columns.*position"),
 ])  # fmt: skip
 def test_a_memory_that_is_none_is_refused(settings, message):
     with pytest.raises(ValueError, match=message) as error:
@@ -247,7 +249,7 @@ def test_the_previous_action_is_zero_at_the_start_of_an_episode():
 
 
 def test_all_steps_are_forgotten_at_the_start_of_an_episode_and_before_an_arrival():
-    coding, plain = remembering("Feed", remembers=3, parts=["steel_block", "aluminium_block"])
+    coding, plain = remembering("Feed", history=3, parts=["steel_block", "aluminium_block"])
     rows, columns = np.zeros((2, 2, plain.shape.columns)), slice(plain.shape.own, plain.shape.own + 9, 3)
     before = None
     for step, (start, mask, remembered) in enumerate([

@@ -133,7 +133,7 @@ def test_different_parts_are_not_exchanged_and_one_part_has_no_others():
 
 
 @pytest.mark.parametrize(("changes", "said"), [
-    ({"action": "wrench"}, "velocity"), ({"turned": True}, "turned"), ({"remembers": True}, "remembers"),
+    ({"action": "wrench"}, "velocity"), ({"turned": True}, "turned"), ({"history": True}, "history"),
     ({"columns": [["position", 2]]}, "heading"),
 ])  # fmt: skip
 def test_what_is_not_supported(scene, changes, said):

@@ -172,7 +172,7 @@ def written(path, info, layout, **record):
     torch.nn.init.normal_(actor.mean.weight)
     known = {
         "tasks": [info.name], "surface": described(info.surface), "parts": len(info.parts), "columns": coding.columns,
-        "turned": False, "remembers": False, "action": "wrench", "network": "parts", "activation": "tanh", "training": {},
+        "turned": False, "history": False, "action": "wrench", "network": "parts", "activation": "tanh", "training": {},
     }  # fmt: skip
     save_set(path, KIND, trained_tensors(actor), {**known, **record}, VERSION)
 

@@ -198,7 +198,7 @@ def test_a_loaded_policy_is_its_network(tmp_path, activation):
 
 
 def test_a_loaded_policy_remembers_what_its_file_states(tmp_path):
-    memory = {"remembers": 3, "recalls": ["velocity", "heading"]}
+    memory = {"history": 3, "history_columns": ["velocity", "heading"]}
     coding = coding_for(INFO, **memory)
     tensors = actor_tensors(coding.shape)
     loaded = load_trained(policy_file(tmp_path, INFO, tensors, **memory), INFO)
@@ -240,8 +240,8 @@ FIT = f"rows of {SHAPE.columns} numbers and actions of 6"
     ({"network": "mlp"}, "network"), ({"network": "elements"}, "network"),
     ({"network": "elements", "action": "patch", "columns": [each for each in COLUMNS if each[0] != "element"]},
      "network"),
-    ({"turned": None}, "turned"), ({"remembers": None}, "remembers"), ({"remembers": True}, "tensors.*rows of"),
-    ({"recalls": ["velocity"]}, "recalls requires remembers"),
+    ({"turned": None}, "turned"), ({"history": None}, "history"), ({"history": True}, "tensors.*rows of"),
+    ({"history_columns": ["velocity"]}, "history_columns requires history"),
     ({"columns": None}, "columns"), ({"columns": []}, "columns"), ({"columns": COLUMNS[:-1]}, "tensors.*rows of"),
     ({"columns": [*COLUMNS, ["smell", 2]]}, "columns.*smell"), ({"columns": COLUMNS[::-1]}, "columns.*in this order"),
     ({"columns": [["position", 3], *COLUMNS[1:]]}, "columns.*position"),

@@ -198,10 +198,10 @@ def test_failures_are_named_and_off_the_front(result):
     for weak in (False, True):
         names = {each.candidate.method for each in comparisons.front(result, weak)}
         assert not names & {"falling", "losing", "refusing"}
-    told = page.troubles(result)
-    assert ("made up", "falling", "every setting, 1 of 4 worlds", "failed: fell, though it does not") in told
-    assert ("made up", "losing", "every setting, 2 of 4 worlds", "failed: gave up") in told
-    assert ("made up", "refusing", "every setting", "refused: scene") in told
+    reporting = page.troubles(result)
+    assert ("made up", "falling", "every setting, 1 of 4 worlds", "failed: fell, though it does not") in reporting
+    assert ("made up", "losing", "every setting, 2 of 4 worlds", "failed: gave up") in reporting
+    assert ("made up", "refusing", "every setting", "refused: scene") in reporting
     assert "refusing" in [method for method, _ in page.absent(result)]
 
 

@@ -15,7 +15,7 @@ from tests.envs.helpers import batch
 from tests.policies.helpers import ALUMINIUM, DISC, SURFACE, info_of
 
 GOAL = np.array([0.416, 0.104, 0.0])
-QUICK = SensorlessSettings(seconds=2.0, segments=2, starts=6, generations=12, population=8, judged=8)
+QUICK = SensorlessSettings(seconds=2.0, segments=2, starts=6, generations=12, population=8, evaluated=8)
 
 
 def both(angle=0.0, seconds=2.0):

@@ -9,15 +9,15 @@ from studies.accuracy.friction_experiment import sliding_circles, sweep
 from studies.thesis import machine_fit
 from studies.thesis.machine import Machine, predictions, steps, top_speed
 from studies.thesis.machine_fit import QUICK, SHARED, STRIBECK, evaluate, fit, placed, point_of
-from studies.thesis.measurements import BOX, EXPERIMENTS, MEASUREMENTS, Measurement
+from studies.thesis.measurements import BOX, EXPERIMENTS, MEASUREMENTS, ThesisMeasurement
 
 WEAK = Machine(rise=0.8, speed=0.3, shape=2.0, gain=0.8, reach=None)
 
 
 def test_residuals_are_distances_to_the_measured_range():
-    between = Measurement("steps", "a range", 10.0, 20.0, 2.0, "mm", "", "")
+    between = ThesisMeasurement("steps", "a range", 10.0, 20.0, 2.0, "mm", "", "")
     assert [between.residual(value) for value in (8.0, 10.0, 15.0, 26.0)] == [-1.0, 0.0, 0.0, 3.0]
-    assert Measurement("steps", "a bound", -np.inf, 5.0, 1.0, "mm", "", "").residual(-100.0) == 0.0
+    assert ThesisMeasurement("steps", "a bound", -np.inf, 5.0, 1.0, "mm", "", "").residual(-100.0) == 0.0
 
 
 @pytest.mark.parametrize("law", [None, {"rise": 0.5, "speed": 0.3}, {"rise": 1.0, "speed": 0.1}])

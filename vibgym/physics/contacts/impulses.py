@@ -35,7 +35,7 @@ HIT_SPEED = 0.1
 """Change of velocity by contacts (m/s) above which a part was hit, not held: its contact area is cut again, and the next step
 does not start from the impulses of that impact."""
 
-FEWEST_ROUNDS, MOST_ROUNDS = 10, 1000
+FEWEST_ROUNDS, MAX_ROUNDS = 10, 1000
 """Limits of the iterations over all contacts in a step."""
 
 UNLIMITED = 1e9
@@ -195,7 +195,7 @@ def rounds_needed(parts, ratio):
         parts: number of parts.
         ratio: largest mass over smallest.
     """
-    return int(min(FEWEST_ROUNDS + np.rint(2.0 * math.sqrt(parts) + ratio), float(MOST_ROUNDS)))
+    return int(min(FEWEST_ROUNDS + np.rint(2.0 * math.sqrt(parts) + ratio), float(MAX_ROUNDS)))
 
 
 @jit

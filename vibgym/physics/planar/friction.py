@@ -17,7 +17,7 @@ from vibgym.kernels.vector import LANES
 from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import state_at
 from vibgym.physics.planar.stepper import apply_friction, copy_lane, cut_stale, finite_lane, load_part
-from vibgym.physics.planar.workspace import Step, fixed_scene_at, scene_of
+from vibgym.physics.planar.workspace import TimeSpan, fixed_scene_at, scene_of
 
 
 @jit
@@ -81,7 +81,7 @@ def slide_period(scene, count, paths, base):
         for lane in range(LANES):
             workspace.stale[lane] = True
         cut_stale(scene, span, False)
-        step = Step(
+        step = TimeSpan(
             advance * (stages * turn), span, table.period / (scheme.steps * scheme.substeps), scheme.substeps,
             scheme.cosine, scheme.sine, stages * turn, 3,
         )  # fmt: skip

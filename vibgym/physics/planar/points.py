@@ -23,7 +23,7 @@ SHORTEST = 1 / 32
 TURN = 0.5
 """Largest relative change of slip in an explicit step."""
 
-MOST_TURN, MOST_TRAVEL, MOST_CUTS = 0.5, 0.5, 64
+MAX_TURN, MAX_TRAVEL, MAX_CUTS = 0.5, 0.5, 64
 """Rotation (rad) and travel (elements) in a step above which a part is cut more often, and the limit of cuts."""
 
 
@@ -193,8 +193,8 @@ def step_near_rest(table, body, cut, n, phase, h, motion, stuck):
 @jit
 def cuts_needed(table, step, vx, vy, spin):
     """Return the number of cuts in a step: one, and more for a part that rotates or travels far."""
-    way = math.sqrt(vx * vx + vy * vy) * step / (MOST_TRAVEL * table.element_size)
-    return int(math.ceil(min(max(abs(spin) * step / MOST_TURN, way, 1.0), float(MOST_CUTS))))
+    way = math.sqrt(vx * vx + vy * vy) * step / (MAX_TRAVEL * table.element_size)
+    return int(math.ceil(min(max(abs(spin) * step / MAX_TURN, way, 1.0), float(MAX_CUTS))))
 
 
 @jit

@@ -34,9 +34,9 @@ from vibgym.physics.core.drive import clear_phasors
 from vibgym.physics.core.records import Motion, body_in, body_of, kind_in, under_conditions
 from vibgym.physics.planar.contact_area import NEGLIGIBLE_PIECE, OFF, PLACED, place_part
 from vibgym.physics.planar.group_cut import MARGIN, cut_outlines
-from vibgym.physics.planar.points import MOST_TRAVEL, MOST_TURN, slide_by_points
+from vibgym.physics.planar.points import MAX_TRAVEL, MAX_TURN, slide_by_points
 from vibgym.physics.planar.pressure_moments import pressure_moments
-from vibgym.physics.planar.workspace import SECTORS, Step
+from vibgym.physics.planar.workspace import SECTORS, TimeSpan
 from vibgym.physics.planar.wrench import limits, slide_by_series
 
 _PER_QUARTER = 2.0 / math.pi
@@ -273,8 +273,8 @@ def choose_method(scene, g, active, left, pushed):
         if doubtful >> lane & 1 and not find_support(scene, first + lane, pushed):
             placed &= ~(1 << lane)
     stuck = 0 if pushed else sticking_lanes(scene, first)
-    far = MOST_TRAVEL * pitch
-    by_points = (absolute(spin) * left > MOST_TURN) | (left * left * (vx * vx + vy * vy) > far * far) | mask_of(stuck)
+    far = MAX_TRAVEL * pitch
+    by_points = (absolute(spin) * left > MAX_TURN) | (left * left * (vx * vx + vy * vy) > far * far) | mask_of(stuck)
     if scene.scheme.pieces != 0:
         by_points = active
     on_table = mask_of(placed)
@@ -452,4 +452,4 @@ def friction_step(scene, phase, span):
     for node in range(3 * substeps + 1):  # substeps share nodes
         cosine[node], sine[node] = c, s
         c, s = c * turn - s * rise, s * turn + c * rise
-    return Step(phase, span, h, substeps, cosine, sine, 0, 3)
+    return TimeSpan(phase, span, h, substeps, cosine, sine, 0, 3)

@@ -21,7 +21,7 @@ SECTORS = 8
 have similar directions and cross the same elements."""
 
 
-class Step(NamedTuple):
+class TimeSpan(NamedTuple):
     """A time span in which friction alone moves the parts."""
 
     phase: float  # w t at its start

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.plugins.camera.look import look_at, new_seen, new_track
+from vibgym.plugins.camera.sampling import new_seen, new_track, take_samples
 from vibgym.plugins.camera.setup import Setup
 
 SAMPLES = 400
@@ -38,7 +38,7 @@ class ErrorModel(NamedTuple):
     cell: np.ndarray  # (kinds, 3) m, m, rad over which the fixed error changes
 
 
-def look_alone(setup: Setup, kind: int, pose: np.ndarray, key: int) -> tuple[np.ndarray, np.ndarray]:
+def sample_alone(setup: Setup, kind: int, pose: np.ndarray, key: int) -> tuple[np.ndarray, np.ndarray]:
     """Return errors (n, 3) of one sample of a part of that kind at each pose (n, 3), and whether it was seen (n,)."""
     rig, known = setup.alone(kind)
     count = len(pose)
@@ -48,7 +48,7 @@ def look_alone(setup: Setup, kind: int, pose: np.ndarray, key: int) -> tuple[np.
     keys = np.stack([np.full(count, key), np.arange(count)], axis=1)
     read, velocity, seen = np.zeros_like(there), np.zeros_like(there), np.zeros((count, 1), dtype=bool)
     earlier = there.copy() if setup.lag > 0.0 else np.empty((count, 0, 3))
-    look_at(
+    take_samples(
         np.arange(count), there, earlier, np.ones((count, 1), dtype=bool), rig, known, keys,
         np.zeros(count, dtype=np.int64), new_seen(setup.shape, 1, rig.background), track, read, velocity, seen,
     )  # fmt: skip
@@ -66,7 +66,7 @@ def random_poses(setup: Setup, kind: int, count: int, seed: int = 1) -> np.ndarr
 
 
 _sampled: dict[bytes, ErrorModel] = {}
-MOST_SAMPLED = 64
+MAX_SAMPLED = 64
 """Number of cached error models: environments with the same settings share one."""
 
 
@@ -74,7 +74,7 @@ def fit_errors(setup: Setup) -> ErrorModel:
     """Return the camera's errors for every kind of parts, the same for the same settings; do not change them."""
     key = hashlib.sha256(pickle.dumps((*setup.alone(0), setup.lag))).digest()
     if key not in _sampled:
-        if len(_sampled) == MOST_SAMPLED:
+        if len(_sampled) == MAX_SAMPLED:
             _sampled.clear()
         _sampled[key] = sampled_errors(setup)
     return _sampled[key]
@@ -88,8 +88,8 @@ def sampled_errors(setup: Setup) -> ErrorModel:
     for kind in range(kinds):
         pose = random_poses(setup, kind, SAMPLES)
         steps = np.array([SHIFT * grain / setup.pitch, SHIFT * grain, SHIFT * grain / traits.radius[kind]])
-        here, seen = look_alone(setup, kind, pose, 1)
-        again, still = look_alone(setup, kind, pose, 2)
+        here, seen = sample_alone(setup, kind, pose, 1)
+        again, still = sample_alone(setup, kind, pose, 2)
         both = seen & still
         mean = here[both].mean(axis=0) if both.any() else np.zeros(3)
         white = 0.5 * (here - again)[both].var(axis=0) if both.any() else np.zeros(3)
@@ -100,7 +100,7 @@ def sampled_errors(setup: Setup) -> ErrorModel:
         for axis in range(3):
             moved = pose.copy()
             moved[:, axis] += steps[axis]
-            there, all_seen = look_alone(setup, kind, moved, 3)
+            there, all_seen = sample_alone(setup, kind, moved, 3)
             common = both & all_seen
             change = ((there - here)[common] ** 2).mean(axis=0) if common.any() else np.zeros(3)
             # For components with a significant fixed error: <(e' - e)^2> = 2 (1 - rho) fixed^2 + 2 white^2.

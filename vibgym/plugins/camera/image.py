@@ -35,7 +35,7 @@ _BLOCK = 8
 PIXEL_NOISE = 0
 """Last word of the counters of pixel noise."""
 
-_MOST = 1e7
+_MAX = 1e7
 """px, largest coordinate that is drawn."""
 
 
@@ -123,7 +123,7 @@ def seen_outline(optics: Optics, outline: np.ndarray, pose: np.ndarray, height: 
         x, y = outline[k % count, 0], outline[k % count, 1]
         corners[k, 0], corners[k, 1] = pose[0] + cosine * x - sine * y, pose[1] + sine * x + cosine * y
         corners[k, 2], corners[k, 3] = project(optics, corners[k, 0], corners[k, 1], height)
-        if not abs(corners[k, 2]) + abs(corners[k, 3]) < _MOST:
+        if not abs(corners[k, 2]) + abs(corners[k, 3]) < _MAX:
             return np.empty((0, 2))
         if k:
             length = math.hypot(corners[k, 2] - corners[k - 1, 2], corners[k, 3] - corners[k - 1, 3])
@@ -182,7 +182,7 @@ def hide(places: np.ndarray, exposure: Exposure, lines_seen: int, bare: np.ndarr
 
 
 @jit(allocates=True)
-def expose(exposure: Exposure, box: np.ndarray, key: np.ndarray, look: int, canvas: Canvas) -> None:
+def expose(exposure: Exposure, box: np.ndarray, key: np.ndarray, sample: int, canvas: Canvas) -> None:
     """Compute the grey levels within a box from ``bare``, with the noise of the sample, which does not depend on the box.
 
     Args:
@@ -195,7 +195,7 @@ def expose(exposure: Exposure, box: np.ndarray, key: np.ndarray, look: int, canv
     for line in range(box[0], box[1]):
         for first in range(box[2], box[3], _BLOCK):
             if noise > 0.0:
-                word[0], word[1], word[2], word[3] = philox(key, look, line, first // _BLOCK, PIXEL_NOISE)
+                word[0], word[1], word[2], word[3] = philox(key, sample, line, first // _BLOCK, PIXEL_NOISE)
             for k in range(min(_BLOCK, box[3] - first)):
                 index = (word[k >> 1] >> (16 * (k & 1))) & 0xFFFF
                 value = level[line, first + k] * (dark + light * canvas.bare[line, first + k])
@@ -206,7 +206,7 @@ def expose(exposure: Exposure, box: np.ndarray, key: np.ndarray, look: int, canv
 @jit(allocates=True)
 def draw(
     optics: Optics, shapes: Shapes, exposure: Exposure, pose: np.ndarray, earlier: np.ndarray, shown: np.ndarray,
-    key: np.ndarray, look: int, canvas: Canvas, boxes: np.ndarray,
+    key: np.ndarray, sample: int, canvas: Canvas, boxes: np.ndarray,
 ) -> None:  # fmt: skip
     """Draw the parts of one world, and write the changed regions to ``boxes``.
 
@@ -227,7 +227,7 @@ def draw(
                 hide(places, exposure, BOTH if halves == 1 else half, canvas.bare, boxes[p, half])
     for p in range(pose.shape[0]):
         for field in range(2):
-            expose(exposure, boxes[p, field], key, look, canvas)
+            expose(exposure, boxes[p, field], key, sample, canvas)
 
 
 @jit
@@ -245,7 +245,7 @@ def wipe(boxes, background, canvas):
 @jit(allocates=True)
 def whole_image(
     optics: Optics, shapes: Shapes, exposure: Exposure, pose: np.ndarray, earlier: np.ndarray, shown: np.ndarray,
-    key: np.ndarray, look: int, bare: np.ndarray, image: np.ndarray,
+    key: np.ndarray, sample: int, bare: np.ndarray, image: np.ndarray,
 ) -> None:  # fmt: skip
     """Write the whole image (lines, columns) uint8 of one world, with noise everywhere.
 
@@ -255,9 +255,9 @@ def whole_image(
     bare[:] = 1.0
     canvas = Canvas(bare, image)
     boxes = np.zeros((pose.shape[0], 2, 4), dtype=np.int64)
-    draw(optics, shapes, exposure, pose, earlier, shown, key, look, canvas, boxes)
+    draw(optics, shapes, exposure, pose, earlier, shown, key, sample, canvas, boxes)
     everything = np.array([0, image.shape[0], 0, image.shape[1]])
-    expose(exposure, everything, key, look, canvas)
+    expose(exposure, everything, key, sample, canvas)
 
 
 @jit

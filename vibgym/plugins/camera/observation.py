@@ -17,7 +17,7 @@ from vibgym.tasks.episode import Episode, Relations
 class CameraObservation(Observation):
     """uint8 image (lines, columns): the latest delayed camera image, with noise and distortion."""
 
-    beside = False
+    extra = False
 
     def watch(self, sensor: Sensor) -> None:
         if not isinstance(sensor, CameraSensor):

@@ -12,7 +12,7 @@ from vibgym.physics.core.noise import KEY_DRAWS, keys_from
 from vibgym.physics.core.records import State
 from vibgym.plugins.camera.fitting import ErrorModel, fit_errors
 from vibgym.plugins.camera.image import whole_image
-from vibgym.plugins.camera.look import MISHAPS, Seen, look_at, new_seen, new_track
+from vibgym.plugins.camera.sampling import MISHAPS, Seen, new_seen, new_track, take_samples
 from vibgym.plugins.camera.setup import CameraSettings, Setup
 from vibgym.plugins.camera.statistical import Statistics, guess, normal_levels
 from vibgym.scene.parts import Part
@@ -27,7 +27,7 @@ class Picture(NamedTuple):
     pose: np.ndarray  # (worlds, parts, 3)
     earlier: np.ndarray  # (worlds, parts or 0, 3) when the odd lines were taken
     shown: np.ndarray  # (worlds, parts) bool
-    look: np.ndarray  # (worlds,) int64
+    sample: np.ndarray  # (worlds,) int64
 
 
 class CameraSensor(Sensor):
@@ -54,7 +54,7 @@ class CameraSensor(Sensor):
 
     draws = KEY_DRAWS
 
-    renews = False  # parts are tracked from sample to sample
+    resets_parts = False  # parts are tracked from sample to sample
 
     def __init__(
         self, surface: Surface, parts: Sequence[Part], worlds: int, periods: int, settings: Settings | None = None
@@ -112,7 +112,7 @@ class CameraSensor(Sensor):
             setup.rig.shapes.kind[:] = self.kinds.kind[w if self.kinds.vary else 0]
             whole_image(
                 setup.optics, setup.rig.shapes, setup.rig.exposure, picture.pose[w], picture.earlier[w],
-                picture.shown[w], self._key[w], picture.look[w], bare, images[w],
+                picture.shown[w], self._key[w], picture.sample[w], bare, images[w],
             )  # fmt: skip
         return images
 
@@ -135,24 +135,24 @@ class CameraSensor(Sensor):
 
     def measure(self, state: State, reading: Reading) -> None:
         reading.gone[...] = state.fallen
-        worlds = self.looking
+        worlds = self.sampled
         if self.every > 1:
-            worlds = worlds[np.asarray(self.looks[worlds] % self.every == 0)]
-            if len(worlds) < len(self.looking):  # no sample in the others
+            worlds = worlds[np.asarray(self.samples[worlds] % self.every == 0)]
+            if len(worlds) < len(self.sampled):  # no sample in the others
                 reading.pose[...], reading.mean_velocity[...] = self.track.pose, 0.0
         if self._statistics is not None:
             guess(
-                worlds, state.pose, state.mean_velocity, state.fallen, self._statistics, self._key, self.looks, self.track,
+                worlds, state.pose, state.mean_velocity, state.fallen, self._statistics, self._key, self.samples, self.track,
                 reading.pose, reading.mean_velocity, reading.seen,
             )  # fmt: skip
             return
         pose, earlier, shown = self._scene(state)
-        look_at(
-            worlds, pose, earlier, shown, self.setup.rig, self.setup.known, self._key, self.looks, self._seen, self.track,
+        take_samples(
+            worlds, pose, earlier, shown, self.setup.rig, self.setup.known, self._key, self.samples, self._seen, self.track,
             reading.pose, reading.mean_velocity, reading.seen,
         )  # fmt: skip
 
-    def own_state(self) -> dict[str, np.ndarray]:
+    def custom_state(self) -> dict[str, np.ndarray]:
         pictures = {
             f"picture_{name}{k}": values
             for k, picture in enumerate(self._pictures)
@@ -164,7 +164,7 @@ class CameraSensor(Sensor):
         """Store the content of an image of this instant."""
         pose, earlier, shown = self._scene(state)
         picture.pose[worlds], picture.earlier[worlds] = pose[worlds], earlier[worlds]
-        picture.shown[worlds], picture.look[worlds] = shown[worlds], self.looks[worlds]
+        picture.shown[worlds], picture.sample[worlds] = shown[worlds], self.samples[worlds]
 
     def _scene(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return poses now and when the odd lines were taken, and which parts are visible."""

@@ -13,9 +13,9 @@ from vibgym import checks
 from vibgym.plugins.camera import image
 from vibgym.plugins.camera.calibration import Grid, Template, assign_marks, find_marks, grid_of, locate_all
 from vibgym.plugins.camera.edges import Grey
-from vibgym.plugins.camera.look import Knowledge, Rig
 from vibgym.plugins.camera.objects import Interest, area_of_interest
 from vibgym.plugins.camera.optics import CHIP, PIXELS, Optics, optics_of, projected
+from vibgym.plugins.camera.sampling import Knowledge, Rig
 from vibgym.plugins.camera.shapes import room_inside, traits_of
 from vibgym.scene.kinds import Kinds
 from vibgym.scene.parts import Part

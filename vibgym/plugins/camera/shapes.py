@@ -12,10 +12,10 @@ from vibgym.kernels.jit import jit
 from vibgym.scene.outlines import contains
 from vibgym.scene.parts import Part
 
-MOST_ORDER = 12
+MAX_ORDER = 12
 """Largest order of the moment that defines the heading."""
 
-LEAST_SHARE = 0.05
+MIN_SHARE = 0.05
 """Least magnitude of a moment that defines the heading, as a share of the sum of absolute values."""
 
 
@@ -66,10 +66,10 @@ def heading_order(part: Part) -> tuple[int, complex]:
     """Return order and value (m^order, at heading 0) of the first moment that defines the heading; order 0 if none does."""
     if part.symmetry == 0:
         return 0, 0.0
-    for order in range(2, MOST_ORDER + 1):
+    for order in range(2, MAX_ORDER + 1):
         if order % part.symmetry == 0:
             moment = outline_moment(part.outline, order)
-            if abs(moment) > LEAST_SHARE * size_moment(part.outline, order):
+            if abs(moment) > MIN_SHARE * size_moment(part.outline, order):
                 return order, moment / part.area
     return 0, 0.0
 

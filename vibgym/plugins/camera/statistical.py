@@ -18,7 +18,7 @@ from vibgym.kernels.jit import jit
 from vibgym.physics.core.noise import philox
 from vibgym.plugins.camera.fitting import ErrorModel
 from vibgym.plugins.camera.image import Shapes
-from vibgym.plugins.camera.look import LOSSES, MERGES, Track
+from vibgym.plugins.camera.sampling import LOSSES, MERGES, Track
 from vibgym.plugins.camera.shapes import Traits, load_kinds
 
 WHITE = 1
@@ -100,9 +100,9 @@ def smooth_noise(x, y, z, kind, quantiles):
 
 
 @jit
-def white_noise(key, look, part, quantiles):
+def white_noise(key, sample, part, quantiles):
     """Return three independent normal numbers of variance 1, new at each sample; each is a sum of two from the table."""
-    a, b, c, _ = philox(key, look, part, 0, WHITE)
+    a, b, c, _ = philox(key, sample, part, 0, WHITE)
     scale = math.sqrt(0.5)
     return (
         scale * (quantiles[a & (LEVELS - 1)] + quantiles[a >> 22]),
@@ -199,10 +199,10 @@ def _merged(pose, gone, p, shapes, radius, pixel):
 @jit(allocates=True)
 def guess(
     worlds: np.ndarray, pose: np.ndarray, mean_velocity: np.ndarray, gone: np.ndarray, known: Statistics,
-    key: np.ndarray, looks: np.ndarray, track: Track, read_pose: np.ndarray, read_velocity: np.ndarray,
+    key: np.ndarray, samples: np.ndarray, track: Track, read_pose: np.ndarray, read_velocity: np.ndarray,
     read_seen: np.ndarray,
 ) -> None:  # fmt: skip
-    """Sample poses by the error model; arguments as of :func:`vibgym.plugins.camera.look.look_at`.
+    """Sample poses by the error model; arguments as of :func:`vibgym.plugins.camera.sampling.take_samples`.
 
     Args:
         pose, mean_velocity: (worlds, parts, 3) true ones.  gone: (worlds, parts) bool, parts that are not on the surface.
@@ -231,7 +231,7 @@ def guess(
                 continue
             cell, mean, fixed, white = model.cell[kind], model.mean[kind], model.fixed[kind], model.white[kind]
             f0, f1, f2 = smooth_noise(x / cell[0], y / cell[1], heading / cell[2], kind, quantiles)
-            n0, n1, n2 = white_noise(key[w], looks[w], p, quantiles)
+            n0, n1, n2 = white_noise(key[w], samples[w], p, quantiles)
             if known.lag > 0.0:
                 dx, dy = 0.5 * known.lag * mean_velocity[w, p, 0], 0.5 * known.lag * mean_velocity[w, p, 1]
                 x, y = x - dx, y - dy
@@ -244,7 +244,7 @@ def guess(
             read_pose[w, p, 0] = x + mean[0] + fixed[0] * f0 + white[0] * n0
             read_pose[w, p, 1] = y + mean[1] + fixed[1] * f1 + white[1] * n1
             read_pose[w, p, 2] = heading + mean[2] + fixed[2] * f2 + white[2] * n2
-            rate = 1.0 / (known.step * (1 + track.missed[w, p])) if looks[w] > 0 else 0.0
+            rate = 1.0 / (known.step * (1 + track.missed[w, p])) if samples[w] > 0 else 0.0
             for axis in range(3):
                 read_velocity[w, p, axis] = rate * (read_pose[w, p, axis] - track.pose[w, p, axis])
                 track.pose[w, p, axis] = read_pose[w, p, axis]

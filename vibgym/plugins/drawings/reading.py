@@ -122,8 +122,8 @@ def read(settings: DrawingSettings, surface: Surface | None = None) -> Drawing:
         _check_size(rings[0], tolerance)
         _check_fit(rings[0], surface, rings[0])
         corners = sum(map(len, rings))
-        if corners > outlines.MOST_CORNERS:
-            most = outlines.MOST_CORNERS
+        if corners > outlines.MAX_CORNERS:
+            most = outlines.MAX_CORNERS
             raise checks.conflict(f"the outline has {corners} corners, more than {most}: give a larger tolerance_mm")
     radius = radius_of(rings[0], tolerance) if len(rings) == 1 else None
     return Drawing(rings[0], tuple(rings[1:]), radius, dict(skipped), solid)

@@ -37,7 +37,7 @@ LABEL = "http://www.inkscape.org/namespaces/inkscape}label"
 DEEPEST = 60
 """Most elements inside one another."""
 
-MOST = 20_000
+MAX = 20_000
 """Most elements that are drawn, with repetitions."""
 
 
@@ -199,8 +199,8 @@ class _Reader:
         if state.depth > DEEPEST:
             raise checks.conflict(f"{label}: more than {DEEPEST} elements inside one another")
         self.drawn += 1
-        if self.drawn > MOST:
-            raise checks.conflict(f"{label}: more than {MOST} elements to draw")
+        if self.drawn > MAX:
+            raise checks.conflict(f"{label}: more than {MAX} elements to draw")
         style, undecided = self.styles.of(element, state.top, state.style, label)
         state = state._replace(
             style={name: value for name, value in style.items() if name in INHERITED},

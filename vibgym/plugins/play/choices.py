@@ -26,7 +26,7 @@ HARDWARE: dict[str, dict[str, Any]] = {
 
 MODELS = ("planar", "averaged", "tilting")
 
-MOST_RATE, MOST_TILT = 5.0, math.radians(10.0)
+MAX_RATE, MAX_TILT = 5.0, math.radians(10.0)
 """Largest rate (1/s) and tilt (rad) of disturbances."""
 
 
@@ -36,7 +36,7 @@ class Settings(BaseSettings):
     id: str
     """Id of a registered environment."""
 
-    policy: str = Field(default="", max_length=checks.MOST_LABEL)
+    policy: str = Field(default="", max_length=checks.MAX_LABEL)
     """A name of :func:`vibgym.policies.applicable.policies_of`; ``"zero"``: only painted elements move."""
 
     hardware: Literal["ideal", "prototype", "camera"] = "ideal"
@@ -45,10 +45,10 @@ class Settings(BaseSettings):
     model: Literal[MODELS] | None = None  # type: ignore[valid-type]
     """Model; None: the environment's default."""
 
-    rate: float = Field(default=0.0, ge=0.0, le=MOST_RATE)
+    rate: float = Field(default=0.0, ge=0.0, le=MAX_RATE)
     """Disturbances of each part, 1/s."""
 
-    tilt: Angle = Field(default=math.radians(2.0), gt=0.0, le=MOST_TILT)
+    tilt: Angle = Field(default=math.radians(2.0), gt=0.0, le=MAX_TILT)
     """Size of a disturbance."""
 
     part: Mapping[str, Any] | None = None
@@ -100,5 +100,5 @@ def settings_of(id: str, **settings: Any) -> Settings:
 def usual_policy(names: Any, info: TaskInfo) -> str:
     """Return the initial policy of a world: a specialised one, else a general controller."""
     crossing = info.has_goal and len(info.parts) > 1 and not info.goal_moves
-    made_for = ("push", *(("lanes",) if info.flows else ("two_phases",) if crossing else ()), "pose", "zero")
+    made_for = ("push", *(("lanes",) if info.continuous_feed else ("two_phases",) if crossing else ()), "pose", "zero")
     return next(name for name in made_for if name in names)

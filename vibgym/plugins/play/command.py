@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         ValueError: an unknown id, an invalid or used port, an address of another host, or an output that is not a directory.
         ModuleNotFoundError: the extra is not installed.
     """
-    imports.take_part(arguments.imports)
+    imports.import_user_modules(arguments.imports)
     _check_extra()
     from vibgym.plugins.play.choices import settings_of
 
@@ -69,7 +69,7 @@ def _serve(app: ASGIApp, heard: socket.socket, announcement: str) -> None:
     """Serve until Ctrl-C; print ``announcement`` after startup."""
     import uvicorn
 
-    from vibgym.plugins.play.session import MOST_BYTES
+    from vibgym.plugins.play.session import MAX_BYTES
 
     class Announced(uvicorn.Server):
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
@@ -77,7 +77,7 @@ def _serve(app: ASGIApp, heard: socket.socket, announcement: str) -> None:
             print(announcement, flush=True)
 
     config = uvicorn.Config(
-        app, log_level="warning", ws_max_size=MOST_BYTES, ws_per_message_deflate=False, access_log=False,
+        app, log_level="warning", ws_max_size=MAX_BYTES, ws_per_message_deflate=False, access_log=False,
         timeout_graceful_shutdown=1, server_header=False, lifespan="off", ws="websockets-sansio",
     )  # fmt: skip
     with asyncio.Runner() as runner:

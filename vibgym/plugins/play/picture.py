@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibgym.envs.viewer import has_side, scenery_of, side_of
-from vibgym.plugins.play.choices import HARDWARE, MODELS, MOST_RATE, MOST_TILT
+from vibgym.plugins.play.choices import HARDWARE, MAX_RATE, MAX_TILT, MODELS
 from vibgym.plugins.play.world import World
 from vibgym.rendering import colours
 
@@ -33,7 +33,7 @@ def scene_of(world: World) -> dict[str, Any]:
         ],
         "goalSize": scenery.goal_size,
         "tolerance": scenery.tolerance or 0.0,
-        "asked": list(scenery.asked),
+        "scored": list(scenery.scored),
         "paths": [np.round(line, 5).tolist() for line in env.paths()],
         "id": world.settings.id,
         "policy": world.settings.policy,
@@ -44,8 +44,8 @@ def scene_of(world: World) -> dict[str, Any]:
         "models": list(MODELS),
         "rate": world.settings.rate,
         "tilt": world.settings.tilt,
-        "mostRate": MOST_RATE,
-        "mostTilt": MOST_TILT,
+        "mostRate": MAX_RATE,
+        "mostTilt": MAX_TILT,
         "stepTime": env.step_time,
         "seed": world.seed,
         "aims": bool(task.has_goal and not task.goal_moves),

@@ -18,7 +18,7 @@ from vibgym import checks, extras
 from vibgym.envs.viewer import Viewer
 from vibgym.plugins.play.world import World
 
-MOST_STEPS = 2500
+MAX_STEPS = 2500
 """Most steps of a recording: 100 s at 25 Hz. Later steps are skipped, with a message on the page."""
 
 EVERY = 2
@@ -73,7 +73,7 @@ class Recorder:
             part.ends.append(bool(world.terminated))
             self._over = bool(world.terminated)
         self.steps += 1
-        self.full = self.steps >= MOST_STEPS
+        self.full = self.steps >= MAX_STEPS
         if self.steps % EVERY == 0:
             self._picture(world)
 

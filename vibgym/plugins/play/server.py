@@ -26,7 +26,7 @@ from vibgym.plugins.play.session import Session
 PAGE = Path(__file__).parent / "page"
 """Served files."""
 
-MOST_WORLDS = 16
+MAX_WORLDS = 16
 """Most visitors at a time, including those whose connection was lost."""
 
 WAIT = 600.0
@@ -156,8 +156,8 @@ class Server:
         if known is not None:
             return known
         self._see_off()
-        if len(self.visitors) >= MOST_WORLDS:
-            raise ValueError(f"no room: {MOST_WORLDS} worlds are in use; try again later")
+        if len(self.visitors) >= MAX_WORLDS:
+            raise ValueError(f"no room: {MAX_WORLDS} worlds are in use; try again later")
         first, start = socket.query_params.get("id"), socket.query_params.get("start")
         settings = self.first if first is None else settings_of(first)
         session = await asyncio.to_thread(Session, settings, self.output, start)

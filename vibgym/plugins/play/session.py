@@ -29,13 +29,13 @@ from vibgym.plugins.play.starts import code_of, world_from
 from vibgym.plugins.play.world import World
 from vibgym.scene.parts import skipped_text
 
-MOST_UNDONE = 60
+MAX_UNDONE = 60
 """Depth of the undo stack."""
 
-MOST_BYTES = 4 * 1024 * 1024
+MAX_BYTES = 4 * 1024 * 1024
 """Largest size of a message; a drawing is the largest."""
 
-MOST_ELEMENTS = 4096
+MAX_ELEMENTS = 4096
 """Most elements painted by a message."""
 
 QUIET = ("carry", "aim", "paint")
@@ -78,7 +78,7 @@ class Session:
         self.output, self.world = output, World(settings) if start is None else world_from(start)
         self.acknowledged, self.running, self.speed = 0, True, 1.0
         self.kept = dict[str, Path]()
-        self._past: deque[dict[str, Any]] = deque(maxlen=MOST_UNDONE)
+        self._past: deque[dict[str, Any]] = deque(maxlen=MAX_UNDONE)
         self._recorder: Recorder | None = None
         self._frames, self._jumps, self._scene_due = 0, 0, True
         self._lock = threading.Lock()  # steps and messages come from different threads
@@ -112,7 +112,7 @@ class Session:
         """Return scene and frame, for a page that has just connected."""
         with self._lock:
             self._scene_due = True
-            return self._look()
+            return self._current()
 
     def do(self, text: str | bytes) -> list[Answer]:
         """Execute a message; for an invalid one return an error, without any change."""
@@ -130,9 +130,9 @@ class Session:
                 answers = [_refusal(_complaint(error))]
             except (ValueError, ModuleNotFoundError, OSError) as error:
                 answers = [_refusal(str(error))]
-            return answers if name in QUIET and self.running else [*answers, *self._look()]
+            return answers if name in QUIET and self.running else [*answers, *self._current()]
 
-    def _look(self) -> list[Answer]:
+    def _current(self) -> list[Answer]:
         scene = [{"kind": "scene", **scene_of(self.world)}] if self._scene_due else []
         self._scene_due = False
         return [*scene, self._frame()]
@@ -178,7 +178,7 @@ class Session:
     def drop(
         self,
         name: Name,
-        content: Annotated[str, Field(max_length=MOST_BYTES)],
+        content: Annotated[str, Field(max_length=MAX_BYTES)],
         units: Annotated[str, Field(max_length=10)] | None = None,
     ) -> list[Answer]:
         """Open the present environment with the part of a drawing: name and content of the file, in base 64."""
@@ -253,12 +253,12 @@ class Session:
         self.world.carry(self.world.part(part), np.array(pose))
 
     @message
-    def put_down(self, part: int, pose: Pose | None = None) -> None:
+    def place(self, part: int, pose: Pose | None = None) -> None:
         """Put a lifted part down."""
         part = self.world.part(part)
         if pose is not None:
             self.world.carry(part, np.array(pose))
-        self.world.put_down(part)
+        self.world.place(part)
 
     @message
     def aim(self, part: int, pose: Pose, begin: bool = True) -> None:
@@ -272,7 +272,7 @@ class Session:
     @message
     def paint(
         self,
-        elements: Annotated[list[tuple[int, int]], Field(max_length=MOST_ELEMENTS)],
+        elements: Annotated[list[tuple[int, int]], Field(max_length=MAX_ELEMENTS)],
         phasor: tuple[Share, Share] | None,
         begin: bool = True,
     ) -> None:

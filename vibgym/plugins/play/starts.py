@@ -15,7 +15,7 @@ from vibgym import checks
 from vibgym.plugins.play.choices import settings_of
 from vibgym.plugins.play.world import World
 
-MOST_BYTES = 200_000
+MAX_BYTES = 200_000
 """Largest size of an unpacked start."""
 
 SEAL = 6
@@ -26,7 +26,7 @@ def code_of(world: World) -> str:
     """Return the present start of a world as text for a URL; of the episode, if parts arrive and leave or goals move."""
     task = world.core.task
     content: dict[str, Any] = {"settings": vars(world.settings), "seed": world.seed}
-    if not (task.flows or task.goal_moves):
+    if not (task.continuous_feed or task.goal_moves):
         present = np.flatnonzero(world.core.episode.present[0])
         down = [
             int(part) for part in present if part not in world.held and not world.core.simulator.state.fallen[0, part]
@@ -85,7 +85,7 @@ def _content(code: str) -> dict[str, Any]:
         if hashlib.sha256(plain).digest()[:SEAL] != seal:
             raise ValueError
         opened = zlib.decompressobj()
-        text = opened.decompress(plain, MOST_BYTES)
+        text = opened.decompress(plain, MAX_BYTES)
         content = json.loads(text) if opened.eof else None
         if not isinstance(content, dict):
             raise ValueError

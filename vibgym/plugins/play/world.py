@@ -132,7 +132,7 @@ class World:
         self._hold(part, pose)
 
     def _hold(self, part: int, pose: np.ndarray) -> None:
-        if self.core.task.flows:  # there, parts off the table have left
+        if self.core.task.continuous_feed:  # there, parts off the table have left
             return
         state = self.core.simulator.state
         state.fallen[0, part] = True
@@ -153,7 +153,7 @@ class World:
         overlaps.check_centres("pose", pose[:, part], simulator.surface)
         simulator.check_overlaps("pose", pose, away, overlaps.AT_REST)
 
-    def put_down(self, part: int) -> None:
+    def place(self, part: int) -> None:
         """Put a lifted part down, at rest at its pose.
 
         Raises:
@@ -172,8 +172,8 @@ class World:
     def _anew(self, which: np.ndarray) -> None:
         """Reset the memory of model, sensor and action for moved parts, (1, parts) bool."""
         core = self.core
-        core.simulator.renew(which)
-        core.sensing.renew(which, core.simulator.state)
+        core.simulator.reset_parts(which)
+        core.sensing.reset_parts(which, core.simulator.state)
         for remembered in self.action.live().values():
             if remembered.shape[:2] == which.shape:
                 remembered[which] = 0
@@ -195,7 +195,7 @@ class World:
         if not task.has_goal or task.goal_moves:
             why = "moving goals" if task.goal_moves else "zones or positions instead of goal poses"
             raise checks.conflict(f"goals of {task.name} cannot be moved: it has {why}")
-        if not task.asked[part]:
+        if not task.scored[part]:
             raise checks.refuse("part", part, "a part that has a goal")
         overlaps.check_centres("pose", pose[None], self.core.surface)
         self.core.episode.goal[0, part] = pose
@@ -258,5 +258,5 @@ def _carry_over(old: Any, new: Any) -> None:
             if values is not None and values.shape == state[group][name].shape:
                 state[group][name] = values
     new.set_state(state)
-    new.core.sensing.renew(np.ones((1, len(new.parts)), dtype=bool), new.core.simulator.state)
+    new.core.sensing.reset_parts(np.ones((1, len(new.parts)), dtype=bool), new.core.simulator.state)
     new.core.relate(ONLY)

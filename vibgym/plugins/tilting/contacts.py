@@ -73,7 +73,7 @@ NEAR = 5e-6
 AHEAD = 1e-3
 """m, bound on the sliding of any point in half a step."""
 
-SAME, LEAST_SAME = 4.0, 1e-5
+SAME, MIN_SAME = 4.0, 1e-5
 """Largest displacement of a contact in a step: in units of the table's displacement, and m."""
 
 KEPT = 0.1
@@ -83,7 +83,7 @@ KEPT = 0.1
 ENOUGH = 3e-7
 """m/s, largest change in the last sweep."""
 
-MOST_SWEEPS = 60
+MAX_SWEEPS = 60
 
 IMPACT = 0.01
 """m/s, approach velocity above which contacts rebound."""
@@ -167,7 +167,7 @@ def add_contact(rigid, n, x, y, z, height, rate, node):
     contact[n, GOAL], contact[n, RATE], contact[n, SLIP_X], contact[n, SLIP_Y] = goal, rate, slip_x, slip_y
     contact[n, GIVE], contact[n, SLIDE] = 1.0 / give, 1.0 / max(slide_x, slide_y)
     contact[n, GRIP] = grip_at(rigid, x - table.radius * cosine, y - table.radius * sine)
-    begin_warm(rigid.work, contact, n, x, y, SAME * table.speed * step + LEAST_SAME)
+    begin_warm(rigid.work, contact, n, x, y, SAME * table.speed * step + MIN_SAME)
     return n + 1
 
 
@@ -447,13 +447,13 @@ def write_levers(motion, contact, n):
 
 @jit
 def settle_contacts(motion, contact, n, friction, table_x, table_y):
-    """Iterate over ``n`` contacts to convergence, at most ``MOST_SWEEPS`` times: normal impulse, then friction of each.
+    """Iterate over ``n`` contacts to convergence, at most ``MAX_SWEEPS`` times: normal impulse, then friction of each.
 
     Velocity and angular velocity change, angular momentum does not.
     """
     vx, vy, vz, wx, wy, wz = motion[VX], motion[VY], motion[VZ], motion[WX], motion[WY], motion[WZ]
     most, sweeps = math.inf, 0
-    while sweeps < MOST_SWEEPS and most > ENOUGH:
+    while sweeps < MAX_SWEEPS and most > ENOUGH:
         most = 0.0
         sweeps += 1
         for k in range(n):
@@ -595,7 +595,7 @@ def slide_flat(rigid, world, kind, friction, heading, turn):
         )
         contact[k, SLIDE] = 1.0 / (1.0 + (rx * rx + ry * ry) / gyration)
     sweeps, most = 0, math.inf
-    while sweeps < MOST_SWEEPS and most > ENOUGH:
+    while sweeps < MAX_SWEEPS and most > ENOUGH:
         most = 0.0
         for k in range(POINTS):
             rx, ry = contact[k, RX], contact[k, RY]

@@ -46,7 +46,7 @@ from vibgym.simulation.multibody import Multibody
 from vibgym.simulation.schemes import PlanarSettings
 from vibgym.simulation.threads import Pool
 
-LEAST_RAMP = 1e-6
+MIN_RAMP = 1e-6
 """m, shortest ramp."""
 
 STRETCH = 2
@@ -55,7 +55,7 @@ STRETCH = 2
 STEEPEST = 1.5
 """rad, largest tilt."""
 
-LEAST_SETTLING = 0.01
+MIN_SETTLING = 0.01
 """m/s, least velocity at which penetration is corrected."""
 
 
@@ -95,8 +95,8 @@ def solids_of(kinds: Sequence[Part]) -> Solids:
 
 def scheme_of(surface: Surface, settings: TiltingSettings) -> TiltScheme:
     """Return the model's constants, with the drive's trigonometry at the half steps."""
-    ramp = max(checks.number("model.ramp", settings.ramp, most=0.5 * surface.element_size * (1.0 + 1e-12)), LEAST_RAMP)
-    settling = max(surface.full_scale / surface.angular_frequency, LEAST_SETTLING)
+    ramp = max(checks.number("model.ramp", settings.ramp, most=0.5 * surface.element_size * (1.0 + 1e-12)), MIN_RAMP)
+    settling = max(surface.full_scale / surface.angular_frequency, MIN_SETTLING)
     steps, fineness = settings.steps, 1.0 / surface.element_size
     phase, steepness = np.arange(2 * steps + 1) * (math.pi / steps), 0.5 * surface.element_size / ramp
     return TiltScheme(steps, np.cos(phase), np.sin(phase), settings.restitution, ramp, fineness, steepness, settling)
@@ -243,7 +243,7 @@ class AbovePlane(Model):
         live.mode[at], live.calm[at], live.since[at], live.landing[at] = TIPPED, 0, 0, 0
         live.lean[at], live.rocking[at] = lean[which], rocking[which]
 
-    def disturb(self, state: State, lean: np.ndarray, kick: np.ndarray) -> None:
+    def disturb(self, state: State, lean: np.ndarray, impulse: np.ndarray) -> None:
         """Tip the disturbed parts."""
         which = lean.any(axis=2) & ~state.fallen
         self._tip(np.arange(len(lean)), which, state.pose[..., 2], lean, np.zeros_like(lean))

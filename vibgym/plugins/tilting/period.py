@@ -62,7 +62,7 @@ FLAT_COSINE = math.cos(math.radians(0.05))
 CALM_STEPS = 5
 """Consecutive calm steps after which a part on level ground counts as flat."""
 
-LEAST_RESTITUTION = 0.2
+MIN_RESTITUTION = 0.2
 """Lower bound of the restitution in the largest edge speed of a flat part, whose rebounds do not count as impacts."""
 
 
@@ -202,7 +202,7 @@ def is_calm(rigid, world, kind, node):
     row = min(max(int(motion[CY] / size), 0), table.rows - 1)
     _, rate = plate(rigid, world, row, column, node, node)
     edge = rigid.bodies.radius[kind] * math.sqrt(motion[WX] * motion[WX] + motion[WY] * motion[WY])
-    slow = IMPACT / max(rigid.scheme.restitution, LEAST_RESTITUTION)
+    slow = IMPACT / max(rigid.scheme.restitution, MIN_RESTITUTION)
     return edge < slow and abs(motion[VZ] - rate) < slow
 
 

@@ -41,12 +41,12 @@ SURPRISE = 3.0  # standard deviations beyond which elements are taken to be faul
 FAULT = 0.3  # standard deviation of their gains then
 WANDER = 0.002  # standard deviation by which gains change in a step in which they act
 SLOW, SLOW_TURN = 0.040, 1.5  # m/s and rad/s, below which the linear motion holds
-MOST, MOST_PHASE, LEAST = 1.3, 0.35, 0.35  # limits of gains and of phases (rad); elements below LEAST count as dead
+MAX, MAX_PHASE, MIN = 1.3, 0.35, 0.35  # limits of gains and of phases (rad); elements below LEAST count as dead
 CAUTION = 1.2  # spread that the allocator assumes over the estimated standard deviation
 SURE = 0.08  # minimum spread of an element whose gain has been estimated
 
 
-class Gains(NamedTuple):
+class ElementGains(NamedTuple):
     """Memory of the estimator: arrays (batch, parts, ...), with ``room`` slots for elements under a part."""
 
     element: np.ndarray  # (..., room) int64, index of the element; -1: a free slot
@@ -61,7 +61,7 @@ class Gains(NamedTuple):
     rest: np.ndarray  # (..., 3) where the part should come to rest, by the nominal shift: m, m, rad
 
 
-class Numbers(NamedTuple):
+class PartConstants(NamedTuple):
     """Constants of the parts, for the kernels."""
 
     outlines: Outlines
@@ -153,22 +153,22 @@ def kalman_update(gains, w, p, axis, noise, column):
     for i in range(n):
         covariance[i, i] = max(covariance[i, i], 0.0)
     for k in range(room):
-        mean[2 * k] = min(max(mean[2 * k], -1.0), MOST - 1.0)
-        mean[2 * k + 1] = within(mean[2 * k + 1], MOST_PHASE)
+        mean[2 * k] = min(max(mean[2 * k], -1.0), MAX - 1.0)
+        mean[2 * k + 1] = within(mean[2 * k + 1], MAX_PHASE)
 
 
 @jit
-def correct(gains, numbers, w, p, rest, column):
+def correct(gains, constants, w, p, rest, column):
     """Correct the estimate by where a slow part comes to rest according to the readings of this step."""
     room, size = gains.summed.shape[2], 0.0
     gains.steps[w, p] = KEEP * gains.steps[w, p] + 1.0
     for axis in range(3):
         off = rest[axis] - gains.rest[w, p, axis]
         if axis == 2:
-            if numbers.turn[p] == 0.0:
+            if constants.turn[p] == 0.0:
                 off = 0.0
             else:
-                off = numbers.gyration[p] * (off - numbers.turn[p] * math.floor(0.5 + off / numbers.turn[p]))
+                off = constants.gyration[p] * (off - constants.turn[p] * math.floor(0.5 + off / constants.turn[p]))
         gains.moved[w, p, axis] = KEEP * gains.moved[w, p, axis] + off
         net = 0.0
         for k in range(room):
@@ -184,12 +184,12 @@ def correct(gains, numbers, w, p, rest, column):
     for axis in range(3):
         gains.covariance[w, p, 2 * room + axis, 2 * room + axis] += (DRIFT_WANDER * DRIFT) ** 2
     for axis in range(3):
-        if axis < 2 or numbers.turn[p] != 0.0:
+        if axis < 2 or constants.turn[p] != 0.0:
             kalman_update(gains, w, p, axis, noise, column)
 
 
 @jit
-def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead, doubt):
+def learn(constants, pieces, gains, pose, present, rest, slow, column, ahead, doubt):
     """Update the estimates from where the parts come to rest.
 
     Args:
@@ -208,13 +208,13 @@ def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead, doub
                 continue
             any_slow = True
             if gains.steps[w, p] >= 0.0:
-                correct(gains, numbers, w, p, rest[w, p], column)
+                correct(gains, constants, w, p, rest[w, p], column)
             else:
                 gains.steps[w, p] = 0.0
                 gains.moved[w, p] = 0.0
                 gains.summed[w, p] = 0.0
         if any_slow:
-            assign_slots(gains, w, pieces, cut_parts(numbers.outlines, w, pose[w], present[w], pieces))
+            assign_slots(gains, w, pieces, cut_parts(constants.outlines, w, pose[w], present[w], pieces))
         else:
             gains.arm[w] = 0.0
     for w in range(pose.shape[0]):
@@ -228,9 +228,9 @@ def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead, doub
                             left += gains.waiting[w, p, j, k, q, axis]
                         total += gains.mean[w, p, 2 * k + q] * left
                         variance += gains.covariance[w, p, 2 * k + q, 2 * k + q] * left * left
-                doubt[w, p, axis] = math.sqrt(variance) if axis < 2 else math.sqrt(variance) / numbers.gyration[p]
+                doubt[w, p, axis] = math.sqrt(variance) if axis < 2 else math.sqrt(variance) / constants.gyration[p]
                 total = within(total, UNSEEN)
-                ahead[w, p, axis] = total if axis < 2 else total / numbers.gyration[p]
+                ahead[w, p, axis] = total if axis < 2 else total / constants.gyration[p]
 
 
 @jit
@@ -244,17 +244,17 @@ def put_known(gains, gain, phase, spread):
                     continue
                 real, imaginary = 1.0 + gains.mean[w, p, 2 * k], gains.mean[w, p, 2 * k + 1]
                 size = math.sqrt(real * real + imaginary * imaginary)
-                if real < LEAST:
+                if real < MIN:
                     gain[w, e] = 0.0
                 else:
-                    gain[w, e] = min(size, MOST)
-                    phase[w, e] = within(math.atan2(imaginary, real), MOST_PHASE)
+                    gain[w, e] = min(size, MAX)
+                    phase[w, e] = within(math.atan2(imaginary, real), MAX_PHASE)
                 own = gains.covariance[w, p, 2 * k, 2 * k] + gains.covariance[w, p, 2 * k + 1, 2 * k + 1]
                 spread[w, e] = max(CAUTION * math.sqrt(own), SURE)
 
 
 @jit
-def predict(numbers, gains, push, effect):
+def predict(constants, gains, push, effect):
     """Store the shifts by the commanded pushes (batch, elements, 2), and the predicted places of rest of the parts.
 
     Rows of ``effect`` (batch, parts, 3) of slow parts are overwritten with the pushes that nominal elements give them.
@@ -263,7 +263,7 @@ def predict(numbers, gains, push, effect):
     for w in range(effect.shape[0]):
         for p in range(effect.shape[1]):
             gains.waiting[w, p, 0] = 0.0
-            total, across, turned, b = 0.0, 0.0, 0.0, numbers.shift[p]
+            total, across, turned, b = 0.0, 0.0, 0.0, constants.shift[p]
             for k in range(room):
                 e, share = gains.element[w, p, k], gains.arm[w, p, k, 0]
                 if e < 0 or share == 0.0:
@@ -276,7 +276,7 @@ def predict(numbers, gains, push, effect):
                 total, across, turned = total + own[0, 0], across + own[0, 1], turned + own[0, 2]
             gains.rest[w, p, 0] += total
             gains.rest[w, p, 1] += across
-            gains.rest[w, p, 2] += turned / numbers.gyration[p]
+            gains.rest[w, p, 2] += turned / constants.gyration[p]
             if gains.steps[w, p] >= 0.0:
                 effect[w, p, 0], effect[w, p, 1], effect[w, p, 2] = total / b, across / b, turned / b
 
@@ -295,15 +295,15 @@ class GainLearner:
         outlines = outlines_of(surface, info.parts)
         shift = info.step_time * plant.push / plant.strength * self.coast
         turn = np.array([2.0 * math.pi / part.symmetry if part.symmetry else 0.0 for part in info.parts])
-        self.numbers = Numbers(outlines, shift, np.sqrt([part.gyration for part in info.parts]), turn)
+        self.constants = PartConstants(outlines, shift, np.sqrt([part.gyration for part in info.parts]), turn)
         self.room = max((math.floor(2.0 * part.radius / surface.element_size) + 2) ** 2 for part in info.parts)
         self.lag = -(-info.hardware.latency // info.periods_per_step) + 2
 
-    def begin(self, batch: int) -> Gains:
+    def begin(self, batch: int) -> ElementGains:
         """Return the memory before the first measurement."""
         shape, room = (batch, len(self.info.parts)), self.room
         prior = np.append(np.zeros(2 * room), np.full(3, DRIFT**2))
-        return Gains(
+        return ElementGains(
             element=np.full((*shape, room), -1),
             arm=np.zeros((*shape, room, 3)),
             mean=np.zeros((*shape, 2 * room + 3)),
@@ -316,7 +316,7 @@ class GainLearner:
             rest=np.zeros((*shape, 3)),
         )
 
-    def learn(self, measured: Measured, gains: Gains) -> tuple[np.ndarray, np.ndarray]:
+    def learn(self, measured: Measured, gains: ElementGains) -> tuple[np.ndarray, np.ndarray]:
         """Update the estimates, in place, by the present measurement.
 
         Returns:
@@ -328,18 +328,18 @@ class GainLearner:
         pieces, column = new_pieces(self.info.surface, self.info.parts), np.empty(gains.mean.shape[-1])
         ahead, doubt = np.empty_like(pose), np.empty_like(pose)
         gains.coming[...] = BLUR * (gains.coming + gains.waiting[:, :, -1])
-        learn(self.numbers, pieces, gains, pose, measured.present, rest, slow, column, ahead, doubt)
+        learn(self.constants, pieces, gains, pose, measured.present, rest, slow, column, ahead, doubt)
         gains.rest[...] = rest
         return ahead, doubt
 
-    def known(self, gains: Gains) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def known(self, gains: ElementGains) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return gain, phase (rad) and spread of the elements, (batch, elements) each."""
         shape = (len(gains.element), self.elements)
         gain, phase, spread = np.ones(shape), np.zeros(shape), np.full(shape, SPREAD)
         put_known(gains, gain, phase, spread)
         return gain, phase, spread
 
-    def predict(self, push: np.ndarray, gains: Gains, effect: np.ndarray) -> np.ndarray:
+    def predict(self, push: np.ndarray, gains: ElementGains, effect: np.ndarray) -> np.ndarray:
         """Store the pushes (batch, rows, columns, 2) of elements; return the pushes that nominal ones give to the parts.
 
         Args:
@@ -347,7 +347,7 @@ class GainLearner:
         """
         gains.waiting[:, :, 1:] = gains.waiting[:, :, :-1].copy()
         effect = effect.copy()
-        predict(self.numbers, gains, push.reshape(len(push), -1, 2), effect)
+        predict(self.constants, gains, push.reshape(len(push), -1, 2), effect)
         return effect
 
 

@@ -25,8 +25,8 @@ from vibgym import checks
 from vibgym.kernels.jit import jit
 from vibgym.physics.contacts.hulls import hull_gap, place_hulls
 from vibgym.policies.classical.measured import Measured, wrap
-from vibgym.policies.classical.planner import Plan
-from vibgym.policies.classical.steering import LawChoice, Memory, Steering
+from vibgym.policies.classical.planner import TargetPlan
+from vibgym.policies.classical.steering import LawChoice, Steering, SteeringMemory
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
@@ -63,7 +63,7 @@ class FeedingPolicy(Steering):
 
     def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
         super().__init__(info, settings)
-        if not info.flows or info.zones is None:
+        if not info.continuous_feed or info.zones is None:
             raise info.unsupported("lanes", "a task whose parts leave through gates, such as Feed")
         zones = info.zones[list(info.kind)]
         self.lane = 0.5 * (zones[:, 1] + zones[:, 3])
@@ -72,7 +72,7 @@ class FeedingPolicy(Steering):
         self.half = np.array([np.abs(part.outline).max(axis=0) for part in info.parts])
         self.spacing = float(np.sqrt(2.0) * info.surface.element_size)
 
-    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+    def act(self, measured: Measured, memory: SteeringMemory, new: np.ndarray) -> tuple[np.ndarray, SteeringMemory]:
         """See :meth:`.steering.Steering.act`."""
         return self.steer(measured, self.lead * self.velocity(measured), memory)
 
@@ -86,8 +86,8 @@ class FeedingPolicy(Steering):
         # The part that is farther along has priority.
         first = (between[..., 0] == 0.0) & np.triu(np.ones(gap.shape[1:3], bool), 1)
         ahead = there & ((between[..., 0] > 0.0) | first)
-        way = (centre[..., 0] - self.inlet) / (self.gate - self.inlet)
-        spread = np.clip((way - SPREAD[0]) / (SPREAD[1] - SPREAD[0]), 0.0, 1.0)
+        progress = (centre[..., 0] - self.inlet) / (self.gate - self.inlet)
+        spread = np.clip((progress - SPREAD[0]) / (SPREAD[1] - SPREAD[0]), 0.0, 1.0)
         wanted = spread * (self.spacing + SPARE + PRESS) - PRESS
         along, across = gap[..., 0], gap[..., 1]
         in_way = ahead & (across < BESIDE)
@@ -128,7 +128,7 @@ class CrossingPolicy(TwoPhasesPolicy):
         self.half = 0.5 * self.targets.size
         self.rules = Rules(info.surface.width, info.surface.depth, self.top, 1.0 / self.lead)
 
-    def choose(self, measured: Measured, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+    def choose(self, measured: Measured, plan: TargetPlan) -> tuple[np.ndarray, np.ndarray]:
         """See :meth:`.planner.PlannerPolicy.choose`; velocities that pass others in worlds where parts meet."""
         velocity, waited = super().choose(measured, plan)
         wanted, first, meets = self.wanted(measured)
@@ -159,9 +159,9 @@ class CrossingPolicy(TwoPhasesPolicy):
         workers.share(choose, len(worlds), self.threads)
         return chosen
 
-    def _turn(self, measured: Measured) -> np.ndarray:
-        far = np.hypot(*np.moveaxis(measured.way, -1, 0)) > TURN_AT
-        return np.where(far, -wrap(measured.heading, self.symmetry), super()._turn(measured))
+    def _heading_error(self, measured: Measured) -> np.ndarray:
+        far = np.hypot(*np.moveaxis(measured.displacement, -1, 0)) > TURN_AT
+        return np.where(far, -wrap(measured.heading, self.symmetry), super()._heading_error(measured))
 
     def wanted(self, measured: Measured) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Compute the velocities that parts would choose without others.
@@ -170,12 +170,12 @@ class CrossingPolicy(TwoPhasesPolicy):
             Velocities (batch, parts, 2), m/s; sort keys (batch, parts), the smallest goes first; (batch, parts) bool, whether
             a part has oncoming parts.
         """
-        x, y, way = measured.centre[..., 0], measured.centre[..., 1], measured.way
-        away = np.hypot(way[..., 0], way[..., 1])
+        x, y, displacement = measured.centre[..., 0], measured.centre[..., 1], measured.displacement
+        away = np.hypot(displacement[..., 0], displacement[..., 1])
         speed = np.minimum(away / self.lead, self.top)
-        straight = (speed / np.maximum(away, 1e-12))[..., None] * way
+        straight = (speed / np.maximum(away, 1e-12))[..., None] * displacement
         # Direction of motion along the table, 0 near the goal.
-        side = np.where((np.abs(way[..., 0]) > CROSSES) & measured.present, np.sign(way[..., 0]), 0.0)
+        side = np.where((np.abs(displacement[..., 0]) > CROSSES) & measured.present, np.sign(displacement[..., 0]), 0.0)
         between = x[:, None] - x[:, :, None]
         oncoming = (between * side[:, :, None] > 0.0) & (side[:, None] * side[:, :, None] < 0.0)
         meets: np.ndarray = np.asarray(oncoming.any(axis=2))
@@ -212,7 +212,7 @@ class LanesPolicy:
         Raises:
             ValueError: settings of patterns where parts leave through gates, or another task.
         """
-        if not info.flows:
+        if not info.continuous_feed:
             return CrossingPolicy(info, settings)
         known = FeedingPolicy.Settings.model_fields
         for name in settings.model_fields_set - known.keys():

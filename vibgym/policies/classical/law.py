@@ -56,15 +56,17 @@ class Law(ABC):
         return ()
 
     @abstractmethod
-    def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
+    def wanted(
+        self, measured: Measured, displacement: np.ndarray, heading_error: np.ndarray, memory: Any
+    ) -> tuple[np.ndarray, Any]:
         """Return wanted mean accelerations (batch, parts, 3), m/s^2 and rad/s^2, and the new memory.
 
         NaN rows: the elements under these parts rest.
 
         Args:
             measured: parts at the instant when this step's command begins to act.
-            way: (batch, parts, 2) m, displacement to the target.
-            turn: (batch, parts) rad, heading error.
+            displacement: (batch, parts, 2) m, displacement to the target.
+            heading_error: (batch, parts) rad, heading error.
             memory: of :meth:`initial`, or what the last call returned.
         """
 
@@ -94,7 +96,8 @@ def lead_of(law: Law, info: TaskInfo, speed: float) -> float:
     still, alone = np.zeros((1, len(info.parts), 2)), np.zeros((1, len(info.parts)))
     along = still + [1.0, 0.0]
     seen = Measured(
-        present=alone == 0.0, centre=still, heading=alone, way=still, turn=alone, velocity=speed * along, spin=alone,
+        present=alone == 0.0, centre=still, heading=alone, displacement=still, heading_error=alone,
+        velocity=speed * along, spin=alone,
         gap=alone + np.inf, single=False,
     )  # fmt: skip
 
@@ -119,7 +122,7 @@ REACH, REACH_TURN = 0.015, math.radians(10.0)
 
 BAND = 0.25  # share of the tolerances within which places of rest are not corrected
 LOOSE_BAND, LOOSE_TURN = 0.001, math.radians(2.5)  # m and rad, in tasks with zones or distances instead of goals
-LEAST_DRAG = 1e-9  # 1/s, used for parts without friction
+MIN_DRAG = 1e-9  # 1/s, used for parts without friction
 DOUBT = 1.5  # standard deviations of the place of rest by which bands are widened
 
 
@@ -142,25 +145,27 @@ class Settling:
     def __init__(self, info: TaskInfo, band: float, turn_band: float) -> None:
         self.drag, self.step, self.period = info.plant.drag, info.step_time, info.surface.period  # c above, 1/s
         ahead = 0.5 * (info.step_time - info.surface.period)
-        self.coast = 1.0 / np.maximum(self.drag, LEAST_DRAG) - ahead  # s
+        self.coast = 1.0 / np.maximum(self.drag, MIN_DRAG) - ahead  # s
         self.band, self.turn_band = (band, turn_band) if info.has_goal else (LOOSE_BAND, LOOSE_TURN)
         self.slack = self.band + self.turn_band * max(part.radius for part in info.parts)
         self.near, self.near_turn = max(NEAR, 2.0 * self.band), max(NEAR_TURN, 2.0 * self.turn_band)
 
-    def __call__(self, measured: Measured, way: np.ndarray, turn: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    def __call__(
+        self, measured: Measured, displacement: np.ndarray, heading_error: np.ndarray, wanted: np.ndarray
+    ) -> np.ndarray:
         """Return wanted accelerations (batch, parts, 3), see :meth:`Law.wanted`.
 
         Args:
-            way: (batch, parts, 2) m, displacement to the target.
-            turn: (batch, parts) rad, heading error.
+            displacement: (batch, parts, 2) m, displacement to the target.
+            heading_error: (batch, parts) rad, heading error.
             wanted: (batch, parts, 3) of the law, for parts that are not near their targets.
         """
         velocity = measured.rate
-        off = np.concatenate([way, turn[..., None]], axis=-1) - self.coast[:, None] * velocity
+        off = np.concatenate([displacement, heading_error[..., None]], axis=-1) - self.coast[:, None] * velocity
         distance, skew = np.sqrt((off[..., :2] ** 2).sum(axis=-1)), np.abs(off[..., 2])
         # Parts whose goals move do not come to rest.
         near = ~(measured.goal_velocity.any(axis=-1) | measured.goal_acceleration.any(axis=-1))
-        near = near & ((way**2).sum(axis=-1) < REACH**2) & (np.abs(turn) < REACH_TURN)
+        near = near & ((displacement**2).sum(axis=-1) < REACH**2) & (np.abs(heading_error) < REACH_TURN)
         near &= (distance < self.near) & (skew < self.near_turn)
         # The effect of recent pulses is uncertain: without this, pulses would correct errors of the estimate.
         doubt = measured.doubt
@@ -210,22 +215,24 @@ class LocalLaw(Law):
         self.approach = usual if self.settings.approach is None else self.settings.approach
         self.approach /= 1.0 + SLOWER * self.approach * ahead
         self.lead = 1.0 / self.approach
-        held = -np.expm1(-plant.drag * info.step_time) / np.maximum(plant.drag, LEAST_DRAG)  # s, see above
+        held = -np.expm1(-plant.drag * info.step_time) / np.maximum(plant.drag, MIN_DRAG)  # s, see above
         self.response = np.maximum(self.settings.response, held)
         self.settling = None
         if info.hard_dead_zone:
             self.settling = Settling(info, BAND * info.position_tolerance, BAND * info.heading_tolerance)
             self.slack = self.settling.slack
 
-    def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
+    def wanted(
+        self, measured: Measured, displacement: np.ndarray, heading_error: np.ndarray, memory: Any
+    ) -> tuple[np.ndarray, Any]:
         """See :meth:`Law.wanted`."""
-        distance = np.sqrt((way**2).sum(axis=-1))
+        distance = np.sqrt((displacement**2).sum(axis=-1))
         speed = np.minimum(self.stopping_rate(distance, self.plant.push), self.plant.top_speed)
-        velocity = (speed / np.maximum(distance, 1e-12))[..., None] * way
-        rate = np.sign(turn) * self.stopping_rate(np.abs(turn), self.plant.turn_push)
+        velocity = (speed / np.maximum(distance, 1e-12))[..., None] * displacement
+        rate = np.sign(heading_error) * self.stopping_rate(np.abs(heading_error), self.plant.turn_push)
         change = np.concatenate([velocity - measured.velocity, (rate - measured.spin)[..., None]], axis=-1)
         wanted = change / self.response[:, None]
-        return wanted if self.settling is None else self.settling(measured, way, turn, wanted), memory
+        return wanted if self.settling is None else self.settling(measured, displacement, heading_error, wanted), memory
 
     def stopping_rate(self, distance: np.ndarray, push: np.ndarray) -> np.ndarray:
         """Return the speed (..., parts) from which a part stops within ``distance`` if ``push`` brakes it."""

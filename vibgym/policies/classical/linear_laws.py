@@ -39,7 +39,7 @@ ROUNDING = 1e-6  # m/s^2 or rad/s^2, error of the inverse of the frictional proc
 CONJUGATE = 1e-9  # rounding error of imaginary parts, relative to the largest coefficient
 
 
-class Gains(NamedTuple):
+class PidGains(NamedTuple):
     """Gains of a PID controller."""
 
     proportional: float  # kP, 1/s^2
@@ -53,7 +53,7 @@ class PidMemory(NamedTuple):
     total: np.ndarray  # sum of all errors so far, times the period
     error: np.ndarray  # the last error
     late: np.ndarray  # the output for it, which a late controller returns one period later
-    asked: np.ndarray  # the last output returned
+    requested: np.ndarray  # the last output returned
 
 
 def polynomial(name: str, poles: Any, count: int) -> np.ndarray:
@@ -81,14 +81,14 @@ def polynomial(name: str, poles: Any, count: int) -> np.ndarray:
     return coefficients.real
 
 
-def gains_for(poles: Any = POLES) -> Gains:
+def gains_for(poles: Any = POLES) -> PidGains:
     """Return the gains that place the three poles of the closed loop with the reduced plant (eqs. 5.74 to 5.80).
 
     Raises:
         ValueError: poles that are not stable, or complex ones without their conjugates.
     """
     _, derivative, proportional, integral = polynomial("poles", poles, 3).tolist()
-    return Gains(proportional, integral, derivative)
+    return PidGains(proportional, integral, derivative)
 
 
 class Pid:
@@ -135,7 +135,7 @@ class Pid:
         """
         if not self.anti_windup:
             return memory
-        short = (memory.asked - acceleration) * np.sign(memory.error) > ROUNDING
+        short = (memory.requested - acceleration) * np.sign(memory.error) > ROUNDING
         return memory._replace(total=memory.total - np.where(short, self.period * memory.error, 0.0))
 
 
@@ -188,10 +188,10 @@ class PidLaw(Law):
         return PidLawMemory(self.pid.initial((*shape, 3)), np.zeros(shape), np.zeros(shape, dtype=bool))
 
     def wanted(
-        self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: PidLawMemory
+        self, measured: Measured, displacement: np.ndarray, heading_error: np.ndarray, memory: PidLawMemory
     ) -> tuple[np.ndarray, PidLawMemory]:
         """See :meth:`vibgym.policies.classical.law.Law.wanted`."""
-        error = np.concatenate([way, turn[..., None]], axis=-1)
+        error = np.concatenate([displacement, heading_error[..., None]], axis=-1)
         change = error - memory.pid.error
         turned = wrap(measured.heading - memory.heading, self.symmetry)
         change[..., 2] = np.where(memory.known, -turned, 0.0)
@@ -273,8 +273,10 @@ class LqrLaw(Law):
         self._rate = self.gains[:, :, 1] + self.drag[:, None]
         self.lead = float((self._rate[:, 0] / self.gains[:, 0, 0]).max())
 
-    def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
+    def wanted(
+        self, measured: Measured, displacement: np.ndarray, heading_error: np.ndarray, memory: Any
+    ) -> tuple[np.ndarray, Any]:
         """See :meth:`vibgym.policies.classical.law.Law.wanted`."""
-        push = self.gains[:, 0, :1] * way - self._rate[:, :1] * measured.velocity
-        torque = self.gains[:, 1, 0] * turn - self._rate[:, 1] * measured.spin
+        push = self.gains[:, 0, :1] * displacement - self._rate[:, :1] * measured.velocity
+        torque = self.gains[:, 1, 0] * heading_error - self._rate[:, 1] * measured.spin
         return np.concatenate([push, torque[..., None]], axis=-1), memory

@@ -37,8 +37,8 @@ class Measured:
     present: np.ndarray  # bool
     centre: np.ndarray  # m
     heading: np.ndarray  # rad, modulo the part's symmetry; 0 for a disc
-    way: np.ndarray  # m, displacement to the goal, or to the nearest point of the zone; 0 without
-    turn: np.ndarray  # rad, goal heading minus heading; 0 where headings do not count
+    displacement: np.ndarray  # m, displacement to the goal, or to the nearest point of the zone; 0 without
+    heading_error: np.ndarray  # rad, goal heading minus heading; 0 where headings do not count
     velocity: np.ndarray  # mean over the last period, m/s
     spin: np.ndarray  # the same, rad/s
     gap: np.ndarray  # distance to the nearest other part, m, at most about eight elements; infinite for one part
@@ -81,8 +81,8 @@ class Measured:
             present=quantity("present", none + 1.0)[..., 0] > 0.5,
             centre=quantity("position"),
             heading=quantity("heading")[..., 0],
-            way=quantity("way", np.repeat(none, 2, axis=-1)),
-            turn=quantity("turn")[..., 0],
+            displacement=quantity("way", np.repeat(none, 2, axis=-1)),
+            heading_error=quantity("turn")[..., 0],
             velocity=quantity("velocity"),
             spin=quantity("spin")[..., 0],
             gap=quantity("gap", none + math.inf)[..., 0],
@@ -97,12 +97,12 @@ def _moving_goals(rows: np.ndarray, layout: Layout) -> dict[str, np.ndarray]:
     if "way_ahead" not in layout:
         return {}
     shape = (len(rows), len(layout.parts), PREVIEW)
-    way = layout.quantity(rows, "way_ahead").reshape(*shape, 2) - layout.quantity(rows, "way")[..., None, :]
-    turn = layout.quantity(rows, "turn_ahead") - layout.quantity(rows, "turn")
+    displacement = layout.quantity(rows, "way_ahead").reshape(*shape, 2) - layout.quantity(rows, "way")[..., None, :]
+    heading_error = layout.quantity(rows, "turn_ahead") - layout.quantity(rows, "turn")
     velocity = [layout.quantity(rows, name) for name in ("goal_velocity", "goal_spin")]
     return {
         "goal_velocity": np.concatenate(velocity, axis=-1),
-        "goal_ahead": np.concatenate([way, turn[..., None]], axis=-1),
+        "goal_ahead": np.concatenate([displacement, heading_error[..., None]], axis=-1),
     }
 
 
@@ -192,7 +192,7 @@ class Preview:
     def __init__(self, info: TaskInfo) -> None:
         self.period, self.lead, self.periods = info.surface.period, info.lead, info.periods_per_step
         turns = [info.has_heading and part.symmetry > 0 for part in info.parts]
-        self._counts = np.array([[1.0, 1.0, float(turn)] for turn in turns])
+        self._counts = np.array([[1.0, 1.0, float(heading_error)] for heading_error in turns])
 
     def __call__(self, measured: Measured) -> Measured:
         """Return displacements to these goals, their velocity, and their mean acceleration over the step."""
@@ -208,8 +208,8 @@ class Preview:
         time = self.periods * period
         return replace(
             measured,
-            way=measured.way + begin[..., :2],
-            turn=measured.turn + begin[..., 2],
+            displacement=measured.displacement + begin[..., :2],
+            heading_error=measured.heading_error + begin[..., 2],
             goal_velocity=speed,
             goal_acceleration=2.0 * (end - begin - time * speed) / time**2,
         )
@@ -228,8 +228,8 @@ def from_goals(measured: Measured) -> Measured:
     velocity = measured.goal_velocity
     return replace(
         measured,
-        centre=-measured.way,
-        heading=-measured.turn,
+        centre=-measured.displacement,
+        heading=-measured.heading_error,
         velocity=measured.velocity - velocity[..., :2],
         spin=measured.spin - velocity[..., 2],
     )

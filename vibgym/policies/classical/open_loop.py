@@ -61,11 +61,11 @@ class RandomPolicy(ZeroPolicy):
         return 2.0 * self.generator.random(shape, dtype=np.float32) - np.float32(1.0)
 
 
-class Plan(NamedTuple):
+class OpenLoopPlan(NamedTuple):
     """Memory of :class:`OpenLoopPolicy`."""
 
     goal: np.ndarray  # (batch, 3) m, m, rad
-    turn: np.ndarray  # (batch,) rad, from the heading at the start to the goal's
+    heading_error: np.ndarray  # (batch,) rad, from the heading at the start to the goal's
     time: np.ndarray  # (batch,) s, since the start
 
 
@@ -98,23 +98,23 @@ class OpenLoopPolicy:
             raise info.unsupported("open_loop", "a task for one part with a fixed goal pose")
         self.info, self.settings = info, settings
 
-    def initial(self, batch: int) -> Plan:
+    def initial(self, batch: int) -> OpenLoopPlan:
         """Return the memory before the first observation."""
-        return Plan(np.zeros((batch, 3)), np.zeros(batch), np.zeros(batch))
+        return OpenLoopPlan(np.zeros((batch, 3)), np.zeros(batch), np.zeros(batch))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Return the field about the goal of the episode's first observation; the state is a :class:`Plan`."""
+        """Return the field about the goal of the episode's first observation; the state is a :class:`OpenLoopPlan`."""
         info, measured = self.info, Measured.of(observation, self.info)
         plan, new = recall(state, episode_start, self.initial(len(measured.centre)), len(measured.centre))
-        plan.goal[new, :2] = (measured.centre + measured.way)[new, 0]
-        plan.goal[new, 2] = (measured.heading + measured.turn)[new, 0]
-        plan.turn[new] = measured.turn[new, 0]
+        plan.goal[new, :2] = (measured.centre + measured.displacement)[new, 0]
+        plan.goal[new, 2] = (measured.heading + measured.heading_error)[new, 0]
+        plan.heading_error[new] = measured.heading_error[new, 0]
         phasors = self._phasors(plan).reshape(len(new), -1).astype(np.float32)
         return (phasors[0] if measured.single else phasors), plan._replace(time=plan.time + info.step_time)
 
-    def _phasors(self, plan: Plan) -> np.ndarray:
+    def _phasors(self, plan: OpenLoopPlan) -> np.ndarray:
         """Return the phasors (batch, rows, columns, 2) of this step: of a first field, then of a second one or none.
 
         The fields change at any instant of a step, which gets its share of both.
@@ -126,8 +126,8 @@ class OpenLoopPolicy:
             second = radial(x, y, self.settings.centring) + squeeze(x, y, heading)
             until[:] = self.settings.gather_time
         elif self.info.has_heading:
-            first = first + tangential(x, y, np.sign(plan.turn)[:, None, None])
-            until = np.abs(plan.turn) / self.settings.turn_rate
+            first = first + tangential(x, y, np.sign(plan.heading_error)[:, None, None])
+            until = np.abs(plan.heading_error) / self.settings.turn_rate
         share = np.clip((until - plan.time) / self.info.step_time, 0.0, 1.0)[:, None, None, None]
         surface, friction = self.info.surface, self.info.parts[0].friction
         phasors = np.zeros((len(share), surface.rows, surface.columns, 2))

@@ -154,7 +154,7 @@ OUTPUTS: Mapping[str, Any] = {
 
 # 1 - pole. `lqr` on rigid parts on patches, 100 episodes: 1.81, 1.73, 1.63 s with 0.1, 0.2, 0.4; `pose` gets worse with it.
 GAIN = 0.2
-MOST = 0.5  # limit of the estimate over the largest push near rest: the other half moves the part
+MAX = 0.5  # limit of the estimate over the largest push near rest: the other half moves the part
 
 
 class Disturbance(NamedTuple):
@@ -177,7 +177,7 @@ class DisturbanceObserver:
         plant = info.plant
         self.parts, self.gained = len(info.parts), gained[:, None]
         self.seen = self.gained - gaining[:, None]
-        self.most = MOST * np.stack([plant.push, plant.push, plant.turn_push], axis=-1)
+        self.most = MAX * np.stack([plant.push, plant.push, plant.turn_push], axis=-1)
 
     def begin(self, batch: int) -> Disturbance:
         """Return the memory at the start of an episode."""

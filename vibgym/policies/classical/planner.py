@@ -23,7 +23,7 @@ from pydantic import Field
 from vibgym.physics.contacts.hulls import all_gaps
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.motion_choice import STAY, Preferences, Scene, choose_motions
-from vibgym.policies.classical.steering import Memory, Steering
+from vibgym.policies.classical.steering import Steering, SteeringMemory
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.outlines import convex_hull, inner_distance
@@ -61,8 +61,8 @@ def assign(centre: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Return one of the free places (n, 2) m for each centre (n, 2) m, with the least sum of cubed distances."""
     from scipy.optimize import linear_sum_assignment  # of the extra "policies"
 
-    way = np.sqrt(((centre[:, None] - free) ** 2).sum(axis=-1))
-    return free[linear_sum_assignment(way**3)[1]]
+    displacement = np.sqrt(((centre[:, None] - free) ** 2).sum(axis=-1))
+    return free[linear_sum_assignment(displacement**3)[1]]
 
 
 class Targets:
@@ -144,10 +144,10 @@ BRAKING = 0.6  # share of the largest acceleration at which parts are expected t
 SWAP_GAIN = 0.010  # m, minimum gain of a swap, so that two parts do not swap targets repeatedly
 NEARING = 0.5  # m that two parts keep beyond the distance of their goals for each m of their displacements
 SERVED = 0.036  # m between goals below which some or all episodes fail, which is logged as a warning
-LEAST_SPACING, LEAST_SAFE = 1e-3, 5e-4  # m, lower limits of the spacing rule and the safe distance at goals
+MIN_SPACING, MIN_SAFE = 1e-3, 5e-4  # m, lower limits of the spacing rule and the safe distance at goals
 
 
-class Plan(NamedTuple):
+class TargetPlan(NamedTuple):
     """The planner's own memory."""
 
     target: np.ndarray  # (batch, parts, 2) m
@@ -221,27 +221,29 @@ class PlannerPolicy(Steering):
             yielding=rules.yielding,
         )
 
-    def initial(self, batch: int) -> Memory:
+    def initial(self, batch: int) -> SteeringMemory:
         """Return the memory at the start of an episode."""
         shape = (batch, len(self.info.parts))
         room = np.full((*shape, shape[1]), np.inf)
-        plan = Plan(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape), room)
+        plan = TargetPlan(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape), room)
         return super().initial(batch)._replace(own=plan)
 
-    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+    def act(self, measured: Measured, memory: SteeringMemory, new: np.ndarray) -> tuple[np.ndarray, SteeringMemory]:
         """See :meth:`.steering.Steering.act`."""
         plan = self.aim(measured, memory.own, new)
         velocity, waited = self.choose(measured, plan)
         return self.steer(measured, self.lead * velocity, memory._replace(own=plan._replace(waited=waited)))
 
-    def aim(self, measured: Measured, plan: Plan, new: np.ndarray) -> Plan:
+    def aim(self, measured: Measured, plan: TargetPlan, new: np.ndarray) -> TargetPlan:
         """Return the plan with the targets of this step; ``new`` (batch,) bool: worlds whose episode has just begun."""
         centre, present, target = measured.centre, measured.present, plan.target
         if self.info.has_goal:
-            target = centre + measured.way
+            target = centre + measured.displacement
             if self.tight and new.any():
-                plan.room[new] = self.distances(target[new], (measured.heading + measured.turn)[new], present[new])
-        elif self.info.flows:
+                plan.room[new] = self.distances(
+                    target[new], (measured.heading + measured.heading_error)[new], present[new]
+                )
+        elif self.info.continuous_feed:
             target = self.targets.leaving(centre)
         else:
             for world in np.flatnonzero(new):
@@ -258,13 +260,13 @@ class PlannerPolicy(Steering):
         all_gaps(self.hulls, np.concatenate([target, heading[..., None]], axis=-1), room)
         return np.where(present[:, :, None] & present[:, None], room, np.inf)
 
-    def choose(self, measured: Measured, plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+    def choose(self, measured: Measured, plan: TargetPlan) -> tuple[np.ndarray, np.ndarray]:
         """Return set velocities (batch, parts, 2), m/s, and how long parts have waited (batch, parts), s.
 
         ``plan.motion`` is overwritten.
         """
-        period, way = self.info.step_time, np.sqrt(((plan.target - measured.centre) ** 2).sum(axis=-1))
-        stuck = (way > ARRIVED) & (np.sqrt((measured.velocity**2).sum(axis=-1)) < SLOW)
+        period, displacement = self.info.step_time, np.sqrt(((plan.target - measured.centre) ** 2).sum(axis=-1))
+        stuck = (displacement > ARRIVED) & (np.sqrt((measured.velocity**2).sum(axis=-1)) < SLOW)
         waited = np.where(stuck, plan.waited + period, np.maximum(plan.waited - CALMING * period, 0.0))
         scene, faithful = self.scene(measured, plan.target, plan.room, waited), self.settings.faithful
         velocity = np.empty_like(scene.centre)
@@ -284,8 +286,8 @@ class PlannerPolicy(Steering):
             waited: (batch, parts) s.
         """
         centre, rules = np.ascontiguousarray(measured.centre), self.settings
-        way = np.sqrt(((target - centre) ** 2).sum(axis=-1))
-        room = room + NEARING * (way[:, :, None] + way[:, None])
+        displacement = np.sqrt(((target - centre) ** 2).sum(axis=-1))
+        room = room + NEARING * (displacement[:, :, None] + displacement[:, None])
         return Scene(
             present=measured.present,
             centre=centre,
@@ -293,12 +295,12 @@ class PlannerPolicy(Steering):
             facing=np.stack([np.cos(measured.heading), np.sin(measured.heading)], axis=-1),
             target=np.ascontiguousarray(target),
             patience=1.0 / (1.0 + (waited / rules.calm) ** 2),
-            order=np.argsort(self.right_of_way(way), axis=1, kind="stable"),
-            spacing=np.clip(room, LEAST_SPACING, self.targets.spacing),
-            safe=np.clip(0.5 * room, LEAST_SAFE, rules.safe),
+            order=np.argsort(self.right_of_way(displacement), axis=1, kind="stable"),
+            spacing=np.clip(room, MIN_SPACING, self.targets.spacing),
+            safe=np.clip(0.5 * room, MIN_SAFE, rules.safe),
             inner=self.inner,
         )
 
-    def right_of_way(self, way: np.ndarray) -> np.ndarray:
+    def right_of_way(self, displacement: np.ndarray) -> np.ndarray:
         """Return sort keys (batch, parts) from distances to the targets, m: the smallest key has right of way."""
-        return way if self.info.flows else -way
+        return displacement if self.info.continuous_feed else -displacement

@@ -89,20 +89,22 @@ class PoseLaw(Law):
             self.settling = Settling(info, own.band, own.turn_band)
             self.slack = self.settling.slack
 
-    def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
+    def wanted(
+        self, measured: Measured, displacement: np.ndarray, heading_error: np.ndarray, memory: Any
+    ) -> tuple[np.ndarray, Any]:
         """See :meth:`.law.Law.wanted`."""
-        distance = np.sqrt((way**2).sum(axis=-1))
-        toward = way / np.maximum(distance, 1e-12)[..., None]
+        distance = np.sqrt((displacement**2).sum(axis=-1))
+        toward = displacement / np.maximum(distance, 1e-12)[..., None]
         closing = (measured.velocity * toward).sum(axis=-1)
         velocity = landing_speed(self.curve, self.approach, self.step, 0.0, distance, closing)[..., None] * toward
-        left, spin = np.abs(turn), measured.spin * np.sign(turn)
+        left, spin = np.abs(heading_error), measured.spin * np.sign(heading_error)
         rate = landing_speed(self.turn_curve, self.turn_approach, self.step, self.over, left, spin)
         # No faster than necessary: pushes that turn a part do not move it.
         time = time_left(distance, closing, self.gain, self.curve)
         rate = np.where(time > SOON, np.minimum(rate, left / np.maximum(time, SOON)), rate)
-        rates = np.concatenate([velocity, (np.sign(turn) * rate)[..., None]], axis=-1)
+        rates = np.concatenate([velocity, (np.sign(heading_error) * rate)[..., None]], axis=-1)
         wanted = (rates - measured.rate) / self.step
-        return wanted if self.settling is None else self.settling(measured, way, turn, wanted), memory
+        return wanted if self.settling is None else self.settling(measured, displacement, heading_error, wanted), memory
 
 
 def allowed_turn(info: TaskInfo) -> float:
@@ -125,7 +127,7 @@ class StoppingCurve:
 
     Attributes:
         speed: (NODES, parts) from 0 to the top, evenly spaced.
-        way: (NODES, parts) m or rad, stopping distance from that speed.
+        displacement: (NODES, parts) m or rad, stopping distance from that speed.
     """
 
     def __init__(self, process: FrictionalInverse, push: np.ndarray, top: np.ndarray, turning: bool) -> None:
@@ -135,8 +137,8 @@ class StoppingCurve:
         velocity[..., axis], pushes[..., axis] = speed, -push
         braking = -process.acceleration(velocity, pushes)[0][..., axis]
         step = np.diff(speed, axis=0)
-        ways = 0.5 * (speed[1:] + speed[:-1]) * step / (0.5 * (braking[1:] + braking[:-1]))
-        self.speed, self.way = speed, np.concatenate([np.zeros((1, parts)), np.cumsum(ways, axis=0)])
+        displacements = 0.5 * (speed[1:] + speed[:-1]) * step / (0.5 * (braking[1:] + braking[:-1]))
+        self.speed, self.displacement = speed, np.concatenate([np.zeros((1, parts)), np.cumsum(displacements, axis=0)])
 
 
 ROUNDS = 4  # iterations for the speed at the end of the step, on which the distance left by then depends
@@ -144,42 +146,44 @@ INSIDE = 0.7  # share of the allowed overshoot within which a part has to arrive
 
 
 @jit
-def speed_at(ways, speeds, p, approach, way):
-    """Return the speed of part ``p`` on its curve at the distance ``way`` (>= 0), at most ``approach * way``."""
-    low, high = 0, ways.shape[0] - 1
-    if way >= ways[high, p]:
-        return min(speeds[high, p], approach * way)
+def speed_at(displacements, speeds, p, approach, displacement):
+    """Return the speed of part ``p`` on its curve at a distance of its goal, at most ``approach`` times that."""
+    low, high = 0, displacements.shape[0] - 1
+    if displacement >= displacements[high, p]:
+        return min(speeds[high, p], approach * displacement)
     while high - low > 1:
         middle = (low + high) // 2
-        if ways[middle, p] <= way:
+        if displacements[middle, p] <= displacement:
             low = middle
         else:
             high = middle
-    share = (way - ways[low, p]) / (ways[high, p] - ways[low, p])
-    return min(speeds[low, p] + share * (speeds[high, p] - speeds[low, p]), approach * way)
+    share = (displacement - displacements[low, p]) / (displacements[high, p] - displacements[low, p])
+    return min(speeds[low, p] + share * (speeds[high, p] - speeds[low, p]), approach * displacement)
 
 
 @jit
-def speed_along(ways, speeds, p, approach, step, left, now):
+def speed_along(displacements, speeds, p, approach, step, left, now):
     """Return the speed at the end of the step that is on the curve then: ``v' = curve(left - T (v + v') / 2)``."""
-    speed = speed_at(ways, speeds, p, approach, max(left - step * now, 0.0))
+    speed = speed_at(displacements, speeds, p, approach, max(left - step * now, 0.0))
     for _ in range(ROUNDS):
         ahead = max(left - 0.5 * step * (now + speed), 0.0)
-        speed = 0.5 * (speed + speed_at(ways, speeds, p, approach, ahead))
+        speed = 0.5 * (speed + speed_at(displacements, speeds, p, approach, ahead))
     return speed
 
 
 @jit
-def land(ways, speeds, approach, step, over, left, now, result):
+def land(displacements, speeds, approach, step, over, left, now, result):
     """Compute speeds (batch, parts) for the end of the step into ``result``; see :func:`landing_speed`."""
     for w in range(left.shape[0]):
         for p in range(left.shape[1]):
-            way, rate = left[w, p], now[w, p]
+            displacement, rate = left[w, p], now[w, p]
             # Speeds at the end of the step of parts that cover these distances in it with constant acceleration.
-            arriving = 2.0 * (way - INSIDE * over) / step - rate
-            back = 2.0 * (way + INSIDE * over) / step - rate
-            latest = speed_along(ways, speeds, p, approach, step, way + over, rate)
-            speed = min(max(speed_along(ways, speeds, p, approach, step, way, rate), arriving), latest)
+            arriving = 2.0 * (displacement - INSIDE * over) / step - rate
+            back = 2.0 * (displacement + INSIDE * over) / step - rate
+            latest = speed_along(displacements, speeds, p, approach, step, displacement + over, rate)
+            speed = min(
+                max(speed_along(displacements, speeds, p, approach, step, displacement, rate), arriving), latest
+            )
             result[w, p] = min(speed, max(back, -2.0 * over / step))
 
 
@@ -206,26 +210,35 @@ def landing_speed(
         (batch, parts) speeds towards the target, m/s or rad/s; negative: away from it.
     """
     result = np.empty(left.shape)
-    land(curve.way, curve.speed, approach, step, over, np.ascontiguousarray(left), np.ascontiguousarray(now), result)
+    land(
+        curve.displacement,
+        curve.speed,
+        approach,
+        step,
+        over,
+        np.ascontiguousarray(left),
+        np.ascontiguousarray(now),
+        result,
+    )
     return result
 
 
-def time_left(way: np.ndarray, now: np.ndarray, gain: np.ndarray, curve: StoppingCurve) -> np.ndarray:
-    """Estimate the time (batch, parts), s, in which parts can stop at a place ``way`` ahead.
+def time_left(displacement: np.ndarray, now: np.ndarray, gain: np.ndarray, curve: StoppingCurve) -> np.ndarray:
+    """Estimate the time (batch, parts), s, in which parts can stop at a place ``displacement`` ahead.
 
     They accelerate constantly, at most to the top speed of the curve, and brake at its mean rate.
 
     Args:
-        way: (batch, parts) m.
+        displacement: (batch, parts) m.
         now: (batch, parts) m/s towards the place.
         gain: (parts,) m/s^2.
         curve: for positions.
     """
-    top, full = curve.speed[-1], curve.way[-1]
+    top, full = curve.speed[-1], curve.displacement[-1]
     now = np.clip(now, 0.0, top)
     loss = top**2 / (2.0 * full)
-    peak = np.minimum(np.sqrt((2.0 * way + now**2 / gain) / (1.0 / gain + 1.0 / loss)), top)
-    cruise = way - (peak**2 - now**2) / (2.0 * gain) - peak**2 / (2.0 * loss)
+    peak = np.minimum(np.sqrt((2.0 * displacement + now**2 / gain) / (1.0 / gain + 1.0 / loss)), top)
+    cruise = displacement - (peak**2 - now**2) / (2.0 * gain) - peak**2 / (2.0 * loss)
     return np.maximum((peak - now) / gain, 0.0) + peak / loss + np.maximum(cruise, 0.0) / top
 
 

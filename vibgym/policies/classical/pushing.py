@@ -17,7 +17,7 @@ from pydantic import Field
 from vibgym import Part
 from vibgym.kernels.jit import exact
 from vibgym.policies.classical.measured import Measured, wrap
-from vibgym.policies.classical.steering import LawChoice, Memory, Steering
+from vibgym.policies.classical.steering import LawChoice, Steering, SteeringMemory
 from vibgym.policies.task_info import TaskInfo
 from vibgym.settings import Length, Speed
 
@@ -119,8 +119,8 @@ class PushingPolicy(Steering):
 
     def __init__(self, info: TaskInfo, settings: Settings | None = None) -> None:
         super().__init__(info, settings)
-        driven, asked = np.array(info.driven), np.array(info.asked)
-        if not info.has_goal or info.goal_moves or (asked & ~driven).sum() != 1 or (driven & ~asked).sum() != 2:
+        driven, scored = np.array(info.driven), np.array(info.scored)
+        if not info.has_goal or info.goal_moves or (scored & ~driven).sum() != 1 or (driven & ~scored).sum() != 2:
             required = "a task with a goal for one part that elements do not drive, and two driven parts without goals"
             raise info.unsupported("push", required)
         self.driven = driven
@@ -133,7 +133,7 @@ class PushingPolicy(Steering):
         self._gram = effect @ effect.T
         self._fits = np.sqrt(((place[:, None] - place) ** 2).sum(axis=-1)) > 2.0 * self.reach + 0.5 * ROOM
 
-    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+    def act(self, measured: Measured, memory: SteeringMemory, new: np.ndarray) -> tuple[np.ndarray, SteeringMemory]:
         """See :meth:`.steering.Steering.act`."""
         velocity = np.zeros_like(measured.centre)
         velocity[:, self.pushers] = self.velocities(measured)
@@ -144,16 +144,18 @@ class PushingPolicy(Steering):
         """Return the set velocities (batch, 2, 2) of the pushers, m/s."""
         manner, outline, gyration = self.settings, self.outline, self.outline.gyration
         centre, heading = measured.centre[:, self.pushed], measured.heading[:, self.pushed]
-        way, turn = measured.way[:, self.pushed], measured.turn[:, self.pushed]
+        displacement, heading_error = measured.displacement[:, self.pushed], measured.heading_error[:, self.pushed]
         to_world = rotation(heading)
-        left = np.concatenate([np.einsum("bji,bj->bi", to_world, way), (gyration * turn)[:, None]], axis=-1)
+        left = np.concatenate(
+            [np.einsum("bji,bj->bi", to_world, displacement), (gyration * heading_error)[:, None]], axis=-1
+        )
         length = np.sqrt((left**2).sum(axis=-1))
         # Places of the pushers in the part's frame.
         at = np.einsum("bji,bkj->bki", to_world, measured.centre[:, self.pushers] - centre[:, None])
         chosen, push, sweep = self.choose(left / np.maximum(length, 1e-9)[:, None], at, centre, to_world)
         place = outline.place[chosen]  # (batch, 2, 2)
-        done = (np.hypot(way[:, 0], way[:, 1]) < manner.still * self.info.position_tolerance) & (
-            np.abs(turn) < manner.still * self.info.heading_tolerance
+        done = (np.hypot(displacement[:, 0], displacement[:, 1]) < manner.still * self.info.position_tolerance) & (
+            np.abs(heading_error) < manner.still * self.info.heading_tolerance
         )
         off = place - at
         ready = np.hypot(off[..., 0], off[..., 1]) < manner.ready
@@ -223,14 +225,14 @@ class PushingPolicy(Steering):
             here: (batch, 2) rad, directions of the pushers from the part.
             sweeps: (batch, 2, 2, n) rad, by which each pusher goes round on the shorter and on the longer path.
         """
-        outline, turn = self.outline, np.abs(sweeps)
+        outline, sweep = self.outline, np.abs(sweeps)
         away, radius = np.hypot(at[..., 0], at[..., 1])[..., None, None], float(outline.round.mean())
         there = np.hypot(outline.place[:, 0], outline.place[:, 1])
         # Straight to the place if the part is not between; else along a tangent and round the part.
         seen = np.arccos(np.minimum(radius / np.maximum(away, 1e-9), 1.0))
-        straight = np.sqrt(np.maximum(away**2 + there**2 - 2.0 * away * there * np.cos(turn), 0.0))
-        bent = np.sqrt(np.maximum(away**2 - radius**2, 0.0)) + radius * (turn - seen)
-        cost = np.where(turn < seen, straight, bent + np.abs(there - np.minimum(away, radius)))
+        straight = np.sqrt(np.maximum(away**2 + there**2 - 2.0 * away * there * np.cos(sweep), 0.0))
+        bent = np.sqrt(np.maximum(away**2 - radius**2, 0.0)) + radius * (sweep - seen)
+        cost = np.where(sweep < seen, straight, bent + np.abs(there - np.minimum(away, radius)))
         return cost + BARRED * self.barred(here, sweeps, centre, to_world)
 
     def barred(self, here: np.ndarray, sweeps: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
@@ -269,10 +271,12 @@ class PushingPolicy(Steering):
         radius = np.maximum(self.round_at(here), self.round_at(ahead)) + self.settings.clear
         target = radius[..., None] * np.stack([np.cos(ahead), np.sin(ahead)], axis=-1)
         # Outwards, where a pusher is too near to go round.
-        way = target - at
+        displacement = target - at
         lack = np.maximum(self.round_at(here) + 0.5 * self.settings.clear - away, 0.0)
         outward = at / np.maximum(away, 1e-9)[..., None]
-        along = self.top * way / np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-9)[..., None]
+        along = (
+            self.top * displacement / np.maximum(np.hypot(displacement[..., 0], displacement[..., 1]), 1e-9)[..., None]
+        )
         return along + (lack / self.settings.along)[..., None] * 4.0 * outward
 
     def round_at(self, angle: np.ndarray) -> np.ndarray:

@@ -32,7 +32,7 @@ TURN_ROOM = 0.010  # m, distance to the nearest other part below which a part tu
 SPIN_LIMIT = (1.0 - 1e-6) * SPIN  # rad/s, range of observations; faster spins are predicted
 
 
-class Memory(NamedTuple):
+class SteeringMemory(NamedTuple):
     """Memory of :class:`Steering`."""
 
     # (batch, parts, 3) m/s^2 and rad/s^2, that the parts got in the last step, without the disturbance
@@ -138,23 +138,23 @@ class Steering:
         """s, a target ``lead * v`` ahead of a part makes it move at the velocity ``v``; see :func:`.law.lead_of`."""
         return lead_of(self.law, self.info, 0.5 * self.top)
 
-    def initial(self, batch: int) -> Memory:
+    def initial(self, batch: int) -> SteeringMemory:
         """Return the memory at the start of an episode."""
         shape = batch, len(self.info.parts)
         observer = () if self.observer is None else self.observer.begin(batch)
-        return Memory(
+        return SteeringMemory(
             np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape), self.output.begin(batch), observer
         )
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
-    ) -> tuple[np.ndarray, Memory]:
+    ) -> tuple[np.ndarray, SteeringMemory]:
         """Return actions from measured poses and mean velocities, and the memory; see :class:`.task_info.Policy`."""
         measured = Measured.of(observation, self.info)
         memory, new = recall(state, episode_start, self.initial(1), len(measured.centre), measured.arrived)
         return self.act(self.expected(measured, memory), memory, new)
 
-    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+    def act(self, measured: Measured, memory: SteeringMemory, new: np.ndarray) -> tuple[np.ndarray, SteeringMemory]:
         """Return the action and the new memory.
 
         Args:
@@ -164,7 +164,7 @@ class Steering:
         """
         raise NotImplementedError
 
-    def expected(self, measured: Measured, memory: Memory) -> Measured:
+    def expected(self, measured: Measured, memory: SteeringMemory) -> Measured:
         """Predict positions for the middle of the step's excess over a period, and velocities for the start of the step.
 
         A mean velocity over a period is half a period old: a part that brakes is slower by now. Its acceleration is known, or
@@ -184,24 +184,26 @@ class Steering:
         measured = replace(measured, velocity=measured.velocity + gained[..., :2], spin=spin)
         if self.ahead == 0.0 and self.learner is None:
             return measured
-        moved, turn = self.ahead * measured.velocity, self.ahead * measured.spin
+        moved, rotated = self.ahead * measured.velocity, self.ahead * measured.spin
         if self.learner is not None:  # later measurements will show the gain errors of elements
             unseen, doubt = self.learner.learn(measured, memory.output)
             measured = replace(measured, doubt=doubt)
-            moved, turn = moved + unseen[..., :2], turn + unseen[..., 2]
+            moved, rotated = moved + unseen[..., :2], rotated + unseen[..., 2]
         goal = self.ahead * measured.goal_velocity
         return replace(
             measured,
             centre=measured.centre + moved,
-            heading=measured.heading + turn,
-            way=measured.way + goal[..., :2] - moved if self.info.has_goal else measured.way,
-            turn=measured.turn + goal[..., 2] - turn if self.info.has_heading else measured.turn,
+            heading=measured.heading + rotated,
+            displacement=measured.displacement + goal[..., :2] - moved if self.info.has_goal else measured.displacement,
+            heading_error=measured.heading_error + goal[..., 2] - rotated
+            if self.info.has_heading
+            else measured.heading_error,
         )
 
     def steer(
-        self, measured: Measured, way: np.ndarray, memory: Memory, free: np.ndarray | None = None
-    ) -> tuple[np.ndarray, Memory]:
-        """Return the action that moves the parts by ``way`` (batch, parts, 2) m and turns them to their goal headings.
+        self, measured: Measured, displacement: np.ndarray, memory: SteeringMemory, free: np.ndarray | None = None
+    ) -> tuple[np.ndarray, SteeringMemory]:
+        """Return the action that moves parts by ``displacement`` (batch, parts, 2) m and turns them to their goal headings.
 
         Args:
             free: (batch, parts) bool, parts that turn at full speed however near others are; None: no part.
@@ -210,7 +212,7 @@ class Steering:
         if free is not None:
             room = np.where(free, 1.0, room)
         seen = measured if self.preview is None else from_goals(measured)
-        wanted, law = self.law.wanted(seen, way, room * self._turn(measured), memory.law)
+        wanted, law = self.law.wanted(seen, displacement, room * self._heading_error(measured), memory.law)
         unknown = _unknown(memory)
         wanted = wanted + measured.goal_acceleration - unknown
         moves, velocity = ~np.isnan(wanted[..., :1]), measured.rate
@@ -224,10 +226,10 @@ class Steering:
         # Pass the acceleration within limits, without the allocation's residual, which laws would take for saturation.
         limited = np.where(moves, allowed, acceleration) + unknown - measured.goal_acceleration
         observer = memory.observer and memory.observer._replace(start=velocity, valid=holds)
-        memory = Memory(acceleration, self.law.applied(seen, limited, law), spin, output, observer, memory.own)
+        memory = SteeringMemory(acceleration, self.law.applied(seen, limited, law), spin, output, observer, memory.own)
         return (action[0] if measured.single else action), memory
 
-    def acted(self, memory: Memory, proposed: np.ndarray, done: np.ndarray) -> Memory:
+    def acted(self, memory: SteeringMemory, proposed: np.ndarray, done: np.ndarray) -> SteeringMemory:
         """Return the memory after a step whose action was changed: given accelerations are those applied.
 
         The law's own state, such as the error integral of a PID, is unchanged.
@@ -250,20 +252,20 @@ class Steering:
         spin = memory.spin + self.gained * (acceleration - memory.acceleration)[..., 2]
         return memory._replace(acceleration=acceleration, spin=spin, output=memory.output._replace(given=effect))
 
-    def _turn(self, measured: Measured) -> np.ndarray:
+    def _heading_error(self, measured: Measured) -> np.ndarray:
         """Return heading errors (batch, parts) rad.
 
         Where headings do not count, several parts turn straight (heading 0, modulo their symmetry), to take up little of the
         table's width.
         """
         if self.info.has_heading:
-            return measured.turn
+            return measured.heading_error
         if len(self.info.parts) == 1:
             return np.zeros_like(measured.heading)
         return -wrap(measured.heading, self.symmetry)
 
 
-def _unknown(memory: Memory) -> np.ndarray | float:
+def _unknown(memory: SteeringMemory) -> np.ndarray | float:
     """Return the accelerations (batch, parts, 3) by disturbances, m/s^2 and rad/s^2; 0 without an observer."""
     return memory.observer.acceleration if memory.observer else 0.0
 
@@ -290,7 +292,7 @@ class LocalFieldPolicy(Steering):
         super().__init__(info, settings)
         info.check_places("local_field")
 
-    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+    def act(self, measured: Measured, memory: SteeringMemory, new: np.ndarray) -> tuple[np.ndarray, SteeringMemory]:
         """See :meth:`Steering.act`."""
         return self.steer(measured, self.targets(measured) - measured.centre, memory)
 
@@ -298,7 +300,7 @@ class LocalFieldPolicy(Steering):
         """Return the targets of the parts, (batch, parts, 2) m."""
         info, centre = self.info, measured.centre
         if info.has_goal:
-            return centre + measured.way
+            return centre + measured.displacement
         if info.zones is not None:
             zone = info.zones[list(info.kind)]
             inset = np.minimum(self.settings.margin, 0.5 * (zone[:, 2:] - zone[:, :2]))

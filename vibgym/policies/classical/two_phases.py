@@ -24,7 +24,7 @@ from vibgym.policies.classical import planner
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.motion_choice import INSTANTS, INTERVAL, set_velocity
 from vibgym.policies.classical.planner import PlannerPolicy
-from vibgym.policies.classical.steering import LawChoice, Memory
+from vibgym.policies.classical.steering import LawChoice, SteeringMemory
 from vibgym.policies.task_info import TaskInfo
 from vibgym.settings import Length
 from vibgym.simulation import threads as workers
@@ -141,7 +141,7 @@ SPIN = 4.0  # rad/s, lower limit of the predicted spin
 class Phase(NamedTuple):
     """The own memory of :class:`TwoPhasesPolicy`."""
 
-    plan: planner.Plan
+    plan: planner.TargetPlan
     goal: np.ndarray  # (batch, parts, 2) m
     apart: np.ndarray  # (batch, parts, 2) m, places of the pattern drawn apart minus goals
     goals: np.ndarray  # (batch, parts, parts) m, distances at the goals
@@ -189,16 +189,16 @@ class TwoPhasesPolicy(PlannerPolicy):
         if not info.has_goal or info.goal_moves:
             raise info.unsupported("two_phases", "a task whose parts have fixed goal poses, such as Pack")
 
-    def initial(self, batch: int) -> Memory:
+    def initial(self, batch: int) -> SteeringMemory:
         """Return the memory at the start of an episode."""
         parts, memory = len(self.info.parts), super().initial(batch)
         goal, apart = np.zeros((2, batch, parts, 2))
         goals, closing = np.full((batch, parts, parts), np.inf), np.zeros(batch, dtype=bool)
         return memory._replace(own=Phase(memory.own, goal, apart, goals, closing, np.zeros(batch)))
 
-    def act(self, measured: Measured, memory: Memory, new: np.ndarray) -> tuple[np.ndarray, Memory]:
+    def act(self, measured: Measured, memory: SteeringMemory, new: np.ndarray) -> tuple[np.ndarray, SteeringMemory]:
         """See :meth:`.steering.Steering.act`."""
-        phase, goal = memory.own, measured.centre + measured.way
+        phase, goal = memory.own, measured.centre + measured.displacement
         moved = measured.present & (np.hypot(*np.moveaxis(goal - phase.goal, -1, 0)) > EXCHANGED)
         for world in np.flatnonzero(new | moved.any(axis=1)).tolist():
             self.begin_world(world, measured, goal, phase)
@@ -209,15 +209,15 @@ class TwoPhasesPolicy(PlannerPolicy):
         # Parts that go straight need no plan.
         planned = replace(measured, present=measured.present & ~phase.closing[:, None])
         velocity, waited = self.choose(planned, plan)
-        way = np.where(closing, measured.way, self.lead * velocity)
-        turns = phase.closing[:, None] & (np.abs(measured.turn) < TURN)
+        displacement = np.where(closing, measured.displacement, self.lead * velocity)
+        turns = phase.closing[:, None] & (np.abs(measured.heading_error) < TURN)
         phase = phase._replace(plan=plan._replace(waited=waited))
-        return self.steer(measured, way, memory._replace(own=phase), turns)
+        return self.steer(measured, displacement, memory._replace(own=phase), turns)
 
     def begin_world(self, world: int, measured: Measured, goal: np.ndarray, phase: Phase) -> None:
         """Draw the pattern of a world apart, at the start of its first phase."""
         there = np.flatnonzero(measured.present[world])
-        heading = measured.heading[world] + measured.turn[world]
+        heading = measured.heading[world] + measured.heading_error[world]
         parts = [self.info.parts[k] for k in there]
         place = drawn_apart(self.info.surface, parts, goal[world, there], heading[there], self.settings.apart)
         phase.apart[world] = 0.0
@@ -230,8 +230,8 @@ class TwoPhasesPolicy(PlannerPolicy):
     def switch(self, measured: Measured, goal: np.ndarray, phase: Phase) -> None:
         """Start the second phase where straight paths to the goals are free, and the first where they are not; in place."""
         info, rules = self.info, self.settings
-        off = (np.hypot(*np.moveaxis(measured.way, -1, 0)) > info.position_tolerance) | (
-            np.abs(measured.turn) > info.heading_tolerance
+        off = (np.hypot(*np.moveaxis(measured.displacement, -1, 0)) > info.position_tolerance) | (
+            np.abs(measured.heading_error) > info.heading_tolerance
         )
         moves = np.hypot(*np.moveaxis(measured.velocity, -1, 0)) > planner.SLOW
         stands = phase.closing & (off & measured.present).any(axis=1) & ~(moves & measured.present).any(axis=1)
@@ -239,26 +239,26 @@ class TwoPhasesPolicy(PlannerPolicy):
         scene = self.scene(measured, goal, phase.goals, phase.plan.waited)
 
         def ask(start: int, stop: int) -> None:
-            may_close(start, stop, self.preferences, self.hulls, scene, measured.heading, measured.turn, phase.goals,
+            may_close(start, stop, self.preferences, self.hulls, scene, measured.heading, measured.heading_error, phase.goals,
                       (rules.margin, rules.growth, rules.share, rules.doubt), phase.closing)  # fmt: skip
 
         workers.share(ask, len(goal), self.threads)
         phase.closing[phase.stuck >= rules.give_up] = False
         # In a pattern that fills the width, parts side by side are too near, but their distance cannot grow: close in.
-        away = np.hypot(*np.moveaxis(measured.way + phase.apart, -1, 0)) > THERE
-        waits = (away | (np.abs(measured.turn) > info.heading_tolerance)) & measured.present
+        away = np.hypot(*np.moveaxis(measured.displacement + phase.apart, -1, 0)) > THERE
+        waits = (away | (np.abs(measured.heading_error) > info.heading_tolerance)) & measured.present
         phase.closing[~waits.any(axis=1)] = True
 
 
 @jit(allocates=True)
-def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, free):
+def may_close(start, stop, wants, hulls, scene, heading, heading_error, goals, margins, free):
     """Determine whether all parts of each world may go straight to their goals at once.
 
     Args:
         start, stop: first world, and the one after the last.
         wants, hulls: see :mod:`.motion_choice`.
         scene: whose targets are the goals.
-        heading, turn: (worlds, parts) rad, now and still to go.
+        heading, heading_error: (worlds, parts) rad, now and still to go.
         goals: (worlds, parts, parts) m, distances at the goals.
         margins: distance that two parts keep: its maximum, m; share of the remaining displacements, and of the goals' distance;
             allowed overlap of parts that go straight already, m.
@@ -274,8 +274,8 @@ def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, f
         for t in range(INSTANTS):
             for p in range(parts):
                 if scene.present[w, p]:
-                    left = max(abs(turn[w, p]) - SPIN * INTERVAL * (t + 1), 0.0)
-                    angle = heading[w, p] + np.sign(turn[w, p]) * (abs(turn[w, p]) - left)
+                    left = max(abs(heading_error[w, p]) - SPIN * INTERVAL * (t + 1), 0.0)
+                    angle = heading[w, p] + np.sign(heading_error[w, p]) * (abs(heading_error[w, p]) - left)
                     place_hulls(hulls, p, paths[p, t, 0], paths[p, t, 1], angle, placed)
             if not clear(hulls, placed, scene.present[w], paths, t, goals[w], margins, least):
                 free[w] = False

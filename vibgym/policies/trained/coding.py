@@ -20,7 +20,7 @@ TOUCHING = 0.02
 FRAMES = 3
 """Images of the part that ``pixels`` networks read: two give a velocity to a rounded pixel, a third refines it."""
 
-MOST_REMEMBERED = 100
+MAX_REMEMBERED = 100
 """Largest number of steps that rows contain."""
 
 NOTHING = np.zeros((0, 0, 0), dtype=np.float32)
@@ -33,7 +33,7 @@ class Inputs(NamedTuple):
     mask: np.ndarray  # (worlds, parts) float32, 1 where there is a part
     quarters: np.ndarray = NOTHING  # (worlds, parts) quarter turns of the rows; empty without 'turned'
     where: np.ndarray = NOTHING  # (worlds, parts, 4) columns position and element; empty unless actions need them
-    # (worlds, parts, values) the action, then the rest of the memory, in table coordinates; empty without 'remembers'
+    # (worlds, parts, values) the action, then the rest of the memory, in table coordinates; empty without 'history'
     command: np.ndarray = NOTHING
     frame: np.ndarray = NOTHING  # (worlds, 2) cosine and sine of the anchor's heading; of network 'joint' only
 
@@ -57,10 +57,10 @@ class Coding:
             training had.
         turned: turn each row by quarter turns until its displacement points right and up, and turn the actions back. The
             network is then equal in all four directions (:mod:`vibgym.policies.trained.symmetry`).
-        remembers: number of steps of which rows contain, after the part's own columns, its action, the last step first; zeros
+        history: number of steps of which rows contain, after the part's own columns, its action, the last step first; zeros
             before the start of an episode and before a part has arrived. True: 1. Measured velocities are means over the last
             period; the previous action determines the velocity at its end. With a delay more actions are under way.
-        recalls: names of the part's own columns that rows also contain as they were before each of these actions.
+        history_columns: names of the part's own columns that rows also contain as they were before each of these actions.
 
     Attributes:
         shape: of rows and actions.
@@ -69,7 +69,7 @@ class Coding:
 
     Raises:
         ValueError: an action that is neither by part nor by element, columns that this scene does not have, a number of steps
-            outside [0, 100], or ``recalls`` without ``remembers``.
+            outside [0, 100], or ``history_columns`` without ``history``.
     """
 
     observation: str = "parts"
@@ -88,8 +88,8 @@ class Coding:
         action: str,
         columns: Sequence[Sequence[Any]] | None = None,
         turned: bool = False,
-        remembers: int = 0,
-        recalls: Sequence[str] = (),
+        history: int = 0,
+        history_columns: Sequence[str] = (),
     ) -> None:
         self.surface, self.parts, self.action = surface, tuple(parts), action
         whole: int = ACTIONS.choose("action", action)(surface, self.parts).size
@@ -110,15 +110,15 @@ class Coding:
         if len(nearest) == 2:  # counted from the end, since rows that remember have more columns before
             self._nearest = [start - self.shape.columns for start in nearest]
         self._own = self.shape.own
-        self.remembers = steps_of(remembers)
-        recalled = recalled_of(recalls, [row for row in layout if row.start < self._own], self.remembers)
-        self.recalls = [row.name for row in recalled]
+        self.history = steps_of(history)
+        recalled = recalled_of(history_columns, [row for row in layout if row.start < self._own], self.history)
+        self.history_columns = [row.name for row in recalled]
         self._recall = [k for row in recalled for k in range(row.start, row.start + row.width)]
         self.turned = turned
         if turned:
             seen = [[row.name, row.width] for row in recalled]
             self._turns = Turns(self.columns, self.parts, action, self.shape, seen)
-        self._memory = self.remembers * (size + len(self._recall))
+        self._memory = self.history * (size + len(self._recall))
         self.shape = self.shape._replace(columns=self.shape.columns + self._memory)
 
     def encode(self, observation: Any, before: Any = None, start: np.ndarray | None = None) -> Inputs:
@@ -126,7 +126,7 @@ class Coding:
 
         Args:
             observation: dictionary of ``parts`` and ``mask``.
-            before: inputs of the last step, whose ``command`` holds the actions since; None: none. Only for 'remembers'.
+            before: inputs of the last step, whose ``command`` holds the actions since; None: none. Only for 'history'.
             start: (worlds,) bool, whether an episode has begun since: previous actions are then 0.
 
         Raises:
@@ -151,7 +151,7 @@ class Coding:
         if self._turns is not None:
             quarters = self._turns.ahead(rows)
             inputs = inputs._replace(rows=self._turns.turn_rows(quarters, rows), quarters=quarters)
-        return self._with_command(inputs, recalled, before, start) if self.remembers else inputs
+        return self._with_command(inputs, recalled, before, start) if self.history else inputs
 
     def _with_command(self, inputs: Inputs, recalled: np.ndarray, before: Any, start: np.ndarray | None) -> Inputs:
         """Return ``inputs`` with previous steps in its rows, and in ``command`` zeros for the next actions, then this memory.
@@ -169,7 +169,7 @@ class Coding:
             command[...] = before.command * (before.mask[..., None] > 0.5)
             if start is not None:
                 command[np.asarray(start, dtype=bool)] = 0.0
-        steps = command.reshape(*inputs.mask.shape, self.remembers, -1)
+        steps = command.reshape(*inputs.mask.shape, self.history, -1)
         turned = steps if self._turns is None else self._turns.turn_steps(inputs.quarters, steps)
         own, others = inputs.rows[..., : self._own], inputs.rows[..., self._own :]
         rows = np.concatenate([own, turned.reshape(command.shape), others], axis=-1)
@@ -195,11 +195,11 @@ class Coding:
     def decode(self, inputs: Inputs, of_parts: np.ndarray) -> np.ndarray:
         """Return the environment's actions (worlds, n) float32 for network outputs (worlds, parts, values).
 
-        With 'remembers' the actions are stored in ``inputs.command``.
+        With 'history' the actions are stored in ``inputs.command``.
         """
         if self._turns is not None:
             of_parts = self._turns.turn_actions(-inputs.quarters, of_parts)
-        if self.remembers:
+        if self.history:
             inputs.command[..., : self.shape.action] = of_parts
         if self._code is None:
             return of_parts.reshape(len(of_parts), -1)
@@ -251,7 +251,7 @@ class ImageCoding(Coding):
         layout: not used; an image has no columns.
         action: the environment's ``action=``.
         columns: ``[["part", frames], ["goal", 1]]``; None: :data:`FRAMES` frames.
-        turned, remembers, recalls: False and empty.
+        turned, history, history_columns: False and empty.
 
     Raises:
         ValueError: several parts, an action that is not by part, or other columns.
@@ -267,12 +267,12 @@ class ImageCoding(Coding):
         action: str,
         columns: Sequence[Sequence[Any]] | None = None,
         turned: bool = False,
-        remembers: int = 0,
-        recalls: Sequence[str] = (),
+        history: int = 0,
+        history_columns: Sequence[str] = (),
     ) -> None:
         self.surface, self.parts, self.action = surface, tuple(parts), action
-        self.turned, self.remembers, self.recalls = turned, steps_of(remembers), list(recalls)
-        for name, value in (("turned", turned), ("remembers", remembers), ("recalls", recalls)):
+        self.turned, self.history, self.history_columns = turned, steps_of(history), list(history_columns)
+        for name, value in (("turned", turned), ("history", history), ("history_columns", history_columns)):
             if value:
                 raise checks.conflict(f"{name} is not supported by network 'pixels'")
         if len(parts) != 1:
@@ -322,21 +322,21 @@ class ImageCoding(Coding):
         return np.ndim(observation) == 3
 
 
-def steps_of(remembers: Any) -> int:
+def steps_of(history: Any) -> int:
     """Return the number of steps that rows contain.
 
     Raises:
-        ValueError: neither a bool nor a whole number in [0, :data:`MOST_REMEMBERED`].
+        ValueError: neither a bool nor a whole number in [0, :data:`MAX_REMEMBERED`].
     """
-    whole = int(remembers) if isinstance(remembers, bool) else remembers
-    return checks.count("remembers", whole, least=0, most=MOST_REMEMBERED)
+    whole = int(history) if isinstance(history, bool) else history
+    return checks.count("history", whole, least=0, most=MAX_REMEMBERED)
 
 
-def recalled_of(recalls: Any, layout: Sequence[Any], steps: int) -> list[Any]:
+def recalled_of(history_columns: Any, layout: Sequence[Any], steps: int) -> list[Any]:
     """Return the columns that rows contain of earlier steps, in the order of a row.
 
     Args:
-        recalls: their names.
+        history_columns: their names.
         layout: the part's own columns.
         steps: number of earlier steps.
 
@@ -344,13 +344,13 @@ def recalled_of(recalls: Any, layout: Sequence[Any], steps: int) -> list[Any]:
         ValueError: not a list of names of these columns, or no earlier steps.
     """
     names = tuple(row.name for row in layout)
-    if isinstance(recalls, str) or not isinstance(recalls, Sequence):
-        raise checks.refuse("recalls", recalls, "a list of columns")
-    for name in recalls:
-        checks.choice("recalls", name, names)
-    if recalls and not steps:
-        raise checks.conflict("recalls requires remembers, the number of steps")
-    return [row for row in layout if row.name in recalls]
+    if isinstance(history_columns, str) or not isinstance(history_columns, Sequence):
+        raise checks.refuse("history_columns", history_columns, "a list of columns")
+    for name in history_columns:
+        checks.choice("history_columns", name, names)
+    if history_columns and not steps:
+        raise checks.conflict("history_columns requires history, the number of steps")
+    return [row for row in layout if row.name in history_columns]
 
 
 def picked(layout: Sequence[Any], columns: Sequence[Sequence[Any]] | None) -> tuple[np.ndarray | None, list[Any]]:

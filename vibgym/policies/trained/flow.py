@@ -18,7 +18,7 @@ from vibgym.policies.classical.measured import recall
 from vibgym.policies.trained.coding import Coding
 from vibgym.policies.trained.networks import ENCODERS, Tensors, linear
 
-MOST_HORIZON = 64
+MAX_HORIZON = 64
 TIMES = 8
 """Sines and cosines of the time of the flow."""
 
@@ -26,7 +26,7 @@ EPSILON = np.float32(1e-5)
 """Of torch's layer normalization."""
 
 
-class Plan(NamedTuple):
+class FlowPlan(NamedTuple):
     """Memory of a policy."""
 
     inputs: Any  # of the last step
@@ -85,7 +85,7 @@ class FlowPolicy:
         self.action, self.observation = coding.action, coding.observation
         if not isinstance(flow, dict) or set(flow) != {"horizon", "executed", "steps", "scale"}:
             raise checks.refuse("flow", flow, "a mapping of 'horizon', 'executed', 'steps' and 'scale'")
-        self.horizon = checks.count("flow.horizon", flow["horizon"], most=MOST_HORIZON)
+        self.horizon = checks.count("flow.horizon", flow["horizon"], most=MAX_HORIZON)
         self.executed = checks.count("flow.executed", flow["executed"], most=self.horizon)
         self.euler = checks.count("flow.steps", flow["steps"], most=1000)
         self.scale = np.float32(checks.number("flow.scale", flow["scale"], above=0.0, most=10.0))
@@ -95,12 +95,14 @@ class FlowPolicy:
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Return actions in [-1, 1] for one observation or a batch; the state is a :class:`Plan`."""
+        """Return actions in [-1, 1] for one observation or a batch; the state is a :class:`FlowPlan`."""
         inputs = self.coding.encode(observation, getattr(state, "inputs", None), episode_start)
         worlds, rows = inputs.rows.shape[:2]
         zeros = np.zeros(1, dtype=np.int64)
-        first = Plan((), np.zeros((1, rows, self.horizon, self.coding.shape.action), dtype=np.float32), zeros, zeros)
-        own = state._replace(inputs=()) if isinstance(state, Plan) else state
+        first = FlowPlan(
+            (), np.zeros((1, rows, self.horizon, self.coding.shape.action), dtype=np.float32), zeros, zeros
+        )
+        own = state._replace(inputs=()) if isinstance(state, FlowPlan) else state
         plan, begins = recall(own, episode_start, first, worlds)
         due = begins | (plan.age >= self.executed)
         actions, age = plan.actions, np.where(due, 0, plan.age)
@@ -110,7 +112,7 @@ class FlowPolicy:
         of_parts = actions[np.arange(worlds), :, age]
         done = self.coding.decode(inputs, np.clip(of_parts, -1.0, 1.0).astype(np.float32))
         single = self.coding.single(observation)
-        return (done[0] if single else done), Plan(inputs, actions, age + 1, plan.count + due)
+        return (done[0] if single else done), FlowPlan(inputs, actions, age + 1, plan.count + due)
 
     def outputs(self, rows: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return the actions (worlds, rows, values) of a plan from zero noise, one array for each step of the horizon."""

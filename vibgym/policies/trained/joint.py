@@ -27,7 +27,7 @@ WAVES = math.pi / 0.24 * np.array([1.0, 2.0, 4.0, 8.0])
 SAME = 1e-6
 """Largest distance of equal corners, m."""
 
-MOST_EXCHANGED = 6
+MAX_EXCHANGED = 6
 """Most parts in a scene in which equal ones are exchanged."""
 
 
@@ -56,7 +56,7 @@ class JointCoding(Coding):
     own columns, without neighbours. If the anchor's heading is unique, vectors and the velocities of actions are in the
     anchor's frame, else in the table's. The position of other parts is replaced by their displacement from the anchor.
 
-    Args: see :class:`.coding.Coding`; ``turned``, ``remembers`` and ``recalls`` must be False or empty.
+    Args: see :class:`.coding.Coding`; ``turned``, ``history`` and ``history_columns`` must be False or empty.
 
     Attributes:
         equivalents: transformations of rows and outputs to equivalent scenes; the first changes nothing. Equal driven parts are
@@ -74,14 +74,14 @@ class JointCoding(Coding):
         action: str,
         columns: Sequence[Sequence[Any]] | None = None,
         turned: bool = False,
-        remembers: int = 0,
-        recalls: Sequence[str] = (),
+        history: int = 0,
+        history_columns: Sequence[str] = (),
     ) -> None:
-        for name, value in (("turned", turned), ("remembers", remembers), ("recalls", recalls)):
+        for name, value in (("turned", turned), ("history", history), ("history_columns", history_columns)):
             if value:
                 raise checks.conflict(f"{name} is not supported by network 'joint'")
         checks.choice("action", action, ("velocity",))
-        super().__init__(surface, parts, layout, action, columns, remembers=remembers)
+        super().__init__(surface, parts, layout, action, columns, history=history)
         names, starts = [name for name, _ in self.columns], np.cumsum([0, *(width for _, width in self.columns)])
         for name in ("position", "heading"):
             if name not in names:
@@ -116,7 +116,7 @@ class JointCoding(Coding):
     def _exchanges(self, block: int, values: int) -> list[Equivalent]:
         """Return the exchanges of equal parts other than the anchor, first that which changes nothing."""
         numbers, exchanges = range(len(self.parts)), list[Equivalent]()
-        for order in itertools.permutations(numbers) if len(numbers) <= MOST_EXCHANGED else [tuple(numbers)]:
+        for order in itertools.permutations(numbers) if len(numbers) <= MAX_EXCHANGED else [tuple(numbers)]:
             same = all(self.parts[k].same_as(self.parts[other]) for k, other in enumerate(order))
             if same and order[self.anchor] == self.anchor:
                 rows = [np.arange(self._own_columns)]

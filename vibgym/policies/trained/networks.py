@@ -25,7 +25,7 @@ CELL = 3
 SCALES = (0.25, 0.05, 0.01)
 """m, units of displacements in ``pixels`` networks, before tanh."""
 
-LEAST_MASS = 1e-6
+MIN_MASS = 1e-6
 """Added to masses, so that the centroid of an empty image is defined; a full square has a mass of about 1."""
 
 ABSENT = np.float32(-1e9)  # logit of an absent neighbour
@@ -200,7 +200,7 @@ def encode_pixels(tensors: Tensors, shape: ImageShape, rows: np.ndarray) -> np.n
     # reduceat returns one square for an empty plane, and needs a square after the last plane.
     sums = np.add.reduceat(np.concatenate([moments, np.zeros((1, *moments.shape[1:]), np.float32)]), first[:-1])
     sums[first[1:] == first[:-1]] = 0.0
-    place = sums[..., 1:] / (sums[..., :1] + np.float32(LEAST_MASS))
+    place = sums[..., 1:] / (sums[..., :1] + np.float32(MIN_MASS))
     place = place.reshape(*rows.shape[:-1], -1, 2)
     mix = tensors["eyes.mix"]
     displacement = (mix - mix.mean(axis=1, keepdims=True)) @ place

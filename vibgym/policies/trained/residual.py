@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 
 from vibgym import checks
-from vibgym.envs.features import Numbers
+from vibgym.envs.features import LayoutEntry
 from vibgym.envs.motions import MOTIONS
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import Policy, TaskInfo
@@ -28,7 +28,7 @@ from vibgym.settings import BaseSettings, read
 SCALE = 0.5
 """Default factor of the network's action."""
 
-MOST_SCALE = 2.0  # changes any action to any other
+MAX_SCALE = 2.0  # changes any action to any other
 
 CORRECTED = tuple(MOTIONS)
 """Actions that can be corrected: three values per part."""
@@ -37,17 +37,17 @@ NAME, NUMBERS = "base", 3
 """Name and width of the base's action in a row."""
 
 
-def with_base(layout: Sequence[Numbers]) -> tuple[Numbers, ...]:
+def with_base(layout: Sequence[LayoutEntry]) -> tuple[LayoutEntry, ...]:
     """Return a row's layout with the base's action after the part's own columns, before its neighbours'."""
     rows = list(layout)
     at = next((k for k, row in enumerate(rows) if row.name.endswith(NEIGHBOUR)), len(rows))
     start = rows[at].start if at < len(rows) else rows[-1].start + rows[-1].width
     meaning = "action of the base policy: acceleration, velocity or target, x, y and angular"
-    base = Numbers(NAME, None, start, NUMBERS, "1", (1.0,) * NUMBERS, (-1.0, 1.0), meaning, "linear")
+    base = LayoutEntry(NAME, None, start, NUMBERS, "1", (1.0,) * NUMBERS, (-1.0, 1.0), meaning, "linear")
     return (*rows[:at], base, *(row._replace(start=row.start + NUMBERS) for row in rows[at:]))
 
 
-class Memory(NamedTuple):
+class ResidualMemory(NamedTuple):
     """State of the policy from step to step."""
 
     base: Any  # of the base policy
@@ -75,7 +75,7 @@ class Base:
         checks.choice("base.action", policy.action, CORRECTED)
         checks.choice("base.observation", policy.observation, ("state",))
         self.policy, self.parts = policy, len(info.parts)
-        self.scale = np.float32(checks.number("scale", scale, above=0.0, most=MOST_SCALE))
+        self.scale = np.float32(checks.number("scale", scale, above=0.0, most=MAX_SCALE))
         self.layout = with_base(info.parts_layout)
         self._at = next(row.start for row in self.layout if row.name == NAME)
         self._acted = getattr(policy, "acted", lambda memory, proposed, done: memory)
@@ -115,17 +115,17 @@ class ResidualPolicy:
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Return actions; the state is a :class:`Memory`."""
+        """Return actions; the state is a :class:`ResidualMemory`."""
         single = np.ndim(observation["mask"]) == 1
         seen = {name: np.asarray(entry)[None] for name, entry in observation.items()} if single else observation
-        if state is not None and not isinstance(state, Memory):
+        if state is not None and not isinstance(state, ResidualMemory):
             raise checks.refuse("state", type(state).__name__, "None, or what predict() returned: Memory")
-        memory = Memory(None, None) if state is None else state
+        memory = ResidualMemory(None, None) if state is None else state
         proposed, base = self.base.policy.predict(seen["state"], memory.base, episode_start, deterministic)
         rows = {"parts": self.base.rows(seen["parts"], proposed), "mask": seen["mask"]}
         residual, learned = self.learned.predict(rows, memory.learned, episode_start, deterministic)
         action, base = self.base.corrected(proposed, residual, base)
-        return (action[0] if single else action), Memory(base, learned)
+        return (action[0] if single else action), ResidualMemory(base, learned)
 
 
 class Residual:
@@ -162,7 +162,7 @@ class Record(BaseSettings):
     """What a correction's file says about it."""
 
     base: Mapping[str, Any]
-    scale: float = Field(gt=0.0, le=MOST_SCALE)
+    scale: float = Field(gt=0.0, le=MAX_SCALE)
 
 
 class Correction(NamedTuple):

@@ -171,7 +171,11 @@ def network_of(
     if not isinstance(columns, list) or not all(isinstance(column, list) and len(column) == 2 for column in columns):
         raise checks.refuse(f"{name}: columns", columns, "a list of names and widths")
     with checks.within(name):
-        flags: Any = checks.flag("turned", record.get("turned")), record.get("remembers"), record.get("recalls", ())
+        flags: Any = (
+            checks.flag("turned", record.get("turned")),
+            record.get("history"),
+            record.get("history_columns", ()),
+        )
         coding = CODINGS[network](info.surface, info.parts, info.parts_layout, action, columns, *flags)
     if network == "elements" and not coding.shape.has_elements:
         raise checks.refuse(f"{name}: network", network, "'parts', or an action of elements and the column 'element'")

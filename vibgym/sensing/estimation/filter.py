@@ -33,7 +33,7 @@ from vibgym.sensing.measurement import Reading, new_measurement
 from vibgym.settings import Acceleration, BaseSettings
 from vibgym.simulation.plant import motion
 
-LEAST_SIGMA = 1e-7
+MIN_SIGMA = 1e-7
 """Floor of the standard deviation of readings, m and rad: an exact reading would have infinite weight."""
 
 START_SPEED = 1e-3  # m/s, initial standard deviation of the velocity of a part
@@ -348,7 +348,7 @@ class FilterEstimator:
 
     def _update_variance(self) -> None:
         """Set the variance of readings, which may depend on the kinds of the parts."""
-        self._filter.record.variance[...] = (self._factor * np.maximum(self._sensor.all_sigma, LEAST_SIGMA)) ** 2
+        self._filter.record.variance[...] = (self._factor * np.maximum(self._sensor.all_sigma, MIN_SIGMA)) ** 2
 
     def prepare(self, command: Drive) -> None:
         self._predictor.prepare(command)
@@ -361,8 +361,8 @@ class FilterEstimator:
         which[worlds] = True
         begin_filter(which, reading.pose, reading.gone, self._filter.address)
 
-    def renew(self, which: np.ndarray, reading: Reading) -> None:
-        self._predictor.renew(which, reading.pose[which], reading.gone[which])
+    def reset_parts(self, which: np.ndarray, reading: Reading) -> None:
+        self._predictor.reset_parts(which, reading.pose[which], reading.gone[which])
         begin_filter(which, reading.pose, reading.gone, self._filter.address)
 
     def predict(self, command: Drive) -> None:

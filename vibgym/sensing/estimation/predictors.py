@@ -65,7 +65,7 @@ class ModelPredictor:
         idle = self._idle[self._kinds.rows(worlds)]
         self.simulator.place(worlds, pose, np.where(fallen[..., None], 0.0, idle), 0.0, fallen)
 
-    def renew(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
+    def reset_parts(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
         """Place the parts ``which`` (worlds, parts) at poses (n, 3); ``fallen`` (n,): off the table."""
         idle = np.broadcast_to(self._idle, self.state.velocity.shape)[which]
         self.state.pose[which], self.state.velocity[which] = pose, np.where(fallen[:, None], 0.0, idle)
@@ -124,7 +124,7 @@ class FreePredictor:
     def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
         self.state.pose[worlds], self.state.mean_velocity[worlds], self.state.fallen[worlds] = pose, 0.0, fallen
 
-    def renew(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
+    def reset_parts(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
         self.place(which, pose, fallen)
 
     def run(self, command: Drive, instant: int, kept: np.ndarray) -> None:

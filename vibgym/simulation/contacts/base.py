@@ -24,15 +24,15 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation.alone import Alone
 from vibgym.simulation.model import NO_PATHS, Setup
-from vibgym.simulation.schemes import MOST_STEPS, PlanarSettings, schemes_alone
+from vibgym.simulation.schemes import MAX_STEPS, PlanarSettings, schemes_alone
 
 SLOP = 3e-5
 """m, overlap that the solver does not correct, so that contacts persist and it can warm-start."""
 
-LEAST_WIDTH = 1e-4
+MIN_WIDTH = 1e-4
 """m, least width of a part that may touch others: overlaps must be small against it."""
 
-MOST_MASS_RATIO = 2000.0
+MAX_MASS_RATIO = 2000.0
 """Largest ratio of masses of parts that may touch, up to which the solver's iterations converge."""
 
 
@@ -128,8 +128,8 @@ def check_parts(parts: Kinds) -> None:
     """Raise ValueError for parts that are too thin, or much heavier than another, for reliable contacts."""
     for number, part in enumerate(parts.largest(lambda part: -narrowest_width(part.outline))):
         width = narrowest_width(part.outline)
-        if width < LEAST_WIDTH:
-            allowed = f"at least {1e3 * LEAST_WIDTH:g} mm wide where parts may touch one another or walls"
+        if width < MIN_WIDTH:
+            allowed = f"at least {1e3 * MIN_WIDTH:g} mm wide where parts may touch one another or walls"
             raise checks.refuse("parts", f"part {number} ({part.name!r}), {1e3 * width:.3g} mm wide", allowed)
     check_masses("parts", parts, np.ones((1, len(parts))))
 
@@ -146,10 +146,10 @@ def check_masses(argument: str, parts: Kinds, factors: np.ndarray) -> None:
     row = int(np.argmax(most.max(axis=1) / least.min(axis=1)))
     heavy, light = int(np.argmax(most[row])), int(np.argmin(least[row]))
     ratio = most[row, heavy] / least[row, light]
-    if ratio > MOST_MASS_RATIO:
+    if ratio > MAX_MASS_RATIO:
         names = heaviest[heavy].name, lightest[light].name
         got = f"part {heavy} ({names[0]!r}), {ratio:.3g} times as heavy as part {light} ({names[1]!r})"
-        allowed = f"masses with a ratio of at most {MOST_MASS_RATIO:g} where parts may touch one another"
+        allowed = f"masses with a ratio of at most {MAX_MASS_RATIO:g} where parts may touch one another"
         raise checks.refuse(argument, got, allowed)
 
 
@@ -159,8 +159,8 @@ def check_contact_steps(argument: str, surface: Surface, friction: float, inclin
     ``bend``: see :class:`ContactModel`.
     """
     needed = surface.period * math.sqrt((friction * surface.gravity + 0.5 * incline) / bend)
-    if not needed <= MOST_STEPS:
+    if not needed <= MAX_STEPS:
         raise checks.conflict(
-            f"{argument}: contacts with a friction of {friction:g} require more than {MOST_STEPS} steps in a period of "
+            f"{argument}: contacts with a friction of {friction:g} require more than {MAX_STEPS} steps in a period of "
             f"{surface.period:g} s"
         )

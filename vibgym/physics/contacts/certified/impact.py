@@ -26,7 +26,7 @@ from vibgym.physics.contacts.certified.approach import part_motion
 from vibgym.physics.contacts.hulls import Span, hull_span, wall_span
 from vibgym.physics.contacts.impulses import RESTING
 
-MOST_PIECES = 24
+MAX_PIECES = 24
 """Limit of linear pieces in an impact; switches are few."""
 
 LOW, HIGH, FLAT = 0, 1, 2
@@ -141,7 +141,7 @@ def impact_impulse(mobility, approach, slip, turning, low, high, restitution, co
         end = LOW
     elif turning > 0.0:
         end = HIGH
-    for _ in range(MOST_PIECES):
+    for _ in range(MAX_PIECES):
         place, ratio, end = impulse_location(mobility, slip, end, low, high, coefficient)
         by_normal = mobility.nn + ratio * mobility.nt - place * mobility.nw
         by_slip = mobility.nt + ratio * mobility.tt - place * mobility.tw
@@ -194,7 +194,7 @@ def impact_impulse(mobility, approach, slip, turning, low, high, restitution, co
 CONTACT_FROM = 2e-6
 """Overlap (m) from which on there is a contact, so that touching parts do not overlap by rounding."""
 
-MOST_IMPACTS, IMPACTS_A_PAIR = 32, 8
+MAX_IMPACTS, IMPACTS_A_PAIR = 32, 8
 """Limit of impacts in a step: constant, plus this for each near pair."""
 
 
@@ -295,7 +295,7 @@ def resolve_impacts(island, pairs, n, hit_speed):
     for slot in range(island.parts):
         hit[slot] = False
     any_impact, marked = False, False
-    for _ in range(MOST_IMPACTS + IMPACTS_A_PAIR * n):
+    for _ in range(MAX_IMPACTS + IMPACTS_A_PAIR * n):
         pair, span = fastest_impact(island, pairs, n, hit)
         if pair < 0:
             break

@@ -21,7 +21,7 @@ export class Hand {
       return null;
     };
     const part = over(view.pose), goal = scene.aims && view.goal ? over(view.goal) : null;
-    if (goal !== null && (goals || part === null) && (!scene.asked.length || scene.asked[goal])) return ["goal", goal];
+    if (goal !== null && (goals || part === null) && (!scene.scored.length || scene.scored[goal])) return ["goal", goal];
     return part === null ? null : ["part", part];
   }
 
@@ -43,16 +43,16 @@ export class Hand {
     if (!this.held) return;
     const { pose, grip } = this.held;
     [pose[0], pose[1]] = [point[0] + grip[0], point[1] + grip[1]];
-    this.#tell();
+    this.#report();
   }
 
   turn(angle) {
     if (!this.held) return;
     this.held.pose[2] += angle;
-    this.#tell();
+    this.#report();
   }
 
-  #tell() {
+  #report() {
     const { what, part, pose, begin } = this.held;
     if (what === "part") this.send({ do: "carry", part, pose });
     else this.send({ do: "aim", part, pose: this.#within(pose), begin });
@@ -68,7 +68,7 @@ export class Hand {
     if (!this.held) return;
     const { what, part, pose } = this.held;
     this.held = null;
-    if (what === "part") this.send({ do: "put_down", part, pose });
+    if (what === "part") this.send({ do: "place", part, pose });
   }
 
   // A part that the server still has in the hand (no room, or the page was loaded anew) is taken again by the next press.

@@ -78,7 +78,7 @@ export class Table {
     context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     const each = (list, draw) => (list || []).forEach((one, part) => view.there[part] && one && draw(one, part));
     each(scene.paths, (path, part) => this.#path(path, scene.tints[part][0]));
-    if (scene.goalSize) each(view.goal, (goal, part) => (!scene.asked.length || scene.asked[part]) && this.#goal(goal, part, view));
+    if (scene.goalSize) each(view.goal, (goal, part) => (!scene.scored.length || scene.scored[part]) && this.#goal(goal, part, view));
     each(view.pose, (pose, part) => this.#part(pose, part, view));
   }
 

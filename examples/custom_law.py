@@ -1,4 +1,4 @@
-"""A custom control law on the planar and the tilting model: ``python examples/own_law.py [EPISODES]``; see docs/control.md."""
+"""A custom control law, planar and tilting: ``python examples/custom_law.py [EPISODES]``; see docs/control.md."""
 
 import sys
 
@@ -19,21 +19,21 @@ class Spring(Law):
         damping: float = 12.0
         """Acceleration over velocity, 1/s."""
 
-    def wanted(self, measured, way, turn, memory):
+    def wanted(self, measured, displacement, heading_error, memory):
         """Return wanted accelerations (batch, parts, 3), m/s^2 and rad/s^2, and the memory of the law."""
         own = self.settings
-        push = own.stiffness * way - own.damping * measured.velocity
-        torque = own.stiffness * turn - own.damping * measured.spin
+        push = own.stiffness * displacement - own.damping * measured.velocity
+        torque = own.stiffness * heading_error - own.damping * measured.spin
         return np.concatenate([push, torque[..., None]], axis=-1), memory
 
 
 POLICIES.register("spring", Spring)
 episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 50
-struck = {"disturbance": {"rate": 0.25, "tilt_deg": 3.0}, "patches": [0.8, 1.2]}
+disturbed = {"disturbance": {"rate": 0.25, "tilt_deg": 3.0}, "patches": [0.8, 1.2]}
 worlds = {
     "in the plane": {},
     "prototype hardware": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
-    "rigid, disturbed, on rough elements": {"model": "tilting", "randomize": struck},
+    "rigid, disturbed, on rough elements": {"model": "tilting", "randomize": disturbed},
 }
 for policy in ({"kind": "spring"}, {"kind": "spring", "damping": 15.0}, {"kind": "pose"}):
     for name, settings in worlds.items():

@@ -1,4 +1,4 @@
-"""A custom reward, trained with SAC on a batch of worlds: ``python examples/own_reward_sac.py [STEPS]`` (2 minutes, 100 %).
+"""A custom reward, trained with SAC on a batch of worlds: ``python examples/custom_reward_sac.py [STEPS]`` (2 minutes, 100 %).
 
 The reward includes the energy of the elements. Stable-Baselines3 is in the extra ``learn``.
 """

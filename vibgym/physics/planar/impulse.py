@@ -1,8 +1,8 @@
-"""Impulse disturbances: times and magnitudes of random tilts of parts, and the equivalent kick in a planar model.
+"""Impulse disturbances: times and magnitudes of random tilts of parts, and the equivalent impulse in a planar model.
 
 Disturbances of a part are a Poisson process. The tilting model releases the part from a tilt. A planar model instead changes
 spin and velocity by the effect of friction under one corner until the part has landed: normal deviates whose standard
-deviations grow with the root of the tilt, fitted to the tilting model (``python -m studies.tilting kick``).
+deviations grow with the root of the tilt, fitted to the tilting model (``python -m studies.tilting impulse``).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def begin_waiting(worlds, key, rate, wait, count):
 
 
 @jit
-def disturb_parts(key, rate, low, high, span, away, wait, count, lean, kick):
+def disturb_parts(key, rate, low, high, span, away, wait, count, lean, impulse):
     """Disturb the parts whose waiting time ends within ``span`` s.
 
     Args:
@@ -47,7 +47,7 @@ def disturb_parts(key, rate, low, high, span, away, wait, count, lean, kick):
         away: (worlds, parts) bool: parts that cannot be disturbed.
         wait, count: (worlds, parts), see :func:`begin_waiting`; changed.
         lean: (worlds, parts, 2) rad, overwritten with the tilts' rotation vectors; zero without disturbance.
-        kick: (worlds, parts, 3) m/s, m/s, rad/s, overwritten with changes of velocity; zero without disturbance.
+        impulse: (worlds, parts, 3) m/s, m/s, rad/s, overwritten with changes of velocity; zero without disturbance.
 
     Returns:
         Whether any part is disturbed.
@@ -57,7 +57,7 @@ def disturb_parts(key, rate, low, high, span, away, wait, count, lean, kick):
         for part in range(wait.shape[1]):
             lean[world, part, 0] = lean[world, part, 1] = 0.0
             for k in range(3):
-                kick[world, part, k] = 0.0
+                impulse[world, part, k] = 0.0
             wait[world, part] -= span
             if wait[world, part] > 0.0:
                 continue
@@ -72,6 +72,6 @@ def disturb_parts(key, rate, low, high, span, away, wait, count, lean, kick):
             lean[world, part, 0], lean[world, part, 1] = tilt * math.cos(way), tilt * math.sin(way)
             a, b, c, _ = normals(key[world], part, n, 1, 0)
             root = math.sqrt(math.degrees(tilt))
-            kick[world, part, 0], kick[world, part, 1] = SPEED * root * a, SPEED * root * b
-            kick[world, part, 2] = SPIN * root * c
+            impulse[world, part, 0], impulse[world, part, 1] = SPEED * root * a, SPEED * root * b
+            impulse[world, part, 2] = SPIN * root * c
     return disturbed

@@ -1,4 +1,4 @@
-"""A custom task, parking a part at the left end: ``python examples/own_task.py [EPISODES]``; see docs/extending.md."""
+"""A custom task, parking a part at the left end: ``python examples/custom_task.py [EPISODES]``; see docs/extending.md."""
 
 import sys
 

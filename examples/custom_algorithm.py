@@ -1,4 +1,4 @@
-"""A custom learning algorithm, augmented random search of a linear policy: ``python examples/own_algorithm.py [STEPS]`` (10 s).
+"""A custom algorithm, augmented random search of a linear policy: ``python examples/custom_algorithm.py [STEPS]`` (10 s).
 
 H. Mania, A. Guy and B. Recht, "Simple random search of static linear policies", NeurIPS 2018; docs/learning.md.
 """
@@ -56,7 +56,7 @@ class Search:
 ALGORITHMS.register("search", Search)
 steps = int(sys.argv[1]) if len(sys.argv) > 1 else 500_000
 run = {"task": "Transport", "environment": {"action": "field"}, "worlds": 128, "steps": steps, "algorithm": "search"}
-with Training(settings_from(run), Path("runs/own_algorithm"), quiet=True) as training:
+with Training(settings_from(run), Path("runs/custom_algorithm"), quiet=True) as training:
     for when in ("untrained", "trained"):
         result = rollout(training.learner, "vibgym/Transport-v0", seeds=range(100))
         print(f"{when:10} {100 * result.success.mean():5.1f} %, mean return {result.returns.mean():.2f}", flush=True)

@@ -220,9 +220,9 @@ def _swapped(pose, x, y, p, shown):
 
 
 @jit(allocates=True)
-def look_at(
+def take_samples(
     worlds: np.ndarray, pose: np.ndarray, earlier: np.ndarray, shown: np.ndarray, rig: Rig, known: Knowledge,
-    key: np.ndarray, looks: np.ndarray, seen: Seen, track: Track, read_pose: np.ndarray, read_velocity: np.ndarray,
+    key: np.ndarray, samples: np.ndarray, seen: Seen, track: Track, read_pose: np.ndarray, read_velocity: np.ndarray,
     read_seen: np.ndarray,
 ) -> None:  # fmt: skip
     """Sample ``worlds`` (index array) in order.
@@ -230,7 +230,7 @@ def look_at(
     Args:
         pose: (worlds, parts, 3) true poses.  earlier: when the odd lines were taken, or (worlds, 0, 3).
         shown: (worlds, parts) bool, parts that are on the surface.
-        key: (worlds, 2).  looks: (worlds,) number of this sample; at 0 the tracks are the true poses.
+        key: (worlds, 2).  samples: (worlds,) number of this sample; at 0 the tracks are the true poses.
         seen: working arrays.  track: overwritten.
         read_pose, read_velocity, read_seen: of the reading, overwritten.
     """
@@ -238,7 +238,7 @@ def look_at(
         parts = pose.shape[1]
         load_kinds(rig.kind, w, rig.shapes.kind)
         draw(
-            rig.optics, rig.shapes, rig.exposure, pose[w], earlier[w], shown[w], key[w], looks[w], seen.canvas,
+            rig.optics, rig.shapes, rig.exposure, pose[w], earlier[w], shown[w], key[w], samples[w], seen.canvas,
             seen.boxes,
         )  # fmt: skip
         find(seen.canvas.grey, known.interest, seen.found)
@@ -246,7 +246,7 @@ def look_at(
             measure_object(seen.canvas.grey, known, seen.found, k, seen.measure[k])
         for p in range(parts):
             # A part that was missed for long has probably hit another one: its old velocity is no longer valid.
-            since = known.step * min(1 + track.missed[w, p], COASTING) if looks[w] > 0 else 0.0
+            since = known.step * min(1 + track.missed[w, p], COASTING) if samples[w] > 0 else 0.0
             for axis in range(3):
                 seen.expected[p, axis] = track.pose[w, p, axis] + since * track.velocity[w, p, axis]
         _match(known, track.missed[w], shown[w], seen)
@@ -272,7 +272,7 @@ def look_at(
             read_pose[w, p, 0], read_pose[w, p, 1], read_pose[w, p, 2] = x, y, heading
             for axis in range(3):
                 moved = read_pose[w, p, axis] - track.pose[w, p, axis]
-                read_velocity[w, p, axis] = moved / since if looks[w] > 0 else 0.0
+                read_velocity[w, p, axis] = moved / since if samples[w] > 0 else 0.0
                 track.pose[w, p, axis] = read_pose[w, p, axis]
                 track.velocity[w, p, axis] = read_velocity[w, p, axis]
             track.missed[w, p] = 0

@@ -1,4 +1,4 @@
-"""A custom sensor with a constant error per episode: ``python examples/own_sensor.py [EPISODES]``."""
+"""A custom sensor with a constant error per episode: ``python examples/custom_sensor.py [EPISODES]``."""
 
 import sys
 
@@ -41,7 +41,7 @@ class Biased(Sensor):
         """Return the standard deviation of a reading (parts, 3), m and rad, for estimators."""
         return np.tile(0.6 * self.settings.bias * np.array([1.0, 1.0, 0.0]), (len(self.parts), 1))
 
-    def own_state(self):
+    def custom_state(self):
         """Return the arrays of a snapshot."""
         return {"offset": self.offset}
 
