@@ -32,7 +32,7 @@ def test_the_model_agrees_with_the_world(task, action):
         off[..., 2] = np.sin(2.0 * off[..., 2])  # blocks look the same after half a turn
         np.testing.assert_allclose(off, 0.0, atol=1e-6)  # float32 observations
         np.testing.assert_allclose(earned, reported["parts"]["reward"], atol=1e-4)
-        np.testing.assert_allclose(model.core.observations, seen, atol=1e-3)
+        np.testing.assert_allclose(model.core.pipeline.observations, seen, atol=1e-3)
 
 
 def test_parts_that_arrive_and_leave_are_copied_to_the_model():

@@ -32,7 +32,7 @@ def test_an_exact_model_predicts_the_state_at_the_next_command(task, periods, la
         measured = env.core.sensing.measurement
         known.append((measured.pose.copy(), measured.mean_velocity.copy()))
         true.append((env.truth.pose, env.truth.mean_velocity))
-        env.core.step(random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
+        env.core.pipeline.run(random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
     ahead = latency // periods
     on = ~env.truth.fallen  # contacts amplify rounding
     for k in range(2, 8 - ahead):
@@ -124,7 +124,7 @@ def steered(env, steps, skip=5):
         measured = env.core.sensing.measurement
         known.append((measured.pose.copy(), measured.sigma.copy()))
         action, state = policy.predict(observation, state)
-        env.core.step(env.core.action.check(action, env.num_envs))
+        env.core.pipeline.run(env.core.action.check(action, env.num_envs))
         observation = env.core.observe()
         if k >= skip and k + 1 - ahead < len(known):
             pose, sigma = known[k + 1 - ahead]
@@ -149,7 +149,7 @@ def test_parked_parts_average_their_readings():
     env = batch(64, {"kind": "pose", "estimator": "model"})
     env.reset(seed=0)
     for _ in range(60):
-        env.core.step(np.zeros(env.action_space.shape, dtype=np.float32))
+        env.core.pipeline.run(np.zeros(env.action_space.shape, dtype=np.float32))
     error = env.core.sensing.measurement.pose - env.truth.pose
     assert np.sqrt((error[..., :2] ** 2).mean()) < 0.6e-4 and np.degrees(np.sqrt((error[..., 2] ** 2).mean())) < 0.12
 
@@ -159,10 +159,10 @@ def test_recovery_from_unmodelled_disturbances():
     env.reset(seed=0)
     still = np.zeros(env.action_space.shape, dtype=np.float32)
     for _ in range(10):
-        env.core.step(still)
+        env.core.pipeline.run(still)
     env.core.simulator.state.pose[1, 2] += [0.02, -0.01, 0.4]
     for _ in range(8):
-        env.core.step(still)
+        env.core.pipeline.run(still)
     error = env.core.sensing.measurement.pose - env.truth.pose
     assert np.abs(error[..., :2]).max() < 5e-4 and np.degrees(np.abs(error[..., 2]).max()) < 1.0
 
@@ -175,12 +175,12 @@ def test_a_part_that_falls_in_the_model_only_is_placed_at_its_reading():
     front.pose[0, 0, 1], front.fallen[0, 0] = -0.01, True
     front.diverged[1] = True
     for _ in range(3):
-        env.core.step(still)
+        env.core.pipeline.run(still)
     known = env.core.sensing.measurement
     assert not front.fallen.any() and not front.diverged.any() and not known.gone.any()
     assert np.abs(known.pose - env.truth.pose)[..., :2].max() < 1e-3
     env.core.simulator.state.fallen[0, 0] = True  # a fallen part is reported as gone
-    env.core.step(still)
+    env.core.pipeline.run(still)
     assert known.gone[0, 0] and not known.gone[1, 0]
 
 
@@ -211,7 +211,7 @@ def test_a_learned_policy_needs_the_model_on_the_prototype():
         held = np.zeros(20, dtype=bool)
         for _ in range(100):
             action, state = policy.predict(observation, state)
-            env.core.step(env.core.action.check(action, 20))
+            env.core.pipeline.run(env.core.action.check(action, 20))
             observation = env.core.observe()
             held |= env.core.episode.success
         success[estimator] = held.mean()

@@ -18,7 +18,7 @@ def at_rest(env, steps):
     still, errors, ages, poses = np.zeros(env.action_space.shape, dtype=np.float32), [], [], []
     for k in range(steps + 1):
         if k > 0:
-            env.core.step(still)
+            env.core.pipeline.run(still)
         known = env.core.sensing.measurement
         errors.append(known.pose - env.truth.pose)
         ages.append(known.age.copy())
@@ -54,7 +54,7 @@ def test_velocity_after_a_gap_is_the_mean_over_it():
     env.reset(seed=4)
     random, path, seen = np.random.default_rng(0), [env.truth.pose], np.zeros(30, dtype=int)
     for k in range(1, 12):
-        env.core.step(random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
+        env.core.pipeline.run(random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
         path.append(env.truth.pose)
         known = env.core.sensing.measurement
         for world in np.flatnonzero(known.age[:, 0] == 0):

@@ -158,18 +158,6 @@ class Core:
         vars(self).update(state)
         self.pipeline = self.new_pipeline()
 
-    def step(self, action: np.ndarray, original: Any = None) -> None:
-        """Advance every world by one step under an action.
-
-        Args:
-            action: float32 (worlds, size), see :meth:`vibgym.envs.actions.Action.shaped`.
-            original: the action before conversion, for errors.
-
-        Raises:
-            ValueError: a number that is not finite; nothing has changed.
-        """
-        self.pipeline.run(action, original)
-
     def _with_shapes(self, options: Options) -> Options:
         """Return the options with the parts of their shapes, if these are drawn for episodes; sets ``shape_draws``."""
         self.shape_draws, self.shapes = 0, None
@@ -315,26 +303,17 @@ class Core:
     def refresh_all(self) -> None:
         """Observe and report all worlds, in a new batch."""
         self.pipeline.allocate()
-        self.refresh(self.pipeline.now.worlds)
+        self.pipeline.refresh(self.pipeline.now.worlds)
         if not self._checked:
             name, space = f"observation {self.options.observation!r}", self.observation.space
             live = (*self.sensing.measurement, *self.measured, *self.episode)
-            check_batch(name, space, self.observations, self.worlds, live)
+            check_batch(name, space, self.pipeline.observations, self.worlds, live)
             self._checked = True
-
-    def refresh(self, worlds: np.ndarray) -> None:
-        """Update observations and reports of ``worlds`` (index array), whose episodes have just begun, in the present batch."""
-        self.pipeline.refresh(worlds)
 
     def relate(self, worlds: np.ndarray) -> None:
         """Update the relations by the measured poses in ``worlds`` (index array)."""
         if not self.sensing.exact:
             self.pipeline.now.relate(worlds, self.sensing.measurement.pose, self.sensing.measurement.gone)
-
-    @property
-    def observations(self) -> Any:
-        """Batch of observations of the last step."""
-        return self.pipeline.observations
 
     def observe(self) -> Any:
         """Return a new batch of observations."""

@@ -29,7 +29,7 @@ class Batch(SimpleNamespace):
     action: np.ndarray
     """float32 (worlds, size), see :meth:`vibgym.envs.actions.Action.shaped`."""
 
-    given: Any
+    original: Any
     """The action before conversion, for errors."""
 
     command: Any
@@ -112,8 +112,16 @@ class Pipeline:
         ]
 
     def run(self, action: np.ndarray, original: Any = None) -> None:
-        """Advance every world by one step under an action, see :meth:`vibgym.envs.core.Core.step`."""
-        batch = Batch(action=action, given=original)
+        """Advance every world by one step under an action.
+
+        Args:
+            action: float32 (worlds, size), see :meth:`vibgym.envs.actions.Action.shaped`.
+            original: the action before conversion, for errors.
+
+        Raises:
+            ValueError: a number that is not finite; nothing has changed.
+        """
+        batch = Batch(action=action, original=original)
         for stage in self.before:
             stage(batch)
         self.advance(batch)
@@ -128,7 +136,7 @@ class Pipeline:
         else:
             finite = all_finite_in_blocks(values, core.simulator.blocks)
         if not finite:
-            raise core.action.not_finite(batch.action if batch.given is None else batch.given)
+            raise core.action.not_finite(batch.action if batch.original is None else batch.original)
         measurement = self.measurement
         if not core.all_driven:
             measurement = measurement._replace(gone=measurement.gone | ~core.task.driven)

@@ -243,7 +243,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
 
     def _begin_anew(self, mask: np.ndarray) -> None:
         """Begin episodes in the worlds of ``mask``; update observations and info."""
-        self.core.refresh(self._begin(mask))
+        self.core.pipeline.refresh(self._begin(mask))
 
     def _reset_mask(self, options: dict[str, Any] | None) -> np.ndarray:
         if not options or "reset_mask" not in options:

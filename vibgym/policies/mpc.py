@@ -128,7 +128,7 @@ class MPCPolicy:
             result[:, step] = action
             if step + 1 < self.horizon:
                 model.step(action)
-                action, memory = self.base.predict(model.core.observations, memory, going_on)
+                action, memory = self.base.predict(model.core.pipeline.observations, memory, going_on)
         return result
 
     def _searched(

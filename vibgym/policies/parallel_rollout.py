@@ -142,7 +142,7 @@ class ParallelRolloutPolicy:
             won, over = np.isfinite(end).reshape(count, -1), model.over.reshape(count, -1)
             if (won.any(axis=0) | over.all(axis=0)).all():  # any other success would be later
                 break
-            shares, fresh = self._split(model.core.observations, len(worlds)), np.zeros_like(fresh)
+            shares, fresh = self._split(model.core.pipeline.observations, len(worlds)), np.zeros_like(fresh)
         earned = np.where(np.isfinite(earned), earned, -np.inf)
         order = np.lexsort((~acting, -earned.reshape(count, -1), end.reshape(count, -1)), axis=0)
         return order[0, : len(some)]

@@ -78,7 +78,7 @@ class Model:
 
     def step(self, action: np.ndarray) -> np.ndarray:
         """Return the rewards (worlds, parts) of a step with actions (worlds, size); 0 after an episode's end."""
-        self.core.step(np.ascontiguousarray(action, dtype=np.float32))
+        self.core.pipeline.run(np.ascontiguousarray(action, dtype=np.float32))
         episode = self.core.episode
         earned = np.where(self.over[:, None], 0.0, episode.part_reward) @ self._credit.T
         self.over |= episode.ended
