@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.evaluation.table import quantity, signed
-from studies.benchmarks import common
+from studies import common
 from studies.kept import show
 
 HEADS = (

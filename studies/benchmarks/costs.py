@@ -10,14 +10,13 @@ the build of the documentation makes the page.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import os
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,8 @@ import gymnasium as gym
 import numpy as np
 
 from agents.provenance import provenance
-from studies.benchmarks import common, roofline
+from studies import common
+from studies.benchmarks import roofline
 from studies.manual import performance
 from vibgym import Part, Simulator, Surface, files
 from vibgym.envs.core import Core
@@ -173,49 +173,36 @@ def shares(name: str, worlds: int, steps: int, **settings: Any) -> dict[str, Any
     return {"stages": {stage: unit * spent for stage, spent in best.items()}, "clock": unit * reading * readings}
 
 
-def in_a_process(threads: int, *command: str) -> list[Any]:
-    """Run this module in another process and return the JSON values that it prints, one per line."""
-    environment = {**os.environ, "VIBGYM_THREADS": str(threads)}
-    done = subprocess.run(
-        [sys.executable, "-m", __spec__.name, *command], env=environment, text=True, stdout=subprocess.PIPE, check=True
-    )
-    return [json.loads(line) for line in done.stdout.splitlines()]
+def curve(name: str, quick: bool) -> list[tuple[float, float]]:
+    """Return the points of a curve."""
+    return list(CURVES[name](quick))
+
+
+def in_a_process(threads: int, function: Callable[..., Any], *arguments: Any, **more: Any) -> Any:
+    """Return the result of a function, called in a new process."""
+    variable = ("VIBGYM_THREADS", str(threads))
+    with ProcessPoolExecutor(1, get_context("spawn"), os.environ.__setitem__, variable) as pool:
+        return pool.submit(function, *arguments, **more).result()
 
 
 def main() -> None:
-    """Measure, print and store the figures; with ``--curve`` or ``--stages``, print JSON."""
+    """Measure, print and store the figures."""
     parser = common.parser(__doc__)
     parser.add_argument("--output", type=Path, default=Path("runs/costs"))
     parser.add_argument("--quick", action="store_true", help="a few sizes, to test the command")
-    parser.add_argument("--curve", choices=CURVES, help=argparse.SUPPRESS)
-    parser.add_argument("--stages", action="append", default=[], help=argparse.SUPPRESS)  # arguments of shares()
-    parser.add_argument("--roofline", action="store_true", help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
-    for scene in arguments.stages:
-        print(json.dumps(shares(**json.loads(scene))), flush=True)
-    if arguments.curve:
-        for point in CURVES[arguments.curve](arguments.quick):
-            print(json.dumps(point), flush=True)
-    if arguments.roofline:
-        print(json.dumps(roofline.measure(*([2] if arguments.quick else []))))
-    if arguments.curve or arguments.stages or arguments.roofline:
-        return
-    quick = ["--quick"] if arguments.quick else []
+    asked = parser.parse_args()
+    quick, scenes = asked.quick, SCENES[:1] if asked.quick else SCENES
     about = {"command": "python -m studies.benchmarks.costs", **provenance(), "load": os.getloadavg()[0]}
-    scenes = SCENES[:1] if arguments.quick else SCENES
-    shared = in_a_process(1, *(f"--stages={json.dumps(scene)}" for scene in scenes))
     found = {
         "about": about,
-        "roofline": in_a_process(1, "--roofline", *quick)[0],
-        "stages": [{**scene, **each} for scene, each in zip(scenes, shared, strict=True)],
-        "curves": {
-            curve: {threads: in_a_process(threads, "--curve", curve, *quick) for threads in (1, 2)} for curve in CURVES
-        },
+        "roofline": in_a_process(1, roofline.measure, 2 if quick else roofline.ROUNDS),
+        "stages": [{**scene, **in_a_process(1, shares, **scene)} for scene in scenes],
+        "curves": {name: {threads: in_a_process(threads, curve, name, quick) for threads in (1, 2)} for name in CURVES},
     }
     figures = json.dumps(found, indent=1) + "\n"
     for text in performance.tables(json.loads(figures)).values():
         print(text, end="\n\n")
-    path = performance.STORED if arguments.keep else files.output_directory(arguments.output) / "costs.json"
+    path = performance.STORED if asked.keep else files.output_directory(asked.output) / "costs.json"
     files.write_atomically(path, figures)
     print(path)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from studies.benchmarks import common
+from studies import common
 from studies.benchmarks.drawing_cases import KINDS, Case, Truth, case, write
 from studies.benchmarks.drawing_faults import FAULTS, spoiled
 from studies.kept import show

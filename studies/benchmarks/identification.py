@@ -8,7 +8,6 @@ one part, whose nominal properties are the prototype's, and the fit knows these 
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Sequence
@@ -18,10 +17,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from studies.benchmarks import common
+from studies import common
 from studies.kept import show
 from vibgym.config import json_values
-from vibgym.files import output_directory, write_atomically
+from vibgym.files import output_directory
 from vibgym.identification import Camera, Excitation, Log, fit, record
 from vibgym.identification.law import applied
 from vibgym.scene.parts import Part, shipped_part
@@ -121,11 +120,7 @@ def result(seed: int, seconds: float, stribeck: bool = False) -> dict[str, Any]:
 def stored(seed: int, seconds: float, folder: Path, stribeck: bool = False) -> dict[str, Any]:
     """Return the result of a machine, from its file if there is one."""
     path = folder / f"{seed}-{seconds:g}{'-stribeck' if stribeck else ''}.json"
-    if not path.exists():
-        found = result(seed, seconds, stribeck)
-        write_atomically(path, json.dumps(found))
-        print(f"machine {seed}: {found['cpu']:.0f} s of CPU", flush=True)
-    return json.loads(path.read_text(encoding="utf-8"))
+    return common.stored(path, lambda: result(seed, seconds, stribeck))
 
 
 def errors(results: Sequence[dict[str, Any]], name: str, relative: bool = True) -> np.ndarray:

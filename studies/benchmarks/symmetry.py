@@ -16,7 +16,7 @@ from agents.evaluation.table import quantity
 from agents.imitation import Imitation, ImitationSettings, experts
 from agents.ppo import PPO
 from agents.training_settings import TrainSettings
-from studies.benchmarks import common
+from studies import common
 from studies.kept import show
 from vibgym.policies.rollout import rollout
 

@@ -27,7 +27,7 @@ from stable_baselines3.common.logger import configure
 import vibgym  # noqa: F401 - registers the environments
 from agents.ppo import PPO as OurPPO
 from agents.training_settings import TrainSettings
-from studies.benchmarks import common
+from studies import common
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.simulation.threads import available_threads
 
@@ -43,6 +43,18 @@ ITERATIONS = 4
 """Rollouts and updates per measurement."""
 
 
+def rate(learn: Callable[[int], object], steps: int) -> Callable[[], float]:
+    """Return a function that measures steps per second; ``steps`` are those of a rollout and update."""
+    learn(steps)  # kernels, allocations
+
+    def measure() -> float:
+        began = time.perf_counter()
+        learn(ITERATIONS * steps)
+        return ITERATIONS * steps / (time.perf_counter() - began)
+
+    return measure
+
+
 def ours(
     task: str, action: str, worlds: int, network: str = "parts", model: Any = "planar", **ppo: Any
 ) -> Callable[[], float]:
@@ -52,16 +64,7 @@ def ours(
         task=task, environment=environment, worlds=worlds, steps=1, own=OurPPO.Settings(network=network, **ppo)
     )
     learner = OurPPO(settings)
-    steps = learner.own.n_steps * worlds
-
-    learner.learn(steps, lambda metrics: None)  # kernels, allocations
-
-    def measure() -> float:
-        began = time.perf_counter()
-        learner.learn(learner.steps + ITERATIONS * steps, lambda metrics: None)
-        return ITERATIONS * steps / (time.perf_counter() - began)
-
-    return measure
+    return rate(lambda steps: learner.learn(learner.steps + steps, lambda metrics: None), learner.own.n_steps * worlds)
 
 
 LOOP = {"n_steps": 32, "batch_size": 4096, "n_epochs": 3}
@@ -74,15 +77,7 @@ def sb3(task: str, action: str, worlds: int) -> Callable[[], float]:
     adapter = VecEnv(env.unwrapped)  # type: ignore[arg-type]
     model = PPO("MlpPolicy", adapter, **LOOP, policy_kwargs={"net_arch": [64, 64]}, device="cpu")
     model.set_logger(configure(None, []))
-    steps = model.n_steps * model.n_envs
-    model.learn(steps, reset_num_timesteps=False)  # kernels, allocations
-
-    def measure() -> float:
-        began = time.perf_counter()
-        model.learn(ITERATIONS * steps, reset_num_timesteps=False)
-        return ITERATIONS * steps / (time.perf_counter() - began)
-
-    return measure
+    return rate(lambda steps: model.learn(steps, reset_num_timesteps=False), model.n_steps * model.n_envs)
 
 
 CLEANRL = Path(f"{sys.prefix}-cleanrl/cleanrl/ppo_continuous_action.py")
@@ -131,6 +126,7 @@ def cleanrl(task: str, action: str, worlds: int) -> Callable[[], float]:
     return measure
 
 
+CROWD: dict[str, Any] = {"batch_size": 8192, "n_epochs": 2, "activation": "relu", "net": [128, 128]}
 CASES: dict[str, Callable[[], Callable[[], float]]] = {
     "Align, velocity, SB3": lambda: sb3("Align", "velocity", 512),
     "Align, velocity, CleanRL": lambda: cleanrl("Align", "velocity", 512),
@@ -141,15 +137,11 @@ CASES: dict[str, Callable[[], Callable[[], float]]] = {
     "Align, element": lambda: ours("Align", "element", 512, network="elements", batch_size=8192, net=[64, 64]),
     "Sort, field": lambda: ours("Sort", "field", 256, batch_size=16384, n_epochs=2, activation="relu", net=[64, 64]),
     "Sort, wrench": lambda: ours("Sort", "wrench", 256, batch_size=16384, n_epochs=2, activation="relu", net=[64, 64]),
-    "Pack, velocity": lambda: crowd(128),
-    "Pack, velocity, fast contacts": lambda: crowd(128, {"kind": "planar", "contacts": "fast"}),
+    "Pack, velocity": lambda: ours("Pack", "velocity", 128, **CROWD),
+    "Pack, velocity, fast contacts": lambda: ours(
+        "Pack", "velocity", 128, model={"kind": "planar", "contacts": "fast"}, **CROWD
+    ),
 }
-
-
-def crowd(worlds: int, model: Any = "planar") -> Callable[[], float]:
-    """Return the measurement of Pack from scratch with velocities."""
-    settings = {"batch_size": 8192, "n_epochs": 2, "activation": "relu", "net": [128, 128]}
-    return ours("Pack", "velocity", worlds, model=model, **settings)
 
 
 def main() -> None:

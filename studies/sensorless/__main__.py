@@ -29,7 +29,7 @@ def sensorless(arguments: argparse.Namespace) -> None:
     settings = load_settings(arguments.config)
     directory = output_directory(arguments.output or Path("runs/sensorless"))
     page = arguments.page or directory / "sensorless.md"
-    write_atomically(page, study(settings, str(arguments.config), directory, arguments.quiet))
+    write_atomically(page, study(settings, str(arguments.config), directory))
     print(f"page: {page}")
 
 
