@@ -31,6 +31,7 @@ from vibgym.tasks.pose import Align
 SECONDS, LAST = 15.0, 10.0
 PARTS = ("aluminium_block", "steel_block")
 POSE = {"kind": "pose", "estimator": "model"}
+CAMERA = {"kind": "camera", "statistical": True, "estimator": "model"}
 
 
 def machine(sensor: dict[str, Any] = POSE, randomize: dict[str, Any] | None = None, **hardware: Any) -> dict[str, Any]:
@@ -48,9 +49,9 @@ CASES: dict[str, dict[str, Any]] = {
     "dead zone 0.15 mm": machine(dead_zone=1.5e-4),
     "incline up to 1 mrad": machine(randomize={"incline": [0.0, 1e-3]}),
     "10 % dead": machine(dead=0.1),
-    "camera, grey levels": machine({"kind": "camera", "lines": "all", "estimator": "model"}),
-    "camera, grey, half lines": machine({"kind": "camera", "estimator": "model"}),
-    "camera, binary, half lines": machine({"kind": "camera", "edge": "threshold", "estimator": "model"}),
+    "camera, grey levels": machine({**CAMERA, "lines": "all"}),
+    "camera, grey, half lines": machine(CAMERA),
+    "camera, binary, half lines": machine({**CAMERA, "edge": "threshold"}),
 }
 
 
@@ -151,15 +152,11 @@ def main() -> None:
     parser.add_argument("--parts", nargs="+", default=list(PARTS))
     parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
     parser.add_argument("--policy", type=common.policy, default={"kind": "local_field", "law": "pose"}, help="JSON")
-    parser.add_argument("--images", action="store_true", help="use camera images instead of the statistical model")
     asked = parser.parse_args()
     lines, seeds = [], range(asked.seed, asked.seed + asked.goals)
     for case in asked.cases:
-        settings = CASES[case]
-        if settings["sensor"]["kind"] == "camera" and not asked.images:
-            settings = {**settings, "sensor": {**settings["sensor"], "statistical": True}}
         for part in asked.parts:
-            held = hold(asked.policy, part, seeds, **settings)
+            held = hold(asked.policy, part, seeds, **CASES[case])
             lines.append([case, part.replace("_", " "), *row(held)])
     show("pose-control", HEADS, lines, asked.keep)
 

@@ -1,22 +1,15 @@
 """Steps per second of training: ``python -m studies.benchmarks.training``.
 
 Includes rollouts, values, updates and logs, without imitation and learning curves. The cases are measured in turn, several
-times; output: medians. ``plain`` is the PPO of Stable-Baselines3 on the flat state with the same worlds, network sizes,
+times; output: medians. ``SB3`` is the PPO of Stable-Baselines3 on the flat state with the same worlds, network sizes,
 minibatches and epochs, as a baseline on the same host.
 """
 
 from __future__ import annotations
 
-import contextlib
-import os
-import runpy
-import sys
-import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import gymnasium as gym
 import numpy as np
@@ -80,59 +73,11 @@ def sb3(task: str, action: str, worlds: int) -> Callable[[], float]:
     return rate(lambda steps: model.learn(steps, reset_num_timesteps=False), model.n_steps * model.n_envs)
 
 
-CLEANRL = Path(f"{sys.prefix}-cleanrl/cleanrl/ppo_continuous_action.py")
-
-
-def cleanrl(task: str, action: str, worlds: int) -> Callable[[], float]:
-    """Return a function that runs CleanRL's file and measures steps per second after the first rollout and update."""
-    if not CLEANRL.exists():
-        raise SystemExit(f"{CLEANRL} is missing: make learners")
-    env = gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action=action, autoreset_mode="SameStep")
-    rollout, rollouts = LOOP["n_steps"], ITERATIONS + 2
-    arguments = {
-        "num-envs": worlds, "num-steps": rollout, "total-timesteps": rollouts * rollout * worlds, "cuda": False,
-        "num-minibatches": rollout * worlds // LOOP["batch_size"], "update-epochs": LOOP["n_epochs"],
-    }  # fmt: skip
-
-    class Worlds(gym.vector.VectorWrapper):
-        """The batch, which notes when it is called, without records of episodes in a format before gymnasium 1."""
-
-        def __init__(self) -> None:
-            super().__init__(env)
-            self.called: list[float] = []
-
-        def step(self, actions: Any) -> Any:
-            self.called.append(time.perf_counter())
-            return *self.env.step(actions)[:4], {}
-
-        def close(self, **_: Any) -> None:
-            """Keep the batch for the next run."""
-
-    def measure() -> float:
-        batch = Worlds()
-        line = [str(CLEANRL), *(f"--{name}={value}" for name, value in arguments.items())]
-        with (
-            tempfile.TemporaryDirectory() as logs,
-            contextlib.chdir(logs),
-            open(os.devnull, "w", encoding="utf-8") as nowhere,
-            contextlib.redirect_stdout(nowhere),
-            mock.patch.object(sys, "argv", line),
-            mock.patch.object(gym.vector, "SyncVectorEnv", lambda makers: batch),
-        ):
-            runpy.run_path(line[0], run_name="__main__")
-        seconds = batch.called[(rollouts - 1) * rollout] - batch.called[rollout]
-        return (rollouts - 2) * rollout * worlds / seconds
-
-    return measure
-
-
 CROWD: dict[str, Any] = {"batch_size": 8192, "n_epochs": 2, "activation": "relu", "net": [128, 128]}
 CASES: dict[str, Callable[[], Callable[[], float]]] = {
     "Align, velocity, SB3": lambda: sb3("Align", "velocity", 512),
-    "Align, velocity, CleanRL": lambda: cleanrl("Align", "velocity", 512),
     "Align, velocity": lambda: ours("Align", "velocity", 512, net=[64, 64], **LOOP),
     "Align, patch, SB3": lambda: sb3("Align", "patch", 512),
-    "Align, patch, CleanRL": lambda: cleanrl("Align", "patch", 512),
     "Align, patch": lambda: ours("Align", "patch", 512, net=[64, 64], **LOOP),
     "Align, element": lambda: ours("Align", "element", 512, network="elements", batch_size=8192, net=[64, 64]),
     "Sort, field": lambda: ours("Sort", "field", 256, batch_size=16384, n_epochs=2, activation="relu", net=[64, 64]),

@@ -34,18 +34,16 @@ ROOT = Path(__file__).resolve().parents[2]
 EVALUATED = 20
 """Runge-Kutta steps of the aluminium block per period."""
 
-SCENES: dict[str, dict[str, Any]] = {
-    "one part": {"task": "Rotate"},
-    "several parts": {"task": "Sort"},
-    "a rigid part": {"task": "Rotate", "model": "tilting"},
-    "rigid parts": {"task": "Sort", "model": "tilting"},
-    "play page": {},
+SCENES: dict[str, tuple[str, dict[str, Any]]] = {
+    "one part": ("Rotate", {}),
+    "several parts": ("Sort", {}),
+    "a rigid part": ("Rotate", {"model": "tilting"}),
+    "rigid parts": ("Sort", {"model": "tilting"}),
 }
-"""First steps by name; the last one is that of a session of the play page."""
+"""First steps by name."""
 
 WORKER = r"""
 import json, math, sys, time
-from pathlib import Path
 import numpy as np
 import gymnasium, vibgym
 from vibgym import Part, Simulator, Surface
@@ -54,20 +52,13 @@ from vibgym.scene.parts import shipped_part
 WORLDS, PERIODS, MARGIN, SIDE, ARM = 64, 25, 0.1, 0.060, 0.030
 CORNERS = [[0, 0], [SIDE, 0], [SIDE, ARM], [ARM, ARM], [ARM, SIDE], [0, SIDE]]
 
-def first(scene):
+def first(task, settings):
     took = []
     for action in ("element", "field"):
         began = time.time(), time.process_time()
-        if scene:
-            env = gymnasium.make(f"vibgym/{scene['task']}-v0", action=action, **{k: v for k, v in scene.items() if k != "task"})
-            env.reset(seed=0)
-            env.step(env.action_space.sample())
-        else:
-            from vibgym.plugins.play.choices import Settings
-            from vibgym.plugins.play.session import Session
-            session = Session(Settings(id="vibgym/Align-v0"), Path("."))
-            session.step()
-            session.shown()
+        env = gymnasium.make(f"vibgym/{task}-v0", action=action, **settings)
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
         took.append([time.time() - began[0], time.process_time() - began[1]])
     return {"end": time.time() - took[1][0], "processor": time.process_time() - took[1][1], "further": took[1]}
 
@@ -160,7 +151,7 @@ def version(text: str, folder: Path) -> Version:
 def first(versions: list[Version], rounds: int, folder: Path) -> None:
     """Measure first steps."""
     lines = []
-    for scene, settings in SCENES.items():
+    for scene, arguments in SCENES.items():
         found: dict[str, list[list[Any]]] = {each.name: [] for each in versions}
         for _ in range(rounds):
             for each in versions:
@@ -169,7 +160,7 @@ def first(versions: list[Version], rounds: int, folder: Path) -> None:
                     for _ in range(2):
                         began = time.time()
                         with each.process(cache) as worker:
-                            took = worker.ask("first", settings)
+                            took = worker.ask("first", *arguments)
                         row += [[took["end"] - began, took["processor"]], took["further"]]
                 found[each.name].append(row[:3])
         for name, rows in found.items():
