@@ -2,8 +2,7 @@
 
 Area, centre and inertia of parts imported from generated drawings are compared with their true values
 (:mod:`studies.benchmarks.drawing_cases`). Then each valid drawing is spoiled in one way, and the error must name the entity at
-fault (:mod:`studies.benchmarks.drawing_faults`). ``--files DIRECTORY`` imports all drawings of a directory instead, and lists
-what becomes of them.
+fault (:mod:`studies.benchmarks.drawing_faults`).
 """
 
 from __future__ import annotations
@@ -46,33 +45,12 @@ def refusal(content: bytes, kind: str, folder: Path) -> str | None:
     return None
 
 
-def import_all(directory: Path) -> list[list[str]]:
-    """Return file, result and details of the drawings of a directory."""
-    rows = []
-    for path in sorted(each for each in directory.rglob("*") if each.suffix.lower() in (".dxf", ".svg", ".stl")):
-        for units in (None, "mm"):
-            try:
-                part = Part.from_file(path, friction=0.5, surface=None, units=units)
-            except ValueError as error:
-                if "unknown units" in str(error) and units is None:
-                    continue
-                rows.append([path.name, "refused", str(error).removeprefix(f"{path}: ")])
-            else:
-                rows.append([path.name, "imported", f"{1e6 * part.area:.6g} mm^2, {len(part.holes)} holes"])
-            break
-    return rows
-
-
 def main() -> None:
     """Print the tables; with ``--keep`` write that of the documentation."""
     parser = common.parser(__doc__)
     parser.add_argument("--drawings", type=int, default=200, help="valid ones; a third of each kind of file")
     parser.add_argument("--seed", type=int, default=0, help="of the first one")
-    parser.add_argument("--files", type=Path, metavar="DIRECTORY", help="import these instead")
     asked = parser.parse_args()
-    if asked.files is not None:
-        show("drawings_files", ("file", "result", "details"), import_all(asked.files), False)
-        return
     worst: dict[str, dict[str, float]] = defaultdict(lambda: defaultdict(float))
     count, named, wrong = Counter[str](), Counter[str](), Counter[str]()
     with tempfile.TemporaryDirectory() as name:
